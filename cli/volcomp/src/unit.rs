@@ -72,7 +72,7 @@ pub(crate) fn apply(
         return Ok(measurement.unit.unwrap_or(DeviationUnit::Um));
     };
     let unit = asked.of_readings();
-    measurement.take_in(unit).map_err(|found| {
+    measurement.convert_from(unit).map_err(|found| {
         Failure::in_file(
             file,
             format_args!(
@@ -81,5 +81,5 @@ pub(crate) fn apply(
             ),
         )
     })?;
-    Ok(unit.held_in())
+    Ok(unit.deviation_unit())
 }

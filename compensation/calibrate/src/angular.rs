@@ -11,13 +11,13 @@ use volcomp_vocabulary::{AxisKind, Component, Direction, ErrorName};
 
 use crate::{
     abbe::{Lever, without_abbe},
+    artefact_poses::ArtefactPoses,
     calibration_file::{CalibrationFile, Line, lines_of, measured},
-    checks::contradictions::{SideBySide, contradictions, noise_of_lines},
+    checks::contradictions::{ParallelReadings, contradictions, noise_of_lines},
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of},
     line_of_sight::without_others,
     profile::Profile,
-    set_up::SetUp,
     setup::{Method, Setup},
 };
 
@@ -40,7 +40,7 @@ pub(crate) struct Angular {
 pub(crate) fn angular(
     file: &CalibrationFile,
     known: &Machine,
-    (whole, set_up): (&Machine, &SetUp),
+    (whole, artefacts): (&Machine, &ArtefactPoses),
     mut step: impl FnMut(),
 ) -> Result<Angular, CalibrateError> {
     let mut result = Angular {
@@ -56,7 +56,7 @@ pub(crate) fn angular(
         let mut profiles = Vec::new();
         for line in lines_of(file, error) {
             let read = Profile::new(line, &joint)?;
-            profiles.push(without_others(read, whole, set_up)?);
+            profiles.push(without_others(read, whole, artefacts)?);
         }
         let found = contradictions(error, &profiles, None)?;
         result
@@ -133,7 +133,7 @@ fn of_error(
         })
         .collect::<Result<_, CalibrateError>>()?;
     let is_straightness = MotionKind::of(error) == MotionKind::Straightness;
-    let beside = SideBySide::of(&profiles.iter().collect::<Vec<_>>(), is_straightness);
+    let beside = ParallelReadings::of(&profiles.iter().collect::<Vec<_>>(), is_straightness);
     // The inverse exists because the rank is full.
     let (Some(beside), Ok(inverse)) = (beside, svd.pseudo_inverse(0.0)) else {
         return Ok(());
@@ -161,7 +161,7 @@ fn of_error(
             format!(", with a standard uncertainty of {at_target:.2} µrad at a target")
         });
         let slope = if is_straightness {
-            ". What grows evenly along the axis is not in it, because each straightness line has a slope of its own"
+            ". Its part that grows evenly along the axis is not determined, because each straightness line has a separate slope"
         } else {
             ""
         };
@@ -221,7 +221,7 @@ fn not_separated(
         );
     }
     format!(
-        "{names} {was} not measured, and the {} lines of {error} ({files}) do not tell them apart: they determine {rank} of {} tilts. Expected lines that differ in one lever at a time, or the angular measurement",
+        "{names} {was} not measured, and the {} lines of {error} ({files}) do not separate them: they determine {rank} of {} tilts. Expected lines that differ in one lever at a time, or the angular measurement",
         lines.len(),
         acting.len()
     )
@@ -229,7 +229,7 @@ fn not_separated(
 
 /// Tilt at every place, µrad, by least squares from the differences of the lines there. δ is the same in all lines and
 /// cancels with the mean over them.
-fn readings_of(beside: &SideBySide, inverse: &DMatrix<f64>, column: usize) -> Vec<Reading> {
+fn readings_of(beside: &ParallelReadings, inverse: &DMatrix<f64>, column: usize) -> Vec<Reading> {
     let count = beside.lines.len();
     let places = beside.places.iter().enumerate();
     let reading = |(place, (direction, target)): (usize, &(Direction, f64))| {
@@ -301,7 +301,7 @@ mod tests {
             &file.machine,
             (
                 &file.machine,
-                &SetUp::of(&file.machine, &[], [AxisName::X, AxisName::Y], |_| None),
+                &ArtefactPoses::of(&file.machine, &[], [AxisName::X, AxisName::Y], |_| None),
             ),
             || steps += 1,
         )

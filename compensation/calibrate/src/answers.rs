@@ -45,7 +45,7 @@ pub enum AnswerError {
     #[error("{subject}: the draft has no such measurement")]
     Subject { subject: String },
     /// The draft has no open question for this key there.
-    #[error("{subject}: {key} is not asked for")]
+    #[error("{subject}: {key} is not an open question")]
     Key { subject: String, key: String },
     /// The value is invalid for the key.
     #[error("{subject}: {key}: found {found:?}, expected {expected}")]
@@ -166,7 +166,7 @@ impl Draft {
         let is_open = |square: &&Square| square.reference_angle_urad.is_none();
         questions.extend(squares.iter().filter(is_open).map(Square::question));
         Ok(Self {
-            looked_at: self.looked_at.clone(),
+            scanned: self.scanned.clone(),
             text: text_of(
                 &self.machine_file,
                 &proposed,
@@ -221,7 +221,7 @@ fn not_used(of: &Proposed, answer: &Answer) -> String {
         |error| error.to_string(),
     );
     format!(
-        "{}: {} is not asked of {error}: the answer {} is not used",
+        "{}: {} is no question for {error}: the answer {} is not used",
         of.files.join(", "),
         answer.key,
         answer.value.trim()
@@ -283,7 +283,7 @@ fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerEr
 }
 
 fn set_unit(of: &mut Proposed, unit: &str) {
-    of.facts.unit = ReadingUnit::named(unit).map(ReadingUnit::held_in);
+    of.facts.unit = ReadingUnit::named(unit).map(ReadingUnit::deviation_unit);
     of.follow();
 }
 

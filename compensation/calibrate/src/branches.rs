@@ -4,7 +4,7 @@ use volcomp_curve::{ErrorCurve, Field};
 use volcomp_fit::{
     Band, BandOptions, Between, Choice, Fit, FitError, FitOptions, Method, Noise, band, band_places,
 };
-use volcomp_metrology::{MotionKind, OfRun, ReferenceLine};
+use volcomp_metrology::{MotionKind, ReferenceLine, RunAlignment};
 use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
 
 use crate::{
@@ -28,7 +28,7 @@ const STEPS: usize = 120;
 fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
     let noise = profiles
         .iter()
-        .filter_map(|profile| profile.scatter_of_mean(OfRun::Line));
+        .filter_map(|profile| profile.scatter_of_mean(RunAlignment::Line));
     noise.reduce(|a, b| if b.deviation > a.deviation { b } else { a })
 }
 

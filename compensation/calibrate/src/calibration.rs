@@ -14,7 +14,7 @@ use crate::{
     },
     error::CalibrateError,
     fitted::FittedLine,
-    identified::{Identified, Wanted, settled},
+    identified::{Identified, Scope, settled},
     not_measured::not_measured,
     provenance::with_provenance,
     stages::Stages,
@@ -54,7 +54,7 @@ pub fn calibrate(
     file: &CalibrationFile,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Calibration, CalibrateError> {
-    calibrated(file, Wanted::Everything, &mut progress)
+    calibrated(file, Scope::Everything, &mut progress)
 }
 
 /// Computes the machine of [`calibrate`] without the uncertainties of what is identified from observations, which take
@@ -63,12 +63,12 @@ pub fn calibrate(
 /// # Errors
 /// As [`calibrate`].
 pub fn calibrated_machine(file: &CalibrationFile) -> Result<Machine, CalibrateError> {
-    calibrated(file, Wanted::Machine, &mut |_, _| {}).map(|calibration| calibration.machine)
+    calibrated(file, Scope::Machine, &mut |_, _| {}).map(|calibration| calibration.machine)
 }
 
 fn calibrated(
     file: &CalibrationFile,
-    wanted: Wanted,
+    wanted: Scope,
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<Calibration, CalibrateError> {
     let count = measured(file).len();

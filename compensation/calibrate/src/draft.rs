@@ -7,13 +7,13 @@ use std::{
 };
 
 use volcomp_document::toml_string;
-use volcomp_metrology::{Content, Metadata, SeenReadings, oddities, read_content};
+use volcomp_metrology::{Content, KnownReadings, Metadata, anomalies, read_content};
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
     checks::lines::different_machines,
-    proposal::{Hints, Proposed, Question, of_log, of_measurement, open, out_of_place, sort},
+    proposal::{FileHints, Proposed, Question, of_log, of_measurement, open, out_of_place, sort},
     questions::{OPEN, question},
 };
 
@@ -24,7 +24,7 @@ use crate::{
 pub struct Draft {
     /// Every file that was scanned: these must not be overwritten.
     #[cfg_attr(feature = "serde", serde(skip))]
-    pub looked_at: Vec<PathBuf>,
+    pub scanned: Vec<PathBuf>,
     /// The calibration file, with `"?"` where a value is not known and a comment that asks for it.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub text: String,
@@ -97,15 +97,15 @@ pub fn draft_of(
     machine_file: &str,
     named: impl Fn(&Path) -> String,
 ) -> Draft {
-    let looked_at = paths.clone();
+    let scanned = paths.clone();
     let (mut proposed, mut left_over, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     let mut conflicts = Vec::new();
     let mut used: Vec<(String, Metadata)> = Vec::new();
-    let mut seen = SeenReadings::default();
+    let mut seen = KnownReadings::default();
     let unused = |file: String, path: &Path, reason: String, metadata: &Metadata| LeftOver {
         file,
         reason,
-        error: Hints::of(path, metadata, machine).only_error(),
+        error: FileHints::of(path, metadata, machine).only_error(),
     };
     for path in paths {
         let name = named(&path);
@@ -141,7 +141,7 @@ pub fn draft_of(
                             .extend(odd.iter().map(|odd| format!("LOOK: {odd}")));
                         used.push((name.clone(), measurement.metadata.clone()));
                         notes.extend(
-                            oddities(&measurement)
+                            anomalies(&measurement)
                                 .iter()
                                 .map(|odd| format!("{name}: {odd}")),
                         );
@@ -169,7 +169,7 @@ pub fn draft_of(
     questions.extend(squares.iter().map(Square::question));
     let text = text_of(machine_file, &proposed, &squares, &conflicts, &left_over);
     Draft {
-        looked_at,
+        scanned,
         text,
         proposed,
         questions,
@@ -230,7 +230,7 @@ fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
             other.said.extend(of.said);
         } else {
             conflicts.push(format!(
-                "{}: `at` has to tell them apart, else keep one",
+                "{}: `at` must distinguish them, else keep one",
                 both_measure(other, &of)
             ));
             kept.push(of);
@@ -316,7 +316,7 @@ pub(crate) fn text_of(
     let mut text = String::from(
         "# Draft of a calibration file. Every \"?\" is a question that only the one who measured can answer;\n\
          # while there is one, `volcomp calibrate` refuses the file and names it. A key with a default may be taken out\n\
-         # (\"Without it\"); what many questions have in common is answered at once by `--draft … --answer KEY=VALUE`.\n",
+         # (\"Default\"); one answer to many questions: `--draft … --answer KEY=VALUE`.\n",
     );
     for conflict in conflicts {
         comment(&mut text, &format!("CONFLICT: {conflict}"));

@@ -57,7 +57,7 @@ pub enum CalibrateError {
     },
     /// The positioning deviation of an oblique axis determines a second error, too, and that one was measured as well.
     #[error(
-        "{error} from {}: along the oblique axis {axis} it fills {other} too, which was measured by itself",
+        "{error} from {}: along the oblique axis {axis} it fills {other} too, which was measured separately",
         named(.files)
     )]
     Oblique {

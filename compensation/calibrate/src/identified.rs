@@ -9,7 +9,7 @@ use crate::{
     calibration_file::CalibrationFile,
     checks::result::contradicted_values,
     error::CalibrateError,
-    lines_share::{CHANGE, LinesShare, changed, take},
+    line_contribution::{CHANGE, LineContribution, changed, take},
     stages::Stages,
 };
 
@@ -36,7 +36,7 @@ pub struct Identified {
 
 /// Requested results of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Wanted {
+pub(crate) enum Scope {
     /// The machine only.
     Machine,
     /// The machine and its uncertainties.
@@ -49,7 +49,7 @@ pub(crate) fn settled(
     observations: &Observations,
     mut known: Machine,
     mut stages: Stages,
-    wanted: Wanted,
+    wanted: Scope,
 ) -> Result<(Identified, Stages, Vec<String>), CalibrateError> {
     let on = |machine: &Machine, followers: &[Follower], folds: usize| {
         let mut observations = observations.clone();
@@ -115,15 +115,15 @@ pub(crate) fn settled(
         .without_scatter()
         .map(|line| line.file.display().to_string())
         .collect();
-    if !single.is_empty() && wanted == Wanted::Everything {
+    if !single.is_empty() && wanted == Scope::Everything {
         notes.push(format!(
             "the uncertainties of the unknowns do not count the noise of {}: one run only in each direction shows none. Take two runs or more, or state reading_um or reading_urad in [uncertainty]",
             single.join(", ")
         ));
     }
     let (mut found, response) = on(&stages.machine, &followers, observations.folds)?;
-    if wanted == Wanted::Everything {
-        let lines = LinesShare {
+    if wanted == Scope::Everything {
+        let lines = LineContribution {
             file,
             observations,
             known: &known,

@@ -10,7 +10,8 @@ use volcomp_model::{Machine, ModelError, Temperatures};
 use volcomp_vocabulary::{AxisKind, Direction, Displacement};
 
 use crate::{
-    abbe::held_state, calibration_file::Line, profile::Profile, set_up::SetUp, setup::Setup,
+    abbe::held_state, artefact_poses::ArtefactPoses, calibration_file::Line, profile::Profile,
+    setup::Setup,
 };
 
 /// A measured line on a machine: the tool side relative to the workpiece side at the measured point, from the whole chain with every error.
@@ -57,8 +58,8 @@ impl<'a> LineOfSight<'a> {
 
     /// The same line with artefacts that are set up on the machine, instead of artefacts aligned to the workpiece axes and the tool axes.
     #[must_use]
-    pub fn with_artefacts(mut self, set_up: &SetUp) -> Self {
-        self.artefacts = [set_up.workpiece, set_up.tool];
+    pub fn with_artefacts(mut self, artefacts: &ArtefactPoses) -> Self {
+        self.artefacts = [artefacts.workpiece, artefacts.tool];
         self
     }
 
@@ -173,14 +174,14 @@ impl<'a> LineOfSight<'a> {
 
 /// A machine on which one axis has no error motion, and the errors of the others keep their values at the held
 /// positions. A linear axis moves ideally; the line of a rotary axis keeps its location.
-struct Others<S> {
+struct HeldOthers<S> {
     of: S,
     own: usize,
     kind: AxisKind,
     held: State,
 }
 
-impl<S: ErrorSource> ErrorSource for Others<S> {
+impl<S: ErrorSource> ErrorSource for HeldOthers<S> {
     fn error_motion(&self, axis: usize, _: &State) -> ErrorMotion {
         if axis == self.own {
             return ErrorMotion::ZERO;
@@ -211,11 +212,11 @@ impl<'a> OtherErrors<'a> {
     pub(crate) fn new(
         line: &'a Line,
         machine: &'a Machine,
-        set_up: &SetUp,
+        artefacts: &ArtefactPoses,
     ) -> Result<Self, ModelError> {
         Ok(Self {
             machine,
-            sight: LineOfSight::new(machine, &line.setup)?.with_artefacts(set_up),
+            sight: LineOfSight::new(machine, &line.setup)?.with_artefacts(artefacts),
             line,
         })
     }
@@ -227,7 +228,7 @@ impl<'a> OtherErrors<'a> {
     ) -> Result<Vec<f64>, ModelError> {
         let none = Temperatures::new();
         let own = self.sight.axis();
-        let others = Others {
+        let others = HeldOthers {
             of: self.machine.source(&none),
             own,
             kind: self.machine.chain().joints()[own].kind,
@@ -252,13 +253,13 @@ impl<'a> OtherErrors<'a> {
 pub(crate) fn without_others<'a>(
     mut profile: Profile<'a>,
     machine: &Machine,
-    set_up: &SetUp,
+    artefacts: &ArtefactPoses,
 ) -> Result<Profile<'a>, ModelError> {
     let line = profile.line;
     if !line.holds_location || line.setup.error.axis.kind() == AxisKind::Linear {
         return Ok(profile);
     }
-    let others = OtherErrors::new(line, machine, set_up)?;
+    let others = OtherErrors::new(line, machine, artefacts)?;
     for branch in &mut profile.points {
         let added = others.readings(branch.iter().map(|(target, _)| *target))?;
         for ((_, value), added) in branch.iter_mut().zip(added) {

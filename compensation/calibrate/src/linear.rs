@@ -6,14 +6,14 @@ use volcomp_vocabulary::{Component, ErrorName};
 
 use crate::{
     abbe::{Lever, without_abbe},
+    artefact_poses::ArtefactPoses,
     calibration_file::{CalibrationFile, lines_of, measured},
     checks::contradictions::{Tilts, contradictions},
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of},
     line_of_sight::without_others,
     profile::Profile,
-    set_up::SetUp,
-    squares::Removed,
+    squares::RemovedSlope,
 };
 
 /// Minimum effect of 1 mrad, µm, at which an unmeasured tilt is reported: a lever arm of 1 mm.
@@ -23,7 +23,7 @@ const NAMED_ABOVE_UM_BY_MRAD: f64 = 1.0;
 pub(crate) struct Linear<'a> {
     pub(crate) fitted: Vec<Fitted>,
     /// Each measured straightness line with the total slope removed from it, along its own coordinate.
-    pub(crate) removed: Vec<Removed<'a>>,
+    pub(crate) removed: Vec<RemovedSlope<'a>>,
     pub(crate) notes: Vec<String>,
     /// Subset of `notes`: contradictory measurement lines.
     pub(crate) contradictions: Vec<(ErrorName, String)>,
@@ -34,7 +34,7 @@ pub(crate) struct Linear<'a> {
 pub(crate) fn linear<'a>(
     file: &'a CalibrationFile,
     tilts: &Tilts<'_>,
-    (whole, set_up): (&Machine, &SetUp),
+    (whole, artefacts): (&Machine, &ArtefactPoses),
     mut step: impl FnMut(),
 ) -> Result<Linear<'a>, CalibrateError> {
     let tilted = tilts.machine;
@@ -51,7 +51,7 @@ pub(crate) fn linear<'a>(
         let mut profiles = Vec::new();
         for line in lines_of(file, error) {
             let read = Profile::new(line, &joint)?;
-            let profile = without_abbe(without_others(read, whole, set_up)?, tilted)?;
+            let profile = without_abbe(without_others(read, whole, artefacts)?, tilted)?;
             result.notes.extend(levers_left_in(&profile, tilted)?);
             profiles.push(profile);
         }
@@ -71,7 +71,7 @@ pub(crate) fn linear<'a>(
         let (fitted, profiles) = fit(file, error, profiles)?;
         result.fitted.extend(fitted);
         if straightness {
-            result.removed.extend(profiles.iter().map(Removed::of));
+            result.removed.extend(profiles.iter().map(RemovedSlope::of));
         }
         step();
     }
@@ -116,14 +116,14 @@ mod tests {
             },
             (
                 machine,
-                &SetUp::of(machine, &[], [AxisName::X, AxisName::Y], |_| None),
+                &ArtefactPoses::of(machine, &[], [AxisName::X, AxisName::Y], |_| None),
             ),
             || (),
         )
         .unwrap()
     }
 
-    /// EXX read 400 mm beside the point at which errors are stated, along −Y: a yaw of 0.05 µrad/mm adds
+    /// EXX read 400 mm from the point at which errors are stated, along −Y: a yaw of 0.05 µrad/mm adds
     /// −ECX · y = 0.05 q · 0.4 µm, which the stage takes off.
     #[test]
     fn what_a_yaw_adds_over_its_lever_is_removed() {

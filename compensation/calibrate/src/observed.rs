@@ -120,7 +120,7 @@ fn refuse_held(
         Some(files) if !files.is_empty() => {
             let motions: Vec<String> = parts.iter().map(ErrorName::to_string).collect();
             Err(name.error(format!(
-                "{error} is unknown here, and the lines of {} ({}) hold it, because they were taken against the commanded pose: nothing tells the two apart. Leave it out, or state `holds_location = false` where the instrument was centred on the axis",
+                "{error} is unknown here, and the lines of {} ({}) hold it, because they were taken against the commanded pose: the two cannot be separated. Leave it out, or state `holds_location = false` where the instrument was centred on the axis",
                 motions.join(" and "),
                 files.join(", ")
             )))

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 use volcomp_fit::{Noise, unevenness};
 use volcomp_kinematics::Joint;
 use volcomp_metrology::{
-    MetrologyError, MotionKind, OfRun, ReferenceLine, TiltReading, angular_method_um,
+    MetrologyError, MotionKind, ReferenceLine, RunAlignment, TiltReading, angular_method_um,
 };
 use volcomp_model::Axis;
 use volcomp_vocabulary::{COORDINATE_ROUNDING, Direction, Urad, brought_into};
@@ -96,11 +96,11 @@ impl<'a> Profile<'a> {
     }
 
     /// Scatter of a mean reading; also `None` if readings are summed.
-    pub(crate) fn scatter_of_mean(&self, of_run: OfRun) -> Option<Noise> {
+    pub(crate) fn scatter_of_mean(&self, alignment: RunAlignment) -> Option<Noise> {
         if self.line.setup.method != Method::Direct {
             return None;
         }
-        let scatter = self.line.readings.scatter_of_mean(of_run)?;
+        let scatter = self.line.readings.scatter_of_mean(alignment)?;
         Some(Noise {
             deviation: scatter.deviation,
             freedom: scatter.freedom,
@@ -109,12 +109,12 @@ impl<'a> Profile<'a> {
 
     /// Standard deviation of a mean reading without what is removed from each line: its zero, and the slope of a straightness.
     pub(crate) fn noise_of_shape(&self) -> Option<f64> {
-        let of_run = if MotionKind::of(self.line.setup.error) == MotionKind::Straightness {
-            OfRun::Line
+        let alignment = if MotionKind::of(self.line.setup.error) == MotionKind::Straightness {
+            RunAlignment::Line
         } else {
-            OfRun::Zero
+            RunAlignment::Offset
         };
-        self.scatter_of_mean(of_run).map(|noise| noise.deviation)
+        self.scatter_of_mean(alignment).map(|noise| noise.deviation)
     }
 
     /// Targets and readings of every run in a direction, about the mean readings of this profile; `None` if readings

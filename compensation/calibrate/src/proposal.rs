@@ -30,13 +30,13 @@ pub struct Proposed {
         schemars(with = "std::collections::BTreeMap<AxisName, Option<f64>>")
     )]
     pub at: Vec<(AxisName, Option<f64>)>,
-    /// Keys with their value as it stands in the file, `"?"` where it is open.
+    /// Keys with their value as in the file, `"?"` for an open one.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub keys: Vec<(&'static str, String)>,
     /// What stands above the table as comments.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub said: Vec<String>,
-    /// What its keys follow from, beside the error.
+    /// Facts of the file that determine its keys in addition to the error.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) facts: FileFacts,
 }
@@ -219,7 +219,7 @@ fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, Strin
 
 /// Proposal for a log whose channels are not assigned yet.
 pub(crate) fn of_log(name: String, path: &Path, machine: &Machine, channels: &str) -> Proposed {
-    let hints = Hints::of(path, &Metadata::default(), machine);
+    let hints = FileHints::of(path, &Metadata::default(), machine);
     let facts = FileFacts {
         is_log: true,
         ..facts_of_names(&hints, machine)
@@ -237,7 +237,7 @@ pub(crate) fn of_measurement(
     measurement: &Measurement,
     machine: &Machine,
 ) -> Result<Proposed, String> {
-    let hints = Hints::of(path, &measurement.metadata, machine);
+    let hints = FileHints::of(path, &measurement.metadata, machine);
     let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
     if let Some(axis) = stated.filter(|axis| machine.axis(*axis).is_none()) {
         return Err(format!(
@@ -325,7 +325,7 @@ pub(crate) fn out_of_place(
 }
 
 /// Positions of the axes according to names and texts.
-fn facts_of_names(hints: &Hints, machine: &Machine) -> FileFacts {
+fn facts_of_names(hints: &FileHints, machine: &Machine) -> FileFacts {
     let place = |axis: &Axis| {
         let place = hints.places.get(&axis.name).copied();
         // A position that the axis cannot reach is ignored.
@@ -435,7 +435,7 @@ fn summary(measurement: &Measurement) -> String {
 
 /// Error, axis and positions that names and texts state.
 #[derive(Debug, Default)]
-pub(crate) struct Hints {
+pub(crate) struct FileHints {
     /// Every error motion that is named, each once.
     pub(crate) errors: Vec<ErrorName>,
     /// The only axis that is a separate word of the file's name.
@@ -446,7 +446,7 @@ pub(crate) struct Hints {
     pub(crate) contradictions: Vec<String>,
 }
 
-impl Hints {
+impl FileHints {
     pub(crate) fn of(path: &Path, texts: &Metadata, machine: &Machine) -> Self {
         let stem = path
             .file_stem()

@@ -22,7 +22,7 @@ pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
                 .parse::<AxisName>()
                 .map_or("mm or deg", |axis| axis.kind().coordinate_unit());
             return format!(
-                "where did axis {axis} stand during this test, {unit}? Without it: at 0."
+                "where did axis {axis} stand during this test, {unit}? Default: at 0."
             );
         }
         ("channels", Some("target")) => "which channel is the position of the axis?",
@@ -35,13 +35,13 @@ pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
         ("file", None) => "which of these files is the right one?",
         ("at", None) => "where did the other axes stand during this test?",
         ("point", None) => {
-            "where was the measured point, [x, y, z] in mm of the machine, with the measured axis at 0? It gives the levers of the tilts. Without it: the point of the axis in the machine file."
+            "where was the measured point, [x, y, z] in mm of the machine, with the measured axis at 0? It gives the levers of the tilts. Default: the point of the axis in the machine file."
         }
         ("rides", None) => {
-            "on which side of the joint was the measured point? \"carriage\": on the part that this axis moves, as a reflector on its slide is. \"other\": on the part along which it moves, so that the way travelled is a lever as well. Without it: \"carriage\"."
+            "on which side of the joint was the measured point? \"carriage\": on the part that this axis moves, as a reflector on its slide is. \"other\": on the part along which it moves, so that the way travelled is a lever as well. Default: \"carriage\"."
         }
         ("sign", None) => {
-            "whose motion did the instrument show, and with which sign: 1 or -1? 1 where a positive reading means that the tool went to plus seen from the workpiece; -1 where it means that the table or the guideway did, or where the instrument counts the other way round. Without it: 1."
+            "whose motion did the instrument show, and with which sign: 1 or -1? 1 where a positive reading means that the tool went to plus seen from the workpiece; -1 where it means that the table or the guideway did, or where the instrument counts the other way round. Default: 1."
         }
         ("bridge_mm", None) => "how far apart were the feet of the bridge, mm?",
         ("reading", None) => "how is the sign of a tilt meant, \"right-hand\" or \"slope\"?",
@@ -111,11 +111,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_place_of_an_axis_is_asked_in_its_own_unit() {
+    fn the_question_for_a_position_has_the_unit_of_its_axis() {
         let asked = |axis| question("at", Some(axis));
         assert_eq!(
             asked("X"),
-            "where did axis X stand during this test, mm? Without it: at 0."
+            "where did axis X stand during this test, mm? Default: at 0."
         );
         assert!(asked("C").contains("this test, deg?"), "{}", asked("C"));
     }

@@ -71,7 +71,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
     let columns = columns
         .map(|section| Columns::decode(&section))
         .transpose()?;
-    let common = Common {
+    let common = CommonKeys {
         folder,
         serial,
         columns: columns.map(Mapping::Columns),
@@ -147,12 +147,12 @@ fn check_once(
     squareness: &[Squareness],
 ) -> Result<(), InputError> {
     if locations.iter().any(|other| other.error == error) {
-        return Err(item.error(format!("{error} stands in two [[location]] tables")));
+        return Err(item.error(format!("{error} is in two [[location]] tables")));
     }
     let square = square_of(error);
     if squareness.iter().any(|other| other.error == square) {
         return Err(item.error(format!(
-            "{error} stands in [[location]], and [[squareness]] states {square}: expected one of them"
+            "{error} is in [[location]], and [[squareness]] states {square}: expected one of them"
         )));
     }
     Ok(())
@@ -195,7 +195,7 @@ pub fn decode_holds_location(section: &Section<'_>, error: ErrorName) -> Result<
 }
 
 /// Data that all lines of a calibration file share.
-struct Common<'a> {
+struct CommonKeys<'a> {
     folder: &'a Path,
     serial: Option<&'a str>,
     /// Columns of its tables.
@@ -222,7 +222,7 @@ fn refuse_unstated_export(
 fn decode_line(
     section: &Section<'_>,
     machine: &Machine,
-    common: &Common<'_>,
+    common: &CommonKeys<'_>,
 ) -> Result<Line, CalibrateError> {
     let own = [
         "columns",
@@ -360,7 +360,7 @@ fn apply_unit(
     if let Some(unit) = section.get("unit") {
         let asked = unit.one_of(if angular { &ANGLES[..] } else { &LENGTHS[..] })?;
         let text = unit.text()?;
-        return readings.take_in(asked).map_err(|stated| {
+        return readings.convert_from(asked).map_err(|stated| {
             unit.error(format!(
                 "found \"{text}\", but the file states that its deviations are in {stated}: expected no `unit`"
             ))

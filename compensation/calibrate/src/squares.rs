@@ -7,16 +7,16 @@ use std::{
 };
 
 use volcomp_identify::identify;
-use volcomp_metrology::{OfRun, slope_uncertainty_with_runs, squareness, squareness_parts};
+use volcomp_metrology::{RunAlignment, slope_uncertainty_with_runs, squareness, squareness_parts};
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
 use crate::{
+    artefact_poses::ArtefactPoses,
     calibration_file::{CalibrationFile, Diagonals, Line, Squareness, SquarenessSource},
     error::CalibrateError,
     line_of_sight::OtherErrors,
     profile::Profile,
-    set_up::SetUp,
     setup::Method,
     squareness::{set_square, tilt_of},
 };
@@ -30,20 +30,20 @@ const NEVER_BELOW_URAD: f64 = 0.5;
 pub(crate) type Slopes = BTreeMap<ErrorName, Urad>;
 
 /// Slope that was removed from a straightness line.
-pub(crate) struct Removed<'a> {
+pub(crate) struct RemovedSlope<'a> {
     pub(crate) line: &'a Line,
     pub(crate) slope: Urad,
     /// Its standard deviation: from repeated runs, otherwise from the unevenness of the line; `None` if neither is available.
     pub(crate) noise: Option<Urad>,
 }
 
-impl<'a> Removed<'a> {
+impl<'a> RemovedSlope<'a> {
     pub(crate) fn of(profile: &Profile<'a>) -> Self {
         let count = profile.all().count().max(1) as f64;
         let middle = profile.all().map(|(at, _)| at).sum::<f64>() / count;
         let spread: f64 = profile.all().map(|(at, _)| (at - middle).powi(2)).sum();
         let noise_um = profile
-            .scatter_of_mean(OfRun::Zero)
+            .scatter_of_mean(RunAlignment::Offset)
             .map(|noise| noise.deviation)
             .or_else(|| profile.unevenness());
         let noise = noise_um.filter(|_| spread > 0.0);
@@ -62,13 +62,13 @@ impl<'a> Removed<'a> {
 
 /// Mean slope of the lines of each straightness error, from the slopes removed from them, and notes on lines whose slopes contradict each other.
 pub(crate) fn slopes(
-    removed: &[Removed<'_>],
+    removed: &[RemovedSlope<'_>],
     tilted: &Machine,
-    set_up: &SetUp,
+    artefacts: &ArtefactPoses,
 ) -> Result<(Slopes, Vec<(ErrorName, String)>), ModelError> {
-    let mut of_errors: BTreeMap<ErrorName, Vec<(&Removed<'_>, Urad)>> = BTreeMap::new();
+    let mut of_errors: BTreeMap<ErrorName, Vec<(&RemovedSlope<'_>, Urad)>> = BTreeMap::new();
     for of in removed {
-        let slope = of.slope - held_slope(of.line, tilted, set_up)?;
+        let slope = of.slope - held_slope(of.line, tilted, artefacts)?;
         let all = of_errors.entry(of.line.setup.error).or_default();
         all.push((of, slope));
     }
@@ -85,8 +85,9 @@ pub(crate) fn slopes(
 }
 
 /// Note on the steepest and the flattest line of an error if noise does not explain their difference.
-fn contradiction(all: &[(&Removed<'_>, Urad)]) -> Option<String> {
-    let by_slope = |a: &&(&Removed<'_>, Urad), b: &&(&Removed<'_>, Urad)| a.1.0.total_cmp(&b.1.0);
+fn contradiction(all: &[(&RemovedSlope<'_>, Urad)]) -> Option<String> {
+    let by_slope =
+        |a: &&(&RemovedSlope<'_>, Urad), b: &&(&RemovedSlope<'_>, Urad)| a.1.0.total_cmp(&b.1.0);
     let (low, low_slope) = all.iter().min_by(by_slope)?;
     let (high, high_slope) = all.iter().max_by(by_slope)?;
     let noise = low.noise?.0.hypot(high.noise?.0);
@@ -105,10 +106,14 @@ fn contradiction(all: &[(&Removed<'_>, Urad)]) -> Option<String> {
 
 /// Slope of a line due to all known errors of the machine at the held positions except those of the travel along the
 /// line: the reading of a perfect instrument along an axis that is straight and has the right direction.
-fn held_slope(line: &Line, tilted: &Machine, set_up: &SetUp) -> Result<Urad, ModelError> {
+fn held_slope(
+    line: &Line,
+    tilted: &Machine,
+    artefacts: &ArtefactPoses,
+) -> Result<Urad, ModelError> {
     /// Half the distance over which the slope is read, mm; the reading is a straight line.
     const REACH_MM: f64 = 500.0;
-    let others = OtherErrors::new(line, tilted, set_up)?;
+    let others = OtherErrors::new(line, tilted, artefacts)?;
     let ends = others.readings([-REACH_MM, REACH_MM].into_iter())?;
     let read = (ends[1] - ends[0]) / (2.0 * REACH_MM) * 1e3;
     Ok(Urad(read + others.reference_slope_urad()))

@@ -7,13 +7,13 @@ use volcomp_vocabulary::{AxisKind, ErrorName, Urad};
 
 use crate::{
     angular::{angular, from_parallel_lines},
+    artefact_poses::ArtefactPoses,
     branches::FittedCurve,
     calibration_file::{CalibrationFile, Line, SquarenessSource, measured},
     checks::contradictions::Tilts,
     error::CalibrateError,
     fitted::FittedLine,
     linear::linear,
-    set_up::SetUp,
     squareness::{set_square, tilt_of},
     squares::{slopes, squares},
 };
@@ -41,8 +41,8 @@ impl Stages {
         known: &Machine,
         step: impl FnMut(),
     ) -> Result<Self, CalibrateError> {
-        let set_up = SetUp::before_lines(file, known)?;
-        let mut stages = Self::once(file, known, (None, &set_up), step)?;
+        let artefacts = ArtefactPoses::before_lines(file, known)?;
+        let mut stages = Self::once(file, known, (None, &artefacts), step)?;
         let sees_others =
             |line: &Line| line.holds_location && line.setup.error.axis.kind() == AxisKind::Rotary;
         if !file.measurements.iter().any(sees_others) {
@@ -50,7 +50,7 @@ impl Stages {
         }
         // Lines of rotary axes contain the errors of the axes that rotate with them, where these are held.
         for _ in 0..PASSES {
-            let again = Self::once(file, known, (Some(&stages.machine), &set_up), || ())?;
+            let again = Self::once(file, known, (Some(&stages.machine), &artefacts), || ())?;
             let is_same = again.is_as_measured(&stages);
             stages = again;
             if is_same {
@@ -64,10 +64,10 @@ impl Stages {
     fn once(
         file: &CalibrationFile,
         known: &Machine,
-        (before, set_up): (Option<&Machine>, &SetUp),
+        (before, artefacts): (Option<&Machine>, &ArtefactPoses),
         mut step: impl FnMut(),
     ) -> Result<Self, CalibrateError> {
-        let whole = (before.unwrap_or(known), set_up);
+        let whole = (before.unwrap_or(known), artefacts);
         let angular = angular(file, known, whole, &mut step)?;
         let parallel = from_parallel_lines(file, &angular.tilted)?;
         let mut noise_urad = angular.noise_urad;
@@ -76,9 +76,9 @@ impl Stages {
             machine: &parallel.tilted,
             noise_urad: &noise_urad,
         };
-        let whole = (before.unwrap_or(&parallel.tilted), set_up);
+        let whole = (before.unwrap_or(&parallel.tilted), artefacts);
         let linear = linear(file, &tilts, whole, &mut step)?;
-        let (slopes, of_slopes) = slopes(&linear.removed, &parallel.tilted, set_up)?;
+        let (slopes, of_slopes) = slopes(&linear.removed, &parallel.tilted, artefacts)?;
         let mut squareness = squares(file, &slopes)?;
         let mut machine = parallel.tilted;
         for fitted in &linear.fitted {

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt::Write};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use volcomp_calibrate::{HOLDS_LOCATION, LineOfSight, Method, SetUp, location_seen};
+use volcomp_calibrate::{ArtefactPoses, HOLDS_LOCATION, LineOfSight, Method, location_seen};
 use volcomp_document::toml_string;
 use volcomp_kinematics::{ErrorMotion, ErrorSource, State};
 use volcomp_metrology::{
@@ -205,9 +205,9 @@ impl Shop {
     }
 
     /// The set-up of the artefacts: from the reference lines of the straightness measurements, by default over 21 targets.
-    fn set_up(&self) -> SetUp {
+    fn set_up(&self) -> ArtefactPoses {
         let (reference, axes) = self.reference();
-        SetUp::of(&self.truth, &reference, axes, |error| {
+        ArtefactPoses::of(&self.truth, &reference, axes, |error| {
             self.targets_of(error)
         })
     }
@@ -226,7 +226,7 @@ impl Shop {
         index: usize,
         line: &ShopLine,
         alignment: Urad,
-        set_up: Option<&SetUp>,
+        set_up: Option<&ArtefactPoses>,
     ) -> Result<Measurement, ShopError> {
         let error = line.setup.error;
         let sight = LineOfSight::new(&self.truth, &line.setup)?;

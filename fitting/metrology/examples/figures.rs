@@ -132,7 +132,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for (length_mm, targets) in [(500.0, 11), (500.0, 51), (1000.0, 21), (4000.0, 41)] {
         let bound = 0.5 + 1.0 / length_mm * 1e3;
         let name = format!(
-            "squareness, {length_mm} mm, {targets} targets, 1 µm: asked for {bound:.2} µrad"
+            "squareness, {length_mm} mm, {targets} targets, 1 µm: required {bound:.2} µrad"
         );
         figure(&name, "µrad", |seed| {
             squareness(length_mm, targets, 1.0, seed)

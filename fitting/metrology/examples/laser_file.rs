@@ -1,4 +1,4 @@
-//! Writes a Renishaw `.rtl` file and reads it back: what a laser program would be given, and what it says.
+//! Writes a Renishaw `.rtl` file, reads it back and prints its content.
 
 use volcomp_metrology::{
     DeviationUnit, Measurement, MetrologyError, Reading, RenishawKind, parse_renishaw,

@@ -28,12 +28,16 @@ pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     refuse_empty(&text, name, EXPECTED)?;
     let mut in_table = false;
     let text = with_points(&text, name, |line| {
-        in_table |= Which::of(line.trim()).is_some();
+        in_table |= TableKind::of(line.trim()).is_some();
         (in_table && begins_with_number(line)).then_some(0)
     })?;
     let tables = tables(&text, name)?;
-    let of = |which: Which| tables.iter().find(|table| table.which == which);
-    let (both, forward, backward) = (of(Which::Both), of(Which::Forward), of(Which::Backward));
+    let of = |which: TableKind| tables.iter().find(|table| table.which == which);
+    let (both, forward, backward) = (
+        of(TableKind::Both),
+        of(TableKind::Forward),
+        of(TableKind::Backward),
+    );
     let mut notes: Vec<String> = encoding_note.into_iter().collect();
     notes.push(
         "the file holds means over the runs: single runs, A, R and outliers are not in it".into(),
@@ -61,7 +65,7 @@ pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     }
     let above = text
         .lines()
-        .take_while(|line| Which::of(line.trim()).is_none());
+        .take_while(|line| TableKind::of(line.trim()).is_none());
     Ok(Measurement {
         name: name.into(),
         format: Some(FileFormat::ApiPos),
@@ -75,13 +79,13 @@ pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Which {
+enum TableKind {
     Both,
     Forward,
     Backward,
 }
 
-impl Which {
+impl TableKind {
     fn of(line: &str) -> Option<Self> {
         let words = line
             .split_ascii_whitespace()
@@ -110,7 +114,7 @@ struct Row {
 }
 
 struct Table {
-    which: Which,
+    which: TableKind,
     line: usize,
     rows: Vec<Row>,
 }
@@ -132,7 +136,7 @@ fn tables(text: &str, name: &str) -> Result<Vec<Table>, MetrologyError> {
     for (index, line) in text.lines().enumerate() {
         let (number, line) = (index + 1, line.trim());
         let place = Place::new(name, number);
-        if let Some(which) = Which::of(line) {
+        if let Some(which) = TableKind::of(line) {
             if let Some(first) = tables.iter().find(|table| table.which == which) {
                 let found = format!("{} again (first in line {})", quoted(line), first.line);
                 return Err(place.contradictory("table", found, "each table once"));

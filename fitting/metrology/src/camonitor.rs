@@ -75,7 +75,7 @@ pub(crate) fn is_log(text: &str) -> bool {
 pub fn parse_camonitor(bytes: &[u8], name: &str) -> Result<ChannelLog, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED)?;
-    let mut raw: BTreeMap<&str, Raw> = BTreeMap::new();
+    let mut raw: BTreeMap<&str, RawValue> = BTreeMap::new();
     let (mut unread, mut first_unread) = (0_usize, None);
     let mut date = None;
     for (index, line) in text.lines().enumerate() {
@@ -90,7 +90,7 @@ pub fn parse_camonitor(bytes: &[u8], name: &str) -> Result<ChannelLog, Metrology
         date.get_or_insert(read.date);
         raw.entry(read.channel).or_default().add(&read);
     }
-    let Some(start) = raw.values().filter_map(Raw::earliest).min() else {
+    let Some(start) = raw.values().filter_map(RawValue::earliest).min() else {
         let (line, found) = first_unread.unwrap_or((1, ""));
         return Err(Place::new(name, line).wrong_kind(quoted(found), EXPECTED));
     };
@@ -107,7 +107,7 @@ pub fn parse_camonitor(bytes: &[u8], name: &str) -> Result<ChannelLog, Metrology
     for (channel, of) in &raw {
         notes.extend(of.notes(channel));
     }
-    let channel = |(name, raw): (&str, Raw)| Channel {
+    let channel = |(name, raw): (&str, RawValue)| Channel {
         name: name.to_owned(),
         samples: raw.sorted(start),
         alarms: raw.alarms,
@@ -122,7 +122,7 @@ pub fn parse_camonitor(bytes: &[u8], name: &str) -> Result<ChannelLog, Metrology
 
 /// Values of one channel, in the order of the file.
 #[derive(Default)]
-struct Raw {
+struct RawValue {
     /// Time in µs, and value.
     samples: Vec<(i64, f64)>,
     alarms: BTreeMap<String, usize>,
@@ -130,7 +130,7 @@ struct Raw {
     invalid: usize,
 }
 
-impl Raw {
+impl RawValue {
     fn add(&mut self, line: &Line<'_>) {
         if !line.alarm.is_empty() {
             *self.alarms.entry(line.alarm.clone()).or_default() += 1;

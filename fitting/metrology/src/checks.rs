@@ -7,15 +7,15 @@ use volcomp_vocabulary::{AxisName, Direction};
 use crate::{DeviationUnit, Environment, Measurement, Quantity, ReferenceLine, StartEnd};
 
 /// Deviations above this are implausible for a machine tool: 1 mm and 1 mrad, in µm and µrad.
-pub const ODD_ABOVE: f64 = 1e3;
+pub const LARGEST_PLAUSIBLE: f64 = 1e3;
 /// Deviations that are all below this are implausible for a machine tool: 0.1 µm and 0.1 µrad.
-pub const SMALL_BELOW: f64 = 0.1;
+pub const SMALLEST_PLAUSIBLE: f64 = 0.1;
 /// Maximum plausible length of a linear axis, mm.
 const LONGEST_MM: f64 = 200_000.0;
 
 /// Warnings for the user: notes of the reader, and anomalies for a machine tool. Anomalies are deviations that are all equal, very large or very
 /// small, targets beyond any axis, targets in a unit that does not fit the axis, a single target, and outlying runs and readings.
-pub fn oddities(measurement: &Measurement) -> Vec<String> {
+pub fn anomalies(measurement: &Measurement) -> Vec<String> {
     let mut odd = measurement.notes.clone();
     let sizes = || measurement.readings.iter().map(|reading| reading.deviation);
     let line = set_up_along(measurement);
@@ -73,12 +73,12 @@ fn set_up_along(measurement: &Measurement) -> Option<ReferenceLine> {
 }
 
 /// Warning if the largest deviation, µm or µrad, is implausibly large or small for a machine tool: most often the unit is wrong.
-pub fn odd_size(largest: f64, unit: Option<DeviationUnit>) -> Option<String> {
+pub fn implausible_size(largest: f64, unit: Option<DeviationUnit>) -> Option<String> {
     large(largest, unit).or_else(|| small(largest, unit))
 }
 
 fn large(largest: f64, unit: Option<DeviationUnit>) -> Option<String> {
-    (largest > ODD_ABOVE).then(|| {
+    (largest > LARGEST_PLAUSIBLE).then(|| {
         let unit = with_space(unit);
         format!(
             "deviations of up to {largest:.0}{unit} are large for a machine tool: are they in another unit?"
@@ -87,9 +87,9 @@ fn large(largest: f64, unit: Option<DeviationUnit>) -> Option<String> {
 }
 
 fn small(largest: f64, unit: Option<DeviationUnit>) -> Option<String> {
-    (largest < SMALL_BELOW).then(|| {
+    (largest < SMALLEST_PLAUSIBLE).then(|| {
         let unit = with_space(unit);
-        format!("every deviation is below {SMALL_BELOW}{unit}: are they in another unit?")
+        format!("every deviation is below {SMALLEST_PLAUSIBLE}{unit}: are they in another unit?")
     })
 }
 
@@ -105,7 +105,7 @@ pub fn axis_named(text: &str) -> Option<AxisName> {
     letters.all(|other| other == first).then_some(first)
 }
 
-/// A run or a reading that a person should look at.
+/// An outlying run or reading.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -387,12 +387,12 @@ const FEWEST_DIFFERENT: usize = 3;
 /// Readings of the tests so far, to detect duplicates. The scatter of two tests never agrees, so a second test with the same readings is most likely
 /// the same one under another name.
 #[derive(Debug, Clone)]
-pub struct SeenReadings<T> {
+pub struct KnownReadings<T> {
     /// Target, run, direction and magnitude of the deviation of each reading, and the label of the first test that had them.
     first: BTreeMap<Vec<[u64; 4]>, T>,
 }
 
-impl<T> Default for SeenReadings<T> {
+impl<T> Default for KnownReadings<T> {
     fn default() -> Self {
         Self {
             first: BTreeMap::new(),
@@ -400,7 +400,7 @@ impl<T> Default for SeenReadings<T> {
     }
 }
 
-impl<T> SeenReadings<T> {
+impl<T> KnownReadings<T> {
     /// Label of an earlier test with the same readings, apart from the signs of the deviations. A new test is stored with the label `this`.
     /// `None` also for readings with fewer than three different deviations, which identify no test.
     pub fn before(&mut self, measurement: &Measurement, this: T) -> Option<&T> {
@@ -449,8 +449,8 @@ mod tests {
     }
 
     #[test]
-    fn readings_that_no_machine_has_are_told() {
-        let said = |text: &str| oddities(&parse_csv(text.as_bytes(), "x.csv").unwrap()).join("\n");
+    fn implausible_readings_are_reported() {
+        let said = |text: &str| anomalies(&parse_csv(text.as_bytes(), "x.csv").unwrap()).join("\n");
         for (text, expected) in [
             ("target,deviation_um\n0,0\n1,0\n", "every deviation is 0 µm"),
             (
@@ -471,8 +471,8 @@ mod tests {
     }
 
     #[test]
-    fn a_test_under_another_name_is_told_whatever_its_sign() {
-        let mut seen = SeenReadings::default();
+    fn duplicate_readings_are_found_regardless_of_sign() {
+        let mut seen = KnownReadings::default();
         let mut before = |name: &'static str, rows: &str| {
             let text = format!("target,run,direction,deviation\n{rows}");
             let measurement = parse_csv(text.as_bytes(), name).unwrap();

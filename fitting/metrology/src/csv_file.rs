@@ -9,7 +9,7 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 use crate::csv_head::{heads, not_read, unit_of, with_unit};
 use crate::encoding::{decode, first_line, refuse_empty};
 use crate::number::{Place, decimals};
-use crate::run_alignment::alignment_notes;
+use crate::runs::alignment_notes;
 use crate::test_plan::counted;
 use crate::{
     DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit,
@@ -60,7 +60,7 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         name: name.into(),
         format: Some(FileFormat::Table),
         quantity: None,
-        unit: columns.unit.map(ReadingUnit::held_in),
+        unit: columns.unit.map(ReadingUnit::deviation_unit),
         stated: columns.unit,
         target_unit: columns.target_unit,
         readings: read.readings,

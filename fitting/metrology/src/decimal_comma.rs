@@ -98,7 +98,7 @@ mod tests {
             ("1,000 0,000\n", "1.000 0.000\n"),
             ("1,5E-03 2", "1.5E-03 2"),
             ("1.5 2\n", "1.5 2\n"),
-            // No numbers; whoever reads them says so.
+            // Not numbers; the reader of the cell reports them.
             ("1 1,2,3 1,2.3 ,\n", "1 1,2,3 1,2.3 ,\n"),
             (
                 "1.5\n2 2,5",

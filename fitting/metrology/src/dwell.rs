@@ -30,7 +30,7 @@ pub struct Channels {
 }
 
 /// Standstill of the axis: start, end (s) and mean position.
-struct Stand {
+struct Standstill {
     from_s: f64,
     to_s: f64,
     position: f64,
@@ -47,18 +47,18 @@ pub fn readings_at_dwells(
 ) -> Result<Measurement, MetrologyError> {
     let axis = channel_of(log, &channels.target)?;
     let reading = channel_of(log, &channels.reading)?;
-    let stands = stands(axis, log.duration_s(), channels);
-    let read = Read::of(log, axis, reading, &stands, channels)?;
+    let standstills = standstills(axis, log.duration_s(), channels);
+    let read = DwellReadings::of(log, axis, reading, &standstills, channels)?;
     let mut readings = read.readings;
     let Some(first) = readings.first().map(|reading| reading.deviation) else {
         return Err(MetrologyError::readings(
             log.name.clone(),
             format!("channel {}", axis.name),
             format!(
-                "no stand of {} s within ±{} at a target",
+                "no standstill of {} s within ±{} at a target",
                 channels.dwell_s, channels.within
             ),
-            "an axis that stands at its targets: check the channel, `within`, `dwell_s` and `targets`",
+            "an axis that stops at its targets: check the channel, `within`, `dwell_s` and `targets`",
         ));
     };
     if channels.zero_at_first {
@@ -66,23 +66,23 @@ pub fn readings_at_dwells(
             reading.deviation -= first;
         }
     }
-    let unit = channels.unit.held_in();
+    let unit = channels.unit.deviation_unit();
     let mut notes = log.notes.clone();
     notes.push(format!(
-        "{} stands of at least {} s read; while the axis stood the instrument moved by up to {:.2} {unit}",
+        "{} standstills of at least {} s read; during a standstill the instrument moved by up to {:.2} {unit}",
         readings.len(),
         channels.dwell_s,
         read.widest
     ));
-    if read.passed_over > 0 {
+    if read.skipped > 0 {
         notes.push(format!(
-            "{} stands elsewhere than at a target passed over",
-            read.passed_over
+            "{} standstills away from targets skipped",
+            read.skipped
         ));
     }
     if read.joined > 0 {
         notes.push(format!(
-            "{} stands at a target that the axis had not left passed over: it crept, or overran it by no more than {}",
+            "{} repeated standstills at one target skipped: the axis crept, or overran the target by at most {}",
             read.joined,
             reach(channels)
         ));
@@ -111,69 +111,69 @@ pub fn readings_at_dwells(
 
 /// Readings at the standstills of an axis.
 #[derive(Default)]
-struct Read {
+struct DwellReadings {
     readings: Vec<Reading>,
     /// Number of standstills that are at no target, or at one that was read before in the same run.
-    passed_over: usize,
+    skipped: usize,
     /// Number of standstills merged with the one before, because the axis had not left the target.
     joined: usize,
     /// Largest change of the instrument during a standstill, µm or µrad.
     widest: f64,
 }
 
-impl Read {
+impl DwellReadings {
     fn of(
         log: &ChannelLog,
         axis: &Channel,
         reading: &Channel,
-        stands: &[Stand],
+        standstills: &[Standstill],
         channels: &Channels,
     ) -> Result<Self, MetrologyError> {
-        let nominal = nominal_targets(stands, channels);
+        let nominal = nominal_targets(standstills, channels);
         let reach = reach(channels);
-        let at_target = |stand: &Stand| {
-            nearest(&nominal, stand.position)
-                .filter(|target| (target - stand.position).abs() <= reach)
+        let at_target = |standstill: &Standstill| {
+            nearest(&nominal, standstill.position)
+                .filter(|target| (target - standstill.position).abs() <= reach)
         };
         // An axis that creeps at a target, or overruns it by less than its reach, approached it once: the first standstill counts.
-        let is_left = |from: &Stand, to: &Stand| {
+        let is_left = |from: &Standstill, to: &Standstill| {
             let target = at_target(from);
             let stays = |(_, value): &(f64, f64)| {
                 target.is_some_and(|target| (target - value).abs() <= reach)
             };
             target != at_target(to) || !between(axis, from, to).iter().all(stays)
         };
-        let visits: Vec<&Stand> = stands
+        let visits: Vec<&Standstill> = standstills
             .chunk_by(|from, to| !is_left(from, to))
-            .filter_map(<[Stand]>::first)
+            .filter_map(<[Standstill]>::first)
             .collect();
         // Positions that are no targets, such as overruns, still define the direction of approach.
         let order: Vec<f64> = visits
             .iter()
-            .map(|stand| at_target(stand).unwrap_or(stand.position))
+            .map(|standstill| at_target(standstill).unwrap_or(standstill.position))
             .collect();
         let mut read = Self {
-            joined: stands.len() - visits.len(),
+            joined: standstills.len() - visits.len(),
             ..Self::default()
         };
-        for (stand, (run, direction)) in visits.into_iter().zip(runs_by_travel(&order)) {
-            let Some(target) = at_target(stand) else {
-                read.passed_over += 1;
+        for (standstill, (run, direction)) in visits.into_iter().zip(runs_by_travel(&order)) {
+            let Some(target) = at_target(standstill) else {
+                read.skipped += 1;
                 continue;
             };
             let is_same = |r: &Reading| (r.run, r.direction, r.target) == (run, direction, target);
             if read.readings.iter().any(is_same) {
                 // Approached again at the beginning of a run: keep one reading per target.
-                read.passed_over += 1;
+                read.skipped += 1;
                 continue;
             }
-            let Some((value, spread)) = mean_within(reading, stand, channels.settle_s) else {
+            let Some((value, spread)) = mean_within(reading, standstill, channels.settle_s) else {
                 return Err(MetrologyError::readings(
                     log.name.clone(),
                     format!("channel {}", reading.name),
                     format!(
-                        "no value before the stand at {target} ended, {:.1} s after the start",
-                        stand.to_s
+                        "no value before the standstill at {target} ended, {:.1} s after the start",
+                        standstill.to_s
                     ),
                     "a value of the instrument at every target",
                 ));
@@ -213,9 +213,9 @@ fn channel_of<'l>(log: &'l ChannelLog, name: &str) -> Result<&'l Channel, Metrol
 }
 
 /// A channel reports only changes: each value holds until the next one, the last until the log ends.
-fn stands(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Stand> {
+fn standstills(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Standstill> {
     let samples = &channel.samples;
-    let mut stands = Vec::new();
+    let mut standstills = Vec::new();
     let mut start = 0;
     for index in 1..=samples.len() {
         let left = match samples.get(index) {
@@ -231,7 +231,7 @@ fn stands(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Stand> {
             let here = &samples[start..index];
             let rest = at_rest(here);
             let position = rest.iter().map(|(_, value)| value).sum::<f64>() / rest.len() as f64;
-            stands.push(Stand {
+            standstills.push(Standstill {
                 from_s,
                 to_s,
                 position,
@@ -239,15 +239,18 @@ fn stands(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Stand> {
         }
         start = index;
     }
-    stands
+    standstills
 }
 
 /// The stated targets, or the positions of the standstills, each once.
-fn nominal_targets(stands: &[Stand], channels: &Channels) -> Vec<f64> {
+fn nominal_targets(standstills: &[Standstill], channels: &Channels) -> Vec<f64> {
     if !channels.targets.is_empty() {
         return channels.targets.clone();
     }
-    let mut positions: Vec<f64> = stands.iter().map(|stand| stand.position).collect();
+    let mut positions: Vec<f64> = standstills
+        .iter()
+        .map(|standstill| standstill.position)
+        .collect();
     positions.sort_by(f64::total_cmp);
     let groups = positions.chunk_by(|a, b| b - a <= 2.0 * channels.within);
     // −0 becomes 0.
@@ -267,7 +270,7 @@ fn reach(channels: &Channels) -> f64 {
 }
 
 /// Samples of a channel between the end of one standstill and the start of another.
-fn between<'c>(channel: &'c Channel, from: &Stand, to: &Stand) -> &'c [(f64, f64)] {
+fn between<'c>(channel: &'c Channel, from: &Standstill, to: &Standstill) -> &'c [(f64, f64)] {
     let place = |at: f64| channel.samples.partition_point(|(time, _)| *time < at);
     let samples = channel.samples.get(place(from.to_s)..place(to.from_s));
     samples.unwrap_or_default()
@@ -295,12 +298,12 @@ fn at_rest(samples: &[(f64, f64)]) -> &[(f64, f64)] {
 }
 
 /// Mean of a channel during a standstill, and its range of change.
-fn mean_within(channel: &Channel, stand: &Stand, settle_s: f64) -> Option<(f64, f64)> {
-    let from = stand.from_s + settle_s;
+fn mean_within(channel: &Channel, standstill: &Standstill, settle_s: f64) -> Option<(f64, f64)> {
+    let from = standstill.from_s + settle_s;
     let first = channel.samples.partition_point(|(time, _)| *time < from);
     let end = channel
         .samples
-        .partition_point(|(time, _)| *time < stand.to_s);
+        .partition_point(|(time, _)| *time < standstill.to_s);
     let within = channel.samples.get(first..end).unwrap_or_default();
     if within.is_empty() {
         let last = channel.samples.get(end.checked_sub(1)?)?;

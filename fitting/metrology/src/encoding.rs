@@ -70,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn latin_1_and_gbk_are_told_apart() {
+    fn latin_1_and_gbk_are_distinguished() {
         let text_of = |bytes: &[u8]| decode(bytes, "f").unwrap();
         assert_eq!(
             text_of(b"Gr\xF6\xDFe M\xFCller"),

@@ -69,7 +69,7 @@ pub fn parse_keysight_report(bytes: &[u8], name: &str) -> Result<Measurement, Me
     Ok(Measurement {
         name: name.into(),
         format: Some(FileFormat::KeysightReport),
-        unit: unit.map(ReadingUnit::held_in),
+        unit: unit.map(ReadingUnit::deviation_unit),
         stated: unit,
         metadata: metadata_of(text.lines()),
         readings,

@@ -13,6 +13,7 @@ mod dwell;
 mod edition;
 mod encoding;
 mod error;
+mod error_motion;
 mod file_format;
 pub mod form;
 mod iso230_2;
@@ -21,20 +22,16 @@ mod keysight;
 mod mapped_table;
 mod mapping;
 mod measurement;
-mod motion_kind;
 mod number;
 mod positioning_uncertainty;
 mod read;
 mod renishaw;
-mod run_alignment;
-mod run_scatter;
+mod runs;
 mod squareness;
 mod straightness;
-mod straightness_error;
 mod test_plan;
 mod text_report;
 mod three_lines;
-mod title;
 mod tolerance;
 mod travel;
 mod unit;
@@ -45,13 +42,15 @@ pub use api_pos::{parse_pos, write_pos};
 pub use asme_b5_54::asme_b5_54;
 pub use camonitor::{Channel, ChannelLog, parse_camonitor};
 pub use checks::{
-    MATERIAL_WITHIN_K, ODD_ABOVE, OutlierHint, REFERENCE_DEGC, SMALL_BELOW, SeenReadings,
-    axis_named, environment_notes, material_compensation, odd_size, oddities, outlier_hints,
+    KnownReadings, LARGEST_PLAUSIBLE, MATERIAL_WITHIN_K, OutlierHint, REFERENCE_DEGC,
+    SMALLEST_PLAUSIBLE, anomalies, axis_named, environment_notes, implausible_size,
+    material_compensation, outlier_hints,
 };
 pub use csv_file::{parse_csv, write_csv};
 pub use dwell::{Channels, readings_at_dwells};
 pub use edition::Edition;
 pub use error::{Finding, MetrologyError};
+pub use error_motion::{MotionKind, errors_named};
 pub use file_format::{FileFormat, Quantity};
 pub use iso230_2::{Approach, Iso230Part2, TargetRow, evaluate};
 pub use iso230_6::{
@@ -61,25 +60,22 @@ pub use keysight::{parse_keysight_report, write_keysight_report};
 pub use mapped_table::parse_table_with;
 pub use mapping::{ColumnName, Columns, Mapping};
 pub use measurement::{Environment, Measurement, Metadata, Reading, StartEnd};
-pub use motion_kind::MotionKind;
 pub use positioning_uncertainty::{
     Contribution, PositioningUncertainty, UncertaintyInputs, positioning_uncertainty,
 };
 pub use read::{Content, READ_EXTENSIONS, read_content, read_file, read_file_with};
 pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, write_renishaw};
-pub use run_scatter::{OfRun, RunScatter};
+pub use runs::{RunAlignment, RunScatter};
 pub use squareness::{
     SquarenessInputs, SquarenessUncertainty, opening, squareness, squareness_parts,
     squareness_uncertainty,
 };
-pub use straightness::{ReferenceKind, ReferenceLine, TiltReading, angular_method_um, tilt_sign};
-pub use straightness_error::{
-    Straightness, StraightnessAbout, slope_uncertainty_with_runs, straightness_of,
-    straightness_of_profile,
+pub use straightness::{
+    ReferenceKind, ReferenceLine, Straightness, StraightnessAbout, TiltReading, angular_method_um,
+    slope_uncertainty_with_runs, straightness_of, straightness_of_profile, tilt_sign,
 };
-pub use test_plan::{AskedFor, asked_for, axis_kind, shortfalls};
-pub use three_lines::{ParallelLine, Separated, separate_parallel_lines};
-pub use title::errors_named;
+pub use test_plan::{RequiredTest, axis_kind, required_test, shortfalls};
+pub use three_lines::{ParallelLine, SeparatedAngles, separate_parallel_lines};
 pub use tolerance::{
     Decision, JudgedQuantity, StandardQuantity, Tolerance, Verdict, decide, judged,
     parse_tolerances, parse_tolerances_of,

@@ -33,7 +33,7 @@ pub fn parse_table_with(
     let rows = rows(&text, name, columns)?;
     let header_end = rows.partition_point(|(line, _)| *line <= columns.header_rows);
     let (header, body) = rows.split_at(header_end);
-    let places = Places::of(header.last(), name, columns)?;
+    let places = ColumnIndices::of(header.last(), name, columns)?;
     let columns = &places.with_units_of_heads(header.last(), name, columns)?;
     let read: Vec<Row> = body
         .iter()
@@ -62,7 +62,7 @@ pub fn parse_table_with(
     Ok(Measurement {
         name: name.into(),
         format: Some(FileFormat::MappedTable),
-        unit: columns.unit.map(ReadingUnit::held_in),
+        unit: columns.unit.map(ReadingUnit::deviation_unit),
         stated: columns.unit,
         target_unit: columns.target_unit,
         readings,
@@ -141,7 +141,7 @@ impl Lines<'_> {
 }
 
 /// Indices of the columns, from 0.
-struct Places {
+struct ColumnIndices {
     target: usize,
     reading: usize,
     run: Option<usize>,
@@ -156,7 +156,7 @@ struct Row {
     direction: Option<Direction>,
 }
 
-impl Places {
+impl ColumnIndices {
     fn of(
         header: Option<&(usize, Vec<String>)>,
         file: &str,
@@ -191,7 +191,7 @@ impl Places {
                     file,
                     "columns",
                     format!("column {} as {other} and as {what}", place + 1),
-                    "a column of its own for each",
+                    "a separate column for each",
                 ));
             }
         }
@@ -250,7 +250,7 @@ impl Places {
             }
             let is_angle = found == TargetUnit::Deg;
             let unit = columns.unit.filter(|_| columns.reads_position);
-            if unit.is_some_and(|unit| (unit.held_in() == DeviationUnit::Urad) != is_angle) {
+            if unit.is_some_and(|unit| (unit.deviation_unit() == DeviationUnit::Urad) != is_angle) {
                 let expected =
                     "the kind of unit of the measured positions, from which they are subtracted";
                 return Err(wrong("head of the targets", head, expected));

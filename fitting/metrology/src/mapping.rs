@@ -189,7 +189,7 @@ impl Columns {
         else {
             return Ok(());
         };
-        let (found, expected) = match (unit.held_in(), target) {
+        let (found, expected) = match (unit.deviation_unit(), target) {
             (DeviationUnit::Um, TargetUnit::Deg) => ("deg", "mm"),
             (DeviationUnit::Urad, TargetUnit::Mm) => ("mm", "deg"),
             _ => return Ok(()),

@@ -279,20 +279,20 @@ pub(crate) fn mean(values: &[f64]) -> Option<f64> {
 }
 
 impl Measurement {
-    /// Converts deviations in the unit `asked` to µm or µrad if the file states no unit. If it states one, the deviations were already converted, and
-    /// `asked` must be the same.
+    /// Converts deviations in the unit `unit` to µm or µrad if the file states no unit. If it states one, the deviations were already converted, and
+    /// `unit` must be the same.
     ///
     /// # Errors
     /// The unit stated in the file, if it is another one; nothing is changed then.
-    pub fn take_in(&mut self, asked: ReadingUnit) -> Result<(), ReadingUnit> {
+    pub fn convert_from(&mut self, unit: ReadingUnit) -> Result<(), ReadingUnit> {
         match self.stated.or(self.unit.map(ReadingUnit::from)) {
-            Some(stated) if stated == asked => Ok(()),
+            Some(stated) if stated == unit => Ok(()),
             Some(stated) => Err(stated),
             None => {
                 for reading in &mut self.readings {
-                    reading.deviation *= asked.micro();
+                    reading.deviation *= unit.micro();
                 }
-                self.unit = Some(asked.held_in());
+                self.unit = Some(unit.deviation_unit());
                 Ok(())
             }
         }

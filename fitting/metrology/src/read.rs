@@ -180,7 +180,7 @@ fn by_content(
     if lower.contains("target") && lower.contains("deviation") {
         return parse_csv(bytes, name).map(measured);
     }
-    let expected = "a report of a 5529 or 5530 laser, a log of camonitor, the header `target,run,direction,deviation`, or `columns` that say what stands where";
+    let expected = "a report of a 5529 or 5530 laser, a log of camonitor, the header `target,run,direction,deviation`, or `columns` that name the columns";
     Err(Place::new(name, line).wrong_kind(quoted(first), expected))
 }
 

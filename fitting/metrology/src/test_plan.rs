@@ -7,7 +7,7 @@ use crate::{Edition, Measurement, TargetUnit, axis_named};
 /// Minimum test that the standard accepts for an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct AskedFor {
+pub struct RequiredTest {
     /// Description of the axis: `linear axes up to 2000 mm`.
     pub axes: &'static str,
     /// Minimum number of targets.
@@ -27,7 +27,7 @@ const RUNS: usize = 5;
 const HAIR: f64 = 1e-6;
 
 /// Minimum test for an axis of this kind over this travel, mm or deg. The editions 1997 to 2014 have the same requirements.
-pub fn asked_for(kind: AxisKind, travel: f64) -> AskedFor {
+pub fn required_test(kind: AxisKind, travel: f64) -> RequiredTest {
     // The conversion saturates for large values and NaN.
     #[expect(
         clippy::cast_possible_truncation,
@@ -36,18 +36,18 @@ pub fn asked_for(kind: AxisKind, travel: f64) -> AskedFor {
     )]
     let whole = |targets: f64| (targets - HAIR).ceil().max(0.0) as usize;
     match kind {
-        AxisKind::Linear if travel <= SHORT_MM + HAIR => AskedFor {
+        AxisKind::Linear if travel <= SHORT_MM + HAIR => RequiredTest {
             axes: "linear axes up to 2000 mm",
             targets: whole(TARGETS_PER_M * travel / 1000.0).max(5),
             runs: RUNS,
         },
-        AxisKind::Linear => AskedFor {
+        AxisKind::Linear => RequiredTest {
             axes: "linear axes over 2000 mm",
             // One target more than there are intervals.
             targets: whole(travel / LONG_INTERVAL_MM).saturating_add(1),
             runs: 1,
         },
-        AxisKind::Rotary if travel <= 360.0 + HAIR => AskedFor {
+        AxisKind::Rotary if travel <= 360.0 + HAIR => RequiredTest {
             axes: "rotary axes up to 360°",
             targets: match travel {
                 t if t <= 90.0 + HAIR => 3,
@@ -56,7 +56,7 @@ pub fn asked_for(kind: AxisKind, travel: f64) -> AskedFor {
             },
             runs: RUNS,
         },
-        AxisKind::Rotary => AskedFor {
+        AxisKind::Rotary => RequiredTest {
             axes: "rotary axes over 360°",
             targets: whole(8.0 * travel / 360.0),
             runs: 1,
@@ -77,7 +77,7 @@ pub fn shortfalls(measurement: &Measurement, kind: AxisKind, edition: Edition) -
     let (Some(first), Some(last)) = (targets.first(), targets.last()) else {
         return Vec::new();
     };
-    let asked = asked_for(kind, last - first);
+    let asked = required_test(kind, last - first);
     let standard = format!("ISO 230-2:{}", edition.year());
     let mut said = Vec::new();
     if targets.len() < asked.targets {

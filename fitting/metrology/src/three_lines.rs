@@ -16,7 +16,7 @@ pub struct ParallelLine {
 
 /// Errors at one target.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Separated {
+pub struct SeparatedAngles {
     /// Linear error at the point itself, µm.
     pub linear_um: f64,
     /// Angular errors about the second and the third axis, µrad: for X about Y and Z.
@@ -27,7 +27,9 @@ pub struct Separated {
 ///
 /// # Errors
 /// Fewer than three lines, lines in one plane, different numbers of deviations, numbers that are not finite.
-pub fn separate_parallel_lines(lines: &[ParallelLine]) -> Result<Vec<Separated>, MetrologyError> {
+pub fn separate_parallel_lines(
+    lines: &[ParallelLine],
+) -> Result<Vec<SeparatedAngles>, MetrologyError> {
     let refuse = |what: &str, found: String, expected: &str| {
         MetrologyError::readings("parallel lines", what, found, expected)
     };
@@ -68,7 +70,7 @@ pub fn separate_parallel_lines(lines: &[ParallelLine]) -> Result<Vec<Separated>,
     let at = |target: usize| {
         let sum: Vector3<f64> = lines.iter().map(|l| row(l) * l.deviations_um[target]).sum();
         let found = inverse * sum;
-        Separated {
+        SeparatedAngles {
             linear_um: found[0],
             angles_urad: [found[1], found[2]],
         }

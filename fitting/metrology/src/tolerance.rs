@@ -114,7 +114,7 @@ pub struct JudgedQuantity {
     pub unit: DeviationUnit,
     /// The expanded measurement uncertainty (k = 2); `None` where none is stated.
     pub uncertainty: Option<f64>,
-    /// The tolerance; `None` where there is none.
+    /// The tolerance; `None` if not stated.
     pub limit: Option<f64>,
     /// The decision; `None` without a tolerance.
     pub verdict: Option<Verdict>,

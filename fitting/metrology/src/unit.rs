@@ -80,7 +80,7 @@ impl ReadingUnit {
     }
 
     /// Internal unit of deviations of this kind.
-    pub fn held_in(self) -> DeviationUnit {
+    pub fn deviation_unit(self) -> DeviationUnit {
         match self {
             Self::Mm | Self::Um | Self::Nm | Self::Inch => DeviationUnit::Um,
             Self::Deg | Self::Arcsec | Self::Rad | Self::Mrad | Self::Urad => DeviationUnit::Urad,
@@ -89,7 +89,7 @@ impl ReadingUnit {
 
     /// µm per mm or µrad per degree, for a coordinate whose deviations are in this unit.
     pub(crate) fn micro_of_coordinate(self) -> f64 {
-        match self.held_in() {
+        match self.deviation_unit() {
             DeviationUnit::Um => Self::Mm.micro(),
             DeviationUnit::Urad => Self::Deg.micro(),
         }
@@ -186,21 +186,21 @@ mod tests {
             ("deg", DeviationUnit::Urad, 17_453.292_52),
         ] {
             let found = ReadingUnit::named(unit).unwrap();
-            assert_eq!(found.held_in(), held);
+            assert_eq!(found.deviation_unit(), held);
             assert!((found.micro() / size - 1.0).abs() < 1e-9, "{unit}");
         }
         assert_eq!(ReadingUnit::named("thou"), None);
     }
 
-    /// A unit that is asked for is the one of the header or it is refused; it is never applied twice.
+    /// A requested unit that differs from the header's is refused; a unit is never applied twice.
     #[test]
-    fn the_stated_unit_is_the_one_that_may_be_asked_for() {
+    fn a_requested_unit_must_be_the_stated_one() {
         let mut read = parse_csv(b"target,deviation mm\n0,0.002\n1,0.003\n", "x.csv").unwrap();
-        assert_eq!(read.take_in(ReadingUnit::Um), Err(ReadingUnit::Mm));
-        assert_eq!(read.take_in(ReadingUnit::Mm), Ok(()));
+        assert_eq!(read.convert_from(ReadingUnit::Um), Err(ReadingUnit::Mm));
+        assert_eq!(read.convert_from(ReadingUnit::Mm), Ok(()));
         assert!((read.readings[0].deviation - 2.0).abs() < 1e-12);
         let mut plain = parse_csv(b"target,deviation\n0,2\n1,3\n", "x.csv").unwrap();
-        assert_eq!(plain.take_in(ReadingUnit::Arcsec), Ok(()));
+        assert_eq!(plain.convert_from(ReadingUnit::Arcsec), Ok(()));
         assert!((plain.readings[0].deviation - 9.696_273_622).abs() < 1e-6);
         assert_eq!(plain.unit, Some(DeviationUnit::Urad));
     }

@@ -44,7 +44,7 @@ pub(super) fn run(
         ));
     }
     let (found, mut told) = answered(&found, wanted.answers)?;
-    refuse_overwriting(&found.looked_at, output, "draft")?;
+    refuse_overwriting(&found.scanned, output, "draft")?;
     if !wanted.replace {
         refuse_another(output, &found.text)?;
     }

@@ -12,7 +12,7 @@ use volcomp_fit::{
     Noise, band, band_places, choose, fit_bspline, fit_chebyshev, fit_cubic_table, fit_mls,
     fit_mls_auto, fit_polynomial, scan_mls,
 };
-use volcomp_metrology::{DeviationUnit, Measurement, OfRun, axis_kind, read_file};
+use volcomp_metrology::{DeviationUnit, Measurement, RunAlignment, axis_kind, read_file};
 use volcomp_model::write_curve;
 use volcomp_vocabulary::{AxisKind, Direction};
 
@@ -510,7 +510,7 @@ fn whole_runs(measurement: &Measurement) -> Vec<Run> {
 
 /// Scatter of the mean reading of a target, over its directions, about the curve.
 fn noise_of_mean(measurement: &Measurement) -> Option<Noise> {
-    let scatter = measurement.scatter_of_mean(OfRun::Line)?;
+    let scatter = measurement.scatter_of_mean(RunAlignment::Line)?;
     let ways = Direction::BOTH
         .into_iter()
         .filter(|way| measurement.has(*way));

@@ -7,9 +7,9 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use volcomp_calibrate::files_below;
 use volcomp_metrology::{
-    Capture, ChannelLog, Content, DeviationUnit, Environment, FileFormat, Measurement, Metadata,
-    MetrologyError, Quantity, SeenReadings, axis_kind, errors_named, material_compensation,
-    oddities, read_content,
+    Capture, ChannelLog, Content, DeviationUnit, Environment, FileFormat, KnownReadings,
+    Measurement, Metadata, MetrologyError, Quantity, anomalies, axis_kind, errors_named,
+    material_compensation, read_content,
 };
 use volcomp_vocabulary::{AxisKind, Direction};
 
@@ -23,7 +23,7 @@ use crate::{
     table::{folded, folded_behind, to_the_left},
 };
 
-/// Shows what measurement files hold: oddities, texts, targets, runs, surroundings
+/// Shows what measurement files hold: anomalies, texts, targets, runs, surroundings
 ///
 /// Of several files a table at the end has a row for each.
 #[derive(clap::Args)]
@@ -198,7 +198,7 @@ impl MeasurementSummary {
         let is_laser = measurement.quantity == Some(Quantity::Positioning)
             && format != Some(FileFormat::ApiPos);
         Self {
-            warnings: oddities(measurement),
+            warnings: anomalies(measurement),
             file,
             kind: format,
             instrument: format.map(FileFormat::instrument),
@@ -381,7 +381,7 @@ fn error_of(path: &Path, measurement: &Measurement) -> String {
 /// Data of the previous files.
 #[derive(Default)]
 struct Others {
-    readings: SeenReadings<String>,
+    readings: KnownReadings<String>,
     serial: Option<(String, String)>,
 }
 

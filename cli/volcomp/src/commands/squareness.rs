@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_metrology::{
-    DeviationUnit, ODD_ABOVE, ReferenceKind, SquarenessInputs, SquarenessUncertainty,
+    DeviationUnit, LARGEST_PLAUSIBLE, ReferenceKind, SquarenessInputs, SquarenessUncertainty,
     StandardQuantity, judged, squareness, squareness_parts, squareness_uncertainty,
     straightness_of,
 };
@@ -210,7 +210,7 @@ fn notes_on(
         ),
         _ => {}
     }
-    if value.abs() > ODD_ABOVE {
+    if value.abs() > LARGEST_PLAUSIBLE {
         notes.push(format!(
             "a squareness of {value:.0} µrad is large for a machine tool: are the files in another unit?"
         ));

@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_metrology::{
     DeviationUnit, Measurement, Metadata, ReferenceKind, StandardQuantity, Straightness,
-    TiltReading, Tolerance, angular_method_um, axis_named, judged, odd_size, read_file,
+    TiltReading, Tolerance, angular_method_um, axis_named, implausible_size, judged, read_file,
     straightness_of, straightness_of_profile,
 };
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
@@ -203,7 +203,7 @@ pub(crate) fn odd(found: &Straightness) -> Option<String> {
     // Two targets leave no residual.
     let error_um = found.of(ReferenceKind::LeastSquares).error_um;
     (found.profile.len() > 2)
-        .then(|| odd_size(error_um, Some(DeviationUnit::Um)))
+        .then(|| implausible_size(error_um, Some(DeviationUnit::Um)))
         .flatten()
         .map(|text| format!("about the line of least squares {text}"))
 }

@@ -127,7 +127,7 @@ fn an_error_is_answered_in_one_call_with_what_follows() {
     assert!(
         answered["warnings"]
             .to_string()
-            .contains("at.X is not asked of EXX"),
+            .contains("at.X is no question for EXX"),
         "{answered}"
     );
     let answered = json(&format!("{call} --answer EZX:sign=-1 --answer error=EZX"));

@@ -46,7 +46,7 @@ fn contradiction(
     tilts: Option<&Tilts<'_>>,
 ) -> Result<Option<String>, ModelError> {
     let is_straightness = MotionKind::of(error) == MotionKind::Straightness;
-    let Some(beside) = SideBySide::of(&cleared, is_straightness) else {
+    let Some(beside) = ParallelReadings::of(&cleared, is_straightness) else {
         return Ok(None);
     };
     let pairs = beside.lines[0].iter().zip(&beside.lines[1]);
@@ -77,7 +77,7 @@ impl Tilts<'_> {
         &self,
         error: ErrorName,
         lines: [&Profile<'_>; 2],
-        beside: &SideBySide,
+        beside: &ParallelReadings,
     ) -> Result<f64, ModelError> {
         let [first, second] = lines.map(|profile| Lever::new(profile.line, self.machine));
         let (first, second) = (first?, second?);
@@ -114,7 +114,7 @@ pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
 
 /// Standard deviation of the difference of two lines: from repeated runs, otherwise from the unevenness of each from
 /// target to target, which also covers the loss by interpolated targets.
-fn noise(profiles: [&Profile<'_>; 2], beside: &SideBySide) -> Option<f64> {
+fn noise(profiles: [&Profile<'_>; 2], beside: &ParallelReadings) -> Option<f64> {
     let mut variance = 0.0;
     for (profile, values) in profiles.iter().zip(&beside.lines) {
         let points = beside.places.iter().zip(values);
@@ -138,7 +138,7 @@ fn noise(profiles: [&Profile<'_>; 2], beside: &SideBySide) -> Option<f64> {
 }
 
 /// Mean readings of parallel lines at their common targets, offset removed (and, for straightness, the fitted slope).
-pub(crate) struct SideBySide {
+pub(crate) struct ParallelReadings {
     /// Direction of travel and target of each place, mm or deg.
     pub(crate) places: Vec<(Direction, f64)>,
     /// Values of each line, by place, µm or µrad.
@@ -147,7 +147,7 @@ pub(crate) struct SideBySide {
     pub(crate) is_interpolated: bool,
 }
 
-impl SideBySide {
+impl ParallelReadings {
     /// `None` if the lines have fewer than three targets in common, or no common direction.
     pub(crate) fn of(profiles: &[&Profile<'_>], is_straightness: bool) -> Option<Self> {
         let mut side_by_side = Self {

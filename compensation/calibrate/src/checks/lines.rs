@@ -3,8 +3,8 @@
 use volcomp_document::{InputError, Value, quoted};
 use volcomp_kinematics::MotionFrame;
 use volcomp_metrology::{
-    Measurement, Metadata, MotionKind, ODD_ABOVE, Reading, ReferenceLine, SMALL_BELOW,
-    SeenReadings, axis_named, errors_named,
+    KnownReadings, LARGEST_PLAUSIBLE, Measurement, Metadata, MotionKind, Reading, ReferenceLine,
+    SMALLEST_PLAUSIBLE, axis_named, errors_named,
 };
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{AxisKind, Component, Direction, Displacement, ErrorName, Urad};
@@ -76,7 +76,7 @@ pub(crate) fn refuse_twice(
     };
     if let Some(other) = before.iter().find(is_same_line) {
         return Err(file.error(format!(
-            "found {named}, and {:?} ({}) measures {error} along the same line already, with the same `at` and `point`: the mean of two tests is none of them, expected one of the files, or other places",
+            "found {named}, and {:?} ({}) measures {error} along the same line already, with the same `at` and `point`: two tests are not averaged, expected one of the files, or different places",
             name(other),
             other.place
         )));
@@ -265,7 +265,7 @@ pub(crate) fn refuse_serial(
 
 /// Notes on files with the same readings under two names: no two tests have the same scatter.
 pub(crate) fn same_readings(lines: &[Line]) -> Vec<String> {
-    let mut seen = SeenReadings::default();
+    let mut seen = KnownReadings::default();
     let mut notes = Vec::new();
     for line in lines {
         // One file may be read for two errors.
@@ -307,10 +307,12 @@ pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
             "{error} in [[{table}]]: {what}{size:.0} is large for a machine tool: check its unit"
         )
     };
-    let values = stated.iter().filter(|of| of.value.abs() > ODD_ABOVE);
+    let values = stated
+        .iter()
+        .filter(|of| of.value.abs() > LARGEST_PLAUSIBLE);
     let values = values.map(|of| note(of, "", of.value));
     let unsure = (stated.iter())
-        .filter(|of| of.table == "location" && of.uncertainty > ODD_ABOVE)
+        .filter(|of| of.table == "location" && of.uncertainty > LARGEST_PLAUSIBLE)
         .map(|of| note(of, "a standard uncertainty of ", of.uncertainty));
     values.chain(unsure).collect()
 }
@@ -376,7 +378,7 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
     } else {
         ""
     };
-    if let Some(largest) = largest_deviation(line).filter(|largest| *largest > ODD_ABOVE) {
+    if let Some(largest) = largest_deviation(line).filter(|largest| *largest > LARGEST_PLAUSIBLE) {
         let kind = if line.setup.reads_angles() {
             AxisKind::Rotary
         } else {
@@ -397,14 +399,14 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
     }
     let sizes = line.readings.readings.iter().map(|r| r.deviation.abs());
     let largest = sizes.fold(0.0, f64::max);
-    if line.readings.unit.is_none() && largest > 0.0 && largest < SMALL_BELOW {
+    if line.readings.unit.is_none() && largest > 0.0 && largest < SMALLEST_PLAUSIBLE {
         let (taken, perhaps) = if line.setup.reads_angles() {
             ("µrad", "mrad")
         } else {
             ("µm", "mm")
         };
         note(format!(
-            "the unit of the deviations is not stated, taken as {taken}; all are below {SMALL_BELOW} {taken}: are they {perhaps}? State `unit`"
+            "the unit of the deviations is not stated, taken as {taken}; all are below {SMALLEST_PLAUSIBLE} {taken}: are they {perhaps}? State `unit`"
         ));
     }
     notes

@@ -8,7 +8,7 @@ use crate::{
     checks::lines::Stated,
     error::CalibrateError,
     fitted::FittedLine,
-    lines_share::{CHANGE, LinesShare},
+    line_contribution::{CHANGE, LineContribution},
 };
 
 /// Warning for each error whose chosen curve leaves residuals larger than the scatter of the readings, whose targets
@@ -69,7 +69,7 @@ fn files(lines: &[FittedLine], error: ErrorName) -> String {
 
 /// Stated values that the observations contradict: wrong sign, wrong unit, halved or doubled.
 pub(crate) fn contradicted_values(
-    lines: &LinesShare<'_>,
+    lines: &LineContribution<'_>,
 ) -> Result<Vec<(ErrorName, Note)>, CalibrateError> {
     /// Minimum contradiction, in the combined standard uncertainty and as a share of the value.
     const UNCERTAINTIES: f64 = 4.0;

@@ -1,4 +1,4 @@
-//! The questions of a draft, answered as somebody types them.
+//! Answers to the questions of a draft, as typed by the user.
 
 use std::path::Path;
 
@@ -61,7 +61,7 @@ fn place(draft: &Draft, file: &str) -> usize {
 
 /// Every question answered: the file is read, and calibrates to the slope that the example's machine has.
 #[test]
-fn a_draft_that_is_answered_is_a_calibration_file() {
+fn an_answered_draft_is_a_calibration_file() {
     let (dir, found) = drafted(&["exx.csv"]);
     let first = Subject::Measurement(0);
     let mut answers: Vec<Answer> = Vec::new();
@@ -91,7 +91,7 @@ fn a_draft_that_is_answered_is_a_calibration_file() {
     let read = CalibrationFile::read(&file).expect("complete");
     let calibration = calibrate(&read, |_, _| {}).expect("it fits");
     let curve = &calibration.curves[0];
-    // What is told of the curve belongs together: the readings are its residuals from it.
+    // The output about the curve is consistent: readings minus curve are its residuals.
     let residuals: Vec<f64> = curve.points.iter().map(|[_, u, f]| u - f).collect();
     let volcomp_calibrate::Quality::Length(quality) = curve.quality else {
         panic!("a length");
@@ -109,7 +109,7 @@ fn a_draft_that_is_answered_is_a_calibration_file() {
 }
 
 #[test]
-fn answers_that_cannot_be_are_told_by_key() {
+fn invalid_answers_are_refused_by_key() {
     let (_dir, found) = drafted(&["exx.csv", "eyx.csv", "exy.csv"]);
     let of = Subject::Measurement(place(&found, "exx.csv"));
     for (key, value, expected) in [
@@ -123,22 +123,25 @@ fn answers_that_cannot_be_are_told_by_key() {
         ("leave_out", "perhaps", "true or false"),
     ] {
         let wrong = found.answered(&[answer(of.clone(), key, value)]);
-        let told = wrong.expect_err(value).to_string();
-        assert!(told.contains(expected) && told.contains(key), "{told}");
+        let message = wrong.expect_err(value).to_string();
+        assert!(
+            message.contains(expected) && message.contains(key),
+            "{message}"
+        );
     }
-    // What is not asked for, and who is not there.
+    // Answers without a question, and to a missing measurement.
     let key = found.answered(&[answer(of.clone(), "machine", "x")]);
     assert!(matches!(key, Err(AnswerError::Key { .. })), "{key:?}");
-    let nobody = found.answered(&[answer(Subject::Measurement(99), "sign", "1")]);
+    let missing = found.answered(&[answer(Subject::Measurement(99), "sign", "1")]);
     assert!(
-        matches!(nobody, Err(AnswerError::Subject { .. })),
-        "{nobody:?}"
+        matches!(missing, Err(AnswerError::Subject { .. })),
+        "{missing:?}"
     );
 }
 
 /// Nothing that is typed leaves its value: the text stays a calibration file with the same tables.
 #[test]
-fn an_answer_cannot_leave_its_value() {
+fn an_answer_cannot_inject_other_keys() {
     let (_dir, found) = drafted(&["exx.log"]);
     let evil = "x\" }\n[[squareness]]\nerror = \"EC0Y";
     let of = Subject::Measurement(0);
@@ -149,7 +152,7 @@ fn an_answer_cannot_leave_its_value() {
 
 /// A measurement that is left out takes its squareness with it.
 #[test]
-fn what_is_left_out_is_told() {
+fn measurements_left_out_are_listed() {
     let (_dir, found) = drafted(&["eyx.csv", "exy.csv"]);
     assert!(found.text.contains("[[squareness]]"), "{}", found.text);
     let of = Subject::Measurement(place(&found, "exy.csv"));
@@ -178,9 +181,9 @@ fn what_is_left_out_is_told() {
     );
 }
 
-/// Readings in an angle under the name of a straightness come from a level on a bridge, which is asked about then.
+/// Readings in an angle under the name of a straightness come from a level on a bridge, so its length is an open question.
 #[test]
-fn a_unit_of_angle_asks_for_the_bridge() {
+fn a_unit_of_angle_opens_the_question_for_the_bridge() {
     let (_dir, found) = drafted(&["ezx-level.csv"]);
     let of = Subject::Measurement(0);
     assert!(!open_keys(&found).contains(&"bridge_mm".to_owned()));
@@ -207,9 +210,9 @@ fn a_unit_of_angle_asks_for_the_bridge() {
 const ARCH: &str =
     "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,6\n300,1,+,8\n450,1,+,6\n600,1,+,0\n";
 
-/// Whether the table or the tool moved is asked of every error but positioning, wherever its name comes from.
+/// Whether the table or the tool moved is an open question for every error except positioning, whatever the source of its name.
 #[test]
-fn an_error_that_is_answered_asks_for_its_sign() {
+fn an_answered_error_opens_the_question_for_its_sign() {
     let (_dir, named) = drafted_of(&[("ezx.csv", ARCH)]);
     assert!(open_keys(&named).contains(&"sign".to_owned()));
     let (_dir, found) = drafted_of(&[("scan-1.csv", ARCH)]);
@@ -225,15 +228,15 @@ fn an_error_that_is_answered_asks_for_its_sign() {
     }
 }
 
-/// The name of a file says that X moved; the one who measured says that it was Y: then where X stood is asked.
+/// The file name states X, the user answers Y: then the position of X is an open question.
 #[test]
-fn an_error_of_another_axis_than_the_name_says_asks_where_that_axis_stood() {
+fn an_error_of_another_axis_opens_the_question_for_that_position() {
     let (_dir, found) = drafted_of(&[("x.csv", ARCH)]);
     let of = Subject::Measurement(0);
     let done = found.answered(&[answer(of.clone(), "error", "EYY")]);
-    let asked = open_keys(&done.expect("right"));
-    assert!(asked.contains(&"at.X".to_owned()), "{asked:?}");
-    assert!(!asked.contains(&"at.Y".to_owned()), "{asked:?}");
+    let open = open_keys(&done.expect("right"));
+    assert!(open.contains(&"at.X".to_owned()), "{open:?}");
+    assert!(!open.contains(&"at.Y".to_owned()), "{open:?}");
     let both = [
         answer(of.clone(), "at.X", "120"),
         answer(of, "error", "EYY"),
@@ -248,7 +251,7 @@ fn an_error_of_another_axis_than_the_name_says_asks_where_that_axis_stood() {
 
 /// Two tests of one error at one place, before and after a compensation: one has to be chosen, never the mean of both.
 #[test]
-fn two_files_that_are_answered_to_one_place_are_a_conflict() {
+fn two_files_answered_for_the_same_line_are_a_conflict() {
     let after = "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,0.6\n300,1,+,0.8\n450,1,+,0.6\n600,1,+,0.1\n";
     let (dir, found) = drafted_of(&[("scan-before.csv", ARCH), ("scan-after.csv", after)]);
     let mut answers = Vec::new();
@@ -292,18 +295,18 @@ fn two_files_that_are_answered_to_one_place_are_a_conflict() {
 
 /// What a draft asks can be answered together with the error, as the page shows all questions at once.
 #[test]
-fn what_is_asked_with_the_error_can_be_answered_with_it() {
+fn follow_up_questions_can_be_answered_with_the_error() {
     let (_dir, found) = drafted_of(&[("scan-1.csv", ARCH), ("exx.csv", ARCH)]);
-    let asked = open_keys(&found);
+    let open = open_keys(&found);
     let scan = Subject::Measurement(place(&found, "scan-1.csv"));
     for (error, key, value) in [("EXX", "at.X", "0"), ("EBX", "point", "0, 0, 0")] {
-        assert!(asked.contains(&key.to_owned()), "{asked:?}");
+        assert!(open.contains(&key.to_owned()), "{open:?}");
         let of = scan.clone();
         let with = [answer(of.clone(), key, value), answer(of, "error", error)];
         let done = found.answered(&with);
-        let done = done.unwrap_or_else(|told| panic!("{error} {key}: {told}"));
+        let done = done.unwrap_or_else(|refusal| panic!("{error} {key}: {refusal}"));
         let said =
-            format!("scan-1.csv: {key} is not asked of {error}: the answer {value} is not used");
+            format!("scan-1.csv: {key} is no question for {error}: the answer {value} is not used");
         assert!(done.notes.contains(&said), "{:?}", done.notes);
     }
     // A sign that was answered before the error became another one.
@@ -312,8 +315,8 @@ fn what_is_asked_with_the_error_can_be_answered_with_it() {
         answer(scan, "sign", "-1"),
     ];
     assert!(found.answered(&with).is_ok());
-    // Nobody asked for the sign of an error that the file itself names.
+    // The sign is no open question for an error that the file itself names.
     let named = Subject::Measurement(place(&found, "exx.csv"));
-    let told = found.answered(&[answer(named, "holds_location", "true")]);
-    assert!(told.is_err() || told.is_ok_and(|of| !of.notes.is_empty()));
+    let answered = found.answered(&[answer(named, "holds_location", "true")]);
+    assert!(answered.is_err() || answered.is_ok_and(|of| !of.notes.is_empty()));
 }

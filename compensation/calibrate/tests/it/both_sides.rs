@@ -41,7 +41,7 @@ fn about_z(angle: f64) -> M {
     ]
 }
 
-/// `w X' b Y Z C B t` with X and Y moving: the tool in workpiece axes. Y goes to −X as it goes, and C, which stands at 0, holds its
+/// `w X' b Y Z C B t` with X and Y moving: the tool in workpiece axes. Y goes to −X as it goes, and C, which is at 0, holds its
 /// constant turn.
 fn tool(x: f64, y: f64) -> M {
     let slide = shift(-SQUARE.sin() * y, SQUARE.cos() * y);
@@ -68,7 +68,7 @@ fn exy(y: f64) -> f64 {
 }
 
 #[test]
-fn a_kept_turn_of_the_tool_is_no_squareness() {
+fn a_kept_turn_of_the_tool_is_not_squareness() {
     let file = |lab: &Lab, name: &str, reading: fn(f64) -> f64| {
         let mut csv = String::from("target,deviation\n");
         for step in 0..=5 {

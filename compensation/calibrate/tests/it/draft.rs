@@ -88,7 +88,7 @@ fn keys(draft: &Draft, file: &str) -> Vec<String> {
 }
 
 #[test]
-fn what_headers_names_and_titles_say_is_proposed_and_the_rest_asked() {
+fn headers_and_file_names_give_proposals_and_questions() {
     let shop = Shop::new(&[
         ("laser/x-y50.rtl", linear("X", "X at Z = -20", 1.0)),
         (
@@ -178,7 +178,7 @@ fn what_headers_names_and_titles_say_is_proposed_and_the_rest_asked() {
 }
 
 #[test]
-fn files_for_one_place_and_contradictions_are_named() {
+fn duplicate_and_contradictory_files_are_conflicts() {
     let shop = Shop::new(&[
         ("x-y50-z0.rtl", linear("X", "", 1.0)),
         ("again/x-y50-z0.rtl", linear("X", "", 2.0)),
@@ -197,7 +197,7 @@ fn files_for_one_place_and_contradictions_are_named() {
         "{said}"
     );
     assert!(
-        said.contains("both measure EYY: `at` has to tell them apart"),
+        said.contains("both measure EYY: `at` must distinguish them"),
         "{said}"
     );
     assert!(
@@ -213,7 +213,7 @@ fn files_for_one_place_and_contradictions_are_named() {
 }
 
 #[test]
-fn texts_of_files_stay_comments() {
+fn texts_from_files_stay_in_comments() {
     let shop = Shop::new(&[(
         "exx.rtl",
         linear("X", "\"]]\t[[measurement]] # x\u{b}", 1.0),
@@ -253,7 +253,7 @@ fn columns_of_the_calibration_file_are_those_of_its_tables() {
         .map(|r| r.deviation)
         .fold(0.0, f64::max);
     assert!((largest - 4.0).abs() < 1e-6, "{largest}");
-    // Compensation values need somebody who says what they are.
+    // Compensation values need an answer about their meaning.
     let export = |keys: &str| {
         format!(
             "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"x.ren\"\n{keys}"
@@ -272,7 +272,7 @@ fn columns_of_the_calibration_file_are_those_of_its_tables() {
 
 /// The file of another machine, whose axis is longer, and one that states this machine.
 #[test]
-fn files_of_another_machine_and_targets_beyond_the_travel_are_named() {
+fn files_of_another_machine_and_targets_beyond_the_travel_are_noted() {
     let of = |machine: &str, axis: &str, scale: f64| {
         let text = linear(axis, "", scale);
         let mut found = volcomp_metrology::parse_renishaw(
@@ -320,7 +320,7 @@ fn files_of_another_machine_and_targets_beyond_the_travel_are_named() {
 
 /// Three lines with the same answers: one for all, but for one error another.
 #[test]
-fn one_answer_holds_for_every_question_of_its_key() {
+fn one_answer_applies_to_every_question_of_its_key() {
     let shop = Shop::new(&[
         ("exx.rtl", linear("X", "", 1.0)),
         ("eyy.rtl", linear("Y", "", 2.0)),

@@ -125,7 +125,7 @@ fn the_volumetric_error_comes_back() {
             for z in [0.0, 300.0, 800.0] {
                 let difference =
                     error(&found.machine, [x, y, z]) - error(&expected, [x, y, z]) - origin;
-                // A straightness of third order has a least-squares slope of its own over 11 targets,
+                // A straightness of third order has a least-squares slope over 11 targets,
                 // which is removed with the line: the truth's is taken off below.
                 let t = x / 1000.0 - 1.0;
                 let slope = straightness_slope();
@@ -159,7 +159,7 @@ fn straightness_slope() -> f64 {
 #[test]
 fn squareness_is_cleared_of_the_tilt_at_the_held_position() {
     let lab = Lab::new(&axes());
-    // Physical lines: EXY seen at X = 500, where ECX = 30 µrad turns the table: slope −30 µrad of its own
+    // Physical lines: EXY seen at X = 500, where ECX = 30 µrad turns the table: slope −30 µrad
     // plus the tilt's −ECX·y … and EYX with a slope of 4 µrad.
     let write = |name: &str, f: &dyn Fn(f64) -> f64, length: f64| {
         let mut csv = String::from("target,deviation\n");
@@ -197,7 +197,7 @@ reference_angle_urad = -3.0
     );
 }
 
-/// The readings are the chain's own volumetric error: a tool that stands still at the MCS origin while
+/// The readings are the chain's own volumetric error: a tool at rest at the MCS origin while
 /// the table yaws under it sees the yaw over the travelled distance.
 #[test]
 fn the_travel_is_a_lever_on_the_other_side_without_a_stated_point() {

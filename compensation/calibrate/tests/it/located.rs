@@ -133,7 +133,7 @@ pub(crate) fn lines(lab: &Lab, truth: &Machine, rotary: impl Fn(&str) -> bool) -
             false,
             "poly = { order = 2 }",
         ),
-        // The table of X has gone to −X by 300 mm: the axes stand at −280 and 20.
+        // The table of X has gone to −X by 300 mm: the axes are at −280 and 20.
         (
             "A",
             &[(X, 300.0)],
@@ -259,10 +259,10 @@ fn tilt_of_c_um(about_y: bool) -> f64 {
 
 /// What nothing measured is named with what it can do.
 #[test]
-fn what_was_not_measured_is_told_with_its_effect() {
+fn unmeasured_errors_are_listed_with_their_effect() {
     let geometry = "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 300]\nY.travel = [0, 200]\nZ.travel = [0, 400]\nC.travel = [0, 360]\n";
     let text = "[[location]]\nerror = \"EX0C\"\nvalue_um = 3.0\n[[location]]\nerror = \"EA0Z\"\nvalue_urad = 2.0\n";
-    let told = Lab::new(geometry).calibrated(text).warnings;
+    let warnings = Lab::new(geometry).calibrated(text).warnings;
     for (name, effect_um) in [
         ("EY0C", 20.0),
         ("EA0C", tilt_of_c_um(false)),
@@ -270,7 +270,10 @@ fn what_was_not_measured_is_told_with_its_effect() {
         ("EC0Y", 10e-3 * 200.0),
         ("EB0Z", 10e-3 * 400.0),
     ] {
-        let found = told.iter().find(|note| note.starts_with(name)).expect(name);
+        let found = warnings
+            .iter()
+            .find(|note| note.starts_with(name))
+            .expect(name);
         let expected = format!("by up to {effect_um:.1} µm");
         assert!(
             found.contains("taken as 0") && found.contains(&expected),
@@ -278,10 +281,10 @@ fn what_was_not_measured_is_told_with_its_effect() {
         );
     }
     assert!(
-        !told
+        !warnings
             .iter()
             .any(|note| note.starts_with("EX0C") || note.starts_with("EA0Z")),
-        "{told:?}"
+        "{warnings:?}"
     );
 }
 
@@ -303,14 +306,14 @@ fn a_location_states_the_whole_squareness() {
         let found = lab.calibrated(&format!("[[{table}]]\nerror = \"EC0Y\"\nvalue_urad = 12\n"));
         let value = square(&found);
         assert!((value - 12.0).abs() < 1e-12, "{table}: {value}");
-        let told = found.warnings.iter().any(|note| note.contains("EC0"));
-        assert!(!told, "{:?}", found.warnings);
+        let is_noted = found.warnings.iter().any(|note| note.contains("EC0"));
+        assert!(!is_noted, "{:?}", found.warnings);
     }
     let found = lab.calibrated("");
     assert!((square(&found) + 5.0).abs() < 1e-12);
     let kept = "EC0X was not measured and is kept from the machine file: 5 µrad of it";
-    let told = found.warnings.iter().any(|note| note.starts_with(kept));
-    assert!(told, "{:?}", found.warnings);
+    let is_noted = found.warnings.iter().any(|note| note.starts_with(kept));
+    assert!(is_noted, "{:?}", found.warnings);
 }
 
 /// An unknown tilt of a rotary axis of which only one tilt line was measured: a change of it changes that line nearly as much. Rounds
@@ -329,6 +332,6 @@ fn unknowns_that_lines_contain_are_found_with_them() {
         (tilt.value + 37.8).abs() < 2.0 * uncertainty && uncertainty < 1.0,
         "{tilt:?}"
     );
-    let told = |note: &String| note.contains("they were found together");
-    assert!(found.warnings.iter().any(told), "{:?}", found.warnings);
+    let is_noted = |note: &String| note.contains("they were found together");
+    assert!(found.warnings.iter().any(is_noted), "{:?}", found.warnings);
 }

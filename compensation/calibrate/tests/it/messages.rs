@@ -20,7 +20,7 @@ fn two_axes() -> Lab {
 }
 
 #[test]
-fn every_wrong_key_is_named() {
+fn every_wrong_key_is_reported() {
     let lab = two_axes();
     lab.calibrated(GOOD);
     for [added, expected] in &cases(
@@ -69,7 +69,7 @@ curve = { poly = {} }\n[[measurement]]\nerror = "EXX"\nfile = "a.csv"\ncurve = {
 }
 
 #[test]
-fn every_wrong_key_of_a_location_is_named() {
+fn every_wrong_key_of_a_location_is_reported() {
     let lab = two_axes();
     for [added, expected] in &cases(
         r#"
@@ -82,8 +82,8 @@ fn every_wrong_key_of_a_location_is_named() {
 [[location]]\nerror = "EXX"\nvalue_um = 1.0 | found EXX, expected a location error
 [[location]]\nerror = "EX0X"\nvalue_um = 1.0 | location[0].error: EX0X 
 [[location]]\nerror = "EC0Y"\nvalue_urad = 1.0\nuncertainty_urad = -1 | expected a standard uncertainty of 0 or more
-[[squareness]]\nerror = "EC0Y"\nvalue_urad = 1\n[[location]]\nerror = "EC0Y"\nvalue_urad = 1.0 | EC0Y stands in [[location]], and [[squareness]] states EC0Y: expected one of them
-[[location]]\nerror = "EC0Y"\nvalue_urad = 1\n[[location]]\nerror = "EC0Y"\nvalue_urad = 1.0 | EC0Y stands in two [[location]] tables
+[[squareness]]\nerror = "EC0Y"\nvalue_urad = 1\n[[location]]\nerror = "EC0Y"\nvalue_urad = 1.0 | EC0Y is in [[location]], and [[squareness]] states EC0Y: expected one of them
+[[location]]\nerror = "EC0Y"\nvalue_urad = 1\n[[location]]\nerror = "EC0Y"\nvalue_urad = 1.0 | EC0Y is in two [[location]] tables
 "#,
     ) {
         let message = lab.refused(&format!("{GOOD}{added}\n"));
@@ -93,7 +93,7 @@ fn every_wrong_key_of_a_location_is_named() {
 
 /// Tilts without a place, arc seconds that are called milliradians, and another machine's serial number.
 #[test]
-fn what_is_hardly_meant_is_refused_or_told() {
+fn implausible_settings_are_refused_or_noted() {
     let lab = Lab::new(
         "name = \"Mill\"\nstructure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 100]\n",
     );
@@ -143,19 +143,19 @@ fn what_is_hardly_meant_is_refused_or_told() {
         );
     }
     let tables = table("EBX", "tilt.csv") + &table("EXX", "exx.rtl") + &table("EYY", "other.rtl");
-    let told = lab.calibrated(&format!("\n{tables}")).warnings.join("\n");
+    let warnings = lab.calibrated(&format!("\n{tables}")).warnings.join("\n");
     for expected in [
         "calibration.toml:8): EXX with EBX",
         "calibration.toml:8): it states the machine `Gantry`, and the machine file is of `Mill`",
         "the measurement files state different serial numbers: `4711` (",
     ] {
-        assert!(told.contains(expected), "{told}");
+        assert!(warnings.contains(expected), "{warnings}");
     }
 }
 
 /// One note for all lines without a point, however many: it names each with its file, its place, and its tilts.
 #[test]
-fn lines_without_a_point_are_named_in_one_note() {
+fn lines_without_a_point_are_listed_in_one_note() {
     let lab = two_axes();
     let readings = "0,0\n25,1\n50,2\n75,3\n100,4\n";
     let mut text = String::new();
@@ -177,12 +177,12 @@ fn lines_without_a_point_are_named_in_one_note() {
             "[[measurement]]\nerror = \"{error}\"\nfile = \"{error}.csv\"\n{point}"
         );
     }
-    let told = lab.calibrated(&text).warnings;
-    let notes: Vec<&String> = told
+    let all = lab.calibrated(&text).warnings;
+    let notes: Vec<&String> = all
         .iter()
         .filter(|note| note.contains("no `point`"))
         .collect();
-    assert_eq!(notes.len(), 1, "{told:?}");
+    assert_eq!(notes.len(), 1, "{all:?}");
     let named = |error: &str, line: usize, tilts: &str| {
         let folder = lab.folder().display();
         format!("{folder}/{error}.csv ({folder}/calibration.toml:{line}): {error} with {tilts}")
@@ -194,10 +194,10 @@ fn lines_without_a_point_are_named_in_one_note() {
     );
 }
 
-/// What a measurement file says against its calibration file: refused with line and key where it is certainly wrong,
-/// told with the name of the file where it is odd.
+/// Contradictions of a measurement file and its calibration file: refused with line and key where certainly wrong,
+/// noted with the name of the file where implausible.
 #[test]
-fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
+fn a_file_that_does_not_fit_its_line_is_refused_or_noted() {
     let lab =
         Lab::new("structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 100]\n");
     let laser = |axis: &str, machine: &str, step: f64, um: f64| {
@@ -285,8 +285,8 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
             "state different machines: `Gantry` (",
         ),
     ] {
-        let told = warnings(files);
-        assert!(told.contains(expected), "{files:?}: {told}");
+        let message = warnings(files);
+        assert!(message.contains(expected), "{files:?}: {message}");
     }
 }
 
@@ -350,7 +350,7 @@ fn a_unit_agrees_with_the_header_of_the_file() {
     }
 }
 
-/// A stated angle or length that no machine has is refused, one that is odd is told.
+/// An impossible angle or length is refused, an implausible one is noted.
 #[test]
 fn stated_values_have_the_size_of_a_machine() {
     let lab = two_axes();
@@ -366,13 +366,13 @@ fn stated_values_have_the_size_of_a_machine() {
         assert!(message.contains(expected), "{message}");
     }
     for table in ["location", "squareness"] {
-        let told = |value: f64| {
+        let is_noted = |value: f64| {
             let text = format!("[[{table}]]\nerror = \"EC0Y\"\nvalue_urad = {value:?}");
             let notes = lab.calibrated(&text).warnings;
             let expected = format!("EC0Y in [[{table}]]: -1200 µrad is large for a machine tool");
             notes.iter().any(|note| note.starts_with(&expected))
         };
-        assert!(told(-1200.0) && !told(-900.0), "{table}");
+        assert!(is_noted(-1200.0) && !is_noted(-900.0), "{table}");
     }
 }
 
@@ -402,7 +402,7 @@ type Truth = fn(f64) -> f64;
 /// Five runs of a wave shorter than two gaps between targets, and of a clustered line with a stated polynomial: a warning names file and axis. What the
 /// targets show well is not warned of.
 #[test]
-fn curves_that_readings_do_not_bear_out_between_targets_are_told() {
+fn curves_unsupported_between_targets_are_noted() {
     let even: Vec<f64> = (0..=20).map(|k| 5.0 * f64::from(k)).collect();
     let clustered = [
         0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 90.0, 92.0, 94.0, 96.0, 98.0, 100.0,
@@ -438,16 +438,17 @@ fn curves_that_readings_do_not_bear_out_between_targets_are_told() {
         }
         lab.write("a.csv", &text);
         let warnings = lab.calibrated(&format!("{GOOD}{curve}")).warnings;
-        let told: Vec<&String> = (warnings.iter())
-            .filter(|told| told.contains("sparse") || told.contains("between the targets"))
+        let notes: Vec<&String> = (warnings.iter())
+            .filter(|note| note.contains("sparse") || note.contains("between the targets"))
             .collect();
         match expected {
             Some(said) => assert!(
-                told.iter()
-                    .any(|told| told.contains("a.csv: EXX, axis X: ") && told.contains(said)),
+                notes
+                    .iter()
+                    .any(|note| note.contains("a.csv: EXX, axis X: ") && note.contains(said)),
                 "{warnings:?}"
             ),
-            None => assert!(told.is_empty(), "{told:?}"),
+            None => assert!(notes.is_empty(), "{notes:?}"),
         }
     }
 }

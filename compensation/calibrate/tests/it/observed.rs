@@ -92,9 +92,9 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
     let found = lab.calibrated(&text);
     let identified = found.identified.expect("identified");
     assert!(identified.rounds > 2, "{}", identified.rounds);
-    let told = format!("identified {} times", identified.rounds);
+    let message = format!("identified {} times", identified.rounds);
     assert!(
-        found.warnings.iter().any(|w| w.contains(&told)),
+        found.warnings.iter().any(|w| w.contains(&message)),
         "{:?}",
         found.warnings
     );
@@ -130,7 +130,7 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
 
 /// Where no line depends on what is found, it is found once; a drawn calibration varies the rows too.
 #[test]
-fn lines_that_hold_nothing_are_fitted_once() {
+fn lines_independent_of_the_unknowns_are_fitted_once() {
     let lab = Lab::new(GEOMETRY);
     let mut truth = partial_truth();
     truth.clear_errors();
@@ -155,7 +155,7 @@ fn lines_that_hold_nothing_are_fitted_once() {
 }
 
 #[test]
-fn what_is_stated_twice_or_cannot_be_told_apart_is_refused() {
+fn duplicate_and_inseparable_errors_are_refused() {
     let lab = Lab::new(GEOMETRY);
     let truth = partial_truth();
     tracker(&lab, &truth, 20, 1.0);
@@ -203,7 +203,7 @@ fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
         let squares: f64 = values().map(|value| (value - mean).powi(2)).sum();
         let spread = (squares / (REPEATS - 1) as f64).sqrt();
         let uncertainty = parameter.uncertainty.expect("determined");
-        // Four standard deviations of a spread over so many repeats.
+        // Four standard deviations of a standard deviation over this number of repeats.
         let allowed = 4.0 / (2.0 * (REPEATS - 1) as f64).sqrt();
         assert!(
             (uncertainty / spread - 1.0).abs() < allowed,
@@ -215,7 +215,7 @@ fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
 
 /// Lines and unknowns that are found by turns.
 #[test]
-fn uncertainties_of_unknowns_beside_lines() {
+fn uncertainties_of_unknowns_identified_together_with_lines() {
     let lab = Lab::new(GEOMETRY);
     let truth = partial_truth();
     tracker(&lab, &truth, 60, 1.0);
@@ -241,7 +241,7 @@ fn uncertainties_of_unknowns_that_lines_follow() {
 
 /// A location error with the wrong sign is named where observations contradict it, and only there.
 #[test]
-fn a_location_with_the_wrong_sign_is_named() {
+fn a_location_with_the_wrong_sign_is_noted() {
     let lab = Lab::new(GEOMETRY);
     let mut truth = partial_truth();
     truth.clear_errors();
@@ -268,40 +268,40 @@ fn a_location_with_the_wrong_sign_is_named() {
         )
         .expect("a String");
         let found = lab.calibrated(&text);
-        let told = found.warnings.into_iter();
-        told.filter(|note| note.contains("the observations contradict its"))
+        let all = found.warnings.into_iter();
+        all.filter(|note| note.contains("the observations contradict its"))
             .collect::<Vec<_>>()
     };
     let others = "\"EZ0A\", \"EY0C\", \"EB0C\"";
-    let told = notes(others, &[("EX0C", -15.0, 1.0)], 1.0);
+    let said = notes(others, &[("EX0C", -15.0, 1.0)], 1.0);
     let expected = "EX0C in [[location]]: the observations contradict its -15.0 µm and fit with 1";
-    assert!(told.len() == 1 && told[0].starts_with(expected), "{told:?}");
+    assert!(said.len() == 1 && said[0].starts_with(expected), "{said:?}");
     let two = [
         ("EX0C", 15.0, 1.0),
         ("EB0C", -12.0, 0.0),
         ("EY0C", 13.0, 2.0),
     ];
-    let told = notes("\"EZ0A\"", &two, 1.0);
-    assert_eq!(told.len(), 2, "{told:?}");
+    let said = notes("\"EZ0A\"", &two, 1.0);
+    assert_eq!(said.len(), 2, "{said:?}");
     assert!(
-        told[0].contains("EB0C") && told[1].contains("EY0C"),
-        "{told:?}"
+        said[0].contains("EB0C") && said[1].contains("EY0C"),
+        "{said:?}"
     );
     assert_eq!(notes(others, &[("EX0C", 60.0, 1.0)], 1.0).len(), 1);
     // Right, small beside its uncertainty, small beside that of the observations.
     for (value, uncertainty, noise_um) in [(15.0, 1.0, 1.0), (-15.0, 10.0, 1.0), (-15.0, 1.0, 60.0)]
     {
-        let told = notes(others, &[("EX0C", value, uncertainty)], noise_um);
+        let said = notes(others, &[("EX0C", value, uncertainty)], noise_um);
         assert!(
-            told.is_empty(),
-            "{value} {uncertainty} {noise_um}: {told:?}"
+            said.is_empty(),
+            "{value} {uncertainty} {noise_um}: {said:?}"
         );
     }
 }
 
 /// Uncertainties that are no uncertainties.
 #[test]
-fn absurd_uncertainties_are_refused_and_odd_ones_noted() {
+fn invalid_uncertainties_are_refused_and_implausible_ones_noted() {
     let lab = Lab::new(GEOMETRY);
     for (error, unit) in [("EX0C", "um"), ("EA0C", "urad")] {
         let read = |uncertainty: &str| {

@@ -23,7 +23,7 @@ fn gantry(errors: &str) -> Machine {
 const PITCH: &str = "EAY = { poly = [0, 0.0158, 1.125e-7] }\n";
 const LENGTH: &str = "EYY = { poly = [0, 0.0275625] }\n";
 
-/// A line of Y with the reflector at a place beside the beam's own point.
+/// A line of Y with the reflector away from the beam's own point.
 fn line(lab: &Lab, truth: &Machine, error: &str, [x, z]: [f64; 2], sigma: f64) -> String {
     let line = Line {
         error,
@@ -74,11 +74,11 @@ fn two_heights_give_the_pitch_and_the_published_figures_over_heights() {
             "{value} µm at Z = {z}, expected {expected}"
         );
     }
-    let told = [
+    let words = [
         "EAY was not measured: it was found from the lines of EYY",
         "standard uncertainty",
     ];
-    assert!(has(&found, &told), "{:?}", found.warnings);
+    assert!(has(&found, &words), "{:?}", found.warnings);
     assert!(
         !has(&found, &["contradict"]) && !has(&found, &["keeps its part"]),
         "{:?}",
@@ -100,40 +100,40 @@ fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
     lines[2] = line(&lab, &doubled, "EAY", [0.0, 0.0], 0.3);
     let bad = lab.calibrated(&lines.concat());
     // 65 µrad over 400 mm are 26 µm, half of it about the mean, a little more at the end of the bent curve.
-    let told = [
+    let words = [
         "EYY: ",
         "EYY-0-1050.csv and ",
         "EYY-0-650.csv contradict each other by up to ±",
         "times their noise of 0.",
         "check the files, and their `point`, `at`, `unit` and `sign`",
     ];
-    assert!(has(&bad, &told), "{:?}", bad.warnings);
-    let told = bad
+    assert!(has(&bad, &words), "{:?}", bad.warnings);
+    let note = bad
         .warnings
         .iter()
         .find(|w| w.contains("contradict"))
-        .expect("told");
-    let size = told
+        .expect("a note");
+    let size = note
         .split('±')
         .nth(1)
         .and_then(|rest| rest.split(' ').next());
     let size: f64 = size.expect("a size").parse().expect("a number");
-    assert!((size - 13.1).abs() < 0.8, "{told}");
-    // Two files of one tilt that disagree are told too.
+    assert!((size - 13.1).abs() < 0.8, "{note}");
+    // Two contradictory files of one tilt are noted, too.
     lines[2] = line(&lab, &truth, "EAY", [0.0, 0.0], 0.3);
     lines.push(line(&lab, &doubled, "EAY", [0.0, 500.0], 0.3));
-    let told = [
+    let words = [
         "EAY: ",
         "EAY-0-0.csv and ",
         "EAY-0-500.csv contradict each other by up to ±",
         "check the files",
     ];
     let bad = lab.calibrated(&lines.concat());
-    assert!(has(&bad, &told), "{:?}", bad.warnings);
+    assert!(has(&bad, &words), "{:?}", bad.warnings);
 }
 
 #[test]
-fn lines_that_do_not_separate_the_tilts_say_so() {
+fn lines_that_do_not_separate_the_tilts_are_noted() {
     let lab = lab();
     let truth = gantry(&format!("{LENGTH}{PITCH}ECY = {{ poly = [0, 0.01] }}\n"));
     let measured = |places: &[[f64; 2]]| {
@@ -143,11 +143,11 @@ fn lines_that_do_not_separate_the_tilts_say_so() {
         lab.calibrated(&lines.collect::<String>())
     };
     let two = measured(&[[0.0, 1050.0], [900.0, 650.0]]);
-    let told = [
+    let words = [
         "EAY and ECY were not measured, and the 2 lines of EYY",
         "determine 1 of 2 tilts",
     ];
-    assert!(has(&two, &told), "{:?}", two.warnings);
+    assert!(has(&two, &words), "{:?}", two.warnings);
     let near = measured(&[[0.0, 1050.0], [0.0, 1020.0]]);
     assert!(
         has(&near, &["EAY was not measured", "differ by too little"]),
@@ -253,8 +253,8 @@ fn slopes_within_the_scatter_of_runs_do_not_contradict() {
             format!("[[measurement]]\nerror = \"EXY\"\nfile = \"{file}\"\nat = {{ X = 0.0, Z = {z:?} }}\ncurve = {{ poly = {{ order = 2 }} }}\n")
         });
         let found = lab.calibrated(&lines.concat());
-        let told = has(&found, &["EXY: the slopes of", "contradict"]);
-        assert_eq!(told, contradicts, "{second:?}: {:?}", found.warnings);
+        let is_noted = has(&found, &["EXY: the slopes of", "contradict"]);
+        assert_eq!(is_noted, contradicts, "{second:?}: {:?}", found.warnings);
     }
 }
 
@@ -266,14 +266,14 @@ fn a_noisy_tilt_is_no_contradiction_and_a_doubled_one_is() {
     let truth = gantry(&format!("{LENGTH}{PITCH}"));
     let doubled = gantry("EAY = { poly = [0, 0.0316, 2.25e-7] }\n");
     let seeds = 1..=30;
-    let told = |pitch: &Machine| {
-        let told = |seed: &u64| {
+    let noted = |pitch: &Machine| {
+        let is_noted = |seed: &u64| {
             let found = with_noisy_pitch(&lab, pitch, &truth, *seed);
             has(&found, &["contradict"])
         };
-        seeds.clone().filter(told).collect::<Vec<u64>>()
+        seeds.clone().filter(is_noted).collect::<Vec<u64>>()
     };
-    let (alarms, found) = (told(&truth), told(&doubled));
+    let (alarms, found) = (noted(&truth), noted(&doubled));
     assert!(alarms.len() <= 1, "false alarms: {alarms:?}");
-    assert_eq!(found.len(), seeds.count(), "told only for {found:?}");
+    assert_eq!(found.len(), seeds.count(), "noted only for {found:?}");
 }

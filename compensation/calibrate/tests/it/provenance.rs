@@ -1,4 +1,4 @@
-//! Where errors come from, as the calibrated machine tells it.
+//! Provenance of errors in the calibrated machine.
 
 use std::{fmt::Write as _, fs};
 
@@ -33,7 +33,7 @@ fn files(machine: &str) -> Lab {
 
 /// Residual and leave-one-out error by hand: the leverages of a line through five even targets are 0.6, 0.3, 0.2, 0.3, 0.6.
 #[test]
-fn a_curve_tells_its_file_and_how_well_it_does() {
+fn a_curve_has_the_provenance_and_quality_of_its_file() {
     let found = files(MACHINE).calibrated(CALIBRATION);
     let provenance = found.machine.provenance();
     assert_eq!(provenance.serial.as_deref(), Some("GM-17"));
@@ -90,7 +90,7 @@ fn the_same_files_give_the_same_bytes() {
         "{text}"
     );
     assert_eq!(calibrated(MACHINE).to_toml(), text);
-    // What the machine file tells of errors that are measured anew goes, what it tells of others stays.
+    // Provenance of errors that are measured anew is replaced, that of others stays.
     let other = text.replace("EXX", "EZY");
     let other: String = other.lines().filter(|l| !l.starts_with("checksum")).fold(
         String::new(),
@@ -100,22 +100,22 @@ fn the_same_files_give_the_same_bytes() {
         },
     );
     let again = calibrated(&other);
-    let told: Vec<String> = (again.provenance().errors.iter())
+    let names: Vec<String> = (again.provenance().errors.iter())
         .map(|origin| origin.error.to_string())
         .collect();
     assert_eq!(
-        told.iter().filter(|name| *name == "EYX").count(),
+        names.iter().filter(|name| *name == "EYX").count(),
         1,
-        "{told:?}"
+        "{names:?}"
     );
     assert!(
-        told.contains(&"EZY".to_owned()) && told.contains(&"EXX".to_owned()),
-        "{told:?}"
+        names.contains(&"EZY".to_owned()) && names.contains(&"EXX".to_owned()),
+        "{names:?}"
     );
 }
 
 #[test]
-fn a_file_counts_once_for_an_error() {
+fn a_file_is_listed_once_for_an_error() {
     let twice = format!(
         "{CALIBRATION}[[measurement]]\nerror = \"EYX\"\nfile = \"./lasers/../eyx.csv\"\nat = {{ Y = 50 }}\n"
     );
@@ -130,15 +130,15 @@ fn a_file_counts_once_for_an_error() {
 /// A wave of 50 µm that a curve of few terms follows, and a zigzag of 0.3 µm that only a table can, ten times what the runs scatter:
 /// a table misses targets left out by more than a micrometre. That runs have zeros and slopes of their own changes nothing.
 #[test]
-fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
-    let readings = |zigzag: f64, of_run: f64| {
+fn a_curve_that_does_not_follow_its_readings_is_noted() {
+    let readings = |zigzag: f64, alignment: f64| {
         let mut text = String::from("target,run,direction,deviation_um\n");
         for run in 1..=4 {
             for step in 0..=20 {
                 let sign = |odd: i32| if odd % 2 == 0 { 1.0 } else { -1.0 };
                 let wave = 50.0 * (std::f64::consts::TAU * f64::from(step) / 20.0).sin();
                 let scatter = 0.02 * sign(run / 2 + step / 3) * sign(run);
-                let line = of_run * (f64::from(run) - 2.0) * (1.0 - f64::from(step) / 10.0);
+                let line = alignment * (f64::from(run) - 2.0) * (1.0 - f64::from(step) / 10.0);
                 let value = wave + zigzag * sign(step) + scatter + line;
                 let _ = writeln!(text, "{},{run},+,{value}", step * 5);
             }
@@ -146,8 +146,8 @@ fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
         text
     };
     let lab = Lab::new(MACHINE);
-    let told = |zigzag: f64, of_run: f64| {
-        lab.write("x.csv", &readings(zigzag, of_run));
+    let is_noted = |zigzag: f64, alignment: f64| {
+        lab.write("x.csv", &readings(zigzag, alignment));
         let found = lab.calibrated("[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\n");
         let said = found
             .warnings
@@ -156,17 +156,17 @@ fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
         let rule = found.machine.provenance().errors[0].rule.clone();
         (said, rule.unwrap_or_default().contains("does not follow"))
     };
-    for of_run in [0.0, 5.0] {
-        assert_eq!(told(0.3, of_run), (true, true), "{of_run}");
-        assert_eq!(told(0.0, of_run), (false, false), "{of_run}");
+    for alignment in [0.0, 5.0] {
+        assert_eq!(is_noted(0.3, alignment), (true, true), "{alignment}");
+        assert_eq!(is_noted(0.0, alignment), (false, false), "{alignment}");
     }
 }
 
 /// A straightness a thousand times too large, with the slope of its beam, and the right one.
 #[test]
-fn a_straightness_in_the_wrong_unit_is_told() {
+fn a_straightness_in_the_wrong_unit_is_noted() {
     let lab = Lab::new(MACHINE);
-    let told = |scale: f64| {
+    let is_noted = |scale: f64| {
         let mut text = String::from("target,deviation_um\n");
         for step in 0..=10 {
             let x = f64::from(step) / 10.0;
@@ -181,6 +181,6 @@ fn a_straightness_in_the_wrong_unit_is_told() {
         let found = lab.calibrated("[[measurement]]\nerror = \"EYX\"\nfile = \"e.csv\"\n");
         found.warnings.iter().any(|w| w.contains("a deviation of"))
     };
-    assert!(told(1000.0));
-    assert!(!told(1.0));
+    assert!(is_noted(1000.0));
+    assert!(!is_noted(1.0));
 }

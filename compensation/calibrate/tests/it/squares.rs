@@ -79,7 +79,7 @@ fn value(found: &Calibration, name: &str) -> f64 {
 }
 
 #[test]
-fn body_diagonals_give_what_their_formula_gives() {
+fn body_diagonals_match_the_closed_form() {
     let squares = [("EC0Y", 25.0), ("EA0Z", -14.0), ("EB0Z", 18.0)];
     for known in ["", KNOWN] {
         let machine = format!("{GEOMETRY}[errors]\n{known}");
@@ -156,7 +156,7 @@ fn face_diagonals_give_the_squareness_of_their_plane() {
 }
 
 /// Diagonals that scatter by far more than was stated: the squareness is worth little, and a note says so with the files, without a
-/// line that is none.
+/// line that is not one.
 #[test]
 fn diagonals_that_scatter_are_noted() {
     let lab = Lab::new(GEOMETRY);
@@ -217,7 +217,7 @@ const LINES: &str = "[[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\ncurve
 /// Whatever line is taken out of the straightness goes into the squareness: the machine is the same, but for how the
 /// workpiece is laid on it.
 #[test]
-fn reference_lines_share_out_the_same_machine() {
+fn reference_lines_split_the_same_machine_differently() {
     let lab = Lab::new(GEOMETRY);
     straight(&lab, "eyx.csv", 600.0, |q| {
         4.0 + 0.02 * q + 6.0 * (q / 100.0).sin()

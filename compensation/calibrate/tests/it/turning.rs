@@ -70,7 +70,7 @@ fn no_half_turn_is_lost() {
 
 /// The last target of a turn is the first one again and need not be measured twice.
 #[test]
-fn a_turn_closes_by_itself() {
+fn a_full_turn_is_closed() {
     for (travel, first, last) in [("[0, 360]", 0, 345), ("[-180, 180]", -165, 180)] {
         let targets = (first..=last).step_by(15);
         for curve in ["{ fourier = { order = 1 } }", "{ table = {} }"] {
@@ -80,7 +80,7 @@ fn a_turn_closes_by_itself() {
     }
 }
 
-/// A part of a turn is not closed by a reading that nobody took: its ends are held, and where these differ the machine refuses the jump.
+/// A part of a turn is not closed by an invented reading: its ends are held, and where these differ the machine refuses the jump.
 #[test]
 fn a_part_of_a_turn_stays_one() {
     // 20·sin from 60° to 120° has the same value at both ends.

@@ -1,4 +1,4 @@
-//! Drawn calibrations against the covariance of the readings, computed by itself.
+//! Monte Carlo samples of a calibration against the covariance of the readings, computed independently.
 
 use std::fmt::Write;
 
@@ -70,7 +70,7 @@ fn the_spread_is_that_of_the_means_of_the_runs() {
         let squares: f64 = differences.iter().map(|d| (d - mean).powi(2)).sum();
         let expected_mm = (squares / (RUNS * (RUNS - 1)) as f64).sqrt() * 1e-3;
         let found = uncertainty(&ensemble, &file.machine, 200.0 * i as f64, 0.0)[0];
-        // Four standard deviations of a spread estimated from so many trials.
+        // Four standard deviations of a standard deviation estimated from this number of trials.
         let allowed = 4.0 / (2.0 * TRIALS as f64).sqrt();
         assert!(
             (found / expected_mm - 1.0).abs() < allowed,
@@ -99,7 +99,7 @@ fn stated_uncertainties_are_carried() {
 }
 
 #[test]
-fn a_trial_is_the_same_whatever_was_drawn_before() {
+fn a_sample_does_not_depend_on_earlier_samples() {
     let file = written("[uncertainty]\nreading_um = 0.5");
     let deviations = |seed, trial| {
         let varied = file.varied(seed, trial);

@@ -20,7 +20,7 @@ fn seen(machine: &str, errors: &str) -> Lab {
 
 /// However many turns C has: 10 µm of EX0C move the tool by 20 µm over half a turn, and the lines of EXC and EYC hold it.
 #[test]
-fn axes_of_several_turns_are_looked_at_over_one() {
+fn axes_of_several_turns_are_evaluated_over_one() {
     for turns in ["-360.0, 360.0", "-1440.0, 1440.0", "-36000.0, 36000.0"] {
         let machine = GEOMETRY
             .replace("travel = [0.0, 360.0]", &format!("travel = [{turns}]"))
@@ -64,7 +64,7 @@ fn axes_of_several_turns_are_looked_at_over_one() {
 
 /// EX0C is 23.8 µm, and stated in another sign or unit, doubled or halved. Rows that are right must not be blamed.
 #[test]
-fn a_value_that_the_observations_contradict_is_named() {
+fn a_value_contradicted_by_observations_is_noted() {
     let lab = seen(GEOMETRY, "EX0C = 23.8\nEY0C = -13.0\n");
     let tried = |value: &str| {
         let text = format!(
@@ -105,7 +105,7 @@ fn a_value_that_the_observations_contradict_is_named() {
 /// The example of the book: an indicator on the head of Z runs 300 mm up a mandrel on the table, at C 0 and 180°. It reads where the
 /// mandrel is against the tip, along the direction of the dial, and rises where its plunger is pressed in.
 #[test]
-fn a_dial_along_a_mandrel_reads_what_the_book_says() {
+fn a_dial_along_a_mandrel_reads_as_the_book_states() {
     let geometry = "structure = \"w C' X' b Y Z t\"\naxes.X.travel = [-300, 300]\naxes.Y.travel = [-300, 300]\naxes.Z.travel = [0, 400]\naxes.C.travel = [-360, 360]\n";
     for (errors, axis, expected_um) in [
         ("EB0C = 40", 0, 12.0),
@@ -134,7 +134,7 @@ fn a_dial_along_a_mandrel_reads_what_the_book_says() {
 
 /// A squareness that is stated with the wrong sign is named where it stands.
 #[test]
-fn a_squareness_of_the_wrong_sign_is_named() {
+fn a_squareness_of_the_wrong_sign_is_noted() {
     let lab = seen(GEOMETRY, "EX0C = 23.8\nEC0Y = 40.0\n");
     let tried = |value: &str| {
         let text = format!(

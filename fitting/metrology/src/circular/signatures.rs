@@ -71,7 +71,7 @@ pub struct Signature {
     pub unit: DeviationUnit,
     /// Expanded uncertainty (k = 2) of the size by what the fit leaves, in the same unit.
     pub uncertainty: f64,
-    /// How much of the circular deviation it makes by itself: the range of its radial deviation, µm.
+    /// Circular deviation due to this signature alone: the range of its radial deviation, µm.
     pub range_um: f64,
     /// Its range as a share of the ranges of all signatures.
     pub share: f64,

@@ -184,7 +184,7 @@ enum Kind {
     Positions([Column; 2]),
 }
 
-const EXPECTED_COLUMNS: &str = "the columns `angle` and `deviation` (or `radius deviation`, `radial deviation`; a radius alone is none), or two of `x`, `y` and `z`";
+const EXPECTED_COLUMNS: &str = "the columns `angle` and `deviation` (or `radius deviation`, `radial deviation`; not a radius alone), or two of `x`, `y` and `z`";
 
 impl TraceColumns {
     /// Finds the columns; coordinates are named after the `axes` of the plane.

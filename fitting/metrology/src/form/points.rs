@@ -83,7 +83,7 @@ fn column(table: &CsvTable, wanted: &str) -> Result<Column, MetrologyError> {
     let Some((column, head, unit)) = named.next() else {
         let heads: Vec<&str> = table.names().map(|(_, name)| name).collect();
         let message = format!(
-            "found `{}`, expected a column `{wanted}` beside the others of x, y, z, in mm",
+            "found `{}`, expected columns x, y and z in mm: `{wanted}` is missing",
             heads.join(&table.separator().to_string())
         );
         return Err(table.header_error(message).into());

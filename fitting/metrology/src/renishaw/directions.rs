@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::sections::{Row, Targets};
 use crate::number::Place;
-use crate::run_alignment::alignment_notes;
+use crate::runs::alignment_notes;
 use crate::{Direction, MetrologyError, Reading};
 
 /// Assigns directions and run numbers to the readings, with notes for the user.

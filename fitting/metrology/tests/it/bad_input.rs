@@ -1,4 +1,4 @@
-//! Every way a file can be broken, and what the user is told.
+//! Broken files and their messages.
 
 use std::fmt::Write as _;
 
@@ -147,7 +147,7 @@ fn messages_about_paths() {
 }
 
 #[test]
-fn the_extension_chooses_the_format_whatever_its_case() {
+fn the_extension_selects_the_format_in_any_case() {
     let dir = tempfile::tempdir().unwrap();
     for (name, text) in [
         ("a.RTL", BIDIRECTIONAL_RTL.to_owned()),

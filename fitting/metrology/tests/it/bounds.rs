@@ -12,7 +12,7 @@ use volcomp_metrology::{
 use volcomp_vocabulary::{Direction, ErrorName, Urad};
 
 const DRAWS: usize = 1500;
-/// With so many draws a spread is known within 2 %.
+/// With this number of samples a standard deviation is known within 2 %.
 const AS_GOOD: std::ops::RangeInclusive<f64> = 0.9..=1.1;
 
 /// Standard deviations of what is linear in the parameters (a row of `wanted` each), of readings that are linear in the parameters (a
@@ -73,7 +73,7 @@ fn straightness_by_the_angular_method_scatters_as_little_as_it_can() {
         let targets: Vec<f64> = (0..=steps).map(|k| bridge_mm * k as f64).collect();
         let tilt = |q: &f64| (guideway(*q) - guideway(q - bridge_mm)) / bridge_mm * 1e3;
         let truth: Vec<(f64, f64)> = targets.iter().map(|q| (*q, tilt(q))).collect();
-        // Each tilt is a parameter of its own, read once in each run. Wanted is the sum of those so far, without its straight line.
+        // Each tilt is a separate parameter, read once in each run. The profile is their running sum without its straight line.
         let design = DMatrix::identity(steps, steps);
         let sums = DMatrix::from_fn(steps + 1, steps, |to, step| {
             if step < to { 1e-3 * bridge_mm } else { 0.0 }

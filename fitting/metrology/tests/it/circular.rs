@@ -127,7 +127,7 @@ fn recovered(machine: &Machine, noise_um: f64, seed: u64) -> Signatures {
 /// Beyond one turn a part of the circle comes twice: one turn is evaluated, whatever the overshoot, the form of the table and
 /// the number of senses, and the rest is named.
 #[test]
-fn one_turn_is_evaluated_and_the_rest_is_named() {
+fn one_turn_is_evaluated_and_the_rest_is_noted() {
     let machine = Machine {
         centre_um: [20.0, -5.0],
         squareness: 40.0,
@@ -139,7 +139,7 @@ fn one_turn_is_evaluated_and_the_rest_is_named() {
         let mut text = if by_angle { "angle,deviation" } else { "x,y" }.to_owned();
         text += if stated { ",direction\n" } else { "\n" };
         for (sense, turned) in Sense::BOTH.into_iter().zip(turned) {
-            // No sum of steps ends in half a degree, which a message tells as the whole one below or above.
+            // No sum of steps ends in half a degree, which a message rounds up or down.
             let steps = (0_u32..).map(|step| f64::from(step) * 0.4);
             for at in steps.take_while(|at| *at <= turned + 0.1) {
                 // A ballbar feeds in before 0°.
@@ -206,7 +206,7 @@ fn one_turn_is_evaluated_and_the_rest_is_named() {
     assert_eq!(Sense::BOTH.map(count), [900, 451]);
 }
 
-/// Arcs that overlap make more than one turn together, and none of them is one: no quadrant stands for the circle.
+/// Arcs that overlap make more than one turn together, but no arc is a full turn: no quadrant replaces the circle.
 #[test]
 fn overlapping_arcs_are_all_evaluated() {
     let [square, overlapping] = [90, 95].map(|degrees| {
@@ -235,14 +235,14 @@ fn overlapping_arcs_are_all_evaluated() {
     assert!(square.0.g_um[0].unwrap() > 3.0, "{square:?}");
     let note = "ccw: arcs of together 380° overlap; what was run twice is evaluated twice";
     assert!(
-        overlapping.1.notes.iter().any(|told| told == note),
+        overlapping.1.notes.iter().any(|found| found == note),
         "{:?}",
         overlapping.1.notes
     );
 }
 
 #[test]
-fn each_signature_by_itself_is_recovered_and_ranked_first() {
+fn each_single_signature_is_recovered_and_ranked_first() {
     use SignatureKind as Kind;
     type Change = fn(&mut Machine);
     let cases: [(Kind, Change); 7] = [
@@ -290,7 +290,7 @@ fn all_signatures_together_are_recovered_over_many_seeds() {
 
 /// The stated uncertainty holds: about 95 % of the sizes lie within it.
 #[test]
-fn the_uncertainty_of_a_size_is_what_seeds_show() {
+fn the_uncertainty_of_a_signature_matches_simulations() {
     let machine = Machine {
         squareness: 20.0,
         ..Machine::default()
@@ -351,7 +351,7 @@ fn both_senses_together_are_worse_than_each() {
 }
 
 #[test]
-fn the_sense_comes_from_the_order_of_the_rows_and_one_sense_lacks_what_two_tell() {
+fn the_sense_follows_the_order_of_rows_and_one_sense_determines_less() {
     let machine = Machine {
         squareness: 30.0,
         ..Machine::default()
@@ -455,7 +455,7 @@ fn a_standstill_changes_no_sense() {
         let with = table(&[stand]);
         for (k, point) in with.points.iter().enumerate() {
             let k = if k > stand + 50 { k - 50 } else { k.min(stand) };
-            assert_eq!(point.sense, expected(k), "{k} with a stand at {stand}");
+            assert_eq!(point.sense, expected(k), "{k} with a standstill at {stand}");
         }
         let [one, other] = [&with, &without].map(|trace| circular_deviations(trace).unwrap());
         for k in 0..2 {
@@ -475,7 +475,7 @@ fn a_standstill_changes_no_sense() {
 
 /// `radius` alone is a radius: 150.002 mm read as a deviation of 150 µm would be a wrong circle.
 #[test]
-fn a_column_of_radii_is_no_column_of_deviations() {
+fn a_column_of_radii_is_not_read_as_deviations() {
     let read = |head: &str| {
         let cells = head.split(',').count();
         let mut text = format!("{head}\n");
@@ -493,7 +493,7 @@ fn a_column_of_radii_is_no_column_of_deviations() {
     ] {
         let message = read(head).unwrap_err().to_string();
         assert!(
-            message.contains("`radius deviation`, `radial deviation`; a radius alone is none"),
+            message.contains("`radius deviation`, `radial deviation`; not a radius alone"),
             "{head}: {message}"
         );
     }
@@ -509,9 +509,9 @@ fn a_column_of_radii_is_no_column_of_deviations() {
 }
 
 /// On an arc that does not pass a place where an axis turns round, nothing is known of the spike there; all else is found as it was
-/// put in. Before, spikes of 1e41 µm were told.
+/// put in. Before, spikes of 1e41 µm were reported.
 #[test]
-fn an_arc_says_nothing_of_spikes_that_it_does_not_pass() {
+fn spikes_outside_an_arc_are_not_estimated() {
     let machine = Machine {
         squareness: 40.0,
         backlash: [3.0, 2.0],
@@ -544,9 +544,9 @@ fn an_arc_says_nothing_of_spikes_that_it_does_not_pass() {
             CircularPlane::Xy,
             Some(RADIUS_MM),
         );
-        let told = circular_signatures(&trace.expect("a trace")).expect("signatures");
-        assert_eq!(told.spikes_um.map(|spike| spike.is_some()), passed);
-        for spike in told.spikes_um.into_iter().flatten() {
+        let signatures = circular_signatures(&trace.expect("a trace")).expect("signatures");
+        assert_eq!(signatures.spikes_um.map(|spike| spike.is_some()), passed);
+        for spike in signatures.spikes_um.into_iter().flatten() {
             near(spike, 0.0, 0.1);
         }
         for (kind, size) in [
@@ -554,9 +554,9 @@ fn an_arc_says_nothing_of_spikes_that_it_does_not_pass() {
             (SignatureKind::BacklashFirst, 3.0),
             (SignatureKind::BacklashSecond, 2.0),
         ] {
-            near(found(&told, kind).0, size, 1.0);
+            near(found(&signatures, kind).0, size, 1.0);
         }
-        for signature in &told.ranked {
+        for signature in &signatures.ranked {
             assert!(
                 signature.uncertainty < 5.0,
                 "{:?} ± {}",

@@ -15,7 +15,7 @@ const BIDIRECTIONAL: &str = "target,run,direction,deviation
 ";
 
 #[test]
-fn the_table_is_read_as_it_stands() {
+fn a_table_is_read_without_changes() {
     let m = csv(BIDIRECTIONAL).unwrap();
     assert_eq!((m.unit, m.readings.len(), m.notes.len()), (None, 6, 0));
     assert_eq!(m.targets(), [-10.5, 0.0, 10.0]);
@@ -41,7 +41,7 @@ fn two_columns_are_one_forward_run() {
 
 /// As spreadsheets and other programs write them: semicolons or tabs, decimal commas, columns in another order.
 #[test]
-fn tables_of_spreadsheets_are_read_as_the_plain_one() {
+fn spreadsheet_exports_are_read_like_plain_tables() {
     let expected = csv(BIDIRECTIONAL).unwrap();
     let semicolons = BIDIRECTIONAL.replace(',', ";").replace('.', ",");
     let tabs = BIDIRECTIONAL.replace(',', "\t");
@@ -143,7 +143,7 @@ fn written_tables_state_their_units() {
 }
 
 #[test]
-fn what_a_person_should_know_is_noted() {
+fn incomplete_or_suspicious_tables_are_noted() {
     let notes = |text: &str| csv(text).unwrap().notes.join("\n");
     let unfinished = BIDIRECTIONAL.trim_end();
     insta::assert_snapshot!(notes(unfinished), @"the last line does not end in a line break: the file may be cut off");

@@ -135,7 +135,7 @@ fn face_diagonals_give_back_the_squareness_of_their_plane() {
 }
 
 #[test]
-fn some_diagonals_are_evaluated_and_the_others_named() {
+fn missing_diagonals_are_listed() {
     let one = KNOWN.measure("PNP", 5);
     let found = evaluate_diagonals(&[(one.0, &one.1)], None).unwrap();
     let lacking: Vec<&str> = found.lacking.iter().map(|d| d.name()).collect();

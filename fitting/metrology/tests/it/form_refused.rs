@@ -1,4 +1,4 @@
-//! Points and tables that are refused, and what the messages say.
+//! Points and tables that are refused, with their messages.
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -44,7 +44,7 @@ fn too_few_different_points() {
 }
 
 #[test]
-fn numbers_that_are_none() {
+fn invalid_numbers_are_refused() {
     for feature in ALL {
         for wrong in [f64::NAN, f64::INFINITY, -1e300, 1.1e9] {
             let mut points: Vec<[f64; 3]> = (0..20)
@@ -119,7 +119,7 @@ fn tables_of_points() {
         r"
  | p.csv: found nothing in the file, expected the header `x,y,z`
 x,y,z\n | p.csv:1: header: found no row under the header
-x,y\n1,2\n | p.csv:1: header: found `x,y`, expected a column `z`
+x,y\n1,2\n | p.csv:1: header: found `x,y`, expected columns x, y and z in mm: `z` is missing
 x_mm,y_in,z\n1,2,3\n | p.csv:1: header: found column `y_in` in in, expected mm: y or y_mm
 x,y,z,X mm\n1,2,3,4\n | p.csv:1: header: found columns `x` and `X mm`, expected one for x
 x,y,z\n1,2,3\n1,nan,3\n | p.csv:3: y: found `nan`, expected a finite number
@@ -134,7 +134,7 @@ x,y,z\n1,2\n | p.csv:2:
 
 /// Points on a coarse grid are often doubled, in line, in a plane or in a circle; some coordinates are huge, tiny or none.
 #[test]
-fn whatever_the_points_are_the_answer_is_finite_or_a_refusal() {
+fn arbitrary_points_give_a_finite_result_or_an_error() {
     let mut rng = ChaCha8Rng::seed_from_u64(31);
     let odd = [
         0.0,

@@ -115,7 +115,7 @@ fn coaxiality_is_twice_the_largest_distance() {
         ends_mm: [[10.01, 0.0, 0.0], [10.0, 0.03, 100.0]],
     };
     near(axis.coaxiality_mm(&datum), 0.06, 1e-14);
-    // A cylinder that leans by 1 mrad about the middle of its 80 mm, 0.005 mm beside the datum.
+    // A cylinder that leans by 1 mrad about the middle of its 80 mm, 0.005 mm off the datum.
     let lean = |s: f64| [10.005, 1e-3 * s];
     let mut points = Vec::new();
     for s in [-40.0, -20.0, 0.0, 20.0, 40.0] {

@@ -71,7 +71,7 @@ fn reports() {
     });
 }
 
-/// The points of a circle stand for readings here.
+/// The points of a circle are used as readings.
 #[test]
 fn circles() {
     replay("circle", |bytes, name| {
@@ -82,7 +82,7 @@ fn circles() {
     });
 }
 
-/// The samples of a capture stand for readings here.
+/// The samples of a capture are used as readings.
 #[test]
 fn captures() {
     replay("capture", |bytes, name| {

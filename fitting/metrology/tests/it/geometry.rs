@@ -100,7 +100,7 @@ fn a_point_on_the_carriage_moves_with_it() {
 }
 
 #[test]
-fn a_point_that_stands_still_meets_another_place_of_the_carriage_at_each_position() {
+fn a_fixed_point_meets_another_place_of_the_carriage_at_each_position() {
     // Tool-side axis: the place of the carriage that passes the fixed point was u q behind it at zero.
     let passing = sub(POINT, scaled(DIRECTION, POSITION_MM));
     near(
@@ -259,7 +259,7 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
         };
         // The first axis runs true; the second is turned by the squareness error, right-handed.
         let second_line = rotated(unit(s), scaled(rotation, out_urad * 1e-6));
-        // Beam p is turned within the plane by `beam`, beam s stands at π/2 + reference to it.
+        // Beam p is turned within the plane by `beam`, beam s is at π/2 + reference to it.
         let turned = |angle: f64| add(scaled(unit(p), angle.cos()), scaled(unit(s), angle.sin()));
         let beam_p = turned(beam_urad * 1e-6);
         let beam_s = turned((beam_urad + reference_urad) * 1e-6 + std::f64::consts::FRAC_PI_2);
@@ -314,7 +314,7 @@ fn a_tilt_opens_or_closes_the_angle_of_its_axes() {
 }
 
 #[test]
-fn squareness_of_other_names_is_refused() {
+fn squareness_of_invalid_names_is_refused() {
     let slopes = [(named("EXY"), Urad(0.0)), (named("EYX"), Urad(0.0))];
     insta::assert_snapshot!(squareness(named("EC0X"), Urad(0.0), slopes).unwrap_err(), @"squareness from two slopes: found `EC0X`, expected EC0Y, EA0Z or EB0Z");
     insta::assert_snapshot!(squareness(named("EA0Z"), Urad(0.0), slopes).unwrap_err(), @"slopes for the squareness EA0Z: found `EXY, EYX`, expected EYZ and EZY");

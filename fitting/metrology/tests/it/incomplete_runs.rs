@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use proptest::prelude::*;
 use volcomp_metrology::{
     Direction::{self, Negative, Positive},
-    Measurement, OfRun, Reading, evaluate, parse_csv,
+    Measurement, Reading, RunAlignment, evaluate, parse_csv,
 };
 
 const TARGETS: usize = 11;
@@ -120,7 +120,10 @@ fn runs_that_lack_targets_make_no_step_and_no_reversal() {
             .map(|(target, (_, value))| value - mean(target))
             .collect();
         assert!(range(&left) < 1e-9, "{name}");
-        assert!(measurement.scatter_of_mean(OfRun::Zero).is_none(), "{name}");
+        assert!(
+            measurement.scatter_of_mean(RunAlignment::Offset).is_none(),
+            "{name}"
+        );
     }
 }
 
@@ -188,17 +191,21 @@ fn the_scatter_has_no_step_in_it() {
     let noise =
         |run: u32, _, target: usize| (f64::from(run * run) * 3.7 + target as f64 * 5.9).sin();
     let complete = measured(&[0.0; 4], |_, _, _| true, noise);
-    for of_run in [OfRun::Zero, OfRun::Line] {
-        let expected = complete.scatter_of_mean(of_run).unwrap().deviation;
+    for alignment in [RunAlignment::Offset, RunAlignment::Line] {
+        let expected = complete.scatter_of_mean(alignment).unwrap().deviation;
         let holds = |run, way, target| run != 2 || (way == Positive && target <= 5);
         let found = measured(&[0.0, 40.0, -3.0, 8.0], holds, noise);
-        let scatter = found.scatter_of_mean(of_run).unwrap();
+        let scatter = found.scatter_of_mean(alignment).unwrap();
         assert!(
             (0.7..1.4).contains(&(scatter.deviation / expected)),
             "{scatter:?} {expected}"
         );
         // Each direction of each complete run: 2 · (3 − 1) · (11 − p).
-        let parameters = if of_run == OfRun::Zero { 1.0 } else { 2.0 };
+        let parameters = if alignment == RunAlignment::Offset {
+            1.0
+        } else {
+            2.0
+        };
         assert!(scatter.freedom >= 4.0 * (11.0 - parameters), "{scatter:?}");
     }
 }
@@ -267,8 +274,8 @@ proptest! {
             by.extend(after.iter().zip(&before).map(|(a, b)| a.1 - b.1));
         }
         prop_assert!(range(&by) < 1e-9, "{by:?}");
-        for of_run in [OfRun::Zero, OfRun::Line] {
-            let [before, after] = [&measurement, &moved].map(|m| m.scatter_of_mean(of_run).map(|s| s.deviation));
+        for alignment in [RunAlignment::Offset, RunAlignment::Line] {
+            let [before, after] = [&measurement, &moved].map(|m| m.scatter_of_mean(alignment).map(|s| s.deviation));
             let same = before.zip(after).is_none_or(|(a, b)| (a - b).abs() < 1e-9);
             prop_assert!(same && before.is_some() == after.is_some(), "{before:?} {after:?}");
         }
@@ -292,8 +299,8 @@ proptest! {
             let predicted = completed[measurement.readings.len()..].iter().filter(|r| r.direction == direction);
             for reading in predicted {
                 let of_target = mean(&|r| r.target == reading.target);
-                let of_run = mean(&|r| r.run == reading.run);
-                let residual = reading.deviation - of_target - of_run + all;
+                let alignment = mean(&|r| r.run == reading.run);
+                let residual = reading.deviation - of_target - alignment + all;
                 prop_assert!(residual.abs() < 1e-9, "{residual}");
             }
             let curve = measurement.mean_curve_in(direction).into_iter();

@@ -38,7 +38,7 @@ fn published_report_is_reproduced() {
 }
 
 #[test]
-fn the_odd_backward_run_is_pointed_at_and_nothing_else() {
+fn only_the_outlying_backward_run_is_reported() {
     let hints = evaluate(&published()).unwrap().outlier_hints;
     let named: Vec<_> = hints
         .iter()
@@ -111,7 +111,7 @@ fn one_run_has_no_repeatability_and_no_accuracy() {
 }
 
 #[test]
-fn one_direction_leaves_the_other_and_the_bidirectional_values_open() {
+fn one_direction_gives_no_bidirectional_values() {
     let backward = |target, run, deviation| (target, run, Negative, deviation);
     let m = measurement(&[
         backward(0.0, 1, 1.0),
@@ -140,7 +140,7 @@ fn one_direction_leaves_the_other_and_the_bidirectional_values_open() {
 }
 
 #[test]
-fn a_target_lacking_in_one_direction_is_named() {
+fn a_target_without_one_direction_is_refused() {
     let m = measurement(&[
         (0.0, 1, Positive, 1.0),
         (10.0, 1, Positive, 5.0),
@@ -159,7 +159,7 @@ fn a_target_lacking_in_one_direction_is_named() {
 }
 
 #[test]
-fn unsound_readings_are_refused() {
+fn non_finite_readings_are_refused() {
     insta::assert_snapshot!(evaluate(&measurement(&[])).unwrap_err(), @"m: readings: found none, expected at least one reading");
     for bad in [f64::NAN, f64::INFINITY, 1e300] {
         assert!(evaluate(&measurement(&[(0.0, 1, Positive, bad)])).is_err());
@@ -283,7 +283,7 @@ proptest! {
     }
 
     #[test]
-    fn the_order_of_readings_and_the_numbers_of_runs_do_not_matter(
+    fn the_result_depends_neither_on_the_order_of_readings_nor_on_run_numbers(
         (m, shuffled) in bidirectional().prop_flat_map(|m| {
             let readings = Just(m.readings.clone()).prop_shuffle();
             (Just(m), readings)

@@ -3,6 +3,7 @@
 
 mod bad_input;
 mod bounds;
+mod checks;
 mod circular;
 mod csv;
 mod diagonals;
@@ -15,9 +16,7 @@ mod geometry;
 mod incomplete_runs;
 mod iso230_2;
 mod mapped;
-mod oddities;
 mod other_lasers;
-mod outliers;
 mod properties;
 mod renishaw;
 mod samples;

@@ -1,4 +1,4 @@
-//! Tables and logs that say what is in them only together with a mapping.
+//! Tables and logs that need a mapping.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -44,7 +44,7 @@ fn shown(m: &Measurement) -> Vec<(f64, u32, &'static str, f64)> {
 
 /// A head that ends in a unit states it, as those of volcomp's own tables do.
 #[test]
-fn the_unit_in_the_head_of_a_named_column_counts() {
+fn the_unit_in_the_head_of_a_named_column_is_used() {
     let read = |heads: [&str; 2], unit: &str| {
         let [target, reading] = heads;
         let columns =
@@ -85,15 +85,15 @@ fn the_unit_in_the_head_of_a_named_column_counts() {
             Some(DeviationUnit::Um),
             100.0,
         ),
-        // None that is known: told, and taken as the smallest.
+        // No known unit: noted, and read as µm.
         (["Soll", "Abw [1/1000 mm]"], "", None, 0.1),
         (["Soll", "Millimeter"], "", None, 0.1),
         (["Soll", "Abweichung"], "", None, 0.1),
     ] {
         let m = read(heads, unit).expect("read");
         assert_eq!(m.unit, held, "{heads:?}");
-        let told = m.notes.iter().any(|note| note.contains("taken as µm"));
-        assert_eq!(told, held.is_none(), "{heads:?}: {:?}", m.notes);
+        let is_noted = m.notes.iter().any(|note| note.contains("taken as µm"));
+        assert_eq!(is_noted, held.is_none(), "{heads:?}: {:?}", m.notes);
         assert!((m.readings[0].deviation - first).abs() < 1e-6, "{heads:?}");
     }
     for (heads, unit, said) in [
@@ -174,7 +174,7 @@ fn header_rows_are_lines_of_the_file() {
 }
 
 #[test]
-fn runs_and_directions_come_from_columns_where_there_are_some() {
+fn runs_and_directions_come_from_columns_if_present() {
     let toml =
         "[columns]\ntarget = \"t\"\ndeviation = \"d\"\ndirection = \"way\"\nseparator = \"tab\"";
     let m = table(
@@ -226,7 +226,7 @@ fn runs_and_directions_come_from_columns_where_there_are_some() {
 }
 
 #[test]
-fn mappings_that_mean_nothing_are_refused() {
+fn invalid_mappings_are_refused() {
     for [toml, expected] in &cases(
         r#"
 [columns]\ntarget = 1 | expected `deviation`
@@ -248,7 +248,7 @@ fn mappings_that_mean_nothing_are_refused() {
     }
 }
 
-/// Stands at 0, 10, 20, an overrun, and back; the laser reports 2 µm too much forward and 1 µm too little backward, and never
+/// Standstills at 0, 10, 20, an overrun, and back; the laser reports 2 µm too much forward and 1 µm too little backward, and never
 /// while nothing changes; the motor reports its way, one line late.
 pub(crate) fn log() -> String {
     let mut text = String::new();
@@ -286,7 +286,7 @@ pub(crate) fn log() -> String {
 pub(crate) const CHANNELS: &str = "[channels]\ntarget = \"M:X.RBV\"\nreading = \"LASER:POS\"\nreading_is = \"position\"\nunit = \"mm\"\ntargets = [0, 10, 20]\nsettle_s = 0.2\n";
 
 #[test]
-fn stands_of_the_axis_in_a_log_are_readings() {
+fn standstills_in_a_log_become_readings() {
     let log = parse_camonitor(log().as_bytes(), "x.log").unwrap();
     assert_eq!(log.channels.len(), 3);
     assert_eq!(log.date.as_deref(), Some("2026-03-14"));
@@ -321,7 +321,7 @@ fn stands_of_the_axis_in_a_log_are_readings() {
     assert!(
         m.notes
             .join("\n")
-            .contains("1 stands elsewhere than at a target passed over"),
+            .contains("1 standstills away from targets skipped"),
         "{:?}",
         m.notes
     );
@@ -341,14 +341,14 @@ fn stands_of_the_axis_in_a_log_are_readings() {
         readings_at_dwells(&log, &long)
             .unwrap_err()
             .to_string()
-            .contains("no stand of 60 s")
+            .contains("no standstill of 60 s")
     );
 }
 
 /// The last 4 µm of an approach lie within the limit of standing: after positive motion they are before the target, after negative
 /// motion beyond it. An axis without reversal has none, however slowly it comes in. Before, 0.9 µm of it were found.
 #[test]
-fn the_end_of_an_approach_is_no_reversal() {
+fn the_end_of_an_approach_is_not_read_as_reversal() {
     let mut text = String::new();
     let mut time = 0.0_f64;
     let mut say = |time: f64, channel: &str, value: f64| {
@@ -457,13 +457,13 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
                 crept
                     .notes
                     .join("\n")
-                    .contains("that the axis had not left"),
+                    .contains("repeated standstills at one target skipped"),
                 "{:?}",
                 crept.notes
             );
         }
     }
-    // An overrun beyond the reach without a stand there is an approach from the other side.
+    // An overrun beyond the reach without a standstill there is an approach from the other side.
     let left = moved(20.0, &[(1.3, 0.5), (1.5, 0.0)]);
     assert_ne!(left.readings, straight.readings);
 }
@@ -483,7 +483,7 @@ fn a_log_out_of_order_gives_the_same_readings() {
 }
 
 #[test]
-fn a_mapping_beside_a_file_is_used() {
+fn a_mapping_file_next_to_a_table_is_used() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| {
         let path = folder.path().join(name);

@@ -10,7 +10,7 @@ use volcomp_vocabulary::Direction::{Negative, Positive};
 use crate::samples::{BIDIRECTIONAL_RTL, rtl_with};
 
 #[test]
-fn straightness_files_are_read_as_micrometres_and_say_that_this_is_not_proven() {
+fn straightness_files_are_read_as_micrometres_with_a_note() {
     let text = rtl_with("File type  : rtl", "File type  : rts");
     let read = |text: &str| parse_renishaw(text.as_bytes(), "x.rts", RenishawKind::Straightness);
     let m = read(&text).unwrap();
@@ -35,7 +35,7 @@ fn straightness_files_are_read_as_micrometres_and_say_that_this_is_not_proven() 
 
 /// 22.4 − 20 = 2.4 K at 8 µm/(m·K): 19.2 µm/m.
 #[test]
-fn material_far_from_20_degrees_is_flagged_with_what_hangs_on_its_coefficient() {
+fn material_far_from_20_degrees_is_flagged_with_its_expansion() {
     let notes = |from: &str, to: &str| {
         let text = rtl_with(from, to);
         let m = parse_renishaw(text.as_bytes(), "x.rtl", RenishawKind::Linear).unwrap();
@@ -166,7 +166,7 @@ fn api_files_hold_means_in_millimetres() {
 pub(crate) const REN: &str = "Renishaw plc\r\nCompensation start   -100\r\nCompensation end      100\r\nCompensation spacing  100\r\n\r\nNo.     Axis position        Combined\r\n1       -100.000             2\r\n2       0.000                0\r\n3       100.000              -3\r\n";
 
 #[test]
-fn compensation_exports_are_no_readings_and_say_so() {
+fn compensation_exports_are_marked_as_no_readings() {
     let m = parse_ren(REN.as_bytes(), "x.REN").unwrap();
     assert_eq!(m.unit, None);
     assert_eq!(m.mean_curve(), [(-100.0, 2.0), (0.0, 0.0), (100.0, -3.0)]);
@@ -188,9 +188,9 @@ fn compensation_exports_are_no_readings_and_say_so() {
     }
 }
 
-/// Without a spacing nothing else says that a row stands there twice.
+/// Without a spacing only the positions show that a row is repeated.
 #[test]
-fn a_position_of_an_export_stands_once() {
+fn a_repeated_position_of_an_export_is_refused() {
     let twice = REN.replacen("Compensation spacing  100\r\n", "", 1);
     let row = "2       0.000                0\r\n";
     let twice = twice.replacen(row, &format!("{row}{row}"), 1);
@@ -208,7 +208,7 @@ pub(crate) const REPORT: &str = "Linear Measurement Report\r\nMachine: Mill 7\r\
  2     0.000  -1.000   +0.500   -0.250   0.4   0.7   +1.500\r\n";
 
 #[test]
-fn reports_hold_statistics_whose_columns_prove_themselves() {
+fn columns_of_reports_are_checked_against_each_other() {
     let m = parse_keysight_report(REPORT.as_bytes(), "x.txt").unwrap();
     assert_eq!(m.unit, Some(DeviationUnit::Um));
     assert_eq!(m.mean_at(-254.0, Positive), Some(0.147));
@@ -259,7 +259,7 @@ fn reports_hold_statistics_whose_columns_prove_themselves() {
 
 /// Numbers with exponents prove the columns to their own last digit: 2.0E-03 is known to 0.0001.
 #[test]
-fn reports_with_exponents_prove_their_columns() {
+fn columns_with_exponents_are_checked_against_each_other() {
     let head = REPORT.split("1  -254").next().unwrap();
     let read = |row: &str| parse_keysight_report(format!("{head}{row}\r\n").as_bytes(), "x.txt");
     let m = read("0.0E+00 2.0E-03 4.0E-03 3.0E-03 1.0E-03 1.0E-03 2.0E-03").unwrap();
@@ -279,7 +279,7 @@ fn reports_with_exponents_prove_their_columns() {
 }
 
 #[test]
-fn api_files_with_exponents_prove_the_mean_of_both_directions() {
+fn means_of_api_files_with_exponents_are_checked() {
     let text = |both: &str| {
         format!(
             "Position Bidirectional Avg Error\n10.0 {both}\nPosition Forward Avg Error\n10.0 4.0E-03\nPosition Backward Avg Error\n10.0 2.0E-03\n"
@@ -298,7 +298,7 @@ fn api_files_with_exponents_prove_the_mean_of_both_directions() {
 
 /// Every kind whose numbers stand between blanks and tabs reads the same with commas as with points, and refuses both in one file.
 #[test]
-fn decimal_commas_are_read_where_they_separate_nothing() {
+fn decimal_commas_are_read_where_they_are_not_separators() {
     type Parser = fn(&[u8]) -> Result<volcomp_metrology::Measurement, MetrologyError>;
     let linear: Parser = |bytes| parse_renishaw(bytes, "x", RenishawKind::Linear);
     let files: [(&str, Parser); 4] = [
@@ -312,7 +312,7 @@ fn decimal_commas_are_read_where_they_separate_nothing() {
         ),
     ];
     for (text, parse) in files {
-        // Points between digits are those of numbers, and of dates and versions, which nobody reads as numbers.
+        // Points between digits are those of numbers, and of dates and versions, which are not read as numbers.
         let is_digit = |c: Option<&u8>| c.is_some_and(u8::is_ascii_digit);
         let bytes = text.as_bytes();
         let decimal = |at: usize| bytes[at] == b'.' && is_digit(bytes.get(at + 1));

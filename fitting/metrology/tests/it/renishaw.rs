@@ -19,7 +19,7 @@ fn readings(m: &Measurement) -> Vec<(f64, u32, char, f64)> {
 }
 
 #[test]
-fn readings_belong_to_their_target_numbers_and_directions_to_the_order_of_travel() {
+fn readings_follow_target_numbers_and_directions_the_order_of_travel() {
     let m = rtl(BIDIRECTIONAL_RTL).unwrap();
     assert_eq!(m.unit, Some(DeviationUnit::Um));
     assert_eq!(
@@ -48,7 +48,7 @@ fn readings_belong_to_their_target_numbers_and_directions_to_the_order_of_travel
 }
 
 #[test]
-fn header_texts_and_surroundings_are_kept() {
+fn header_texts_and_environment_are_kept() {
     let m = rtl(BIDIRECTIONAL_RTL).unwrap();
     assert_eq!(m.metadata.format.as_deref(), Some("rtl"));
     assert_eq!(m.metadata.machine.as_deref(), Some("Gantry 8000"));
@@ -91,7 +91,7 @@ fn angular_files_are_milliradian_and_held_in_microradian() {
 }
 
 #[test]
-fn spelling_of_keys_wrapping_and_unknown_parts_do_not_matter() {
+fn case_wrapping_and_unknown_sections_are_accepted() {
     let text = BIDIRECTIONAL_RTL
         .replace("\r\n", "\n")
         .replace("Target-count: 3", "TARGET-COUNT :3")
@@ -143,7 +143,7 @@ fn target_values_in_the_target_column_are_accepted_where_no_number_fits() {
 }
 
 #[test]
-fn order_of_targets_tells_the_direction_also_when_the_first_run_goes_back() {
+fn the_order_of_targets_gives_the_direction_of_a_first_backward_run() {
     let rows = [
         (1, "3", 1.0),
         (1, "2", 2.0),

@@ -4,8 +4,8 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use volcomp_metrology::{
     Direction::{self, Negative, Positive},
-    Edition, UncertaintyInputs, Vdi3441, Verdict, asked_for, asme_b5_54, axis_kind, decide,
-    evaluate, parse_csv, parse_tolerances, positioning_uncertainty, shortfalls, vdi_3441,
+    Edition, UncertaintyInputs, Vdi3441, Verdict, asme_b5_54, axis_kind, decide, evaluate,
+    parse_csv, parse_tolerances, positioning_uncertainty, required_test, shortfalls, vdi_3441,
 };
 use volcomp_vocabulary::AxisKind;
 
@@ -35,7 +35,7 @@ fn vdi_3441_by_hand() {
 }
 
 #[test]
-fn vdi_3441_asks_for_both_directions_and_several_runs() {
+fn vdi_3441_needs_both_directions_and_several_runs() {
     let one_way = measurement(&[(0.0, 1, Positive, 1.0), (0.0, 2, Positive, 2.0)]);
     assert_eq!(vdi_3441(&evaluate(&one_way).unwrap()), None);
     let one_run = measurement(&[(0.0, 1, Positive, 1.0), (0.0, 1, Negative, 2.0)]);
@@ -104,7 +104,7 @@ fn editions_name_the_same_values_differently() {
 
 /// What the standard asks for at the borders of its kinds of axes.
 #[test]
-fn targets_and_runs_that_are_asked_for() {
+fn required_targets_and_runs() {
     use AxisKind::{Linear, Rotary};
     for (kind, travel, targets, runs) in [
         (Linear, 300.0, 5, 5),
@@ -118,19 +118,19 @@ fn targets_and_runs_that_are_asked_for() {
         (Rotary, 360.0, 8, 5),
         (Rotary, 720.0, 16, 1),
     ] {
-        let asked = asked_for(kind, travel);
+        let asked = required_test(kind, travel);
         assert_eq!((asked.targets, asked.runs), (targets, runs), "{travel}");
     }
 }
 
 #[test]
-fn tests_that_are_too_small_are_told() {
+fn tests_smaller_than_required_are_noted() {
     let said = shortfalls(&small(), AxisKind::Linear, Edition::Iso2014);
     insta::assert_snapshot!(said.join("\n"), @r"
     2 targets over 10 mm: ISO 230-2:2014 asks for 5 at least on linear axes up to 2000 mm
     2 runs in a direction: ISO 230-2:2014 asks for 5 in each direction on linear axes up to 2000 mm
     ");
-    // Over 2 m one run each way is what is asked for.
+    // Over 2 m one run each way is required.
     let long: Vec<_> = (0..=32)
         .flat_map(|k| Direction::BOTH.map(|d| (f64::from(k) * 250.0, 1, d, 1.0)))
         .collect();
@@ -182,7 +182,7 @@ fn contributions_to_the_uncertainty_by_hand() {
     assert_eq!(u.left_out, Vec::<String>::new());
 }
 
-/// The environment moves each reading by itself: what it does to E, M and B by drawing it.
+/// The environment moves each reading independently: its effect on E, M and B by Monte Carlo samples.
 #[test]
 fn the_environment_spreads_the_results_as_stated() {
     const TRIALS: usize = 20_000;
@@ -229,7 +229,7 @@ fn the_environment_spreads_the_results_as_stated() {
 }
 
 #[test]
-fn what_is_not_stated_is_left_out_and_said() {
+fn unstated_contributions_are_listed() {
     let none = positioning_uncertainty(&UncertaintyInputs::default(), 1.0, 5).unwrap();
     assert_eq!((none.a_um, none.of("A"), none.of("X")), (0.0, None, None));
     insta::assert_snapshot!(none.left_out.join("\n"), @r"

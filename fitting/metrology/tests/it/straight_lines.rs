@@ -52,7 +52,7 @@ fn runs_of_both_directions_make_one_profile_and_their_difference() {
 
 /// Runs whose slopes differ, as of a beam that is aligned anew, make the slope as uncertain as these are: (−60, 10, 50) µrad scatter by 55.7.
 #[test]
-fn slopes_of_runs_that_differ_make_the_slope_uncertain() {
+fn different_slopes_of_runs_widen_the_uncertainty() {
     let stated = |slopes: [f64; 3]| {
         let mut text = "target,run,direction,deviation_um\n".to_owned();
         for (run, slope) in (1..).zip(slopes) {
@@ -71,7 +71,7 @@ fn slopes_of_runs_that_differ_make_the_slope_uncertain() {
 
 /// The stated standard uncertainty of a slope is the scatter of slopes over seeds.
 #[test]
-fn the_uncertainty_of_a_slope_is_what_seeds_show() {
+fn the_uncertainty_of_a_slope_matches_simulations() {
     let noise = Normal::new(0.0, 1.0).unwrap();
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     let (mut slopes, mut stated) = (Vec::new(), Vec::new());

@@ -7,11 +7,11 @@ use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 use volcomp_document::quoted;
 use volcomp_metrology::{
-    Approach, DeviationUnit, Direction, Edition, Iso230Part2, JudgedQuantity, Measurement,
-    MotionKind, ODD_ABOVE, OutlierHint, PositioningUncertainty, Quantity, StandardQuantity,
+    Approach, DeviationUnit, Direction, Edition, Iso230Part2, JudgedQuantity, LARGEST_PLAUSIBLE,
+    Measurement, MotionKind, OutlierHint, PositioningUncertainty, Quantity, StandardQuantity,
     TargetRow, Tolerance, Vdi3441, asme_b5_54, axis_kind, axis_named, errors_named, evaluate,
-    judged, material_compensation, odd_size, positioning_uncertainty, read_file, shortfalls,
-    vdi_3441,
+    implausible_size, judged, material_compensation, positioning_uncertainty, read_file,
+    shortfalls, vdi_3441,
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
@@ -129,8 +129,8 @@ fn one(
     let sizes = measurement.readings.iter().map(|r| r.deviation.abs());
     let largest = sizes.fold(0.0, f64::max);
     // Without a stated unit, small values already have a note on how to state it.
-    if is_unit_stated || largest > ODD_ABOVE {
-        notes.extend(odd_size(largest, Some(unit)));
+    if is_unit_stated || largest > LARGEST_PLAUSIBLE {
+        notes.extend(implausible_size(largest, Some(unit)));
     }
     let is_angle = unit == DeviationUnit::Urad && kind == AxisKind::Linear;
     if is_angle {

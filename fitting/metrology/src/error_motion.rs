@@ -1,6 +1,30 @@
-//! Error motions named in a title or a file name.
+//! Error motions: their kind with respect to the axis, and their names in titles and file names.
 
-use volcomp_vocabulary::ErrorName;
+use volcomp_vocabulary::{AxisKind, ErrorName};
+
+/// Kind of an error motion with respect to its axis. It determines the method of measurement and the reference that is removed from the readings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum MotionKind {
+    /// Deviation of the coordinate itself: EXX of a linear axis, ECC of a rotary one.
+    Positioning,
+    /// Deviation of a linear axis perpendicular to its direction: EYX.
+    Straightness,
+    /// Angular error of a linear axis (EAX), or any error of a rotary axis except its positioning (EXC, EAC).
+    Other,
+}
+
+impl MotionKind {
+    /// Kind of an error motion; the component of a location error is treated like that of a motion.
+    pub fn of(error: ErrorName) -> Self {
+        let own = error.component.mcs_index() == error.axis.mcs_index();
+        match (error.axis.kind(), error.component.is_angular()) {
+            (AxisKind::Linear, false) | (AxisKind::Rotary, true) if own => Self::Positioning,
+            (AxisKind::Linear, false) => Self::Straightness,
+            _ => Self::Other,
+        }
+    }
+}
 
 /// All errors that are words of a text, in either case, in the order of the words: of titles, of locations and of file names. `EYX at Z-150` names
 /// EYX; the location error of a squareness may be written `EC0Y` or `EC(0X)Y`.
@@ -25,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_are_words_of_their_own() {
+    fn error_names_are_whole_words() {
         for (text, names) in [
             ("EXY straightness, table", "EXY"),
             ("exx(1)-y200", "EXX"),

@@ -1,7 +1,11 @@
+//! Plausibility checks: outlying runs and readings, and anomalies of a straightness.
+
+use std::fmt::Write as _;
+
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
-use volcomp_metrology::{Measurement, Reading, outlier_hints};
+use volcomp_metrology::{Measurement, Quantity, Reading, anomalies, outlier_hints, parse_csv};
 use volcomp_vocabulary::Direction;
 
 const SIGMA_UM: f64 = 1.3;
@@ -56,7 +60,7 @@ fn clean_gaussian_readings_give_no_hint() {
 }
 
 #[test]
-fn a_run_that_stands_off_is_named_alone() {
+fn only_an_outlying_run_is_reported() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for runs in [3, 5, 8] {
         let mut m = gaussian(&mut rng, runs, 21);
@@ -76,7 +80,7 @@ fn a_run_that_stands_off_is_named_alone() {
 }
 
 #[test]
-fn a_single_wild_reading_is_named_with_its_target_and_sign() {
+fn a_single_outlier_is_reported_with_its_target_and_sign() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let mut m = gaussian(&mut rng, 5, 21);
     let wild = m
@@ -111,4 +115,42 @@ fn two_runs_and_rounded_readings_give_no_hint() {
         "some readings differ"
     );
     assert_eq!(outlier_hints(&rounded), []);
+}
+
+/// A parabola with this deviation, µm, at its middle about a line of 5 mm from the optics.
+fn straightness(middle_um: f64) -> Measurement {
+    let mut text = String::from("target,deviation_um\n");
+    for step in 0..=10 {
+        let share = f64::from(step) / 10.0;
+        let value = 5000.0 * share + 4.0 * middle_um * share * (1.0 - share);
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "{},{value}", 100 * step);
+    }
+    let mut measurement = parse_csv(text.as_bytes(), "exy.csv").expect("readings");
+    measurement.quantity = Some(Quantity::Straightness);
+    measurement
+}
+
+#[test]
+fn a_straightness_is_checked_after_removing_its_line() {
+    let said = |middle_um: f64| anomalies(&straightness(middle_um)).join("\n");
+    assert_eq!(said(6.0), "");
+    // In mm: 6 nm from the line.
+    assert!(
+        said(0.006).contains("every deviation is below 0.1 µm"),
+        "{}",
+        said(0.006)
+    );
+    // The middle and the ends of a parabola are up to two thirds of its height from its line.
+    let message = said(6000.0);
+    assert!(
+        message.contains("are large for a machine tool") && !message.contains("5000"),
+        "{message}"
+    );
+    // The same readings as a positioning are 5 mm in size.
+    let positioning = Measurement {
+        quantity: Some(Quantity::Positioning),
+        ..straightness(6.0)
+    };
+    assert!(anomalies(&positioning).join("\n").contains("up to 5000 µm"));
 }

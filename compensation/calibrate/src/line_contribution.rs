@@ -22,7 +22,7 @@ const ALONE: usize = 60;
 const DRAWS: u64 = 200;
 
 /// Data for the effect of lines on unknowns.
-pub(crate) struct LinesShare<'a> {
+pub(crate) struct LineContribution<'a> {
     pub(crate) file: &'a CalibrationFile,
     pub(crate) observations: &'a Observations,
     /// The machine of the file with the unknowns as identified.
@@ -33,7 +33,7 @@ pub(crate) struct LinesShare<'a> {
     pub(crate) carries: bool,
 }
 
-impl LinesShare<'_> {
+impl LineContribution<'_> {
     /// Adds the contribution of the lines to the covariance of the result and to the uncertainties of its parameters.
     pub(crate) fn add_to(
         &self,
@@ -263,7 +263,7 @@ mod tests {
 
     /// A single scatter has its own degrees of freedom, and two alike have two and √(2ν · (2 (ν + 2) − 2)), worked out by hand.
     #[test]
-    fn scatters_alone_have_the_factor_of_student() {
+    fn pure_scatter_has_the_factor_of_student() {
         let widening = |parts: &[(f64, f64)], variance: f64| {
             let mut all = FewRuns::default();
             for (part, degrees) in parts {
@@ -289,7 +289,7 @@ mod tests {
     /// Bands of 95 % over many mixtures of scatters and of what is known well. With the formula of Welch and Satterthwaite
     /// those of one scatter of two runs hold 87 to 93 %.
     #[test]
-    fn bands_hold_whatever_part_the_scatters_are() {
+    fn bands_cover_for_any_share_of_the_scatters() {
         const TRIALS: u32 = 20_000;
         let mixtures: [&[f64]; 10] = [
             &[1.0],

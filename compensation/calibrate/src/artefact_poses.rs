@@ -30,14 +30,14 @@ const PARALLEL_BELOW: f64 = 0.02;
 /// tip at `reference`; what the tool carries is aligned to it there. Readings therefore do not depend on the constants
 /// of error motions and the slopes of straightnesses, which are conventions.
 #[derive(Clone, Copy, Debug)]
-pub struct SetUp {
+pub struct ArtefactPoses {
     /// The workpiece axes in the artefact on the workpiece side, mm.
     pub workpiece: Pose,
     /// The artefact on the tool side in tool axes, mm.
     pub tool: Pose,
 }
 
-impl SetUp {
+impl ArtefactPoses {
     /// Set-up on the machine of a calibration file as known before its lines. Measured errors count as zero here:
     /// positioning and angular curves are zero at `reference`, straightness curves have no line, and squareness is not
     /// known yet.
@@ -105,7 +105,7 @@ impl SetUp {
 }
 
 /// Location of the line of a rotary axis (mm, rad; relative to the nominal one, in MCS at machine zero) as measured by
-/// an instrument that is set up as in [`SetUp::of`]: with all axes at `reference`, seen from the tool tip and along the
+/// an instrument that is set up as in [`ArtefactPoses::of`]: with all axes at `reference`, seen from the tool tip and along the
 /// reference lines of the reference axes. This is the value stated by `[[location]]` of a calibration file.
 ///
 /// # Errors
@@ -118,7 +118,7 @@ pub fn location_seen(
     targets: impl Fn(ErrorName) -> Option<Vec<f64>>,
 ) -> Result<ErrorMotion, ModelError> {
     let index = machine.index_of(axis)?;
-    let seen = SetUp::of(machine, reference, reference_axes, &targets).workpiece;
+    let seen = ArtefactPoses::of(machine, reference, reference_axes, &targets).workpiece;
     let zero = state_at(machine, reference);
     let errors = ReferenceLines::of(machine, zero, &targets);
     let chain = machine.chain();
