@@ -122,7 +122,7 @@ fn validate_map(keys: &MapKeys, sizes: [usize; 2], found: &mut Mistakes<'_>) {
     ] {
         if !PmcAddress::from(place).area.is_of_ladder() {
             let message = format!(
-                "found {:?}, expected R or D, the memory of the ladder's own",
+                "found {:?}, expected R or D, the ladder's own memory",
                 place.pmc
             );
             found.add(&format!("pmc.{key}"), message);
@@ -166,8 +166,8 @@ impl ControllerDevice for FocasConfig {
     fn inspect(&self, _needs: Option<&Needs>) -> Result<Option<Inspected>, DeviceError> {
         let found = inspect(self).map_err(|error| error.of(self.device()))?;
         let (shift_in_use, shift_words) = match found.shift_source {
-            ShiftSource::Told { in_use, first } => (Some(in_use), Some(first)),
-            ShiftSource::Untold { .. } => (None, None),
+            ShiftSource::Reported { in_use, first } => (Some(in_use), Some(first)),
+            ShiftSource::Unreported { .. } => (None, None),
         };
         Ok(Some(Inspected {
             axes: found.axes.iter().map(char::to_string).collect(),
@@ -303,8 +303,8 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
         .map_err(told)?;
     let status = client.status().map_err(told)?;
     let (shift_in_use, shift_words, shift_untold) = match client.shift_source().map_err(told)? {
-        ShiftSource::Told { in_use, first } => (Some(in_use), Some(first), None),
-        ShiftSource::Untold { why } => (None, None, Some(why)),
+        ShiftSource::Reported { in_use, first } => (Some(in_use), Some(first), None),
+        ShiftSource::Unreported { why } => (None, None, Some(why)),
     };
     let mut times = Vec::new();
     for _ in 0..TIMED {

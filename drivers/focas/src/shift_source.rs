@@ -5,13 +5,13 @@
 //! accepted.
 
 use crate::{
-    config::{FocasConfig, apart, without_axis_words},
+    config::{FocasConfig, check_disjoint, without_axis_words},
     error::FocasError,
     pmc::{Block, PmcAddress, PmcArea},
 };
 
 /// Parameter whose lowest bit states whether the extended external machine zero point shift is in use.
-pub(crate) const IN_USE: i32 = 1203;
+pub(crate) const SHIFT_IN_USE: i32 = 1203;
 /// Parameter with the first R address of the shift words.
 pub(crate) const FIRST: i32 = 1280;
 
@@ -20,14 +20,16 @@ pub(crate) const FIRST: i32 = 1280;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ShiftSource {
     /// Reported by the control.
-    Told {
+    #[cfg_attr(feature = "serde", serde(rename = "Told"))]
+    Reported {
         /// True if the extended external machine zero point shift is in use (parameter 1203#0).
         in_use: bool,
         /// First byte of the words in R, two bytes for each axis (parameter 1280).
         first: u32,
     },
     /// Not reported by the control: it is too old for the request, or lacks the option.
-    Untold {
+    #[cfg_attr(feature = "serde", serde(rename = "Untold"))]
+    Unreported {
         /// The reason, in words.
         why: String,
     },
@@ -47,11 +49,11 @@ impl ShiftSource {
         let area = config.shift.first;
         let is_direct = config.barrier.is_none() && !config.copied;
         let (in_use, first) = match self {
-            Self::Told { in_use, first } => (*in_use, *first),
-            Self::Untold { why } => {
+            Self::Reported { in_use, first } => (*in_use, *first),
+            Self::Unreported { why } => {
                 return Ok(vec![format!(
-                    "the control does not tell parameters 1203 and 1280 ({why}): from which words it takes the shifts of \
-                     the axes is not known"
+                    "the control does not report parameters 1203 and 1280 ({why}): the words from which it takes the \
+                     shifts of the axes are unknown"
                 )]);
             }
         };
@@ -84,8 +86,8 @@ impl ShiftSource {
                 Ok(Vec::new())
             } else {
                 let expected = match area.area {
-                    PmcArea::R => format!("{} as area says", area.at),
-                    _ => format!("words in R, which area {area} does not name"),
+                    PmcArea::R => format!("{} as configured in area", area.at),
+                    _ => format!("words in R, but area is {area}"),
                 };
                 Err(wrong(format!(
                     "{expected}; or area.copied = true, where a ladder copies the words on"
@@ -112,7 +114,7 @@ impl ShiftSource {
             last,
         };
         for block in without_axis_words(config, control_axes)? {
-            apart(&block, &words)?;
+            check_disjoint(&block, &words)?;
         }
         Ok(Vec::new())
     }

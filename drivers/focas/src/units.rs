@@ -13,8 +13,8 @@ pub(crate) const NUMBERS: [i32; 3] = [1001, 3104, 0];
 ///
 /// # Errors
 /// The parameter by which positions are, or may become, inches.
-pub(crate) fn check(told: &[Result<u32, String>; 3]) -> Result<Vec<String>, FocasError> {
-    let [inch_machine, in_unit_of_program, program] = told;
+pub(crate) fn check(reported: &[Result<u32, String>; 3]) -> Result<Vec<String>, FocasError> {
+    let [inch_machine, in_unit_of_program, program] = reported;
     let is_set =
         |of: &Result<u32, String>, bit: u8| of.as_ref().is_ok_and(|word| word >> bit & 1 == 1);
     let wrong = |parameter, meaning, expected: &str| FocasError::Parameter {
@@ -39,13 +39,17 @@ pub(crate) fn check(told: &[Result<u32, String>; 3]) -> Result<Vec<String>, Foca
         return Err(wrong(
             "3104#0",
             "machine positions in the unit of the program",
-            &format!("0, mm whatever a program says with G20 and G21: parameter 0#2 says {now}"),
+            &format!(
+                "0, mm independent of G20 and G21 in the program: parameter 0#2 selects {now}"
+            ),
         ));
     }
-    let untold = told[..2].iter().find_map(|told| told.as_ref().err());
-    let note = untold.map(|why| {
+    let unreported = reported[..2]
+        .iter()
+        .find_map(|reported| reported.as_ref().err());
+    let note = unreported.map(|why| {
         format!(
-            "the control does not tell parameters 1001 and 3104 ({why}): whether its positions are mm is not known"
+            "the control does not report parameters 1001 and 3104 ({why}): the unit of its positions is not verified"
         )
     });
     Ok(note.into_iter().collect())

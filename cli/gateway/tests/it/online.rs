@@ -42,11 +42,11 @@ fn a_control_is_asked_from_which_words_it_takes_the_shifts() {
     );
     // It does not tell: a note.
     control.world().parameters.clear();
-    control.world().tells_shift_source = false;
+    control.world().reports_shift_source = false;
     let (text, errors, status) = check(&config, &["--online"]);
     assert_eq!(status, 0, "{errors}");
     assert!(
-        text.contains("the control does not tell parameters 1203"),
+        text.contains("the control does not report parameters 1203"),
         "{text}"
     );
     // Offline nothing is asked, and a control that is not there is no matter.

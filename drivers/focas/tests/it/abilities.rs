@@ -1,4 +1,4 @@
-//! Controls that accept less and less: each is asked in the form that it understands, and a refusal is told in words.
+//! Controls with fewer and fewer request forms: the driver determines the accepted form and reports rejections in words.
 
 use std::{
     sync::Arc,
@@ -13,12 +13,12 @@ use volcomp_port::{Controller, Fault, contract};
 use volcomp_vocabulary::{AxisName, Mm};
 
 use crate::{
-    PATIENCE, config,
+    TIMEOUT, config,
     controller::{connected, soon, um},
     simulator, until,
 };
 
-/// Controls that accept less and less, and in which form each is asked: found without configuration.
+/// Controls with fewer and fewer request forms, the form to use with each, and the requests for one cycle.
 fn controls() -> [(Options, Abilities, u64); 6] {
     let options = Options::default;
     let all = Abilities {
@@ -101,12 +101,12 @@ fn controls() -> [(Options, Abilities, u64); 6] {
 }
 
 #[test]
-fn the_contract_of_controllers_on_every_control_without_configuration() {
+fn every_control_fulfils_the_controller_contract() {
     for (options, expected, _) in controls() {
         let simulator = simulator(options);
         simulator.world().readback_delay = Duration::from_millis(3);
         let mut config = config(&simulator, &[AxisName::X, AxisName::Y, AxisName::Z]);
-        // What is seen late cannot show who moved the heartbeat.
+        // With a delayed read-back the source of a heartbeat change is unknown.
         config.heartbeat = None;
         let mut controller = connected(config);
         assert_eq!(controller.abilities(), Some(expected));
@@ -114,9 +114,9 @@ fn the_contract_of_controllers_on_every_control_without_configuration() {
     }
 }
 
-/// The number of exchanges of a cycle is what the form needs, and a deadline holds for all of them together.
+/// A cycle needs no more exchanges than its request form requires, and one deadline covers all of them.
 #[test]
-fn a_cycle_stays_bounded_on_every_control() {
+fn a_cycle_is_bounded_on_every_control() {
     for (options, expected, exchanges) in controls() {
         let latency = Duration::from_millis(4);
         let simulator = simulator(Options { latency, ..options });
@@ -129,17 +129,17 @@ fn a_cycle_stays_bounded_on_every_control() {
         assert_eq!(simulator.requests() - before, exchanges, "{expected:?}");
         assert_eq!(snapshot.positions[..3], [1.0, 2.0, 3.0]);
         assert_eq!(simulator.world().shifts(), [0.001, -0.002, 0.003, 0.0]);
-        // One deadline for all exchanges: it ends in the middle of them, in time.
+        // The deadline passes in the middle of the exchanges.
         let begun = Instant::now();
         let late = controller.read(begun + latency / 2);
         assert_eq!(late, Err(Fault::TimedOut));
-        assert!(begun.elapsed() < PATIENCE / 5, "{:?}", begun.elapsed());
+        assert!(begun.elapsed() < TIMEOUT / 5, "{:?}", begun.elapsed());
     }
 }
 
-/// What cannot be read in any form is told with the return code of the control in words, and where it was.
+/// A value that cannot be read in any form is reported with its address and the control's return code.
 #[test]
-fn a_refusal_at_connection_is_told_in_words() {
+fn a_rejection_on_connection_names_address_and_code() {
     let simulator = simulator(Options::default());
     let mut config = config(&simulator, &[AxisName::X, AxisName::Y]);
     config.heartbeat = Some(PmcAddress {
@@ -147,7 +147,9 @@ fn a_refusal_at_connection_is_told_in_words() {
         at: 20_000,
     });
     let mut controller = FocasController::new(config).unwrap();
-    until("told", || controller.last_error().is_some());
+    until("the error is reported", || {
+        controller.last_error().is_some()
+    });
     let error = controller.wait(Duration::from_millis(1)).unwrap_err();
     assert!(
         error.to_string().contains(
@@ -157,9 +159,8 @@ fn a_refusal_at_connection_is_told_in_words() {
     );
 }
 
-/// In a cycle, too, a refusal has its code and its words.
 #[test]
-fn a_refusal_in_a_cycle_is_told_in_words() {
+fn a_rejection_in_a_cycle_names_the_code() {
     let simulator = simulator(Options {
         write_protected: true,
         ..Options::default()
@@ -172,16 +173,18 @@ fn a_refusal_in_a_cycle_is_told_in_words() {
         refused.to_string(),
         "refused with code 7: EW_PROT, writing is protected"
     );
-    // The heartbeat of the refused write may have moved: that is no other gateway.
-    assert!(controller.read(soon()).is_ok(), "the session lives on");
+    // The rejected write may have changed the heartbeat, which must not count as another gateway.
+    assert!(controller.read(soon()).is_ok(), "the session stays open");
 }
 
 #[test]
-fn what_the_control_lacks_is_named() {
+fn a_missing_axis_is_named() {
     let simulator = simulator(Options::default());
     let mut controller =
         FocasController::new(config(&simulator, &[AxisName::X, AxisName::B])).unwrap();
-    until("told", || controller.last_error().is_some());
+    until("the error is reported", || {
+        controller.last_error().is_some()
+    });
     let error = controller.wait(Duration::from_millis(1)).unwrap_err();
     assert!(
         error
@@ -198,32 +201,34 @@ fn what_the_control_lacks_is_named() {
             .unwrap();
         assert!(refused.to_string().contains(expected), "{refused}");
     }
-    let mut senseless = config(&simulator, &[AxisName::X]);
-    senseless.shift.count_linear = Mm(0.0);
-    let refused = FocasController::new(senseless).err().unwrap();
+    let mut invalid = config(&simulator, &[AxisName::X]);
+    invalid.shift.count_linear = Mm(0.0);
+    let refused = FocasController::new(invalid).err().unwrap();
     assert!(
         refused.to_string().contains("a resolution of 0 µm"),
         "{refused}"
     );
 }
 
-/// Of two axes whose names begin with the same letter (FANUC names have suffixes, `Z2`) the first was corrected, silently.
+/// FANUC axis names have suffixes (`Z2`): of two axes with the same letter, the first was corrected silently.
 #[test]
-fn a_letter_that_several_axes_have_is_refused() {
+fn an_ambiguous_axis_letter_is_rejected() {
     let world = World::new(&['Z', 'Y', 'Z']);
     let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
     let mut controller =
         FocasController::new(config(&simulator, &[AxisName::Y, AxisName::Z])).unwrap();
-    until("told", || controller.last_error().is_some());
+    until("the error is reported", || {
+        controller.last_error().is_some()
+    });
     let error = controller.wait(Duration::from_millis(1)).unwrap_err();
     let expected =
         "axis Z: found several axes of the control whose names begin with this letter, ZYZ";
     assert!(error.to_string().contains(expected), "{error}");
 }
 
-/// A byte tells of eight axes: the ninth always counted as referenced.
+/// The byte covers eight axes: the ninth always counted as referenced.
 #[test]
-fn the_ninth_axis_of_a_control_is_not_taken_for_referenced() {
+fn the_ninth_axis_counts_as_not_referenced() {
     let world = World::new(&['X', 'Y', 'Z', 'A', 'B', 'C', 'U', 'V', 'W']);
     let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
     let mut config = config(&simulator, &[AxisName::W]);
@@ -235,6 +240,6 @@ fn the_ninth_axis_of_a_control_is_not_taken_for_referenced() {
     config.referenced = None;
     assert!(
         referenced(&config),
-        "the configuration says that nobody tells it"
+        "not reported according to the configuration"
     );
 }

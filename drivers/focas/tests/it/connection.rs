@@ -1,4 +1,4 @@
-//! The connection to a control: lost, late, found again, and nothing left behind.
+//! Loss and recovery of the connection.
 
 use std::time::{Duration, Instant};
 
@@ -10,15 +10,15 @@ use volcomp_port::{Controller, Fault};
 use volcomp_vocabulary::AxisName;
 
 use crate::{
-    PATIENCE, config,
+    TIMEOUT, config,
     controller::{connected, soon, um},
     simulator, until,
 };
 
-/// A cut connection, an answer that comes too late, a control that is switched off and on again: the
-/// controller comes back by itself, and no late answer is taken for the next one's.
+/// The controller reconnects after a disconnection, a late response and a power cycle, and never takes a late response for
+/// the next one.
 #[test]
-fn it_comes_back_by_itself() {
+fn it_reconnects_automatically() {
     let options = Options {
         latency: Duration::from_millis(5),
         ..Options::default()
@@ -28,12 +28,12 @@ fn it_comes_back_by_itself() {
         simulator.as_ref().unwrap(),
         &[AxisName::X, AxisName::Y, AxisName::Z],
     ));
-    let back = |controller: &mut FocasController| {
-        let end = Instant::now() + PATIENCE;
+    let reconnect = |controller: &mut FocasController| {
+        let end = Instant::now() + TIMEOUT;
         while controller.read(soon()).is_err() {
             assert!(
                 Instant::now() < end,
-                "not back: {:?}",
+                "no connection: {:?}",
                 controller.last_error()
             );
             std::thread::sleep(Duration::from_millis(1));
@@ -41,23 +41,23 @@ fn it_comes_back_by_itself() {
     };
     simulator.as_ref().unwrap().disconnect_all();
     assert_eq!(controller.read(soon()), Err(Fault::Disconnected));
-    back(&mut controller);
+    reconnect(&mut controller);
     let late = Instant::now() + Duration::from_millis(1);
     assert_eq!(controller.read(late), Err(Fault::TimedOut));
-    back(&mut controller);
+    reconnect(&mut controller);
     let address = simulator.as_ref().unwrap().address().to_string();
     drop(simulator.take());
     assert!(controller.read(soon()).is_err());
     assert!(controller.apply(&um(1.0, 0.0, 0.0), soon()).is_err());
     let world = volcomp_focas::simulator::World::new(&['X', 'Y', 'Z', 'C']);
     simulator = Some(Simulator::start(&address, options, world).unwrap());
-    back(&mut controller);
+    reconnect(&mut controller);
     drop(simulator);
 }
 
-/// Nothing is left behind by a thousand connections: descriptors counted.
+/// A thousand connections leak no file descriptors.
 #[test]
-fn a_thousand_connections_leave_nothing() {
+fn a_thousand_connections_leak_nothing() {
     let simulator = simulator(Options {
         sessions: 50,
         ..Options::default()
@@ -69,15 +69,15 @@ fn a_thousand_connections_leave_nothing() {
     let descriptors = || std::fs::read_dir("/proc/self/fd").unwrap().count();
     let count_at = |controller: &mut FocasController, connections: u64| {
         while controller.connections() < connections {
-            controller.wait(PATIENCE).unwrap();
-            // The simulator is held up, so the answer is too late and the connection given up.
+            controller.wait(TIMEOUT).unwrap();
+            // The locked simulator responds too late, so the connection is dropped.
             let _world = simulator.world();
             assert_eq!(
                 controller.read(Instant::now() + later),
                 Err(Fault::TimedOut)
             );
         }
-        until("sessions end", || simulator.open_sessions() <= 2);
+        until("the sessions end", || simulator.open_sessions() <= 2);
         descriptors()
     };
     let early = count_at(&mut controller, 20);

@@ -1,11 +1,11 @@
-//! Replays the kept inputs of the fuzz target: answers are answers, requests are requests, heads are heads.
+//! Replays the fuzz corpus: responses, requests and headers parse as what their file names state.
 
 use std::path::Path;
 
 use volcomp_focas::frame::{Blocks, HEAD, Head, Request, parse_commands};
 
 #[test]
-fn kept_frames() {
+fn corpus_frames_parse() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus/focas");
     let mut seen = 0;
     for entry in std::fs::read_dir(folder).unwrap() {

@@ -1,9 +1,10 @@
-//! Frames against bytes from public captures, the client and the controller against the simulator, the
-//! simulator against another program's client.
+//! Frames against public captures, client and controller against the simulator, and the simulator against an independent
+//! client.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod abilities;
+mod allocations;
 mod barrier;
 mod client;
 mod config;
@@ -13,7 +14,7 @@ mod frames;
 mod fuzz_corpus;
 mod outage;
 mod peer;
-mod quiet;
+
 mod shift_source;
 mod two_mailboxes;
 mod units;
@@ -30,7 +31,7 @@ use volcomp_vocabulary::AxisName;
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 
 fn simulator(options: Options) -> Simulator {
     Simulator::start("127.0.0.1:0", options, World::new(&['X', 'Y', 'Z', 'C'])).unwrap()
@@ -48,5 +49,5 @@ fn config(simulator: &Simulator, axes: &[AxisName]) -> FocasConfig {
 }
 
 fn until(what: &str, holds: impl Fn() -> bool) {
-    volcomp_test_support::until(what, PATIENCE, holds);
+    volcomp_test_support::until(what, TIMEOUT, holds);
 }

@@ -1,6 +1,5 @@
-//! A write that was sent before an outage does not reach the control after it. Between the two stands a proxy that holds
-//! back what was sent, as the sender's kernel does while a cable is out, and that asks, when the cable is back, whether the
-//! sender has thrown it away meanwhile.
+//! A write sent before an outage must not reach the control after it. A proxy holds sent bytes back, as the sender's kernel
+//! does while a cable is unplugged, and checks afterwards whether the sender has reset the connection.
 
 use std::{
     io::{Read, Write},
@@ -21,17 +20,17 @@ use volcomp_port::{Controller, Fault};
 use volcomp_vocabulary::AxisName;
 
 use crate::{
-    PATIENCE, config,
+    TIMEOUT, config,
     controller::{connected, soon, um},
     simulator, until,
 };
 
-/// A cable between a program and the simulator.
+/// A cable between the driver and the simulator.
 struct Cable {
     address: SocketAddr,
-    /// Whether it is pulled.
+    /// True while it is unplugged.
     out: Arc<AtomicBool>,
-    /// Connections whose held bytes were thrown away by the sender's reset.
+    /// Connections whose held bytes were discarded by the sender's reset.
     reset: Arc<AtomicUsize>,
     /// Connections whose held bytes were delivered after an outage.
     late: Arc<AtomicUsize>,
@@ -60,7 +59,7 @@ impl Cable {
                 let (out, reset, late) = shared.clone();
                 let back = (near.try_clone().unwrap(), far.try_clone().unwrap());
                 thread::spawn(move || forward(back.1, back.0));
-                thread::spawn(move || held(near, far, &out, &reset, &late));
+                thread::spawn(move || hold_and_forward(near, far, &out, &reset, &late));
             }
         });
         cable
@@ -84,16 +83,16 @@ fn forward(mut from: TcpStream, mut to: TcpStream) {
     let _ = to.shutdown(std::net::Shutdown::Write);
 }
 
-/// Forwards what the program sends. While the cable is out, nothing goes on; afterwards what was held goes on unless the
-/// program has reset the connection: then its kernel has nothing more to send.
-fn held(
+/// Forwards the driver's bytes. They are held while the cable is unplugged, and delivered afterwards unless the driver has
+/// reset the connection, because its kernel then has nothing left to send.
+fn hold_and_forward(
     mut from: TcpStream,
     mut to: TcpStream,
     out: &AtomicBool,
     reset: &AtomicUsize,
     late: &AtomicUsize,
 ) {
-    // A connection that begins during the outage has nothing that is old.
+    // A connection that begins during the outage has no old bytes.
     let mut began_before = !out.load(Ordering::SeqCst);
     let mut bytes = [0; 4096];
     while let Ok(count @ 1..) = from.read(&mut bytes) {
@@ -119,7 +118,7 @@ fn held(
     let _ = to.shutdown(std::net::Shutdown::Write);
 }
 
-/// Three outages out of three delivered an old write when the connection was closed in order.
+/// With an orderly close, three outages out of three delivered an old write.
 #[test]
 fn an_old_write_is_not_delivered_after_an_outage() {
     let simulator = simulator(Options::default());
@@ -131,7 +130,7 @@ fn an_old_write_is_not_delivered_after_an_outage() {
         let deadline = Instant::now() + Duration::from_millis(5);
         let lost = controller.apply(&um(40.0, 40.0, 40.0), deadline);
         assert_eq!(lost, Err(Fault::TimedOut));
-        // No later than the call returned, not whenever somebody closes the socket.
+        // The reset must precede the return of the call, not happen when the socket is closed later.
         thread::sleep(Duration::from_millis(20));
         cable.out.store(false, Ordering::SeqCst);
         until("the cable is back", || {
@@ -141,8 +140,8 @@ fn an_old_write_is_not_delivered_after_an_outage() {
         thread::sleep(Duration::from_millis(5));
         assert_eq!(simulator.world().shifts()[..3], [0.010, 0.0, 0.0]);
         assert_eq!(cable.late.load(Ordering::SeqCst), 0, "outage {outage}");
-        controller.wait(PATIENCE).unwrap();
-        let end = Instant::now() + PATIENCE;
+        controller.wait(TIMEOUT).unwrap();
+        let end = Instant::now() + TIMEOUT;
         while controller.read(soon()).is_err() {
             assert!(Instant::now() < end, "{:?}", controller.last_error());
             thread::sleep(Duration::from_millis(1));
@@ -150,16 +149,16 @@ fn an_old_write_is_not_delivered_after_an_outage() {
     }
 }
 
-/// The proxy itself: a sender that closes in order has its bytes delivered late. Without this the test above shows nothing.
+/// Checks the proxy: after an orderly close it delivers the bytes late. Otherwise the test above proves nothing.
 #[test]
-fn the_cable_delivers_late_what_was_closed_in_order() {
+fn the_proxy_delivers_late_after_an_orderly_close() {
     let simulator = simulator(Options::default());
     let cable = Cable::to(&simulator);
     let mut sender = TcpStream::connect(cable.address).unwrap();
     sender
         .write_all(&volcomp_focas::frame::open_frame())
         .unwrap();
-    // Read to its end: what is not read makes a reset of the closing.
+    // Read everything: unread data turn the close into a reset.
     sender.read_exact(&mut [0; 10 + 360]).unwrap();
     cable.out.store(true, Ordering::SeqCst);
     sender
@@ -172,9 +171,9 @@ fn the_cable_delivers_late_what_was_closed_in_order() {
     until("closed", || simulator.open_sessions() == 0);
 }
 
-/// A controller that is dropped while a write is on its way sends nothing more, and the session ends by a reset.
+/// Dropping the controller discards a write in flight and resets the session.
 #[test]
-fn what_is_on_its_way_is_thrown_away_with_the_controller() {
+fn dropping_the_controller_discards_a_write_in_flight() {
     let simulator = simulator(Options::default());
     let cable = Cable::to(&simulator);
     let mut controller = connected(cable.config(&simulator));
@@ -189,9 +188,9 @@ fn what_is_on_its_way_is_thrown_away_with_the_controller() {
     assert_eq!(simulator.world().shifts()[0], 0.0);
 }
 
-/// A session in order is closed in order: the control need not find out by itself that it is over.
+/// A healthy session is closed with a closing frame, so the control need not time out.
 #[test]
-fn a_session_in_order_is_closed_in_order() {
+fn a_healthy_session_is_closed_in_order() {
     let simulator = simulator(Options::default());
     let mut controller = connected(config(&simulator, &[AxisName::X]));
     controller.read(soon()).unwrap();
@@ -200,7 +199,7 @@ fn a_session_in_order_is_closed_in_order() {
     until("closed", || simulator.open_sessions() == 0);
 }
 
-/// A write whose deadline has passed sends nothing, and the session goes on.
+/// A write whose deadline has passed sends nothing, and the session stays open.
 #[test]
 fn a_write_whose_deadline_has_passed_is_not_sent() {
     let simulator = simulator(Options::default());
@@ -214,8 +213,8 @@ fn a_write_whose_deadline_has_passed_is_not_sent() {
     assert_eq!(controller.connections(), 1);
 }
 
-/// Where a write needs several requests, a deadline in the middle of them ends the session: half a write is no state in
-/// which to go on.
+/// If a write needs several requests and the deadline passes between them, the session ends: the control must not continue
+/// with half a write.
 #[test]
 fn half_a_write_ends_the_session() {
     let latency = Duration::from_millis(4);
@@ -230,11 +229,11 @@ fn half_a_write_ends_the_session() {
     let late = controller.apply(&um(1.0, 2.0, 3.0), Instant::now() + latency * 2);
     assert_eq!(late, Err(Fault::TimedOut));
     assert_eq!(controller.read(soon()), Err(Fault::NotConnected));
-    controller.wait(PATIENCE).unwrap();
+    controller.wait(TIMEOUT).unwrap();
     assert_eq!(controller.connections(), 2);
 }
 
-/// An answer that is complete, but came after the deadline, is no answer: the program stood meanwhile.
+/// A complete response after the deadline is rejected.
 #[test]
 fn no_call_blocks_longer_than_its_deadline() {
     let simulator = simulator(Options::default());

@@ -1,4 +1,4 @@
-//! Another program's client against the simulator.
+//! An independent client (pyfocas) against the simulator.
 
 use std::process::Command;
 

@@ -1,4 +1,4 @@
-//! A control that takes the shifts of its axes from other words than the configuration says is not corrected.
+//! A control that takes the shifts of its axes from other words than configured is rejected.
 
 use std::time::Duration;
 
@@ -8,13 +8,13 @@ use volcomp_focas::{
 };
 use volcomp_vocabulary::AxisName;
 
-use crate::{PATIENCE, config, simulator, until};
+use crate::{TIMEOUT, config, simulator, until};
 
 fn at(area: PmcArea, at: u16) -> PmcAddress {
     PmcAddress { area, at }
 }
 
-/// What is found where parameters 1203 and 1280 hold these numbers.
+/// Inspects a control whose parameters 1203 and 1280 have these values.
 fn found(
     parameters: [f64; 2],
     change: impl Fn(&mut FocasConfig),
@@ -30,17 +30,17 @@ fn found(
 
 #[test]
 fn the_parameters_of_the_control_are_compared_with_the_configuration() {
-    let told = |in_use, first| ShiftSource::Told { in_use, first };
+    let reported = |in_use, first| ShiftSource::Reported { in_use, first };
     let refused = |parameters: [f64; 2], change: fn(&mut FocasConfig), expected: &str| {
         let error = found(parameters, change).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     };
     let copied: fn(&mut FocasConfig) = |config| config.copied = true;
     let direct: fn(&mut FocasConfig) = |_| {};
-    // Bit 0 alone counts.
+    // Only bit 0 is evaluated.
     assert_eq!(
         found([0x81.into(), 100.0], direct).unwrap(),
-        told(true, 100)
+        reported(true, 100)
     );
     refused(
         [0x80.into(), 100.0],
@@ -51,16 +51,16 @@ fn the_parameters_of_the_control_are_compared_with_the_configuration() {
         [1.0, 300.0],
         direct,
         "parameter 1280 of the control (first R address of the words from which the control takes the shifts): found 300, \
-         expected 100 as area says",
+         expected 100 as configured in area",
     );
     refused(
         [1.0, 100.0],
         |config| config.shift.first = at(PmcArea::D, 100),
-        "found 100, expected words in R, which area D100 does not name",
+        "found 100, expected words in R, but area is D100",
     );
-    // A ladder copies: then other words, and none of ours.
-    assert_eq!(found([1.0, 300.0], copied).unwrap(), told(true, 300));
-    assert_eq!(found([0.0, 0.0], copied).unwrap(), told(false, 0));
+    // With a copying ladder the words must differ from ours.
+    assert_eq!(found([1.0, 300.0], copied).unwrap(), reported(true, 300));
+    assert_eq!(found([0.0, 0.0], copied).unwrap(), reported(false, 0));
     refused([1.0, 100.0], copied, "overlap");
     // The last of the four axes of the control, of which only two are corrected.
     refused([1.0, 94.0], copied, "overlap");
@@ -73,9 +73,9 @@ fn the_parameters_of_the_control_are_compared_with_the_configuration() {
     refused([1.0, 70_000.0], copied, "found 70000");
 }
 
-/// Frame and report of a barrier would move the axes by epoch and tick if the control took them for shifts.
+/// If the control took frame or report words for shifts, epoch and tick would move the axes.
 #[test]
-fn frame_and_report_are_not_the_words_of_the_axes() {
+fn frame_and_report_must_not_overlap_the_axis_words() {
     let barrier = |config: &mut FocasConfig| {
         config.barrier = Some(BarrierArea {
             frame: at(PmcArea::R, 200),
@@ -105,23 +105,23 @@ fn frame_and_report_are_not_the_words_of_the_axes() {
     }
 }
 
-/// An old control, or one without the option, is noted, not refused.
+/// An old control, or one without the option, is accepted with a note.
 #[test]
-fn a_control_that_does_not_tell_is_noted() {
+fn an_unreported_shift_source_is_noted() {
     let simulator = simulator(Options::default());
-    simulator.world().tells_shift_source = false;
+    simulator.world().reports_shift_source = false;
     let config = config(&simulator, &[AxisName::X]);
     let found = inspect(&config).unwrap();
-    assert!(matches!(found.shift_source, ShiftSource::Untold { .. }));
+    assert!(matches!(found.shift_source, ShiftSource::Unreported { .. }));
     assert!(
         found.notes[0].contains(
-            "the control does not tell parameters 1203 and 1280 (reading a parameter was refused with code -17"
+            "the control does not report parameters 1203 and 1280 (reading a parameter was refused with code -17"
         ),
         "{:?}",
         found.notes
     );
-    // A number that is no address is no answer either.
-    simulator.world().tells_shift_source = true;
+    // A value that is not an address counts as unreported.
+    simulator.world().reports_shift_source = true;
     simulator.world().parameters.insert((1280, 0), -3.0);
     let found = inspect(&config).unwrap();
     assert!(
@@ -131,21 +131,23 @@ fn a_control_that_does_not_tell_is_noted() {
     );
 }
 
-/// Not only when it is asked for: no controller works with such a control.
+/// The check applies to controllers too, not only to `inspect`.
 #[test]
-fn such_a_control_is_not_corrected() {
+fn a_conflicting_shift_source_prevents_connection() {
     let simulator = simulator(Options::default());
     simulator.world().parameters.insert((1280, 0), 300.0);
     let mut controller = FocasController::new(config(&simulator, &[AxisName::X])).unwrap();
-    until("told", || controller.last_error().is_some());
+    until("the error is reported", || {
+        controller.last_error().is_some()
+    });
     let error = controller.wait(Duration::from_millis(1)).unwrap_err();
     assert!(error.to_string().contains("parameter 1280"), "{error}");
-    // As soon as it is put right, it works.
+    // It connects as soon as the parameter is corrected.
     simulator.world().parameters.insert((1280, 0), 100.0);
-    controller.wait(PATIENCE).unwrap();
+    controller.wait(TIMEOUT).unwrap();
     assert_eq!(
         controller.inspection().unwrap().shift_source,
-        ShiftSource::Told {
+        ShiftSource::Reported {
             in_use: true,
             first: 100
         }

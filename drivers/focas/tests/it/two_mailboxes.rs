@@ -1,4 +1,4 @@
-//! Two connections to one control, each with a mailbox of its own for frames, and one barrier that judges both alike.
+//! Two connections to one control, each with its own mailbox for frames, and one barrier that treats both equally.
 
 use volcomp_focas::{
     BarrierArea, FocasConfig, FocasController,
@@ -23,29 +23,29 @@ fn simulated() -> (Simulator, [FocasController; 2]) {
     let mut world = World::new(&['X', 'Y', 'Z', 'C']);
     world.ladder = Some(Ladder::Barrier(ladder));
     let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
-    let ways = [area(), second].map(|barrier| {
+    let controllers = [area(), second].map(|barrier| {
         connected(FocasConfig {
             barrier: Some(barrier),
             ..config(&simulator, &AXES)
         })
     });
     simulator.world().reset_largest_steps();
-    (simulator, ways)
+    (simulator, controllers)
 }
 
-/// One gateway changes its way with the correction applied, again and again. What it left in the other mailbox, whole or
-/// torn, lies there meanwhile.
+/// One gateway switches between the connections while a correction is applied; the other mailbox keeps an old frame, complete
+/// or torn.
 #[test]
-fn one_gateway_changes_its_way_without_a_step() {
-    let (simulator, mut ways) = simulated();
+fn a_gateway_switches_connections_without_a_step() {
+    let (simulator, mut controllers) = simulated();
     let mut sender = Sender::new(77);
     for turn in 0..8_i16 {
-        let way = usize::from(turn % 2 == 1);
+        let index = usize::from(turn % 2 == 1);
         let goal = [40 - 10 * turn, -60 + 12 * turn, turn];
-        sender.drive(&mut ways[way], goal);
+        sender.drive(&mut controllers[index], goal);
         if turn % 3 == 0 {
-            // The last frame over this way is torn: its last words lack.
-            let at = [area().frame.at, 300][way];
+            // Tear the last frame of this connection: its last words are missing.
+            let at = [area().frame.at, 300][index];
             simulator
                 .world()
                 .set(volcomp_focas::PmcArea::R, usize::from(at) + 10, &[9, 9, 9]);
@@ -58,13 +58,12 @@ fn one_gateway_changes_its_way_without_a_step() {
     assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
 }
 
-/// Another gateway in the other mailbox is refused as it would be in the same one, and hears who holds the control.
+/// A second gateway is rejected in the other mailbox as in the same one, and receives the owner's number.
 #[test]
-fn another_gateway_in_the_other_mailbox_is_refused() {
+fn a_second_gateway_in_the_other_mailbox_is_rejected() {
     let (simulator, [mut first, mut second]) = simulated();
     let (mut ours, mut other) = (Sender::new(77), Sender::new(78));
-    // It reads while nobody holds the control, and sends when somebody does.
-    // A scan may fall into a report, which is then torn and read again.
+    // It reads while the control has no owner, and sends when it has one. A report torn by a scan is read again.
     while other.read(&mut second).is_none() {}
     let late = other.frame([100, 100, 100]).expect("a report was read");
     ours.drive(&mut first, [20, -20, 5]);

@@ -1,4 +1,4 @@
-//! A control that tells positions in inches, or may come to do so, is not corrected.
+//! A control that reports, or may come to report, positions in inches is rejected.
 
 use std::{
     cell::RefCell,
@@ -12,11 +12,11 @@ use volcomp_vocabulary::AxisName;
 use crate::{config, simulator, until};
 
 #[test]
-fn the_parameters_of_units_are_read_at_a_connection() {
-    // Parameters 1001, 3104 and 0, and what is said.
-    for (parameters, said) in [
+fn unit_parameters_are_checked_on_connection() {
+    // Parameters 1001, 3104 and 0, and the expected message.
+    for (parameters, expected) in [
         ([0.0, 0.0, 0.0], None),
-        // A program in inches: positions are in mm all the same. Bits other than those of the unit do not count.
+        // A program in inches does not change the unit of positions; bits other than the unit bits are ignored.
         ([254.0, 254.0, 255.0], None),
         (
             [1.0, 0.0, 0.0],
@@ -25,10 +25,10 @@ fn the_parameters_of_units_are_read_at_a_connection() {
         (
             [0.0, 1.0, 4.0],
             Some(
-                "parameter 3104#0 of the control (machine positions in the unit of the program): found 1, expected 0, mm whatever a program says with G20 and G21: parameter 0#2 says inches now",
+                "parameter 3104#0 of the control (machine positions in the unit of the program): found 1, expected 0, mm independent of G20 and G21 in the program: parameter 0#2 selects inches now",
             ),
         ),
-        ([0.0, 1.0, 0.0], Some("parameter 0#2 says mm now")),
+        ([0.0, 1.0, 0.0], Some("parameter 0#2 selects mm now")),
     ] {
         let simulator = simulator(Options::default());
         for (number, value) in [1001, 3104, 0].into_iter().zip(parameters) {
@@ -38,10 +38,10 @@ fn the_parameters_of_units_are_read_at_a_connection() {
         let found = inspect(&config)
             .map(|_| ())
             .map_err(|error| error.to_string());
-        match said {
+        match expected {
             None => assert_eq!(found, Ok(())),
-            Some(said) => assert!(
-                found.as_ref().is_err_and(|error| error.contains(said)),
+            Some(expected) => assert!(
+                found.as_ref().is_err_and(|error| error.contains(expected)),
                 "{found:?}"
             ),
         }
@@ -49,7 +49,7 @@ fn the_parameters_of_units_are_read_at_a_connection() {
 }
 
 #[test]
-fn a_unit_that_changed_is_a_fault_at_the_next_connection() {
+fn a_changed_unit_prevents_reconnection() {
     let simulator = simulator(Options::default());
     let config = config(&simulator, &[AxisName::X, AxisName::Y]);
     let controller = RefCell::new(FocasController::new(config).unwrap());
@@ -57,14 +57,14 @@ fn a_unit_that_changed_is_a_fault_at_the_next_connection() {
         let deadline = Instant::now() + Duration::from_millis(50);
         controller.borrow_mut().read(deadline).is_ok()
     };
-    until("it answers", answers);
-    simulator.world().tell_inches(true);
+    until("reads succeed", answers);
+    simulator.world().report_inches(true);
     simulator.disconnect_all();
-    until("it says nothing", || !answers());
-    // For ten attempts: none of them succeeds.
+    until("reads fail", || !answers());
+    // Ten further attempts fail too.
     for _ in 0..10 {
         assert!(!answers());
     }
-    simulator.world().tell_inches(false);
-    until("it answers again", answers);
+    simulator.world().report_inches(false);
+    until("reads succeed again", answers);
 }
