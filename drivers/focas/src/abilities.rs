@@ -66,8 +66,8 @@ impl FormProbe<'_> {
     /// True if every frame of a read is answered completely.
     fn accepts_all(&mut self, abilities: Abilities) -> Result<bool, FocasError> {
         let exchanges = plan::reads(self.config, self.axes, abilities)?;
-        let asked = "reading all that a cycle needs";
-        self.refusal(&exchanges, asked)
+        let request = "reading all that a cycle needs";
+        self.refusal(&exchanges, request)
             .map(|refused| refused.is_none())
     }
 
@@ -95,7 +95,7 @@ impl FormProbe<'_> {
     fn refusal(
         &mut self,
         exchanges: &[Exchange<ReadItem>],
-        asked: &str,
+        request: &str,
     ) -> Result<Option<FocasError>, FocasError> {
         let deadline = Instant::now() + self.config.at_most;
         let applied = Applied::of(self.config);
@@ -103,7 +103,7 @@ impl FormProbe<'_> {
         else {
             return Ok(None);
         };
-        let error = FocasError::in_request(asked, fault);
+        let error = FocasError::in_request(request, fault);
         let busy = matches!(error, FocasError::Refused { code, .. } if code == ReturnCode::BUSY);
         let refused = match fault {
             Fault::Refused { .. } => !busy,

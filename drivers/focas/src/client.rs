@@ -79,7 +79,7 @@ impl Client {
         let block = block.map_err(|e| failed(e.into()))?;
         if block.error != 0 {
             return Err(FocasError::Refused {
-                asked: what.to_owned(),
+                request: what.to_owned(),
                 code: ReturnCode(block.error),
             });
         }
@@ -339,6 +339,6 @@ fn whole(value: f64) -> Option<u32> {
 }
 
 /// Error for an unreadable response.
-fn broken(asked: &str, broken: FrameError) -> FocasError {
-    FocasError::in_request(asked, Fault::from(broken))
+fn broken(request: &str, broken: FrameError) -> FocasError {
+    FocasError::in_request(request, Fault::from(broken))
 }

@@ -32,11 +32,11 @@ pub enum FocasError {
     #[error("no session: {0}")]
     NoSession(#[source] Fault),
     /// The control rejected a request.
-    #[error("{asked} was refused with {code}")]
-    Refused { asked: String, code: ReturnCode },
+    #[error("{request} was refused with {code}")]
+    Refused { request: String, code: ReturnCode },
     /// A request timed out, or its response is unreadable.
-    #[error("{asked}: {source}")]
-    Failed { asked: String, source: Fault },
+    #[error("{request}: {source}")]
+    Failed { request: String, source: Fault },
     /// The control takes the shift words directly, so they must have two bytes for each axis.
     #[error(
         "area.width: found {}, expected 2: the control takes two bytes for each axis; or area.copied = true, where a ladder copies the words on",
@@ -98,14 +98,14 @@ pub enum FocasError {
 
 impl FocasError {
     /// Adds the request to a fault of an exchange.
-    pub(crate) fn in_request(asked: impl Into<String>, fault: Fault) -> Self {
-        let asked = asked.into();
+    pub(crate) fn in_request(request: impl Into<String>, fault: Fault) -> Self {
+        let request = request.into();
         match fault {
             Fault::Refused { code, .. } => Self::Refused {
-                asked,
+                request,
                 code: ReturnCode(i16::try_from(code).unwrap_or(i16::MAX)),
             },
-            source => Self::Failed { asked, source },
+            source => Self::Failed { request, source },
         }
     }
 

@@ -206,8 +206,8 @@ impl Session {
         let mut have = 0;
         let mut head: Option<Head> = None;
         loop {
-            let wanted = HEAD + head.map_or(0, |head| head.length);
-            if have >= wanted {
+            let needed = HEAD + head.map_or(0, |head| head.length);
+            if have >= needed {
                 match head {
                     None => {
                         // `have` guarantees that they are present.
@@ -215,11 +215,11 @@ impl Session {
                         head = Some(Head::parse(bytes)?);
                         continue;
                     }
-                    Some(_) if have > wanted => {
+                    Some(_) if have > needed => {
                         return Err(Fault::Protocol("more than one answer"));
                     }
                     Some(head) => {
-                        self.answer.copy_within(HEAD..wanted, 0);
+                        self.answer.copy_within(HEAD..needed, 0);
                         return Ok(head);
                     }
                 }

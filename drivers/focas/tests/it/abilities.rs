@@ -6,98 +6,67 @@ use std::{
 };
 
 use volcomp_focas::{
-    Abilities, FocasConfig, FocasController, Packing, PmcAddress, PmcArea,
+    Abilities, FocasConfig, FocasController, Packing, PmcArea,
     simulator::{Options, Simulator, World},
 };
 use volcomp_port::{Controller, Fault, contract};
 use volcomp_vocabulary::{AxisName, Mm};
 
 use crate::{
-    TIMEOUT, config,
+    TIMEOUT, at, config,
     controller::{connected, soon, um},
     simulator, until,
 };
 
-/// Controls with fewer and fewer request forms, the form to use with each, and the requests for one cycle.
+/// Controls with fewer and fewer request forms, the form to use with each, and the requests for a read and a write of three
+/// axes with a heartbeat and a byte of referenced axes.
 fn controls() -> [(Options, Abilities, u64); 6] {
-    let options = Options::default;
-    let all = Abilities {
-        packing: Packing::OneFrame,
-        ranges: true,
-        all_axes: true,
+    use Packing::{ByTarget, OneByOne, OneFrame};
+    let options = |change: fn(&mut Options)| {
+        let mut options = Options::default();
+        change(&mut options);
+        options
     };
-    let points = Abilities {
-        ranges: false,
-        ..all
+    let points = |o: &mut Options| (o.one_point, o.one_axis) = (true, true);
+    let form = |packing, ranges, all_axes| Abilities {
+        packing,
+        ranges,
+        all_axes,
     };
-    let one_by_one = Abilities {
-        packing: Packing::OneByOne,
-        ranges: false,
-        all_axes: false,
-    };
-    let by_target = Abilities {
-        packing: Packing::ByTarget,
-        ..all
-    };
-    // The requests of a read and a write of three axes with a heartbeat and a byte of referenced axes.
     [
-        (options(), all, 2),
+        (options(|_| {}), form(OneFrame, true, true), 2),
         (
-            Options {
-                version: 2,
-                slots: 8,
-                one_point: true,
-                ..options()
-            },
-            points,
+            options(|o| (o.version, o.slots, o.one_point) = (2, 8, true)),
+            form(OneFrame, false, true),
             2,
         ),
+        (options(points), form(OneFrame, false, false), 2),
         (
-            Options {
-                one_point: true,
-                one_axis: true,
-                ..options()
-            },
-            Abilities {
-                all_axes: false,
-                ..points
-            },
-            2,
-        ),
-        (
-            Options {
-                version: 4,
-                refuses_mix: true,
-                fragment: 11,
-                ..options()
-            },
-            by_target,
+            options(|o| (o.version, o.refuses_mix, o.fragment) = (4, true, 11)),
+            form(ByTarget, true, true),
             3,
         ),
         (
-            Options {
-                one_point: true,
-                one_axis: true,
-                refuses_mix: true,
-                ..options()
-            },
-            Abilities {
-                packing: Packing::ByTarget,
-                ..one_by_one
-            },
+            options(|o| (o.one_point, o.one_axis, o.refuses_mix) = (true, true, true)),
+            form(ByTarget, false, false),
             3,
         ),
         (
-            Options {
-                one_point: true,
-                one_axis: true,
-                one_command: true,
-                ..options()
-            },
-            one_by_one,
+            options(|o| (o.one_point, o.one_axis, o.one_command) = (true, true, true)),
+            form(OneByOne, false, false),
             13,
         ),
     ]
+}
+
+/// The error of a connection that is rejected.
+fn connection_error(config: FocasConfig) -> String {
+    let mut controller = FocasController::new(config).unwrap();
+    until("the error is reported", || {
+        controller.last_error().is_some()
+    });
+    let error = controller.wait(Duration::from_millis(1)).unwrap_err();
+    error.to_string()
 }
 
 #[test]
@@ -142,17 +111,10 @@ fn a_cycle_is_bounded_on_every_control() {
 fn a_rejection_on_connection_names_address_and_code() {
     let simulator = simulator(Options::default());
     let mut config = config(&simulator, &[AxisName::X, AxisName::Y]);
-    config.heartbeat = Some(PmcAddress {
-        area: PmcArea::D,
-        at: 20_000,
-    });
-    let mut controller = FocasController::new(config).unwrap();
-    until("the error is reported", || {
-        controller.last_error().is_some()
-    });
-    let error = controller.wait(Duration::from_millis(1)).unwrap_err();
+    config.heartbeat = Some(at(PmcArea::D, 20_000));
+    let error = connection_error(config);
     assert!(
-        error.to_string().contains(
+        error.contains(
             "reading the heartbeat at D20000 was refused with code 3: EW_NUMBER, the number, address or range does not exist"
         ),
         "{error}"
@@ -180,16 +142,9 @@ fn a_rejection_in_a_cycle_names_the_code() {
 #[test]
 fn a_missing_axis_is_named() {
     let simulator = simulator(Options::default());
-    let mut controller =
-        FocasController::new(config(&simulator, &[AxisName::X, AxisName::B])).unwrap();
-    until("the error is reported", || {
-        controller.last_error().is_some()
-    });
-    let error = controller.wait(Duration::from_millis(1)).unwrap_err();
+    let error = connection_error(config(&simulator, &[AxisName::X, AxisName::B]));
     assert!(
-        error
-            .to_string()
-            .contains("the control has no axis B, found XYZC"),
+        error.contains("the control has no axis B, found XYZC"),
         "{error}"
     );
     for (axes, expected) in [
@@ -215,15 +170,10 @@ fn a_missing_axis_is_named() {
 fn an_ambiguous_axis_letter_is_rejected() {
     let world = World::new(&['Z', 'Y', 'Z']);
     let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
-    let mut controller =
-        FocasController::new(config(&simulator, &[AxisName::Y, AxisName::Z])).unwrap();
-    until("the error is reported", || {
-        controller.last_error().is_some()
-    });
-    let error = controller.wait(Duration::from_millis(1)).unwrap_err();
+    let error = connection_error(config(&simulator, &[AxisName::Y, AxisName::Z]));
     let expected =
         "axis Z: found several axes of the control whose names begin with this letter, ZYZ";
-    assert!(error.to_string().contains(expected), "{error}");
+    assert!(error.contains(expected), "{error}");
 }
 
 /// The byte covers eight axes: the ninth always counted as referenced.

@@ -18,17 +18,14 @@ use volcomp_port::{Controller, Fault, Heartbeat, Words};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{
-    TIMEOUT, config,
+    TIMEOUT, at, config,
     controller::{connected, soon},
 };
 
-pub(crate) const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
+const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
-pub(crate) fn r(at: u16) -> PmcAddress {
-    PmcAddress {
-        area: PmcArea::R,
-        at,
-    }
+fn r(at: u16) -> PmcAddress {
+    crate::at(PmcArea::R, at)
 }
 
 pub(crate) fn area() -> BarrierArea {
@@ -39,7 +36,7 @@ pub(crate) fn area() -> BarrierArea {
 }
 
 /// The barrier of the first axes of the control.
-pub(crate) fn settings(axes: usize) -> Settings {
+fn settings(axes: usize) -> Settings {
     volcomp_test_support::barrier::settings(&AXES[..axes]).unwrap()
 }
 
@@ -58,15 +55,15 @@ fn barrier_config(simulator: &Simulator) -> FocasConfig {
 }
 
 /// A gateway reduced to the barrier protocol.
-pub(crate) struct Sender {
+struct Sender {
     session: Session,
     settings: Settings,
-    pub(crate) last: Option<Report>,
+    last: Option<Report>,
     torn: u32,
 }
 
 impl Sender {
-    pub(crate) fn new(owner: u16) -> Self {
+    fn new(owner: u16) -> Self {
         Self {
             session: Session::new(owner),
             settings: settings(3),
@@ -75,7 +72,7 @@ impl Sender {
         }
     }
 
-    pub(crate) fn read(&mut self, controller: &mut FocasController) -> Option<Seen> {
+    fn read(&mut self, controller: &mut FocasController) -> Option<Seen> {
         let snapshot = controller.read(soon()).unwrap();
         assert_eq!(snapshot.applied, None);
         let words = snapshot.report.expect("a barrier reports");
@@ -87,7 +84,7 @@ impl Sender {
         Some(self.session.read(report.head()))
     }
 
-    pub(crate) fn frame(&mut self, um: [i16; 3]) -> Option<Words> {
+    fn frame(&mut self, um: [i16; 3]) -> Option<Words> {
         let frame = self.session.frame(&PerChannel::leading(um))?;
         let mut words = [0; FRAME_WORDS];
         let length = frame.encode(&self.settings, &mut words);
@@ -95,7 +92,7 @@ impl Sender {
     }
 
     /// Cycles until the barrier applies these counts.
-    pub(crate) fn drive(&mut self, controller: &mut FocasController, um: [i16; 3]) {
+    fn drive(&mut self, controller: &mut FocasController, um: [i16; 3]) {
         let end = Instant::now() + TIMEOUT;
         loop {
             self.read(controller);
@@ -371,10 +368,7 @@ fn overlapping_words_are_rejected() {
     assert_eq!(overlap(&|config| config.heartbeat = Some(r(200))), None);
     let fixed = overlap(&|config| {
         config.barrier = Some(BarrierArea {
-            frame: PmcAddress {
-                area: PmcArea::F,
-                at: 0,
-            },
+            frame: at(PmcArea::F, 0),
             report: r(240),
         });
     });
@@ -418,4 +412,74 @@ fn controllers_of_one_control_need_disjoint_words() {
     let mut elsewhere = config(Some(200), 100);
     elsewhere.host = "another".to_owned();
     assert_eq!(shared(&elsewhere), None);
+}
+
+/// A control with two mailboxes, and a connection to each.
+fn two_mailboxes() -> (Simulator, [FocasController; 2]) {
+    let program = Program::new(settings(3)).unwrap();
+    let mut ladder = BarrierLadder::new(Box::new(program), 3);
+    let second = BarrierArea {
+        frame: r(300),
+        ..area()
+    };
+    ladder.frames.push(second.frame);
+    let mut world = World::new(&['X', 'Y', 'Z', 'C']);
+    world.ladder = Some(Ladder::Barrier(ladder));
+    let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
+    let controllers = [area(), second].map(|barrier| {
+        connected(FocasConfig {
+            barrier: Some(barrier),
+            ..config(&simulator, &AXES)
+        })
+    });
+    simulator.world().reset_largest_steps();
+    (simulator, controllers)
+}
+
+/// One gateway switches between the connections while a correction is applied; the other mailbox keeps an old frame, complete
+/// or torn.
+#[test]
+fn a_gateway_switches_connections_without_a_step() {
+    let (simulator, mut controllers) = two_mailboxes();
+    let mut sender = Sender::new(77);
+    for turn in 0..8_i16 {
+        let index = usize::from(turn % 2 == 1);
+        let goal = [40 - 10 * turn, -60 + 12 * turn, turn];
+        sender.drive(&mut controllers[index], goal);
+        if turn % 3 == 0 {
+            // Tear the last frame of this connection: its last words are missing.
+            let at = [area().frame.at, 300][index];
+            simulator
+                .world()
+                .set(PmcArea::R, usize::from(at) + 10, &[9, 9, 9]);
+        }
+        assert_eq!(sender.last.unwrap().owner, 77);
+        let shifts = simulator.world().shift_counts();
+        assert_eq!(shifts[..3], goal.map(i64::from));
+    }
+    let steps = simulator.world().largest_steps().to_vec();
+    assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
+}
+
+/// A second gateway is rejected in the other mailbox as in the same one, and receives the owner's number.
+#[test]
+fn a_second_gateway_in_the_other_mailbox_is_rejected() {
+    let (simulator, [mut first, mut second]) = two_mailboxes();
+    let (mut ours, mut other) = (Sender::new(77), Sender::new(78));
+    // It reads while the control has no owner, and sends when it has one. A report torn by a scan is read again.
+    while other.read(&mut second).is_none() {}
+    let late = other.frame([100, 100, 100]).expect("a report was read");
+    ours.drive(&mut first, [20, -20, 5]);
+    second.post(&late, soon()).unwrap();
+    for _ in 0..20 {
+        ours.drive(&mut first, [20, -20, 5]);
+        let seen = other.read(&mut second);
+        assert!(
+            matches!(seen, None | Some(Seen::Old | Seen::Held { owner: 77 })),
+            "{seen:?}"
+        );
+    }
+    assert_eq!(simulator.world().shift_counts()[..3], [20, -20, 5]);
+    let steps = simulator.world().largest_steps().to_vec();
+    assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
 }

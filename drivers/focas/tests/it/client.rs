@@ -1,4 +1,6 @@
-use std::time::Duration;
+//! Single requests of the client, and the simulator against an independent client (pyfocas).
+
+use std::{process::Command, time::Duration};
 
 use volcomp_focas::{
     Client, FocasError, PmcArea, PositionKind, ReturnCode,
@@ -139,8 +141,8 @@ fn connection_errors_name_their_cause() {
 #[test]
 fn truncated_responses_are_faults() {
     use std::io::{Read, Write};
-    use volcomp_focas::frame::{Command, Kind, Target, frame, push_block};
-    let command = Command {
+    use volcomp_focas::frame::{self, Kind, Target, frame, push_block};
+    let command = frame::Command {
         target: Target::Cnc,
         path: 1,
         function: 0x19,
@@ -201,4 +203,35 @@ fn json_round_trip() {
     let options = Options::default();
     let text = serde_json::to_string(&options).unwrap();
     assert_eq!(serde_json::from_str::<Options>(&text).unwrap(), options);
+}
+
+#[test]
+fn pyfocas_understands_the_simulator() {
+    let Some(python) = volcomp_test_support::peers::python() else {
+        return;
+    };
+    for version in [2, 3, 4] {
+        let simulator = simulator(Options {
+            version,
+            ..Options::default()
+        });
+        simulator.world().macros.insert(100, -12.5);
+        let program = "import sys\n\
+            from pyfocas.protocol.protocol import FOCAS\n\
+            f = FOCAS('127.0.0.1', int(sys.argv[1]))\n\
+            assert f.connect()\n\
+            info = f.get_sys_info()\n\
+            assert (info.series, info.version, info.axes) == ('D4G3', '28.0', '04'), info\n\
+            status = f.get_status_info()\n\
+            assert (status.run, status.emergency, status.alarm) == (3, 0, 0), status\n\
+            f.write_macro_double(500, 1.5)\n\
+            assert f.read_macro(500) == {500: 1.5}\n\
+            assert f.read_macro(100) == {100: -12.5}\n";
+        let output = Command::new(&python)
+            .args(["-c", program, &simulator.address().port().to_string()])
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{output:?}");
+        assert_eq!(simulator.world().macros[&500], 1.5);
+    }
 }

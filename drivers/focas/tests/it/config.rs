@@ -3,6 +3,8 @@
 use volcomp_focas::{BarrierArea, FocasConfig, FocasError, PmcAddress, PmcArea, Width};
 use volcomp_vocabulary::{AxisName, Displacement, Urad};
 
+use crate::at;
+
 fn config(change: impl Fn(&mut FocasConfig)) -> FocasConfig {
     let mut config = FocasConfig::new("192.0.2.10", &[AxisName::X, AxisName::C]);
     change(&mut config);
@@ -14,14 +16,11 @@ fn config(change: impl Fn(&mut FocasConfig)) -> FocasConfig {
 #[test]
 fn only_ladder_memory_is_writable() {
     for area in PmcArea::ALL {
-        let address = PmcAddress { area, at: 8 };
+        let address = at(area, 8);
         let barrier = |frame: PmcAddress, report: PmcAddress| {
             config(|c| c.barrier = Some(BarrierArea { frame, report })).describe()
         };
-        let valid = PmcAddress {
-            area: PmcArea::R,
-            at: 500,
-        };
+        let valid = at(PmcArea::R, 500);
         let found = [
             ("area.first", config(|c| c.shift.first = address).describe()),
             (

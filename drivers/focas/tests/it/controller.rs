@@ -6,13 +6,13 @@ use std::{
 };
 
 use volcomp_focas::{
-    FocasConfig, FocasController, PmcAddress, PmcArea,
+    FocasConfig, FocasController, PmcArea,
     simulator::{Options, Simulator},
 };
 use volcomp_port::{Controller, Fault};
 use volcomp_vocabulary::{AxisName, Mm, PerChannel};
 
-use crate::{TIMEOUT, config, simulator};
+use crate::{TIMEOUT, at, config, simulator};
 
 pub(crate) fn soon() -> Instant {
     Instant::now() + Duration::from_secs(1)
@@ -150,10 +150,7 @@ fn the_heartbeat_counts_corrections_and_reveals_another_gateway() {
 fn the_sequence_byte_counts_corrections() {
     let simulator = simulator(Options::default());
     let mut config = config(&simulator, &[AxisName::X, AxisName::Z]);
-    config.sequence = Some(PmcAddress {
-        area: PmcArea::D,
-        at: 7,
-    });
+    config.sequence = Some(at(PmcArea::D, 7));
     for (heartbeat, beats) in [(config.heartbeat, 3), (None, 0)] {
         simulator.world().write(PmcArea::R, 120, &[0]);
         simulator.world().write(PmcArea::D, 7, &[0]);
@@ -190,10 +187,7 @@ fn memory_addresses_are_configurable() {
         world.shift.count = 0.0001;
     }
     let mut config = config(&simulator, &[AxisName::Y, AxisName::Z]);
-    config.shift.first = PmcAddress {
-        area: PmcArea::D,
-        at: 1000,
-    };
+    config.shift.first = at(PmcArea::D, 1000);
     config.shift.width = volcomp_focas::Width::Long;
     config.copied = true;
     config.shift.count_linear = Mm(0.0001);
@@ -211,10 +205,7 @@ fn memory_addresses_are_configurable() {
 fn a_heartbeat_within_the_shift_words_is_rejected() {
     let config = |heartbeat: u16| {
         let mut config = FocasConfig::new("127.0.0.1", &[AxisName::X]);
-        config.heartbeat = Some(PmcAddress {
-            area: PmcArea::R,
-            at: heartbeat,
-        });
+        config.heartbeat = Some(at(PmcArea::R, heartbeat));
         config
     };
     for (heartbeat, refused) in [(99, false), (100, true), (101, true), (102, false)] {

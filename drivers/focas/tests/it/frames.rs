@@ -1,5 +1,7 @@
 //! Frames against bytes from public captures and the protocol description.
 
+use std::path::Path;
+
 use proptest::prelude::*;
 use volcomp_focas::frame::{
     Blocks, Command, FrameError, HEAD, Head, Kind, Request, Target, close_frame, frame, number,
@@ -154,6 +156,31 @@ fn truncated_responses_are_rejected() {
     let mut more = payload.clone();
     more[1] = 3;
     assert!(request.answers(&more).is_err());
+}
+
+/// Replays the fuzz corpus: responses, requests and headers parse as stated by their file names.
+#[test]
+fn corpus_frames_parse() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus/focas");
+    let mut seen = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        let bytes = std::fs::read(&path).unwrap();
+        let head = bytes.first_chunk().map(Head::parse);
+        let blocks = Blocks::parse(&bytes).map(Iterator::collect::<Vec<_>>);
+        let commands = parse_commands(&bytes);
+        if name.starts_with("answer-") {
+            assert!(blocks.unwrap().iter().all(Result::is_ok), "{name}");
+        } else if name.starts_with("request-") {
+            let request = Request::new(commands.as_ref().unwrap()).unwrap();
+            assert_eq!(request.bytes()[HEAD..], bytes, "{name}");
+        } else if name.starts_with("head-") {
+            assert!(head.unwrap().is_ok(), "{name}");
+        }
+        seen += 1;
+    }
+    assert!(seen >= 5);
 }
 
 proptest! {

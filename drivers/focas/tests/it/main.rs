@@ -11,18 +11,12 @@ mod config;
 mod connection;
 mod controller;
 mod frames;
-mod fuzz_corpus;
-mod outage;
-mod peer;
-
-mod shift_source;
-mod two_mailboxes;
-mod units;
+mod parameters;
 
 use std::time::Duration;
 
 use volcomp_focas::{
-    FocasConfig,
+    FocasConfig, PmcAddress, PmcArea,
     simulator::{Options, Simulator, World},
 };
 use volcomp_port::Backoff;
@@ -35,6 +29,10 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 
 fn simulator(options: Options) -> Simulator {
     Simulator::start("127.0.0.1:0", options, World::new(&['X', 'Y', 'Z', 'C'])).unwrap()
+}
+
+fn at(area: PmcArea, at: u16) -> PmcAddress {
+    PmcAddress { area, at }
 }
 
 fn config(simulator: &Simulator, axes: &[AxisName]) -> FocasConfig {
