@@ -8,15 +8,15 @@ const RECOVERED: Duration = Duration::from_secs(10);
 
 /// The reason logged last.
 #[derive(Debug, Default)]
-pub(super) struct Said(Option<String>);
+pub(super) struct FailureLog(Option<String>);
 
-impl Said {
+impl FailureLog {
     /// Whether this reason is to be logged now. `lived` is how long the session lasted that it ended; zero if none was opened.
-    pub(super) fn is_new(&mut self, trouble: &str, lived: Duration) -> bool {
-        if lived < RECOVERED && self.0.as_deref() == Some(trouble) {
+    pub(super) fn is_new(&mut self, failure: &str, lived: Duration) -> bool {
+        if lived < RECOVERED && self.0.as_deref() == Some(failure) {
             return false;
         }
-        self.0 = Some(trouble.to_owned());
+        self.0 = Some(failure.to_owned());
         true
     }
 }
@@ -25,16 +25,16 @@ impl Said {
 mod tests {
     use super::*;
 
-    /// Before, a control that was lost a second time for the same reason was lost without a word.
+    /// A control that was lost a second time for the same reason used to be lost without a log line.
     #[test]
-    fn a_trouble_is_said_once_and_again_after_it_was_over() {
-        let mut said = Said::default();
+    fn a_failure_is_logged_once_and_again_after_a_recovery() {
+        let mut failures = FailureLog::default();
         let [short, long] = [1, 3600].map(Duration::from_secs);
-        assert!(said.is_new("it does not answer", short));
-        assert!(!said.is_new("it does not answer", short));
-        assert!(said.is_new("it refuses", short));
-        assert!(!said.is_new("it refuses", short));
-        assert!(said.is_new("it refuses", long));
-        assert!(!said.is_new("it refuses", short));
+        assert!(failures.is_new("it does not answer", short));
+        assert!(!failures.is_new("it does not answer", short));
+        assert!(failures.is_new("it refuses", short));
+        assert!(!failures.is_new("it refuses", short));
+        assert!(failures.is_new("it refuses", long));
+        assert!(!failures.is_new("it refuses", short));
     }
 }
