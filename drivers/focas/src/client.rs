@@ -8,10 +8,10 @@ use crate::{
     answers::{Alarm, PositionKind, StatusInfo, SystemInfo, function, slot, status},
     error::FocasError,
     frame::{Command, FrameError, Request, Target, number_bytes},
+    parameters::{SHIFT_FIRST, SHIFT_IN_USE, ShiftSource},
     pmc::{PmcArea, Width},
     return_code::ReturnCode,
     session::Session,
-    shift_source::{self, ShiftSource},
 };
 
 /// A client that sends one request at a time.
@@ -285,10 +285,7 @@ impl Client {
     /// See [`FocasError`]: no response.
     pub fn shift_source(&mut self) -> Result<ShiftSource, FocasError> {
         let mut values = [0; 2];
-        for (value, number) in values
-            .iter_mut()
-            .zip([shift_source::SHIFT_IN_USE, shift_source::FIRST])
-        {
+        for (value, number) in values.iter_mut().zip([SHIFT_IN_USE, SHIFT_FIRST]) {
             let whole = self.integer_parameter(number)?;
             match whole {
                 Ok(whole) => *value = whole,

@@ -13,12 +13,11 @@ use crate::{
     client::Client,
     config::{self, FocasConfig},
     error::FocasError,
+    parameters::{self, ShiftSource, UNIT_NUMBERS},
     plan::{self, Abilities, Exchange, PlannedAxis, ReadItem, WriteItem},
     pmc::{BarrierArea, Width, put},
     reading::{self, Applied},
     session::Session,
-    shift_source::ShiftSource,
-    units,
 };
 
 /// Maximum time that data sent in a cycle may stay unacknowledged: longer than the deadline of any cycle, but short compared with the time after
@@ -74,8 +73,8 @@ impl Link {
         } else {
             source.check(config, names.len())?
         };
-        let [inch_machine, in_unit_of_program, program] = units::NUMBERS;
-        notes.extend(units::check(&[
+        let [inch_machine, in_unit_of_program, program] = UNIT_NUMBERS;
+        notes.extend(parameters::check_units(&[
             client.integer_parameter(inch_machine)?,
             client.integer_parameter(in_unit_of_program)?,
             client.integer_parameter(program)?,

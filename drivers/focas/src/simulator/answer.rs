@@ -4,8 +4,8 @@ use super::{Options, World};
 use crate::{
     answers::function,
     frame::{Command, Kind, Target, number_bytes, parse_commands, push_block},
+    parameters::{SHIFT_FIRST, SHIFT_IN_USE, UNIT_NUMBERS},
     pmc::PmcArea,
-    shift_source, units,
 };
 
 const LENGTH: i16 = 2;
@@ -221,7 +221,7 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Command
 
 /// Parameters for the unit of reported positions, and for the source of the shifts in the simulated control.
 fn known_parameter(number: i32, world: &World) -> Option<f64> {
-    if units::NUMBERS.contains(&number) {
+    if UNIT_NUMBERS.contains(&number) {
         // A metric machine that reports mm.
         return Some(0.0);
     }
@@ -230,8 +230,8 @@ fn known_parameter(number: i32, world: &World) -> Option<f64> {
     }
     let in_r = world.shift.area == PmcArea::R;
     match number {
-        shift_source::SHIFT_IN_USE => Some(if in_r { 1.0 } else { 0.0 }),
-        shift_source::FIRST => {
+        SHIFT_IN_USE => Some(if in_r { 1.0 } else { 0.0 }),
+        SHIFT_FIRST => {
             let first = if in_r { world.shift.first } else { 0 };
             u32::try_from(first).ok().map(f64::from)
         }

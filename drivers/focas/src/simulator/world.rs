@@ -11,8 +11,8 @@ use volcomp_port::ControlProgram;
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::{
+    parameters::UNIT_NUMBERS,
     pmc::{BarrierArea, PmcAddress, PmcArea, Width},
-    units,
 };
 
 /// Size of each PMC area, bytes.
@@ -239,7 +239,7 @@ impl World {
     /// Reports the positions of linear axes in inches, as a control does whose parameter 3104#0 is 1 after G20, or in mm again.
     pub fn report_inches(&mut self, inches: bool) {
         self.inches = inches;
-        let [_, in_unit_of_program, program] = units::NUMBERS;
+        let [_, in_unit_of_program, program] = UNIT_NUMBERS;
         let [of_program, unit] = if inches { [1.0, 4.0] } else { [0.0, 0.0] };
         self.parameters.insert((in_unit_of_program, 0), of_program);
         self.parameters.insert((program, 0), unit);

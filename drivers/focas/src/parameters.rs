@@ -1,8 +1,9 @@
-//! The PMC words from which the control takes the machine zero point shift, according to its parameters.
+//! Parameters of the control that must agree with the configuration: the source of the machine zero point shift and the unit of positions.
 //!
 //! Parameter 1203#0 states whether the extended external machine zero point shift is in use, parameter 1280 where its words begin in R, two bytes
-//! for each axis of the control. Both are from memory of manuals and were not verified on a real control, so a control that does not report them is
-//! accepted.
+//! for each axis of the control. Parameter 1001#0 (INM) states whether the machine system counts in inches, 3104#0 (MCN) whether positions are
+//! reported in the unit of the program, and 0#2 (INI) which unit that is at present. All are from memory of manuals and were not verified on a real
+//! control, so a control that does not report them is accepted.
 
 use crate::{
     config::{FocasConfig, check_disjoint, without_axis_words},
@@ -13,7 +14,7 @@ use crate::{
 /// Parameter whose lowest bit states whether the extended external machine zero point shift is in use.
 pub(crate) const SHIFT_IN_USE: i32 = 1203;
 /// Parameter with the first R address of the shift words.
-pub(crate) const FIRST: i32 = 1280;
+pub(crate) const SHIFT_FIRST: i32 = 1280;
 
 /// The words from which the control takes the machine zero point shift. See [`Client::shift_source`](crate::Client::shift_source).
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -118,4 +119,53 @@ impl ShiftSource {
         }
         Ok(Vec::new())
     }
+}
+
+/// Parameters of which one bit determines the unit of reported positions.
+pub(crate) const UNIT_NUMBERS: [i32; 3] = [1001, 3104, 0];
+
+/// Checks the reported values of [`UNIT_NUMBERS`] against mm, the unit of the configuration; returns notes if there is no conflict.
+///
+/// # Errors
+/// The parameter by which positions are, or may become, inches.
+pub(crate) fn check_units(reported: &[Result<u32, String>; 3]) -> Result<Vec<String>, FocasError> {
+    let [inch_machine, in_unit_of_program, program] = reported;
+    let is_set =
+        |of: &Result<u32, String>, bit: u8| of.as_ref().is_ok_and(|word| word >> bit & 1 == 1);
+    let wrong = |parameter, meaning, expected: &str| FocasError::Parameter {
+        parameter,
+        meaning,
+        found: "1".to_owned(),
+        expected: expected.to_owned(),
+    };
+    if is_set(inch_machine, 0) {
+        return Err(wrong(
+            "1001#0",
+            "machine system in inches",
+            "0: corrections and positions are counted in mm",
+        ));
+    }
+    if is_set(in_unit_of_program, 0) {
+        let now = if is_set(program, 2) {
+            "inches now"
+        } else {
+            "mm now"
+        };
+        return Err(wrong(
+            "3104#0",
+            "machine positions in the unit of the program",
+            &format!(
+                "0, mm independent of G20 and G21 in the program: parameter 0#2 selects {now}"
+            ),
+        ));
+    }
+    let unreported = reported[..2]
+        .iter()
+        .find_map(|reported| reported.as_ref().err());
+    let note = unreported.map(|why| {
+        format!(
+            "the control does not report parameters 1001 and 3104 ({why}): the unit of its positions is not verified"
+        )
+    });
+    Ok(note.into_iter().collect())
 }
