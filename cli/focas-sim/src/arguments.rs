@@ -9,58 +9,58 @@ use volcomp_vocabulary::AxisName;
 use crate::{barrier::BarrierArguments, error::SimError, measure::Settling, quantities::duration};
 
 const EXAMPLES: &str = "\
-Typed commands, one a line on standard input, while it runs:
-  alarm on|off          an alarm is on or off
-  estop on|off          the emergency stop is pressed, and the axes stand, or released
-  unreferenced on|off   the axes have lost their reference, or have it again
-  pause SECONDS         the control answers nothing for this time
+Commands on standard input, one per line:
+  alarm on|off          set or clear an alarm
+  estop on|off          press the emergency stop, which stops the axes, or release it
+  unreferenced on|off   make the axes unreferenced, or referenced again
+  pause SECONDS         stop answering for this time
   disconnect            cut all connections
-  clear                 set all shifts to zero, as a control does that is switched off and on
-  power                 the control is switched off and on: connections end, R memory is cleared
-  reset                 the control's program begins anew; memory and axes stay as they are
-  write R200 BYTE...    other bytes, 0 to 255, in R memory, as a wrong program in the control writes them
-  freeze on|off         the control tells the positions of this moment, or the true ones again
+  clear                 set all shifts to zero, as after a power cycle
+  power                 power-cycle the control: close connections, clear R memory
+  reset                 restart the control's program; keep memory and axes
+  write R200 BYTE...    write bytes, 0 to 255, to R memory, like a faulty program in the control
+  freeze on|off         freeze the reported positions, or report the true ones again
   steps                 print the largest step of each axis in one scan so far
-  steps reset           forget these steps
-  report                print the state now
-  run                   go through the program, with --report
+  steps reset           reset these steps
+  report                print the present state
+  run                   run the program, with --report
   help                  print these commands
   quit                  end the simulator
 
 Examples:
   focas-sim --axes X,Y,Z --at X=100,Y=50 --machine-number 4711
-      A control whose axes stand still, on 127.0.0.1:8193, with the barrier of machine 4711.
+      A control with stationary axes on 127.0.0.1:8193, with the barrier of machine 4711.
   focas-sim --truth examples/table-tilting.toml --program examples/table-tilting-moves.csv
-      Five axes that move, on a machine that has the errors of the machine file. Each second a line tells where they
-      are (mm, deg) and the error of the tool without → with the correction, tip (µm) and axis (µrad), before alignment:
-      a rigid motion of the whole work space, which the workpiece zero takes up, is in it.
+      Five moving axes on a machine with the errors of the machine file. Each second a line shows
+      positions (mm, deg) and the tool error without → with the correction, tip (µm) and axis (µrad), before alignment:
+      it includes a rigid motion of the work space, which the workpiece zero compensates.
   focas-sim --truth T.toml --program diagonals.csv --report targets.csv --wait
-      Stands until `run` is typed, goes through the program once, and stands at each target until the correction has
-      settled; targets.csv gets a row for each. `volcomp diagonals --targets diagonals.csv` writes such a program.";
+      Waits for the command `run`, runs the program once, and stops at each target until the correction has settled;
+      targets.csv gets a row for each. `volcomp diagonals --targets diagonals.csv` writes such a program.";
 
 /// A simulated FANUC control: axes that move, PMC memory, and machine zero point shifts that move the axes
 ///
-/// The shifts stand from R100 on. A barrier in the control takes frames from R200 on, publishes its report from R240 on, and
-/// alone writes the shifts; with --no-barrier they are written over the network, as they come. At its end it prints the
-/// largest step that each axis made in one scan.
+/// The shifts are in R100 and following. A barrier in the control accepts frames at R200, publishes its report at R240, and
+/// is the only writer of the shifts; with --no-barrier clients write them directly. At exit it prints the largest step of
+/// each axis in one scan.
 ///
-/// It prints `listening on ADDRESS` when it is ready and runs until SIGINT (Ctrl-C), SIGTERM or the typed command
-/// `quit`. Exit status: 0 it was ended, 1 the work failed, 2 the call or a file is wrong.
+/// It prints `listening on ADDRESS` when it is ready and runs until SIGINT (Ctrl-C), SIGTERM or the command
+/// `quit`. Exit status: 0 ended normally, 1 failure, 2 invalid arguments or file.
 #[derive(Parser)]
 #[command(version, after_help = EXAMPLES)]
 #[expect(clippy::struct_excessive_bools, reason = "independent switches")]
 pub(crate) struct Arguments {
-    /// Address and port to listen on; port 0 takes a free one
+    /// Address and port to listen on; port 0 selects a free one
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8193")]
     pub(crate) listen: String,
     /// Letters of the axes in the control's order [default: X,Y,Z, or the axes of --truth]
     #[arg(long, value_name = "LETTERS", value_delimiter = ',')]
     axes: Vec<AxisName>,
-    /// Where the axes stand, mm and deg: X=100,C=30; axes that are not named stand at 0
+    /// Positions of the axes, mm and deg: X=100,C=30; other axes are at 0
     #[arg(long, value_name = "POSITION", conflicts_with = "stroke_mm")]
     pub(crate) at: Option<String>,
-    /// Moves to go through again and again, CSV: axis letters (mm, deg), optionally feed (mm/min, or deg/min where only
-    /// rotary axes move; default 2000), dwell_s (time to stand there; default 0) and line (see --report)
+    /// Moves to repeat, CSV: axis letters (mm, deg), optionally feed (mm/min, or deg/min where only
+    /// rotary axes move; default 2000), dwell_s (dwell time at the end; default 0) and line (see --report)
     #[arg(long, value_name = "FILE", conflicts_with = "stroke_mm")]
     pub(crate) program: Option<PathBuf>,
     /// Acceleration of the moves of a program, mm/s² (rad/s² where only rotary axes move)
@@ -71,38 +71,38 @@ pub(crate) struct Arguments {
         requires = "program"
     )]
     acceleration_mm_s2: f64,
-    /// Move every axis to and fro by so much, mm or deg
+    /// Move every axis to and fro by this distance, mm or deg
     #[arg(long, value_name = "MM", default_value_t = 0.0)]
     pub(crate) stroke_mm: f64,
-    /// Time of one such movement to and fro, s
+    /// Period of this movement, s
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     pub(crate) period_s: f64,
-    /// Machine file with the errors that the simulated machine really has; each second a line shows the error of its
-    /// tool without and with the correction, before alignment, at the reference temperature
+    /// Machine file with the true errors of the simulated machine; each second a line shows its tool error without and
+    /// with the correction, before alignment, at the reference temperature
     #[arg(long, value_name = "MACHINE")]
     pub(crate) truth: Option<PathBuf>,
-    /// Go through the program once, stand at each target until the correction has settled, and write into this file
-    /// where the axes are, what is applied, and the error of the tool, before alignment: a CSV table, or JSON
-    /// documents, one a line, where the name ends in .json. Then the range of the deviation along each line (rows with
-    /// the same name in the column line) is printed, as ISO 230-6 has it for diagonals
+    /// Run the program once, stop at each target until the correction has settled, and write positions, applied
+    /// correction and tool error before alignment to this file: a CSV table, or JSON documents, one per line, if the
+    /// name ends in .json. Then the range of the deviation along each line (rows with
+    /// the same name in the column line) is printed, as for diagonals in ISO 230-6
     #[arg(long, value_name = "FILE", requires = "program", requires = "truth")]
     pub(crate) report: Option<PathBuf>,
-    /// Stand at the first target until the command run is typed
+    /// Wait at the first target until the command run is typed
     #[arg(long, requires = "report")]
     pub(crate) wait: bool,
-    /// A correction that has not changed for so long has settled, s; with a barrier, frames must have come meanwhile
+    /// Time without change after which a correction has settled, s; with a barrier, frames must have arrived meanwhile
     #[arg(long, value_name = "S", default_value_t = 0.2, requires = "report")]
     settle_s: f64,
-    /// Longest time that a target waits for that, s; then it is written down as not settled
+    /// Maximum time to wait for that at a target, s; after it the target is recorded as not settled
     #[arg(long, value_name = "S", default_value_t = 10.0, requires = "report")]
     settle_at_most_s: f64,
-    /// Seconds between two such lines; 0 prints none [default: 1 with --truth, else 0]
+    /// Interval of these lines, s; 0 prints none [default: 1 with --truth, else 0]
     #[arg(long, value_name = "S")]
     report_s: Option<f64>,
-    /// Print the lines as JSON documents, one a line
+    /// Print the lines as JSON documents, one per line
     #[arg(long)]
     pub(crate) json: bool,
-    /// CSV file for what the corrections of the axes did: a line for each scan in which one moved
+    /// CSV file for the corrections of the axes: a line for each scan in which one changed
     #[arg(long, value_name = "FILE")]
     pub(crate) axis_log: Option<PathBuf>,
     /// Start with an alarm on
@@ -114,31 +114,31 @@ pub(crate) struct Arguments {
     /// Start with axes that are not referenced (the bits of F120)
     #[arg(long)]
     pub(crate) unreferenced: bool,
-    /// Answer nothing for so many seconds, at the end of every --pause-every-s
+    /// Do not answer for this time, s, at the end of every --pause-every-s
     #[arg(long, value_name = "S")]
     pause_s: Option<f64>,
-    /// Seconds from one such pause to the next
+    /// Interval of these pauses, s
     #[arg(long, value_name = "S", default_value_t = 30.0, requires = "pause_s")]
     pause_every_s: f64,
-    /// Answer one point of PMC memory and the position of one axis for each command, and refuse more (EW_NUMBER)
+    /// Accept one point of PMC memory and the position of one axis for each command, and reject more (EW_NUMBER)
     #[arg(long)]
     one_point: bool,
-    /// Refuse requests that combine commands for the control and for the PMC
+    /// Reject requests that combine commands for the control and for the PMC
     #[arg(long)]
     refuses_mix: bool,
-    /// Refuse requests that combine commands at all
+    /// Reject requests with more than one command
     #[arg(long)]
     one_command: bool,
     /// Version in its answers: 2 (16i), 3 (0i), 4 (31i); also as --version 3
     #[arg(long, value_name = "VERSION", default_value_t = 3, value_parser = clap::value_parser!(u16).range(2..=4))]
     version_of_answers: u16,
-    /// Send answers in pieces of so many bytes; 0 sends them whole
+    /// Send answers in pieces of this size, bytes; 0 sends them whole
     #[arg(long, value_name = "BYTES", default_value_t = 0)]
     fragment: usize,
-    /// Time until an answer is sent, ms
+    /// Response delay, ms
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     latency_ms: f64,
-    /// Time until what is written to PMC memory can be read back, ms
+    /// Delay until data written to PMC memory can be read back, ms
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     readback_ms: f64,
     #[command(flatten)]

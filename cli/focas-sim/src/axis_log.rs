@@ -45,12 +45,12 @@ impl AxisLog {
         let scales: Vec<f64> = (axes.iter())
             .map(|axis| count(axis.kind()).um_or_urad())
             .collect();
-        let (told, lines) = channel();
+        let (line_sender, lines) = channel();
         let writer = thread::Builder::new()
             .name("focas-sim axes".to_owned())
             .spawn(move || write(output, &lines, &scales))
             .map_err(SimError::thread)?;
-        Ok((hears(told), Self { writer, file }))
+        Ok((scan_log(line_sender), Self { writer, file }))
     }
 
     /// Waits until everything is written.
@@ -62,7 +62,7 @@ impl AxisLog {
 }
 
 /// Forwards the first scan, and those in which an axis moved or that follow a power cycle.
-fn hears(told: Sender<Line>) -> ScanLog {
+fn scan_log(line_sender: Sender<Line>) -> ScanLog {
     let mut last: Option<Vec<i64>> = None;
     Box::new(move |scan: Scan<'_>| {
         if !scan.switched_on && last.as_deref() == Some(scan.shifts) {
@@ -70,7 +70,7 @@ fn hears(told: Sender<Line>) -> ScanLog {
         }
         let now = clock_gettime(ClockId::Monotonic);
         // The receiver is gone only after a write error, which is reported at the end.
-        let _ = told.send(Line {
+        let _ = line_sender.send(Line {
             time_ns: i128::from(now.tv_sec) * 1_000_000_000 + i128::from(now.tv_nsec),
             switched_on: scan.switched_on,
             shifts: scan.shifts.to_vec(),

@@ -17,11 +17,11 @@ use crate::{
     quantities::{count, duration, letters},
 };
 
-/// The barrier in the control: it decides which frames it takes and moves the shifts at its own rate.
+/// The barrier in the control: it validates frames and moves the shifts at its own rate.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Barrier")]
 pub(crate) struct BarrierArguments {
-    /// Run no barrier: the axes take the shifts that are written from R100 on as they come
+    /// Run without a barrier: the axes take the shifts written from R100 on directly
     #[arg(long)]
     no_barrier: bool,
     /// Letters of the axes that the barrier corrects, in the order of its frames [default: all axes of the control]
@@ -32,7 +32,7 @@ pub(crate) struct BarrierArguments {
         conflicts_with = "no_barrier"
     )]
     barrier_axes: Vec<AxisName>,
-    /// Number of the machine: frames for another one are refused
+    /// Machine number; frames for another one are rejected
     #[arg(
         long,
         value_name = "NUMBER",
@@ -56,7 +56,7 @@ pub(crate) struct BarrierArguments {
         conflicts_with = "no_barrier"
     )]
     limit_urad: f64,
-    /// Fastest change of the correction of a linear axis, µm/s
+    /// Maximum rate of the correction of a linear axis, µm/s
     #[arg(
         long,
         value_name = "UM_PER_S",
@@ -64,7 +64,7 @@ pub(crate) struct BarrierArguments {
         conflicts_with = "no_barrier"
     )]
     rate_um_per_s: f64,
-    /// Fastest change of the correction of a rotary axis, µrad/s
+    /// Maximum rate of the correction of a rotary axis, µrad/s
     #[arg(
         long,
         value_name = "URAD_PER_S",
@@ -72,7 +72,7 @@ pub(crate) struct BarrierArguments {
         conflicts_with = "no_barrier"
     )]
     rate_urad_per_s: f64,
-    /// Largest age of the report that a frame answers, ms
+    /// Maximum age of the report that a frame answers, ms
     #[arg(
         long,
         value_name = "MS",
@@ -80,7 +80,7 @@ pub(crate) struct BarrierArguments {
         conflicts_with = "no_barrier"
     )]
     hold_ms: f64,
-    /// Time without a frame after which the correction goes to zero, ms: at least twice --hold-ms
+    /// Time without a frame after which the correction ramps to zero, ms: at least twice --hold-ms
     #[arg(
         long,
         value_name = "MS",
@@ -88,12 +88,12 @@ pub(crate) struct BarrierArguments {
         conflicts_with = "no_barrier"
     )]
     time_out_ms: f64,
-    /// Look corrections up in a map of so many words at the most instead, 69 to 2450: frames from D0 on, the report from D144
+    /// Look corrections up in a map of at most this number of words instead, 69 to 2450: frames from D0 on, the report from D144
     /// on, two buffers from D200 on; --limit-um, --rate-um-per-s, --hold-ms, --time-out-ms, --barrier-axes and
     /// --machine-number mean the same
     #[arg(long, value_name = "WORDS", conflicts_with = "no_barrier", value_parser = clap::value_parser!(u16).range(69..=i64::from(map::MOST_WORDS)))]
     map_words: Option<u16>,
-    /// Time from one scan of the control's program to the next, ms
+    /// Scan period of the control's program, ms
     #[arg(long, value_name = "MS", default_value_t = 2.0)]
     scan_ms: f64,
 }
@@ -158,8 +158,7 @@ impl BarrierArguments {
         ] {
             let most = f64::from(i16::MAX) * unit.um_or_urad();
             if found > most {
-                let expected =
-                    format!("{most:.0} at the most, 32767 counts as the barrier has them");
+                let expected = format!("at most {most:.0}, 32767 counts of the barrier");
                 return Err(SimError::input(option, found.to_string(), expected));
             }
         }
@@ -184,7 +183,7 @@ impl BarrierArguments {
     fn map(&self, axes: &[AxisName], slots: Vec<usize>, capacity: u16) -> Result<Ladder, SimError> {
         let linear = axes.iter().all(|axis| axis.kind() == AxisKind::Linear);
         if !linear || axes.len() > OUTPUTS {
-            let expected = format!("{OUTPUTS} linear axes at the most with --map-words");
+            let expected = format!("at most {OUTPUTS} linear axes with --map-words");
             return Err(SimError::input("--barrier-axes", letters(axes), expected));
         }
         let scan_ms = self.scan()?.as_secs_f64() * 1e3;

@@ -43,7 +43,7 @@ use crate::{
 };
 
 /// Interval at which the directions of the axes are sampled.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 fn main() -> ExitCode {
     match run(&Arguments::read()) {
@@ -95,17 +95,17 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     let simulator = Arc::new(simulator);
     print(&format!("listening on {}", simulator.address()));
 
-    let (now, asked) = channel();
-    let (run, told) = channel();
+    let (now, report_requests) = channel();
+    let (run, run_requests) = channel();
     if let Some(measurement) = measurement {
         if !arguments.wait {
             // The receiver exists.
             let _ = run.send(());
         }
-        measure(measurement, &simulator, told, end.clone())?;
+        measure(measurement, &simulator, run_requests, end.clone())?;
     }
     start("focas-sim typed", {
-        let asks = Asks {
+        let receivers = CommandReceivers {
             now: now.clone(),
             run: run.clone(),
             end,
@@ -113,7 +113,7 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
         let simulator = Arc::clone(&simulator);
         let (axes, json) = (axes.clone(), arguments.json);
         move || {
-            typed(&simulator, &asks, || {
+            typed(&simulator, &receivers, || {
                 print_steps(&axes, &simulator, json);
             });
         }
@@ -122,7 +122,7 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
         let simulator = Arc::clone(&simulator);
         let reporter = Reporter::new(axes.clone(), truth);
         let json = arguments.json;
-        move || report(&simulator, reporter, period, &asked, json)
+        move || report(&simulator, reporter, period, &report_requests, json)
     })?;
     if let Some((pause, every)) = pauses {
         let simulator = Arc::clone(&simulator);
@@ -166,12 +166,12 @@ fn measurement(
 fn measure(
     measurement: Measurement,
     simulator: &Arc<Simulator>,
-    told: Receiver<()>,
+    run_requests: Receiver<()>,
     end: Sender<Result<(), SimError>>,
 ) -> Result<(), SimError> {
     let simulator = Arc::clone(simulator);
     start("focas-sim measure", move || {
-        if let Err(error) = measurement.run(&simulator, &told) {
+        if let Err(error) = measurement.run(&simulator, &run_requests) {
             // The receiver is gone if the program is already ending.
             let _ = end.send(Err(error));
         }
@@ -179,7 +179,7 @@ fn measure(
 }
 
 /// Receivers of the typed commands.
-struct Asks {
+struct CommandReceivers {
     /// Prints a report line.
     now: Sender<()>,
     /// Runs the program.
@@ -226,23 +226,23 @@ fn start(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), SimErro
 }
 
 /// Executes typed commands; `steps` prints the largest steps.
-fn typed(simulator: &Simulator, asks: &Asks, steps: impl Fn()) {
+fn typed(simulator: &Simulator, receivers: &CommandReceivers, steps: impl Fn()) {
     standard_input::lines(|line| {
         match line.parse::<Command>() {
             Err(message) => eprintln!("error: {message}"),
             Ok(Command::Help) => eprintln!("{}", Arguments::typed_commands()),
             Ok(Command::Report) => {
                 // The receiver exists until the end.
-                let _ = asks.now.send(());
+                let _ = receivers.now.send(());
             }
             Ok(Command::Run) => {
-                if asks.run.send(()).is_err() {
+                if receivers.run.send(()).is_err() {
                     eprintln!("error: found `run`, expected it with --report only");
                 }
             }
             Ok(Command::Steps) => steps(),
             Ok(Command::Quit) => {
-                let _ = asks.end.send(Ok(()));
+                let _ = receivers.end.send(Ok(()));
                 return false;
             }
             Ok(command) => command.act(simulator),
@@ -256,19 +256,19 @@ fn report(
     simulator: &Simulator,
     mut reporter: Reporter,
     period: Option<Duration>,
-    asked: &Receiver<()>,
+    report_requests: &Receiver<()>,
     json: bool,
 ) {
     let mut due = period.map(|period| Instant::now() + period);
     loop {
-        let wanted = match asked.recv_timeout(LOOK) {
+        let is_requested = match report_requests.recv_timeout(POLL_INTERVAL) {
             Ok(()) => true,
             Err(RecvTimeoutError::Timeout) => false,
             Err(RecvTimeoutError::Disconnected) => return,
         };
         reporter.watch(simulator);
         let is_due = due.is_some_and(|due| Instant::now() >= due);
-        if !wanted && !is_due {
+        if !is_requested && !is_due {
             continue;
         }
         if let (true, Some(period)) = (is_due, period) {

@@ -19,7 +19,7 @@ use crate::{
 };
 
 /// Interval at which position and correction are sampled.
-const LOOK: Duration = Duration::from_millis(5);
+const POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Number of frames that must be accepted without a change before a correction counts as settled. The first ones may have been computed or queued
 /// before the machine stopped, and on a busy computer all of them are late.
 const FRAMES: u16 = 10;
@@ -49,10 +49,10 @@ impl Measurement {
     pub(crate) fn run(
         mut self,
         simulator: &Simulator,
-        told: &Receiver<()>,
+        run_requests: &Receiver<()>,
     ) -> Result<(), SimError> {
         let mut pass = 0;
-        while told.recv().is_ok() {
+        while run_requests.recv().is_ok() {
             pass += 1;
             let pass = self.pass(pass, simulator)?;
             print(&if self.json { json(&pass) } else { pass.text() });
@@ -67,13 +67,13 @@ impl Measurement {
             let dwell = self.walk.dwells.get(index).copied().unwrap_or_default();
             match self.walk.stops.get(index).cloned() {
                 Some(Stop::Target(line)) => {
-                    let (settled, stood) = self.settle(dwell, simulator);
+                    let (settled, waited) = self.settle(dwell, simulator);
                     let target = Target {
                         pass,
                         number: targets.len() + 1,
                         line,
                         settled,
-                        stood_s: rounded(stood.as_secs_f64()),
+                        stood_s: rounded(waited.as_secs_f64()),
                         report: self.reporter.report(simulator),
                     };
                     self.sheet.write(&target)?;
@@ -95,7 +95,7 @@ impl Measurement {
         self.walk.go_to(index, simulator.world().moved_for());
         while !self.walk.has_arrived(simulator.world().moved_for()) {
             self.reporter.watch(simulator);
-            thread::sleep(LOOK);
+            thread::sleep(POLL_INTERVAL);
         }
         self.reporter.watch(simulator);
     }
@@ -103,21 +103,21 @@ impl Measurement {
     /// Waits until the correction has settled; returns whether it has, and the time it took.
     fn settle(&self, dwell: Duration, simulator: &Simulator) -> (bool, Duration) {
         let arrived = Instant::now();
-        let mut standing = Standing::since(arrived, self.seen(simulator));
+        let mut stability = Stability::since(arrived, self.sample(simulator));
         loop {
-            thread::sleep(LOOK);
-            standing.look(self.seen(simulator));
-            let settled = standing.is_settled(self.settling.stands);
-            let stood = arrived.elapsed();
-            if stood >= dwell && (settled || stood >= self.settling.at_most) {
-                return (settled, stood);
+            thread::sleep(POLL_INTERVAL);
+            stability.update(self.sample(simulator));
+            let settled = stability.is_settled(self.settling.stands);
+            let waited = arrived.elapsed();
+            if waited >= dwell && (settled || waited >= self.settling.at_most) {
+                return (settled, waited);
             }
         }
     }
 
-    fn seen(&self, simulator: &Simulator) -> Seen {
+    fn sample(&self, simulator: &Simulator) -> Sample {
         let mut world = simulator.world();
-        Seen {
+        Sample {
             shifts: world.shift_counts(),
             sender: self
                 .settling
@@ -140,41 +140,41 @@ fn sender(world: &mut World, (machine, axes): (u16, Layout)) -> Option<(u16, u16
 
 /// A sample of the corrections.
 #[derive(Clone, Debug, PartialEq)]
-struct Seen {
+struct Sample {
     shifts: Vec<i64>,
     sender: Option<(u16, u16)>,
 }
 
 /// Tracks for how long the corrections have not changed.
-struct Standing {
+struct Stability {
     since: Instant,
-    seen: Seen,
+    sample: Sample,
     frames: u16,
 }
 
-impl Standing {
-    fn since(since: Instant, seen: Seen) -> Self {
+impl Stability {
+    fn since(since: Instant, sample: Sample) -> Self {
         let frames = 0;
         Self {
             since,
-            seen,
+            sample,
             frames,
         }
     }
 
-    fn look(&mut self, seen: Seen) {
-        let owner = |seen: &Seen| seen.sender.map(|(owner, _)| owner);
-        if seen.shifts != self.seen.shifts || owner(&seen) != owner(&self.seen) {
-            *self = Self::since(Instant::now(), seen);
-        } else if seen != self.seen {
+    fn update(&mut self, sample: Sample) {
+        let owner = |sample: &Sample| sample.sender.map(|(owner, _)| owner);
+        if sample.shifts != self.sample.shifts || owner(&sample) != owner(&self.sample) {
+            *self = Self::since(Instant::now(), sample);
+        } else if sample != self.sample {
             self.frames = self.frames.saturating_add(1);
-            self.seen = seen;
+            self.sample = sample;
         }
     }
 
     fn is_settled(&self, stands: Duration) -> bool {
-        let heard = self.seen.sender.is_none() || self.frames >= FRAMES;
-        heard && self.since.elapsed() >= stands
+        let is_confirmed = self.sample.sender.is_none() || self.frames >= FRAMES;
+        is_confirmed && self.since.elapsed() >= stands
     }
 }
 
@@ -182,30 +182,30 @@ impl Standing {
 mod tests {
     use super::*;
 
-    fn seen(shift: i64, sender: Option<(u16, u16)>) -> Seen {
-        Seen {
+    fn sample(shift: i64, sender: Option<(u16, u16)>) -> Sample {
+        Sample {
             shifts: vec![shift],
             sender,
         }
     }
 
-    /// A correction that stands because nobody has written since is not settled; one that changes begins anew; and
-    /// where no barrier has a sender the time alone counts.
+    /// An unchanged correction without new frames is not settled; a change restarts the wait; without a sender at a barrier only
+    /// the time counts.
     #[test]
-    fn settled_is_what_was_confirmed_while_it_stood() {
+    fn a_settled_correction_was_confirmed_while_unchanged() {
         let none = Duration::ZERO;
-        let mut standing = Standing::since(Instant::now(), seen(5, Some((9, 1))));
-        standing.look(seen(5, Some((9, 1))));
-        assert!(!standing.is_settled(none));
+        let mut stability = Stability::since(Instant::now(), sample(5, Some((9, 1))));
+        stability.update(sample(5, Some((9, 1))));
+        assert!(!stability.is_settled(none));
         for sequence in 0..FRAMES {
-            assert!(!standing.is_settled(none));
-            standing.look(seen(5, Some((9, 2 + sequence))));
+            assert!(!stability.is_settled(none));
+            stability.update(sample(5, Some((9, 2 + sequence))));
         }
-        assert!(standing.is_settled(none));
-        assert!(!standing.is_settled(Duration::MAX));
-        standing.look(seen(6, Some((9, 99))));
-        assert!(!standing.is_settled(none));
-        standing.look(seen(6, None));
-        assert!(standing.is_settled(none));
+        assert!(stability.is_settled(none));
+        assert!(!stability.is_settled(Duration::MAX));
+        stability.update(sample(6, Some((9, 99))));
+        assert!(!stability.is_settled(none));
+        stability.update(sample(6, None));
+        assert!(stability.is_settled(none));
     }
 }

@@ -8,7 +8,7 @@ use std::{
 use rustix::{process::getpgrp, termios::tcgetpgrp};
 
 /// Interval at which a background program checks whether it is in the foreground again.
-const LOOK: Duration = Duration::from_millis(300);
+const POLL_INTERVAL: Duration = Duration::from_millis(300);
 /// Maximum length of a line, bytes; longer lines are split.
 const LONGEST: u64 = 1 << 16;
 
@@ -22,7 +22,7 @@ pub(crate) fn lines(mut line: impl FnMut(&str) -> bool) {
     let mut text = String::new();
     loop {
         while is_terminal && !in_foreground() {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
         if is_terminal && !readable() {
             continue;
@@ -52,6 +52,6 @@ fn readable() -> bool {
         tv_sec: 0,
         tv_nsec: 300_000_000,
     };
-    let mut asked = [PollFd::new(&stdin, PollFlags::IN)];
-    poll(&mut asked, Some(&time)).is_ok_and(|ready| ready > 0)
+    let mut events = [PollFd::new(&stdin, PollFlags::IN)];
+    poll(&mut events, Some(&time)).is_ok_and(|ready| ready > 0)
 }

@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_devices::{ControllerDevice, Needs, config::of_ms};
+use volcomp_devices::{ControllerDevice, GuardRequirements, config::of_ms};
 use volcomp_guard::{
     AxisLimits, BarrierMisfit, Limits, RATE_OVER_SLEW, barrier::Report, barrier_misfits,
     protocol::Layout, scans_fit,
@@ -62,7 +62,7 @@ fn longest_read_back(period: Duration) -> Duration {
 }
 
 /// Limits that the guard requires of a control, by the rule used for arming.
-pub(crate) fn needs(limits: &Limits) -> Needs {
+pub(crate) fn needs(limits: &Limits) -> GuardRequirements {
     let axes = || limits.axes.iter().take(limits.count);
     let largest = |value: fn(&AxisLimits) -> f64| {
         [AxisKind::Linear, AxisKind::Rotary].map(|kind| {
@@ -70,7 +70,7 @@ pub(crate) fn needs(limits: &Limits) -> Needs {
             values.fold(0.0, f64::max)
         })
     };
-    Needs {
+    GuardRequirements {
         slew_per_min: axes().map(|axis| round(axis.slew_per_s * 60.0)).collect(),
         limit: largest(AxisLimits::reachable),
         rate_per_s: largest(|axis| RATE_OVER_SLEW * axis.slew_per_s),

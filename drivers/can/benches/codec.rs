@@ -1,4 +1,4 @@
-//! A frame of positions taken apart, and a frame of corrections put together.
+//! Decoding of a position frame and encoding of a correction frame.
 
 use std::hint::black_box;
 

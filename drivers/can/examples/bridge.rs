@@ -1,5 +1,5 @@
-//! Corrects a control that tells its positions in plain CAN frames, as the shipped `volcomp.dbc` has them. The bus is one in
-//! memory; on a machine it is `CanSocket::open("can0")`.
+//! Corrects a control that sends its positions in plain CAN frames of the shipped `volcomp.dbc`. The bus is in memory; on a
+//! machine use `CanSocket::open("can0")`.
 //!
 //!     cargo run -p volcomp-can --example bridge
 
@@ -85,7 +85,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let mut counter = 0_u64;
     for x_mm in [0.0, 100.0, 250.0] {
-        // The control tells where it is, and that it is referenced …
+        // The control sends its positions and that it is referenced …
         counter += 1;
         let position = [("X_POS", x_mm), ("Y_POS", 50.0)];
         let state = [("X_APPLIED", 0.0), ("REFERENCED", 1.0)];
@@ -99,7 +99,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         assert!(snapshot.state.referenced);
         let correction = PerChannel::leading([-4e-5 * snapshot.positions[0]]);
         controller.apply(&correction, soon)?;
-        // … and the control takes it, if length, counter and checksum are right.
+        // … and the control applies it if length, counter and checksum are correct.
         let frame = bus.pop(TO_CONTROL).ok_or("no correction was sent")?;
         let (place, signal) = table.find("X_CORR").ok_or("the table lacks X_CORR")?;
         let found = &table.messages[place];

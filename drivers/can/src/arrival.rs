@@ -4,17 +4,17 @@ use std::time::{Duration, Instant, SystemTime};
 
 /// Maximum drift of the wall clock, which the kernel's timestamps use, against the monotonic clock while a queue is emptied. A larger drift means
 /// that the clock was set, and the timestamps are ignored.
-const CLOCK_WAS_SET: Duration = Duration::from_millis(1);
+const MAX_CLOCK_DRIFT: Duration = Duration::from_millis(1);
 
 /// Maximum time for reading both clocks, and so the maximum error between them.
-const BOTH_WITHIN: Duration = Duration::from_micros(100);
+const MAX_CLOCK_READ_TIME: Duration = Duration::from_micros(100);
 
 /// Reads both clocks. If the thread is interrupted between the two, they are read again, at most twice.
 pub(crate) fn both_clocks() -> (Instant, SystemTime) {
     let read = || (Instant::now(), SystemTime::now());
     let mut both = read();
     for _ in 0..2 {
-        if both.0.elapsed() <= BOTH_WITHIN {
+        if both.0.elapsed() <= MAX_CLOCK_READ_TIME {
             break;
         }
         both = read();
@@ -40,7 +40,7 @@ impl Arrivals {
     pub(crate) fn of(&self, stamp: Option<SystemTime>, now: Instant, wall: SystemTime) -> Instant {
         let passed = now.saturating_duration_since(self.empty);
         let by_wall = wall.duration_since(self.wall).unwrap_or_default();
-        let (Some(stamp), true) = (stamp, passed.abs_diff(by_wall) <= CLOCK_WAS_SET) else {
+        let (Some(stamp), true) = (stamp, passed.abs_diff(by_wall) <= MAX_CLOCK_DRIFT) else {
             return self.empty;
         };
         let age = wall.duration_since(stamp).unwrap_or_default();
@@ -56,7 +56,7 @@ mod tests {
     const MS: Duration = Duration::from_millis(1);
 
     #[test]
-    fn frames_that_waited_are_old() {
+    fn a_queued_frame_gets_its_maximum_age() {
         let (empty, wall) = (Instant::now(), SystemTime::now());
         let arrivals = Arrivals::empty_at(empty, wall);
         let read = |stamp: Option<Duration>, at: Duration, wall_at: Duration| {

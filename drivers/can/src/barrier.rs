@@ -8,23 +8,23 @@ use volcomp_port::{Fault, MOST_WORDS, Words};
 use volcomp_vocabulary::AxisName;
 
 use crate::{
-    ears::{Heard, Place, hear},
     frame::{CanPort, Frame},
     quantity::Quantity,
+    receiver::{ReceivedMessage, ReceivedSignal, subscribe},
     signals::{Message, Signal, SignalTable},
 };
 
 /// Epoch, tick, sequence, owner.
-const FRAME_HEAD: usize = 4;
+const FRAME_HEADER_WORDS: usize = 4;
 /// Epoch, tick, owner, sequence, refusal, scans from step to step, hold, time-out.
-const REPORT_HEAD: usize = 8;
+const REPORT_HEADER_WORDS: usize = 8;
 /// Applied, limit, rate.
-const REPORT_OF_AXIS: usize = 3;
+const REPORT_WORDS_PER_AXIS: usize = 3;
 /// Number of checksum words at the end of both.
-const CHECK: usize = 2;
+const CHECKSUM_WORDS: usize = 2;
 
 /// A message to send, and whether its words were set.
-struct Sent {
+struct OutgoingMessage {
     message: Message,
     frame: Frame,
 }
@@ -38,8 +38,8 @@ struct Word {
 /// The transport of a barrier's words on a bus.
 pub(crate) struct Barrier {
     frame: Vec<Word>,
-    sent: Vec<Sent>,
-    report: Vec<Place>,
+    sent: Vec<OutgoingMessage>,
+    report: Vec<ReceivedSignal>,
     /// The last report whose messages belong together, and the arrival of the oldest one.
     last: Option<(Words, Instant)>,
     counter: u64,
@@ -62,7 +62,7 @@ impl Barrier {
     pub(crate) fn of(
         table: &SignalTable,
         axes: &[AxisName],
-        heard: &mut Vec<Heard>,
+        messages: &mut Vec<ReceivedMessage>,
     ) -> Result<Option<(Self, Vec<Count>)>, String> {
         let frame = words(table, "FRAME")?;
         let report = words(table, "REPORT")?;
@@ -70,22 +70,30 @@ impl Barrier {
             return Ok(None);
         }
         let count = axes.len();
-        expect(&frame, "FRAME", FRAME_HEAD + count + CHECK, count)?;
-        let expected = REPORT_HEAD + REPORT_OF_AXIS * count + CHECK;
-        expect(&report, "REPORT", expected, count)?;
+        check_word_count(
+            &frame,
+            "FRAME",
+            FRAME_HEADER_WORDS + count + CHECKSUM_WORDS,
+            count,
+        )?;
+        let expected = REPORT_HEADER_WORDS + REPORT_WORDS_PER_AXIS * count + CHECKSUM_WORDS;
+        check_word_count(&report, "REPORT", expected, count)?;
         let signal = |at: &(usize, usize)| &table.messages[at.0].signals[at.1];
         let mut counts = Vec::new();
         for (index, name) in axes.iter().enumerate() {
-            let value = signal(&frame[FRAME_HEAD + index]);
-            counts.push(of_count(value, *name)?);
-            for at in &report[REPORT_HEAD + REPORT_OF_AXIS * index..][..2] {
-                same_count(signal(at), value)?;
+            let value = signal(&frame[FRAME_HEADER_WORDS + index]);
+            counts.push(axis_count(value, *name)?);
+            for at in &report[REPORT_HEADER_WORDS + REPORT_WORDS_PER_AXIS * index..][..2] {
+                check_same_count(signal(at), value)?;
             }
         }
-        let is_value = |index: usize| (FRAME_HEAD..FRAME_HEAD + count).contains(&index);
+        let is_value =
+            |index: usize| (FRAME_HEADER_WORDS..FRAME_HEADER_WORDS + count).contains(&index);
         let counted = |index: usize| {
-            let of_axes = index.checked_sub(REPORT_HEAD);
-            of_axes.is_some_and(|at| at < REPORT_OF_AXIS * count && at % REPORT_OF_AXIS != 2)
+            let of_axes = index.checked_sub(REPORT_HEADER_WORDS);
+            of_axes.is_some_and(|at| {
+                at < REPORT_WORDS_PER_AXIS * count && at % REPORT_WORDS_PER_AXIS != 2
+            })
         };
         for (index, at) in frame.iter().enumerate() {
             check(signal(at), is_value(index))?;
@@ -93,9 +101,9 @@ impl Barrier {
         for (index, at) in report.iter().enumerate() {
             check(signal(at), counted(index))?;
         }
-        counted_together(table, &frame)?;
-        counted_together(table, &report)?;
-        let mut sent: Vec<Sent> = Vec::new();
+        check_shared_counter(table, &frame)?;
+        check_shared_counter(table, &report)?;
+        let mut sent: Vec<OutgoingMessage> = Vec::new();
         let mut parts = Vec::new();
         // The message with the last word is sent last, so that the frame is complete when it arrives.
         let mut order: Vec<usize> = Vec::new();
@@ -108,8 +116,8 @@ impl Barrier {
             let message = &table.messages[*index];
             let frame = message
                 .frame()
-                .ok_or_else(|| format!("{} makes no frame", message.name))?;
-            sent.push(Sent {
+                .ok_or_else(|| format!("{} does not form a valid frame", message.name))?;
+            sent.push(OutgoingMessage {
                 message: message.clone(),
                 frame,
             });
@@ -122,7 +130,7 @@ impl Barrier {
                 signal: signal(at).clone(),
             });
         }
-        let report = report.iter().map(|at| hear(table, heard, *at));
+        let report = report.iter().map(|at| subscribe(table, messages, *at));
         let barrier = Self {
             frame: parts,
             sent,
@@ -149,7 +157,7 @@ impl Barrier {
             place.signal.put_raw(data, u64::from(*word));
         }
         self.counter = (self.counter + 1) % 16;
-        for Sent { message, frame } in &mut self.sent {
+        for OutgoingMessage { message, frame } in &mut self.sent {
             message.seal(frame.data_mut(), self.counter);
             send(port, frame, deadline)?;
         }
@@ -157,17 +165,17 @@ impl Barrier {
     }
 
     /// Processes a complete and new message: if it is the last part of a report whose parts have the same counter, stores the report.
-    pub(crate) fn hear(&mut self, heard: &[Heard], index: usize) {
-        if !self.report.iter().any(|place| place.heard == index) {
+    pub(crate) fn process(&mut self, messages: &[ReceivedMessage], index: usize) {
+        if !self.report.iter().any(|signal| signal.message == index) {
             return;
         }
-        let counter = heard[index].counter();
+        let counter = messages[index].counter();
         let mut words = [0; MOST_WORDS];
-        let Some(mut oldest) = heard[index].taken else {
+        let Some(mut oldest) = messages[index].taken else {
             return;
         };
         for (word, place) in words.iter_mut().zip(&self.report) {
-            let part = &heard[place.heard];
+            let part = &messages[place.message];
             let Some(taken) = part.taken.filter(|_| part.counter() == counter) else {
                 return;
             };
@@ -216,7 +224,7 @@ fn words(table: &SignalTable, prefix: &str) -> Result<Vec<(usize, usize)>, Strin
     Ok(found.into_iter().map(|(_, at)| at).collect())
 }
 
-fn expect(
+fn check_word_count(
     found: &[(usize, usize)],
     prefix: &str,
     expected: usize,
@@ -233,7 +241,7 @@ fn expect(
 
 /// Checks that words in several messages can be distinguished from those of another time: by a counter in each message. The checksum of the words
 /// alone does not detect all mixtures of three or more frames.
-fn counted_together(table: &SignalTable, words: &[(usize, usize)]) -> Result<(), String> {
+fn check_shared_counter(table: &SignalTable, words: &[(usize, usize)]) -> Result<(), String> {
     let messages = || words.iter().map(|(message, _)| *message);
     let is_one = messages().all(|message| Some(message) == messages().next());
     for message in messages().map(|index| &table.messages[index]) {
@@ -248,11 +256,11 @@ fn counted_together(table: &SignalTable, words: &[(usize, usize)]) -> Result<(),
 }
 
 /// The size of a count of an axis, by unit and factor of its value word.
-fn of_count(signal: &Signal, name: AxisName) -> Result<Count, String> {
+fn axis_count(signal: &Signal, name: AxisName) -> Result<Count, String> {
     let unit = Quantity::Of(name).factor(&signal.unit);
     let unit = unit.map_err(|unit| {
         let word = &signal.name;
-        format!("signal {word}: {unit}; unit and factor say what a count of {name} is")
+        format!("signal {word}: {unit}; unit and factor define a count of {name}")
     })?;
     let step = signal.factor * unit;
     if step <= 0.0 {
@@ -268,8 +276,8 @@ fn of_count(signal: &Signal, name: AxisName) -> Result<Count, String> {
     })
 }
 
-fn same_count(found: &Signal, expected: &Signal) -> Result<(), String> {
-    #[expect(clippy::float_cmp, reason = "both stand in one file")]
+fn check_same_count(found: &Signal, expected: &Signal) -> Result<(), String> {
+    #[expect(clippy::float_cmp, reason = "both are in one file")]
     let same = found.unit == expected.unit && found.factor == expected.factor;
     if same {
         return Ok(());
@@ -300,7 +308,7 @@ fn check(signal: &Signal, counted: bool) -> Result<(), String> {
             if counted {
                 "the offset 0"
             } else {
-                "1, 0 and none: it is a word"
+                "1, 0 and no unit: it is a plain word"
             }
         ));
     }

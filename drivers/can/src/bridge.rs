@@ -14,12 +14,11 @@ use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
 use crate::{
     barrier::{Barrier, Count},
-    ears::{Ears, Health, Heard, Place, hear},
-    frame::CanPort,
-    plain::{Plain, needed},
+    frame::{CanPort, UnopenedBus},
+    plain::{PlainCorrections, required_signal},
     quantity::STATES,
+    receiver::{Health, ReceivedMessage, ReceivedSignal, Receiver, subscribe},
     signals::SignalTable,
-    unopened::Unopened,
 };
 
 /// The signals and axes for reading and correcting a control on a CAN bus.
@@ -56,30 +55,30 @@ impl BridgeConfig {
     /// # Errors
     /// Axes without signals, unknown units.
     pub fn describe(&self, device: &str) -> Result<Description, DeviceError> {
-        let unopened = Unopened(device.to_owned());
-        Ok(CanController::new(unopened, self)?.description)
+        let bus = UnopenedBus(device.to_owned());
+        Ok(CanController::new(bus, self)?.description)
     }
 }
 
 /// How corrections are sent.
-enum Way {
+enum Transport {
     /// As words of a frame for the barrier of the control.
     Barrier(Barrier),
     /// As plain values.
-    Plain(Plain),
+    Plain(PlainCorrections),
     /// Not sent: positions are only read.
-    Nothing,
+    ReadOnly,
 }
 
 /// A controller over plain frames.
 pub struct CanController<P> {
-    ears: Ears<P>,
+    receiver: Receiver<P>,
     description: Description,
-    positions: Vec<Place>,
+    positions: Vec<ReceivedSignal>,
     /// Signals of the applied corrections, by axis; empty unless every axis has one.
-    applied: Vec<Place>,
-    states: [Option<Place>; 3],
-    way: Way,
+    applied: Vec<ReceivedSignal>,
+    states: [Option<ReceivedSignal>; 3],
+    transport: Transport,
 }
 
 impl<P: CanPort> CanController<P> {
@@ -92,32 +91,32 @@ impl<P: CanPort> CanController<P> {
         let refused =
             |what: String| DeviceError::option(&*device, what, "correct the DBC file or the axes");
         let table = &config.table;
-        let mut heard: Vec<Heard> = Vec::new();
+        let mut messages: Vec<ReceivedMessage> = Vec::new();
         let mut positions = Vec::new();
         for name in config.axes.iter().chain(&config.reads) {
-            let place = needed(table, *name, "POS").map_err(&refused)?;
-            positions.push(hear(table, &mut heard, place).map_err(&refused)?);
+            let place = required_signal(table, *name, "POS").map_err(&refused)?;
+            positions.push(subscribe(table, &mut messages, place).map_err(&refused)?);
         }
         let only_reads = config.axes.is_empty();
         let barrier = if only_reads {
             None
         } else {
-            Barrier::of(table, &config.axes, &mut heard).map_err(&refused)?
+            Barrier::of(table, &config.axes, &mut messages).map_err(&refused)?
         };
         let mut applied = Vec::new();
-        let (way, counts, heartbeat) = if only_reads {
-            (Way::Nothing, Vec::new(), Heartbeat::Unwatched)
+        let (transport, counts, heartbeat) = if only_reads {
+            (Transport::ReadOnly, Vec::new(), Heartbeat::Unwatched)
         } else if let Some((barrier, counts)) = barrier {
-            (Way::Barrier(barrier), counts, Heartbeat::Watched)
+            (Transport::Barrier(barrier), counts, Heartbeat::Watched)
         } else {
-            let (plain, counts) = Plain::of(table, &config.axes).map_err(&refused)?;
+            let (plain, counts) = PlainCorrections::of(table, &config.axes).map_err(&refused)?;
             for name in &config.axes {
                 if let Some(at) = table.find(&format!("{name}_APPLIED")) {
-                    applied.push(hear(table, &mut heard, at).map_err(&refused)?);
+                    applied.push(subscribe(table, &mut messages, at).map_err(&refused)?);
                 }
             }
             let heartbeat = plain.heartbeat();
-            (Way::Plain(plain), counts, heartbeat)
+            (Transport::Plain(plain), counts, heartbeat)
         };
         if applied.len() < config.axes.len() {
             applied.clear();
@@ -125,13 +124,13 @@ impl<P: CanPort> CanController<P> {
         let mut states = [const { None }; 3];
         for (state, name) in states.iter_mut().zip(STATES) {
             if let Some(at) = table.find(name) {
-                *state = Some(hear(table, &mut heard, at).map_err(&refused)?);
+                *state = Some(subscribe(table, &mut messages, at).map_err(&refused)?);
             }
         }
-        let has_barrier = matches!(way, Way::Barrier(_));
+        let has_barrier = matches!(transport, Transport::Barrier(_));
         let description = Description {
             channel: config.channel.clone(),
-            axes: described(config, &counts),
+            axes: axis_descriptions(config, &counts),
             reads: config.reads.clone(),
             heartbeat,
             barrier: has_barrier,
@@ -148,45 +147,45 @@ impl<P: CanPort> CanController<P> {
         };
         description.check().map_err(|e| refused(e.to_string()))?;
         Ok(Self {
-            ears: Ears::new(port, heard),
+            receiver: Receiver::new(port, messages),
             description,
             positions,
             applied,
             states,
-            way,
+            transport,
         })
     }
 
     /// The bus errors so far.
     pub fn health(&self) -> Health {
-        self.ears.health
+        self.receiver.health
     }
 
     /// Number of corrections that exceeded the range of their signal.
     pub fn saturated(&self) -> u64 {
-        match &self.way {
-            Way::Barrier(_) | Way::Nothing => 0,
-            Way::Plain(plain) => plain.saturated(),
+        match &self.transport {
+            Transport::Barrier(_) | Transport::ReadOnly => 0,
+            Transport::Plain(plain) => plain.saturated(),
         }
     }
 
     fn listen(&mut self, deadline: Instant, wait: bool) -> Result<bool, Fault> {
-        let way = &mut self.way;
-        self.ears.listen(deadline, wait, |heard, index| {
-            if let Way::Barrier(barrier) = way {
-                barrier.hear(heard, index);
+        let transport = &mut self.transport;
+        self.receiver.listen(deadline, wait, |messages, index| {
+            if let Transport::Barrier(barrier) = transport {
+                barrier.process(messages, index);
             }
         })
     }
 
-    fn value(&self, place: &Place) -> f64 {
-        let heard = self.ears.heard(place);
-        place.signal.value(heard.data()) * place.to_internal
+    fn value(&self, place: &ReceivedSignal) -> f64 {
+        let message = self.receiver.message(place);
+        place.signal.value(message.data()) * place.to_internal
     }
 
     /// Whether a state of the control is on; `forbids` if it was never received.
-    fn state(&self, place: &Place, forbids: bool) -> bool {
-        if self.ears.heard(place).taken.is_some() {
+    fn state(&self, place: &ReceivedSignal, forbids: bool) -> bool {
+        if self.receiver.message(place).taken.is_some() {
             self.value(place) != 0.0
         } else {
             forbids
@@ -194,11 +193,11 @@ impl<P: CanPort> CanController<P> {
     }
 
     /// The oldest and the newest arrival of these signals; `None` until each was received.
-    fn came(&self, places: &[Place]) -> Option<[Instant; 2]> {
+    fn arrivals(&self, places: &[ReceivedSignal]) -> Option<[Instant; 2]> {
         let mut places = places.iter();
-        let first = self.ears.heard(places.next()?).taken?;
+        let first = self.receiver.message(places.next()?).taken?;
         places.try_fold([first; 2], |[a, b], place| {
-            let taken = self.ears.heard(place).taken?;
+            let taken = self.receiver.message(place).taken?;
             Some([a.min(taken), b.max(taken)])
         })
     }
@@ -214,11 +213,11 @@ impl<P: CanPort> Controller for CanController<P> {
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         self.listen(deadline, false)?;
         let [taken, newest] = loop {
-            if self.ears.health.bus_off {
+            if self.receiver.health.bus_off {
                 return Err(Fault::Disconnected);
             }
-            if let Some(came) = self.came(&self.positions) {
-                break came;
+            if let Some(arrived) = self.arrivals(&self.positions) {
+                break arrived;
             }
             if Instant::now() >= deadline || !self.listen(deadline, true)? {
                 return Err(Fault::TimedOut);
@@ -228,28 +227,28 @@ impl<P: CanPort> Controller for CanController<P> {
         for (position, place) in positions.iter_mut().zip(&self.positions) {
             *position = self.value(place);
         }
-        let came = self.came(&self.applied);
-        let applied = came.map(|_| {
+        let arrived = self.arrivals(&self.applied);
+        let applied = arrived.map(|_| {
             let mut values = PerChannel::ZERO;
             for (value, place) in values.iter_mut().zip(&self.applied) {
                 *value = self.value(place);
             }
             values
         });
-        let (report, came) = match &self.way {
-            Way::Barrier(barrier) => (
+        let (report, arrived) = match &self.transport {
+            Transport::Barrier(barrier) => (
                 barrier.report().map(|(words, _)| words),
-                barrier.report().map(|(_, came)| came),
+                barrier.report().map(|(_, arrived)| arrived),
             ),
-            Way::Plain(_) | Way::Nothing => (None, came.map(|[oldest, _]| oldest)),
+            Transport::Plain(_) | Transport::ReadOnly => (None, arrived.map(|[oldest, _]| oldest)),
         };
         let [referenced, alarm, emergency_stop] = &self.states;
-        let state = |place: &Option<Place>, unseen: bool, forbids: bool| {
+        let state = |place: &Option<ReceivedSignal>, unseen: bool, forbids: bool| {
             let place = place.as_ref();
             place.map_or(unseen, |place| self.state(place, forbids))
         };
         let states = self.states.iter().flatten();
-        let states = states.filter_map(|place| self.ears.heard(place).taken);
+        let states = states.filter_map(|place| self.receiver.message(place).taken);
         Ok(Snapshot {
             positions,
             taken,
@@ -263,33 +262,33 @@ impl<P: CanPort> Controller for CanController<P> {
             state_taken: states.min().unwrap_or(taken),
             applied,
             report,
-            correction_taken: came.unwrap_or(taken),
+            correction_taken: arrived.unwrap_or(taken),
         })
     }
 
     fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
-        match &mut self.way {
-            Way::Barrier(barrier) => barrier.post(&mut self.ears.port, frame, deadline),
-            Way::Plain(_) => Err(Fault::Unsupported("frames: the DBC file has no barrier")),
-            Way::Nothing => Err(ONLY_READS),
+        match &mut self.transport {
+            Transport::Barrier(barrier) => barrier.post(&mut self.receiver.port, frame, deadline),
+            Transport::Plain(_) => Err(Fault::Unsupported("frames: the DBC file has no barrier")),
+            Transport::ReadOnly => Err(READ_ONLY),
         }
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
-        match &mut self.way {
-            Way::Plain(plain) => plain.apply(&mut self.ears.port, corrections, deadline),
-            Way::Barrier(_) => Err(Fault::Unsupported(
+        match &mut self.transport {
+            Transport::Plain(plain) => plain.apply(&mut self.receiver.port, corrections, deadline),
+            Transport::Barrier(_) => Err(Fault::Unsupported(
                 "plain values: the control has a barrier",
             )),
-            Way::Nothing => Err(ONLY_READS),
+            Transport::ReadOnly => Err(READ_ONLY),
         }
     }
 }
 
 /// Response of a bridge whose positions are only read.
-const ONLY_READS: Fault = Fault::Unsupported("corrections, where positions are only read");
+const READ_ONLY: Fault = Fault::Unsupported("corrections, where positions are only read");
 
-fn described(config: &BridgeConfig, counts: &[Count]) -> Vec<Axis> {
+fn axis_descriptions(config: &BridgeConfig, counts: &[Count]) -> Vec<Axis> {
     let both = config.axes.iter().zip(counts);
     both.map(|(name, count)| Axis {
         name: *name,

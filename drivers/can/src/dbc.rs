@@ -37,7 +37,7 @@ pub enum DbcError {
 }
 
 /// An error in a message or signal, without its line in the file.
-struct Wrong {
+struct Defect {
     place: String,
     found: String,
     expected: String,
@@ -63,20 +63,20 @@ impl SignalTable {
             file: file.to_owned(),
             message: e.to_string(),
         })?;
-        Self::from_dbc(&dbc).map_err(|wrong| DbcError::Entry {
+        Self::from_dbc(&dbc).map_err(|defect| DbcError::Entry {
             file: file.to_owned(),
-            line: line_of(text, &wrong.place),
-            place: wrong.place,
-            found: wrong.found,
-            expected: wrong.expected,
+            line: line_of(text, &defect.place),
+            place: defect.place,
+            found: defect.found,
+            expected: defect.expected,
         })
     }
 
-    fn from_dbc(dbc: &Dbc) -> Result<Self, Wrong> {
+    fn from_dbc(dbc: &Dbc) -> Result<Self, Defect> {
         let used = || dbc.messages.iter().filter(|m| m.size > 0);
         let messages = used().map(message).collect::<Result<Vec<_>, _>>()?;
         for (found, message) in used().zip(&messages) {
-            check_meant(dbc, found.id, message)?;
+            check_signals(dbc, found.id, message)?;
         }
         for (index, message) in messages.iter().enumerate() {
             let same = |other: &&Message| {
@@ -85,7 +85,7 @@ impl SignalTable {
             };
             if let Some(other) = messages[..index].iter().find(same) {
                 let found = format!("the identifier or name of {}", other.name);
-                return Err(wrong(&message.name, &found, "one of its own"));
+                return Err(defect(&message.name, &found, "a unique one"));
             }
         }
         Ok(Self { messages })
@@ -93,7 +93,7 @@ impl SignalTable {
 }
 
 /// Checks the used signals of a message: each is an integer whose bits no other signal shares, and a state is off if its bits are 0.
-fn check_meant(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Wrong> {
+fn check_signals(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Defect> {
     for (index, signal) in message.signals.iter().enumerate() {
         let is_word = ["FRAME_", "REPORT_"].map(|prefix| signal.name.starts_with(prefix));
         let is_of_message = [message.counter, message.checksum].contains(&Some(index));
@@ -107,23 +107,23 @@ fn check_meant(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Wrong>
         if let Some((_, other)) =
             others.find(|(_, other)| signal.shares_bits(other, message.length))
         {
-            let found = format!("bits that {} has, too", other.name);
-            return Err(wrong(&place, &found, "bits of its own"));
+            let found = format!("bits shared with {}", other.name);
+            return Err(defect(&place, &found, "separate bits"));
         }
         let kind = dbc.extended_value_type_for_signal(id, &signal.name);
         if kind.is_some_and(|kind| *kind != SignalExtendedValueType::SignedOrUnsignedInteger) {
-            return Err(wrong(&place, "a floating-point number", "a whole number"));
+            return Err(defect(&place, "a floating-point number", "a whole number"));
         }
         if STATES.contains(&&*signal.name) && signal.offset != 0.0 {
             let found = format!("the offset {}", signal.offset);
-            return Err(wrong(&place, &found, "0: the bits 0 say that it is not so"));
+            return Err(defect(&place, &found, "0: bits 0 must mean off"));
         }
     }
     Ok(())
 }
 
-fn wrong(place: &str, found: &str, expected: &str) -> Wrong {
-    Wrong {
+fn defect(place: &str, found: &str, expected: &str) -> Defect {
+    Defect {
         place: place.to_owned(),
         found: found.to_owned(),
         expected: expected.to_owned(),
@@ -155,7 +155,7 @@ fn line_of(text: &str, place: &str) -> usize {
     1
 }
 
-fn message(found: &can_dbc::Message) -> Result<Message, Wrong> {
+fn message(found: &can_dbc::Message) -> Result<Message, Defect> {
     let (id, extended) = match found.id {
         MessageId::Standard(id) => (u32::from(id), false),
         MessageId::Extended(id) => (id, true),
@@ -163,10 +163,10 @@ fn message(found: &can_dbc::Message) -> Result<Message, Wrong> {
     let length = usize::try_from(found.size).unwrap_or(usize::MAX);
     if Frame::new(id, extended, true, &[0; 64][..length.min(64)]).is_none() || length > 64 {
         let size = format!("identifier {id} and {length} bytes");
-        return Err(wrong(
+        return Err(defect(
             &found.name,
             &size,
-            "an identifier and a length that frames have",
+            "a valid identifier and length of a frame",
         ));
     }
     let signals = found
@@ -190,17 +190,21 @@ fn message(found: &can_dbc::Message) -> Result<Message, Wrong> {
     })
 }
 
-fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signal, Wrong> {
+fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signal, Defect> {
     let place = format!("{message}.{}", found.name);
     if found.multiplexer_indicator != MultiplexIndicator::Plain {
-        return Err(wrong(&place, "a multiplexed signal", "a plain one"));
+        return Err(defect(&place, "a multiplexed signal", "a plain one"));
     }
     if !(found.factor.is_finite() && found.offset.is_finite()) || found.factor == 0.0 {
         let factor = format!("factor {} and offset {}", found.factor, found.offset);
-        return Err(wrong(&place, &factor, "finite numbers, the factor not 0"));
+        return Err(defect(
+            &place,
+            &factor,
+            "finite numbers and a nonzero factor",
+        ));
     }
     if let Err(unit) = to_internal(&found.name, &found.unit) {
-        return Err(wrong(&place, &unit.found, unit.expected));
+        return Err(defect(&place, &unit.found, unit.expected));
     }
     let all = u32::try_from(8 * length).unwrap_or(0);
     let bits = u32::try_from(found.size).unwrap_or(u32::MAX);
@@ -215,7 +219,11 @@ fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signa
     };
     let Some(shift) = shift.filter(|_| (1..=64).contains(&bits)) else {
         let found = format!("{bits} bits from {start} on");
-        return Err(wrong(&place, &found, &format!("1 to 64 bits within {all}")));
+        return Err(defect(
+            &place,
+            &found,
+            &format!("1 to 64 bits within {all}"),
+        ));
     };
     Ok(Signal {
         name: found.name.clone(),

@@ -69,7 +69,7 @@ pub enum Received {
 }
 
 /// Maximum number of frames processed at once: a flooded bus must not delay a cycle.
-pub(crate) const AT_ONCE: usize = 256;
+pub(crate) const MAX_FRAMES_PER_READ: usize = 256;
 
 /// A bus. Calls are for real-time cycles: no allocation, bounded by their deadline.
 pub trait CanPort: Send {
@@ -87,4 +87,21 @@ pub trait CanPort: Send {
     /// # Errors
     /// [`Fault::Disconnected`], or [`Fault::TimedOut`] if the bus accepts no frame.
     fn send(&mut self, frame: &Frame, deadline: Instant) -> Result<(), Fault>;
+}
+
+/// A bus that is only named, for checks before opening: it never receives a frame.
+pub(crate) struct UnopenedBus(pub(crate) String);
+
+impl CanPort for UnopenedBus {
+    fn device(&self) -> &str {
+        &self.0
+    }
+
+    fn receive(&mut self, _deadline: Instant) -> Result<Option<Received>, Fault> {
+        Err(Fault::NotConnected)
+    }
+
+    fn send(&mut self, _frame: &Frame, _deadline: Instant) -> Result<(), Fault> {
+        Err(Fault::NotConnected)
+    }
 }

@@ -6,20 +6,19 @@ mod barrier;
 mod bridge;
 pub mod canopen;
 mod dbc;
-mod ears;
 mod frame;
 mod plain;
 mod quantity;
+mod receiver;
 mod signals;
 #[cfg(feature = "socket")]
 mod socket;
 mod thermometer;
-mod unopened;
 
 pub use bridge::{BridgeConfig, CanController};
 pub use dbc::DbcError;
-pub use ears::Health;
 pub use frame::{CanPort, Frame, Received};
+pub use receiver::Health;
 pub use signals::{Message, Signal, SignalTable, checksum};
 #[cfg(feature = "socket")]
 pub use socket::CanSocket;

@@ -12,7 +12,7 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
-struct OfAxis {
+struct AxisSignal {
     /// Index of the message to send.
     sent: usize,
     signal: Signal,
@@ -20,14 +20,14 @@ struct OfAxis {
 }
 
 /// Corrections as plain values.
-pub(crate) struct Plain {
-    axes: Vec<OfAxis>,
+pub(crate) struct PlainCorrections {
+    axes: Vec<AxisSignal>,
     sent: Vec<(Message, Frame)>,
     counter: u64,
     saturated: u64,
 }
 
-impl Plain {
+impl PlainCorrections {
     /// The corrections of these axes, and the steps of each.
     ///
     /// # Errors
@@ -38,7 +38,7 @@ impl Plain {
     ) -> Result<(Self, Vec<Count>), String> {
         let (mut axes, mut sent, mut counts) = (Vec::new(), Vec::new(), Vec::new());
         for name in names {
-            let (message, place) = needed(table, *name, "CORR")?;
+            let (message, place) = required_signal(table, *name, "CORR")?;
             let message = &table.messages[message];
             let signal = message.signals[place].clone();
             let to_internal = to_internal(&signal.name, &signal.unit)
@@ -47,10 +47,10 @@ impl Plain {
                 step: signal.step() * to_internal,
                 largest: signal.largest() * to_internal,
             });
-            axes.push(OfAxis {
-                sent: place_in(&mut sent, message).ok_or_else(|| {
+            axes.push(AxisSignal {
+                sent: outgoing_index(&mut sent, message).ok_or_else(|| {
                     format!(
-                        "{} makes no frame in which every correction is 0",
+                        "{} cannot represent a correction of 0 for every axis",
                         message.name
                     )
                 })?,
@@ -106,7 +106,7 @@ impl Plain {
 }
 
 /// Index of a message among those to send; it is added if it is missing.
-fn place_in(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize> {
+fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize> {
     let known = sent
         .iter()
         .position(|(other, _)| other.name == message.name);
@@ -125,7 +125,7 @@ fn place_in(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize
 }
 
 /// The required signal of an axis.
-pub(crate) fn needed(
+pub(crate) fn required_signal(
     table: &SignalTable,
     name: AxisName,
     suffix: &str,

@@ -98,10 +98,7 @@ impl Signal {
                 .unwrap_or(0);
             wide |= u128::from(byte) << (8 * k);
         }
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "64 bits at the most are left"
-        )]
+        #[expect(clippy::cast_possible_truncation, reason = "at most 64 bits are left")]
         let raw = (wide >> within) as u64;
         raw & (u64::MAX >> (64 - self.bits))
     }
@@ -148,16 +145,16 @@ impl Signal {
         reason = "held within the range of the bits"
     )]
     pub fn put(&self, data: &mut [u8], value: f64) -> bool {
-        let wanted = ((value - self.offset) / self.factor).round();
+        let scaled = ((value - self.offset) / self.factor).round();
         let [low, high] = self.raw_range();
-        let held = wanted.clamp(low, high);
+        let held = scaled.clamp(low, high);
         let raw = if self.signed {
             (held as i64).cast_unsigned()
         } else {
             held as u64
         };
         self.put_raw(data, raw);
-        (low..=high).contains(&wanted)
+        (low..=high).contains(&scaled)
     }
 
     /// Whether both have a bit in common in data of `length` bytes.

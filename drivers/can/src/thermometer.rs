@@ -5,10 +5,9 @@ use std::time::Instant;
 use volcomp_port::{DeviceError, Reason, Temperature, Thermometer};
 
 use crate::{
-    ears::{Ears, Health, Place, hear},
-    frame::CanPort,
+    frame::{CanPort, UnopenedBus},
+    receiver::{Health, ReceivedSignal, Receiver, subscribe},
     signals::SignalTable,
-    unopened::Unopened,
 };
 
 /// The names of the temperatures of a table, in the order of [`CanThermometer`].
@@ -16,17 +15,17 @@ use crate::{
 /// # Errors
 /// A table without temperatures.
 pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String>, DeviceError> {
-    let unopened = Unopened(device.to_owned());
-    Ok(CanThermometer::new(unopened, table, &[])?.names)
+    let bus = UnopenedBus(device.to_owned());
+    Ok(CanThermometer::new(bus, table, &[])?.names)
 }
 
 /// Temperatures in plain frames: signals that end in `_TEMP`, named by the part before it, in lower case. Raw 0 encodes a shorted sensor, the
 /// highest raw number a broken one. Reading processes the received frames and does not block. A temperature that is no longer received keeps its
 /// value and time; all are missing while the interface is down.
 pub struct CanThermometer<P> {
-    ears: Ears<P>,
+    receiver: Receiver<P>,
     names: Vec<String>,
-    places: Vec<Place>,
+    signals: Vec<ReceivedSignal>,
     latest: Vec<Temperature>,
 }
 
@@ -38,11 +37,11 @@ impl<P: CanPort> CanThermometer<P> {
     pub fn new(port: P, table: &SignalTable, names: &[String]) -> Result<Self, DeviceError> {
         let refused =
             |what: String| DeviceError::option(port.device(), what, "correct the DBC file");
-        let (wanted, mut found) = (names, Vec::new());
+        let (selected, mut found) = (names, Vec::new());
         for (message, of_message) in table.messages.iter().enumerate() {
-            for (place, signal) in of_message.signals.iter().enumerate() {
+            for (index, signal) in of_message.signals.iter().enumerate() {
                 if let Some(name) = signal.name.strip_suffix("_TEMP") {
-                    found.push((name.to_lowercase(), (message, place)));
+                    found.push((name.to_lowercase(), (message, index)));
                 }
             }
         }
@@ -50,9 +49,13 @@ impl<P: CanPort> CanThermometer<P> {
             return Err(refused("there is no signal that ends in _TEMP".to_owned()));
         }
         let known: Vec<String> = found.iter().map(|(name, _)| name.clone()).collect();
-        let wanted = if wanted.is_empty() { &known } else { wanted };
-        let (mut heard, mut names, mut places) = (Vec::new(), Vec::new(), Vec::new());
-        for name in wanted {
+        let selected = if selected.is_empty() {
+            &known
+        } else {
+            selected
+        };
+        let (mut messages, mut names, mut signals) = (Vec::new(), Vec::new(), Vec::new());
+        for name in selected {
             let Some((_, at)) = found.iter().find(|(known, _)| known == name) else {
                 let known = known.join(", ");
                 return Err(refused(format!(
@@ -60,28 +63,28 @@ impl<P: CanPort> CanThermometer<P> {
                 )));
             };
             if names.contains(name) {
-                return Err(refused(format!("the sensor {name} stands twice")));
+                return Err(refused(format!("the sensor {name} is listed twice")));
             }
             names.push(name.clone());
-            places.push(hear(table, &mut heard, *at).map_err(&refused)?);
+            signals.push(subscribe(table, &mut messages, *at).map_err(&refused)?);
         }
         Ok(Self {
             latest: vec![Temperature::NOT_READ; names.len()],
-            ears: Ears::new(port, heard),
+            receiver: Receiver::new(port, messages),
             names,
-            places,
+            signals,
         })
     }
 
     /// The bus errors so far.
     pub fn health(&self) -> Health {
-        self.ears.health
+        self.receiver.health
     }
 }
 
 impl<P: CanPort> Thermometer for CanThermometer<P> {
     fn device(&self) -> &str {
-        self.ears.port.device()
+        self.receiver.port.device()
     }
 
     fn names(&self) -> &[String] {
@@ -89,19 +92,22 @@ impl<P: CanPort> Thermometer for CanThermometer<P> {
     }
 
     fn latest(&mut self) -> &[Temperature] {
-        let listened = self.ears.listen(Instant::now(), false, |_, _| ());
-        for (latest, place) in self.latest.iter_mut().zip(&self.places) {
-            let heard = self.ears.heard(place);
-            let Some(taken) = heard.taken else { continue };
-            let raw = place.signal.raw(heard.data());
+        let listened = self.receiver.listen(Instant::now(), false, |_, _| ());
+        for (latest, signal) in self.latest.iter_mut().zip(&self.signals) {
+            let message = self.receiver.message(signal);
+            let Some(taken) = message.taken else { continue };
+            let raw = signal.signal.raw(message.data());
             *latest = if listened.is_err() {
                 Temperature::bad(Reason::NoAnswer, taken)
             } else if raw == 0 {
                 Temperature::bad(Reason::Short, taken)
-            } else if raw == u64::MAX >> (64 - place.signal.bits) {
+            } else if raw == u64::MAX >> (64 - signal.signal.bits) {
                 Temperature::bad(Reason::Open, taken)
             } else {
-                Temperature::good(place.signal.value(heard.data()) * place.to_internal, taken)
+                Temperature::good(
+                    signal.signal.value(message.data()) * signal.to_internal,
+                    taken,
+                )
             };
         }
         &self.latest

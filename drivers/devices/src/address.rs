@@ -102,7 +102,7 @@ impl Address {
                 .insert(key.clone().into_owned(), value.into_owned())
                 .is_some()
             {
-                let found = format!("the key `{key}` stands twice");
+                let found = format!("the key `{key}` is listed twice");
                 return Err(DeviceError::option(text, found, "name it once"));
             }
         }

@@ -263,7 +263,7 @@ mod tests {
         (driver.devices)(&address)
     }
 
-    /// Before, each of these spellings had a lock of its own.
+    /// Each of these spellings used to have a separate lock.
     #[test]
     fn every_spelling_of_an_address_is_one_device() {
         let one = of("focas://127.0.0.1");

@@ -43,13 +43,13 @@ fn thermometer(
         [] => known,
         names => names.to_vec(),
     };
-    let (interface, wanted) = (address.host.clone(), names.clone());
+    let (interface, selected) = (address.host.clone(), names.clone());
     Ok(ThermometerDevice {
         address,
         names,
         open: Box::new(move || {
             let socket = CanSocket::open(&interface)?;
-            Ok(Box::new(CanThermometer::new(socket, &table, &wanted)?))
+            Ok(Box::new(CanThermometer::new(socket, &table, &selected)?))
         }),
     })
 }
@@ -146,10 +146,10 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     loop {
         match socket.receive(deadline) {
             Ok(Some(Received::Frame(frame, _))) => {
-                let seen = frames
+                let count = frames
                     .entry((frame.extended, frame.id))
                     .or_insert((frame, 0));
-                *seen = (frame, seen.1 + 1);
+                *count = (frame, count.1 + 1);
             }
             Ok(Some(_)) => errors += 1,
             Ok(None) => break,
@@ -179,7 +179,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
             }
         }
     }
-    let seen = frames
+    let count = frames
         .iter()
         .map(|(&(extended, id), &(_, count))| SeenFrames {
             id,
@@ -187,7 +187,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
             count,
         });
     probe.facts = Some(Facts::Bus(BusFacts {
-        frames: seen.collect(),
+        frames: count.collect(),
         errors,
     }));
     Ok(probe)

@@ -106,12 +106,15 @@ pub trait ControllerDevice: Any + Send + Sync {
 
     /// Reads the properties of a control, and compares them with the configuration and the requirements of its guard (`None` if it is only read).
     /// Returns `None` if its bus has nothing to compare. Nothing is written.
-    fn inspect(&self, _needs: Option<&Needs>) -> Result<Option<Inspected>, DeviceError> {
+    fn inspect(
+        &self,
+        _needs: Option<&GuardRequirements>,
+    ) -> Result<Option<Inspected>, DeviceError> {
         Ok(None)
     }
 
     /// Checks the control's own file that the configuration names against the requirements of its guard (`None` if it is only read).
-    fn check_file(&self, _needs: Option<&Needs>) -> Result<(), DeviceError> {
+    fn check_file(&self, _needs: Option<&GuardRequirements>) -> Result<(), DeviceError> {
         Ok(())
     }
 
@@ -120,13 +123,12 @@ pub trait ControllerDevice: Any + Send + Sync {
         Ok(())
     }
 
-    /// Two memory blocks of this controller in the control that share a byte; `None` if there are none.
+    /// Two memory blocks of this controller in the control that share a byte, if any.
     fn overlap(&self) -> Option<[Block; 2]> {
         None
     }
 
-    /// A memory block of this controller and one of another controller of the same control that share a byte which one of them writes; `None` if
-    /// there are none.
+    /// A memory block of this controller and one of another controller of the same control that share a byte which one of them writes, if any.
     fn overlap_with(&self, _other: &dyn Any) -> Option<[Block; 2]> {
         None
     }
@@ -157,7 +159,7 @@ pub struct Settings {
 
 /// Requirements of a controller's guard on its control.
 #[derive(Clone, Debug, Default)]
-pub struct Needs {
+pub struct GuardRequirements {
     /// Slew of each axis in channel order, mm/min or rad/min.
     pub slew_per_min: Vec<f64>,
     /// Largest correction of linear axes, mm, and of rotary ones, rad.
@@ -174,26 +176,25 @@ pub struct Needs {
 pub struct Inspected {
     /// The letters of the control's axes.
     pub axes: Vec<String>,
-    /// SINUMERIK: how fast each axis takes a changed correction at the most (MD32760 times MD32000), mm/min or rev/min;
-    /// missing for others, and axes for which the control does not tell.
+    /// SINUMERIK: maximum rate of a changed correction of each axis (MD32760 times MD32000), mm/min or rev/min; missing for
+    /// other controls, and for axes for which the control does not report it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fastest_per_min: Option<BTreeMap<String, f64>>,
-    /// Whether the extended external machine zero point shift is in use (parameter 1203#0); null: the control does not
-    /// tell.
+    /// Whether the extended external machine zero point shift is in use (parameter 1203#0); null: not reported.
     pub shift_in_use: Option<bool>,
-    /// The first R address of the words from which the control takes the shifts of its axes (parameter 1280); null: the
-    /// control does not tell.
+    /// The first R address of the words from which the control takes the shifts of its axes (parameter 1280); null: not
+    /// reported.
     pub shift_words: Option<u32>,
-    /// LinuxCNC: the version of the protocol that the bridge speaks; missing for others.
+    /// LinuxCNC: the protocol version of the bridge; missing for others.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub protocol: Option<u8>,
-    /// LinuxCNC: what the control is doing, in words; missing for others.
+    /// LinuxCNC: the state of the control, in words; missing for others.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub state: Option<String>,
     /// The reports of its barrier.
     #[serde(skip)]
     pub reports: Vec<(Instant, Words)>,
-    /// What deserves to be known and forbids nothing, in words.
+    /// Notes that are not errors, in words.
     #[serde(skip)]
     pub notes: Vec<String>,
 }
@@ -223,7 +224,7 @@ pub struct PmcPlan {
     pub report: Option<String>,
     /// The byte that every correction moves on, for the ladder to watch; null: none, or a barrier watches.
     pub heartbeat: Option<String>,
-    /// The byte whose bits say which axes are referenced; null: not asked, the axes are taken to be referenced.
+    /// The byte whose bits state which axes are referenced; null: not read, the axes are assumed to be referenced.
     pub referenced: Option<String>,
 }
 

@@ -16,8 +16,8 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 use crate::{
     address::{Address, hosts},
     driver::{
-        Block, ControlMemory, ControllerDevice, Driver, Inspected, MapDevice, MapError, MapWords,
-        Needs, PmcPlan, Rules, Settings, USUAL,
+        Block, ControlMemory, ControllerDevice, Driver, GuardRequirements, Inspected, MapDevice,
+        MapError, MapWords, PmcPlan, Rules, Settings, USUAL,
     },
     keys::{ControllerConfig, MapKeys, PmcByte, PmcLetter, PmcTable, Referenced, of_ms},
     probe::{ControlFacts, Facts, Probe},
@@ -122,7 +122,7 @@ fn validate_map(keys: &MapKeys, sizes: [usize; 2], found: &mut Mistakes<'_>) {
     ] {
         if !PmcAddress::from(place).area.is_of_ladder() {
             let message = format!(
-                "found {:?}, expected R or D, the memory of the ladder's own",
+                "found {:?}, expected R or D, the ladder's own memory",
                 place.pmc
             );
             found.add(&format!("pmc.{key}"), message);
@@ -163,11 +163,14 @@ impl ControllerDevice for FocasConfig {
         }
     }
 
-    fn inspect(&self, _needs: Option<&Needs>) -> Result<Option<Inspected>, DeviceError> {
+    fn inspect(
+        &self,
+        _needs: Option<&GuardRequirements>,
+    ) -> Result<Option<Inspected>, DeviceError> {
         let found = inspect(self).map_err(|error| error.of(self.device()))?;
         let (shift_in_use, shift_words) = match found.shift_source {
-            ShiftSource::Told { in_use, first } => (Some(in_use), Some(first)),
-            ShiftSource::Untold { .. } => (None, None),
+            ShiftSource::Reported { in_use, first } => (Some(in_use), Some(first)),
+            ShiftSource::Unreported { .. } => (None, None),
         };
         Ok(Some(Inspected {
             axes: found.axes.iter().map(char::to_string).collect(),
@@ -294,22 +297,23 @@ fn configured(address: &Address, config: &ControllerConfig) -> Result<FocasConfi
 
 fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let config = configured(address, &ControllerConfig::default())?;
-    let told = |error: FocasError| error.of(&*address.text);
-    let mut client = Client::open(&config.host, config.port, at_most).map_err(told)?;
-    let system = client.system_info().map_err(told)?;
-    let names = client.axis_names().map_err(told)?;
+    let with_device = |error: FocasError| error.of(&*address.text);
+    let mut client = Client::open(&config.host, config.port, at_most).map_err(with_device)?;
+    let system = client.system_info().map_err(with_device)?;
+    let names = client.axis_names().map_err(with_device)?;
     let positions = client
         .positions(PositionKind::Machine, names.len())
-        .map_err(told)?;
-    let status = client.status().map_err(told)?;
-    let (shift_in_use, shift_words, shift_untold) = match client.shift_source().map_err(told)? {
-        ShiftSource::Told { in_use, first } => (Some(in_use), Some(first), None),
-        ShiftSource::Untold { why } => (None, None, Some(why)),
-    };
+        .map_err(with_device)?;
+    let status = client.status().map_err(with_device)?;
+    let (shift_in_use, shift_words, shift_untold) =
+        match client.shift_source().map_err(with_device)? {
+            ShiftSource::Reported { in_use, first } => (Some(in_use), Some(first), None),
+            ShiftSource::Unreported { why } => (None, None, Some(why)),
+        };
     let mut times = Vec::new();
     for _ in 0..TIMED {
         let begun = Instant::now();
-        client.status().map_err(told)?;
+        client.status().map_err(with_device)?;
         times.push(begun.elapsed());
     }
     times.sort_unstable();

@@ -24,8 +24,8 @@ mod sinumerik;
 pub use address::Address;
 pub use buses::{controller, map_device, probe, thermometer};
 pub use driver::{
-    Block, Configured, ControlMemory, ControllerDevice, Driver, Inspected, Needs, PmcPlan, Rules,
-    Settings, ThermometerDevice, Travels,
+    Block, Configured, ControlMemory, ControllerDevice, Driver, GuardRequirements, Inspected,
+    PmcPlan, Rules, Settings, ThermometerDevice, Travels,
 };
 #[cfg(any(feature = "gpio", feature = "modbus"))]
 pub use keys::DigitalConfig;

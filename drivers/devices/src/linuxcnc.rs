@@ -6,14 +6,16 @@ use std::{
 };
 
 use volcomp_linuxcnc::{
-    Expected, Ini, Key, Least, LinuxCncConfig, LinuxCncController, PORT, VERSION, look,
+    Expected, GuardMinimum, Ini, Key, LinuxCncConfig, LinuxCncController, PORT, VERSION, read_state,
 };
 use volcomp_port::{Controller, Description, DeviceError};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
 use crate::{
     address::{Address, hosts},
-    driver::{ControllerDevice, Driver, Inspected, Needs, REPORTED_WITHIN, Settings, USUAL},
+    driver::{
+        ControllerDevice, Driver, GuardRequirements, Inspected, REPORTED_WITHIN, Settings, USUAL,
+    },
     keys::{BarrierConfig, ControllerConfig, join},
     probe::Probe,
 };
@@ -66,9 +68,9 @@ impl ControllerDevice for Control {
     }
 
     /// Reads the current state of the bridge. If its barrier is compared there are two reports, some scans apart.
-    fn inspect(&self, needs: Option<&Needs>) -> Result<Option<Inspected>, DeviceError> {
+    fn inspect(&self, needs: Option<&GuardRequirements>) -> Result<Option<Inspected>, DeviceError> {
         let config = &self.config;
-        let state = look(
+        let state = read_state(
             &config.host,
             config.port,
             config.remote,
@@ -99,7 +101,7 @@ impl ControllerDevice for Control {
     }
 
     /// Reports every wrong or missing setting in the INI file of the control.
-    fn check_file(&self, needs: Option<&Needs>) -> Result<(), DeviceError> {
+    fn check_file(&self, needs: Option<&GuardRequirements>) -> Result<(), DeviceError> {
         let Some(file) = &self.ini else { return Ok(()) };
         let shown = file.display();
         let ini = Ini::read(file).map_err(|e| {
@@ -124,9 +126,9 @@ impl ControllerDevice for Control {
 }
 
 /// The guard's requirements on the bridge, in the units of the INI file.
-fn least(needs: &Needs) -> Least {
+fn least(needs: &GuardRequirements) -> GuardMinimum {
     let milli = |[linear, rotary]: [f64; 2]| [linear * 1e3, rotary.to_degrees() * 1e3];
-    Least {
+    GuardMinimum {
         limit: milli(needs.limit),
         rate: milli(needs.rate_per_s),
         zero_after_ms: needs.zero_after.as_secs_f64() * 1e3,
@@ -214,7 +216,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
             .caused_by(error)
     })?;
     let remote = allows_remote_bridge(address)?;
-    let state = look(&address.host, port, remote, &key, at_most)?;
+    let state = read_state(&address.host, port, remote, &key, at_most)?;
     let mut probe = Probe::of(&address.text);
     for axis in state.axes() {
         let at = Displacement::from_coordinate(axis.name.kind(), axis.position);

@@ -34,7 +34,7 @@ pub struct CanInterface {
     pub name: String,
     /// Whether the interface is brought up.
     pub up: bool,
-    /// The largest frame in bytes: 16 for classic CAN, 72 for CAN FD; `None` where the kernel does not tell.
+    /// The largest frame in bytes: 16 for classic CAN, 72 for CAN FD; `None` if the kernel does not report it.
     pub mtu: Option<u32>,
 }
 
@@ -173,7 +173,7 @@ mod tests {
 
     /// A folder as the kernel shows it: two CAN interfaces, one of them up, between others.
     #[test]
-    fn can_interfaces_are_told_by_their_hardware() {
+    fn can_interfaces_are_recognised_by_their_hardware() {
         let folder = tempfile::tempdir().expect("writable");
         for (name, kind, flags, mtu) in [
             ("eth0", "1", "0x1003", "1500"),

@@ -189,7 +189,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
         outputs_told: None,
     };
     let deadline = Instant::now() + at_most;
-    let nobody = || {
+    let no_answer = || {
         let ports: Vec<String> = serial_ports().into_iter().map(|port| port.device).collect();
         let remedy = match (address.scheme, ports.is_empty()) {
             (RTU, true) => {
@@ -225,7 +225,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
             if Instant::now() >= deadline {
                 let is_echo =
                     (thermometer.latest().iter()).any(|t| t.quality == Quality::Bad(Reason::Echo));
-                return Err(if is_echo { echo() } else { nobody() });
+                return Err(if is_echo { echo() } else { no_answer() });
             }
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -254,13 +254,13 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
                     return Err(refused(&Reason::Refused { code }.to_string()));
                 }
                 Err(_) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(5)),
-                Err(_) => return Err(nobody()),
+                Err(_) => return Err(no_answer()),
             }
         };
         probe.inputs = (0..digital.inputs)
             .map(|line| levels >> line & 1 == 1)
             .collect();
-        facts.outputs_told = (digital.outputs > 0).then(|| lines.tells_outputs());
+        facts.outputs_told = (digital.outputs > 0).then(|| lines.reports_outputs());
     }
     probe.facts = Some(Facts::Module(facts));
     Ok(probe)

@@ -6,7 +6,7 @@ use serde::Serialize;
 use volcomp_port::{Quality, Temperature};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
-/// The values that a device reports when it is asked once; the parts that a device lacks stay empty, and are left out of a document.
+/// Values read once from a device; parts that a device lacks are empty, and omitted from a document.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Probe {
@@ -85,7 +85,7 @@ impl Probe {
     }
 }
 
-/// Further properties that a device reports when it is asked once.
+/// Further properties read once from a device.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]

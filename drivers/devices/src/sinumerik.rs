@@ -6,15 +6,15 @@ use volcomp_document::Mistakes;
 use volcomp_port::{Controller, Description, DeviceError};
 use volcomp_sinumerik::{
     Nodes, SHORTEST_PERIOD, Security, Sensor, Server, SinumerikConfig, SinumerikController,
-    SinumerikThermometer, User, inspect, lag, look,
+    SinumerikThermometer, User, inspect, lag, list_axes,
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::{
     address::{Address, hosts},
     driver::{
-        ControllerDevice, Driver, Inspected, MapDevice, MapError, MapWords, Needs, Rules, Settings,
-        ThermometerDevice, USUAL,
+        ControllerDevice, Driver, GuardRequirements, Inspected, MapDevice, MapError, MapWords,
+        Rules, Settings, ThermometerDevice, USUAL,
     },
     keys::{
         CONTROLLER_ONLY, ControllerConfig, MapKeys, PLAIN_KEYS, SinumerikTable, ThermometerConfig,
@@ -124,7 +124,7 @@ impl ControllerDevice for SinumerikConfig {
         }
     }
 
-    fn inspect(&self, needs: Option<&Needs>) -> Result<Option<Inspected>, DeviceError> {
+    fn inspect(&self, needs: Option<&GuardRequirements>) -> Result<Option<Inspected>, DeviceError> {
         let found = inspect(self).map_err(|error| error.of(self.device()))?;
         let mut notes = found.notes;
         let mut fastest = BTreeMap::new();
@@ -139,7 +139,7 @@ impl ControllerDevice for SinumerikConfig {
                 slew.filter(|slew| axis.axis.kind() == AxisKind::Linear && **slew > per_min)
             {
                 notes.push(format!(
-                    "axis {}: the control takes a correction at {per_min} mm/min at the most (MD32760 times MD32000), and slew_um_per_s asks for {slew} mm/min: the axis comes behind",
+                    "axis {}: the control applies a correction at {per_min} mm/min at most (MD32760 times MD32000), but slew_um_per_s requests {slew} mm/min: the axis lags behind",
                     axis.axis
                 ));
             }
@@ -337,7 +337,7 @@ pub(crate) fn validate_thermometer(
 fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut server = Server::new(&*address.text);
     server.time_out = at_most;
-    let found = look(&server, &Nodes::default()).map_err(|error| error.of(&*address.text))?;
+    let found = list_axes(&server, &Nodes::default()).map_err(|error| error.of(&*address.text))?;
     let mut probe = Probe::of(&address.text);
     for (name, at) in found {
         // The first letter of a name determines whether the axis is rotary.

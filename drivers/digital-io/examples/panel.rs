@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let soon = Instant::now() + Duration::from_millis(100);
     controller.apply(&PerChannel::leading([0.5]), soon)?;
     println!(
-        "asked for 500 µm: {:.0} µm",
+        "requested 500 µm:  {:.0} µm",
         panel.correction().map_or(f64::NAN, |mm| mm * 1e3)
     );
     Ok(())

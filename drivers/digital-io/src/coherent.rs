@@ -35,7 +35,7 @@ pub fn read_coherent(
         let InputLevels { levels, taken } = io.read(deadline)?;
         let levels = levels & used;
         let agrees = coherence == Coherence::Latched || before == Some(levels);
-        if agrees && wiring.shown(levels).valid {
+        if agrees && wiring.position_input(levels).valid {
             return Ok(InputLevels { levels, taken });
         }
         before = Some(levels);

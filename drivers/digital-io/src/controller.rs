@@ -31,9 +31,9 @@ pub struct DigitalController<D> {
     coherence: Coherence,
     axes: Vec<DigitalAxis>,
     description: Description,
-    seen: Vec<Option<Seen>>,
+    readings: Vec<Option<AxisReading>>,
     /// Index of the axis that was selected last.
-    shown: usize,
+    selected: usize,
     outputs: Outputs,
     /// Whether a correction was written since the start.
     wrote: bool,
@@ -41,7 +41,7 @@ pub struct DigitalController<D> {
 }
 
 #[derive(Clone, Copy)]
-struct Seen {
+struct AxisReading {
     position: f64,
     taken: Instant,
     unwrapper: Option<Unwrapper>,
@@ -100,13 +100,13 @@ impl<D: DigitalIo> DigitalController<D> {
             axis.check().map_err(&refused)?;
         }
         Ok(Self {
-            seen: vec![None; axes.len()],
+            readings: vec![None; axes.len()],
             io,
             wiring,
             coherence,
             axes,
             description,
-            shown: 0,
+            selected: 0,
             outputs: Outputs::new(),
             wrote: false,
             saturated: 0,
@@ -126,11 +126,11 @@ impl<D: DigitalIo> DigitalController<D> {
 
     /// Whether every axis has its correction.
     fn has_all(&self, corrections: &PerChannel<f64>) -> bool {
-        let asked = self.axes.iter().zip(corrections);
-        asked
+        let requested = self.axes.iter().zip(corrections);
+        requested
             .zip(self.outputs.taken())
-            .all(|((axis, asked), taken)| {
-                let sent = axis.correction.encode(*asked).sent;
+            .all(|((axis, requested), taken)| {
+                let sent = axis.correction.encode(*requested).sent;
                 *taken == Some(sent)
             })
     }
@@ -145,37 +145,37 @@ impl<D: DigitalIo> DigitalController<D> {
     fn look(&mut self, deadline: Instant) -> Result<(), Fault> {
         let InputLevels { levels, taken } =
             read_coherent(&mut self.io, &self.wiring, self.coherence, deadline)?;
-        let shown = self.wiring.shown(levels);
-        let index = usize::try_from(shown.axis).unwrap_or(usize::MAX);
-        let Some((axis, seen)) = self.axes.get(index).zip(self.seen.get_mut(index)) else {
-            return Err(Fault::Protocol("an axis is shown that is not configured"));
+        let input = self.wiring.position_input(levels);
+        let index = usize::try_from(input.axis).unwrap_or(usize::MAX);
+        let Some((axis, reading)) = self.axes.get(index).zip(self.readings.get_mut(index)) else {
+            return Err(Fault::Protocol("the selected axis is not configured"));
         };
         let mut unwrapper = None;
         if let Some(low) = &axis.low_bits {
             // After too long a pause it stays unknown, since the last position only gets older.
-            let is_lost = |seen: &Seen| {
-                taken.saturating_duration_since(seen.taken) >= low.within(&axis.position)
+            let is_lost = |reading: &AxisReading| {
+                taken.saturating_duration_since(reading.taken) >= low.within(&axis.position)
             };
-            if seen.as_ref().is_some_and(is_lost) {
+            if reading.as_ref().is_some_and(is_lost) {
                 return Err(Fault::Protocol(
                     "a position of low bits was not read for too long: it must be referenced again",
                 ));
             }
-            let begun = seen.and_then(|seen| seen.unwrapper);
+            let begun = reading.and_then(|reading| reading.unwrapper);
             unwrapper = Some(begun.unwrap_or_else(|| {
-                Unwrapper::new(axis.position, shown.word, low.from.mm_or_rad())
+                Unwrapper::new(axis.position, input.word, low.from.mm_or_rad())
             }));
         }
         let coded = match &mut unwrapper {
-            Some(unwrapper) => unwrapper.follow(shown.word),
-            None => axis.position.decode(shown.word),
+            Some(unwrapper) => unwrapper.follow(input.word),
+            None => axis.position.decode(input.word),
         };
-        *seen = Some(Seen {
+        *reading = Some(AxisReading {
             position: coded.position,
             taken,
             unwrapper,
         });
-        self.shown = index;
+        self.selected = index;
         Ok(())
     }
 }
@@ -189,7 +189,7 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
         let begun = Instant::now();
         self.look(deadline)?;
         self.note();
-        while self.seen.iter().any(Option::is_none) {
+        while self.readings.iter().any(Option::is_none) {
             if Instant::now() >= deadline {
                 return Err(Fault::TimedOut);
             }
@@ -197,9 +197,9 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
         }
         let mut positions = PerChannel::ZERO;
         let mut oldest = Instant::now();
-        for (position, seen) in positions.iter_mut().zip(self.seen.iter().flatten()) {
-            *position = seen.position;
-            oldest = oldest.min(seen.taken);
+        for (position, reading) in positions.iter_mut().zip(self.readings.iter().flatten()) {
+            *position = reading.position;
+            oldest = oldest.min(reading.taken);
         }
         Ok(Snapshot {
             positions,
@@ -224,7 +224,7 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
         if Instant::now() >= deadline {
             return Err(Fault::TimedOut);
         }
-        let index = self.shown;
+        let index = self.selected;
         let Some(axis) = self.axes.get(index) else {
             return Err(Fault::NotConnected);
         };

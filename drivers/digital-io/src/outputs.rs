@@ -63,9 +63,9 @@ impl Outputs {
     ) -> Result<(), Fault> {
         let confirmed = io.confirmed();
         let has_others = wiring.leaves_outputs(io.outputs());
-        if confirmed.is_none() && has_others && io.tells_outputs() {
+        if confirmed.is_none() && has_others && io.reports_outputs() {
             return Err(Fault::Unsupported(
-                "writing beside outputs whose levels are not known",
+                "writing while the levels of other outputs are unknown",
             ));
         }
         let (levels, next) = self.next(wiring, wiring.levels(word, axis), confirmed);

@@ -24,15 +24,15 @@ pub struct PanelWord {
 /// The lines of a control, with access to the control's end. Clones share the lines: pass one to a [`DigitalController`](crate::DigitalController)
 /// and use the other to inspect and move the control.
 #[derive(Clone)]
-pub struct Panel(Arc<Mutex<Inside>>);
+pub struct Panel(Arc<Mutex<PanelState>>);
 
-struct Inside {
+struct PanelState {
     wiring: Wiring,
     axes: Vec<DigitalAxis>,
     /// Positions of the axes, mm or rad.
     positions: Vec<f64>,
     /// Index of the selected axis.
-    shown: usize,
+    selected: usize,
     outputs: u64,
     takes: Box<dyn FnMut(PanelWord) + Send>,
 }
@@ -40,59 +40,59 @@ struct Inside {
 impl Panel {
     /// Lines of this wiring to a control with these axes, all at 0, the first one selected.
     pub fn new(wiring: Wiring, axes: Vec<DigitalAxis>) -> Self {
-        Self(Arc::new(Mutex::new(Inside {
+        Self(Arc::new(Mutex::new(PanelState {
             wiring,
             positions: vec![0.0; axes.len()],
             axes,
-            shown: 0,
+            selected: 0,
             outputs: 0,
             takes: Box::new(|_| {}),
         })))
     }
 
-    fn inside(&self) -> MutexGuard<'_, Inside> {
+    fn state(&self) -> MutexGuard<'_, PanelState> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Sets a callback that receives the content of the lines after every write.
     pub fn on_write(&self, takes: impl FnMut(PanelWord) + Send + 'static) {
-        self.inside().takes = Box::new(takes);
+        self.state().takes = Box::new(takes);
     }
 
     /// Moves the axis at this index to a position, mm or rad, and selects it. No effect if there is no such axis.
     pub fn shows(&self, axis: usize, position: f64) {
-        let mut inside = self.inside();
-        if let Some(place) = inside.positions.get_mut(axis) {
+        let mut state = self.state();
+        if let Some(place) = state.positions.get_mut(axis) {
             *place = position;
-            inside.shown = axis;
+            state.selected = axis;
         }
     }
 
     /// Sets the levels of the lines to the control, as if left by another program.
     pub fn left_at(&self, levels: u64) {
-        self.inside().outputs = levels;
+        self.state().outputs = levels;
     }
 
     /// The levels of the lines to the control.
     pub fn levels(&self) -> u64 {
-        self.inside().outputs
+        self.state().outputs
     }
 
     /// The content of the lines to the control.
     pub fn word(&self) -> PanelWord {
-        self.inside().word()
+        self.state().word()
     }
 
     /// The correction on the lines to the control, mm or rad; `None` if the word is invalid or there is no such axis.
     pub fn correction(&self) -> Option<f64> {
-        let inside = self.inside();
-        let (word, axis) = inside.wiring.control_inputs(inside.outputs);
-        let axis = inside.axes.get(usize::try_from(axis).ok()?)?;
+        let state = self.state();
+        let (word, axis) = state.wiring.control_inputs(state.outputs);
+        let axis = state.axes.get(usize::try_from(axis).ok()?)?;
         axis.correction.decode(word)
     }
 }
 
-impl Inside {
+impl PanelState {
     #[expect(
         clippy::cast_possible_truncation,
         reason = "a word on lines has at most 32 bits"
@@ -130,25 +130,25 @@ impl DigitalIo for Panel {
     }
 
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
-        let inside = self.inside();
-        let (axis, position) = (inside.axes[inside.shown], inside.positions[inside.shown]);
+        let state = self.state();
+        let (axis, position) = (state.axes[state.selected], state.positions[state.selected]);
         let outside = Fault::Protocol("a position is outside the range of its word");
         let word = axis.position.encode(position).ok_or(outside)?;
-        let number = u32::try_from(inside.shown).unwrap_or(u32::MAX);
+        let number = u32::try_from(state.selected).unwrap_or(u32::MAX);
         Ok(InputLevels::now(
-            inside.wiring.control_outputs(word, number, true),
+            state.wiring.control_outputs(word, number, true),
         ))
     }
 
     fn write(&mut self, levels: u64, _deadline: Instant) -> Result<(), Fault> {
-        let mut inside = self.inside();
-        inside.outputs = levels;
-        let word = inside.word();
-        (inside.takes)(word);
+        let mut state = self.state();
+        state.outputs = levels;
+        let word = state.word();
+        (state.takes)(word);
         Ok(())
     }
 
     fn confirmed(&self) -> Option<u64> {
-        Some(self.inside().outputs)
+        Some(self.state().outputs)
     }
 }

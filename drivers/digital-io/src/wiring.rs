@@ -44,7 +44,7 @@ pub struct WiringError {
 
 /// The position word and the selected axis on the inputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Shown {
+pub(crate) struct PositionInput {
     pub(crate) word: u32,
     pub(crate) axis: u32,
     /// Whether the parity is correct and the word is stable.
@@ -73,8 +73,8 @@ impl Wiring {
         words: &[(PositionWord, CorrectionWord)],
     ) -> Result<(), WiringError> {
         let ours: Vec<u32> = self.inputs().collect();
-        each_once("inputs", &ours, inputs)?;
-        each_once("outputs", &self.outputs().collect::<Vec<u32>>(), outputs)?;
+        check_each_once("inputs", &ours, inputs)?;
+        check_each_once("outputs", &self.outputs().collect::<Vec<u32>>(), outputs)?;
         for (position, correction) in words {
             same(
                 "lines of the position",
@@ -97,16 +97,13 @@ impl Wiring {
                 }
             }
         }
-        let told_apart = 1_usize.checked_shl(u32::try_from(self.select.len()).unwrap_or(u32::MAX));
-        if axes == 0 || told_apart.is_some_and(|most| axes > most) {
-            let expected = format!("1 to {} with so many lines", told_apart.unwrap_or(0));
+        let selectable = 1_usize.checked_shl(u32::try_from(self.select.len()).unwrap_or(u32::MAX));
+        if axes == 0 || selectable.is_some_and(|most| axes > most) {
+            let expected = format!("1 to {} with this number of lines", selectable.unwrap_or(0));
             return Err(wrong("axes", &axes, &expected));
         }
         if self.echo.len() != self.select.len() {
-            let expected = format!(
-                "{}: a correction must say for which axis it is",
-                self.select.len()
-            );
+            let expected = format!("{}: a correction must name its axis", self.select.len());
             return Err(wrong("lines of the echo", &self.echo.len(), &expected));
         }
         Ok(())
@@ -137,8 +134,8 @@ impl Wiring {
 
     /// Whether any of this number of outputs is unused.
     pub(crate) fn leaves_outputs(&self, outputs: u32) -> bool {
-        let there = u64::MAX.checked_shr(64 - outputs.min(64)).unwrap_or(0);
-        there & !self.used_outputs() != 0
+        let available = u64::MAX.checked_shr(64 - outputs.min(64)).unwrap_or(0);
+        available & !self.used_outputs() != 0
     }
 
     /// The inputs that must agree between two readings.
@@ -148,14 +145,14 @@ impl Wiring {
 
     /// Decodes the position word and the selected axis from the input levels.
     #[inline]
-    pub(crate) fn shown(&self, levels: u64) -> Shown {
+    pub(crate) fn position_input(&self, levels: u64) -> PositionInput {
         let levels = levels ^ self.inverted_inputs;
         let (word, axis) = (gather(levels, &self.position), gather(levels, &self.select));
         let bit = |line: u32| u32::from(levels >> line & 1 == 1);
         let ones = word.count_ones() + axis.count_ones();
         let parity_is_right = self.parity.is_none_or(|line| (ones + bit(line)) % 2 == 0);
         let holds_still = self.strobe.is_none_or(|line| bit(line) == 1);
-        Shown {
+        PositionInput {
             word,
             axis,
             valid: parity_is_right && holds_still,
@@ -165,8 +162,8 @@ impl Wiring {
     /// The position word on the inputs; `None` if the parity is wrong or the word is not stable.
     #[inline]
     pub fn position_word(&self, levels: u64) -> Option<u32> {
-        let shown = self.shown(levels);
-        shown.valid.then_some(shown.word)
+        let input = self.position_input(levels);
+        input.valid.then_some(input.word)
     }
 
     /// The output levels for a correction of an axis, with the latch at 0.
@@ -234,13 +231,13 @@ fn same(what: &'static str, found: usize, bits: u32, least: u32) -> Result<(), W
     ))
 }
 
-fn each_once(what: &'static str, lines: &[u32], there: u32) -> Result<(), WiringError> {
+fn check_each_once(what: &'static str, lines: &[u32], available: u32) -> Result<(), WiringError> {
     for (index, line) in lines.iter().enumerate() {
-        if *line >= there.min(64) {
+        if *line >= available.min(64) {
             return Err(wrong(
                 what,
                 line,
-                &format!("a line below {}", there.min(64)),
+                &format!("a line below {}", available.min(64)),
             ));
         }
         if lines[..index].contains(line) {

@@ -81,7 +81,7 @@ pub struct Coded {
 /// A travel that exceeds the range of a position word.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "found a travel from {} to {} {unit}, expected one within {} to {} {unit}, which {bits} bits of this step can say",
+    "found a travel from {} to {} {unit}, expected one within {} to {} {unit}, which {bits} bits of this step can represent",
     travel[0].mm_or_deg(), travel[1].mm_or_deg(), word[0].mm_or_deg(), word[1].mm_or_deg(),
     unit = travel[0].kind().coordinate_unit()
 )]
@@ -128,7 +128,7 @@ impl PositionWord {
         self.counts() * self.step.mm_or_rad()
     }
 
-    /// The first and the last position in range, mm or rad: they also stand for positions up to half a count beyond.
+    /// The first and the last position in range, mm or rad: they also encode positions up to half a count beyond.
     pub fn ends(&self) -> [f64; 2] {
         [0.0, self.counts() - 1.0].map(|count| self.at(count).position)
     }
@@ -224,10 +224,10 @@ impl CorrectionWord {
     pub fn encode(&self, correction: f64) -> Correction {
         let step = self.step.mm_or_rad();
         let most = f64::from(mask(self.bits.saturating_sub(1)));
-        let wanted = correction / step;
+        let counts = correction / step;
         // Rounds half away from zero, without a function call.
-        let half = if wanted < 0.0 { -0.5 } else { 0.5 };
-        let held = (wanted + half).clamp(-most, most) as i32;
+        let half = if counts < 0.0 { -0.5 } else { 0.5 };
+        let held = (counts + half).clamp(-most, most) as i32;
         let size = held.unsigned_abs();
         let word = match (self.code, held < 0) {
             (_, false) => size,
@@ -237,7 +237,7 @@ impl CorrectionWord {
         Correction {
             word,
             sent: f64::from(held) * step,
-            saturated: wanted.abs() >= most + 0.5 || wanted.is_nan(),
+            saturated: counts.abs() >= most + 0.5 || counts.is_nan(),
         }
     }
 
@@ -276,9 +276,9 @@ impl Unwrapper {
         clippy::cast_possible_truncation,
         reason = "positions are counted in millions"
     )]
-    pub fn new(word: PositionWord, shown: u32, known: f64) -> Self {
+    pub fn new(word: PositionWord, raw: u32, known: f64) -> Self {
         let range = i64::from(mask(word.bits)) + 1;
-        let last = word.count(shown);
+        let last = word.count(raw);
         let about = ((known - word.zero.mm_or_rad()) / word.step.mm_or_rad())
             .round()
             .clamp(-FARTHEST, FARTHEST) as i64;
@@ -297,8 +297,8 @@ impl Unwrapper {
     }
 
     /// The position of the next word.
-    pub fn follow(&mut self, shown: u32) -> Coded {
-        let now = self.word.count(shown);
+    pub fn follow(&mut self, raw: u32) -> Coded {
+        let now = self.word.count(raw);
         let range = i64::from(mask(self.word.bits)) + 1;
         let ahead = (i64::from(now) - i64::from(self.last)).rem_euclid(range);
         let moved = if ahead * 2 > range {

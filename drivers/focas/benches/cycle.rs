@@ -75,7 +75,7 @@ fn measure(servers_on: usize) -> Result<[Vec<Duration>; 2], Box<dyn std::error::
     Ok([cycles, bare])
 }
 
-/// A thread that answers so many bytes with so many, as the simulator's sessions do.
+/// A thread that answers requests of one size with responses of another, as the simulator's sessions do.
 fn echo() -> std::io::Result<TcpStream> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let stream = TcpStream::connect(listener.local_addr()?)?;

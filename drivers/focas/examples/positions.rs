@@ -1,8 +1,8 @@
-//! Reads what a control says: what it is, its axes, where they stand, its state.
+//! Reads type, axes, positions and state of a control.
 //!
 //!     cargo run -p volcomp-focas --example positions -- 192.0.2.10:8193
 //!
-//! Without an address a simulated control is asked.
+//! Without an address it uses a simulated control.
 
 use std::{error::Error, time::Duration};
 
@@ -30,7 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let positions = client.positions(PositionKind::Machine, names.len())?;
     assert_eq!(names.len(), positions.len());
     for (name, position) in names.iter().zip(positions) {
-        // The control does not say whether an axis turns: mm, or deg.
+        // mm or deg: the control does not report whether an axis is rotary.
         println!("{name} {position:.3}");
     }
     let status = client.status()?;

@@ -1,4 +1,4 @@
-//! Shifts an axis by a few µm, reads the shift back, and takes it out again.
+//! Shifts an axis by a few µm, reads the shift back, and removes it.
 //!
 //!     cargo run -p volcomp-focas --example shift -- 192.0.2.10:8193 X 5
 //!
@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let mut controller = FocasController::new(config)?;
     controller.wait(Duration::from_secs(5))?;
-    // A read before the first write tells the heartbeat that stands there.
+    // Read the present heartbeat before the first write.
     controller.read(soon())?;
     for shift in [shift, Um(0.0)] {
         // Corrections are mm and rad, in the order of the configuration's axes.

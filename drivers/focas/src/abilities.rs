@@ -7,7 +7,7 @@ use volcomp_port::Fault;
 use crate::{
     config::FocasConfig,
     error::FocasError,
-    plan::{self, Abilities, Ask, Exchange, Packing, PlannedAxis},
+    plan::{self, Abilities, Exchange, Packing, PlannedAxis, ReadItem},
     reading::{self, Applied},
     return_code::ReturnCode,
     session::Session,
@@ -20,27 +20,27 @@ pub(crate) fn find(
     config: &FocasConfig,
     axes: &[PlannedAxis],
 ) -> Result<Abilities, FocasError> {
-    let mut asker = Asker {
+    let mut probe = FormProbe {
         session,
         config,
         axes,
     };
-    if asker.accepts_all(Abilities::ALL)? {
+    if probe.accepts_all(Abilities::ALL)? {
         return Ok(Abilities::ALL);
     }
-    asker.must(Ask::Status)?;
-    let all_axes = asker.accepts(Ask::Positions)?;
+    probe.require(ReadItem::Status)?;
+    let all_axes = probe.accepts(ReadItem::Positions)?;
     if !all_axes {
-        asker.must_all(plan::positions(axes, false))?;
+        probe.require_all(plan::positions(axes, false))?;
     }
     let mut ranges = true;
-    for ask in plan::words(config, axes, true) {
-        ranges &= asker.accepts(ask)?;
+    for item in plan::words(config, axes, true) {
+        ranges &= probe.accepts(item)?;
     }
     if !ranges {
-        asker.must_all(plan::words(config, axes, false))?;
+        probe.require_all(plan::words(config, axes, false))?;
     }
-    asker.must_all(plan::bytes(config))?;
+    probe.require_all(plan::bytes(config))?;
     let mut found = Abilities {
         packing: Packing::OneByOne,
         ranges,
@@ -48,7 +48,7 @@ pub(crate) fn find(
     };
     for packing in [Packing::OneFrame, Packing::ByTarget] {
         let packed = Abilities { packing, ..found };
-        if asker.accepts_all(packed)? {
+        if probe.accepts_all(packed)? {
             found = packed;
             break;
         }
@@ -56,46 +56,46 @@ pub(crate) fn find(
     Ok(found)
 }
 
-struct Asker<'a> {
+struct FormProbe<'a> {
     session: &'a mut Session,
     config: &'a FocasConfig,
     axes: &'a [PlannedAxis],
 }
 
-impl Asker<'_> {
+impl FormProbe<'_> {
     /// True if every frame of a read is answered completely.
     fn accepts_all(&mut self, abilities: Abilities) -> Result<bool, FocasError> {
         let exchanges = plan::reads(self.config, self.axes, abilities)?;
-        let asked = "reading all that a cycle needs";
-        self.refusal(&exchanges, asked)
+        let request = "reading all that a cycle needs";
+        self.refusal(&exchanges, request)
             .map(|refused| refused.is_none())
     }
 
     /// True if a command is answered.
-    fn accepts(&mut self, ask: Ask) -> Result<bool, FocasError> {
-        self.refusal_of(ask).map(|refused| refused.is_none())
+    fn accepts(&mut self, item: ReadItem) -> Result<bool, FocasError> {
+        self.refusal_of(item).map(|refused| refused.is_none())
     }
 
     /// Sends a command that must be answered.
-    fn must(&mut self, ask: Ask) -> Result<(), FocasError> {
-        self.refusal_of(ask)?.map_or(Ok(()), Err)
+    fn require(&mut self, item: ReadItem) -> Result<(), FocasError> {
+        self.refusal_of(item)?.map_or(Ok(()), Err)
     }
 
-    fn must_all(&mut self, asks: impl IntoIterator<Item = Ask>) -> Result<(), FocasError> {
-        asks.into_iter().try_for_each(|ask| self.must(ask))
+    fn require_all(&mut self, items: impl IntoIterator<Item = ReadItem>) -> Result<(), FocasError> {
+        items.into_iter().try_for_each(|item| self.require(item))
     }
 
-    fn refusal_of(&mut self, ask: Ask) -> Result<Option<FocasError>, FocasError> {
-        let exchange = plan::read(self.config, &[ask])?;
-        self.refusal(&[exchange], &ask.words(self.config))
+    fn refusal_of(&mut self, item: ReadItem) -> Result<Option<FocasError>, FocasError> {
+        let exchange = plan::read(self.config, &[item])?;
+        self.refusal(&[exchange], &item.words(self.config))
     }
 
     /// Why the control does not answer as required: it rejects the request, or returns less than requested. Everything else is an error, including
     /// a busy control.
     fn refusal(
         &mut self,
-        exchanges: &[Exchange<Ask>],
-        asked: &str,
+        exchanges: &[Exchange<ReadItem>],
+        request: &str,
     ) -> Result<Option<FocasError>, FocasError> {
         let deadline = Instant::now() + self.config.at_most;
         let applied = Applied::of(self.config);
@@ -103,7 +103,7 @@ impl Asker<'_> {
         else {
             return Ok(None);
         };
-        let error = FocasError::asking(asked, fault);
+        let error = FocasError::in_request(request, fault);
         let busy = matches!(error, FocasError::Refused { code, .. } if code == ReturnCode::BUSY);
         let refused = match fault {
             Fault::Refused { .. } => !busy,

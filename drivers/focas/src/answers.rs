@@ -1,6 +1,6 @@
 //! Responses of the control about itself, and their decoding.
 
-use crate::frame::{Broken, number};
+use crate::frame::{FrameError, number};
 
 /// Function codes of the control.
 pub(crate) mod function {
@@ -81,19 +81,19 @@ pub struct Alarm {
 }
 
 /// Decodes the number in a slot of eight bytes, mm or deg.
-pub(crate) fn slot(data: &[u8], index: usize) -> Result<f64, Broken> {
+pub(crate) fn slot(data: &[u8], index: usize) -> Result<f64, FrameError> {
     let bytes = data
         .get(8 * index..)
         .and_then(|rest| rest.first_chunk::<8>());
-    let bytes = bytes.ok_or(Broken("fewer axes than asked for"))?;
-    number(*bytes).ok_or(Broken("a position that is no number"))
+    let bytes = bytes.ok_or(FrameError("fewer axes than requested"))?;
+    number(*bytes).ok_or(FrameError("a position that is not a number"))
 }
 
 /// Decodes the state of the control from its fourteen bytes.
-pub(crate) fn status(data: &[u8]) -> Result<StatusInfo, Broken> {
+pub(crate) fn status(data: &[u8]) -> Result<StatusInfo, FrameError> {
     let data = data
         .first_chunk::<14>()
-        .ok_or(Broken("a status that is cut off"))?;
+        .ok_or(FrameError("a truncated status"))?;
     let word = |k: usize| u16::from_be_bytes([data[2 * k], data[2 * k + 1]]);
     Ok(StatusInfo {
         mode: word(0),

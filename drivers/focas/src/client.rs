@@ -7,11 +7,11 @@ use volcomp_port::Fault;
 use crate::{
     answers::{Alarm, PositionKind, StatusInfo, SystemInfo, function, slot, status},
     error::FocasError,
-    frame::{Broken, Command, Request, Target, number_bytes},
+    frame::{Command, FrameError, Request, Target, number_bytes},
+    parameters::{SHIFT_FIRST, SHIFT_IN_USE, ShiftSource},
     pmc::{PmcArea, Width},
     return_code::ReturnCode,
     session::Session,
-    shift_source::{self, ShiftSource},
 };
 
 /// A client that sends one request at a time.
@@ -52,7 +52,7 @@ impl Client {
     }
 
     /// Sends one command and returns the data of its response.
-    fn ask(
+    fn request(
         &mut self,
         function: u16,
         args: [i32; 5],
@@ -72,14 +72,14 @@ impl Client {
         };
         let request = Request::new(&[command])?;
         let deadline = Instant::now() + self.at_most;
-        let failed = |fault| FocasError::asking(what, fault);
+        let failed = |fault| FocasError::in_request(what, fault);
         let mut blocks = self.session.exchange(&request, deadline).map_err(failed)?;
         // The session has checked that there are as many blocks as commands.
-        let block = blocks.next().unwrap_or(Err(Broken("no answer")));
+        let block = blocks.next().unwrap_or(Err(FrameError("no answer")));
         let block = block.map_err(|e| failed(e.into()))?;
         if block.error != 0 {
             return Err(FocasError::Refused {
-                asked: what.to_owned(),
+                request: what.to_owned(),
                 code: ReturnCode(block.error),
             });
         }
@@ -91,10 +91,10 @@ impl Client {
     /// # Errors
     /// See [`FocasError`].
     pub fn system_info(&mut self) -> Result<SystemInfo, FocasError> {
-        let data = self.ask(function::SYSTEM, [0; 5], &[], "reading system information")?;
+        let data = self.request(function::SYSTEM, [0; 5], &[], "reading system information")?;
         let data = data
             .first_chunk::<18>()
-            .ok_or_else(|| broken("reading system information", Broken("it is cut off")))?;
+            .ok_or_else(|| broken("reading system information", FrameError("it is truncated")))?;
         let text = |from: usize, to: usize| String::from_utf8_lossy(&data[from..to]).into_owned();
         Ok(SystemInfo {
             max_axes: u16::from_be_bytes([data[2], data[3]]),
@@ -111,7 +111,7 @@ impl Client {
     /// # Errors
     /// See [`FocasError`].
     pub fn status(&mut self) -> Result<StatusInfo, FocasError> {
-        let data = self.ask(function::STATUS, [0; 5], &[], "reading the status")?;
+        let data = self.request(function::STATUS, [0; 5], &[], "reading the status")?;
         status(&data).map_err(|e| broken("reading the status", e))
     }
 
@@ -120,7 +120,7 @@ impl Client {
     /// # Errors
     /// See [`FocasError`].
     pub fn axis_names(&mut self) -> Result<Vec<char>, FocasError> {
-        let data = self.ask(function::AXIS_NAMES, [0; 5], &[], "reading axis names")?;
+        let data = self.request(function::AXIS_NAMES, [0; 5], &[], "reading axis names")?;
         let names = data.chunks_exact(4).map(|name| char::from(name[0]));
         Ok(names.take_while(char::is_ascii_alphabetic).collect())
     }
@@ -131,7 +131,7 @@ impl Client {
     /// See [`FocasError`]; a slot that holds no number.
     pub fn positions(&mut self, kind: PositionKind, axes: usize) -> Result<Vec<f64>, FocasError> {
         let args = [kind.code(), -1, 0, 0, 0];
-        let data = self.ask(function::POSITIONS, args, &[], "reading positions")?;
+        let data = self.request(function::POSITIONS, args, &[], "reading positions")?;
         let position = |axis| slot(&data, axis).map_err(|e| broken("reading positions", e));
         (0..axes).map(position).collect()
     }
@@ -148,9 +148,9 @@ impl Client {
     ) -> Result<Vec<u8>, FocasError> {
         let last = i32::from(first) + i32::from(bytes.max(1)) - 1;
         let args = [i32::from(first), last, area as i32, Width::Byte.code(), 0];
-        let data = self.ask(function::READ_PMC, args, &[], "reading PMC memory")?;
+        let data = self.request(function::READ_PMC, args, &[], "reading PMC memory")?;
         if data.len() != usize::from(bytes.max(1)) {
-            let wrong = Broken("another length than asked for");
+            let wrong = FrameError("another length than requested");
             return Err(broken("reading PMC memory", wrong));
         }
         Ok(data)
@@ -170,7 +170,7 @@ impl Client {
             Width::Byte.code(),
             length,
         ];
-        self.ask(function::WRITE_PMC, args, bytes, "writing PMC memory")?;
+        self.request(function::WRITE_PMC, args, bytes, "writing PMC memory")?;
         Ok(())
     }
 
@@ -180,10 +180,10 @@ impl Client {
     /// See [`FocasError`].
     pub fn read_macro(&mut self, number: i32) -> Result<Option<f64>, FocasError> {
         let args = [number, 1, 0, 0, 0];
-        let data = self.ask(function::READ_MACRO, args, &[], "reading a macro variable")?;
+        let data = self.request(function::READ_MACRO, args, &[], "reading a macro variable")?;
         let value = data.first_chunk().map(|bytes| f64::from_be_bytes(*bytes));
-        let value =
-            value.ok_or_else(|| broken("reading a macro variable", Broken("it is cut off")))?;
+        let value = value
+            .ok_or_else(|| broken("reading a macro variable", FrameError("it is truncated")))?;
         Ok(Some(value).filter(|value| !value.is_nan()))
     }
 
@@ -194,7 +194,7 @@ impl Client {
     pub fn write_macro(&mut self, number: i32, value: f64) -> Result<(), FocasError> {
         let args = [number, 0, 0, 0, 8];
         let data = value.to_be_bytes();
-        self.ask(
+        self.request(
             function::WRITE_MACRO,
             args,
             &data,
@@ -209,7 +209,7 @@ impl Client {
     /// See [`FocasError`].
     pub fn read_work_offset(&mut self, number: i32, axis: usize) -> Result<f64, FocasError> {
         let args = [number, number, -1, 0, 0];
-        let data = self.ask(function::READ_OFFSET, args, &[], "reading a work offset")?;
+        let data = self.request(function::READ_OFFSET, args, &[], "reading a work offset")?;
         slot(&data, axis).map_err(|e| broken("reading a work offset", e))
     }
 
@@ -232,7 +232,7 @@ impl Client {
         let [a, b, c, d, ..] = number_bytes(value, 3);
         // As in that description: the mantissa alone, exponent ffff.
         let data = [a, b, c, d, 0, 0, 0xff, 0xff];
-        self.ask(function::WRITE_OFFSET, args, &data, "writing a work offset")?;
+        self.request(function::WRITE_OFFSET, args, &data, "writing a work offset")?;
         Ok(())
     }
 
@@ -245,9 +245,9 @@ impl Client {
         number_of: i32,
         axis: Option<usize>,
     ) -> Result<f64, FocasError> {
-        let wanted = axis.map_or(0, |axis| i32::try_from(axis + 1).unwrap_or(i32::MAX));
-        let args = [number_of, number_of, wanted, 0, 0];
-        let data = self.ask(function::READ_PARAMETER, args, &[], "reading a parameter")?;
+        let axis_number = axis.map_or(0, |axis| i32::try_from(axis + 1).unwrap_or(i32::MAX));
+        let args = [number_of, number_of, axis_number, 0, 0];
+        let data = self.request(function::READ_PARAMETER, args, &[], "reading a parameter")?;
         let values = data.get(8..).unwrap_or_default();
         slot(values, axis.unwrap_or(0)).map_err(|e| broken("reading a parameter", e))
     }
@@ -256,11 +256,11 @@ impl Client {
     ///
     /// # Errors
     /// See [`FocasError`]: no response.
-    pub(crate) fn told_parameter(
+    pub(crate) fn integer_parameter(
         &mut self,
         number: i32,
     ) -> Result<Result<u32, String>, FocasError> {
-        let told = match self.read_parameter(number, None) {
+        let value = match self.read_parameter(number, None) {
             Err(error) if self.session.is_dead() => return Err(error),
             Err(
                 error @ FocasError::Refused {
@@ -269,11 +269,11 @@ impl Client {
                 },
             ) => return Err(error),
             Err(error) => Err(error.to_string()),
-            Ok(told) => Ok(told),
+            Ok(value) => Ok(value),
         };
-        Ok(told.and_then(|told| {
-            whole(told)
-                .ok_or_else(|| format!("parameter {number} holds {told}, which is no whole number"))
+        Ok(value.and_then(|value| {
+            whole(value)
+                .ok_or_else(|| format!("parameter {number} holds {value}, expected a whole number"))
         }))
     }
 
@@ -285,18 +285,15 @@ impl Client {
     /// See [`FocasError`]: no response.
     pub fn shift_source(&mut self) -> Result<ShiftSource, FocasError> {
         let mut values = [0; 2];
-        for (value, number) in values
-            .iter_mut()
-            .zip([shift_source::IN_USE, shift_source::FIRST])
-        {
-            let whole = self.told_parameter(number)?;
+        for (value, number) in values.iter_mut().zip([SHIFT_IN_USE, SHIFT_FIRST]) {
+            let whole = self.integer_parameter(number)?;
             match whole {
                 Ok(whole) => *value = whole,
-                Err(why) => return Ok(ShiftSource::Untold { why }),
+                Err(why) => return Ok(ShiftSource::Unreported { why }),
             }
         }
         let [in_use, first] = values;
-        Ok(ShiftSource::Told {
+        Ok(ShiftSource::Reported {
             in_use: in_use & 1 == 1,
             first,
         })
@@ -308,7 +305,7 @@ impl Client {
     /// See [`FocasError`].
     pub fn alarms(&mut self) -> Result<Vec<Alarm>, FocasError> {
         let args = [-1, 10, 2, 64, 0];
-        let data = self.ask(function::ALARMS, args, &[], "reading alarms")?;
+        let data = self.request(function::ALARMS, args, &[], "reading alarms")?;
         let alarm = |record: &[u8]| {
             let word = |k: usize| {
                 let [a, b, c, d] = [record[k], record[k + 1], record[k + 2], record[k + 3]];
@@ -339,6 +336,6 @@ fn whole(value: f64) -> Option<u32> {
 }
 
 /// Error for an unreadable response.
-fn broken(asked: &str, broken: Broken) -> FocasError {
-    FocasError::asking(asked, Fault::from(broken))
+fn broken(request: &str, broken: FrameError) -> FocasError {
+    FocasError::in_request(request, Fault::from(broken))
 }

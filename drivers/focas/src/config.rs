@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Smallest step of the positions that a control reports, mm or deg.
-const THIRD_DECIMAL: f64 = 0.001;
+const POSITION_STEP: f64 = 0.001;
 
 /// Words in which the machine zero point shifts of the axes are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -128,8 +128,8 @@ impl FocasConfig {
     /// coarser.
     pub fn position_step(&self, name: AxisName) -> Displacement {
         let decimal = match name.kind() {
-            AxisKind::Linear => THIRD_DECIMAL,
-            AxisKind::Rotary => Deg(THIRD_DECIMAL).to_rad().0,
+            AxisKind::Linear => POSITION_STEP,
+            AxisKind::Rotary => Deg(POSITION_STEP).to_rad().0,
         };
         let count = self.shift.count(name.kind()).mm_or_rad();
         Displacement::new(name.kind(), decimal.max(count))
@@ -182,13 +182,13 @@ impl FocasConfig {
         Ok(description)
     }
 
-    /// Two memory blocks of this configuration that overlap; `None` if there are none, or the configuration is invalid otherwise.
+    /// Two memory blocks of this configuration that overlap; `None` without an overlap, or if the configuration is invalid otherwise.
     pub fn overlap(&self) -> Option<[Block; 2]> {
         overlap_within(self)
     }
 
-    /// A block of this configuration and one of another for the same control that overlap and of which at least one is written; `None` if there are
-    /// none, or the controls differ.
+    /// A block of this configuration and one of another for the same control that overlap and of which at least one is written; `None` without an
+    /// overlap, or if the controls differ.
     pub fn overlap_with(&self, other: &Self) -> Option<[Block; 2]> {
         let is_same = self.host.eq_ignore_ascii_case(&other.host) && self.port == other.port;
         is_same.then(|| overlap_between(self, other)).flatten()
@@ -196,7 +196,7 @@ impl FocasConfig {
 }
 
 #[derive(Clone, Copy)]
-struct Used {
+struct MemoryUse {
     block: Block,
     /// True if this driver writes it.
     written: bool,
@@ -209,7 +209,7 @@ const REFERENCED: &str = "the byte of the referenced axes";
 
 /// Memory blocks of a configuration; its shift words cover `slots` axes of the control. With a barrier, the shift words belong to the ladder, and
 /// there is no heartbeat or sequence byte.
-fn used(config: &FocasConfig, slots: usize) -> Result<Vec<Used>, FocasError> {
+fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError> {
     let axes = config.axes.len();
     let plain = config.barrier.is_none();
     let [frame_words, report_words] = [
@@ -255,7 +255,7 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<Used>, FocasError> {
             first,
             last: PmcAddress { at: last, ..first },
         };
-        found.push(Used { block, written });
+        found.push(MemoryUse { block, written });
     }
     Ok(found)
 }
@@ -274,7 +274,7 @@ fn overlap_within(config: &FocasConfig) -> Option<[Block; 2]> {
     overlap(&used(config, config.axes.len()).ok()?)
 }
 
-fn overlap(blocks: &[Used]) -> Option<[Block; 2]> {
+fn overlap(blocks: &[MemoryUse]) -> Option<[Block; 2]> {
     let pairs = (blocks.iter().enumerate())
         .flat_map(|(index, one)| blocks[index + 1..].iter().map(move |other| [one, other]));
     let mut pairs = pairs.map(|pair| pair.map(|used| used.block));
@@ -282,7 +282,7 @@ fn overlap(blocks: &[Used]) -> Option<[Block; 2]> {
 }
 
 /// Fails if two blocks overlap.
-pub(crate) fn apart(one: &Block, other: &Block) -> Result<(), FocasError> {
+pub(crate) fn check_disjoint(one: &Block, other: &Block) -> Result<(), FocasError> {
     one.shared(other).map_or(Ok(()), |_| {
         Err(FocasError::Overlap {
             one: *one,
@@ -302,7 +302,7 @@ pub(crate) fn without_axis_words(
     Ok(blocks.filter(|block| !of_ladder(block)).collect())
 }
 
-/// The first pair of overlapping blocks of two configurations of which one is written; `None` if there are none.
+/// The first pair of overlapping blocks of two configurations of which one is written, if any.
 fn overlap_between(one: &FocasConfig, other: &FocasConfig) -> Option<[Block; 2]> {
     let blocks = |config: &FocasConfig| used(config, config.axes.len()).unwrap_or_default();
     let (ours, theirs) = (blocks(one), blocks(other));

@@ -51,7 +51,7 @@ impl FocasController {
     /// Waits for the first connection.
     ///
     /// # Errors
-    /// Why there is none; if the control rejects it, with its return code and meaning.
+    /// The reason why the connection failed; if the control rejects it, with its return code and meaning.
     pub fn wait(&mut self, at_most: Duration) -> Result<(), DeviceError> {
         self.supply.wait(at_most).map(|_| ())
     }

@@ -6,7 +6,7 @@ use volcomp_port::{DeviceError, Fault, UnfitAxes};
 use volcomp_vocabulary::AxisName;
 
 use crate::{
-    frame::Broken,
+    frame::FrameError,
     pmc::{Block, PmcAddress, Width},
     return_code::ReturnCode,
 };
@@ -32,11 +32,11 @@ pub enum FocasError {
     #[error("no session: {0}")]
     NoSession(#[source] Fault),
     /// The control rejected a request.
-    #[error("{asked} was refused with {code}")]
-    Refused { asked: String, code: ReturnCode },
+    #[error("{request} was refused with {code}")]
+    Refused { request: String, code: ReturnCode },
     /// A request timed out, or its response is unreadable.
-    #[error("{asked}: {source}")]
-    Failed { asked: String, source: Fault },
+    #[error("{request}: {source}")]
+    Failed { request: String, source: Fault },
     /// The control takes the shift words directly, so they must have two bytes for each axis.
     #[error(
         "area.width: found {}, expected 2: the control takes two bytes for each axis; or area.copied = true, where a ladder copies the words on",
@@ -62,7 +62,7 @@ pub enum FocasError {
         other: Block,
     },
     /// A written block is in a PMC area that does not belong to the ladder.
-    #[error("{key}: found {at}, expected a place in R or D: {}", at.area.holds())]
+    #[error("{key}: found {at}, expected an address in R or D: {}", at.area.holds())]
     NotWritable {
         /// Configuration key: `area.first`, `heartbeat`, `sequence`, `barrier.frame` or `barrier.report`.
         key: &'static str,
@@ -93,19 +93,19 @@ pub enum FocasError {
     Axes(#[from] UnfitAxes),
     /// The requests of a cycle do not fit into a frame.
     #[error("the request of a cycle cannot be built: {0}")]
-    Request(#[from] Broken),
+    Request(#[from] FrameError),
 }
 
 impl FocasError {
     /// Adds the request to a fault of an exchange.
-    pub(crate) fn asking(asked: impl Into<String>, fault: Fault) -> Self {
-        let asked = asked.into();
+    pub(crate) fn in_request(request: impl Into<String>, fault: Fault) -> Self {
+        let request = request.into();
         match fault {
             Fault::Refused { code, .. } => Self::Refused {
-                asked,
+                request,
                 code: ReturnCode(i16::try_from(code).unwrap_or(i16::MAX)),
             },
-            source => Self::Failed { asked, source },
+            source => Self::Failed { request, source },
         }
     }
 
@@ -117,7 +117,7 @@ impl FocasError {
                 "check the address, the cable and that FOCAS is enabled on the control"
             }
             Self::SessionRefused => {
-                "end another program that talks to this control; it serves only a few"
+                "end another program that talks to this control; it supports few sessions"
             }
             Self::NoSession(_) => "check that this port is the control's FOCAS port",
             Self::Refused { .. } => {
@@ -125,17 +125,17 @@ impl FocasError {
             }
             Self::Failed { .. } => "check the cable and that the control is not overloaded",
             Self::SameLetter { .. } => {
-                "leave this axis to the control: it cannot be told which one is meant"
+                "leave this axis to the control: the letter does not identify one axis"
             }
-            Self::Width(_) => "state area.width = 2, or leave it out",
+            Self::Width(_) => "set area.width = 2, or omit it",
             Self::NoAxis { .. } => "correct the axes of the configuration",
-            Self::Overlap { .. } => "name a byte that nothing else uses",
-            Self::NotWritable { .. } => "name a byte in R or D that the ladder leaves free",
-            Self::BeyondEnd { .. } => "begin at a lower address",
+            Self::Overlap { .. } => "use a byte that is not used otherwise",
+            Self::NotWritable { .. } => "use a byte in R or D that the ladder does not use",
+            Self::BeyondEnd { .. } => "use a lower first address",
             Self::Parameter { .. } => {
                 "correct the addresses of the configuration, or with the machine builder the parameters of the control"
             }
-            Self::Axes(_) => "correct the axes, or what one count moves them",
+            Self::Axes(_) => "correct the axes, or their displacement per count",
             Self::Request(_) => "correct fewer axes",
         }
     }

@@ -54,10 +54,10 @@ impl Kind {
 /// A protocol violation, with its description.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
-pub struct Broken(pub &'static str);
+pub struct FrameError(pub &'static str);
 
-impl From<Broken> for volcomp_port::Fault {
-    fn from(broken: Broken) -> Self {
+impl From<FrameError> for volcomp_port::Fault {
+    fn from(broken: FrameError) -> Self {
         Self::Protocol(broken.0)
     }
 }
@@ -76,15 +76,15 @@ impl Head {
     ///
     /// # Errors
     /// Wrong start bytes, or an unknown kind.
-    pub fn parse(bytes: &[u8; HEAD]) -> Result<Self, Broken> {
+    pub fn parse(bytes: &[u8; HEAD]) -> Result<Self, FrameError> {
         let [a, b, c, d, v, w, func, dir, l, m] = *bytes;
         if [a, b, c, d] != SYNC {
-            return Err(Broken("a frame does not begin with a0 a0 a0 a0"));
+            return Err(FrameError("a frame does not begin with a0 a0 a0 a0"));
         }
         let kind = Kind::CODES.iter().find(|(_, code)| *code == [func, dir]);
         Ok(Self {
             version: u16::from_be_bytes([v, w]),
-            kind: kind.ok_or(Broken("an unknown kind of frame"))?.0,
+            kind: kind.ok_or(FrameError("an unknown kind of frame"))?.0,
             length: usize::from(u16::from_be_bytes([l, m])),
         })
     }
@@ -94,8 +94,8 @@ impl Head {
 ///
 /// # Errors
 /// The payload exceeds the maximum length of a frame.
-pub fn frame(version: u16, kind: Kind, payload: &[u8]) -> Result<Vec<u8>, Broken> {
-    let length = u16::try_from(payload.len()).map_err(|_| Broken("a frame that is too long"))?;
+pub fn frame(version: u16, kind: Kind, payload: &[u8]) -> Result<Vec<u8>, FrameError> {
+    let length = u16::try_from(payload.len()).map_err(|_| FrameError("frame too long"))?;
     let mut bytes = Vec::with_capacity(HEAD + payload.len());
     bytes.extend(SYNC);
     bytes.extend(version.to_be_bytes());
@@ -160,8 +160,8 @@ impl Request {
     ///
     /// # Errors
     /// The commands exceed the maximum length of a frame.
-    pub fn new(commands: &[Command<'_>]) -> Result<Self, Broken> {
-        let too_long = |_| Broken("a request that is too long");
+    pub fn new(commands: &[Command<'_>]) -> Result<Self, FrameError> {
+        let too_long = |_| FrameError("request too long");
         let count = u16::try_from(commands.len()).map_err(too_long)?;
         let mut payload = Vec::from(count.to_be_bytes());
         let mut sent = Vec::new();
@@ -207,19 +207,19 @@ impl Request {
     ///
     /// # Errors
     /// A malformed response, or one to a different request.
-    pub fn answers<'a>(&self, payload: &'a [u8]) -> Result<Blocks<'a>, Broken> {
+    pub fn answers<'a>(&self, payload: &'a [u8]) -> Result<Blocks<'a>, FrameError> {
         let blocks = Blocks::parse(payload)?;
         let mut count = 0;
         for (block, sent) in blocks.clone().zip(&self.commands) {
             let block = block?;
             if (block.target, block.path, block.function) != (sent.target, sent.path, sent.function)
             {
-                return Err(Broken("an answer to another command"));
+                return Err(FrameError("an answer to another command"));
             }
             count += 1;
         }
         if count != self.commands.len() || blocks.count != self.commands.len() {
-            return Err(Broken("another number of answers than of commands"));
+            return Err(FrameError("another number of answers than of commands"));
         }
         Ok(blocks)
     }
@@ -249,10 +249,10 @@ impl<'a> Blocks<'a> {
     ///
     /// # Errors
     /// The payload lacks the count.
-    pub fn parse(payload: &'a [u8]) -> Result<Self, Broken> {
+    pub fn parse(payload: &'a [u8]) -> Result<Self, FrameError> {
         let (count, rest) = payload
             .split_first_chunk::<2>()
-            .ok_or(Broken("an answer without a count"))?;
+            .ok_or(FrameError("an answer without a count"))?;
         let count = usize::from(u16::from_be_bytes(*count));
         Ok(Self {
             rest,
@@ -261,8 +261,8 @@ impl<'a> Blocks<'a> {
         })
     }
 
-    fn block(&mut self) -> Result<Block<'a>, Broken> {
-        const CUT: Broken = Broken("an answer that is cut off");
+    fn block(&mut self) -> Result<Block<'a>, FrameError> {
+        const CUT: FrameError = FrameError("a truncated answer");
         let head = self.rest.first_chunk::<BLOCK>().ok_or(CUT)?;
         let number = |at: usize| u16::from_be_bytes([head[at], head[at + 1]]);
         let size = usize::from(number(0));
@@ -288,7 +288,7 @@ impl<'a> Blocks<'a> {
 }
 
 impl<'a> Iterator for Blocks<'a> {
-    type Item = Result<Block<'a>, Broken>;
+    type Item = Result<Block<'a>, FrameError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         self.left = self.left.checked_sub(1)?;
@@ -304,8 +304,8 @@ impl<'a> Iterator for Blocks<'a> {
 ///
 /// # Errors
 /// A malformed request.
-pub fn parse_commands(payload: &[u8]) -> Result<Vec<Command<'_>>, Broken> {
-    const CUT: Broken = Broken("a request that is cut off");
+pub fn parse_commands(payload: &[u8]) -> Result<Vec<Command<'_>>, FrameError> {
+    const CUT: FrameError = FrameError("a truncated request");
     let (count, mut rest) = payload.split_first_chunk::<2>().ok_or(CUT)?;
     let mut commands = Vec::new();
     for _ in 0..u16::from_be_bytes(*count) {
@@ -321,7 +321,7 @@ pub fn parse_commands(payload: &[u8]) -> Result<Vec<Command<'_>>, Broken> {
             target: match number(2) {
                 1 => Target::Cnc,
                 2 => Target::Pmc,
-                _ => return Err(Broken("a command for an unknown target")),
+                _ => return Err(FrameError("a command for an unknown target")),
             },
             path: number(4),
             function: number(6),
@@ -342,8 +342,8 @@ pub fn push_block(
     command: &Command<'_>,
     error: i16,
     data: &[u8],
-) -> Result<(), Broken> {
-    let too_long = |_| Broken("an answer that is too long");
+) -> Result<(), FrameError> {
+    let too_long = |_| FrameError("answer too long");
     let size = u16::try_from(BLOCK + data.len()).map_err(too_long)?;
     let length = u16::try_from(data.len()).map_err(too_long)?;
     for number in [size, command.target as u16, command.path, command.function] {

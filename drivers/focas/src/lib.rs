@@ -10,15 +10,14 @@ mod error;
 pub mod frame;
 mod link;
 mod map_words;
+mod parameters;
 mod plan;
 mod pmc;
 mod reading;
 mod return_code;
 mod session;
-mod shift_source;
 #[cfg(feature = "simulator")]
 pub mod simulator;
-mod units;
 
 /// Default TCP port of controls.
 pub const PORT: u16 = 8193;
@@ -30,8 +29,8 @@ pub use controller::FocasController;
 pub use error::FocasError;
 pub use link::{Inspection, inspect};
 pub use map_words::{MapPlaces, MapWords};
+pub use parameters::ShiftSource;
 pub use plan::{Abilities, Packing};
 pub use pmc::{BarrierArea, Block, PmcAddress, PmcArea, Width};
 pub use return_code::ReturnCode;
 pub use session::Session;
-pub use shift_source::ShiftSource;

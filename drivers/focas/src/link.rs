@@ -13,17 +13,16 @@ use crate::{
     client::Client,
     config::{self, FocasConfig},
     error::FocasError,
-    plan::{self, Abilities, Ask, Exchange, Part, PlannedAxis},
+    parameters::{self, ShiftSource, UNIT_NUMBERS},
+    plan::{self, Abilities, Exchange, PlannedAxis, ReadItem, WriteItem},
     pmc::{BarrierArea, Width, put},
     reading::{self, Applied},
     session::Session,
-    shift_source::ShiftSource,
-    units,
 };
 
 /// Maximum time that data sent in a cycle may stay unacknowledged: longer than the deadline of any cycle, but short compared with the time after
 /// which an outdated correction would do harm. It applies even while the program is stopped.
-const UNACKNOWLEDGED: Duration = Duration::from_millis(250);
+const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_millis(250);
 
 /// Properties that a control reports when it is connected with a configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -53,8 +52,8 @@ pub(crate) struct Link {
     width: Width,
     applied: Applied,
     has_barrier: bool,
-    reads: Vec<Exchange<Ask>>,
-    writes: Vec<Exchange<Part>>,
+    reads: Vec<Exchange<ReadItem>>,
+    writes: Vec<Exchange<WriteItem>>,
     /// The heartbeat at the control: last written, or before that last read.
     heartbeat: Option<u8>,
     /// The last sequence number: last written, or before that last read.
@@ -74,11 +73,11 @@ impl Link {
         } else {
             source.check(config, names.len())?
         };
-        let [inch_machine, in_unit_of_program, program] = units::NUMBERS;
-        notes.extend(units::check(&[
-            client.told_parameter(inch_machine)?,
-            client.told_parameter(in_unit_of_program)?,
-            client.told_parameter(program)?,
+        let [inch_machine, in_unit_of_program, program] = UNIT_NUMBERS;
+        notes.extend(parameters::check_units(&[
+            client.integer_parameter(inch_machine)?,
+            client.integer_parameter(in_unit_of_program)?,
+            client.integer_parameter(program)?,
         ])?);
         let sequence = match config.sequence.filter(|_| config.barrier.is_none()) {
             // Continue from the present value, so that the ladder detects the first correction too.
@@ -88,7 +87,7 @@ impl Link {
         let version = client.version();
         let mut session = client.into_session();
         let abilities = abilities::find(&mut session, config, &axes)?;
-        session.bound_unacknowledged(UNACKNOWLEDGED);
+        session.limit_unacknowledged(UNACKNOWLEDGED_TIMEOUT);
         Ok(Self {
             reads: plan::reads(config, &axes, abilities)?,
             writes: plan::writes(config, &axes, abilities)?,
@@ -148,7 +147,7 @@ impl Link {
         }
         for exchange in &mut self.writes {
             for (command, part) in exchange.parts.iter().enumerate() {
-                if let Part::Frame(run) = part {
+                if let WriteItem::Frame(run) = part {
                     let into = exchange.request.data_mut(command).chunks_exact_mut(2);
                     for (into, word) in into.zip(words.iter().skip(run.first)) {
                         into.copy_from_slice(&word.to_be_bytes());
@@ -169,7 +168,9 @@ impl Link {
         deadline: Instant,
     ) -> Result<(), Fault> {
         if self.has_barrier {
-            return Err(Fault::Unsupported("plain corrections beside a barrier"));
+            return Err(Fault::Unsupported(
+                "plain corrections, where there is a barrier",
+            ));
         }
         if self.corrected == 0 {
             return Err(Fault::Unsupported(
@@ -182,9 +183,9 @@ impl Link {
             for (command, part) in exchange.parts.iter().enumerate() {
                 let into = exchange.request.data_mut(command);
                 let byte = match *part {
-                    Part::Heartbeat(_) => beat,
-                    Part::Sequence(_) => self.sequence,
-                    Part::Shifts(run) => {
+                    WriteItem::Heartbeat(_) => beat,
+                    WriteItem::Sequence(_) => self.sequence,
+                    WriteItem::Shifts(run) => {
                         for (axis, correction) in self.axes.iter().zip(corrections) {
                             let bytes = run.bytes_of(axis.slot, self.width);
                             if let Some(into) = bytes.and_then(|bytes| into.get_mut(bytes)) {
@@ -193,7 +194,7 @@ impl Link {
                         }
                         continue;
                     }
-                    Part::Frame(_) => continue,
+                    WriteItem::Frame(_) => continue,
                 };
                 if let Some(into) = into.first_mut() {
                     *into = byte;
@@ -201,8 +202,8 @@ impl Link {
             }
         }
         for index in 0..self.writes.len() {
-            let has_heartbeat =
-                (self.writes[index].parts.iter()).any(|part| matches!(part, Part::Heartbeat(_)));
+            let has_heartbeat = (self.writes[index].parts.iter())
+                .any(|part| matches!(part, WriteItem::Heartbeat(_)));
             if has_heartbeat {
                 // Unknown until the exchange succeeds, so that a failed one is not mistaken for a change by another client.
                 self.heartbeat = None;
@@ -236,10 +237,10 @@ impl Link {
 }
 
 /// Timeout of the reading.
-const READ_WITHIN: Duration = Duration::from_secs(2);
+const READ_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Time between two reports of a barrier.
-const APART: Duration = Duration::from_secs(1);
+const REPORT_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Connects, makes every check that a correction makes before its first cycle, reads once, and disconnects. Nothing is written.
 ///
@@ -250,12 +251,12 @@ pub fn inspect(config: &FocasConfig) -> Result<Inspection, FocasError> {
     let mut link = Link::open(config)?;
     let mut found = link.found().clone();
     let mut read = || {
-        let snapshot = link.read(Instant::now() + READ_WITHIN).ok()?;
+        let snapshot = link.read(Instant::now() + READ_TIMEOUT).ok()?;
         Some((snapshot.taken, snapshot.report?))
     };
     found.reports.extend(read());
     if !found.reports.is_empty() {
-        thread::sleep(APART);
+        thread::sleep(REPORT_INTERVAL);
         found.reports.extend(read());
     }
     Ok(found)

@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::{Client, FocasError, PmcAddress};
 
 /// Maximum number of bytes read by one command.
-const AT_ONCE: usize = 128;
+const MAX_READ_BYTES: usize = 128;
 
 /// PMC addresses of a control that looks up corrections in a map. All words have two bytes, low byte first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,7 +95,7 @@ impl MapWords {
             usize::from(from.at) + skip + 2 * words,
         );
         while at < end {
-            let count = (end - at).min(AT_ONCE);
+            let count = (end - at).min(MAX_READ_BYTES);
             // The control rejects the largest address if it is beyond what a request can represent.
             let first = u16::try_from(at).unwrap_or(u16::MAX);
             let length = u16::try_from(count).unwrap_or(u16::MAX);

@@ -5,7 +5,7 @@ use volcomp_vocabulary::AxisKind;
 use crate::{
     answers::function,
     config::FocasConfig,
-    frame::{Broken, Command, Request, Target},
+    frame::{Command, FrameError, Request, Target},
     pmc::{BarrierArea, PmcAddress, Width},
 };
 
@@ -68,7 +68,7 @@ impl Run {
 
 /// The value that a read command requests.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Ask {
+pub(crate) enum ReadItem {
     /// Positions of all axes.
     Positions,
     /// Position of the axis in this slot.
@@ -83,7 +83,7 @@ pub(crate) enum Ask {
 
 /// The content of a write command.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Part {
+pub(crate) enum WriteItem {
     Shifts(Run),
     Heartbeat(PmcAddress),
     Sequence(PmcAddress),
@@ -98,7 +98,7 @@ pub(crate) struct Exchange<T> {
     pub(crate) parts: Vec<T>,
 }
 
-impl Ask {
+impl ReadItem {
     pub(crate) fn is_position(self) -> bool {
         matches!(self, Self::Positions | Self::PositionOf(_))
     }
@@ -181,23 +181,23 @@ pub(crate) fn runs(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> 
 }
 
 /// Commands that read the positions of the axes: one for all axes, or one for each.
-pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<Ask> {
+pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<ReadItem> {
     if all_axes {
-        vec![Ask::Positions]
+        vec![ReadItem::Positions]
     } else {
-        let each = axes.iter().map(|axis| Ask::PositionOf(axis.slot));
+        let each = axes.iter().map(|axis| ReadItem::PositionOf(axis.slot));
         each.collect()
     }
 }
 
 /// Words with the applied correction: the shifts, or the report of the barrier; joined if ranges are accepted.
-pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<Ask> {
+pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<ReadItem> {
     if config.barrier.is_none() {
         let runs = runs(config, axes, ranges).into_iter();
-        return runs.map(Ask::Shifts).collect();
+        return runs.map(ReadItem::Shifts).collect();
     }
     let words = in_runs(BarrierArea::report_words(config.axes.len()), ranges);
-    words.into_iter().map(Ask::Report).collect()
+    words.into_iter().map(ReadItem::Report).collect()
 }
 
 /// Runs over `words` words from the first; a single one if ranges are accepted.
@@ -211,11 +211,11 @@ fn in_runs(words: usize, ranges: bool) -> Vec<Run> {
 }
 
 /// Further bytes of PMC memory to read.
-pub(crate) fn bytes(config: &FocasConfig) -> Vec<Ask> {
+pub(crate) fn bytes(config: &FocasConfig) -> Vec<ReadItem> {
     // The heartbeat matters only if this driver writes it.
     let writes = config.barrier.is_none() && !config.axes.is_empty();
-    let heartbeat = config.heartbeat.filter(|_| writes).map(Ask::Heartbeat);
-    let referenced = config.referenced.map(Ask::Referenced);
+    let heartbeat = config.heartbeat.filter(|_| writes).map(ReadItem::Heartbeat);
+    let referenced = config.referenced.map(ReadItem::Referenced);
     heartbeat.into_iter().chain(referenced).collect()
 }
 
@@ -224,26 +224,32 @@ pub(crate) fn reads(
     config: &FocasConfig,
     axes: &[PlannedAxis],
     abilities: Abilities,
-) -> Result<Vec<Exchange<Ask>>, Broken> {
-    let mut asks = positions(axes, abilities.all_axes);
-    asks.push(Ask::Status);
-    let of_control = asks.len();
-    asks.extend(words(config, axes, abilities.ranges));
-    asks.extend(bytes(config));
-    let frames: Vec<&[Ask]> = match abilities.packing {
-        Packing::OneFrame => vec![&asks[..]],
-        Packing::ByTarget => vec![&asks[..of_control], &asks[of_control..]],
-        Packing::OneByOne => asks.chunks(1).collect(),
+) -> Result<Vec<Exchange<ReadItem>>, FrameError> {
+    let mut items = positions(axes, abilities.all_axes);
+    items.push(ReadItem::Status);
+    let of_control = items.len();
+    items.extend(words(config, axes, abilities.ranges));
+    items.extend(bytes(config));
+    let frames: Vec<&[ReadItem]> = match abilities.packing {
+        Packing::OneFrame => vec![&items[..]],
+        Packing::ByTarget => vec![&items[..of_control], &items[of_control..]],
+        Packing::OneByOne => items.chunks(1).collect(),
     };
-    frames.into_iter().map(|asks| read(config, asks)).collect()
+    frames
+        .into_iter()
+        .map(|items| read(config, items))
+        .collect()
 }
 
 /// Builds one frame that requests these values.
-pub(crate) fn read(config: &FocasConfig, asks: &[Ask]) -> Result<Exchange<Ask>, Broken> {
-    let commands: Vec<Command<'_>> = asks.iter().map(|ask| ask.command(config)).collect();
+pub(crate) fn read(
+    config: &FocasConfig,
+    items: &[ReadItem],
+) -> Result<Exchange<ReadItem>, FrameError> {
+    let commands: Vec<Command<'_>> = items.iter().map(|item| item.command(config)).collect();
     Ok(Exchange {
         request: Request::new(&commands)?,
-        parts: asks.to_vec(),
+        parts: items.to_vec(),
     })
 }
 
@@ -252,19 +258,19 @@ pub(crate) fn writes(
     config: &FocasConfig,
     axes: &[PlannedAxis],
     abilities: Abilities,
-) -> Result<Vec<Exchange<Part>>, Broken> {
-    let mut parts: Vec<Part> = Vec::new();
+) -> Result<Vec<Exchange<WriteItem>>, FrameError> {
+    let mut parts: Vec<WriteItem> = Vec::new();
     if config.barrier.is_some() {
         let words = in_runs(
             BarrierArea::frame_words(config.axes.len()),
             abilities.ranges,
         );
-        parts.extend(words.into_iter().map(Part::Frame));
+        parts.extend(words.into_iter().map(WriteItem::Frame));
     } else if !config.axes.is_empty() {
         let runs = runs(config, axes, abilities.ranges).into_iter();
-        parts.extend(runs.map(Part::Shifts));
-        parts.extend(config.heartbeat.map(Part::Heartbeat));
-        parts.extend(config.sequence.map(Part::Sequence));
+        parts.extend(runs.map(WriteItem::Shifts));
+        parts.extend(config.heartbeat.map(WriteItem::Heartbeat));
+        parts.extend(config.sequence.map(WriteItem::Sequence));
     }
     let together = match abilities.packing {
         Packing::OneFrame | Packing::ByTarget => parts.len(),
@@ -276,28 +282,30 @@ pub(crate) fn writes(
         .collect()
 }
 
-fn write(config: &FocasConfig, parts: &[Part]) -> Result<Exchange<Part>, Broken> {
+fn write(config: &FocasConfig, parts: &[WriteItem]) -> Result<Exchange<WriteItem>, FrameError> {
     // Replaced in every cycle; no control has more than 32 axes.
     let room = [0_u8; 4 * 32];
     let mut commands = Vec::new();
     for part in parts {
         let (args, length) = match *part {
-            Part::Shifts(run) => {
+            WriteItem::Shifts(run) => {
                 let length = run.count * usize::from(config.shift.width.bytes());
                 (shift_args(config, run, length), length)
             }
-            Part::Frame(run) => {
+            WriteItem::Frame(run) => {
                 let length = run.count * usize::from(Width::Word.bytes());
                 (word_args(frame_area(config), run, length), length)
             }
-            Part::Heartbeat(address) | Part::Sequence(address) => (byte_args(address, 1), 1),
+            WriteItem::Heartbeat(address) | WriteItem::Sequence(address) => {
+                (byte_args(address, 1), 1)
+            }
         };
         commands.push(Command {
             target: Target::Pmc,
             path: config.path,
             function: function::WRITE_PMC,
             args,
-            data: room.get(..length).ok_or(Broken("more than 32 axes"))?,
+            data: room.get(..length).ok_or(FrameError("more than 32 axes"))?,
         });
     }
     Ok(Exchange {

@@ -56,14 +56,14 @@ impl PmcArea {
             Self::G => {
                 "G holds the signals to the control, its emergency stop among them, which the ladder alone sets"
             }
-            Self::F => "F holds the signals of the control, which nobody else writes",
+            Self::F => "F holds the signals of the control, which only the control writes",
             Self::Y => "Y holds the outputs to the machine",
             Self::X => "X holds the inputs from the machine",
             Self::A => "A holds the messages to the operator",
             Self::T => "T holds the times of the ladder's timers",
             Self::K => "K holds the settings of the ladder",
             Self::C => "C holds the counters of the ladder",
-            Self::R | Self::D => "it is memory of the ladder's own",
+            Self::R | Self::D => "it is the ladder's own memory",
         }
     }
 

@@ -8,8 +8,8 @@ use volcomp_vocabulary::{Displacement, PerChannel};
 use crate::{
     answers::{slot, status},
     config::FocasConfig,
-    frame::{Block, Broken},
-    plan::{Ask, Exchange, PlannedAxis, Run},
+    frame::{Block, FrameError},
+    plan::{Exchange, PlannedAxis, ReadItem, Run},
     pmc::{BarrierArea, Width, count},
     return_code::ReturnCode,
     session::Session,
@@ -43,7 +43,7 @@ impl Applied {
 /// Sends the frames of a read one after the other, all before the deadline.
 pub(crate) fn read(
     session: &mut Session,
-    exchanges: &[Exchange<Ask>],
+    exchanges: &[Exchange<ReadItem>],
     axes: &[PlannedAxis],
     applied: Applied,
     deadline: Instant,
@@ -78,14 +78,14 @@ pub(crate) fn read(
     // From the first to the last frame with positions.
     let mut positions_since = None;
     for exchange in exchanges {
-        let asked = Instant::now();
+        let sent = Instant::now();
         let blocks = session.exchange(&exchange.request, deadline)?;
         let answered = Instant::now();
-        for (block, ask) in blocks.zip(&exchange.parts) {
-            take(&mut reading, *ask, data(block)?, axes, width)?;
+        for (block, item) in blocks.zip(&exchange.parts) {
+            take(&mut reading, *item, data(block)?, axes, width)?;
         }
-        if exchange.parts.iter().any(|ask| ask.is_position()) {
-            let since = *positions_since.get_or_insert(asked);
+        if exchange.parts.iter().any(|item| item.is_position()) {
+            let since = *positions_since.get_or_insert(sent);
             let half = answered.duration_since(since) / 2;
             reading.snapshot = reading.snapshot.at(since + half);
             reading.snapshot.uncertainty = half;
@@ -95,7 +95,7 @@ pub(crate) fn read(
 }
 
 /// The data of a block, or the fault of a rejection.
-pub(crate) fn data(block: Result<Block<'_>, Broken>) -> Result<&[u8], Fault> {
+pub(crate) fn data(block: Result<Block<'_>, FrameError>) -> Result<&[u8], Fault> {
     let block = block?;
     match block.error {
         0 => Ok(block.data),
@@ -105,48 +105,50 @@ pub(crate) fn data(block: Result<Block<'_>, Broken>) -> Result<&[u8], Fault> {
 
 fn take(
     reading: &mut Reading,
-    ask: Ask,
+    item: ReadItem,
     data: &[u8],
     axes: &[PlannedAxis],
     width: Width,
-) -> Result<(), Broken> {
+) -> Result<(), FrameError> {
     let snapshot = &mut reading.snapshot;
     let coordinate = |axis: &PlannedAxis, place: usize| {
-        let told = slot(data, place)?;
-        Ok(Displacement::from_coordinate(axis.kind, told).mm_or_rad())
+        let value = slot(data, place)?;
+        Ok(Displacement::from_coordinate(axis.kind, value).mm_or_rad())
     };
-    match ask {
-        Ask::Status => {
+    match item {
+        ReadItem::Status => {
             let found = status(data)?;
             snapshot.state.alarm = found.alarm != 0;
             snapshot.state.emergency_stop = found.emergency != 0;
         }
-        Ask::Positions => {
+        ReadItem::Positions => {
             for (position, axis) in snapshot.positions.iter_mut().zip(axes) {
                 *position = coordinate(axis, axis.slot)?;
             }
         }
-        Ask::PositionOf(slot) => {
+        ReadItem::PositionOf(slot) => {
             for (position, axis) in snapshot.positions.iter_mut().zip(axes) {
                 if axis.slot == slot {
                     *position = coordinate(axis, 0)?;
                 }
             }
         }
-        Ask::Shifts(run) => {
+        ReadItem::Shifts(run) => {
             let applied = snapshot.applied.get_or_insert(PerChannel::ZERO);
             shifts(data, width, axes, run, applied)?;
         }
-        Ask::Report(run) => {
+        ReadItem::Report(run) => {
             let words = snapshot.report.as_mut().map(Words::as_mut_slice);
             let words = words.and_then(|words| words.get_mut(run.first..run.first + run.count));
-            take_words(data, words.unwrap_or_default())?;
+            decode_words(data, words.unwrap_or_default())?;
         }
-        Ask::Heartbeat(_) => {
-            reading.heartbeat = Some(*data.first().ok_or(Broken("no byte of the heartbeat"))?);
+        ReadItem::Heartbeat(_) => {
+            reading.heartbeat = Some(*data.first().ok_or(FrameError("no byte of the heartbeat"))?);
         }
-        Ask::Referenced(_) => {
-            let bits = *data.first().ok_or(Broken("no byte of referenced axes"))?;
+        ReadItem::Referenced(_) => {
+            let bits = *data
+                .first()
+                .ok_or(FrameError("no byte of referenced axes"))?;
             // A byte covers eight axes; axes beyond it count as not referenced, which is the safe side.
             let referenced = |axis: &PlannedAxis| axis.slot < 8 && bits >> axis.slot & 1 == 1;
             snapshot.state.referenced = axes.iter().all(referenced);
@@ -156,11 +158,9 @@ fn take(
 }
 
 /// Decodes report words from a response.
-fn take_words(data: &[u8], words: &mut [u16]) -> Result<(), Broken> {
+fn decode_words(data: &[u8], words: &mut [u16]) -> Result<(), FrameError> {
     if data.len() != 2 * words.len() {
-        return Err(Broken(
-            "another number of words of the report than asked for",
-        ));
+        return Err(FrameError("another number of report words than requested"));
     }
     for (word, bytes) in words.iter_mut().zip(data.chunks_exact(2)) {
         *word = u16::from_be_bytes([bytes[0], bytes[1]]);
@@ -175,11 +175,11 @@ fn shifts(
     axes: &[PlannedAxis],
     run: Run,
     applied: &mut PerChannel<f64>,
-) -> Result<(), Broken> {
+) -> Result<(), FrameError> {
     for (applied, axis) in applied.iter_mut().zip(axes) {
         if let Some(bytes) = run.bytes_of(axis.slot, width) {
             let count = data.get(bytes).and_then(|bytes| count(bytes, width));
-            *applied = count.ok_or(Broken("fewer shifts than asked for"))? * axis.count;
+            *applied = count.ok_or(FrameError("fewer shifts than requested"))? * axis.count;
         }
     }
     Ok(())

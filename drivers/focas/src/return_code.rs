@@ -16,7 +16,7 @@ const CODES: [(i16, &str); 31] = [
     (-15, "EW_NODLL, the control has no such library"),
     (-11, "EW_BUS, a bus inside the control fails"),
     (-9, "EW_HSSB, the serial bus to the control fails"),
-    (-8, "EW_HANDLE, the session is not known"),
+    (-8, "EW_HANDLE, unknown session"),
     (
         -7,
         "EW_VERSION, the versions of the two sides do not fit together",
@@ -59,7 +59,7 @@ impl ReturnCode {
         CODES
             .iter()
             .find(|(number, _)| *number == self.0)
-            .map_or("a code that is not known", |(_, words)| words)
+            .map_or("unknown code", |(_, words)| words)
     }
 
     /// Name in the manufacturer's library, such as `EW_NOOPT`; `None` for an unknown code.

@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// Maximum length of a response, bytes.
-const LONGEST: usize = 65_536;
+const MAX_RESPONSE_BYTES: usize = 65_536;
 
 /// An open session. After any fault except a rejection it is dead, because a delayed response would be taken for the next one.
 ///
@@ -68,11 +68,11 @@ impl Session {
         set.map_err(|e| lost(e.into()))?;
         let mut session = Self {
             stream,
-            answer: vec![0; LONGEST].into_boxed_slice(),
+            answer: vec![0; MAX_RESPONSE_BYTES].into_boxed_slice(),
             dead: true,
             version: 0,
         };
-        session.bound_unacknowledged(deadline.saturating_duration_since(Instant::now()));
+        session.limit_unacknowledged(deadline.saturating_duration_since(Instant::now()));
         let head = session
             .send(&open_frame(), deadline)
             .and_then(|()| session.receive(deadline))
@@ -93,7 +93,7 @@ impl Session {
 
     /// Makes the kernel drop the connection if sent data stay unacknowledged for this time, whether this program is running or stopped. If the
     /// kernel does not support it, the deadlines still apply.
-    pub(crate) fn bound_unacknowledged(&self, time: Duration) {
+    pub(crate) fn limit_unacknowledged(&self, time: Duration) {
         #[cfg(target_os = "linux")]
         {
             let ms = u32::try_from(time.as_millis()).unwrap_or(u32::MAX).max(1);
@@ -206,8 +206,8 @@ impl Session {
         let mut have = 0;
         let mut head: Option<Head> = None;
         loop {
-            let wanted = HEAD + head.map_or(0, |head| head.length);
-            if have >= wanted {
+            let needed = HEAD + head.map_or(0, |head| head.length);
+            if have >= needed {
                 match head {
                     None => {
                         // `have` guarantees that they are present.
@@ -215,11 +215,11 @@ impl Session {
                         head = Some(Head::parse(bytes)?);
                         continue;
                     }
-                    Some(_) if have > wanted => {
+                    Some(_) if have > needed => {
                         return Err(Fault::Protocol("more than one answer"));
                     }
                     Some(head) => {
-                        self.answer.copy_within(HEAD..wanted, 0);
+                        self.answer.copy_within(HEAD..needed, 0);
                         return Ok(head);
                     }
                 }

@@ -1,5 +1,5 @@
-//! From a state that came to the frame that answers it, against a bare echo of as many bytes in the same run: each in turn, for
-//! thousands of datagrams, in one process. `cargo bench -p volcomp-linuxcnc --bench reply -- 20000`.
+//! Time from a received state to the answering frame, against a bare echo of the same size: in turns, for thousands of datagrams,
+//! in one process. `cargo bench -p volcomp-linuxcnc --bench reply -- 20000`.
 #![allow(missing_docs, reason = "a program")]
 
 use std::{
@@ -99,7 +99,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         replies.push(begun.elapsed());
         bridge.recv_from(&mut room)?;
 
-        // As cold as the other was.
+        // With caches as cold as for the other.
         next += EVERY;
         std::thread::sleep(next.saturating_duration_since(Instant::now()));
         near.send(&bytes[..length])?;

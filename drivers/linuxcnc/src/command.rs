@@ -3,7 +3,7 @@
 use volcomp_port::{MOST_WORDS, Words};
 
 use crate::{
-    Broken, Key, VERSION,
+    DatagramError, Key, VERSION,
     datagram::{Reader, Writer, opened},
     key::MAC,
 };
@@ -11,10 +11,10 @@ use crate::{
 /// Magic bytes: `VCLF`.
 const MAGIC: [u8; 4] = *b"VCLF";
 /// Number of bytes before the words.
-const HEAD: usize = 20;
+const HEADER_BYTES: usize = 20;
 
 /// Maximum size of a command, bytes.
-pub const COMMAND_BYTES: usize = HEAD + 2 * MOST_WORDS + MAC;
+pub const COMMAND_BYTES: usize = HEADER_BYTES + 2 * MOST_WORDS + MAC;
 
 /// A command from a gateway to a bridge. The bridge sends its states to the sender's address for a second afterwards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,19 +42,19 @@ impl Command {
     ///
     /// # Errors
     /// A datagram that is not a command of this version and key.
-    pub fn decode(bytes: &[u8], key: &Key) -> Result<Self, Broken> {
-        let body = opened(bytes, MAGIC, HEAD, key)?;
+    pub fn decode(bytes: &[u8], key: &Key) -> Result<Self, DatagramError> {
+        let body = opened(bytes, MAGIC, HEADER_BYTES, key)?;
         let mut reader = Reader(&body[6..]);
         let machine = reader.u16();
         let answers = [reader.u32(), reader.u32()];
         let (kind, count) = (reader.u16(), usize::from(reader.u16()));
         if count > MOST_WORDS {
-            return Err(Broken::Words { found: count });
+            return Err(DatagramError::Words { found: count });
         }
         let found = bytes.len();
-        let expected = HEAD + 2 * count + MAC;
+        let expected = HEADER_BYTES + 2 * count + MAC;
         if found != expected {
-            return Err(Broken::Length { found, expected });
+            return Err(DatagramError::Length { found, expected });
         }
         let mut words = [0; MOST_WORDS];
         for word in &mut words[..count] {
@@ -63,12 +63,12 @@ impl Command {
         let content = match kind {
             0 if count == 0 => Content::Listen,
             0 => {
-                let expected = HEAD + MAC;
-                return Err(Broken::Length { found, expected });
+                let expected = HEADER_BYTES + MAC;
+                return Err(DatagramError::Length { found, expected });
             }
             // The length was checked, so the words fit.
             1 => Content::Frame(Words::new(&words[..count]).unwrap_or_default()),
-            found => return Err(Broken::Kind { found }),
+            found => return Err(DatagramError::Kind { found }),
         };
         Ok(Self {
             machine,

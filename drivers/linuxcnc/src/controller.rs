@@ -18,20 +18,20 @@ use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, PerChannel};
 
 use crate::{
     COMMAND_BYTES, Command, Content, Flags, Key, STATE_BYTES, State,
-    adrift::Adrift,
     age::Clocks,
-    look::{device, open},
+    offset_monitor::OffsetMonitor,
+    socket::{device, open},
     state::AxisState,
 };
 
 /// Interval of listen commands when no frames are sent; the bridge stops sending states after a second without a command.
-const LISTEN_EVERY: Duration = Duration::from_millis(200);
+const LISTEN_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Time without a state of the current run after which states of another run are accepted.
-const FORGOTTEN_AFTER: Duration = Duration::from_secs(1);
+const RUN_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Maximum number of datagrams processed per read.
-const AT_ONCE: usize = 256;
+const MAX_DATAGRAMS_PER_READ: usize = 256;
 
 /// A LinuxCNC control and its bridge, not opened.
 #[derive(Clone, Debug, PartialEq)]
@@ -166,13 +166,13 @@ pub struct LinuxCncController {
     machine: u16,
     key: Key,
     /// When the last command was sent, and the run that it answers.
-    said: Option<(Instant, u32)>,
+    last_sent: Option<(Instant, u32)>,
     last: Option<(State, Instant)>,
     /// When the last state was read.
-    heard: Option<Instant>,
-    misfit: Option<&'static str>,
+    last_received: Option<Instant>,
+    mismatch: Option<&'static str>,
     clocks: Clocks,
-    adrift: Adrift,
+    offset_monitor: OffsetMonitor,
     health: Health,
 }
 
@@ -189,12 +189,12 @@ impl LinuxCncController {
             description,
             machine: config.machine,
             key: config.key,
-            said: None,
+            last_sent: None,
             last: None,
-            heard: None,
-            misfit: None,
+            last_received: None,
+            mismatch: None,
             clocks: Clocks::default(),
-            adrift: Adrift::default(),
+            offset_monitor: OffsetMonitor::default(),
             health: Health::default(),
         })
     }
@@ -209,11 +209,11 @@ impl LinuxCncController {
         self.last.as_ref().map(|(state, _)| state)
     }
 
-    fn say(&mut self, content: Content) -> Result<(), Fault> {
+    fn send(&mut self, content: Content) -> Result<(), Fault> {
         let answers = self
             .state()
             .map_or([0; 2], |state| [state.run, state.sequence]);
-        self.said = Some((Instant::now(), answers[0]));
+        self.last_sent = Some((Instant::now(), answers[0]));
         let command = Command {
             machine: self.machine,
             answers,
@@ -237,16 +237,16 @@ impl LinuxCncController {
 
     /// Whether a listen command is due: nothing was sent for some time, or nothing that answers the run of the last state, without which the bridge
     /// stops sending states.
-    fn must_listen(&self) -> bool {
+    fn listen_is_due(&self) -> bool {
         let run = self.state().map_or(0, |state| state.run);
-        self.said
-            .is_none_or(|(at, answered)| answered != run || at.elapsed() >= LISTEN_EVERY)
+        self.last_sent
+            .is_none_or(|(at, answered)| answered != run || at.elapsed() >= LISTEN_INTERVAL)
     }
 
     /// Processes all waiting datagrams.
     fn drain(&mut self) {
         let mut bytes = [0; STATE_BYTES + 1];
-        for _ in 0..AT_ONCE {
+        for _ in 0..MAX_DATAGRAMS_PER_READ {
             match self.socket.recv(&mut bytes) {
                 Ok(length) => self.take(&bytes[..length], Instant::now()),
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
@@ -262,9 +262,9 @@ impl LinuxCncController {
             self.health.broken += 1;
             return;
         };
-        if let Some(misfit) = self.misfit_of(&state) {
+        if let Some(mismatch) = self.mismatch_of(&state) {
             self.health.foreign += 1;
-            self.misfit = Some(misfit);
+            self.mismatch = Some(mismatch);
             return;
         }
         if let Some((last, _)) = &self.last {
@@ -277,31 +277,32 @@ impl LinuxCncController {
                 }
                 self.health.lost += u64::from(ahead - 1);
             } else {
-                let silent = self
-                    .heard
-                    .is_none_or(|heard| arrived.saturating_duration_since(heard) > FORGOTTEN_AFTER);
+                let silent = self.last_received.is_none_or(|last_received| {
+                    arrived.saturating_duration_since(last_received) > RUN_TIMEOUT
+                });
                 // A recorded state of an earlier run could carry any time.
                 if !silent {
                     self.health.late += 1;
                     return;
                 }
-                self.clocks.forget();
-                self.adrift = Adrift::default();
+                self.clocks.reset();
+                self.offset_monitor = OffsetMonitor::default();
                 self.health.restarts += 1;
             }
         }
-        self.misfit = None;
-        self.heard = Some(arrived);
-        let held = self.clocks.held(state.time, arrived);
-        self.adrift.hear(&state, self.description.axes.len());
-        self.last = Some((state, held));
+        self.mismatch = None;
+        self.last_received = Some(arrived);
+        let local_time = self.clocks.local_time(state.time, arrived);
+        self.offset_monitor
+            .process(&state, self.description.axes.len());
+        self.last = Some((state, local_time));
     }
 
     /// Why a state does not belong to this machine.
-    fn misfit_of(&self, state: &State) -> Option<&'static str> {
+    fn mismatch_of(&self, state: &State) -> Option<&'static str> {
         // If positions are only read, the configuration has no machine number.
         if self.description.barrier && state.machine != self.machine {
-            return Some("the bridge belongs to a machine of another number");
+            return Some("the bridge has another machine number");
         }
         let expected = &self.description.axes;
         let names = || state.axes().map(|axis| axis.name);
@@ -309,18 +310,18 @@ impl LinuxCncController {
             .take(expected.len())
             .eq(expected.iter().map(|axis| axis.name))
         {
-            return Some("the bridge has other axes, or has them in another order");
+            return Some("the bridge has other axes, or another order of axes");
         }
         let mut reads = self.description.reads.iter();
         if !reads.all(|name| names().any(|found| found == *name)) {
-            return Some("the bridge does not tell the position of an axis that is read");
+            return Some("the bridge does not report the position of an axis that is read");
         }
         let same = |(own, found): (&Axis, &AxisState)| {
             let own = nano(own.name.kind(), own.step());
             (own - f64::from(found.step)).abs() < 0.5
         };
         if !expected.iter().zip(state.axes()).all(same) {
-            return Some("a count of the bridge is of another size than the configuration says");
+            return Some("the bridge and the configuration have different count sizes");
         }
         None
     }
@@ -328,7 +329,7 @@ impl LinuxCncController {
     /// Waits for a datagram until the deadline. Returns whether one arrived.
     fn wait(&self, deadline: Instant) -> bool {
         let left = deadline.saturating_duration_since(Instant::now());
-        let left = Timespec::try_from(left.min(LISTEN_EVERY)).unwrap_or_default();
+        let left = Timespec::try_from(left.min(LISTEN_INTERVAL)).unwrap_or_default();
         match poll(&mut [PollFd::new(&self.socket, PollFlags::IN)], Some(&left)) {
             Ok(ready) => ready > 0,
             Err(error) => error == Errno::INTR,
@@ -345,11 +346,11 @@ impl Controller for LinuxCncController {
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         let (state, taken) = loop {
             self.drain();
-            if self.must_listen() {
-                self.say(Content::Listen)?;
+            if self.listen_is_due() {
+                self.send(Content::Listen)?;
             }
-            if let Some(misfit) = self.misfit {
-                return Err(Fault::Protocol(misfit));
+            if let Some(mismatch) = self.mismatch {
+                return Err(Fault::Protocol(mismatch));
             }
             if let Some(last) = &self.last {
                 break last;
@@ -380,7 +381,7 @@ impl Controller for LinuxCncController {
                 alarm: !flags.has(Flags::ENABLED)
                     || flags.has(Flags::LIMITED)
                     || flags.has(Flags::LOST)
-                    || self.adrift.is_lost(),
+                    || self.offset_monitor.is_lost(),
                 emergency_stop: flags.has(Flags::EMERGENCY_STOP),
             },
             state_taken: *taken,
@@ -400,7 +401,7 @@ impl Controller for LinuxCncController {
         if Instant::now() >= deadline {
             return Err(Fault::TimedOut);
         }
-        self.say(Content::Frame(*frame))
+        self.send(Content::Frame(*frame))
     }
 
     fn apply(&mut self, _: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {

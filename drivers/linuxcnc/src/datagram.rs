@@ -8,7 +8,7 @@ use crate::{Key, VERSION, key::MAC};
 /// Why a datagram cannot be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum Broken {
+pub enum DatagramError {
     /// The length in bytes is wrong.
     #[error("found {found} bytes, expected {expected}")]
     Length {
@@ -18,7 +18,7 @@ pub enum Broken {
         expected: usize,
     },
     /// The magic bytes are wrong.
-    #[error("found another beginning than that of a datagram of this protocol, VCLS or VCLF")]
+    #[error("found other magic bytes than those of this protocol, VCLS or VCLF")]
     Magic,
     /// The other side uses another version of the protocol.
     #[error("found version {found} of the protocol, expected {VERSION}")]
@@ -28,17 +28,17 @@ pub enum Broken {
     },
     /// The message authentication code does not match our key.
     #[error(
-        "found another message authentication code than that of our key: the other side has another key, or bytes were changed on the way"
+        "found another message authentication code than that of our key: the other side has another key, or the datagram was modified"
     )]
     Mac,
     /// The number of axes exceeds the maximum.
-    #[error("found {found} axes, expected {MAX_AXES} at the most")]
+    #[error("found {found} axes, expected at most {MAX_AXES}")]
     Axes {
         /// The number that was found.
         found: usize,
     },
     /// The number of words exceeds the maximum.
-    #[error("found {found} words, expected {MOST_WORDS} at the most")]
+    #[error("found {found} words, expected at most {MOST_WORDS}")]
     Words {
         /// The number that was found.
         found: usize,
@@ -58,7 +58,7 @@ pub enum Broken {
         axis: AxisName,
     },
     /// The content is of an unknown kind.
-    #[error("found the kind {found} of content, expected 0 (states are wanted) or 1 (a frame)")]
+    #[error("found the kind {found} of content, expected 0 (request for states) or 1 (a frame)")]
     Kind {
         /// The kind that was found.
         found: u16,
@@ -71,20 +71,20 @@ pub(crate) fn opened<'a>(
     magic: [u8; 4],
     head: usize,
     key: &Key,
-) -> Result<&'a [u8], Broken> {
+) -> Result<&'a [u8], DatagramError> {
     if !bytes.starts_with(&magic) {
-        return Err(Broken::Magic);
+        return Err(DatagramError::Magic);
     }
     if let Some(&found) = bytes.get(4).filter(|version| **version != VERSION) {
-        return Err(Broken::Version { found });
+        return Err(DatagramError::Version { found });
     }
-    let short = Broken::Length {
+    let short = DatagramError::Length {
         found: bytes.len(),
         expected: head + MAC,
     };
     let (body, code) = bytes.split_last_chunk::<MAC>().ok_or(short)?;
     if key.mac(body) != *code {
-        return Err(Broken::Mac);
+        return Err(DatagramError::Mac);
     }
     if body.len() < head {
         return Err(short);

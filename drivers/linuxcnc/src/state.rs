@@ -6,7 +6,7 @@ use volcomp_port::{MOST_WORDS, Words};
 use volcomp_vocabulary::{AxisName, MAX_AXES};
 
 use crate::{
-    Broken, Key, VERSION,
+    DatagramError, Key, VERSION,
     datagram::{Reader, Writer, opened},
     key::MAC,
 };
@@ -14,12 +14,12 @@ use crate::{
 /// Magic bytes: `VCLS`.
 const MAGIC: [u8; 4] = *b"VCLS";
 /// Number of bytes before the axes.
-const HEAD: usize = 36;
+const HEADER_BYTES: usize = 36;
 /// Number of bytes per axis.
-const OF_AXIS: usize = 32;
+const BYTES_PER_AXIS: usize = 32;
 
 /// Maximum size of a state, bytes.
-pub const STATE_BYTES: usize = HEAD + MAX_AXES * OF_AXIS + 2 * MOST_WORDS + MAC;
+pub const STATE_BYTES: usize = HEADER_BYTES + MAX_AXES * BYTES_PER_AXIS + 2 * MOST_WORDS + MAC;
 
 /// Operating state of the control, as bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -169,8 +169,8 @@ impl State {
     ///
     /// # Errors
     /// A datagram that is not a state of this version and key.
-    pub fn decode(bytes: &[u8], key: &Key) -> Result<Self, Broken> {
-        let body = opened(bytes, MAGIC, HEAD, key)?;
+    pub fn decode(bytes: &[u8], key: &Key) -> Result<Self, DatagramError> {
+        let body = opened(bytes, MAGIC, HEADER_BYTES, key)?;
         let mut reader = Reader(&body[5..]);
         let count = usize::from(reader.u8());
         let machine = reader.u16();
@@ -182,15 +182,15 @@ impl State {
         // Reserved for later versions of the protocol.
         reader.take::<4>();
         if count > MAX_AXES {
-            return Err(Broken::Axes { found: count });
+            return Err(DatagramError::Axes { found: count });
         }
         if words > MOST_WORDS {
-            return Err(Broken::Words { found: words });
+            return Err(DatagramError::Words { found: words });
         }
-        let expected = HEAD + count * OF_AXIS + 2 * words + MAC;
+        let expected = HEADER_BYTES + count * BYTES_PER_AXIS + 2 * words + MAC;
         if bytes.len() != expected {
             let found = bytes.len();
-            return Err(Broken::Length { found, expected });
+            return Err(DatagramError::Length { found, expected });
         }
         let mut axes = [None; MAX_AXES];
         for index in 0..count {
@@ -201,7 +201,7 @@ impl State {
                 .any(|name| name == axis.name)
             {
                 let found = u8::try_from(axis.name.letter()).unwrap_or(0);
-                return Err(Broken::Letter { found });
+                return Err(DatagramError::Letter { found });
             }
             axes[index] = Some(axis);
         }
@@ -256,10 +256,10 @@ impl State {
     }
 }
 
-fn axis(reader: &mut Reader<'_>) -> Result<AxisState, Broken> {
+fn axis(reader: &mut Reader<'_>) -> Result<AxisState, DatagramError> {
     let found = reader.u8();
     reader.take::<3>();
-    let name = AxisName::from_letter(char::from(found)).ok_or(Broken::Letter { found })?;
+    let name = AxisName::from_letter(char::from(found)).ok_or(DatagramError::Letter { found })?;
     let axis = AxisState {
         name,
         step: reader.u32(),
@@ -270,5 +270,5 @@ fn axis(reader: &mut Reader<'_>) -> Result<AxisState, Broken> {
     let sensible = axis.step > 0 && axis.position.is_finite() && axis.velocity.is_finite();
     sensible
         .then_some(axis)
-        .ok_or(Broken::Number { axis: name })
+        .ok_or(DatagramError::Number { axis: name })
 }

@@ -2,7 +2,7 @@
 //!
 //!     cargo run -p volcomp-modbus --example thermometer -- 192.0.2.20:502 PTA8C04
 //!
-//! Without an address a module on this computer is asked, which has one broken wire.
+//! Without an address it uses a simulated module with one broken wire.
 
 use std::{
     error::Error,
@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         profile,
         names: (1..=channels).map(|n| format!("channel {n}")).collect(),
     };
-    // A thread of its own asks the module once in a second; what is read here is always the latest answer.
+    // A separate thread polls the module every second; `latest` returns the last response.
     let mut thermometer = ModbusThermometer::new(ThermometerConfig::new(bus, unit))?;
     let end = Instant::now() + Duration::from_secs(5);
     let waits = |q: Quality| matches!(q, Quality::Bad(Reason::NotRead | Reason::NoAnswer));
@@ -48,7 +48,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for (name, found) in names.iter().zip(thermometer.latest()) {
         match (found.degc, found.quality) {
             (Some(degc), _) => println!("{name}: {degc:.1} °C"),
-            // The module itself says that this is no temperature.
+            // The module reports a fault instead of a temperature.
             (None, Quality::Bad(reason)) => println!("{name}: {reason}"),
             (None, _) => println!("{name}: no temperature"),
         }
@@ -56,13 +56,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A module on this computer with two channels: 21.5 °C, and the number that stands for a broken wire.
+/// A simulated module with two channels: 21.5 °C, and the code of a broken wire.
 fn module() -> Result<String, Box<dyn Error>> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let address = listener.local_addr()?.to_string();
     std::thread::spawn(move || {
         for stream in listener.incoming().flatten() {
-            // A connection that breaks is for the other side to make again.
+            // The client reconnects after a broken connection.
             let _ = answer(stream);
         }
     });
@@ -73,9 +73,9 @@ fn answer(mut stream: TcpStream) -> std::io::Result<()> {
     let registers = [215_u16, 8500];
     loop {
         // Transaction, protocol, length, unit; then function, address and count of the registers.
-        let mut question = [0; 12];
-        stream.read_exact(&mut question)?;
-        let [high, low] = [question[10], question[11]];
+        let mut request = [0; 12];
+        stream.read_exact(&mut request)?;
+        let [high, low] = [request[10], request[11]];
         let count = usize::from(u16::from_be_bytes([high, low]));
         let words: Vec<u8> = registers
             .iter()
@@ -84,8 +84,8 @@ fn answer(mut stream: TcpStream) -> std::io::Result<()> {
             .flat_map(|word| word.to_be_bytes())
             .collect();
         let bytes = u8::try_from(words.len()).unwrap_or(u8::MAX);
-        let mut answer = question[..4].to_vec();
-        answer.extend([0, bytes + 3, question[6], question[7], bytes]);
+        let mut answer = request[..4].to_vec();
+        answer.extend([0, bytes + 3, request[6], request[7], bytes]);
         answer.extend(words);
         stream.write_all(&answer)?;
     }

@@ -125,7 +125,7 @@ impl Bus {
                     let remedy = "check its name (volcomp probe lists the ports) and that this user is in the group dialout";
                     failed(format!("the port cannot be opened: {e}"), remedy).caused_by(e)
                 })?;
-                let shared = Shared(Arc::new(Mutex::new(Port::new(stream))));
+                let shared = SharedPort(Arc::new(Mutex::new(Port::new(stream))));
                 let context = rtu::attach_slave(shared.clone(), Slave(0));
                 Ok(Line {
                     context,
@@ -138,7 +138,7 @@ impl Bus {
 }
 
 /// The error of a driver whose thread cannot be started.
-pub(crate) fn no_thread(device: &str, error: io::Error) -> DeviceError {
+pub(crate) fn thread_error(device: &str, error: io::Error) -> DeviceError {
     let found = format!("no thread for its exchanges: {error}");
     let remedy = "check the limits on threads and memory of this process";
     DeviceError::open(device, found, remedy).caused_by(error)
@@ -146,23 +146,23 @@ pub(crate) fn no_thread(device: &str, error: io::Error) -> DeviceError {
 
 /// Why a request did not return data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Unanswered {
+pub(crate) enum RequestError {
     /// Timeout. The line was drained, so a late answer is gone.
-    Silent,
+    NoAnswer,
     /// The request came back, but no answer in time: an adapter with local echo, and a silent module.
-    Echoed,
+    EchoOnly,
     /// The module rejected the request with this exception code; 0: it answered another request.
     Refused(u8),
     /// The connection is broken.
-    Broken,
+    Disconnected,
 }
 
-impl Unanswered {
+impl RequestError {
     /// The corresponding reason for a missing temperature.
     pub(crate) fn reason(self) -> Reason {
         match self {
-            Self::Silent | Self::Broken | Self::Refused(0) => Reason::NoAnswer,
-            Self::Echoed => Reason::Echo,
+            Self::NoAnswer | Self::Disconnected | Self::Refused(0) => Reason::NoAnswer,
+            Self::EchoOnly => Reason::Echo,
             Self::Refused(code) => Reason::Refused { code },
         }
     }
@@ -170,12 +170,12 @@ impl Unanswered {
     /// The corresponding fault of a write.
     pub(crate) fn fault(self) -> Fault {
         match self {
-            Self::Silent | Self::Echoed => Fault::TimedOut,
+            Self::NoAnswer | Self::EchoOnly => Fault::TimedOut,
             Self::Refused(code) => Fault::Refused {
                 code: code.into(),
                 what: exception_name(code),
             },
-            Self::Broken => Fault::Disconnected,
+            Self::Disconnected => Fault::Disconnected,
         }
     }
 }
@@ -183,14 +183,14 @@ impl Unanswered {
 /// An open line to the modules, by TCP or serial.
 pub(crate) struct Line {
     context: Context,
-    serial: Option<Shared>,
+    serial: Option<SharedPort>,
     gap: Duration,
 }
 
 impl Line {
     /// How long to wait for the answer to a write. Over TCP no longer than its deadline: then the connection is reset, so that nothing of the write
     /// stays in a queue of the kernel. A request given to a serial line is on the wire and cannot be cancelled.
-    pub(crate) fn patience(&self, at_most: Duration, deadline: Instant) -> Duration {
+    pub(crate) fn write_timeout(&self, at_most: Duration, deadline: Instant) -> Duration {
         if self.serial.is_some() {
             return at_most;
         }
@@ -198,12 +198,12 @@ impl Line {
     }
 
     /// Sends a request to the module with this address and waits up to `at_most` for its answer.
-    pub(crate) async fn ask(
+    pub(crate) async fn request(
         &mut self,
         unit: u8,
         request: Request<'_>,
         at_most: Duration,
-    ) -> Result<Response, Unanswered> {
+    ) -> Result<Response, RequestError> {
         if self.serial.is_some() {
             // The line must be silent before a new frame.
             tokio::time::sleep(self.gap).await;
@@ -214,32 +214,32 @@ impl Line {
         self.context.set_slave(Slave(unit));
         match timeout(at_most, self.context.call(request)).await {
             Ok(Ok(Ok(response))) => Ok(response),
-            Ok(Ok(Err(exception))) => Err(Unanswered::Refused(exception.into())),
+            Ok(Ok(Err(exception))) => Err(RequestError::Refused(exception.into())),
             // Timeout; on a serial line also a corrupted frame, on TCP a lost connection.
             Ok(Err(_)) | Err(_) => {
                 let echoed = (self.serial.as_ref()).is_some_and(|serial| serial.port().echoed);
                 self.drain(at_most).await?;
                 Err(if echoed {
-                    Unanswered::Echoed
+                    RequestError::EchoOnly
                 } else {
-                    Unanswered::Silent
+                    RequestError::NoAnswer
                 })
             }
         }
     }
 
     /// Waits until the line has been silent for the response timeout, and discards what arrives.
-    async fn drain(&mut self, at_most: Duration) -> Result<(), Unanswered> {
+    async fn drain(&mut self, at_most: Duration) -> Result<(), RequestError> {
         let Some(serial) = &mut self.serial else {
             // TCP answers carry transaction numbers, but a connection that does not answer is reopened.
-            return Err(Unanswered::Broken);
+            return Err(RequestError::Disconnected);
         };
         let silence = at_most.max(self.gap);
         let mut rest = [0; 256];
         loop {
             match timeout(silence, serial.read(&mut rest)).await {
                 Err(_) => break,
-                Ok(Ok(0) | Err(_)) => return Err(Unanswered::Broken),
+                Ok(Ok(0) | Err(_)) => return Err(RequestError::Disconnected),
                 Ok(Ok(_)) => {}
             }
         }
@@ -249,7 +249,7 @@ impl Line {
     }
 }
 
-/// A serial port that removes the echo of its own requests from the received data: adapters with local echo return every request before the answer.
+/// A serial port that removes the echo of sent requests from the received data: adapters with local echo return every request before the response.
 /// No answer to the requests of this crate begins with the whole request.
 ///
 /// Invariant: `sent` is the part of the request that may still be echoed, and `matched` of its bytes have come back. A byte that differs proves
@@ -301,22 +301,22 @@ impl Port {
 
 /// A serial port shared by a context and the code that drains it.
 #[derive(Clone)]
-struct Shared(Arc<Mutex<Port>>);
+struct SharedPort(Arc<Mutex<Port>>);
 
-impl Shared {
+impl SharedPort {
     fn port(&self) -> MutexGuard<'_, Port> {
         // Only one thread uses the line, so the lock is never contended.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl std::fmt::Debug for Shared {
+impl std::fmt::Debug for SharedPort {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("serial port")
     }
 }
 
-impl AsyncRead for Shared {
+impl AsyncRead for SharedPort {
     fn poll_read(
         self: Pin<&mut Self>,
         task: &mut Task<'_>,
@@ -339,7 +339,7 @@ impl AsyncRead for Shared {
     }
 }
 
-impl AsyncWrite for Shared {
+impl AsyncWrite for SharedPort {
     fn poll_write(
         self: Pin<&mut Self>,
         task: &mut Task<'_>,

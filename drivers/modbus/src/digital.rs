@@ -12,8 +12,8 @@ use triple_buffer::{Input, Output, triple_buffer};
 use volcomp_port::{Backoff, DeviceError, DigitalIo, Fault, InputLevels, UnopenedLines};
 
 use crate::{
-    bus::{Bus, Unanswered, no_thread},
-    exchange::{Exchanger, Image, Wanted},
+    bus::{Bus, RequestError, thread_error},
+    exchange::{Exchanger, Image, OutputRequest},
     profile::{Digital, Profile},
 };
 
@@ -37,15 +37,15 @@ pub struct ModbusDigital {
     outputs: u32,
     exchange: Duration,
     images: Output<Image>,
-    wanted: Input<Wanted>,
+    requested: Input<OutputRequest>,
     /// Number of the last requested write.
     number: u64,
     /// Number of the last write known to have succeeded or failed.
-    answered: u64,
+    settled: u64,
     /// Deadline of the oldest unanswered write.
-    unanswered: Option<Instant>,
+    oldest_deadline: Option<Instant>,
     /// Number of the last write whose failure was reported.
-    told: u64,
+    reported: u64,
     stop: Arc<AtomicBool>,
 }
 
@@ -91,8 +91,8 @@ impl ModbusDigital {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
-            .map_err(|e| no_thread(&device, e))?;
-        let (wanted, taken) = triple_buffer(&Wanted {
+            .map_err(|e| thread_error(&device, e))?;
+        let (requested, taken) = triple_buffer(&OutputRequest {
             levels: 0,
             number: 0,
             until: Instant::now(),
@@ -104,31 +104,31 @@ impl ModbusDigital {
             lines,
             answer_within,
             backoff,
-            wanted: taken,
+            requested: taken,
             images: into,
             stop: Arc::clone(&stop),
             image: Image {
-                cannot_tell: outputs == 0,
+                lacks_read_back: outputs == 0,
                 ..Image::default()
             },
-            tries: 0,
-            skips: false,
+            failed_read_backs: 0,
+            skips_read_back: false,
         };
         std::thread::Builder::new()
             .name("modbus-io".to_owned())
             .spawn(move || runtime.block_on(exchanger.run()))
-            .map_err(|e| no_thread(&device, e))?;
+            .map_err(|e| thread_error(&device, e))?;
         Ok(Self {
             device,
             inputs,
             outputs,
             exchange,
             images,
-            wanted,
+            requested,
             number: 0,
-            answered: 0,
-            unanswered: None,
-            told: 0,
+            settled: 0,
+            oldest_deadline: None,
+            reported: 0,
             stop,
         })
     }
@@ -159,20 +159,19 @@ fn exchange_time(bus: &Bus, lines: &[(u8, Digital)]) -> Duration {
         return Duration::from_millis(2 * lines.len() as u64);
     };
     let mut characters = 0.0;
-    let mut questions = 0.0;
+    let mut requests = 0.0;
     for (_, digital) in lines {
         if digital.inputs > 0 {
             characters += 8.0 + 5.0 + f64::from(digital.inputs.div_ceil(8));
-            questions += 1.0;
+            requests += 1.0;
         }
         if digital.outputs > 0 {
             characters += 9.0 + f64::from(digital.outputs.div_ceil(8)) + 8.0;
-            questions += 1.0;
+            requests += 1.0;
         }
     }
     let on_the_line = characters * 11.0 / f64::from((*baud).max(1));
-    Duration::from_secs_f64(on_the_line + questions * 2e-3)
-        + bus.frame_gap().mul_f64(2.0 * questions)
+    Duration::from_secs_f64(on_the_line + requests * 2e-3) + bus.frame_gap().mul_f64(2.0 * requests)
 }
 
 impl Drop for ModbusDigital {
@@ -203,7 +202,7 @@ impl DigitalIo for ModbusDigital {
         let image = *self.images.read();
         let inputs = image.inputs.filter(|_| image.connected);
         inputs.ok_or_else(|| match image.refused {
-            Some(code) => Unanswered::Refused(code).fault(),
+            Some(code) => RequestError::Refused(code).fault(),
             None => Fault::NotConnected,
         })
     }
@@ -213,32 +212,32 @@ impl DigitalIo for ModbusDigital {
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
         let (now, image) = (Instant::now(), *self.images.read());
         if !image.connected {
-            self.told = self.number;
-            self.unanswered = None;
+            self.reported = self.number;
+            self.oldest_deadline = None;
             return Err(Fault::NotConnected);
         }
         if now >= deadline {
             return Err(Fault::TimedOut);
         }
-        let failed = image.failed.filter(|(number, _)| *number > self.told);
-        let answered = image
+        let failed = image.failed.filter(|(number, _)| *number > self.reported);
+        let settled = image
             .taken
             .max(image.failed.map_or(0, |(number, _)| number));
-        if answered > self.answered {
-            self.answered = answered;
-            self.unanswered = None;
+        if settled > self.settled {
+            self.settled = settled;
+            self.oldest_deadline = None;
         }
-        let silent = self.unanswered.is_some_and(|until| now >= until);
+        let silent = self.oldest_deadline.is_some_and(|until| now >= until);
         self.number += 1;
-        self.unanswered.get_or_insert(deadline);
-        self.wanted.write(Wanted {
+        self.oldest_deadline.get_or_insert(deadline);
+        self.requested.write(OutputRequest {
             levels,
             number: self.number,
             until: deadline,
         });
         match failed {
             Some((number, fault)) => {
-                self.told = number;
+                self.reported = number;
                 Err(fault)
             }
             None if silent => Err(Fault::TimedOut),
@@ -250,7 +249,7 @@ impl DigitalIo for ModbusDigital {
         self.images.output_buffer().outputs
     }
 
-    fn tells_outputs(&self) -> bool {
-        !self.images.output_buffer().cannot_tell
+    fn reports_outputs(&self) -> bool {
+        !self.images.output_buffer().lacks_read_back
     }
 }

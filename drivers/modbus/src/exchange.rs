@@ -13,23 +13,23 @@ use triple_buffer::{Input, Output};
 use volcomp_port::{Backoff, Fault, InputLevels};
 
 use crate::{
-    bus::{Bus, Line, Unanswered},
+    bus::{Bus, Line, RequestError},
     profile::Digital,
 };
 
 /// Number of equal answers needed to accept output levels: a single one may be wrong.
-const EQUAL_ANSWERS: u32 = 3;
+const REQUIRED_EQUAL_ANSWERS: u32 = 3;
 
 /// Maximum number of consecutive output-level requests that break the connection or time out. After that they are no longer sent over this
 /// connection, or, if it broke, over the next one.
-const OUTPUT_TRIES: u8 = 3;
+const MAX_READ_BACKS: u8 = 3;
 
 /// Exception codes with which a module reports that it lacks a function, or lacks it for these outputs.
-const NO_SUCH_FUNCTION: [u8; 2] = [1, 2];
+const UNSUPPORTED_CODES: [u8; 2] = [1, 2];
 
 /// Requested output levels.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Wanted {
+pub(crate) struct OutputRequest {
     pub(crate) levels: u64,
     /// Number of the write, from 1; 0: none was requested.
     pub(crate) number: u64,
@@ -49,7 +49,7 @@ pub(crate) struct Image {
     /// The levels that the modules confirmed last: those of the last write that all of them accepted, or before that those that they reported.
     pub(crate) outputs: Option<u64>,
     /// A module reported that it cannot read back its outputs.
-    pub(crate) cannot_tell: bool,
+    pub(crate) lacks_read_back: bool,
     /// The last write that all modules accepted.
     pub(crate) taken: u64,
     /// The last write that failed, and why.
@@ -62,14 +62,14 @@ pub(crate) struct Exchanger {
     pub(crate) lines: Vec<(u8, Digital)>,
     pub(crate) answer_within: Duration,
     pub(crate) backoff: Backoff,
-    pub(crate) wanted: Output<Wanted>,
+    pub(crate) requested: Output<OutputRequest>,
     pub(crate) images: Input<Image>,
     pub(crate) stop: Arc<AtomicBool>,
     pub(crate) image: Image,
     /// Consecutive output-level requests that broke the connection or timed out.
-    pub(crate) tries: u8,
+    pub(crate) failed_read_backs: u8,
     /// Output levels are not requested over this connection.
-    pub(crate) skips: bool,
+    pub(crate) skips_read_back: bool,
 }
 
 impl Exchanger {
@@ -84,8 +84,12 @@ impl Exchanger {
                 while !self.stopped() {
                     match self.exchange(&mut line).await {
                         Ok(()) => lived = born.elapsed(),
-                        Err(Unanswered::Broken) => break,
-                        Err(Unanswered::Silent | Unanswered::Echoed | Unanswered::Refused(_)) => {}
+                        Err(RequestError::Disconnected) => break,
+                        Err(
+                            RequestError::NoAnswer
+                            | RequestError::EchoOnly
+                            | RequestError::Refused(_),
+                        ) => {}
                     }
                 }
             }
@@ -105,37 +109,37 @@ impl Exchanger {
     }
 
     /// Begins a connection: earlier write requests are discarded, and the output levels are read back from the modules.
-    async fn begin(&mut self, line: &mut Line) -> Result<(), Unanswered> {
-        let number = self.wanted.read().number;
+    async fn begin(&mut self, line: &mut Line) -> Result<(), RequestError> {
+        let number = self.requested.read().number;
         if number > self.image.taken {
             self.image.failed = Some((number, Fault::Disconnected));
         }
         self.image.outputs = None;
-        self.skips = self.tries >= OUTPUT_TRIES;
-        if self.skips {
-            self.tries = 0;
+        self.skips_read_back = self.failed_read_backs >= MAX_READ_BACKS;
+        if self.skips_read_back {
+            self.failed_read_backs = 0;
         }
-        self.ask_outputs(line).await?;
+        self.read_back_outputs(line).await?;
         self.image.connected = true;
         self.images.write(self.image);
         Ok(())
     }
 
     /// Reads back the output levels if they are unknown and the modules support it; three equal answers in a row are accepted.
-    async fn ask_outputs(&mut self, line: &mut Line) -> Result<(), Unanswered> {
-        let is_known = self.image.outputs.is_some() || self.image.cannot_tell;
-        if is_known || self.skips || self.tries >= OUTPUT_TRIES {
+    async fn read_back_outputs(&mut self, line: &mut Line) -> Result<(), RequestError> {
+        let is_known = self.image.outputs.is_some() || self.image.lacks_read_back;
+        if is_known || self.skips_read_back || self.failed_read_backs >= MAX_READ_BACKS {
             return Ok(());
         }
-        self.tries += 1;
+        self.failed_read_backs += 1;
         let mut before = None;
-        for _ in 0..EQUAL_ANSWERS {
+        for _ in 0..REQUIRED_EQUAL_ANSWERS {
             let found = match self.outputs(line).await {
                 Ok(found) => found,
-                Err(Unanswered::Broken) => return Err(Unanswered::Broken),
-                Err(Unanswered::Silent | Unanswered::Echoed) => return Ok(()),
-                Err(Unanswered::Refused(code)) => {
-                    self.image.cannot_tell = NO_SUCH_FUNCTION.contains(&code);
+                Err(RequestError::Disconnected) => return Err(RequestError::Disconnected),
+                Err(RequestError::NoAnswer | RequestError::EchoOnly) => return Ok(()),
+                Err(RequestError::Refused(code)) => {
+                    self.image.lacks_read_back = UNSUPPORTED_CODES.contains(&code);
                     before = None;
                     break;
                 }
@@ -145,19 +149,20 @@ impl Exchanger {
                 break;
             }
         }
-        self.tries = 0;
+        self.failed_read_backs = 0;
         self.image.outputs = before;
         Ok(())
     }
 
     /// Reads the output levels of all modules.
-    async fn outputs(&self, line: &mut Line) -> Result<u64, Unanswered> {
+    async fn outputs(&self, line: &mut Line) -> Result<u64, RequestError> {
         let (mut levels, mut first) = (0, 0_u32);
         for (unit, digital) in self.lines.iter().filter(|(_, d)| d.outputs > 0) {
             let request = Request::ReadCoils(digital.output_address, digital.outputs);
-            let Response::ReadCoils(bits) = line.ask(*unit, request, self.answer_within).await?
+            let Response::ReadCoils(bits) =
+                line.request(*unit, request, self.answer_within).await?
             else {
-                return Err(Unanswered::Refused(0));
+                return Err(RequestError::Refused(0));
             };
             levels |= gathered(&bits, digital.outputs, first);
             first += u32::from(digital.outputs);
@@ -166,42 +171,42 @@ impl Exchanger {
     }
 
     /// Reads all inputs, and writes all outputs if a write was requested since.
-    async fn exchange(&mut self, line: &mut Line) -> Result<(), Unanswered> {
+    async fn exchange(&mut self, line: &mut Line) -> Result<(), RequestError> {
         let read = self.inputs(line).await;
         self.image.refused = match read {
-            Err(Unanswered::Refused(code)) => Some(code),
+            Err(RequestError::Refused(code)) => Some(code),
             _ => None,
         };
-        let asked = match read {
-            Ok(()) => self.ask_outputs(line).await,
+        let read_back = match read {
+            Ok(()) => self.read_back_outputs(line).await,
             Err(_) => Ok(()),
         };
-        let written = if [read, asked].contains(&Err(Unanswered::Broken)) {
+        let written = if [read, read_back].contains(&Err(RequestError::Disconnected)) {
             Ok(())
         } else {
             self.write(line).await
         };
-        let is_silent = |found: &Result<(), Unanswered>| {
-            matches!(found, Err(Unanswered::Silent | Unanswered::Echoed))
+        let is_silent = |found: &Result<(), RequestError>| {
+            matches!(found, Err(RequestError::NoAnswer | RequestError::EchoOnly))
         };
         if [read, written].iter().any(is_silent) {
             // A module that did not answer may have lost power: its output levels must be read back again.
             self.image.outputs = None;
-            self.tries = 0;
+            self.failed_read_backs = 0;
         }
         self.images.write(self.image);
         // A rejected reading must not hide a connection that broke later.
-        written.and(asked).and(read)
+        written.and(read_back).and(read)
     }
 
-    async fn inputs(&mut self, line: &mut Line) -> Result<(), Unanswered> {
+    async fn inputs(&mut self, line: &mut Line) -> Result<(), RequestError> {
         let (mut levels, mut first, mut oldest) = (0, 0_u32, None);
         for (unit, digital) in self.lines.iter().filter(|(_, d)| d.inputs > 0) {
             let request = Request::ReadDiscreteInputs(digital.input_address, digital.inputs);
             let Response::ReadDiscreteInputs(bits) =
-                line.ask(*unit, request, self.answer_within).await?
+                line.request(*unit, request, self.answer_within).await?
             else {
-                return Err(Unanswered::Refused(0));
+                return Err(RequestError::Refused(0));
             };
             oldest = oldest.or(Some(Instant::now()));
             levels |= gathered(&bits, digital.inputs, first);
@@ -212,35 +217,35 @@ impl Exchanger {
         Ok(())
     }
 
-    async fn write(&mut self, line: &mut Line) -> Result<(), Unanswered> {
-        let wanted = *self.wanted.read();
+    async fn write(&mut self, line: &mut Line) -> Result<(), RequestError> {
+        let requested = *self.requested.read();
         let failed = self.image.failed.map_or(0, |(number, _)| number);
-        if wanted.number <= self.image.taken.max(failed) {
+        if requested.number <= self.image.taken.max(failed) {
             return Ok(());
         }
-        let written = self.send(line, &wanted).await;
+        let written = self.send(line, &requested).await;
         match written {
             Ok(()) => {
-                self.image.taken = wanted.number;
-                self.image.outputs = Some(wanted.levels);
+                self.image.taken = requested.number;
+                self.image.outputs = Some(requested.levels);
             }
-            Err(unanswered) => self.image.failed = Some((wanted.number, unanswered.fault())),
+            Err(error) => self.image.failed = Some((requested.number, error.fault())),
         }
         written
     }
 
-    async fn send(&self, line: &mut Line, wanted: &Wanted) -> Result<(), Unanswered> {
+    async fn send(&self, line: &mut Line, requested: &OutputRequest) -> Result<(), RequestError> {
         let mut first = 0_u32;
         for (unit, digital) in self.lines.iter().filter(|(_, d)| d.outputs > 0) {
-            if Instant::now() >= wanted.until {
-                return Err(Unanswered::Silent);
+            if Instant::now() >= requested.until {
+                return Err(RequestError::NoAnswer);
             }
             let bits: Vec<bool> = (0..u32::from(digital.outputs))
-                .map(|bit| wanted.levels >> (first + bit) & 1 == 1)
+                .map(|bit| requested.levels >> (first + bit) & 1 == 1)
                 .collect();
             let request = Request::WriteMultipleCoils(digital.output_address, bits.into());
-            let patience = line.patience(self.answer_within, wanted.until);
-            line.ask(*unit, request, patience).await?;
+            let write_timeout = line.write_timeout(self.answer_within, requested.until);
+            line.request(*unit, request, write_timeout).await?;
             first += u32::from(digital.outputs);
         }
         Ok(())

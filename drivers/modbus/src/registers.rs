@@ -51,11 +51,11 @@ fn number(channels: &Channels, words: &[u16]) -> Option<f64> {
 }
 
 fn temperature(channels: &Channels, raw: f64, status: Option<u16>, taken: Instant) -> Temperature {
-    let stands_for = |fault: &&crate::profile::Fault| {
+    let encodes = |fault: &&crate::profile::Fault| {
         let [low, high] = fault.raw;
         (low..=high).contains(&raw)
     };
-    if let Some(fault) = channels.faults.iter().find(stands_for) {
+    if let Some(fault) = channels.faults.iter().find(encodes) {
         return Temperature::bad(fault.reason, taken);
     }
     if status.is_some_and(|bits| bits != 0) {

@@ -14,13 +14,13 @@ use volcomp_port::{
 };
 
 use crate::{
-    bus::{ANSWER_WITHIN, Bus, Line, Unanswered, no_thread},
+    bus::{ANSWER_WITHIN, Bus, Line, RequestError, thread_error},
     profile::{Channels, Profile, Status},
     registers::read_channel,
 };
 
 /// Maximum number of rounds for which a module that does not answer is skipped.
-const SKIPPED_AT_MOST: u32 = 16;
+const MAX_SKIPPED_ROUNDS: u32 = 16;
 
 /// A module on the line.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,7 +90,7 @@ impl ThermometerConfig {
         }
         for (index, name) in names.iter().enumerate() {
             if names[..index].contains(name) {
-                return Err(refused(format!("the sensor {name} stands twice")));
+                return Err(refused(format!("the sensor {name} is listed twice")));
             }
         }
         Ok(names)
@@ -104,7 +104,7 @@ pub struct ModbusThermometer {
 }
 
 impl ModbusThermometer {
-    /// Starts polling. A line that cannot be opened is retried; its sensors are bad until then.
+    /// Starts polling. If the line cannot be opened, opening is retried; its sensors are bad until then.
     ///
     /// # Errors
     /// An invalid configuration.
@@ -115,12 +115,12 @@ impl ModbusThermometer {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
-            .map_err(|e| no_thread(&device, e))?;
+            .map_err(|e| thread_error(&device, e))?;
         let (publisher, published) = published(&*device, names);
         let stop = Arc::new(AtomicBool::new(false));
         let poller = Poller {
             temperatures: vec![Temperature::NOT_READ; count],
-            silent: vec![Silence::default(); config.units.len()],
+            outages: vec![Outage::default(); config.units.len()],
             config,
             publisher,
             stop: Arc::clone(&stop),
@@ -128,7 +128,7 @@ impl ModbusThermometer {
         std::thread::Builder::new()
             .name("modbus".to_owned())
             .spawn(move || runtime.block_on(poller.run()))
-            .map_err(|e| no_thread(&device, e))?;
+            .map_err(|e| thread_error(&device, e))?;
         Ok(Self { published, stop })
     }
 }
@@ -155,7 +155,7 @@ impl Thermometer for ModbusThermometer {
 
 /// For how many rounds a module has not answered, and for how many more it is skipped.
 #[derive(Clone, Copy, Default)]
-struct Silence {
+struct Outage {
     rounds: u32,
     skip: u32,
 }
@@ -163,7 +163,7 @@ struct Silence {
 struct Poller {
     config: ThermometerConfig,
     temperatures: Vec<Temperature>,
-    silent: Vec<Silence>,
+    outages: Vec<Outage>,
     publisher: Publisher,
     stop: Arc<AtomicBool>,
 }
@@ -204,26 +204,32 @@ impl Poller {
         while !self.stopped() {
             let begun = Instant::now();
             for index in 0..self.config.units.len() {
-                let silence = &mut self.silent[index];
-                if silence.skip > 0 {
-                    silence.skip -= 1;
+                let outage = &mut self.outages[index];
+                if outage.skip > 0 {
+                    outage.skip -= 1;
                     continue;
                 }
-                let answered = self.ask(line, index).await;
+                let answered = self.request(line, index).await;
                 self.publisher.publish(&self.temperatures);
-                let silence = &mut self.silent[index];
+                let outage = &mut self.outages[index];
                 match answered {
-                    Ok(()) => *silence = Silence::default(),
-                    Err(Unanswered::Broken) => {
+                    Ok(()) => *outage = Outage::default(),
+                    Err(RequestError::Disconnected) => {
                         self.all_bad();
                         return;
                     }
-                    Err(Unanswered::Silent | Unanswered::Echoed | Unanswered::Refused(_)) => {
-                        silence.rounds += 1;
-                        let skip = 1_u32.checked_shl(silence.rounds - 1).unwrap_or(u32::MAX) - 1;
+                    Err(
+                        RequestError::NoAnswer | RequestError::EchoOnly | RequestError::Refused(_),
+                    ) => {
+                        outage.rounds += 1;
+                        let skip = 1_u32.checked_shl(outage.rounds - 1).unwrap_or(u32::MAX) - 1;
                         // A single module is never skipped: its timeout delays no other one.
                         let others = self.config.units.len() > 1;
-                        silence.skip = if others { skip.min(SKIPPED_AT_MOST) } else { 0 };
+                        outage.skip = if others {
+                            skip.min(MAX_SKIPPED_ROUNDS)
+                        } else {
+                            0
+                        };
                     }
                 }
             }
@@ -240,7 +246,7 @@ impl Poller {
             .sum()
     }
 
-    async fn ask(&mut self, line: &mut Line, index: usize) -> Result<(), Unanswered> {
+    async fn request(&mut self, line: &mut Line, index: usize) -> Result<(), RequestError> {
         let (first, within) = (self.first_sensor(index), self.config.answer_within);
         let unit = &self.config.units[index];
         // Checked in the constructor.
@@ -275,17 +281,17 @@ async fn read_module(
     unit: u8,
     channels: &Channels,
     within: Duration,
-) -> Result<(Vec<u16>, Option<Vec<u16>>), Unanswered> {
+) -> Result<(Vec<u16>, Option<Vec<u16>>), RequestError> {
     let count = channels.count * channels.number.registers();
     let request = match channels.function {
         4 => Request::ReadInputRegisters(channels.address, count),
         _ => Request::ReadHoldingRegisters(channels.address, count),
     };
-    let answer = line.ask(unit, request, within).await?;
+    let answer = line.request(unit, request, within).await?;
     let (Response::ReadInputRegisters(registers) | Response::ReadHoldingRegisters(registers)) =
         answer
     else {
-        return Err(Unanswered::Refused(0));
+        return Err(RequestError::Refused(0));
     };
     let Some(status) = channels.status else {
         return Ok((registers, None));
@@ -302,20 +308,20 @@ async fn read_status(
     status: &Status,
     count: u16,
     within: Duration,
-) -> Result<Vec<u16>, Unanswered> {
+) -> Result<Vec<u16>, RequestError> {
     let request = match status.function {
         1 => Request::ReadCoils(status.address, count),
         2 => Request::ReadDiscreteInputs(status.address, count),
         4 => Request::ReadInputRegisters(status.address, count),
         _ => Request::ReadHoldingRegisters(status.address, count),
     };
-    Ok(match line.ask(unit, request, within).await? {
+    Ok(match line.request(unit, request, within).await? {
         Response::ReadCoils(bits) | Response::ReadDiscreteInputs(bits) => {
             bits.into_iter().map(u16::from).collect()
         }
         Response::ReadInputRegisters(words) | Response::ReadHoldingRegisters(words) => {
             words.into_iter().map(|word| word & status.mask).collect()
         }
-        _ => return Err(Unanswered::Refused(0)),
+        _ => return Err(RequestError::Refused(0)),
     })
 }

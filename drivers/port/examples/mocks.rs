@@ -1,4 +1,4 @@
-//! Code that drives a machine, tested without one: mocks of the three traits stand in for the control, the thermometer and
+//! Tests code that drives a machine without one: mocks of the three traits replace the control, the thermometer and
 //! the digital lines. Each mock answers what the test prescribes and fails the test on a call that it does not expect.
 //!
 //! ```text

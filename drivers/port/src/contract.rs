@@ -68,12 +68,12 @@ fn plain_values(device: &mut impl Controller, first: &Snapshot) {
         ),
         "a frame was taken, but there is no barrier"
     );
-    let mut wanted = PerChannel::ZERO;
+    let mut small_steps = PerChannel::ZERO;
     for (index, axis) in description.axes.iter().enumerate() {
         let steps = [7.0, -5.0, 3.0][index % 3];
-        wanted[index] = steps * axis.step();
+        small_steps[index] = steps * axis.step();
     }
-    for corrections in [wanted, PerChannel::ZERO] {
+    for corrections in [small_steps, PerChannel::ZERO] {
         device
             .apply(&corrections, soon())
             .expect("it takes corrections");
@@ -94,7 +94,10 @@ fn plain_values(device: &mut impl Controller, first: &Snapshot) {
 /// Checks a controller that carries frames to a barrier: reports arrive and advance, invalid frames are carried like valid ones (the barrier
 /// rejects them), and plain values are rejected.
 fn barrier(device: &mut impl Controller, first: &Snapshot) {
-    assert_eq!(first.applied, None, "with a barrier only its reports tell");
+    assert_eq!(
+        first.applied, None,
+        "with a barrier only its reports show the applied correction"
+    );
     let mut earlier = None;
     eventually("reports move on", || {
         let report = device.read(soon()).ok().and_then(|s| s.report);
@@ -161,7 +164,7 @@ pub fn thermometer(device: &mut impl Thermometer) {
     assert_eq!(device.latest().len(), names.len());
     names.sort_unstable();
     names.dedup();
-    assert_eq!(names.len(), device.names().len(), "a name stands twice");
+    assert_eq!(names.len(), device.names().len(), "a name is listed twice");
     eventually("every sensor is good", || {
         device.latest().iter().all(|t| t.quality == Quality::Good)
     });

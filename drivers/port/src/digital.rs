@@ -56,7 +56,7 @@ pub trait DigitalIo: Send {
 
     /// Whether the device can report its output levels. If it cannot, or reported that it lacks the function, outputs without a correction are
     /// written as off; otherwise nothing is written until the levels are known.
-    fn tells_outputs(&self) -> bool {
+    fn reports_outputs(&self) -> bool {
         true
     }
 }
@@ -90,8 +90,8 @@ impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
         (**self).confirmed()
     }
 
-    fn tells_outputs(&self) -> bool {
-        (**self).tells_outputs()
+    fn reports_outputs(&self) -> bool {
+        (**self).reports_outputs()
     }
 }
 

@@ -47,7 +47,7 @@ impl Backoff {
 }
 
 /// Interval at which [`Supply::wait`] polls for a connection.
-const LOOK_EVERY: Duration = Duration::from_micros(500);
+const POLL_INTERVAL: Duration = Duration::from_micros(500);
 
 #[derive(Default)]
 struct Shared {
@@ -65,7 +65,7 @@ pub struct Supply<T> {
     kept: Option<T>,
     open: Consumer<T>,
     dead: Producer<T>,
-    helper: Thread,
+    connector: Thread,
     shared: Arc<Shared>,
 }
 
@@ -83,16 +83,16 @@ impl<T: Send + 'static> Supply<T> {
         let (give_back, dead) = RingBuffer::new(1);
         let shared = Arc::new(Shared::default());
         let name: String = device.chars().take(15).collect();
-        let helper = Helper {
+        let connector = Connector {
             open,
             hand_over,
             dead,
             shared: Arc::clone(&shared),
             backoff,
         };
-        let helper = thread::Builder::new()
+        let connector = thread::Builder::new()
             .name(name)
-            .spawn(move || helper.run())
+            .spawn(move || connector.run())
             .map_err(|e| {
                 let remedy = "check the limits on threads and memory of this process";
                 DeviceError::open(device, format!("no thread for its connection: {e}"), remedy)
@@ -103,7 +103,7 @@ impl<T: Send + 'static> Supply<T> {
             kept: None,
             open: taken,
             dead: give_back,
-            helper: helper.thread().clone(),
+            connector: connector.thread().clone(),
             shared,
         })
     }
@@ -134,7 +134,7 @@ impl<T: Send + 'static> Supply<T> {
     /// thread.
     fn give_back(&mut self, dead: T) {
         match self.dead.push(dead) {
-            Ok(()) => self.helper.unpark(),
+            Ok(()) => self.connector.unpark(),
             // Unreachable, since there is one connection at a time; otherwise the next call would retry.
             Err(PushError::Full(dead)) => self.kept = Some(dead),
         }
@@ -153,7 +153,7 @@ impl<T: Send + 'static> Supply<T> {
                     DeviceError::no_answer("connection", what, "check the address and the cable")
                 }));
             }
-            thread::sleep(LOOK_EVERY);
+            thread::sleep(POLL_INTERVAL);
         }
         self.current()
             .map_err(|fault| DeviceError::of_fault("connection", fault, "check the cable"))
@@ -174,11 +174,11 @@ impl<T: Send + 'static> Supply<T> {
 impl<T> Drop for Supply<T> {
     fn drop(&mut self) {
         self.shared.ends.store(true, Ordering::Release);
-        self.helper.unpark();
+        self.connector.unpark();
     }
 }
 
-struct Helper<T, F> {
+struct Connector<T, F> {
     open: F,
     hand_over: Producer<T>,
     dead: Consumer<T>,
@@ -186,7 +186,7 @@ struct Helper<T, F> {
     backoff: Backoff,
 }
 
-impl<T, F: FnMut() -> Result<T, DeviceError>> Helper<T, F> {
+impl<T, F: FnMut() -> Result<T, DeviceError>> Connector<T, F> {
     fn run(mut self) {
         let mut pause = Duration::ZERO;
         while !self.ends() {

@@ -14,7 +14,7 @@ use crate::{
 /// Name of the channel through which corrections reach the axes: SD43900.
 pub const CHANNEL: &str = "temperature-compensation";
 /// Assumed weight of the last digit of positions, mm or deg.
-const THIRD_DECIMAL: f64 = 0.001;
+const POSITION_STEP: f64 = 0.001;
 
 /// Sign of the setting data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -89,8 +89,8 @@ impl SinumerikConfig {
     /// Smallest step of the positions of an axis: the third decimal of mm and deg, or the step of its corrections if that is coarser.
     pub fn position_step(&self, name: AxisName) -> Displacement {
         let decimal = match name.kind() {
-            AxisKind::Linear => THIRD_DECIMAL,
-            AxisKind::Rotary => Deg(THIRD_DECIMAL).to_rad().0,
+            AxisKind::Linear => POSITION_STEP,
+            AxisKind::Rotary => Deg(POSITION_STEP).to_rad().0,
         };
         Displacement::new(name.kind(), decimal.max(self.step(name).mm_or_rad()))
     }

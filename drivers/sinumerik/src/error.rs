@@ -5,8 +5,6 @@ use std::{path::PathBuf, time::Duration};
 use volcomp_port::{DeviceError, UnfitAxes};
 use volcomp_vocabulary::AxisName;
 
-use crate::server::SHORTEST_PERIOD;
-
 /// Why a control cannot be described, reached, read or written.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -41,8 +39,13 @@ pub enum SinumerikError {
         found: String,
     },
     /// The period is shorter than the sampling period of the control's server.
-    #[error("period: found {} ms, expected {} ms or more: the server of the control samples no faster", .0.as_secs_f64() * 1e3, SHORTEST_PERIOD.as_millis())]
-    Period(Duration),
+    #[error("period: found {} ms, expected {} ms or more: the server of the control samples no faster", .found.as_secs_f64() * 1e3, .shortest.as_millis())]
+    Period {
+        /// The configured period.
+        found: Duration,
+        /// The sampling period of the server.
+        shortest: Duration,
+    },
     /// The timeout of requests is out of range.
     #[error("time-out: found {} ms, expected 10 ms to 60 s", .0.as_secs_f64() * 1e3)]
     TimeOut(Duration),
@@ -75,13 +78,13 @@ pub enum SinumerikError {
     },
     /// The server does not offer the configured message security.
     #[error(
-        "security: found a server that offers {}, expected {wanted} among them: switch that on at the control, or state another `security`", .offered.join(", ")
+        "security: found a server that offers {}, expected {expected} among them: enable it at the control, or set another `security`", .offered.join(", ")
     )]
     Protection {
         /// The message security that the server offers.
         offered: Vec<String>,
         /// The configured message security.
-        wanted: String,
+        expected: String,
     },
     /// The OPC UA client rejects its configuration.
     #[error("the OPC UA client cannot be set up: {0}")]
@@ -90,18 +93,18 @@ pub enum SinumerikError {
     #[error("no connection: {0}")]
     Connect(String),
     /// The server did not answer in time; the session was closed.
-    #[error("no answer within {} ms, so the session is given up", .0.as_secs_f64() * 1e3)]
+    #[error("no answer within {} ms, so the session was closed", .0.as_secs_f64() * 1e3)]
     TimedOut(Duration),
     /// The server does not have the configured namespace.
-    #[error("found the namespaces {}, expected {wanted} among them", found.join(", "))]
+    #[error("found the namespaces {}, expected {expected} among them", found.join(", "))]
     NoNamespace {
         /// The configured namespace.
-        wanted: String,
+        expected: String,
         /// The namespaces of the server.
         found: Vec<String>,
     },
     /// A node cannot be read, or its value is not a number.
-    #[error("node {node}: {found}, expected a value that can be read")]
+    #[error("node {node}: {found}, expected a readable value")]
     Node {
         /// The node id.
         node: String,
@@ -110,7 +113,7 @@ pub enum SinumerikError {
     },
     /// The control ignores the correction of an axis.
     #[error(
-        "axis {axis}: MD32750 $MA_TEMP_COMP_TYPE is {found}, expected bit 0 set (1 or 3): the control ignores SD43900 otherwise, and nothing that is written would move the axis; set it at the control and make it active there"
+        "axis {axis}: MD32750 $MA_TEMP_COMP_TYPE is {found}, expected bit 0 set (1 or 3): the control ignores SD43900 otherwise, and writing would not move the axis; set it at the control and activate it there"
     )]
     SwitchedOff {
         /// The axis.
@@ -120,7 +123,7 @@ pub enum SinumerikError {
     },
     /// The axis with this number has another name in the control.
     #[error(
-        "axis {axis}: the control calls axis {number} {found:?}, expected a name that begins with {axis}; state other numbers, or another pattern nodes.name"
+        "axis {axis}: the control calls axis {number} {found:?}, expected a name that begins with {axis}; set other numbers, or another pattern nodes.name"
     )]
     OtherAxis {
         /// The axis of the configuration.
@@ -151,7 +154,7 @@ impl SinumerikError {
             | Self::Numbers { .. }
             | Self::EmptyPattern { .. }
             | Self::OnePattern { .. }
-            | Self::Period(_)
+            | Self::Period { .. }
             | Self::TimeOut(_)
             | Self::NoCertificates
             | Self::Certificate { .. }

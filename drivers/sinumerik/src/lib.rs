@@ -16,7 +16,7 @@ pub use nodes::Nodes;
 #[cfg(feature = "opc-ua")]
 pub use opc_ua::{
     InspectedAxis, Inspection, MapWords, Sensor, SinumerikController, SinumerikThermometer,
-    inspect, look,
+    inspect, list_axes,
 };
 pub use reading::{Reading, Value, is_switched_on};
 pub use server::{PORT, SHORTEST_PERIOD, Security, Server, User};

@@ -74,8 +74,8 @@ impl Nodes {
             ("speed", &self.speed),
         ]);
         for (key, pattern) in of_axes.chain(self.referenced.iter().map(|p| ("referenced", p))) {
-            let tells = pattern.contains("{axis}") || pattern.contains("{db}");
-            if axes > 1 && !pattern.is_empty() && !tells {
+            let differs = pattern.contains("{axis}") || pattern.contains("{db}");
+            if axes > 1 && !pattern.is_empty() && !differs {
                 return Err(SinumerikError::OnePattern {
                     key,
                     found: pattern.clone(),

@@ -88,7 +88,10 @@ impl Server {
     /// The first invalid setting.
     pub fn check(&self) -> Result<(), SinumerikError> {
         if self.period < SHORTEST_PERIOD {
-            return Err(SinumerikError::Period(self.period));
+            return Err(SinumerikError::Period {
+                found: self.period,
+                shortest: SHORTEST_PERIOD,
+            });
         }
         if !(Duration::from_millis(10)..=Duration::from_secs(60)).contains(&self.time_out) {
             return Err(SinumerikError::TimeOut(self.time_out));

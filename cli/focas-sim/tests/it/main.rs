@@ -1,4 +1,4 @@
-//! The program as scripts and people call it.
+//! The program as called by scripts and operators.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -79,7 +79,7 @@ fn until(what: &str, holds: impl FnMut() -> bool) {
 }
 
 #[test]
-fn it_listens_and_moves() {
+fn it_listens_and_moves_the_axes() {
     let simulator = Simulator::start(&["--axes", "X,Y,C", "--version", "4", "--stroke-mm", "100"]);
     let mut client = simulator.client();
     assert_eq!(client.version(), 4);
@@ -90,14 +90,14 @@ fn it_listens_and_moves() {
 }
 
 #[test]
-fn axes_stand_where_they_are_told() {
+fn axes_start_at_the_given_positions() {
     let simulator = Simulator::start(&["--axes", "X,Y,Z,C", "--at", "C=-30.5, X=100"]);
     let positions = simulator.client().positions(PositionKind::Machine, 4);
     assert_eq!(positions.unwrap(), [100.0, 0.0, 0.0, -30.5]);
 }
 
 #[test]
-fn a_program_is_gone_through_again_and_again() {
+fn a_program_is_repeated() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("moves.csv");
     std::fs::write(&file, "X,C,feed,dwell_s\n0,0,6000,0.2\n10,90,60000,0.2\n").unwrap();
@@ -121,7 +121,7 @@ fn a_program_is_gone_through_again_and_again() {
 }
 
 #[test]
-fn states_are_set_at_the_start_and_while_it_runs() {
+fn states_are_set_by_options_and_commands() {
     let mut simulator = Simulator::start(&["--alarm", "--estop", "--unreferenced"]);
     let mut client = simulator.client();
     let mut states = move || {
@@ -148,9 +148,9 @@ fn states_are_set_at_the_start_and_while_it_runs() {
     assert_eq!(simulator.end(), Some(0));
 }
 
-/// In an emergency stop the axes stand, and afterwards they go on from there without a jump.
+/// The axes stop during an emergency stop and continue from there without a jump.
 #[test]
-fn the_axes_stand_in_an_emergency_stop() {
+fn the_axes_stop_during_an_emergency_stop() {
     // 100 mm to and fro within 60 s: at most 5.3 mm/s.
     let mut simulator = Simulator::start(&["--stroke-mm", "100", "--period-s", "60"]);
     let mut client = simulator.client();
@@ -200,7 +200,7 @@ fn it_pauses_and_answers_afterwards() {
 }
 
 #[test]
-fn it_tells_what_the_tool_misses() {
+fn the_tool_error_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("machine.toml");
     let errors = "[errors]\nEXX = 5.0\nEYX = { poly = [0.0, 0.1] }\n";
@@ -240,7 +240,7 @@ fn it_tells_what_the_tool_misses() {
         let [x, y, _] = miss(&report, "residual");
         (x - 1.0).abs() < 0.01 && y.abs() < 0.01
     });
-    // For people, and only when asked.
+    // As text, and only on request.
     let mut simulator = Simulator::start(&[truth[0], truth[1], "--report-s", "0"]);
     simulator.type_line("report");
     let line = simulator.line();
@@ -258,10 +258,9 @@ fn it_tells_what_the_tool_misses() {
     assert!(line.contains("X 0.0 (+0.0 µm) Y 7.2 (+3.0 µm)"), "{line}");
 }
 
-/// As it starts, the axes take what a barrier lets through, at its rate, and the words that anybody else writes are gone
-/// in the next scan.
+/// By default a barrier moves the axes at its rate, and words written by other clients are overwritten in the next scan.
 #[test]
-fn a_barrier_stands_before_the_axes() {
+fn a_barrier_protects_the_axes_by_default() {
     let mut simulator = Simulator::start(&[
         "--axes",
         "Y,X,C",
@@ -282,7 +281,7 @@ fn a_barrier_stands_before_the_axes() {
     };
     until("the words are overwritten", || words(100, 3) == [0; 3]);
     simulator.type_line("steps");
-    // Axes take their words after the program of a scan.
+    // Axes take their words after the program in each scan.
     let steps = simulator.json();
     assert_eq!(
         steps["largest_step_um"],
@@ -334,12 +333,12 @@ fn a_barrier_stands_before_the_axes() {
 }
 
 #[test]
-fn five_axes_come_from_the_machine_file() {
+fn the_machine_file_defines_five_axes() {
     let file = examples().join("table-tilting.toml");
     let mut simulator = Simulator::start(&["--truth", file.to_str().unwrap(), "--report-s", "0.1"]);
     let names = simulator.client().axis_names().unwrap();
     assert_eq!(names, ['X', 'Y', 'Z', 'A', 'C']);
-    // In two lines, since one has 80 columns.
+    // In two lines of at most 80 columns.
     let [places, misses] = [simulator.line(), simulator.line()];
     assert!(places.contains(" A 0.0 C 0.0"), "{places}");
     assert!(
@@ -349,13 +348,13 @@ fn five_axes_come_from_the_machine_file() {
 }
 
 #[test]
-fn it_ends_cleanly() {
+fn it_exits_cleanly() {
     for signal in ["INT", "TERM"] {
         let mut simulator = Simulator::start(&[]);
         simulator.running.signal(signal);
         assert_eq!(simulator.end(), Some(0), "SIG{signal}");
     }
-    // The end of the input is not the end of the simulator.
+    // End of input does not end the simulator.
     let mut simulator = Simulator::start(&[]);
     drop(simulator.running.stdin.take());
     std::thread::sleep(Duration::from_millis(200));
@@ -363,7 +362,7 @@ fn it_ends_cleanly() {
 }
 
 #[test]
-fn wrong_calls_are_refused() {
+fn invalid_arguments_are_rejected() {
     let dir = tempfile::tempdir().unwrap();
     let program = |name: &str, text: &str| {
         let file = dir.path().join(name);
@@ -441,7 +440,7 @@ fn wrong_calls_are_refused() {
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
         assert!(message.contains(expected), "{arguments:?}: {message}");
     }
-    // A port that is taken is no mistake of the call.
+    // An occupied port is a failure, not a usage error.
     let taken = Simulator::start(&[]);
     let output = Command::new(env!("CARGO_BIN_EXE_focas-sim"))
         .args(["--listen", &format!("127.0.0.1:{}", taken.port)])
@@ -460,7 +459,7 @@ fn every_option_is_in_the_chapter_on_commands() {
     volcomp_test_support::options::compare_options("focas-sim", env!("CARGO_BIN_EXE_focas-sim"));
 }
 
-/// Every change of a correction is a line, and what happens while the control is off is marked.
+/// Every change of a correction has a line; changes while the control is off are marked.
 #[test]
 fn the_axis_log_has_every_change() {
     let dir = tempfile::tempdir().unwrap();
@@ -468,7 +467,7 @@ fn the_axis_log_has_every_change() {
     let arguments = ["--no-barrier", "--axes", "X,C", "--axis-log"];
     let mut simulator = Simulator::start(&[&arguments[..], &[log.to_str().unwrap()]].concat());
     let read = || std::fs::read_to_string(&log).unwrap();
-    // What is written before the first scan would be in its line.
+    // A write before the first scan would be in its line.
     until("the first scan", || read().lines().count() > 1);
     for (line, rows) in [("write R100 251 255 1 0", 2), ("reset", 2), ("power", 3)] {
         simulator.type_line(line);

@@ -1,4 +1,4 @@
-//! A map in the PMC: the sender of `volcomp-tables` over FOCAS into the look-up of the simulated control.
+//! A map in the PMC: the sender of `volcomp-tables` over FOCAS to the map of the simulated control.
 
 use std::time::{Duration, Instant};
 
@@ -108,14 +108,14 @@ fn sender(counter: u16, owner: u16) -> Sender {
     Sender::new(map(counter), 1002, owner, allowed).unwrap()
 }
 
-/// The shifts of the axes, which stand from R100 on, µm.
+/// Shifts of the axes from R100 on, µm.
 fn shifts(simulator: &Simulator) -> [f64; 3] {
     let bytes = simulator.client().read_pmc(PmcArea::R, 100, 6).unwrap();
     let word = |at: usize| f64::from(i16::from_le_bytes([bytes[at], bytes[at + 1]]));
     [word(0), word(2), word(4)]
 }
 
-/// Steps until the axes have these corrections, to 1 µm; the largest that any had on the way.
+/// Runs steps until the axes have these corrections, to 1 µm.
 fn steps_until(simulator: &Simulator, sender: &mut Sender, words: &mut Words, um: [f64; 3]) {
     let end = Instant::now() + 6 * PATIENCE;
     loop {
@@ -130,26 +130,26 @@ fn steps_until(simulator: &Simulator, sender: &mut Sender, words: &mut Words, um
 }
 
 #[test]
-fn the_axes_have_what_the_map_says_and_silence_leads_to_zero() {
+fn the_axes_follow_the_map_and_silence_ramps_to_zero() {
     let at = ["--at", "X=700,Y=200,Z=50"];
     let mut simulator = Simulator::start(&[&CONTROL[..], &at].concat());
     let mut words = open(&simulator);
     let mut first = sender(5, 21);
     let um = field(&[700.0, 200.0, 50.0, 0.0, 0.0]).map(|mm| mm * 1e3);
     steps_until(&simulator, &mut first, &mut words, um);
-    // Another sender finds the control held, and changes nothing.
+    // Another sender finds the control owned, and changes nothing.
     let held = sender(7, 22).step(&mut open(&simulator));
     assert!(
         matches!(held, Err(SendError::Held { by: 21, .. })),
         "{held:?}"
     );
-    // Nobody sends any more.
+    // Silence.
     let end = Instant::now() + PATIENCE;
     while shifts(&simulator) != [0.0; 3] {
         assert!(Instant::now() < end, "{:?}", shifts(&simulator));
         std::thread::sleep(Duration::from_millis(20));
     }
-    // A restart of the control's program: what lies in the memory is not used, the map is brought again.
+    // A restarted program ignores the memory, and the map is sent again.
     steps_until(&simulator, &mut first, &mut words, um);
     simulator.type_line("reset");
     let end = Instant::now() + PATIENCE;
@@ -168,12 +168,12 @@ fn the_axes_have_what_the_map_says_and_silence_leads_to_zero() {
 }
 
 #[test]
-fn what_cannot_be_set_is_refused() {
+fn invalid_settings_are_rejected() {
     for (arguments, words) in [
         (&["--map-words", "68"][..], "69..=2450"),
         (
             &["--map-words", "700", "--axes", "X,A"],
-            "3 linear axes at the most",
+            "at most 3 linear axes",
         ),
         (
             &["--map-words", "700", "--rate-um-per-s", "1"],

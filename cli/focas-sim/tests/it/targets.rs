@@ -1,4 +1,4 @@
-//! Measuring at the targets of a program, against numbers found by hand.
+//! Measurements at the targets of a program, against values computed by hand.
 
 use std::{fs, path::Path};
 
@@ -8,10 +8,10 @@ use volcomp_test_support::machines::gantry;
 
 use super::{PATIENCE, Simulator};
 
-/// X is too long by 50 µm a metre and bends Y by 10 µm everywhere.
+/// X has a positioning error of 50 µm/m and shifts Y by 10 µm everywhere.
 const ERRORS: &str = "[errors]\nEXX = { poly = [0.0, 0.05] }\nEYX = 10.0\n";
 
-/// A folder with the machine and a program, and the call that goes through it.
+/// A folder with the machine and a program, and the call that runs it.
 struct Shop {
     folder: tempfile::TempDir,
 }
@@ -48,7 +48,7 @@ impl Shop {
     }
 }
 
-/// The rows of a table by the names of its columns.
+/// Rows of a table with their column names.
 fn rows(file: &Path) -> Vec<Vec<(String, String)>> {
     let text = fs::read_to_string(file).unwrap();
     let mut lines = text.lines();
@@ -71,10 +71,10 @@ fn number(row: &[(String, String)], name: &str) -> f64 {
         .unwrap_or_else(|_| panic!("{name}: {cell:?}"))
 }
 
-/// Two lines and a place on the way; the second pass with a correction of -4 µm on X and +3 µm on Y. Along the diagonal
-/// of the plane 200 × 150 mm the error of X counts with 0.8, 8 µm at its end; what is the same everywhere does not count.
+/// Two lines and an intermediate point; the second pass with a correction of -4 µm on X and +3 µm on Y. Along the diagonal of the
+/// plane 200 × 150 mm the error of X has the weight 0.8, 8 µm at its end; a constant error has none.
 #[test]
-fn the_range_along_a_line_is_the_one_found_by_hand() {
+fn the_range_along_a_line_matches_the_hand_calculation() {
     let program = "line,X,Y,Z,feed\nalong,0,0,0,60000\nalong,100,0,0,60000\nalong,200,0,0,60000\n\
                    ,100,50,100,60000\nacross,0,0,0,60000\nacross,200,150,0,60000\n";
     let shop = Shop::new(program);
@@ -94,7 +94,7 @@ fn the_range_along_a_line_is_the_one_found_by_hand() {
     assert_eq!(second["pass"], 2);
     for (found, range) in second["lines"].as_array().unwrap().iter().zip([10.0, 8.0]) {
         let of = |name: &str| found[name].as_f64().unwrap();
-        // The error is that of the place where the axes really are: 4 µm of X change it by 0.0002 µm.
+        // The error is that of the true position: 4 µm of X change it by 0.0002 µm.
         assert!((of("range_um") - range).abs() < 0.002, "{found}");
         assert_eq!(of("range_without_um"), range);
     }
@@ -119,9 +119,9 @@ fn the_range_along_a_line_is_the_one_found_by_hand() {
     }
 }
 
-/// Without a column of lines every row is a target; without `--wait` it begins by itself; `.json` makes documents.
+/// Without a line column every row is a target; without `--wait` it starts automatically; `.json` selects JSON documents.
 #[test]
-fn documents_come_one_a_line() {
+fn json_documents_are_one_per_line() {
     let shop = Shop::new("X,feed,dwell_s\n0,60000,0\n200,60000,0.4\n");
     let mut simulator = shop.start("targets.json", &[]);
     let pass = simulator.json();
@@ -145,9 +145,9 @@ fn documents_come_one_a_line() {
     assert_eq!(simulator.end(), Some(0));
 }
 
-/// In an emergency stop the machine stays on its way, and no target is measured.
+/// During an emergency stop between targets nothing is measured.
 #[test]
-fn nothing_is_measured_while_the_machine_stands_on_its_way() {
+fn nothing_is_measured_during_an_emergency_stop() {
     // 200 mm at 10 mm/s.
     let shop = Shop::new("line,X,feed\na,0,60000\na,200,600\n");
     let mut simulator = shop.start("targets.csv", &["--wait", "--no-barrier"]);
@@ -173,9 +173,9 @@ fn nothing_is_measured_while_the_machine_stands_on_its_way() {
     volcomp_test_support::until("the second target", 3 * PATIENCE, || rows(&file).len() == 2);
 }
 
-/// For people, in lines that fit; and what is typed without a report is refused in words.
+/// Text output fits into 80 columns; commands that need a report are rejected without one.
 #[test]
-fn people_are_told_in_words() {
+fn text_output_for_operators() {
     let shop = Shop::new("line,X,feed\nPPP,0,60000\nPPP,200,60000\n");
     let [truth, program, report] = ["truth.toml", "program.csv", "r.csv"].map(|n| shop.path(n));
     let arguments = [
@@ -192,7 +192,7 @@ fn people_are_told_in_words() {
 }
 
 #[test]
-fn the_file_that_cannot_be_written_is_named() {
+fn an_unwritable_file_is_named() {
     let shop = Shop::new("X\n0\n");
     let [truth, program] = ["truth.toml", "program.csv"].map(|name| shop.path(name));
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_focas-sim"))

@@ -42,11 +42,11 @@ fn the_shift_words_of_the_control_are_compared() {
     );
     // Not reported: a note.
     control.world().parameters.clear();
-    control.world().tells_shift_source = false;
+    control.world().reports_shift_source = false;
     let (text, errors, status) = check(&config, &["--online"]);
     assert_eq!(status, 0, "{errors}");
     assert!(
-        text.contains("the control does not tell parameters 1203"),
+        text.contains("the control does not report parameters 1203"),
         "{text}"
     );
     // Offline nothing is requested, and a missing control does not matter.

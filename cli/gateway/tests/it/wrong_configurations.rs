@@ -266,18 +266,18 @@ pub(crate) const CASES: &[Wrong] = &[
     wrong(
         "at = 120 }",
         "at = 120 }\narea = { pmc = \"F\", first = 100, width = 2 }",
-        "area.first: found F100, expected a place in R or D: F holds the signals of the control",
+        "area.first: found F100, expected an address in R or D: F holds the signals of the control",
     ),
     wrong(
         "pmc = \"R\", at = 120",
         "pmc = \"F\", at = 120",
-        "heartbeat: found F120, expected a place in R or D",
+        "heartbeat: found F120, expected an address in R or D",
     ),
     // G8.4 is the emergency stop.
     wrong(
         "pmc = \"R\", at = 120",
         "pmc = \"G\", at = 8",
-        "heartbeat: found G8, expected a place in R or D: G holds the signals to the control, its emergency stop among them",
+        "heartbeat: found G8, expected an address in R or D: G holds the signals to the control, its emergency stop among them",
     ),
     wrong(
         "at = 120 }",

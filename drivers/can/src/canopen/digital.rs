@@ -74,8 +74,8 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
             .listen(&mut self.port, |node, number, frame, taken| {
                 if (node, number) == (own, 1) {
                     let mut bytes = [0; 8];
-                    for (byte, told) in bytes.iter_mut().zip(frame.data()) {
-                        *byte = *told;
+                    for (byte, received) in bytes.iter_mut().zip(frame.data()) {
+                        *byte = *received;
                     }
                     let lines = u64::MAX.checked_shr(64 - inputs).unwrap_or(0);
                     *levels = Some(InputLevels {
@@ -84,7 +84,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
                     });
                 }
             })?;
-        match (self.levels, self.nodes.trouble(self.node)) {
+        match (self.levels, self.nodes.failure(self.node)) {
             (Some(found), None) => Ok(found),
             (_, Some(Reason::NoAnswer)) | (None, _) => Err(Fault::NotConnected),
             (_, Some(_)) => Err(Fault::Protocol("the node reports an error or does not run")),
@@ -93,7 +93,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
 
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
         let frame = outputs_frame(self.node, levels, self.outputs);
-        let frame = frame.ok_or(Fault::Unsupported("so many lines"))?;
+        let frame = frame.ok_or(Fault::Unsupported("this number of lines"))?;
         if Instant::now() >= deadline {
             return Err(Fault::TimedOut);
         }
@@ -107,7 +107,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         self.sent
     }
 
-    fn tells_outputs(&self) -> bool {
+    fn reports_outputs(&self) -> bool {
         false
     }
 }

@@ -8,13 +8,13 @@ use std::{
 use volcomp_port::{Fault, Reason};
 
 use super::telegrams::{NmtCommand, NodeState, Telegram, nmt, telegram};
-use crate::frame::{AT_ONCE, CanPort, Frame, Received};
+use crate::frame::{CanPort, Frame, MAX_FRAMES_PER_READ, Received};
 
 /// A monitored node.
 #[derive(Clone, Copy, Debug)]
-struct Watched {
+struct MonitoredNode {
     state: Option<NodeState>,
-    heard: Instant,
+    last_heartbeat: Instant,
     emergency: u16,
     started: Option<Instant>,
 }
@@ -22,21 +22,21 @@ struct Watched {
 /// The monitored nodes: started when pre-operational, and considered silent with their heartbeat.
 #[derive(Debug)]
 pub(super) struct Nodes {
-    watched: BTreeMap<u8, Watched>,
+    monitored: BTreeMap<u8, MonitoredNode>,
     silent_after: Duration,
 }
 
 impl Nodes {
     /// These nodes; one whose heartbeat is older than `silent_after` counts as not answering.
     pub(super) fn new(nodes: impl Iterator<Item = u8>, silent_after: Duration) -> Self {
-        let watched = Watched {
+        let monitored = MonitoredNode {
             state: None,
-            heard: Instant::now(),
+            last_heartbeat: Instant::now(),
             emergency: 0,
             started: None,
         };
         Self {
-            watched: nodes.map(|node| (node, watched)).collect(),
+            monitored: nodes.map(|node| (node, monitored)).collect(),
             silent_after,
         }
     }
@@ -52,7 +52,7 @@ impl Nodes {
         mut process_data: impl FnMut(u8, u8, &Frame, Instant),
     ) -> Result<(), Fault> {
         let now = Instant::now();
-        for _ in 0..AT_ONCE {
+        for _ in 0..MAX_FRAMES_PER_READ {
             match port.receive(now)? {
                 None => break,
                 Some(Received::BusOff) => return Err(Fault::Disconnected),
@@ -61,7 +61,7 @@ impl Nodes {
                     let Some(telegram) = telegram(&frame) else {
                         continue;
                     };
-                    self.hear(telegram, taken);
+                    self.process(telegram, taken);
                     if let Telegram::Pdo { node, number } = telegram {
                         process_data(node, number, &frame, taken);
                     }
@@ -76,48 +76,48 @@ impl Nodes {
     }
 
     /// Processes a telegram that concerns a monitored node.
-    fn hear(&mut self, telegram: Telegram, taken: Instant) {
+    fn process(&mut self, telegram: Telegram, taken: Instant) {
         let (Telegram::Heartbeat { node, .. }
         | Telegram::Emergency { node, .. }
         | Telegram::Pdo { node, .. }
         | Telegram::Sdo { node, .. }) = telegram;
-        let Some(watched) = self.watched.get_mut(&node) else {
+        let Some(monitored) = self.monitored.get_mut(&node) else {
             return;
         };
         match telegram {
             Telegram::Heartbeat { state, .. } => {
-                watched.state = Some(state);
-                watched.heard = taken;
+                monitored.state = Some(state);
+                monitored.last_heartbeat = taken;
             }
-            Telegram::Emergency { code, .. } => watched.emergency = code,
+            Telegram::Emergency { code, .. } => monitored.emergency = code,
             _ => {}
         }
     }
 
     /// The frame that starts a node which does not run, at most once a second per node.
     fn start(&mut self, now: Instant) -> Option<Frame> {
-        let waits = |watched: &Watched| {
-            let due = watched
+        let needs_start = |monitored: &MonitoredNode| {
+            let due = monitored
                 .started
                 .is_none_or(|then| now.saturating_duration_since(then) > Duration::from_secs(1));
-            due && watched.state != Some(NodeState::Operational)
+            due && monitored.state != Some(NodeState::Operational)
         };
-        let (node, watched) = self
-            .watched
+        let (node, monitored) = self
+            .monitored
             .iter_mut()
-            .find(|(_, watched)| waits(watched))?;
-        watched.started = Some(now);
+            .find(|(_, monitored)| needs_start(monitored))?;
+        monitored.started = Some(now);
         nmt(NmtCommand::Start, *node)
     }
 
     /// Why a node's data must not be used; `None` if they may.
-    pub(super) fn trouble(&self, node: u8) -> Option<Reason> {
-        let watched = self.watched.get(&node)?;
-        if watched.heard.elapsed() > self.silent_after || watched.state.is_none() {
+    pub(super) fn failure(&self, node: u8) -> Option<Reason> {
+        let monitored = self.monitored.get(&node)?;
+        if monitored.last_heartbeat.elapsed() > self.silent_after || monitored.state.is_none() {
             return Some(Reason::NoAnswer);
         }
-        match watched.state {
-            Some(NodeState::Operational) if watched.emergency == 0 => None,
+        match monitored.state {
+            Some(NodeState::Operational) if monitored.emergency == 0 => None,
             Some(NodeState::Operational) => Some(Reason::Reported),
             _ => Some(Reason::NotRead),
         }

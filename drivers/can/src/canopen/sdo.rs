@@ -29,8 +29,8 @@ impl<P: CanPort> SdoClient<P> {
     /// # Errors
     /// [`Fault::TimedOut`]; [`Fault::Refused`] with the node's abort code; [`Fault::Unsupported`] for objects that need more than one frame.
     pub fn read(&mut self, node: u8, object: (u16, u8), deadline: Instant) -> Result<u32, Fault> {
-        let question = sdo_read(node, object).ok_or(Fault::Unsupported("a node number"))?;
-        self.port.send(&question, deadline)?;
+        let request = sdo_read(node, object).ok_or(Fault::Unsupported("a node number"))?;
+        self.port.send(&request, deadline)?;
         match self.answer(node, object, deadline)? {
             SdoAnswer::Read { value, .. } => Ok(value),
             _ => Err(Fault::Protocol("an object that was not read")),
@@ -48,8 +48,8 @@ impl<P: CanPort> SdoClient<P> {
         value: &[u8],
         deadline: Instant,
     ) -> Result<(), Fault> {
-        let question = sdo_write(node, object, value).ok_or(Fault::Unsupported("1 to 4 bytes"))?;
-        self.port.send(&question, deadline)?;
+        let request = sdo_write(node, object, value).ok_or(Fault::Unsupported("1 to 4 bytes"))?;
+        self.port.send(&request, deadline)?;
         match self.answer(node, object, deadline)? {
             SdoAnswer::Written { .. } => Ok(()),
             _ => Err(Fault::Protocol("an object that was not written")),
@@ -59,7 +59,7 @@ impl<P: CanPort> SdoClient<P> {
     fn answer(
         &mut self,
         node: u8,
-        wanted: (u16, u8),
+        object_id: (u16, u8),
         deadline: Instant,
     ) -> Result<SdoAnswer, Fault> {
         while let Some(received) = self.port.receive(deadline)? {
@@ -74,7 +74,7 @@ impl<P: CanPort> SdoClient<P> {
             | SdoAnswer::Aborted { object, .. }
             | SdoAnswer::Segmented { object }) = answer;
             // A late answer to another request.
-            if from != node || object != wanted {
+            if from != node || object != object_id {
                 continue;
             }
             return match answer {

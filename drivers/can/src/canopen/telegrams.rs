@@ -96,7 +96,7 @@ pub enum SdoAnswer {
     },
 }
 
-/// Decodes a frame; `None` if it is none of these or malformed.
+/// Decodes a frame; `None` if it is another frame or malformed.
 pub fn telegram(frame: &Frame) -> Option<Telegram> {
     if frame.extended || frame.fd {
         return None;

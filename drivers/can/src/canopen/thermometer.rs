@@ -100,7 +100,7 @@ impl<P: CanPort> CanopenThermometer<P> {
                 )));
             }
             if channels[..index].iter().any(|other| other.name == *name) {
-                return Err(refused(format!("the sensor {name} stands twice")));
+                return Err(refused(format!("the sensor {name} is listed twice")));
             }
         }
         Ok(Self {
@@ -155,8 +155,8 @@ impl<P: CanPort> Thermometer for CanopenThermometer<P> {
         // A lost bus shows up as missing heartbeats.
         let _ = self.nodes.listen(&mut self.port, take);
         for (channel, latest) in self.channels.iter().zip(&mut self.latest) {
-            let trouble = self.nodes.trouble(channel.node);
-            if let (Some(reason), Some(taken)) = (trouble, latest.taken) {
+            let failure = self.nodes.failure(channel.node);
+            if let (Some(reason), Some(taken)) = (failure, latest.taken) {
                 *latest = Temperature::bad(reason, taken);
             }
         }

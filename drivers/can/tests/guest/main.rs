@@ -1,5 +1,5 @@
-//! SocketCAN on vcan0 and vcan1: frames of can-utils, error frames, an interface that goes down and comes up, and a CANopen
-//! node of PyPI's canopen. Run on this machine's interfaces where it has them, and by `./test` in the guest.
+//! SocketCAN on vcan0 and vcan1: frames of can-utils, error frames, an interface that goes down and up, and a node of PyPI's
+//! canopen. Runs on the interfaces of this computer if present, and in the guest by `./test`.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -19,7 +19,7 @@ use volcomp_port::{Controller, Fault, Quality, Reason, Thermometer};
 use volcomp_test_support::{Running, peers};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-/// The virtual buses, for one test at a time. `None`, with a line on standard error, on a machine without them.
+/// Locks the virtual buses for one test. `None`, with a line on standard error, without them.
 fn buses() -> Option<MutexGuard<'static, ()>> {
     static BUSES: Mutex<()> = Mutex::new(());
     let buses = BUSES.lock().unwrap_or_else(PoisonError::into_inner);
@@ -29,7 +29,7 @@ fn buses() -> Option<MutexGuard<'static, ()>> {
     {
         return Some(buses);
     }
-    // Not by a macro, whose output the test harness keeps to itself.
+    // Written directly, because the test harness captures the output of macros.
     let _ = std::io::stderr().write_all(
         b"not run: this machine has no vcan0 and vcan1. Add them: ip link add dev vcan0 type vcan; ip link set vcan0 mtu 72 up\n",
     );
@@ -90,7 +90,7 @@ fn frames_of_cansend_are_received() {
             (id, extended, fd, data)
         );
     }
-    // A remote frame is nothing; an error frame and bus off are states.
+    // A remote frame is ignored; error frames and bus-off are reported.
     run("cansend", &["vcan0", "123#R"]);
     run("cansend", &["vcan0", "20000004#0000000000000000"]);
     assert_eq!(socket.receive(soon()), Ok(Some(Received::Error)));
@@ -99,7 +99,7 @@ fn frames_of_cansend_are_received() {
 }
 
 #[test]
-fn candump_sees_what_is_sent() {
+fn candump_receives_sent_frames() {
     let Some(_buses) = buses() else {
         return;
     };
@@ -108,7 +108,7 @@ fn candump_sees_what_is_sent() {
             .args(["-L", "-n", "2", "vcan0"])
             .stdout(Stdio::piped()),
     );
-    // It must have opened its socket.
+    // Wait until it has opened its socket.
     while !std::fs::read_to_string("/proc/net/can/rcvlist_all")
         .is_ok_and(|list| list.contains("raw"))
     {
@@ -130,9 +130,9 @@ fn candump_sees_what_is_sent() {
     );
 }
 
-/// The bridge against a control of frames, the interface down and up between.
+/// The bridge against a control, with the interface down and up in between.
 #[test]
-fn the_bridge_lives_through_an_interface_that_goes_down() {
+fn the_bridge_survives_an_interface_going_down() {
     let Some(_buses) = buses() else {
         return;
     };
@@ -192,29 +192,29 @@ fn the_bridge_lives_through_an_interface_that_goes_down() {
     );
     std::thread::sleep(Duration::from_millis(600));
     let late = Instant::now() + Duration::from_millis(20);
-    // What came last is told with the time at which it came.
+    // The last values are returned with their arrival times.
     let found = controller.read(late).unwrap();
     assert!(found.youngest() <= down);
     let up = Instant::now();
     run("ip", &["link", "set", "vcan0", "up"]);
-    // The same sockets go on.
+    // The same sockets continue.
     while control.receive(Instant::now()).is_err() {}
     sends(&mut control, 7.0);
     let end = Instant::now() + Duration::from_secs(2);
     let found = loop {
         match controller.read(soon()) {
             Ok(found) if found.taken > up => break found,
-            told => assert!(Instant::now() < end, "{told:?}"),
+            other => assert!(Instant::now() < end, "{other:?}"),
         }
     };
     assert!((found.positions[0] - 7.0).abs() < 1e-9);
     controller.apply(&PerChannel([0.001; 9]), soon()).unwrap();
 }
 
-/// The time of a frame is that of its arrival by the kernel, however long it waited; a bridge that was not read for long finds
-/// old positions, not new ones.
+/// The time of a frame is its arrival time in the kernel, however long it waited; a bridge that was not read for a while
+/// returns old positions as old.
 #[test]
-fn frames_that_waited_are_as_old_as_they_are() {
+fn queued_frames_keep_their_kernel_timestamps() {
     let Some(_buses) = buses() else {
         return;
     };
@@ -258,17 +258,17 @@ fn frames_that_waited_are_as_old_as_they_are() {
     let sent = Instant::now();
     std::thread::sleep(ms(200));
     let snapshot = bridge.read(soon()).unwrap();
-    assert!(snapshot.taken <= sent, "it is as old as the frames");
+    assert!(snapshot.taken <= sent, "as old as the frames");
     send(5);
     while bridge.read(soon()).unwrap().taken <= sent {}
     assert!(
         snapshot.state.emergency_stop,
-        "no state came, so it is taken for pressed"
+        "no state received, so it counts as pressed"
     );
 }
 
 #[test]
-fn an_interface_that_is_not_there_is_named() {
+fn a_missing_interface_is_named() {
     let Some(_buses) = buses() else {
         return;
     };
@@ -280,7 +280,7 @@ fn an_interface_that_is_not_there_is_named() {
     assert!(message.contains("ip link set can0 up"), "{message}");
 }
 
-/// A node of PyPI's canopen: asked for objects, started, read, and gone.
+/// A node of PyPI's canopen: objects, start, temperatures, disappearance.
 #[test]
 fn a_canopen_node_is_started_and_read() {
     let Some(_buses) = buses() else {

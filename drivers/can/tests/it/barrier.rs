@@ -1,24 +1,14 @@
-//! Words for a barrier in the control, by the shipped file and by others.
+//! Words for a barrier in the control, with the shipped DBC file and others.
 
 use std::process::Command;
 
-use volcomp_can::{BARRIER_DBC, BridgeConfig, CanController, Frame, SignalTable};
+use volcomp_can::{BARRIER_DBC, CanController, Frame, SignalTable};
 use volcomp_port::{Controller, Fault, Heartbeat, Words};
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Urad};
 
-use crate::{Bus, frame_of, soon};
+use crate::{Bus, config, frame_of, soon};
 
 const XYZ: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
-
-fn config(text: &str, axes: &[AxisName]) -> BridgeConfig {
-    BridgeConfig {
-        table: SignalTable::parse(text).unwrap(),
-        channel: "bridge".to_owned(),
-        axes: axes.to_vec(),
-        reads: Vec::new(),
-        includes_correction: false,
-    }
-}
 
 fn words(from: u16, count: u16) -> Words {
     let words: Vec<u16> = (0..count).map(|k| from.wrapping_mul(k + 1)).collect();
@@ -44,7 +34,7 @@ pub(crate) fn report_of(table: &SignalTable, words: &[u16], counter: u64) -> Vec
 }
 
 #[test]
-fn frames_go_and_reports_come() {
+fn frames_are_sent_and_reports_received() {
     let bus = Bus::default();
     let config = config(BARRIER_DBC, &XYZ);
     let mut controller = CanController::new(bus.clone(), &config).unwrap();
@@ -60,10 +50,10 @@ fn frames_go_and_reports_come() {
     let mut read = |frames: &[Frame]| {
         counter += 1;
         let at = [("X_POS", 1.0), ("Y_POS", 2.0)];
-        bus.comes(frame_of(table, "POSITION_XY", &at, counter));
-        bus.comes(frame_of(table, "POSITION_Z", &[("Z_POS", 3.0)], counter));
+        bus.deliver(frame_of(table, "POSITION_XY", &at, counter));
+        bus.deliver(frame_of(table, "POSITION_Z", &[("Z_POS", 3.0)], counter));
         for frame in frames {
-            bus.comes(*frame);
+            bus.deliver(*frame);
         }
         controller.read(soon()).unwrap()
     };
@@ -74,11 +64,11 @@ fn frames_go_and_reports_come() {
     assert_eq!(snapshot.applied, None);
     assert_eq!(snapshot.positions[..3], [1.0, 2.0, 3.0]);
     assert_eq!(read(&first[6..]).report, Some(words(0x1357, 19)));
-    // A report that is on its way is no report yet: the last whole one stays.
+    // An incomplete report does not replace the last complete one.
     let second = report_of(table, words(0xfedc, 19).as_slice(), 5);
     assert_eq!(read(&second[..2]).report, Some(words(0x1357, 19)));
     assert_eq!(read(&second[2..]).report, Some(words(0xfedc, 19)));
-    // Two whole reports and a part of the next one in one reading.
+    // Two complete reports and a part of the next one in one read.
     let third = report_of(table, words(0x0a0b, 19).as_slice(), 6);
     let fourth = report_of(table, words(0x0c0d, 19).as_slice(), 7);
     let all = [&third[..], &fourth[..], &first[..3]].concat();
@@ -92,12 +82,16 @@ fn frames_go_and_reports_come() {
     for (place, sent) in sent.iter().enumerate() {
         let message = &table.messages[table.message_of(sent).unwrap()];
         assert!(message.is_whole(sent.data()));
-        assert_eq!(message.counter(sent.data()), Some(1), "all have the same");
+        assert_eq!(
+            message.counter(sent.data()),
+            Some(1),
+            "the same counter in all"
+        );
         let words = &frame.as_slice()[3 * place..][..3];
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         assert_eq!(sent.data()[..6], bytes);
     }
-    // Too late, too few, and plain values: nothing is sent.
+    // Nothing is sent after the deadline, with too few words, or for plain values.
     let late = controller.post(&frame, std::time::Instant::now());
     assert_eq!(late, Err(Fault::TimedOut));
     let few = controller.post(&words(1, 8), soon());
@@ -107,9 +101,9 @@ fn frames_go_and_reports_come() {
     assert_eq!(bus.sent(), []);
 }
 
-/// Reading, posting and applying allocate nothing.
+/// `read`, `post` and `apply` do not allocate.
 #[test]
-fn a_cycle_allocates_nothing() {
+fn cycles_do_not_allocate() {
     let (bus, plain_bus) = (Bus::default(), Bus::default());
     let barrier = config(BARRIER_DBC, &XYZ);
     let plain = config(volcomp_can::SHIPPED_DBC, &XYZ);
@@ -118,17 +112,17 @@ fn a_cycle_allocates_nothing() {
     for counter in 0..16 {
         let z = |table: &SignalTable, name| frame_of(table, name, &[], counter);
         for name in ["POSITION_XY", "POSITION_Z", "STATE"] {
-            bus.comes(z(&barrier.table, name));
+            bus.deliver(z(&barrier.table, name));
         }
         for frame in report_of(&barrier.table, words(7, 19).as_slice(), counter) {
-            bus.comes(frame);
+            bus.deliver(frame);
         }
         for name in ["POSITION_XY", "POSITION_ZC", "STATE"] {
-            plain_bus.comes(z(&plain.table, name));
+            plain_bus.deliver(z(&plain.table, name));
         }
     }
     for bus in [&bus, &plain_bus] {
-        bus.inside().sent.reserve(100);
+        bus.state().sent.reserve(100);
     }
     let frame = words(3, 9);
     assert_no_alloc::assert_no_alloc(|| {
@@ -144,10 +138,10 @@ fn a_cycle_allocates_nothing() {
     assert_eq!((bus.sent().len(), plain_bus.sent().len()), (30, 10));
 }
 
-/// Two axes in FD frames, high byte first, with counters and checksums, the words of a frame in two messages of which the
-/// second has the lower identifier: the one with the last word goes last.
+/// Two axes in big-endian FD frames with counters and checksums. The words of a frame are in two messages, the second with the
+/// lower identifier: the message with the last word is sent last.
 #[test]
-fn a_layout_of_the_users_own() {
+fn a_custom_layout() {
     let mut text = "VERSION \"\"\nBU_: A\nBO_ 1 WHERE: 8 A\n SG_ X_POS : 7|24@0- (0.001,0) [0|0] \"mm\" A\n SG_ C_POS : 31|24@0- (0.001,0) [0|0] \"deg\" A\n\n".to_owned();
     let mut message = |id: u32, name: &str, prefix: &str, numbers: &[usize], counts: &[&str]| {
         use std::fmt::Write;
@@ -174,7 +168,7 @@ fn a_layout_of_the_users_own() {
     let plain = ["1:"; 8];
     let of_axes = ["0.5:um", "0.5:um", "1:", "2:urad", "2:urad", "1:"];
     let counts = [&plain[..], &of_axes[..]].concat();
-    message(7, "TOLD", "REPORT", &(0..16).collect::<Vec<_>>(), &counts);
+    message(7, "STATUS", "REPORT", &(0..16).collect::<Vec<_>>(), &counts);
     let bus = Bus::default();
     let config = config(&text, &[AxisName::X, AxisName::C]);
     let mut controller = CanController::new(bus.clone(), &config).unwrap();
@@ -196,7 +190,7 @@ fn a_layout_of_the_users_own() {
 }
 
 #[test]
-fn words_that_do_not_fit_are_named() {
+fn invalid_words_are_rejected() {
     let refused = |from: &str, to: &str, axes: &[AxisName]| {
         let text = BARRIER_DBC.replacen(from, to, 1);
         assert!(from.is_empty() || text != BARRIER_DBC, "{from}");
@@ -238,7 +232,7 @@ fn words_that_do_not_fit_are_named() {
             "SG_ FRAME_4 : 16|16@1- (1,0) [-32768|32767] \"um\"",
             "SG_ FRAME_4 : 16|16@1- (1,0) [-32768|32767] \"\"",
             &XYZ,
-            "signal FRAME_4: found no unit, expected mm or um, since the axis is linear; unit and factor say what a count of X is",
+            "signal FRAME_4: found no unit, expected mm or um, since the axis is linear; unit and factor define a count of X",
         ),
         (
             "SG_ REPORT_8 : 32|16@1- (1,0)",
@@ -250,7 +244,7 @@ fn words_that_do_not_fit_are_named() {
             "SG_ FRAME_0 : 0|16@1+ (1,0)",
             "SG_ FRAME_0 : 0|16@1+ (2,0)",
             &XYZ,
-            "signal FRAME_0: found the factor 2, the offset 0 and the unit ``, expected 1, 0 and none: it is a word",
+            "signal FRAME_0: found the factor 2, the offset 0 and the unit ``, expected 1, 0 and no unit: it is a plain word",
         ),
     ] {
         let found = refused(from, to, axes);
@@ -258,9 +252,9 @@ fn words_that_do_not_fit_are_named() {
     }
 }
 
-/// PyPI's cantools packs reports and takes frames apart as we do.
+/// cantools (PyPI) encodes reports and decodes frames identically.
 #[test]
-fn cantools_understands_the_words() {
+fn cantools_agrees_on_barrier_words() {
     let Some(python) = volcomp_test_support::peers::python() else {
         return;
     };
@@ -333,10 +327,10 @@ fn cantools_understands_the_words() {
         assert_eq!(message.counter(frame.data()), Some(9));
         // cantools does not compute checksums.
         message.seal(frame.data_mut(), 9);
-        bus.comes(frame);
+        bus.deliver(frame);
     }
-    bus.comes(frame_of(&config.table, "POSITION_XY", &[], 1));
-    bus.comes(frame_of(&config.table, "POSITION_Z", &[], 1));
+    bus.deliver(frame_of(&config.table, "POSITION_XY", &[], 1));
+    bus.deliver(frame_of(&config.table, "POSITION_Z", &[], 1));
     let report = controller.read(soon()).unwrap().report.unwrap();
     let expected: Vec<u16> = (1..=19).map(|k| 1000 * k).collect();
     assert_eq!(report.as_slice(), expected);

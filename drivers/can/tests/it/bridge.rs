@@ -12,16 +12,10 @@ use volcomp_vocabulary::{AxisName, PerChannel};
 use crate::{Bus, frame_of, shipped, soon};
 
 fn config(axes: &[AxisName]) -> BridgeConfig {
-    BridgeConfig {
-        table: shipped(),
-        channel: "bridge".to_owned(),
-        axes: axes.to_vec(),
-        reads: Vec::new(),
-        includes_correction: false,
-    }
+    crate::config(SHIPPED_DBC, axes)
 }
 
-/// The control sends where it is, and takes the correction that was sent last.
+/// A control that sends its positions and takes the last sent correction.
 struct Control {
     bus: Bus,
     table: SignalTable,
@@ -49,20 +43,20 @@ impl Control {
         let counter = self.counter % 16;
         let place = [("X_POS", x_mm), ("Y_POS", -2.0 * x_mm)];
         self.bus
-            .comes(frame_of(&self.table, "POSITION_XY", &place, counter));
+            .deliver(frame_of(&self.table, "POSITION_XY", &place, counter));
         let place = [("Z_POS", 0.5 * x_mm), ("C_POS", 90.0)];
         self.bus
-            .comes(frame_of(&self.table, "POSITION_ZC", &place, counter));
+            .deliver(frame_of(&self.table, "POSITION_ZC", &place, counter));
         let applied = [("X_APPLIED", self.applied_um), ("REFERENCED", 1.0)];
         let state = [&applied[..], state].concat();
         self.bus
-            .comes(frame_of(&self.table, "STATE", &state, counter));
+            .deliver(frame_of(&self.table, "STATE", &state, counter));
     }
 }
 
-/// Axes that are only read stand behind those that are written, and a bridge that is only read is never written to.
+/// Read-only axes follow the corrected ones, and a bridge without corrected axes sends nothing.
 #[test]
-fn positions_of_other_axes_are_read_and_nothing_is_sent_for_them() {
+fn read_only_axes_are_read_and_nothing_is_sent() {
     let bus = Bus::default();
     let mut control = Control::new(&bus);
     let read = |axes: &[AxisName]| {
@@ -95,7 +89,7 @@ fn positions_of_other_axes_are_read_and_nothing_is_sent_for_them() {
 }
 
 #[test]
-fn positions_come_and_corrections_go() {
+fn positions_are_received_and_corrections_sent() {
     let bus = Bus::default();
     let mut control = Control::new(&bus);
     let mut controller = CanController::new(
@@ -106,7 +100,7 @@ fn positions_come_and_corrections_go() {
     assert_eq!(
         controller.read(soon()),
         Err(Fault::TimedOut),
-        "nothing came yet"
+        "nothing received yet"
     );
     control.sends(100.0, &[]);
     let snapshot = controller.read(soon()).unwrap();
@@ -126,9 +120,9 @@ fn positions_come_and_corrections_go() {
     assert_eq!(controller.saturated(), 3);
 }
 
-/// With a control that answers at once.
+/// The controller contract, with a control that responds immediately.
 #[test]
-fn the_contract_of_controllers() {
+fn the_controller_contract() {
     struct Answering(CanController<Bus>, Control);
     impl Controller for Answering {
         fn description(&self) -> &volcomp_port::Description {
@@ -151,42 +145,42 @@ fn the_contract_of_controllers() {
     contract::controller(&mut Answering(controller, Control::new(&bus)));
 }
 
-/// Repeated counters, lost frames, wrong sums and lengths, error frames, bus off, an interface that is down:
-/// states, and never a position.
+/// Repeated counters, lost frames, wrong checksums and lengths, error frames, bus-off and an interface that is down are
+/// counted or reported, and never change a position.
 #[test]
-fn what_is_wrong_on_the_bus_is_a_state() {
+fn bus_errors_are_counted_and_never_change_a_position() {
     let bus = Bus::default();
     let table = shipped();
     let mut controller = CanController::new(bus.clone(), &config(&[AxisName::X])).unwrap();
     let xy = |x: f64, counter| frame_of(&table, "POSITION_XY", &[("X_POS", x)], counter);
-    bus.comes(xy(1.0, 3));
-    bus.comes(frame_of(&table, "STATE", &[], 3));
+    bus.deliver(xy(1.0, 3));
+    bus.deliver(frame_of(&table, "STATE", &[], 3));
     let mut read = |expected: f64| {
         let found = controller.read(soon()).unwrap().positions[0];
         assert!((found - expected).abs() < 1e-9, "{found}");
         controller.health()
     };
     assert_eq!(read(1.0), volcomp_can::Health::default());
-    bus.comes(xy(2.0, 3));
+    bus.deliver(xy(2.0, 3));
     assert_eq!(read(1.0).repeated, 1);
-    bus.comes(xy(3.0, 7));
+    bus.deliver(xy(3.0, 7));
     assert_eq!(read(3.0).lost, 3);
     let mut wrong = xy(4.0, 8);
     wrong.data_mut()[0] ^= 1;
-    bus.comes(wrong);
-    bus.comes(volcomp_can::Frame::new(256, false, false, &[1, 2, 3]).unwrap());
+    bus.deliver(wrong);
+    bus.deliver(volcomp_can::Frame::new(256, false, false, &[1, 2, 3]).unwrap());
     assert_eq!(read(3.0).broken, 2);
-    bus.inside().coming.push_back(Received::Error);
+    bus.state().incoming.push_back(Received::Error);
     assert_eq!(read(3.0).errors, 1);
-    bus.inside().coming.push_back(Received::BusOff);
-    // With the controller off the bus nothing is heard.
+    bus.state().incoming.push_back(Received::BusOff);
+    // Nothing is received while the controller is bus-off.
     assert_eq!(controller.read(soon()), Err(Fault::Disconnected));
     assert!(controller.health().bus_off);
-    bus.comes(xy(5.0, 9));
-    bus.comes(frame_of(&table, "STATE", &[], 4));
+    bus.deliver(xy(5.0, 9));
+    bus.deliver(frame_of(&table, "STATE", &[], 4));
     assert!((controller.read(soon()).unwrap().positions[0] - 5.0).abs() < 1e-9);
     assert!(!controller.health().bus_off);
-    bus.inside().down = true;
+    bus.state().down = true;
     assert_eq!(controller.read(soon()), Err(Fault::Disconnected));
     assert_eq!(
         controller.apply(&PerChannel::ZERO, soon()),
@@ -195,7 +189,7 @@ fn what_is_wrong_on_the_bus_is_a_state() {
 }
 
 #[test]
-fn every_correction_has_a_new_counter_and_a_right_sum() {
+fn corrections_have_increasing_counters_and_valid_checksums() {
     let bus = Bus::default();
     let table = shipped();
     let mut controller =
@@ -214,7 +208,7 @@ fn every_correction_has_a_new_counter_and_a_right_sum() {
 }
 
 #[test]
-fn configurations_that_make_no_sense_are_named() {
+fn invalid_configurations_are_rejected() {
     let message = |axes: &[AxisName], change: fn(&mut BridgeConfig)| {
         let mut config = config(axes);
         change(&mut config);
@@ -240,7 +234,7 @@ fn configurations_that_make_no_sense_are_named() {
 }
 
 #[test]
-fn temperatures_come_in_frames() {
+fn temperatures_are_decoded_with_their_faults() {
     let bus = Bus::default();
     let table = shipped();
     let mut thermometer = CanThermometer::new(bus.clone(), &table, &[]).unwrap();
@@ -255,25 +249,25 @@ fn temperatures_come_in_frames() {
         ("SPINDLE_TEMP", -40.0),
         ("SCALE_X_TEMP", 164.75),
     ];
-    bus.comes(frame_of(&table, "TEMPERATURES", &values, 0));
+    bus.deliver(frame_of(&table, "TEMPERATURES", &values, 0));
     let latest = thermometer.latest().to_vec();
     assert!((latest[0].degc.unwrap() - 21.55).abs() < 1e-9);
     assert!((latest[1].degc.unwrap() + 39.95).abs() < 1e-9);
     assert_eq!(latest[2].quality, Quality::Bad(Reason::Short));
     assert_eq!(latest[3].quality, Quality::Bad(Reason::Open));
-    // What does not come any more stays what it was, and grows old.
+    // A temperature that is no longer received keeps its value and time.
     std::thread::sleep(Duration::from_millis(20));
     assert_eq!(thermometer.latest(), latest);
-    bus.inside().down = true;
+    bus.state().down = true;
     assert_eq!(
         thermometer.latest()[0].quality,
         Quality::Bad(Reason::NoAnswer)
     );
 }
 
-/// The names of a configuration choose among the temperatures of the file, in their order.
+/// Configured names select temperatures of the file, in the order of the names.
 #[test]
-fn names_choose_temperatures() {
+fn names_select_temperatures() {
     let bus = Bus::default();
     let table = shipped();
     let named = |names: &[&str]| {
@@ -283,7 +277,7 @@ fn names_choose_temperatures() {
     let mut two = named(&["spindle", "bed"]).unwrap();
     assert_eq!(two.names(), ["spindle", "bed"]);
     let values = [("BED_TEMP", 21.5), ("SPINDLE_TEMP", 30.0)];
-    bus.comes(frame_of(&table, "TEMPERATURES", &values, 0));
+    bus.deliver(frame_of(&table, "TEMPERATURES", &values, 0));
     let degc: Vec<f64> = two.latest().iter().filter_map(|t| t.degc).collect();
     assert!((degc[0] - 30.0).abs() < 1e-9 && (degc[1] - 21.5).abs() < 1e-9 && degc.len() == 2);
     let message = named(&["ram"]).err().unwrap().to_string();
@@ -292,13 +286,16 @@ fn names_choose_temperatures() {
         "{message}"
     );
     let message = named(&["bed", "bed"]).err().unwrap().to_string();
-    assert!(message.contains("the sensor bed stands twice"), "{message}");
+    assert!(
+        message.contains("the sensor bed is listed twice"),
+        "{message}"
+    );
 }
 
-/// A state that never came counts in the sense that forbids, and one that came is as old as its message; one that the file
-/// does not have is not shown, and has to be accepted by whoever corrects.
+/// A state that was never received forbids correction, and a received one has the age of its message; a state missing in the
+/// file is described as not shown, and the configuration must accept that.
 #[test]
-fn a_state_that_is_not_known_forbids() {
+fn an_unknown_state_forbids_correction() {
     let bus = Bus::default();
     let table = shipped();
     let mut controller = CanController::new(bus.clone(), &config(&[AxisName::X])).unwrap();
@@ -308,12 +305,14 @@ fn a_state_that_is_not_known_forbids() {
     let mut read = |ms: u64, state: bool| {
         let counter = ms / 10;
         let xy = frame_of(&table, "POSITION_XY", &[("X_POS", 1.0)], counter);
-        bus.inside()
-            .coming
+        bus.state()
+            .incoming
             .push_back(Received::Frame(xy, at(ms + 1)));
         if state {
-            let calm = frame_of(&table, "STATE", &[("REFERENCED", 1.0)], counter);
-            bus.inside().coming.push_back(Received::Frame(calm, at(ms)));
+            let good = frame_of(&table, "STATE", &[("REFERENCED", 1.0)], counter);
+            bus.state()
+                .incoming
+                .push_back(Received::Frame(good, at(ms)));
         }
         let snapshot = controller.read(soon()).unwrap();
         assert_eq!(snapshot.taken, at(ms + 1));
@@ -324,23 +323,23 @@ fn a_state_that_is_not_known_forbids() {
         alarm: true,
         emergency_stop: true,
     };
-    let calm = ControllerState {
+    let good = ControllerState {
         referenced: true,
         alarm: false,
         emergency_stop: false,
     };
-    assert_eq!(read(10, false).0, forbids, "no state came yet");
-    assert_eq!(read(20, true), (calm, at(20)));
-    assert_eq!(read(80, false), (calm, at(20)), "the state does not come");
-    assert_eq!(read(90, true), (calm, at(90)));
-    let dumb = SHIPPED_DBC
+    assert_eq!(read(10, false).0, forbids, "no state received yet");
+    assert_eq!(read(20, true), (good, at(20)));
+    assert_eq!(read(80, false), (good, at(20)), "the state is missing");
+    assert_eq!(read(90, true), (good, at(90)));
+    let without_states = SHIPPED_DBC
         .replace("EMERGENCY_STOP", "SPARE")
         .replace(" ALARM", " OTHER");
-    let dumb = BridgeConfig {
-        table: SignalTable::parse(&dumb).unwrap(),
+    let without_states = BridgeConfig {
+        table: SignalTable::parse(&without_states).unwrap(),
         ..config(&[AxisName::X])
     };
-    let shown = dumb.describe("can://memory").unwrap().shown;
+    let shown = without_states.describe("can://memory").unwrap().shown;
     let expected = ShownStates {
         referenced: true,
         ..ShownStates::NONE
@@ -348,26 +347,26 @@ fn a_state_that_is_not_known_forbids() {
     assert_eq!(shown, expected);
 }
 
-/// After a silence the last positions, state and applied correction are told, each with the time at which its frame came:
-/// whether that is young enough is not judged here. The read is not held up by the silence.
+/// After a silence the last positions, state and applied correction are returned with the arrival times of their frames; their
+/// age is not checked here. The read does not wait for new frames.
 #[test]
-fn what_came_is_told_with_its_age() {
+fn values_keep_their_arrival_times() {
     let bus = Bus::default();
     let table = shipped();
     let mut controller = CanController::new(bus.clone(), &config(&[AxisName::X])).unwrap();
     let began = Instant::now();
     let at = |ms: u64| began + Duration::from_millis(ms);
-    let comes = |frame: Frame, ms: u64| {
+    let deliver = |frame: Frame, ms: u64| {
         let received = Received::Frame(frame, at(ms));
-        bus.inside().coming.push_back(received);
+        bus.state().incoming.push_back(received);
     };
     let applied = [("X_APPLIED", 40.0), ("REFERENCED", 1.0)];
-    comes(frame_of(&table, "STATE", &applied, 1), 5);
-    comes(frame_of(&table, "POSITION_XY", &[("X_POS", 5.0)], 1), 7);
+    deliver(frame_of(&table, "STATE", &applied, 1), 5);
+    deliver(frame_of(&table, "POSITION_XY", &[("X_POS", 5.0)], 1), 7);
     std::thread::sleep(Duration::from_millis(250));
-    let patient = Instant::now() + Duration::from_secs(600);
+    let deadline = Instant::now() + Duration::from_secs(600);
     for _ in 0..2 {
-        let snapshot = controller.read(patient).unwrap();
+        let snapshot = controller.read(deadline).unwrap();
         assert!((snapshot.positions[0] - 5.0).abs() < 1e-9);
         assert_eq!(snapshot.taken, at(7));
         assert_eq!(snapshot.uncertainty, Duration::ZERO);
@@ -376,24 +375,24 @@ fn what_came_is_told_with_its_age() {
         let others = [snapshot.state_taken, snapshot.correction_taken];
         assert_eq!((others, snapshot.youngest()), ([at(5); 2], at(7)));
     }
-    // Positions go on: what is applied is no younger for it. It was: 60 to 100 ms made a step of 28 µm and a fault.
-    comes(frame_of(&table, "POSITION_XY", &[("X_POS", 6.0)], 2), 240);
-    let snapshot = controller.read(patient).unwrap();
+    // New positions must not refresh the applied correction: 60 to 100 ms caused a step of 28 µm and a fault.
+    deliver(frame_of(&table, "POSITION_XY", &[("X_POS", 6.0)], 2), 240);
+    let snapshot = controller.read(deadline).unwrap();
     assert_eq!(
         (snapshot.taken, snapshot.correction_taken),
         (at(240), at(5))
     );
 }
 
-/// Frames that waited while nobody read are as old as they are: the position is that of the last one.
+/// Frames that waited unread keep their age, and the last position counts.
 #[test]
-fn frames_that_waited_are_old() {
+fn queued_frames_keep_their_age() {
     let bus = Bus::default();
     let table = shipped();
     let mut controller = CanController::new(bus.clone(), &config(&[AxisName::X])).unwrap();
     for counter in 0..10 {
         let x = f64::from(u32::try_from(counter).unwrap());
-        bus.comes(frame_of(&table, "POSITION_XY", &[("X_POS", x)], counter));
+        bus.deliver(frame_of(&table, "POSITION_XY", &[("X_POS", x)], counter));
     }
     let came = Instant::now();
     std::thread::sleep(Duration::from_millis(20));
@@ -411,9 +410,9 @@ fn a_late_correction_is_not_sent() {
     assert_eq!((late, bus.sent()), (Err(Fault::TimedOut), vec![]));
 }
 
-/// Units are compared again where a table does not come from a file.
+/// Units are checked again for a table that was not parsed from a file.
 #[test]
-fn units_of_any_table_are_compared() {
+fn units_of_any_table_are_checked() {
     for [signal, unit, expected] in &cases(
         "
 X_APPLIED |  | signal X_APPLIED: found no unit, expected mm or um
@@ -430,9 +429,9 @@ EMERGENCY_STOP | V | signal EMERGENCY_STOP: found the unit `V`, expected no unit
     }
 }
 
-/// One FD frame with all axes, big-endian, for who wants that.
+/// One big-endian FD frame with all axes.
 #[test]
-fn an_fd_frame_of_the_users_own() {
+fn a_custom_fd_frame() {
     let text = "VERSION \"\"\nBU_: A\n\
         BO_ 2566848769 ALL: 16 A\n SG_ X_POS : 7|32@0- (0.0001,0) [0|0] \"mm\" A\n SG_ Y_POS : 39|32@0- (0.0001,0) [0|0] \"mm\" A\n SG_ ALL_CNT : 71|4@0+ (1,0) [0|0] \"\" A\n SG_ ALL_CRC : 127|8@0+ (1,0) [0|0] \"\" A\n\n\
         BO_ 2566848770 GO: 12 A\n SG_ X_CORR : 7|16@0- (0.1,0) [0|0] \"um\" A\n SG_ Y_CORR : 23|16@0- (0.1,0) [0|0] \"um\" A\n SG_ GO_CNT : 39|4@0+ (1,0) [0|0] \"\" A\n";
@@ -453,13 +452,16 @@ fn an_fd_frame_of_the_users_own() {
         1,
     );
     assert!(frame.fd && frame.extended && frame.data().len() == 16);
-    // Highest byte first.
+    // High byte first.
     assert_eq!(frame.data()[..4], 12_345_678_i32.to_be_bytes());
-    bus.comes(frame);
+    bus.deliver(frame);
     let snapshot = controller.read(soon()).unwrap();
     assert!((snapshot.positions[0] - 1234.5678).abs() < 1e-9);
     assert!((snapshot.positions[1] + 0.0001).abs() < 1e-12);
-    assert_eq!(snapshot.applied, None, "it cannot be asked");
+    assert_eq!(
+        snapshot.applied, None,
+        "the table has no applied correction"
+    );
     controller
         .apply(&PerChannel::leading([0.0001, -0.0002]), soon())
         .unwrap();
@@ -468,4 +470,55 @@ fn an_fd_frame_of_the_users_own() {
         (sent.fd, &sent.data()[..4]),
         (true, &[0, 1, 0xff, 0xfe][..])
     );
+}
+
+/// Z was shifted by -2048 µm from the first frame, although only X and Y are corrected.
+#[test]
+fn an_uncorrected_axis_gets_zero() {
+    let (from, to) = ("Z_CORR : 24|12@1- (1,0)", "Z_CORR : 24|12@1+ (1,-2048)");
+    assert!(SHIPPED_DBC.contains(from));
+    let table = SignalTable::parse(&SHIPPED_DBC.replace(from, to)).unwrap();
+    let config = BridgeConfig {
+        table: table.clone(),
+        ..config(&[AxisName::X, AxisName::Y])
+    };
+    let bus = Bus::default();
+    let mut controller = CanController::new(bus.clone(), &config).unwrap();
+    controller.apply(&PerChannel::ZERO, soon()).unwrap();
+    let frame = *bus.sent().last().unwrap();
+    let (message, place) = table.find("Z_CORR").unwrap();
+    let found = table.messages[message].signals[place].value(frame.data());
+    assert_eq!(found.abs(), 0.0, "µm");
+}
+
+/// Frames duplicated by a bridge between two buses cleared an emergency stop and reported an old position as new.
+#[test]
+fn an_overtaken_frame_is_ignored() {
+    let table = shipped();
+    let bus = Bus::default();
+    let mut controller = CanController::new(bus.clone(), &config(&[AxisName::X])).unwrap();
+    let deliver = |counter, x, stop| {
+        let state = [("REFERENCED", 1.0), ("EMERGENCY_STOP", stop)];
+        bus.deliver(frame_of(&table, "POSITION_XY", &[("X_POS", x)], counter));
+        bus.deliver(frame_of(&table, "STATE", &state, counter));
+    };
+    deliver(5, 10.0, 0.0);
+    assert!(!controller.read(soon()).unwrap().state.emergency_stop);
+    deliver(6, 11.0, 1.0);
+    assert!(controller.read(soon()).unwrap().state.emergency_stop);
+    deliver(5, 10.0, 0.0);
+    let found = controller.read(soon()).unwrap();
+    assert!(found.state.emergency_stop);
+    assert!(
+        (found.positions[0] - 11.0).abs() < 1e-9,
+        "{}",
+        found.positions[0]
+    );
+    assert_eq!(controller.health().repeated, 2);
+    deliver(7, 12.0, 0.0);
+    assert!(!controller.read(soon()).unwrap().state.emergency_stop);
+    // After a silence the number of missed counts is unknown.
+    std::thread::sleep(Duration::from_millis(120));
+    deliver(3, 13.0, 1.0);
+    assert!(controller.read(soon()).unwrap().state.emergency_stop);
 }

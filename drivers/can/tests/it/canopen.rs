@@ -15,9 +15,9 @@ fn frame(id: u32, data: &[u8]) -> Frame {
     Frame::new(id, false, false, data).unwrap()
 }
 
-/// Frames as CiA 301 has them.
+/// Frames of CiA 301.
 #[test]
-fn telegrams_are_told_apart() {
+fn telegrams_are_decoded() {
     let sdo = |data: &[u8]| match telegram(&frame(0x585, data)) {
         Some(Telegram::Sdo { node: 5, answer }) => answer,
         other => panic!("{other:?}"),
@@ -96,17 +96,17 @@ fn telegrams_are_told_apart() {
 }
 
 #[test]
-fn objects_are_asked_one_at_a_time() {
+fn objects_are_transferred_one_at_a_time() {
     let bus = Bus::default();
     let mut client = SdoClient::new(bus.clone());
-    // Late answers to other questions, of other nodes, and other frames come first.
-    bus.comes(frame(0x586, &[0x43, 0x32, 0x61, 1, 9, 0, 0, 0]));
-    bus.comes(frame(0x585, &[0x43, 0x32, 0x61, 2, 9, 0, 0, 0]));
-    bus.comes(frame(0x185, &[1, 2]));
-    bus.comes(frame(0x585, &[0x43, 0x32, 0x61, 1, 1, 0, 0, 0]));
+    // Late answers to other requests, answers of other nodes, and other frames arrive first.
+    bus.deliver(frame(0x586, &[0x43, 0x32, 0x61, 1, 9, 0, 0, 0]));
+    bus.deliver(frame(0x585, &[0x43, 0x32, 0x61, 2, 9, 0, 0, 0]));
+    bus.deliver(frame(0x185, &[1, 2]));
+    bus.deliver(frame(0x585, &[0x43, 0x32, 0x61, 1, 1, 0, 0, 0]));
     assert_eq!(client.read(5, (0x6132, 1), soon()), Ok(1));
     assert_eq!(client.read(5, (0x6132, 1), soon()), Err(Fault::TimedOut));
-    bus.comes(frame(0x585, &[0x80, 0x32, 0x61, 1, 0, 0, 2, 6]));
+    bus.deliver(frame(0x585, &[0x80, 0x32, 0x61, 1, 0, 0, 2, 6]));
     assert_eq!(
         client.read(5, (0x6132, 1), soon()),
         Err(Fault::Refused {
@@ -114,7 +114,7 @@ fn objects_are_asked_one_at_a_time() {
             what: "an object of the node"
         })
     );
-    bus.comes(frame(0x585, &[0x60, 0x17, 0x10, 0, 0, 0, 0, 0]));
+    bus.deliver(frame(0x585, &[0x60, 0x17, 0x10, 0, 0, 0, 0, 0]));
     assert_eq!(client.write(5, (0x1017, 0), &[0xf4, 1], soon()), Ok(()));
     assert_eq!(
         client.write(5, (0x1017, 0), &[], soon()),
@@ -143,7 +143,7 @@ fn pdo(bed: i16, column: f32, status: [u8; 2]) -> Frame {
 }
 
 #[test]
-fn a_node_is_started_supervised_and_read() {
+fn a_node_is_started_monitored_and_read() {
     let bus = Bus::default();
     let quick = Duration::from_millis(150);
     let mut thermometer = CanopenThermometer::new(bus.clone(), channels(), quick).unwrap();
@@ -154,7 +154,7 @@ fn a_node_is_started_supervised_and_read() {
     assert_eq!(bus.sent(), [frame(0, &[1, 5])], "it is started");
     let mut seen = |frames: &[Frame]| {
         for frame in frames {
-            bus.comes(*frame);
+            bus.deliver(*frame);
         }
         thermometer.latest().to_vec()
     };
@@ -169,7 +169,7 @@ fn a_node_is_started_supervised_and_read() {
     let latest = seen(&[pdo(215, 21.5, [1, 0])]);
     assert_eq!(latest[0].quality, Quality::Bad(Reason::Reported));
     assert_eq!(latest[1].degc, Some(21.5));
-    // Too short for both.
+    // Too short for both channels.
     let latest = seen(&[frame(0x185, &[1])]);
     assert!(latest.iter().all(|t| t.degc.is_none()));
     let emergency = frame(0x085, &[0x10, 0x50, 0, 0, 0, 0, 0, 0]);
@@ -180,7 +180,7 @@ fn a_node_is_started_supervised_and_read() {
         seen(&[pdo(215, 21.5, [0, 0]), gone])[1].quality,
         Quality::Good
     );
-    // It was switched off and on: it waits to be started.
+    // After a power cycle it must be started again.
     let latest = seen(&[frame(0x705, &[0x7f])]);
     assert_eq!(latest[1].quality, Quality::Bad(Reason::NotRead));
     assert_eq!(
@@ -196,7 +196,7 @@ fn a_node_is_started_supervised_and_read() {
 }
 
 #[test]
-fn channels_that_make_no_sense_are_named() {
+fn invalid_channels_are_rejected() {
     let quick = Duration::from_millis(150);
     let message = |change: fn(&mut Vec<Channel>)| {
         let mut channels = channels();
@@ -207,25 +207,25 @@ fn channels_that_make_no_sense_are_named() {
     assert!(message(Vec::clear).contains("no channel is named"));
     assert!(message(|c| c[1].at = 5).contains("column: node 5, process data 1, byte 5"));
     assert!(message(|c| c[0].node = 128).contains("nodes 1 to 127"));
-    assert!(message(|c| c[1].name = "bed".to_owned()).contains("the sensor bed stands twice"));
+    assert!(message(|c| c[1].name = "bed".to_owned()).contains("the sensor bed is listed twice"));
 }
 
 #[test]
 fn lines_of_a_node() {
     let bus = Bus::default();
-    // Far apart, so that a machine with other work does not mix them up.
+    // Long intervals, so that a loaded computer does not mix them up.
     let (quick, patient) = (Duration::from_millis(20), Duration::from_secs(60));
     let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, patient).unwrap();
     assert_eq!(port.read(soon()), Err(Fault::NotConnected));
     assert_eq!(bus.sent(), [frame(0, &[1, 9])]);
-    bus.comes(frame(0x709, &[5]));
-    bus.comes(frame(0x189, &[0x34, 0xff]));
+    bus.deliver(frame(0x709, &[5]));
+    bus.deliver(frame(0x189, &[0x34, 0xff]));
     let came = Instant::now();
     let found = port.read(soon()).unwrap();
     assert_eq!(found.levels, 0x7f34, "fifteen lines");
     assert!(
         found.taken <= came,
-        "the time is that of the frame, not of the call"
+        "the time of the frame, not of the call"
     );
     assert_eq!(port.confirmed(), None);
     port.write(0x1a5, soon()).unwrap();
@@ -236,26 +236,26 @@ fn lines_of_a_node() {
         "too late"
     );
     assert_eq!((bus.sent(), port.confirmed()), (vec![], Some(0x1a5)));
-    bus.comes(frame(0x709, &[4]));
+    bus.deliver(frame(0x709, &[4]));
     assert!(
         matches!(port.read(soon()), Err(Fault::Protocol(_))),
-        "it was stopped"
+        "stopped"
     );
-    bus.inside().down = true;
+    bus.state().down = true;
     assert_eq!(port.read(Instant::now()), Err(Fault::Disconnected));
     for (heartbeat, expected) in [(patient, Ok(0x34)), (quick, Err(Fault::NotConnected))] {
         let bus = Bus::default();
         let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, heartbeat).unwrap();
         let before = Instant::now();
-        bus.comes(frame(0x709, &[5]));
-        bus.comes(frame(0x189, &[0x34, 0]));
+        bus.deliver(frame(0x709, &[5]));
+        bus.deliver(frame(0x189, &[0x34, 0]));
         let came = Instant::now();
-        // Heard now; what the answer is depends on how long this takes.
+        // The heartbeat is fresh; the result depends on the time since then.
         let _ = port.read(soon());
         std::thread::sleep(3 * quick);
         let found = port.read(soon());
         assert_eq!(found.map(|found| found.levels), expected);
-        // Of a node that runs the lines stay what they were, and are as old as that.
+        // The lines of a running node keep their levels and time.
         let age = |found: InputLevels| (before..=came).contains(&found.taken);
         assert!(found.is_ok_and(age) || expected.is_err());
     }

@@ -1,4 +1,4 @@
-//! The contracts of thermometers and digital ports, with nodes that send by themselves.
+//! The contracts of thermometers and digital ports, with nodes that send periodically.
 
 use std::{
     sync::{
@@ -32,7 +32,7 @@ impl Sender {
                     return;
                 }
                 for frame in frames(round) {
-                    bus.comes(frame);
+                    bus.deliver(frame);
                 }
                 std::thread::sleep(Duration::from_millis(2));
             }
@@ -55,7 +55,7 @@ fn frame(id: u32, data: &[u8]) -> Frame {
 }
 
 #[test]
-fn temperatures_of_frames() {
+fn thermometer_contract_of_plain_frames() {
     let bus = Bus::default();
     let values = [
         ("BED_TEMP", 21.0),
@@ -72,7 +72,7 @@ fn temperatures_of_frames() {
 }
 
 #[test]
-fn temperatures_and_lines_of_canopen_nodes() {
+fn thermometer_and_line_contracts_of_canopen_nodes() {
     let bus = Bus::default();
     let _sender = Sender::start(&bus, |_| {
         vec![frame(0x705, &[5]), frame(0x185, &[215, 0, 0x34, 0x12])]
@@ -89,7 +89,7 @@ fn temperatures_and_lines_of_canopen_nodes() {
     contract::thermometer(&mut thermometer);
     drop(thermometer);
     let mut port = CanopenDigital::new(bus, 5, 32, 16, LONG).unwrap();
-    // The node has been heard before it is asked.
+    // Wait for the node's first heartbeat.
     while volcomp_port::DigitalIo::read(&mut port, crate::soon()).is_err() {}
     contract::digital_io(&mut port, false);
 }

@@ -1,4 +1,4 @@
-//! Signals against cantools, the bridge and the CANopen consumer on a bus in memory.
+//! Signals against cantools; the bridge and the CANopen consumer on a bus in memory.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -6,11 +6,8 @@ mod barrier;
 mod bridge;
 mod canopen;
 mod contracts;
-mod fuzz_corpus;
-mod meant;
 mod peer;
 mod reference;
-mod serialised;
 mod signals;
 
 use std::{
@@ -19,37 +16,38 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_can::{CanPort, Frame, Received, SHIPPED_DBC, SignalTable};
+use volcomp_can::{BridgeConfig, CanPort, Frame, Received, SHIPPED_DBC, SignalTable};
 use volcomp_port::Fault;
+use volcomp_vocabulary::AxisName;
 
-/// Allocating or freeing where a cycle calls ends the test.
+/// Aborts the test if a cycle allocates or frees memory.
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
-/// A bus in memory: what will be received, what was sent, and whether it is there.
+/// A bus in memory: incoming frames, sent frames, and whether the interface is down.
 #[derive(Clone, Default)]
-pub(crate) struct Bus(Arc<Mutex<Inside>>);
+pub(crate) struct Bus(Arc<Mutex<BusState>>);
 
 #[derive(Default)]
-pub(crate) struct Inside {
-    pub(crate) coming: VecDeque<Received>,
+pub(crate) struct BusState {
+    pub(crate) incoming: VecDeque<Received>,
     pub(crate) sent: Vec<Frame>,
     pub(crate) down: bool,
 }
 
 impl Bus {
-    pub(crate) fn inside(&self) -> std::sync::MutexGuard<'_, Inside> {
+    pub(crate) fn state(&self) -> std::sync::MutexGuard<'_, BusState> {
         self.0.lock().unwrap()
     }
 
-    pub(crate) fn comes(&self, frame: Frame) {
-        self.inside()
-            .coming
+    pub(crate) fn deliver(&self, frame: Frame) {
+        self.state()
+            .incoming
             .push_back(Received::Frame(frame, Instant::now()));
     }
 
     pub(crate) fn sent(&self) -> Vec<Frame> {
-        std::mem::take(&mut self.inside().sent)
+        std::mem::take(&mut self.state().sent)
     }
 }
 
@@ -60,14 +58,14 @@ impl CanPort for Bus {
 
     fn receive(&mut self, deadline: Instant) -> Result<Option<Received>, Fault> {
         loop {
-            let mut inside = self.inside();
-            if inside.down {
+            let mut state = self.state();
+            if state.down {
                 return Err(Fault::Disconnected);
             }
-            if let Some(next) = inside.coming.pop_front() {
+            if let Some(next) = state.incoming.pop_front() {
                 return Ok(Some(next));
             }
-            drop(inside);
+            drop(state);
             if Instant::now() >= deadline {
                 return Ok(None);
             }
@@ -76,17 +74,27 @@ impl CanPort for Bus {
     }
 
     fn send(&mut self, frame: &Frame, _: Instant) -> Result<(), Fault> {
-        let mut inside = self.inside();
-        if inside.down {
+        let mut state = self.state();
+        if state.down {
             return Err(Fault::Disconnected);
         }
-        inside.sent.push(*frame);
+        state.sent.push(*frame);
         Ok(())
     }
 }
 
 pub(crate) fn shipped() -> SignalTable {
     SignalTable::parse(SHIPPED_DBC).unwrap()
+}
+
+pub(crate) fn config(dbc: &str, axes: &[AxisName]) -> BridgeConfig {
+    BridgeConfig {
+        table: SignalTable::parse(dbc).unwrap(),
+        channel: "bridge".to_owned(),
+        axes: axes.to_vec(),
+        reads: Vec::new(),
+        includes_correction: false,
+    }
 }
 
 pub(crate) fn soon() -> Instant {

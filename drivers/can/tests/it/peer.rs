@@ -1,16 +1,16 @@
-//! PyPI's cantools reads the same DBC file and must find the same numbers in the same frames.
+//! cantools (PyPI) must decode the same values from the same DBC file and frames.
 
 use std::{fmt::Write, process::Command};
 
 use volcomp_can::{BARRIER_DBC, SHIPPED_DBC, SignalTable};
 
-/// Signals in both byte orders, at odd places, classic and FD.
+/// Signals in both byte orders at unaligned positions, classic and FD.
 const ODD: &str = "VERSION \"\"\n\nBU_: A\n\n\
     BO_ 100 ODD: 8 A\n SG_ A : 3|13@1- (0.25,-7) [0|0] \"\" A\n SG_ B : 20|5@0+ (1,0) [0|0] \"\" A\n SG_ C : 37|17@0- (0.001,3) [0|0] \"\" A\n SG_ D : 60|3@1+ (2,0) [0|0] \"\" A\n\n\
     BO_ 2147484748 LONG: 24 A\n SG_ E : 7|64@0- (1,0) [0|0] \"\" A\n SG_ F : 64|64@1+ (1,0) [0|0] \"\" A\n SG_ G : 133|31@0- (1e-3,0) [0|0] \"\" A\n";
 
 #[test]
-fn cantools_finds_the_same_numbers() {
+fn cantools_decodes_the_same_values() {
     let Some(python) = volcomp_test_support::peers::python() else {
         return;
     };

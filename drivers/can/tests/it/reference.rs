@@ -1,9 +1,8 @@
-//! The words of the shipped file against the reference of the barrier: a control that scans, a gateway that answers, and a
-//! bus that loses messages.
+//! The words of the shipped file against the reference barrier: a scanning control, a gateway, and a bus that loses messages.
 
 use std::time::{Duration, Instant};
 
-use volcomp_can::{BARRIER_DBC, BridgeConfig, CanController, SignalTable};
+use volcomp_can::{BARRIER_DBC, CanController, SignalTable};
 use volcomp_guard::{
     barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Report, Settings},
     protocol::{Counts, Layout, Refusal, ReportStatus, Session},
@@ -11,25 +10,26 @@ use volcomp_guard::{
 use volcomp_port::{Controller, Words};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-use crate::{Bus, barrier::report_of, frame_of, soon};
+use crate::{Bus, barrier::report_of, config, frame_of, soon};
 
+const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 const MACHINE: u16 = 4711;
 const RATE: i16 = 3;
 
 fn layout() -> Layout {
-    Layout::of([AxisName::X, AxisName::Y, AxisName::Z]).unwrap()
+    Layout::of(AXES).unwrap()
 }
 
-/// A control on the bus: its mailbox, its barrier, and the reports that it has published.
+/// A control on the bus: its mailbox, its barrier and its published reports.
 struct Control {
     table: SignalTable,
     bus: Bus,
     barrier: Barrier,
     settings: Settings,
     mailbox: [u16; 9],
-    /// The counters of the three messages of a frame that came last.
+    /// The last received counters of the three messages of a frame.
     counters: [Option<u64>; 3],
-    /// What lay in the mailbox when all three had come with the same counter.
+    /// Content of the mailbox when all three counters were last equal.
     copied: [u16; 9],
     published: Vec<Report>,
     counter: u64,
@@ -59,7 +59,7 @@ impl Control {
         }
     }
 
-    /// Takes the messages that came, scans once, and sends positions and report, without those that are lost.
+    /// Receives messages, runs one scan, and sends positions and report, except for lost messages.
     fn scan(&mut self, mut is_lost: impl FnMut() -> bool) {
         for frame in self.bus.sent() {
             if is_lost() {
@@ -98,18 +98,18 @@ impl Control {
         frames.extend(report_of(&self.table, &words[..count], counter));
         for frame in frames {
             if !is_lost() {
-                self.bus.comes(frame);
+                self.bus.deliver(frame);
             }
         }
     }
 }
 
-/// What is only sent waits for nothing but a processor.
+/// Deadline of a write, which waits only for the processor.
 fn late() -> Instant {
     Instant::now() + Duration::from_secs(5)
 }
 
-/// A gateway that reads, and answers a new whole report with these counts.
+/// A gateway that answers each new complete report with a frame.
 struct Gateway {
     controller: CanController<Bus>,
     session: Session,
@@ -118,13 +118,7 @@ struct Gateway {
 
 impl Gateway {
     fn new(bus: &Bus) -> Self {
-        let config = BridgeConfig {
-            table: SignalTable::parse(BARRIER_DBC).unwrap(),
-            channel: "bridge".to_owned(),
-            axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
-            reads: Vec::new(),
-            includes_correction: false,
-        };
+        let config = config(BARRIER_DBC, &AXES);
         Self {
             controller: CanController::new(bus.clone(), &config).unwrap(),
             session: Session::new(0x5a5a),
@@ -132,7 +126,7 @@ impl Gateway {
         }
     }
 
-    /// What the last whole report says, when it was new.
+    /// Answers the last complete report with these counts and returns it, if it was new.
     fn answers(&mut self, settings: &Settings, values: [i16; 3]) -> Option<Report> {
         let snapshot = self.controller.read(soon()).ok()?;
         let report = Report::decode(MACHINE, layout(), snapshot.report?.as_slice())?;
@@ -150,30 +144,30 @@ impl Gateway {
 }
 
 #[test]
-fn frames_land_and_a_silent_gateway_ends_at_zero() {
+fn frames_arrive_and_silence_ramps_to_zero() {
     let bus = Bus::default();
     let (mut control, mut gateway) = (Control::new(&bus), Gateway::new(&bus));
     let wanted = [40, -150, 7];
     for _ in 0..80 {
         control.scan(|| false);
-        let told = gateway.answers(&control.settings, wanted).unwrap();
-        assert_eq!(Some(&told), control.published.last());
+        let accepted = gateway.answers(&control.settings, wanted).unwrap();
+        assert_eq!(Some(&accepted), control.published.last());
     }
     let report = control.barrier.report();
     assert_eq!(report.applied[..3], wanted);
     assert_eq!((report.refusal, report.owner), (Refusal::None, 0x5a5a));
     assert!(gateway.landed >= 78, "{}", gateway.landed);
-    // Nobody answers any more: after the time-out and 150/3 steps all axes are at zero.
+    // Without answers all axes are at zero after the timeout and 150/3 steps.
     for _ in 0..63 {
         control.scan(|| false);
     }
     assert_eq!(control.barrier.report().applied, Counts::default());
 }
 
-/// Messages are lost at random, so frames and reports are torn: no report is believed that the control did not publish, and
-/// the axes stay within rate and limit. The checksum in the words alone, without the counters of the messages, lets some pass.
+/// Random message loss tears frames and reports: no report is accepted that the control did not publish, and the axes stay
+/// within rate and limit. The checksum of the words alone, without message counters, would accept some.
 #[test]
-fn torn_words_are_believed_by_nobody() {
+fn torn_words_are_rejected() {
     for (percent, kept) in [(1, 0.99), (10, 0.9), (40, 0.6)] {
         let bus = Bus::default();
         let (mut control, mut gateway) = (Control::new(&bus), Gateway::new(&bus));
@@ -184,7 +178,7 @@ fn torn_words_are_believed_by_nobody() {
             seed ^= seed << 17;
             seed >> 33
         };
-        let mut told = 0;
+        let mut accepted = 0;
         for round in 0..3000_i16 {
             control.scan(|| random() % 100 < percent);
             let away = if round / 100 % 2 == 0 { 100 } else { -100 };
@@ -192,16 +186,16 @@ fn torn_words_are_believed_by_nobody() {
             if let Some(report) = gateway.answers(&control.settings, values) {
                 assert!(
                     control.published.contains(&report),
-                    "it was never published"
+                    "this report was never published"
                 );
-                told += 1;
+                accepted += 1;
             }
         }
-        // All seven messages of a report have come in (1 − p)⁷ of all scans; a third less is asked for.
+        // All seven messages of a report arrive in (1 − p)⁷ of all scans; a third less is required.
         let least = 0.67 * 3000.0 * f64::powi(kept, 7);
         assert!(
-            f64::from(told) >= least,
-            "{told} at {percent} % lost, expected {least}"
+            f64::from(accepted) >= least,
+            "{accepted} at {percent} % lost, expected {least}"
         );
         assert!(percent > 10 || gateway.landed > 300, "{}", gateway.landed);
     }

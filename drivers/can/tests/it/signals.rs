@@ -1,10 +1,14 @@
+//! DBC files and the signals in the data of frames.
+
+use std::path::{Path, PathBuf};
+
 use proptest::prelude::*;
-use volcomp_can::{Frame, SignalTable};
+use volcomp_can::{Frame, SHIPPED_DBC, SignalTable, canopen::telegram};
 
 use crate::{frame_of, shipped};
 
 #[test]
-fn the_shipped_file_is_read() {
+fn the_shipped_file_is_complete() {
     let table = shipped();
     assert_eq!(table.messages.len(), 5);
     for axis in ["X", "Y", "Z", "C"] {
@@ -26,13 +30,13 @@ fn the_shipped_file_is_read() {
     }
 }
 
-/// CRC-8 SAE J1850 of "123456789" is 4b: here the identifier makes four bytes of it.
+/// CRC-8 SAE J1850 of "123456789" is 4b; here the identifier provides the first four bytes.
 #[test]
-fn the_checksum_is_the_published_one() {
+fn the_checksum_matches_the_published_value() {
     let dbc =
         "VERSION \"\"\nBU_: A\nBO_ 2200023220 M: 6 A\n SG_ M_CRC : 40|8@1+ (1,0) [0|0] \"\" A\n";
     let table = SignalTable::parse(dbc).unwrap();
-    // 31 32 33 34 as a 29-bit identifier is beyond them; so a shorter one, computed bit by bit.
+    // 31 32 33 34 exceeds 29 bits, so a shorter identifier is used and the CRC computed bit by bit.
     let crc = |bytes: &[u8]| {
         let mut crc = 0xff_u8;
         for byte in bytes {
@@ -63,7 +67,7 @@ fn the_checksum_is_the_published_one() {
 }
 
 #[test]
-fn what_cannot_be_used_is_named() {
+fn invalid_files_are_rejected() {
     let message = |lines: &str| {
         let text = format!("VERSION \"\"\nBU_: A\n{lines}\n");
         SignalTable::parse(&text).unwrap_err().to_string()
@@ -86,16 +90,16 @@ fn what_cannot_be_used_is_named() {
     }
     assert!(
         message("BO_ 1 M: 9 A\n SG_ S : 0|8@1+ (1,0) [0|0] \"\" A")
-            .contains("a length that frames have")
+            .contains("a valid identifier and length of a frame")
     );
     let twice = "BO_ 1 M: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] \"\" A\n\nBO_ 1 N: 8 A\n SG_ T : 0|8@1+ (1,0) [0|0] \"\" A";
     assert!(message(twice).contains("DBC:6: N: found the identifier or name of M"));
     assert!(message("BO_ nonsense").starts_with("DBC: "));
 }
 
-/// Data of another length than the message's have no numbers, in either byte order.
+/// Data shorter than the message decode as zeros in either byte order.
 #[test]
-fn data_that_are_too_short_are_zeros() {
+fn short_data_decode_as_zeros() {
     for order in [0, 1] {
         let text = format!(
             "VERSION \"\"\nBU_: A\nBO_ 1 M: 8 A\n SG_ S : 7|24@{order}+ (1,0) [0|0] \"\" A\n"
@@ -112,7 +116,7 @@ fn data_that_are_too_short_are_zeros() {
 }
 
 #[test]
-fn values_are_held_within_their_bits() {
+fn values_saturate_at_their_bits() {
     let table = shipped();
     let (message, place) = table.find("X_CORR").unwrap();
     let signal = &table.messages[message].signals[place];
@@ -127,13 +131,13 @@ fn values_are_held_within_their_bits() {
         assert_eq!(signal.put(&mut data, wanted), within, "{wanted}");
         assert_eq!(signal.value(&data), found);
     }
-    assert_eq!(data[2..], [0xff; 6], "the other bits are as they were");
+    assert_eq!(data[2..], [0xff; 6], "the other bits are unchanged");
 }
 
 proptest! {
-    /// Any signal at any place in both orders: the bits come back, and no other is touched.
+    /// Any signal at any position in both orders: its bits round-trip, and no others change.
     #[test]
-    fn bits_come_back(
+    fn bits_round_trip(
         start in 0_u64..64, bits in 1_u64..=64, little: bool, signed: bool, raw: u64, background: u64,
     ) {
         let order = u8::from(little);
@@ -154,7 +158,7 @@ proptest! {
     }
 
     #[test]
-    fn no_text_and_no_frame_makes_a_panic(
+    fn arbitrary_text_and_frames_do_not_panic(
         text in "(BO_ [0-9]{1,5} [A-Z]{1,3}: [0-9]{1,2} A\n SG_ [A-Z]{1,2} : [0-9]{1,3}\\|[0-9]{1,2}@[01][+-] \\([0-9.-]{1,3},[0-9]\\) \\[0\\|0\\] \"\" A\n){0,3}",
         id in 0_u32..0x900, data in proptest::collection::vec(any::<u8>(), 0..70), fd: bool,
     ) {
@@ -173,7 +177,7 @@ proptest! {
     }
 
     #[test]
-    fn positions_come_back(x in -8388.6..8388.6_f64, y in -8388.6..8388.6_f64, counter in 0_u64..16) {
+    fn positions_round_trip(x in -8388.6..8388.6_f64, y in -8388.6..8388.6_f64, counter in 0_u64..16) {
         let table = shipped();
         let frame = frame_of(&table, "POSITION_XY", &[("X_POS", x), ("Y_POS", y)], counter);
         let message = &table.messages[table.message_of(&frame).unwrap()];
@@ -184,13 +188,12 @@ proptest! {
     }
 }
 
-/// A unit that is missing, or that the axis of the signal does not have, is refused when the table is read, with file,
-/// line and signal: µm without their unit would be read as mm.
+/// A missing or wrong unit is rejected with file, line and signal: without it µm would be read as mm.
 #[test]
-fn units_are_those_of_the_quantity() {
+fn units_must_match_the_quantity() {
     let refused = |from: &str, to: &str| {
-        let text = volcomp_can::SHIPPED_DBC.replacen(from, to, 1);
-        assert_ne!(text, volcomp_can::SHIPPED_DBC, "{from}");
+        let text = SHIPPED_DBC.replacen(from, to, 1);
+        assert_ne!(text, SHIPPED_DBC, "{from}");
         let refused = SignalTable::parse_file("bridge.dbc", &text).unwrap_err();
         assert!(matches!(refused, volcomp_can::DbcError::Entry { .. }));
         refused.to_string()
@@ -229,10 +232,10 @@ fn units_are_those_of_the_quantity() {
     ] {
         assert_eq!(refused(from, to), expected);
     }
-    let bools = volcomp_can::SHIPPED_DBC.replace("[0|1] \"\"", "[0|1] \"bool\"");
+    let bools = SHIPPED_DBC.replace("[0|1] \"\"", "[0|1] \"bool\"");
     assert!(SignalTable::parse(&bools).unwrap().find("ALARM").is_some());
-    // A position in µm is a thousandth of that in mm.
-    let text = volcomp_can::SHIPPED_DBC.replacen("\"mm\"", "\"µm\"", 1);
+    // The same number in µm is a thousandth of that in mm.
+    let text = SHIPPED_DBC.replacen("\"mm\"", "\"µm\"", 1);
     let table = SignalTable::parse(&text).unwrap();
     let (message, place) = table.find("X_POS").unwrap();
     let signal = &table.messages[message].signals[place];
@@ -243,10 +246,10 @@ fn units_are_those_of_the_quantity() {
     assert!((at.mm_or_rad() - 0.0025).abs() < 1e-12, "{at}");
 }
 
-/// What a signal can say with either sign: of two's complement one step less than half its range, of a number without a
-/// sign nothing.
+/// Largest value representable with either sign: in two's complement one step less than half the range, 0 for an unsigned
+/// number.
 #[test]
-fn the_largest_value_of_both_signs() {
+fn the_largest_value_with_either_sign() {
     let largest = |size: u32, sign: char, scale: &str| {
         let dbc = format!(
             "VERSION \"\"\nBU_: A\nBO_ 256 M: 8 A\n SG_ S : 0|{size}@1{sign} {scale} [0|0] \"\" A\n"
@@ -257,8 +260,93 @@ fn the_largest_value_of_both_signs() {
     near(largest(12, '-', "(1,0)"), 2047.0);
     near(largest(8, '-', "(-0.5,0)"), 63.5);
     near(largest(8, '+', "(1,0)"), 0.0);
-    // An offset makes both signs of a number without one.
+    // An offset gives an unsigned number both signs.
     near(largest(8, '+', "(1,-100)"), 100.0);
     near(largest(8, '+', "(1,-200)"), 55.0);
     near(largest(1, '-', "(1,0)"), 0.0);
+}
+
+fn refused(from: &str, to: &str) -> String {
+    assert!(SHIPPED_DBC.contains(from), "{from}");
+    let error = SignalTable::parse(&SHIPPED_DBC.replace(from, to)).unwrap_err();
+    error.to_string()
+}
+
+/// The control decoded 532 µm for X instead of 20 µm, and X jumped with each frame when its bits included the counter.
+#[test]
+fn signals_must_not_share_bits() {
+    let text = refused("Y_CORR : 12|12", "Y_CORR : 8|12");
+    assert!(
+        text.contains("bits shared with Y_CORR, expected separate bits"),
+        "{text}"
+    );
+    let text = refused("CORRECTION_CNT : 48|4", "CORRECTION_CNT : 0|4");
+    assert!(text.contains("bits shared with CORRECTION_CNT"), "{text}");
+}
+
+/// 300.0 mm was decoded as 1133903872 mm.
+#[test]
+fn floating_point_signals_are_rejected() {
+    let dbc = format!("{SHIPPED_DBC}\nSIG_VALTYPE_ 256 X_POS : 1;\n");
+    let error = SignalTable::parse(&dbc).unwrap_err().to_string();
+    assert!(
+        error.contains("X_POS: found a floating-point number"),
+        "{error}"
+    );
+    let dbc = format!("{SHIPPED_DBC}\nSIG_VALTYPE_ 256 X_POS : 0;\n");
+    assert!(SignalTable::parse(&dbc).is_ok());
+}
+
+/// With all bits 0 the control counted as referenced.
+#[test]
+fn a_state_must_be_off_with_bits_zero() {
+    let text = refused("REFERENCED : 52|1@1+ (1,0)", "REFERENCED : 52|1@1+ (1,1)");
+    assert!(text.contains("found the offset 1, expected 0"), "{text}");
+}
+
+fn corpus(target: &str) -> Vec<(String, Vec<u8>)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus");
+    let entries = std::fs::read_dir(folder.join(target)).unwrap();
+    let paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    assert!(paths.len() >= 3, "{target}");
+    let name = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
+    paths
+        .iter()
+        .map(|path| (name(path), std::fs::read(path).unwrap()))
+        .collect()
+}
+
+#[test]
+fn corpus_files_parse_or_are_rejected() {
+    for (name, bytes) in corpus("dbc") {
+        let read = SignalTable::parse(&String::from_utf8_lossy(&bytes));
+        assert!(
+            read.is_ok() || !name.starts_with("valid-"),
+            "{name}: {read:?}"
+        );
+        assert!(read.is_err() || !name.starts_with("broken-"), "{name}");
+    }
+}
+
+/// Identifier, two flags and the data, as split by the fuzz target.
+#[test]
+fn corpus_frames_are_decoded() {
+    let table = shipped();
+    let mut understood = 0;
+    for (name, bytes) in corpus("can") {
+        let (Some(id), Some(data)) = (bytes.first_chunk::<4>(), bytes.get(6..)) else {
+            continue;
+        };
+        let frame = Frame::new(
+            u32::from_le_bytes(*id),
+            bytes[4] & 1 == 1,
+            bytes[5] & 1 == 1,
+            data,
+        );
+        let Some(frame) = frame else { continue };
+        let known = telegram(&frame).is_some() || table.message_of(&frame).is_some();
+        understood += u32::from(known);
+        assert!(known || name.len() == 40, "{name}");
+    }
+    assert!(understood >= 3);
 }

@@ -1,4 +1,4 @@
-//! URLs, and a probe of a simulated control.
+//! Device URLs, and probes of simulated devices.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -23,7 +23,7 @@ fn message(url: &str) -> String {
 }
 
 #[test]
-fn urls_are_taken_apart() {
+fn urls_are_parsed() {
     let address =
         Address::parse("gpio://?position=panel-out:0-14&correction=panel-in:0-7").unwrap();
     assert_eq!(address.scheme, "gpio");
@@ -40,7 +40,7 @@ fn urls_are_taken_apart() {
 }
 
 #[test]
-fn wrong_urls_say_what_is_expected() {
+fn invalid_urls_name_the_expected_value() {
     for (url, expected) in [
         ("nonsense", "nonsense: this is no device URL"),
         ("opc://x", "found the scheme `opc`; expected focas://HOST"),
@@ -57,7 +57,7 @@ fn wrong_urls_say_what_is_expected() {
             "opc.tcp://h?user=anna",
             "found the key `user`; expected no keys",
         ),
-        ("modbus://h?unit=1&unit=2", "the key `unit` stands twice"),
+        ("modbus://h?unit=1&unit=2", "the key `unit` is listed twice"),
         (
             "modbus://h",
             "no profile is named; expected profile=NAME, one of: PTA8C04",
@@ -113,9 +113,9 @@ fn wrong_urls_say_what_is_expected() {
     );
 }
 
-/// The table of the book names every key that a URL may have.
+/// The table in the book lists every key of every URL scheme.
 #[test]
-fn the_book_names_every_key_of_a_url() {
+fn the_book_lists_every_key_of_a_url() {
     let book = volcomp_test_support::root().join("docs/src/commands.md");
     let book = std::fs::read_to_string(book).unwrap();
     let (_, table) = book.split_once("\n## Device URLs\n").unwrap();
@@ -176,7 +176,7 @@ fn a_control_is_probed() {
     assert!(control.round_trip_p50_us <= control.round_trip_max_us);
 }
 
-/// A profile from disk is used like a shipped one; what is wrong in it is told with file, line and key.
+/// A profile file is used like a shipped one; its errors are reported with file, line and key.
 #[test]
 fn a_profile_may_be_a_file() {
     let shipped = concat!(
@@ -219,7 +219,7 @@ fn a_profile_may_be_a_file() {
     );
 }
 
-/// Callers decide by the kind of an error, not by its words: what was stated wrongly, against what does not work.
+/// Callers distinguish wrong input from failures by the kind of an error, not by its text.
 #[test]
 fn errors_have_kinds() {
     let probed = |url: &str| {
@@ -253,9 +253,9 @@ fn errors_have_kinds() {
     }
 }
 
-/// A module that has no function to tell its outputs says so, and so does the probe.
+/// The probe reports a module that cannot read back its outputs.
 #[test]
-fn a_module_that_does_not_tell_its_outputs_is_named() {
+fn a_module_without_read_back_is_reported() {
     use std::io::{Read, Write};
     for tells in [true, false] {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -283,9 +283,9 @@ fn a_module_that_does_not_tell_its_outputs_is_named() {
     }
 }
 
-/// Nothing is taken by listing, and a computer without any device gives empty lists.
+/// Listing opens no device, and without devices the lists are empty.
 #[test]
-fn what_there_is_can_be_listed() {
+fn local_devices_are_listed() {
     let found = volcomp_devices::list();
     assert_eq!(found, volcomp_devices::list());
     assert!(

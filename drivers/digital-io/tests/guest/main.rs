@@ -19,7 +19,7 @@ use volcomp_vocabulary::{AxisName, PerChannel};
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
-/// There is one panel, so one test at a time.
+/// Locks the only panel for one test.
 fn panel() -> MutexGuard<'static, ()> {
     static PANEL: Mutex<()> = Mutex::new(());
     PANEL.lock().unwrap_or_else(PoisonError::into_inner)
@@ -29,7 +29,7 @@ fn soon() -> Instant {
     Instant::now() + Duration::from_secs(2)
 }
 
-/// The control's side of a chip: where the simulator is told levels and tells them.
+/// The control's side of a chip: the simulator's files for setting and reading levels.
 fn bank(label: &str) -> PathBuf {
     let labelled = |chip: &PathBuf| {
         let info = gpiocdev::Chip::from_path(chip).and_then(|chip| chip.info());
@@ -62,7 +62,7 @@ fn control_shows(levels: u64) {
     }
 }
 
-/// What stands on the control's inputs.
+/// Levels of the control's inputs.
 fn control_sees() -> u64 {
     let level = |line: u32| {
         let text = fs::read_to_string(simulated("panel-in", line).join("value")).unwrap();
@@ -80,7 +80,7 @@ fn port() -> GpioPort {
 }
 
 #[test]
-fn every_line_is_where_it_belongs() {
+fn every_line_is_in_its_place() {
     let _panel = panel();
     let mut port = port();
     assert_eq!((port.inputs(), port.outputs()), (15, 8));
@@ -98,14 +98,14 @@ fn every_line_is_where_it_belongs() {
     }
 }
 
-/// Opening drives nothing to another level, and what is known to be sent are those levels.
+/// Opening keeps the levels of the outputs, which count as confirmed.
 #[test]
 fn opening_changes_no_line() {
     let _panel = panel();
     for levels in [0xa5, 0x5a, 0xff, 0] {
         let mut first = port();
         first.write(levels, soon()).unwrap();
-        // The kernel may let lines go when they are closed; the simulator's pulls stand for the control's side.
+        // The kernel may release closed lines; the simulator's pulls represent the control's side.
         drop(first);
         for line in 0..8 {
             let level = if levels >> line & 1 == 1 {
@@ -121,9 +121,9 @@ fn opening_changes_no_line() {
     }
 }
 
-/// Reading and writing need no memory.
+/// Reading and writing do not allocate.
 #[test]
-fn a_cycle_allocates_nothing() {
+fn cycles_do_not_allocate() {
     let _panel = panel();
     let mut port = port();
     assert_no_alloc::assert_no_alloc(|| {
@@ -135,7 +135,7 @@ fn a_cycle_allocates_nothing() {
     assert_eq!(port.confirmed(), Some(255));
 }
 
-/// The axis goes through its kilometre of a metre, the correction follows.
+/// The correction follows an axis along its whole travel.
 #[test]
 fn a_ramp_of_positions_is_corrected() {
     let _panel = panel();
@@ -160,29 +160,29 @@ fn a_ramp_of_positions_is_corrected() {
             control_shows(wiring.control_outputs(axis.position.encode(place).unwrap(), 0, true));
             let found = controller.read(soon()).unwrap().positions[0];
             assert!((found - place).abs() <= 1.0 / 64.0, "{found} at {place}");
-            let mut wanted = PerChannel::ZERO;
-            wanted[0] = 0.1 * (place / 100.0).sin();
-            controller.apply(&wanted, soon()).unwrap();
+            let mut requested = PerChannel::ZERO;
+            requested[0] = 0.1 * (place / 100.0).sin();
+            controller.apply(&requested, soon()).unwrap();
             let (word, _) = wiring.control_inputs(control_sees());
             let taken = axis.correction.decode(word).unwrap();
             assert!(
-                (taken - wanted[0]).abs() <= 0.000_501,
+                (taken - requested[0]).abs() <= 0.000_501,
                 "{taken} for {}",
-                wanted[0]
+                requested[0]
             );
         }
     }
 }
 
 #[test]
-fn the_contract_of_digital_ports() {
+fn the_digital_port_contract() {
     let _panel = panel();
     volcomp_port::contract::digital_io(&mut port(), false);
 }
 
-/// The control's outputs taken for its inputs: there are not enough lines.
+/// With swapped roles there are too few lines.
 #[test]
-fn swapped_roles_are_refused() {
+fn swapped_roles_are_rejected() {
     let _panel = panel();
     let swapped = GpioPort::open(&lines("panel-in:0-7"), &lines("panel-out:0-14")).unwrap();
     let refused = DigitalController::new(
@@ -200,7 +200,7 @@ fn swapped_roles_are_refused() {
 }
 
 #[test]
-fn what_cannot_be_taken_is_named() {
+fn unavailable_chips_and_lines_are_named() {
     let _panel = panel();
     let missing = GpioPort::open(&lines("panel-up:0-14"), &lines("panel-in:0-7"));
     let message = missing.err().unwrap().to_string();
@@ -218,27 +218,4 @@ fn what_cannot_be_taken_is_named() {
     );
     let beyond = GpioPort::open(&lines("panel-out:0-20"), &lines("panel-in:0-7"));
     assert!(beyond.is_err());
-}
-
-/// How fast it goes, for the eye: nothing is asserted of times.
-#[test]
-fn a_thousand_cycles() {
-    let _panel = panel();
-    let mut controller = DigitalController::new(
-        port(),
-        "lines",
-        Wiring::published(),
-        Coherence::TwoAgree,
-        vec![DigitalAxis::published(AxisName::X)],
-    )
-    .unwrap();
-    let begun = Instant::now();
-    for _ in 0..1000 {
-        controller.read(soon()).unwrap();
-        controller.apply(&PerChannel([0.01; 9]), soon()).unwrap();
-    }
-    println!(
-        "{:.0} us a cycle in the guest",
-        begun.elapsed().as_secs_f64() * 1e3
-    );
 }

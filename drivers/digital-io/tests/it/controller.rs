@@ -17,7 +17,7 @@ fn soon() -> Instant {
     Instant::now() + Duration::from_millis(200)
 }
 
-/// A panel and the controller on it: two readings must agree.
+/// A panel and its controller with two agreeing readings.
 fn on_panel(wiring: &Wiring, axes: &[DigitalAxis]) -> (Panel, DigitalController<Panel>) {
     let panel = Panel::new(wiring.clone(), axes.to_vec());
     let controller = DigitalController::new(
@@ -31,21 +31,21 @@ fn on_panel(wiring: &Wiring, axes: &[DigitalAxis]) -> (Panel, DigitalController<
 }
 
 #[test]
-fn the_published_scheme() {
+fn the_published_scheme_corrects_an_axis() {
     let axis = DigitalAxis::published(AxisName::X);
     let (panel, mut controller) = on_panel(&Wiring::published(), &[axis]);
     contract::controller(&mut controller);
-    // 1000 mm and back; a correction of 100 um a metre.
+    // 1000 mm and back; a correction of 100 um/m.
     for step in 0..=200 {
         let place = 1000.0 - 10.0 * f64::from(i32::abs(step - 100));
         panel.shows(0, place);
         let snapshot = controller.read(soon()).unwrap();
         assert!((snapshot.positions[0] - place).abs() <= 1.0 / 64.0);
-        let mut wanted = PerChannel::ZERO;
-        wanted[0] = -1e-4 * snapshot.positions[0];
-        controller.apply(&wanted, soon()).unwrap();
+        let mut requested = PerChannel::ZERO;
+        requested[0] = -1e-4 * snapshot.positions[0];
+        controller.apply(&requested, soon()).unwrap();
         let sent = panel.correction().unwrap();
-        // Half a micrometre, and what 1/64 mm of position makes.
+        // Half a micrometre, plus the effect of 1/64 mm of position.
         assert!(
             (sent + 1e-4 * place).abs() <= 0.000_5 + 1e-4 / 64.0,
             "{sent} at {place}"
@@ -58,9 +58,9 @@ fn the_published_scheme() {
     assert!((panel.correction().unwrap() - 0.127).abs() < 1e-12);
 }
 
-/// Three axes in turn over the same lines, each corrected only while it is shown.
+/// Three axes share the lines in turn, each corrected only while selected.
 #[test]
-fn several_axes_take_turns() {
+fn several_axes_share_the_lines() {
     let wiring = Wiring {
         position: (0..15).collect(),
         select: vec![15, 16],
@@ -81,22 +81,26 @@ fn several_axes_take_turns() {
     };
     let axes = vec![axis(AxisName::X), axis(AxisName::Y), axis(AxisName::Z)];
     let (panel, mut controller) = on_panel(&wiring, &axes);
-    let wanted = PerChannel::leading([0.011, -0.022, 0.033]);
+    let requested = PerChannel::leading([0.011, -0.022, 0.033]);
     for (axis, place) in [10.0, 20.0, 30.0].into_iter().enumerate() {
         panel.shows(axis, place);
         let snapshot = controller.read(Instant::now() + Duration::from_millis(10));
-        assert_eq!(snapshot.is_ok(), axis == 2, "not all are seen before");
+        assert_eq!(
+            snapshot.is_ok(),
+            axis == 2,
+            "not all axes were selected before"
+        );
     }
     let snapshot = controller.read(soon()).unwrap();
     assert_eq!(snapshot.positions[..4], [10.0, 20.0, 30.0, 0.0]);
     assert_eq!(
         snapshot.applied, None,
-        "the lines carry one of the axes only"
+        "the lines carry only one of the axes"
     );
     for (axis, place) in [10.0, 20.0, 30.0].into_iter().enumerate() {
         panel.shows(axis, place);
         controller.read(soon()).unwrap();
-        let written = controller.apply(&wanted, soon());
+        let written = controller.apply(&requested, soon());
         let expected = if axis == 2 {
             Ok(())
         } else {
@@ -104,22 +108,22 @@ fn several_axes_take_turns() {
         };
         assert_eq!(written, expected, "axis {axis}");
         assert_eq!(panel.word().axis, axis);
-        assert!((panel.correction().unwrap() - wanted[axis]).abs() < 1e-12);
+        assert!((panel.correction().unwrap() - requested[axis]).abs() < 1e-12);
     }
-    // Other corrections: the axes that are not shown do not have them yet.
+    // New corrections have not reached the axes that are not selected.
     let others = PerChannel::leading([0.011, -0.022, 0.034]);
     assert_eq!(controller.apply(&others, soon()), Ok(()));
     assert_eq!(
-        controller.apply(&wanted.map(|x| -x), soon()),
+        controller.apply(&requested.map(|x| -x), soon()),
         Err(Fault::Unfinished)
     );
-    // A control that stops at one axis: the others grow old.
+    // The control stops at one axis: the others age.
     let first = controller.read(soon()).unwrap().taken;
     std::thread::sleep(Duration::from_millis(5));
     assert_eq!(controller.read(soon()).unwrap().taken, first);
 }
 
-/// Eight lines of 0.01 mm: the word goes round every 2.56 mm.
+/// Eight lines of 0.01 mm: the word wraps every 2.56 mm.
 fn low_bits(most_per_s: f64) -> (Panel, DigitalController<Panel>) {
     let axis = DigitalAxis {
         position: PositionWord {
@@ -143,7 +147,7 @@ fn low_bits(most_per_s: f64) -> (Panel, DigitalController<Panel>) {
 
 #[test]
 fn low_bits_follow_a_long_axis() {
-    // Half of 2.56 mm is allowed within 12.8 s.
+    // Half of 2.56 mm takes 12.8 s.
     let (panel, mut controller) = low_bits(0.1);
     for step in 0..5000 {
         let place = f64::from(step);
@@ -153,10 +157,10 @@ fn low_bits_follow_a_long_axis() {
     }
 }
 
-/// Nobody reads for so long that the axis may have moved by half of what the word can say: where it is nobody knows. It was
-/// told as before, wrong by a whole turn of the word, with a fresh time.
+/// After a pause in which the axis may have moved by half the range of the word, the position is unknown. It used to be reported
+/// as recent, wrong by a full range.
 #[test]
-fn a_pause_does_not_lose_turns_of_low_bits() {
+fn a_long_pause_makes_the_position_unknown() {
     // 1.28 mm take 32 ms.
     let (panel, mut controller) = low_bits(40.0);
     assert!(controller.read(soon()).is_ok());
@@ -170,7 +174,7 @@ fn a_pause_does_not_lose_turns_of_low_bits() {
 }
 
 #[test]
-fn an_axis_that_is_not_configured_is_a_fault() {
+fn an_unconfigured_axis_is_a_fault() {
     let wiring = Wiring {
         position: (0..15).collect(),
         select: vec![15, 16],
@@ -191,7 +195,7 @@ fn an_axis_that_is_not_configured_is_a_fault() {
     )
     .unwrap();
     panel.shows(2, 0.0);
-    let unknown = Fault::Protocol("an axis is shown that is not configured");
+    let unknown = Fault::Protocol("the selected axis is not configured");
     assert_eq!(controller.read(soon()), Err(unknown));
     let strobe = DigitalController::new(
         Panel::new(wiring.clone(), vec![axis]),
@@ -204,10 +208,10 @@ fn an_axis_that_is_not_configured_is_a_fault() {
     assert!(message.contains("no strobe line is named"), "{message}");
 }
 
-/// Steps are lengths or angles by the kind of the axis: a rotary axis with the published words, which are lengths, is
-/// refused, and one with steps in angles is described and corrected in rad.
+/// Steps must match the kind of the axis: a rotary axis with the published words, which are lengths, is rejected, and one with
+/// angular steps is described and corrected in rad.
 #[test]
-fn units_follow_the_kind_of_the_axis() {
+fn units_must_match_the_kind_of_the_axis() {
     let new = |axis: DigitalAxis| {
         let wiring = Wiring::published();
         let panel = Panel::new(wiring.clone(), vec![axis]);
@@ -233,31 +237,31 @@ fn units_follow_the_kind_of_the_axis() {
     let axis = controller.description().axes[0];
     assert_eq!(axis.resolution, Displacement::Angle(Urad(5.0).to_rad()));
     controller.read(soon()).unwrap();
-    // 7 µrad are wanted: one step of 5 µrad is sent.
+    // 7 µrad requested: one step of 5 µrad is sent.
     controller
         .apply(&PerChannel::leading([7e-6]), soon())
         .unwrap();
     assert!((controller.sent()[0].unwrap() - 5e-6).abs() < 1e-18);
 }
 
-/// With a latch the control takes a correction at its edge only, which comes with the write after the word; what counts as
-/// sent is what the control took. Lines that carry nothing keep their levels.
+/// With a latch the control accepts a correction only at an edge, one write after the word; only accepted corrections count as
+/// sent. Unused lines keep their levels.
 #[test]
-fn a_latch_turns_one_write_after_the_word() {
+fn the_latch_toggles_one_write_after_the_word() {
     let axis = DigitalAxis::published(AxisName::X);
     let wiring = Wiring {
         latch: Some(8),
         ..Wiring::published()
     };
     let panel = Panel::new(wiring.clone(), vec![axis]);
-    // As another program left the lines: the latch at 1, a tenth line that is not ours.
+    // Levels left by another program: the latch at 1, and a tenth line that is not ours.
     panel.left_at(0x305);
     let taken = Arc::new(Mutex::new((panel.word(), 0)));
     let takes = Arc::clone(&taken);
     panel.on_write(move |word| {
         let (before, taken) = &mut *takes.lock().unwrap();
         if word.latch != before.latch {
-            assert_eq!(word.counts, before.counts, "the latch turns alone");
+            assert_eq!(word.counts, before.counts, "the latch toggles alone");
             *taken = word.counts.unwrap();
         }
         *before = word;
@@ -291,9 +295,9 @@ fn a_latch_turns_one_write_after_the_word() {
     assert_eq!(apply(20.0), (true, 0x214, 20, Some(20.0)));
 }
 
-/// A write that failed changes nothing of what counts as sent, and a write whose deadline has passed is not made.
+/// A failed write does not count as sent, and a write whose deadline has passed is not made.
 #[test]
-fn a_write_that_failed_was_not_sent() {
+fn a_failed_write_does_not_count_as_sent() {
     let axis = DigitalAxis::published(AxisName::X);
     let wiring = Wiring::published();
     let panel = Panel::new(wiring.clone(), vec![axis]);
@@ -315,12 +319,13 @@ fn a_write_that_failed_was_not_sent() {
     assert!((controller.sent()[0].unwrap() - 0.040).abs() < 1e-12);
 }
 
-/// Beside the lines of the correction there are others, and nobody knows their levels: nothing is written, until they are
-/// known or the device says that it cannot tell them. They were switched off.
+/// While the levels of unused lines are unknown, nothing is written, unless the device cannot report levels. They used to be
+/// switched off.
 #[test]
-fn nothing_is_written_beside_unknown_outputs() {
+fn nothing_is_written_while_other_outputs_are_unknown() {
     let axis = DigitalAxis::published(AxisName::X);
-    for (outputs, tells, is_written) in [(9_u32, true, false), (9, false, true), (8, true, true)] {
+    for (outputs, reports, is_written) in [(9_u32, true, false), (9, false, true), (8, true, true)]
+    {
         let writes = Arc::new(Mutex::new(0));
         let written = Arc::clone(&writes);
         let mut port = MockDigitalIo::new();
@@ -329,7 +334,7 @@ fn nothing_is_written_beside_unknown_outputs() {
         port.expect_outputs().return_const(outputs);
         port.expect_shortest_cycle().return_const(Duration::ZERO);
         port.expect_confirmed().return_const(None);
-        port.expect_tells_outputs().return_const(tells);
+        port.expect_reports_outputs().return_const(reports);
         port.expect_write().returning(move |_, _| {
             *written.lock().unwrap() += 1;
             Ok(())
@@ -341,7 +346,7 @@ fn nothing_is_written_beside_unknown_outputs() {
         assert_eq!(
             applied.is_ok(),
             is_written,
-            "{outputs} {tells}: {applied:?}"
+            "{outputs} {reports}: {applied:?}"
         );
         assert_eq!(*writes.lock().unwrap(), u32::from(is_written));
     }

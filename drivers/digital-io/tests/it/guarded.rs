@@ -1,4 +1,4 @@
-//! Lines behind the guard, as whoever corrects over them uses both: what reaches the axes.
+//! Lines behind the guard: the corrections that reach the axes.
 
 use std::{
     sync::{Arc, Mutex},
@@ -66,16 +66,14 @@ impl Rig {
         }
     }
 
-    /// One cycle; `None` where the axes were not all seen yet.
+    /// One cycle; `None` until all axes were selected once.
     fn cycle(&mut self, request: Option<Request>) -> Option<Output> {
         self.now += PERIOD;
         let now = self.now;
         let snapshot = self.controller.read(Instant::now()).ok()?;
-        let told = snapshot
-            .applied
-            .map_or(CorrectionReport::Missing, CorrectionReport::Values);
-        self.read_back.receive(now, now, &told, &self.limits);
-        let wanted = PerChannel::from_fn(|i| if i < self.limits.count { GOAL } else { 0.0 });
+        let applied = snapshot.applied.map_or(CorrectionReport::Missing, CorrectionReport::Values);
+        self.read_back.receive(now, now, &applied, &self.limits);
+        let requested = PerChannel::from_fn(|i| if i < self.limits.count { GOAL } else { 0.0 });
         let out = self.guard.cycle(&Inputs {
             now,
             reading: Some(Reading {
@@ -83,7 +81,7 @@ impl Rig {
                 positions: snapshot.positions,
             }),
             read_back: *self.read_back.status(),
-            requested: Some(RequestedCorrection::linear(wanted)),
+            requested: Some(RequestedCorrection::linear(requested)),
             request,
             ..Inputs::default()
         });
@@ -96,10 +94,10 @@ impl Rig {
     }
 }
 
-/// With a latch the last word was written, counted as applied, and never taken: after each disarming the control kept 1 to
-/// 3 µm while the state was disarmed and 0 was told. While it moved, two slews were taken at once.
+/// With a latch the last word used to be written and counted as applied, but never accepted: after each disarming the control
+/// kept 1 to 3 µm while 0 was reported. During motion two slews were accepted at once.
 #[test]
-fn a_latch_is_turned_to_the_end() {
+fn the_last_word_is_latched() {
     let wiring = Wiring {
         latch: Some(8),
         ..Wiring::published()
@@ -132,10 +130,9 @@ fn a_latch_is_turned_to_the_end() {
     }
 }
 
-/// Only the axis that was shown was written, and all of them counted as written: when the other one was shown, it got 20 µm
-/// in one step.
+/// Only the selected axis was written, but all counted as written: the other one got 20 µm in one step when selected.
 #[test]
-fn axes_that_share_lines_make_no_steps() {
+fn axes_that_share_lines_do_not_step() {
     let wiring = Wiring {
         select: vec![15],
         echo: vec![8],
@@ -145,7 +142,7 @@ fn axes_that_share_lines_make_no_steps() {
     let mut applied = [0_i32; 2];
     let mut largest = 0;
     for cycle in 0..3000 {
-        // The control shows them in turn, 60 ms each, and takes the correction of the one that it shows.
+        // The control selects them in turn, 60 ms each, and accepts the correction of the selected one.
         let shows = cycle / 15 % 2;
         rig.panel.shows(shows, 100.0);
         let request = (cycle == 30).then_some(Request::Arm);

@@ -21,7 +21,7 @@ fn checked(wiring: &Wiring, inputs: u32, outputs: u32, axes: usize) -> Result<()
 }
 
 #[test]
-fn wirings_that_make_no_sense_are_named() {
+fn invalid_wirings_are_rejected() {
     let good = Wiring::published();
     assert_eq!(checked(&good, 15, 8, 1), Ok(()));
     assert_eq!(
@@ -63,7 +63,7 @@ fn wirings_that_make_no_sense_are_named() {
         ..good.clone()
     };
     let message = checked(&select, 16, 8, 2).unwrap_err();
-    assert!(message.contains("must say for which axis"), "{message}");
+    assert!(message.contains("must name its axis"), "{message}");
     let mut words = [(axis().position, axis().correction)];
     words[0].0.step = Displacement::Length(Mm(f64::NAN));
     let message = good.check(15, 8, 1, &words).unwrap_err().to_string();
@@ -84,7 +84,7 @@ fn read_coherent(
     found.map(|found| found.levels)
 }
 
-/// A port that gives these readings one after the other, the last one for ever.
+/// A port that returns these readings in turn, then the last one repeatedly.
 fn port(readings: Vec<u64>) -> MockDigitalIo {
     let mut port = MockDigitalIo::new();
     let mut rest = readings.into_iter().peekable();
@@ -102,16 +102,16 @@ fn port(readings: Vec<u64>) -> MockDigitalIo {
 fn lines_are_read_until_two_agree() {
     let wiring = Wiring::published();
     let read = |readings, coherence| read_coherent(&mut port(readings), &wiring, coherence, soon());
-    // 0x0fff to 0x1000 passes through others.
+    // 0x0fff to 0x1000 passes through other words.
     let skewed = vec![0x0fff, 0x1fff, 0x1f00, 0x1000];
     assert_eq!(read(skewed.clone(), Coherence::TwoAgree), Ok(0x1000));
     assert_eq!(read(skewed, Coherence::Latched), Ok(0x0fff));
-    // A line that is not of the word may do what it wants.
+    // Lines outside the word are ignored.
     assert_eq!(read(vec![0x8005, 0x0005], Coherence::TwoAgree), Ok(5));
 }
 
 #[test]
-fn lines_that_never_hold_still_time_out() {
+fn lines_that_keep_changing_time_out() {
     let mut port = MockDigitalIo::new();
     let mut count = 0;
     port.expect_read().returning(move |_| {
@@ -127,7 +127,7 @@ fn lines_that_never_hold_still_time_out() {
     assert_eq!(found, Err(Fault::Disconnected));
 }
 
-/// A wrong parity or a low strobe is waited out, though two readings agree.
+/// Reading waits for parity and strobe even if two readings agree.
 #[test]
 fn parity_and_strobe_are_waited_for() {
     let wiring = Wiring {
@@ -146,10 +146,9 @@ fn parity_and_strobe_are_waited_for() {
 }
 
 proptest! {
-    /// Whatever the order, the inversion and the parity: what the control shows is what is read, and what is
-    /// sent is what it takes.
+    /// Words pass unchanged in both directions for any order, inversion and parity.
     #[test]
-    fn words_pass_through_any_wiring(
+    fn words_pass_unchanged_through_any_wiring(
         lines in Just((0..40_u32).collect::<Vec<_>>()).prop_shuffle(),
         inverted_inputs: u64, inverted_outputs: u64, word in 0_u32..0x8000, axis in 0_u32..4, sent in 0_u32..256,
         flipped in 0_usize..17,
@@ -170,14 +169,14 @@ proptest! {
         let levels = wiring.control_outputs(word, axis, true);
         let read = |levels| read_coherent(&mut port(vec![levels; 3]), &wiring, Coherence::Strobe, Instant::now() + Duration::from_millis(1));
         prop_assert!(read(levels).is_ok());
-        // One wrong line is seen.
+        // A single wrong line is detected.
         prop_assert_eq!(read(levels ^ 1 << lines[flipped]), Err(Fault::TimedOut));
         prop_assert_eq!(wiring.control_inputs(wiring.levels(sent, axis)), (sent, axis));
     }
 }
 
 #[test]
-fn sets_of_lines_are_read() {
+fn line_sets_are_parsed() {
     use volcomp_digital_io::LineSet;
     let set = LineSet::parse("panel-out:0-3,9,7").unwrap();
     assert_eq!(

@@ -23,7 +23,7 @@ fn correction(bits: u32, code: CorrectionCode) -> CorrectionWord {
 
 /// 1 um resolution, ±127 um, over 1024 mm.
 #[test]
-fn the_published_words() {
+fn published_words_encode_as_documented() {
     let axis = DigitalAxis::published(AxisName::X);
     assert_eq!(axis.position.range(), 1024.0);
     assert_eq!(axis.position.decode(0).position, 0.0);
@@ -57,9 +57,9 @@ fn the_published_words() {
     assert_eq!(size.decode(0x80), None, "minus zero");
 }
 
-/// Every count of every length: neighbours differ in one bit in Gray code, and all come back.
+/// Every count of every length round-trips, and neighbours differ by one bit in Gray code.
 #[test]
-fn codes_count() {
+fn codes_round_trip() {
     for bits in [1, 5, 8, 15] {
         let gray = position(bits, PositionCode::Gray);
         let binary = position(bits, PositionCode::Binary);
@@ -85,9 +85,9 @@ fn codes_count() {
 }
 
 proptest! {
-    /// Within half a count, or saturated; never the word that is never sent.
+    /// Within half a count, or saturated; never the invalid word.
     #[test]
-    fn corrections_come_back(um in -200.0..200.0_f64, sign in any::<bool>(), bits in 2_u32..12) {
+    fn corrections_round_trip(um in -200.0..200.0_f64, sign in any::<bool>(), bits in 2_u32..12) {
         let code = if sign { CorrectionCode::SignMagnitude } else { CorrectionCode::TwosComplement };
         let word = correction(bits, code);
         let sent = word.encode(um * 1e-3);
@@ -102,7 +102,7 @@ proptest! {
     }
 
     #[test]
-    fn positions_come_back(share in 0.0..1.0_f64, gray: bool, bits in 2_u32..25) {
+    fn positions_round_trip(share in 0.0..1.0_f64, gray: bool, bits in 2_u32..25) {
         let word = position(bits, if gray { PositionCode::Gray } else { PositionCode::Binary });
         let mm = word.zero.mm_or_rad() + share * (word.range() - word.step.mm_or_rad());
         let coded = word.decode(word.encode(mm).unwrap());
@@ -113,13 +113,13 @@ proptest! {
     #[test]
     fn low_bits_are_followed(start in -5e3..5e3_f64, steps in proptest::collection::vec(-0.12..0.12_f64, 1..400)) {
         let word = PositionWord { bits: 8, code: PositionCode::Gray, step: Displacement::Length(Mm(0.001)), zero: Displacement::Length(Mm(0.0)) };
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the low bits are wanted")]
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "only the low bits are needed")]
         let shown = |mm: f64| {
             let count = (mm / 0.001).round() as i64 as u32 & 0xff;
             count ^ (count >> 1)
         };
         let mut place = start;
-        // The axis is known to a tenth of a millimetre when it begins.
+        // The start position is known to 0.1 mm.
         let mut followed = Unwrapper::new(word, shown(place), place + 0.1);
         for step in steps {
             place += step;
@@ -129,9 +129,9 @@ proptest! {
     }
 }
 
-/// Words of a length that no port has say nothing, but do not panic.
+/// Invalid word lengths do not panic.
 #[test]
-fn any_number_of_bits_can_be_asked() {
+fn invalid_numbers_of_bits_do_not_panic() {
     for bits in [0, 1, 32, 33, u32::MAX] {
         for code in [
             CorrectionCode::TwosComplement,
@@ -149,16 +149,16 @@ fn any_number_of_bits_can_be_asked() {
     }
 }
 
-/// A travel that the word cannot say in full is refused: beyond its ends another position would be shown.
+/// A travel beyond the range of the word is rejected, because positions outside would be ambiguous.
 #[test]
-fn a_travel_beyond_the_word_is_named() {
+fn a_travel_beyond_the_word_is_rejected() {
     let word = PositionWord::PUBLISHED;
     assert_eq!(word.check_travel([0.0, 1023.97]), Ok(()));
     assert_eq!(word.check_travel([-0.01, 1000.0]), Ok(()), "half a count");
     let refused = word.check_travel([0.0, 1500.0]).unwrap_err().to_string();
     assert_eq!(
         refused,
-        "found a travel from 0 to 1500 mm, expected one within 0 to 1023.96875 mm, which 15 bits of this step can say"
+        "found a travel from 0 to 1500 mm, expected one within 0 to 1023.96875 mm, which 15 bits of this step can represent"
     );
     assert!(word.check_travel([-1.0, 10.0]).is_err());
     assert!(word.check_travel([f64::NAN, 10.0]).is_err());

@@ -4,8 +4,8 @@ use super::{Options, World};
 use crate::{
     answers::function,
     frame::{Command, Kind, Target, number_bytes, parse_commands, push_block},
+    parameters::{SHIFT_FIRST, SHIFT_IN_USE, UNIT_NUMBERS},
     pmc::PmcArea,
-    shift_source, units,
 };
 
 const LENGTH: i16 = 2;
@@ -65,9 +65,9 @@ enum Refusal {
     Frame,
 }
 
-type Answered = Result<Vec<u8>, Refusal>;
+type CommandResult = Result<Vec<u8>, Refusal>;
 
-fn answer_one(command: &Command<'_>, options: &Options, world: &mut World) -> Answered {
+fn answer_one(command: &Command<'_>, options: &Options, world: &mut World) -> CommandResult {
     match (command.target, command.function) {
         (Target::Cnc, function::SYSTEM) => Ok(system(options, world)),
         (Target::Cnc, function::STATUS) => Ok(status(world)),
@@ -134,7 +134,7 @@ fn slots(values: impl Iterator<Item = f64>, options: &Options) -> Vec<u8> {
     data
 }
 
-fn positions(command: &Command<'_>, options: &Options, world: &mut World) -> Answered {
+fn positions(command: &Command<'_>, options: &Options, world: &mut World) -> CommandResult {
     let positions = world.positions();
     match command.args {
         [1 | 4 | 0, -1, ..] if options.one_axis => Err(Refusal::Command(NUMBER)),
@@ -169,7 +169,7 @@ fn read_macro(command: &Command<'_>, world: &World) -> Vec<u8> {
     numbers.flat_map(|n| value(n).to_be_bytes()).collect()
 }
 
-fn read_macro_numbers(command: &Command<'_>, world: &World) -> Answered {
+fn read_macro_numbers(command: &Command<'_>, world: &World) -> CommandResult {
     let [first, last, ..] = command.args;
     let value = |number| match world.macros.get(&number) {
         Some(value) => number_bytes(*value, 6),
@@ -181,7 +181,7 @@ fn read_macro_numbers(command: &Command<'_>, world: &World) -> Answered {
     Ok((first..=last).flat_map(value).collect())
 }
 
-fn write_macro(command: &Command<'_>, world: &mut World) -> Answered {
+fn write_macro(command: &Command<'_>, world: &mut World) -> CommandResult {
     let bytes = command.data.first_chunk().ok_or(Refusal::Command(LENGTH))?;
     world
         .macros
@@ -189,7 +189,7 @@ fn write_macro(command: &Command<'_>, world: &mut World) -> Answered {
     Ok(Vec::new())
 }
 
-fn write_offset(command: &Command<'_>, world: &mut World) -> Answered {
+fn write_offset(command: &Command<'_>, world: &mut World) -> CommandResult {
     let [number, _, axis, ..] = command.args;
     let slot = usize::try_from(axis - 1).map_err(|_| Refusal::Command(NUMBER))?;
     let mantissa = command.data.first_chunk().ok_or(Refusal::Command(LENGTH))?;
@@ -201,7 +201,7 @@ fn write_offset(command: &Command<'_>, world: &mut World) -> Answered {
     Ok(Vec::new())
 }
 
-fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Answered {
+fn parameter(command: &Command<'_>, options: &Options, world: &World) -> CommandResult {
     let number = command.args[0];
     let of = |slot| world.parameters.get(&(number, slot)).copied();
     let is_set = world.parameters.keys().any(|(known, _)| *known == number);
@@ -221,17 +221,17 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Answere
 
 /// Parameters for the unit of reported positions, and for the source of the shifts in the simulated control.
 fn known_parameter(number: i32, world: &World) -> Option<f64> {
-    if units::NUMBERS.contains(&number) {
+    if UNIT_NUMBERS.contains(&number) {
         // A metric machine that reports mm.
         return Some(0.0);
     }
-    if !world.tells_shift_source {
+    if !world.reports_shift_source {
         return None;
     }
     let in_r = world.shift.area == PmcArea::R;
     match number {
-        shift_source::IN_USE => Some(if in_r { 1.0 } else { 0.0 }),
-        shift_source::FIRST => {
+        SHIFT_IN_USE => Some(if in_r { 1.0 } else { 0.0 }),
+        SHIFT_FIRST => {
             let first = if in_r { world.shift.first } else { 0 };
             u32::try_from(first).ok().map(f64::from)
         }
@@ -267,22 +267,22 @@ fn pmc_range(
 }
 
 /// Swaps the byte order of each point: memory is little-endian, the protocol is big-endian.
-fn turned(bytes: &[u8], width: usize) -> Vec<u8> {
+fn swap_points(bytes: &[u8], width: usize) -> Vec<u8> {
     let points = bytes.chunks(width);
     points
         .flat_map(|point| point.iter().rev().copied())
         .collect()
 }
 
-fn read_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> Answered {
+fn read_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> CommandResult {
     let (area, at, width, bytes) = pmc_range(command, options)?;
     let memory = world.read(area, at, bytes);
     memory
-        .map(|bytes| turned(&bytes, width))
+        .map(|bytes| swap_points(&bytes, width))
         .ok_or(Refusal::Command(NUMBER))
 }
 
-fn write_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> Answered {
+fn write_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> CommandResult {
     let (area, at, width, bytes) = pmc_range(command, options)?;
     if command.data.len() != bytes {
         return Err(Refusal::Command(LENGTH));
@@ -291,7 +291,7 @@ fn write_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> Ans
         return Err(Refusal::Command(PROTECTED));
     }
     // As observed on a simulated control of the manufacturer: outputs to the machine are rejected.
-    if area == PmcArea::Y || !world.write(area, at, &turned(command.data, width)) {
+    if area == PmcArea::Y || !world.write(area, at, &swap_points(command.data, width)) {
         return Err(Refusal::Command(NUMBER));
     }
     Ok(Vec::new())

@@ -11,8 +11,8 @@ use volcomp_port::ControlProgram;
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::{
+    parameters::UNIT_NUMBERS,
     pmc::{BarrierArea, PmcAddress, PmcArea, Width},
-    units,
 };
 
 /// Size of each PMC area, bytes.
@@ -65,7 +65,7 @@ pub struct World {
     /// Delay of a response, in addition to that of the options.
     pub latency: Duration,
     /// True if the control reports the source of the shifts by parameters 1203 and 1280.
-    pub tells_shift_source: bool,
+    pub reports_shift_source: bool,
     /// Active alarms: number and text.
     pub alarms: Vec<(i32, String)>,
     /// Callback for every scan.
@@ -80,7 +80,7 @@ pub struct World {
     /// Motion time at which the emergency stop was pressed; `None` if it is released.
     stopped_at: Option<Duration>,
     /// Total time for which the emergency stop was pressed.
-    stood: Duration,
+    stop_time: Duration,
     silent_until: Option<Instant>,
     /// Signals on digital lines to the control: latch level, axis index, counts.
     lines: Option<(bool, usize, i16)>,
@@ -118,7 +118,7 @@ impl World {
             ladder: None,
             scan: Duration::from_millis(2),
             latency: Duration::ZERO,
-            tells_shift_source: true,
+            reports_shift_source: true,
             alarms: Vec::new(),
             scan_log: None,
             macros: BTreeMap::new(),
@@ -126,7 +126,7 @@ impl World {
             offsets: BTreeMap::new(),
             started: Instant::now(),
             stopped_at: None,
-            stood: Duration::ZERO,
+            stop_time: Duration::ZERO,
             silent_until: None,
             lines: None,
             memory: vec![vec![0; AREA]; PmcArea::ALL.len()],
@@ -237,9 +237,9 @@ impl World {
     }
 
     /// Reports the positions of linear axes in inches, as a control does whose parameter 3104#0 is 1 after G20, or in mm again.
-    pub fn tell_inches(&mut self, inches: bool) {
+    pub fn report_inches(&mut self, inches: bool) {
         self.inches = inches;
-        let [_, in_unit_of_program, program] = units::NUMBERS;
+        let [_, in_unit_of_program, program] = UNIT_NUMBERS;
         let [of_program, unit] = if inches { [1.0, 4.0] } else { [0.0, 0.0] };
         self.parameters.insert((in_unit_of_program, 0), of_program);
         self.parameters.insert((program, 0), unit);
@@ -285,13 +285,13 @@ impl World {
         if pressed {
             self.stopped_at = Some(self.moved_for());
         } else if let Some(stopped_at) = self.stopped_at.take() {
-            self.stood = self.elapsed().saturating_sub(stopped_at);
+            self.stop_time = self.elapsed().saturating_sub(stopped_at);
         }
     }
 
     /// Motion time: the time since the start without emergency stops.
     pub fn moved_for(&self) -> Duration {
-        let moves = || self.elapsed().saturating_sub(self.stood);
+        let moves = || self.elapsed().saturating_sub(self.stop_time);
         self.stopped_at.unwrap_or_else(moves)
     }
 
@@ -328,7 +328,7 @@ impl World {
     /// Active shifts, mm or deg.
     pub fn shifts(&mut self) -> Vec<f64> {
         let count = self.shift.count;
-        #[expect(clippy::cast_precision_loss, reason = "four bytes at the most")]
+        #[expect(clippy::cast_precision_loss, reason = "at most four bytes")]
         let shift = |counts: i64| counts as f64 * count;
         self.shift_counts().into_iter().map(shift).collect()
     }

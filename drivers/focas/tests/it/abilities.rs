@@ -1,4 +1,4 @@
-//! Controls that accept less and less: each is asked in the form that it understands, and a refusal is told in words.
+//! Controls with fewer and fewer request forms: the driver determines the accepted form and reports rejections in words.
 
 use std::{
     sync::Arc,
@@ -6,107 +6,76 @@ use std::{
 };
 
 use volcomp_focas::{
-    Abilities, FocasConfig, FocasController, Packing, PmcAddress, PmcArea,
+    Abilities, FocasConfig, FocasController, Packing, PmcArea,
     simulator::{Options, Simulator, World},
 };
 use volcomp_port::{Controller, Fault, contract};
 use volcomp_vocabulary::{AxisName, Mm};
 
 use crate::{
-    PATIENCE, config,
+    TIMEOUT, at, config,
     controller::{connected, soon, um},
     simulator, until,
 };
 
-/// Controls that accept less and less, and in which form each is asked: found without configuration.
+/// Controls with fewer and fewer request forms, the form to use with each, and the requests for a read and a write of three
+/// axes with a heartbeat and a byte of referenced axes.
 fn controls() -> [(Options, Abilities, u64); 6] {
-    let options = Options::default;
-    let all = Abilities {
-        packing: Packing::OneFrame,
-        ranges: true,
-        all_axes: true,
+    use Packing::{ByTarget, OneByOne, OneFrame};
+    let options = |change: fn(&mut Options)| {
+        let mut options = Options::default();
+        change(&mut options);
+        options
     };
-    let points = Abilities {
-        ranges: false,
-        ..all
+    let points = |o: &mut Options| (o.one_point, o.one_axis) = (true, true);
+    let form = |packing, ranges, all_axes| Abilities {
+        packing,
+        ranges,
+        all_axes,
     };
-    let one_by_one = Abilities {
-        packing: Packing::OneByOne,
-        ranges: false,
-        all_axes: false,
-    };
-    let by_target = Abilities {
-        packing: Packing::ByTarget,
-        ..all
-    };
-    // The requests of a read and a write of three axes with a heartbeat and a byte of referenced axes.
     [
-        (options(), all, 2),
+        (options(|_| {}), form(OneFrame, true, true), 2),
         (
-            Options {
-                version: 2,
-                slots: 8,
-                one_point: true,
-                ..options()
-            },
-            points,
+            options(|o| (o.version, o.slots, o.one_point) = (2, 8, true)),
+            form(OneFrame, false, true),
             2,
         ),
+        (options(points), form(OneFrame, false, false), 2),
         (
-            Options {
-                one_point: true,
-                one_axis: true,
-                ..options()
-            },
-            Abilities {
-                all_axes: false,
-                ..points
-            },
-            2,
-        ),
-        (
-            Options {
-                version: 4,
-                refuses_mix: true,
-                fragment: 11,
-                ..options()
-            },
-            by_target,
+            options(|o| (o.version, o.refuses_mix, o.fragment) = (4, true, 11)),
+            form(ByTarget, true, true),
             3,
         ),
         (
-            Options {
-                one_point: true,
-                one_axis: true,
-                refuses_mix: true,
-                ..options()
-            },
-            Abilities {
-                packing: Packing::ByTarget,
-                ..one_by_one
-            },
+            options(|o| (o.one_point, o.one_axis, o.refuses_mix) = (true, true, true)),
+            form(ByTarget, false, false),
             3,
         ),
         (
-            Options {
-                one_point: true,
-                one_axis: true,
-                one_command: true,
-                ..options()
-            },
-            one_by_one,
+            options(|o| (o.one_point, o.one_axis, o.one_command) = (true, true, true)),
+            form(OneByOne, false, false),
             13,
         ),
     ]
 }
 
+/// The error of a connection that is rejected.
+fn connection_error(config: FocasConfig) -> String {
+    let mut controller = FocasController::new(config).unwrap();
+    until("the error is reported", || {
+        controller.last_error().is_some()
+    });
+    let error = controller.wait(Duration::from_millis(1)).unwrap_err();
+    error.to_string()
+}
+
 #[test]
-fn the_contract_of_controllers_on_every_control_without_configuration() {
+fn every_control_fulfils_the_controller_contract() {
     for (options, expected, _) in controls() {
         let simulator = simulator(options);
         simulator.world().readback_delay = Duration::from_millis(3);
         let mut config = config(&simulator, &[AxisName::X, AxisName::Y, AxisName::Z]);
-        // What is seen late cannot show who moved the heartbeat.
+        // With a delayed read-back the source of a heartbeat change is unknown.
         config.heartbeat = None;
         let mut controller = connected(config);
         assert_eq!(controller.abilities(), Some(expected));
@@ -114,9 +83,9 @@ fn the_contract_of_controllers_on_every_control_without_configuration() {
     }
 }
 
-/// The number of exchanges of a cycle is what the form needs, and a deadline holds for all of them together.
+/// A cycle needs no more exchanges than its request form requires, and one deadline covers all of them.
 #[test]
-fn a_cycle_stays_bounded_on_every_control() {
+fn a_cycle_is_bounded_on_every_control() {
     for (options, expected, exchanges) in controls() {
         let latency = Duration::from_millis(4);
         let simulator = simulator(Options { latency, ..options });
@@ -129,37 +98,31 @@ fn a_cycle_stays_bounded_on_every_control() {
         assert_eq!(simulator.requests() - before, exchanges, "{expected:?}");
         assert_eq!(snapshot.positions[..3], [1.0, 2.0, 3.0]);
         assert_eq!(simulator.world().shifts(), [0.001, -0.002, 0.003, 0.0]);
-        // One deadline for all exchanges: it ends in the middle of them, in time.
+        // The deadline passes in the middle of the exchanges.
         let begun = Instant::now();
         let late = controller.read(begun + latency / 2);
         assert_eq!(late, Err(Fault::TimedOut));
-        assert!(begun.elapsed() < PATIENCE / 5, "{:?}", begun.elapsed());
+        assert!(begun.elapsed() < TIMEOUT / 5, "{:?}", begun.elapsed());
     }
 }
 
-/// What cannot be read in any form is told with the return code of the control in words, and where it was.
+/// A value that cannot be read in any form is reported with its address and the control's return code.
 #[test]
-fn a_refusal_at_connection_is_told_in_words() {
+fn a_rejection_on_connection_names_address_and_code() {
     let simulator = simulator(Options::default());
     let mut config = config(&simulator, &[AxisName::X, AxisName::Y]);
-    config.heartbeat = Some(PmcAddress {
-        area: PmcArea::D,
-        at: 20_000,
-    });
-    let mut controller = FocasController::new(config).unwrap();
-    until("told", || controller.last_error().is_some());
-    let error = controller.wait(Duration::from_millis(1)).unwrap_err();
+    config.heartbeat = Some(at(PmcArea::D, 20_000));
+    let error = connection_error(config);
     assert!(
-        error.to_string().contains(
+        error.contains(
             "reading the heartbeat at D20000 was refused with code 3: EW_NUMBER, the number, address or range does not exist"
         ),
         "{error}"
     );
 }
 
-/// In a cycle, too, a refusal has its code and its words.
 #[test]
-fn a_refusal_in_a_cycle_is_told_in_words() {
+fn a_rejection_in_a_cycle_names_the_code() {
     let simulator = simulator(Options {
         write_protected: true,
         ..Options::default()
@@ -172,21 +135,16 @@ fn a_refusal_in_a_cycle_is_told_in_words() {
         refused.to_string(),
         "refused with code 7: EW_PROT, writing is protected"
     );
-    // The heartbeat of the refused write may have moved: that is no other gateway.
-    assert!(controller.read(soon()).is_ok(), "the session lives on");
+    // The rejected write may have changed the heartbeat, which must not count as another gateway.
+    assert!(controller.read(soon()).is_ok(), "the session stays open");
 }
 
 #[test]
-fn what_the_control_lacks_is_named() {
+fn a_missing_axis_is_named() {
     let simulator = simulator(Options::default());
-    let mut controller =
-        FocasController::new(config(&simulator, &[AxisName::X, AxisName::B])).unwrap();
-    until("told", || controller.last_error().is_some());
-    let error = controller.wait(Duration::from_millis(1)).unwrap_err();
+    let error = connection_error(config(&simulator, &[AxisName::X, AxisName::B]));
     assert!(
-        error
-            .to_string()
-            .contains("the control has no axis B, found XYZC"),
+        error.contains("the control has no axis B, found XYZC"),
         "{error}"
     );
     for (axes, expected) in [
@@ -198,32 +156,29 @@ fn what_the_control_lacks_is_named() {
             .unwrap();
         assert!(refused.to_string().contains(expected), "{refused}");
     }
-    let mut senseless = config(&simulator, &[AxisName::X]);
-    senseless.shift.count_linear = Mm(0.0);
-    let refused = FocasController::new(senseless).err().unwrap();
+    let mut invalid = config(&simulator, &[AxisName::X]);
+    invalid.shift.count_linear = Mm(0.0);
+    let refused = FocasController::new(invalid).err().unwrap();
     assert!(
         refused.to_string().contains("a resolution of 0 µm"),
         "{refused}"
     );
 }
 
-/// Of two axes whose names begin with the same letter (FANUC names have suffixes, `Z2`) the first was corrected, silently.
+/// FANUC axis names have suffixes (`Z2`): of two axes with the same letter, the first was corrected silently.
 #[test]
-fn a_letter_that_several_axes_have_is_refused() {
+fn an_ambiguous_axis_letter_is_rejected() {
     let world = World::new(&['Z', 'Y', 'Z']);
     let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
-    let mut controller =
-        FocasController::new(config(&simulator, &[AxisName::Y, AxisName::Z])).unwrap();
-    until("told", || controller.last_error().is_some());
-    let error = controller.wait(Duration::from_millis(1)).unwrap_err();
+    let error = connection_error(config(&simulator, &[AxisName::Y, AxisName::Z]));
     let expected =
         "axis Z: found several axes of the control whose names begin with this letter, ZYZ";
-    assert!(error.to_string().contains(expected), "{error}");
+    assert!(error.contains(expected), "{error}");
 }
 
-/// A byte tells of eight axes: the ninth always counted as referenced.
+/// The byte covers eight axes: the ninth always counted as referenced.
 #[test]
-fn the_ninth_axis_of_a_control_is_not_taken_for_referenced() {
+fn the_ninth_axis_counts_as_not_referenced() {
     let world = World::new(&['X', 'Y', 'Z', 'A', 'B', 'C', 'U', 'V', 'W']);
     let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
     let mut config = config(&simulator, &[AxisName::W]);
@@ -235,6 +190,6 @@ fn the_ninth_axis_of_a_control_is_not_taken_for_referenced() {
     config.referenced = None;
     assert!(
         referenced(&config),
-        "the configuration says that nobody tells it"
+        "not reported according to the configuration"
     );
 }

@@ -1,5 +1,5 @@
-//! Frames to a barrier in the simulated control and its reports back, opaque to the driver; what the axes get is looked
-//! at in the simulator.
+//! Frames to a barrier in the simulated control and its reports, opaque to the driver. The applied shifts are checked in the
+//! simulator.
 
 use std::{
     thread::sleep,
@@ -18,17 +18,14 @@ use volcomp_port::{Controller, Fault, Heartbeat, Words};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{
-    PATIENCE, config,
+    TIMEOUT, at, config,
     controller::{connected, soon},
 };
 
-pub(crate) const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
+const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
-pub(crate) fn r(at: u16) -> PmcAddress {
-    PmcAddress {
-        area: PmcArea::R,
-        at,
-    }
+fn r(at: u16) -> PmcAddress {
+    crate::at(PmcArea::R, at)
 }
 
 pub(crate) fn area() -> BarrierArea {
@@ -39,7 +36,7 @@ pub(crate) fn area() -> BarrierArea {
 }
 
 /// The barrier of the first axes of the control.
-pub(crate) fn settings(axes: usize) -> Settings {
+fn settings(axes: usize) -> Settings {
     volcomp_test_support::barrier::settings(&AXES[..axes]).unwrap()
 }
 
@@ -57,16 +54,16 @@ fn barrier_config(simulator: &Simulator) -> FocasConfig {
     }
 }
 
-/// A gateway as far as the protocol of the barrier goes.
-pub(crate) struct Sender {
+/// A gateway reduced to the barrier protocol.
+struct Sender {
     session: Session,
     settings: Settings,
-    pub(crate) last: Option<Report>,
+    last: Option<Report>,
     torn: u32,
 }
 
 impl Sender {
-    pub(crate) fn new(owner: u16) -> Self {
+    fn new(owner: u16) -> Self {
         Self {
             session: Session::new(owner),
             settings: settings(3),
@@ -75,7 +72,7 @@ impl Sender {
         }
     }
 
-    pub(crate) fn read(&mut self, controller: &mut FocasController) -> Option<ReportStatus> {
+    fn read(&mut self, controller: &mut FocasController) -> Option<ReportStatus> {
         let snapshot = controller.read(soon()).unwrap();
         assert_eq!(snapshot.applied, None);
         let words = snapshot.report.expect("a barrier reports");
@@ -87,7 +84,7 @@ impl Sender {
         Some(self.session.read(report.head()))
     }
 
-    pub(crate) fn frame(&mut self, um: [i16; 3]) -> Option<Words> {
+    fn frame(&mut self, um: [i16; 3]) -> Option<Words> {
         let frame = self.session.frame(&PerChannel::leading(um))?;
         let mut words = [0; FRAME_WORDS];
         let length = frame.encode(&self.settings, &mut words);
@@ -95,8 +92,8 @@ impl Sender {
     }
 
     /// Cycles until the barrier applies these counts.
-    pub(crate) fn drive(&mut self, controller: &mut FocasController, um: [i16; 3]) {
-        let end = Instant::now() + PATIENCE;
+    fn drive(&mut self, controller: &mut FocasController, um: [i16; 3]) {
+        let end = Instant::now() + TIMEOUT;
         loop {
             self.read(controller);
             let wanted: Counts = PerChannel::leading(um);
@@ -113,7 +110,7 @@ impl Sender {
 }
 
 #[test]
-fn frames_go_to_the_barrier_and_its_reports_come_back() {
+fn the_barrier_receives_frames_and_reports() {
     for options in [
         Options::default(),
         Options {
@@ -122,7 +119,7 @@ fn frames_go_to_the_barrier_and_its_reports_come_back() {
             fragment: 11,
             ..Options::default()
         },
-        // Only single points: the words go and come one by one, in one request.
+        // Single points only: each word is a separate command, all in one request.
         Options {
             version: 2,
             slots: 8,
@@ -141,7 +138,7 @@ fn frames_go_to_the_barrier_and_its_reports_come_back() {
         let shifts = simulator.world().shifts();
         assert_eq!(shifts, [0.040, -0.100, 0.007, 0.0]);
         sender.drive(&mut controller, [0, 0, 0]);
-        // Its own rate, whatever the frame asked for: 100 counts at once.
+        // The barrier moves at its own rate, although the frame requests 100 counts at once.
         let steps = simulator.world().largest_steps().to_vec();
         assert_eq!(steps[1], 2, "{steps:?}");
         assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
@@ -150,10 +147,10 @@ fn frames_go_to_the_barrier_and_its_reports_come_back() {
     }
 }
 
-/// Where every word is a request of its own, a scan falls between the words of nearly every frame and every report. What
-/// is torn is refused by its checksum, at both ends; the axes keep their rate all the same.
+/// If every word needs a separate request, a scan falls within nearly every frame and report. Both ends reject torn data by
+/// the checksum, and the axes keep their rate.
 #[test]
-fn torn_frames_and_reports_are_refused() {
+fn torn_frames_and_reports_are_rejected() {
     let simulator = simulated(Options {
         one_point: true,
         one_axis: true,
@@ -172,11 +169,11 @@ fn torn_frames_and_reports_are_refused() {
     }
     assert!(
         sender.torn > 0,
-        "no report was torn: the test shows nothing"
+        "no report was torn: the test proves nothing"
     );
     let steps = simulator.world().largest_steps().to_vec();
     assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
-    // The same with frames: half of one now, the other half two scans later.
+    // Tear frames: the first half now, the second half two scans later.
     let simulator = simulated(Options::default());
     let mut controller = connected(barrier_config(&simulator));
     let mut sender = Sender::new(79);
@@ -185,7 +182,7 @@ fn torn_frames_and_reports_are_refused() {
     for bytes in (2..18).step_by(2) {
         sender.read(&mut controller);
         simulator.world().tear_next_write(bytes);
-        // Not before the next scan the first half is seen, and before the one after next it is alone.
+        // The barrier sees the first half alone at the next scan only.
         let frame = sender.frame([-5, 60, 0]).unwrap();
         controller.post(&frame, soon()).unwrap();
         sleep(Duration::from_millis(3));
@@ -198,9 +195,9 @@ fn torn_frames_and_reports_are_refused() {
     assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
 }
 
-/// Without frames the barrier goes to zero at its own rate; a frame from before is not taken any more.
+/// Without frames the barrier ramps to zero; an old frame is rejected afterwards.
 #[test]
-fn nobody_sends_and_an_old_frame_comes_late() {
+fn silence_ramps_to_zero_and_an_old_frame_is_rejected() {
     let simulator = simulated(Options::default());
     let mut controller = connected(barrier_config(&simulator));
     let mut sender = Sender::new(80);
@@ -217,9 +214,9 @@ fn nobody_sends_and_an_old_frame_comes_late() {
     assert_eq!(sender.last.unwrap().refusal, Refusal::Epoch);
 }
 
-/// Garbage in the words of the axes is where the barrier begins, not something that it believes: it leads out of it.
+/// The barrier starts from garbage in the axis words and ramps from there.
 #[test]
-fn garbage_in_any_word_makes_no_step() {
+fn garbage_in_memory_causes_no_step() {
     let program = Program::new(settings(3)).unwrap();
     let mut world = World::new(&['X', 'Y', 'Z']).with_barrier(Box::new(program));
     world.set_words(r(100), &[120, 0, 0]);
@@ -229,15 +226,15 @@ fn garbage_in_any_word_makes_no_step() {
     let mut controller = connected(barrier_config(&simulator));
     let mut sender = Sender::new(81);
     sender.drive(&mut controller, [110, 10, 0]);
-    // A rogue writes into the axis words: the next scan writes what is applied.
+    // Another writer changes the axis words: the next scan restores the applied correction.
     simulator.world().set_words(r(100), &[5000, 0, 0]);
     sleep(Duration::from_millis(20));
     assert_eq!(simulator.world().shifts(), [0.110, 0.010, 0.0]);
 }
 
-/// While the control holds its axes, nothing moves; power-up begins with zero and another epoch.
+/// The correction holds while the control holds its axes; power-up starts at zero with a new epoch.
 #[test]
-fn emergency_stop_and_power_up() {
+fn emergency_stop_holds_and_power_up_starts_a_new_epoch() {
     let simulator = simulated(Options::default());
     let mut controller = connected(barrier_config(&simulator));
     let mut sender = Sender::new(82);
@@ -255,9 +252,9 @@ fn emergency_stop_and_power_up() {
     simulator.power_up();
     assert_eq!(simulator.world().shifts()[0], 0.0);
     assert_eq!(controller.read(soon()), Err(Fault::Disconnected));
-    controller.wait(PATIENCE).unwrap();
-    // Until its next scan the memory of the control holds no report.
-    let end = Instant::now() + PATIENCE;
+    controller.wait(TIMEOUT).unwrap();
+    // The control's memory has no report until its next scan.
+    let end = Instant::now() + TIMEOUT;
     while sender.read(&mut controller).is_none() {
         assert!(Instant::now() < end, "no report");
     }
@@ -265,7 +262,7 @@ fn emergency_stop_and_power_up() {
 }
 
 #[test]
-fn a_path_with_a_barrier_takes_frames_of_its_axes_only() {
+fn a_barrier_accepts_only_frames_of_its_axes() {
     let simulator = simulated(Options::default());
     let mut controller = connected(barrier_config(&simulator));
     let plain = controller.apply(&PerChannel::ZERO, soon());
@@ -278,9 +275,9 @@ fn a_path_with_a_barrier_takes_frames_of_its_axes_only() {
     assert!(matches!(frame, Err(Fault::Unsupported(_))), "{frame:?}");
 }
 
-/// On the wire the words are big-endian, in the memory of the PMC little-endian, as bytes show.
+/// Words are big-endian on the wire and little-endian in PMC memory.
 #[test]
-fn words_have_the_byte_order_of_the_wire() {
+fn words_change_byte_order_between_wire_and_memory() {
     let simulator = Simulator::start(
         "127.0.0.1:0",
         Options::default(),
@@ -308,7 +305,7 @@ fn words_have_the_byte_order_of_the_wire() {
 }
 
 #[test]
-fn words_that_overlap_are_refused() {
+fn overlapping_words_are_rejected() {
     let overlap = |change: &dyn Fn(&mut FocasConfig)| {
         let mut config = FocasConfig::new("192.0.2.10", &AXES);
         config.barrier = Some(area());
@@ -367,23 +364,20 @@ fn words_that_overlap_are_refused() {
             .unwrap()
             .contains("the byte of the referenced axes R241")
     );
-    // A byte that is not used beside a barrier overlaps nothing.
+    // The heartbeat is unused with a barrier, so it overlaps nothing.
     assert_eq!(overlap(&|config| config.heartbeat = Some(r(200))), None);
     let fixed = overlap(&|config| {
         config.barrier = Some(BarrierArea {
-            frame: PmcAddress {
-                area: PmcArea::F,
-                at: 0,
-            },
+            frame: at(PmcArea::F, 0),
             report: r(240),
         });
     });
     assert!(fixed.unwrap().contains("barrier.frame: found F0"));
 }
 
-/// Two configurations of one control: each of its mailboxes has a frame of its own, and both may read one report.
+/// Two configurations of one control need separate frames, but may share a report.
 #[test]
-fn two_controllers_of_one_control_write_apart() {
+fn controllers_of_one_control_need_disjoint_words() {
     let config = |frame: Option<u16>, first: u16| {
         let mut config = FocasConfig::new("cnc", &AXES);
         config.barrier = frame.map(|frame| BarrierArea {
@@ -399,7 +393,7 @@ fn two_controllers_of_one_control_write_apart() {
         let found = barrier.overlap_with(other);
         let turned = other.overlap_with(&barrier);
         let turned = turned.map(|[one, other]| [other, one]);
-        assert_eq!(found, turned, "both ways alike");
+        assert_eq!(found, turned, "symmetric");
         let [one, other] = found?;
         let byte = one.shared(&other).map(|byte| byte.to_string());
         Some([byte?, one.key.to_owned(), other.key.to_owned()])
@@ -411,11 +405,81 @@ fn two_controllers_of_one_control_write_apart() {
         shared(&config(Some(217), 100)),
         found("R217", [frame, frame])
     );
-    // A plain path beside it writes the words of the axes, the report or the frame.
+    // A controller without a barrier writes the words of the axes, report or frame.
     assert_eq!(shared(&config(None, 100)), found("R100", [area, area]));
     assert_eq!(shared(&config(None, 241)), found("R241", [report, area]));
     assert_eq!(shared(&config(None, 300)), None);
     let mut elsewhere = config(Some(200), 100);
     elsewhere.host = "another".to_owned();
     assert_eq!(shared(&elsewhere), None);
+}
+
+/// A control with two mailboxes, and a connection to each.
+fn two_mailboxes() -> (Simulator, [FocasController; 2]) {
+    let program = Program::new(settings(3)).unwrap();
+    let mut ladder = BarrierLadder::new(Box::new(program), 3);
+    let second = BarrierArea {
+        frame: r(300),
+        ..area()
+    };
+    ladder.frames.push(second.frame);
+    let mut world = World::new(&['X', 'Y', 'Z', 'C']);
+    world.ladder = Some(Ladder::Barrier(ladder));
+    let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
+    let controllers = [area(), second].map(|barrier| {
+        connected(FocasConfig {
+            barrier: Some(barrier),
+            ..config(&simulator, &AXES)
+        })
+    });
+    simulator.world().reset_largest_steps();
+    (simulator, controllers)
+}
+
+/// One gateway switches between the connections while a correction is applied; the other mailbox keeps an old frame, complete
+/// or torn.
+#[test]
+fn a_gateway_switches_connections_without_a_step() {
+    let (simulator, mut controllers) = two_mailboxes();
+    let mut sender = Sender::new(77);
+    for turn in 0..8_i16 {
+        let index = usize::from(turn % 2 == 1);
+        let goal = [40 - 10 * turn, -60 + 12 * turn, turn];
+        sender.drive(&mut controllers[index], goal);
+        if turn % 3 == 0 {
+            // Tear the last frame of this connection: its last words are missing.
+            let at = [area().frame.at, 300][index];
+            simulator
+                .world()
+                .set(PmcArea::R, usize::from(at) + 10, &[9, 9, 9]);
+        }
+        assert_eq!(sender.last.unwrap().owner, 77);
+        let shifts = simulator.world().shift_counts();
+        assert_eq!(shifts[..3], goal.map(i64::from));
+    }
+    let steps = simulator.world().largest_steps().to_vec();
+    assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
+}
+
+/// A second gateway is rejected in the other mailbox as in the same one, and receives the owner's number.
+#[test]
+fn a_second_gateway_in_the_other_mailbox_is_rejected() {
+    let (simulator, [mut first, mut second]) = two_mailboxes();
+    let (mut ours, mut other) = (Sender::new(77), Sender::new(78));
+    // It reads while the control has no owner, and sends when it has one. A report torn by a scan is read again.
+    while other.read(&mut second).is_none() {}
+    let late = other.frame([100, 100, 100]).expect("a report was read");
+    ours.drive(&mut first, [20, -20, 5]);
+    second.post(&late, soon()).unwrap();
+    for _ in 0..20 {
+        ours.drive(&mut first, [20, -20, 5]);
+        let seen = other.read(&mut second);
+        assert!(
+            matches!(seen, None | Some(ReportStatus::Old | ReportStatus::Held { owner: 77 })),
+            "{seen:?}"
+        );
+    }
+    assert_eq!(simulator.world().shift_counts()[..3], [20, -20, 5]);
+    let steps = simulator.world().largest_steps().to_vec();
+    assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
 }

@@ -1,4 +1,6 @@
-use std::time::Duration;
+//! Single requests of the client, and the simulator against an independent client (pyfocas).
+
+use std::{process::Command, time::Duration};
 
 use volcomp_focas::{
     Client, FocasError, PmcArea, PositionKind, ReturnCode,
@@ -6,15 +8,15 @@ use volcomp_focas::{
 };
 use volcomp_port::Fault;
 
-use crate::{PATIENCE, simulator, until};
+use crate::{TIMEOUT, simulator, until};
 
 fn client(simulator: &Simulator) -> Client {
-    Client::open("127.0.0.1", simulator.address().port(), PATIENCE).unwrap()
+    Client::open("127.0.0.1", simulator.address().port(), TIMEOUT).unwrap()
 }
 
-/// Every generation, with garbage in the unused slots, in one piece and in many.
+/// Every generation, with garbage in the unused slots and fragmented responses.
 #[test]
-fn every_question_is_answered() {
+fn every_request_is_answered_by_every_generation() {
     for (version, slots, fragment) in [(2, 8, 0), (3, 32, 7), (4, 32, 0), (3, 32, 1)] {
         let simulator = simulator(Options {
             version,
@@ -57,7 +59,7 @@ fn every_question_is_answered() {
 }
 
 #[test]
-fn refusals_have_their_code_in_words_and_leave_the_session_open() {
+fn rejections_name_their_code_and_keep_the_session_open() {
     let simulator = simulator(Options::default());
     let mut client = client(&simulator);
     let refused = client.read_parameter(9999, None).unwrap_err();
@@ -73,12 +75,14 @@ fn refusals_have_their_code_in_words_and_leave_the_session_open() {
     assert!(client.status().is_ok());
     let garbage = client.positions(PositionKind::Machine, 33).unwrap_err();
     assert!(
-        garbage.to_string().contains("a position that is no number"),
-        "slots behind the axes hold garbage: {garbage}"
+        garbage
+            .to_string()
+            .contains("a position that is not a number"),
+        "slots after the axes contain garbage: {garbage}"
     );
 }
 
-/// The names and numbers of the maker's library, once each.
+/// Names and numbers of the manufacturer's library, each once.
 #[test]
 fn return_codes_have_names() {
     let mut names: Vec<&str> = (-20..=20).filter_map(|c| ReturnCode(c).name()).collect();
@@ -88,14 +92,11 @@ fn return_codes_have_names() {
     assert_eq!(names.len(), 31);
     assert_eq!(ReturnCode(6).name(), Some("EW_NOOPT"));
     assert_eq!(ReturnCode(99).name(), None);
-    assert_eq!(
-        ReturnCode(99).to_string(),
-        "code 99: a code that is not known"
-    );
+    assert_eq!(ReturnCode(99).to_string(), "code 99: unknown code");
 }
 
 #[test]
-fn sessions_are_closed_and_too_many_refused() {
+fn sessions_are_limited_and_freed() {
     let simulator = simulator(Options {
         sessions: 2,
         ..Options::default()
@@ -103,20 +104,20 @@ fn sessions_are_closed_and_too_many_refused() {
     let first = client(&simulator);
     let _second = client(&simulator);
     let port = simulator.address().port();
-    let refused = Client::open("127.0.0.1", port, PATIENCE).unwrap_err();
+    let refused = Client::open("127.0.0.1", port, TIMEOUT).unwrap_err();
     assert_eq!(
         refused.of("focas://host").to_string(),
-        "focas://host: the session was refused; end another program that talks to this control; it serves only a few"
+        "focas://host: the session was refused; end another program that talks to this control; it supports few sessions"
     );
     drop(first);
     until("the session is free again", || {
         simulator.open_sessions() == 1
     });
-    assert!(Client::open("127.0.0.1", port, PATIENCE).is_ok());
+    assert!(Client::open("127.0.0.1", port, TIMEOUT).is_ok());
 }
 
 #[test]
-fn what_is_not_there_is_told() {
+fn connection_errors_name_their_cause() {
     let error = Client::open("127.0.0.1", 1, Duration::from_millis(200)).unwrap_err();
     assert!(
         error
@@ -124,9 +125,9 @@ fn what_is_not_there_is_told() {
             .starts_with("no connection to 127.0.0.1:1: "),
         "{error}"
     );
-    let error = Client::open("no.such.host.invalid", 1, PATIENCE).unwrap_err();
+    let error = Client::open("no.such.host.invalid", 1, TIMEOUT).unwrap_err();
     assert!(error.to_string().contains("cannot be resolved"), "{error}");
-    // A port that says nothing.
+    // A server that does not respond.
     let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = silent.local_addr().unwrap().port();
     let error = Client::open("127.0.0.1", port, Duration::from_millis(100)).unwrap_err();
@@ -136,12 +137,12 @@ fn what_is_not_there_is_told() {
     );
 }
 
-/// The answer cut off after every byte: a fault in time, never a number.
+/// A response truncated at any byte is a fault within the deadline, never a value.
 #[test]
-fn answers_cut_at_every_byte_end_in_time() {
+fn truncated_responses_are_faults() {
     use std::io::{Read, Write};
-    use volcomp_focas::frame::{Command, Kind, Target, frame, push_block};
-    let command = Command {
+    use volcomp_focas::frame::{self, Kind, Target, frame, push_block};
+    let command = frame::Command {
         target: Target::Cnc,
         path: 1,
         function: 0x19,
@@ -163,12 +164,12 @@ fn answers_cut_at_every_byte_end_in_time() {
             stream.read_exact(&mut [0; 40]).unwrap();
             stream.write_all(&answer[..cut]).unwrap();
             stream.shutdown(std::net::Shutdown::Write).unwrap();
-            // Until the other side is gone too.
+            // Wait until the client has closed.
             let _ = stream.read(&mut [0; 64]);
         }
     });
     for cut in 0..=whole {
-        let mut client = Client::open("127.0.0.1", port, PATIENCE).unwrap();
+        let mut client = Client::open("127.0.0.1", port, TIMEOUT).unwrap();
         let found = client.status();
         if cut == whole {
             assert!(found.is_ok());
@@ -184,10 +185,10 @@ fn answers_cut_at_every_byte_end_in_time() {
     peer.join().unwrap();
 }
 
-/// Plain data come back from JSON as they were.
+/// JSON round trip.
 #[cfg(feature = "serde")]
 #[test]
-fn plain_data_are_serialised() {
+fn json_round_trip() {
     use volcomp_focas::{FocasConfig, PmcAddress, Shift};
     use volcomp_vocabulary::AxisName;
     let shift = FocasConfig::new("host", &[AxisName::X]).shift;
@@ -202,4 +203,35 @@ fn plain_data_are_serialised() {
     let options = Options::default();
     let text = serde_json::to_string(&options).unwrap();
     assert_eq!(serde_json::from_str::<Options>(&text).unwrap(), options);
+}
+
+#[test]
+fn pyfocas_understands_the_simulator() {
+    let Some(python) = volcomp_test_support::peers::python() else {
+        return;
+    };
+    for version in [2, 3, 4] {
+        let simulator = simulator(Options {
+            version,
+            ..Options::default()
+        });
+        simulator.world().macros.insert(100, -12.5);
+        let program = "import sys\n\
+            from pyfocas.protocol.protocol import FOCAS\n\
+            f = FOCAS('127.0.0.1', int(sys.argv[1]))\n\
+            assert f.connect()\n\
+            info = f.get_sys_info()\n\
+            assert (info.series, info.version, info.axes) == ('D4G3', '28.0', '04'), info\n\
+            status = f.get_status_info()\n\
+            assert (status.run, status.emergency, status.alarm) == (3, 0, 0), status\n\
+            f.write_macro_double(500, 1.5)\n\
+            assert f.read_macro(500) == {500: 1.5}\n\
+            assert f.read_macro(100) == {100: -12.5}\n";
+        let output = Command::new(&python)
+            .args(["-c", program, &simulator.address().port().to_string()])
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{output:?}");
+        assert_eq!(simulator.world().macros[&500], 1.5);
+    }
 }

@@ -1,7 +1,9 @@
-//! Configurations that cannot be carried out are refused before anything is connected.
+//! Invalid configurations are rejected before connecting.
 
 use volcomp_focas::{BarrierArea, FocasConfig, FocasError, PmcAddress, PmcArea, Width};
 use volcomp_vocabulary::{AxisName, Displacement, Urad};
+
+use crate::at;
 
 fn config(change: impl Fn(&mut FocasConfig)) -> FocasConfig {
     let mut config = FocasConfig::new("192.0.2.10", &[AxisName::X, AxisName::C]);
@@ -9,28 +11,28 @@ fn config(change: impl Fn(&mut FocasConfig)) -> FocasConfig {
     config
 }
 
-/// Only the ladder's own memory is written to: not the signals between the control and the ladder (G8.4 is the emergency
-/// stop), and not those of the machine. All of it may be read. The report is what the ladder writes.
+/// Only the ladder's own memory may be written, not the signals between control and ladder (G8.4 is the emergency stop) or
+/// those of the machine. All areas may be read. The ladder writes the report.
 #[test]
-fn only_the_memory_of_the_ladder_is_written() {
+fn only_ladder_memory_is_writable() {
     for area in PmcArea::ALL {
-        let place = PmcAddress { area, at: 8 };
+        let address = at(area, 8);
         let barrier = |frame: PmcAddress, report: PmcAddress| {
             config(|c| c.barrier = Some(BarrierArea { frame, report })).describe()
         };
-        let elsewhere = PmcAddress {
-            area: PmcArea::R,
-            at: 500,
-        };
+        let valid = at(PmcArea::R, 500);
         let found = [
-            ("area.first", config(|c| c.shift.first = place).describe()),
+            ("area.first", config(|c| c.shift.first = address).describe()),
             (
                 "heartbeat",
-                config(|c| c.heartbeat = Some(place)).describe(),
+                config(|c| c.heartbeat = Some(address)).describe(),
             ),
-            ("sequence", config(|c| c.sequence = Some(place)).describe()),
-            ("barrier.frame", barrier(place, elsewhere)),
-            ("barrier.report", barrier(elsewhere, place)),
+            (
+                "sequence",
+                config(|c| c.sequence = Some(address)).describe(),
+            ),
+            ("barrier.frame", barrier(address, valid)),
+            ("barrier.report", barrier(valid, address)),
         ];
         for (expected, found) in found {
             if matches!(area, PmcArea::R | PmcArea::D) {
@@ -39,18 +41,18 @@ fn only_the_memory_of_the_ladder_is_written() {
             }
             let found = found.unwrap_err();
             assert!(
-                matches!(found, FocasError::NotWritable { key, at } if key == expected && at == place),
+                matches!(found, FocasError::NotWritable { key, at } if key == expected && at == address),
                 "{found}"
             );
             assert!(found.of("focas://a").is_input());
         }
-        assert!(config(|c| c.referenced = Some(place)).describe().is_ok());
+        assert!(config(|c| c.referenced = Some(address)).describe().is_ok());
     }
 }
 
-/// Addresses of the PMC have 16 bits.
+/// PMC addresses have 16 bits.
 #[test]
-fn words_end_within_the_area() {
+fn words_must_end_within_the_area() {
     for (width, bytes) in [(Width::Byte, 1_u16), (Width::Word, 2), (Width::Long, 4)] {
         let at = |at: u16| {
             config(|c| {
@@ -71,9 +73,9 @@ fn words_end_within_the_area() {
     }
 }
 
-/// Signed numbers of one, two and four bytes of 1 µm and 0.001 deg.
+/// Signed words of one, two and four bytes in 1 µm and 0.001 deg.
 #[test]
-fn the_largest_shift_is_that_of_the_width() {
+fn the_width_limits_the_shift() {
     for (width, most) in [
         (Width::Byte, 127.0),
         (Width::Word, 32_767.0),
@@ -95,10 +97,10 @@ fn the_largest_shift_is_that_of_the_width() {
     }
 }
 
-/// The control takes two bytes for each axis: with one byte each, 21 µm for X and 2 µm for Y were half a millimetre for X,
-/// and with four bytes Y got the sign of X.
+/// The control takes two bytes for each axis: with one-byte words, 21 µm for X and 2 µm for Y became half a millimetre for X,
+/// and with four-byte words Y got the sign of X.
 #[test]
-fn words_that_the_control_takes_itself_have_two_bytes() {
+fn directly_taken_words_must_have_two_bytes() {
     for width in [Width::Byte, Width::Long] {
         let found = config(|c| c.shift.width = width).describe().unwrap_err();
         assert!(

@@ -1,4 +1,4 @@
-//! The controller against the simulator: positions, states and corrections, and where in the control they are.
+//! Positions, states and corrections of the controller against the simulator.
 
 use std::{
     sync::Arc,
@@ -6,13 +6,13 @@ use std::{
 };
 
 use volcomp_focas::{
-    FocasConfig, FocasController, PmcAddress, PmcArea,
+    FocasConfig, FocasController, PmcArea,
     simulator::{Options, Simulator},
 };
 use volcomp_port::{Controller, Fault};
 use volcomp_vocabulary::{AxisName, Mm, PerChannel};
 
-use crate::{PATIENCE, config, simulator};
+use crate::{TIMEOUT, at, config, simulator};
 
 pub(crate) fn soon() -> Instant {
     Instant::now() + Duration::from_secs(1)
@@ -20,7 +20,7 @@ pub(crate) fn soon() -> Instant {
 
 pub(crate) fn connected(config: FocasConfig) -> FocasController {
     let mut controller = FocasController::new(config).unwrap();
-    controller.wait(PATIENCE).unwrap();
+    controller.wait(TIMEOUT).unwrap();
     controller
 }
 
@@ -30,11 +30,11 @@ pub(crate) fn um(x: f64, y: f64, z: f64) -> PerChannel<f64> {
 }
 
 #[test]
-fn shifts_reach_the_axes_of_their_names() {
+fn shifts_reach_the_named_axes() {
     let simulator = simulator(Options::default());
     simulator.world().shift.in_positions = true;
     simulator.world().motion = Arc::new(|_| vec![10.0, 20.0, 30.0, 90.0]);
-    // Another order than the control's, and one axis left out.
+    // Different order from the control's, and one axis omitted.
     let mut controller = connected(config(&simulator, &[AxisName::Z, AxisName::X]));
     controller.apply(&um(5.0, -12.0, 0.0), soon()).unwrap();
     assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
@@ -47,10 +47,10 @@ fn shifts_reach_the_axes_of_their_names() {
     assert!(snapshot.uncertainty < Duration::from_millis(500));
 }
 
-/// Axes that are only read: their positions come behind those of the others, and nothing is written for them, with a
-/// heartbeat or with a barrier. Who only reads writes nothing at all and takes no writer for another gateway.
+/// Positions of read-only axes follow those of corrected axes, and nothing is written for them. A read-only controller writes
+/// nothing, and does not report a writer as another gateway.
 #[test]
-fn positions_of_other_axes_are_read_and_nothing_is_written_for_them() {
+fn read_only_axes_are_read_and_not_written() {
     let simulator = simulator(Options::default());
     simulator.world().motion = Arc::new(|_| vec![10.0, 20.0, 30.0, 90.0]);
     let mut with_others = config(&simulator, &[AxisName::Z, AxisName::X]);
@@ -80,7 +80,7 @@ fn positions_of_other_axes_are_read_and_nothing_is_written_for_them() {
         Err(Fault::Unsupported(_))
     ));
     assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
-    // An axis that is only read must be referenced, too: its position makes the correction of the others.
+    // Read-only axes must be referenced too: their positions determine the correction of the others.
     let is_referenced =
         |reader: &mut FocasController| reader.read(soon()).unwrap().state.referenced;
     assert!(is_referenced(&mut reader));
@@ -89,7 +89,7 @@ fn positions_of_other_axes_are_read_and_nothing_is_written_for_them() {
 }
 
 #[test]
-fn a_shift_is_held_within_its_word() {
+fn shifts_saturate_at_the_word_range() {
     let simulator = simulator(Options::default());
     let mut controller = connected(config(&simulator, &[AxisName::X, AxisName::Y, AxisName::Z]));
     let wild = PerChannel::leading([f64::INFINITY, -1e9, f64::NAN]);
@@ -114,7 +114,7 @@ fn rotary_axes_are_in_radians() {
 }
 
 #[test]
-fn states_are_told() {
+fn states_are_reported() {
     let simulator = simulator(Options::default());
     let mut controller = connected(config(&simulator, &[AxisName::X, AxisName::Y, AxisName::Z]));
     let state = |controller: &mut FocasController| controller.read(soon()).unwrap().state;
@@ -128,7 +128,7 @@ fn states_are_told() {
 }
 
 #[test]
-fn the_heartbeat_moves_with_every_correction_and_shows_another_gateway() {
+fn the_heartbeat_counts_corrections_and_reveals_another_gateway() {
     let simulator = simulator(Options::default());
     let mut controller = connected(config(&simulator, &[AxisName::X]));
     let beat = |simulator: &Simulator| simulator.world().read(PmcArea::R, 120, 1).unwrap()[0];
@@ -140,17 +140,17 @@ fn the_heartbeat_moves_with_every_correction_and_shows_another_gateway() {
     controller.read(soon()).unwrap();
     simulator.world().write(PmcArea::R, 120, &[77]);
     assert_eq!(controller.read(soon()), Err(Fault::OtherGateway));
-    assert!(controller.read(soon()).is_ok(), "told once for each move");
+    assert!(
+        controller.read(soon()).is_ok(),
+        "reported once for each change"
+    );
 }
 
 #[test]
-fn the_sequence_counts_after_the_shifts() {
+fn the_sequence_byte_counts_corrections() {
     let simulator = simulator(Options::default());
     let mut config = config(&simulator, &[AxisName::X, AxisName::Z]);
-    config.sequence = Some(PmcAddress {
-        area: PmcArea::D,
-        at: 7,
-    });
+    config.sequence = Some(at(PmcArea::D, 7));
     for (heartbeat, beats) in [(config.heartbeat, 3), (None, 0)] {
         simulator.world().write(PmcArea::R, 120, &[0]);
         simulator.world().write(PmcArea::D, 7, &[0]);
@@ -169,7 +169,7 @@ fn the_sequence_counts_after_the_shifts() {
             Some(vec![beats])
         );
     }
-    // After a reconnection it goes on: a ladder that waits for another number sees the first correction.
+    // It continues after a reconnection, so that the ladder detects the first correction.
     let mut controller = connected(config);
     controller.apply(&um(1.0, 0.0, 0.0), soon()).unwrap();
     let number = simulator.world().read(PmcArea::D, 7, 1);
@@ -177,7 +177,7 @@ fn the_sequence_counts_after_the_shifts() {
 }
 
 #[test]
-fn places_in_memory_are_configured() {
+fn memory_addresses_are_configurable() {
     let simulator = simulator(Options::default());
     {
         let mut world = simulator.world();
@@ -187,12 +187,8 @@ fn places_in_memory_are_configured() {
         world.shift.count = 0.0001;
     }
     let mut config = config(&simulator, &[AxisName::Y, AxisName::Z]);
-    config.shift.first = PmcAddress {
-        area: PmcArea::D,
-        at: 1000,
-    };
+    config.shift.first = at(PmcArea::D, 1000);
     config.shift.width = volcomp_focas::Width::Long;
-    config.copied = true;
     config.copied = true;
     config.shift.count_linear = Mm(0.0001);
     let mut controller = connected(config);
@@ -204,15 +200,12 @@ fn places_in_memory_are_configured() {
     );
 }
 
-/// A heartbeat in the words of the corrections would be a correction itself: 0 to 255 counts of an axis.
+/// A heartbeat within the shift words would shift an axis by 0 to 255 counts.
 #[test]
-fn a_heartbeat_within_the_words_of_the_shifts_is_refused() {
+fn a_heartbeat_within_the_shift_words_is_rejected() {
     let config = |heartbeat: u16| {
         let mut config = FocasConfig::new("127.0.0.1", &[AxisName::X]);
-        config.heartbeat = Some(PmcAddress {
-            area: PmcArea::R,
-            at: heartbeat,
-        });
+        config.heartbeat = Some(at(PmcArea::R, heartbeat));
         config
     };
     for (heartbeat, refused) in [(99, false), (100, true), (101, true), (102, false)] {

@@ -1,12 +1,14 @@
-//! Bytes from public captures and from the protocol's description.
+//! Frames against bytes from public captures and the protocol description.
+
+use std::path::Path;
 
 use proptest::prelude::*;
 use volcomp_focas::frame::{
-    Blocks, Broken, Command, HEAD, Head, Kind, Request, Target, close_frame, frame, number,
+    Blocks, Command, FrameError, HEAD, Head, Kind, Request, Target, close_frame, frame, number,
     number_bytes, open_frame, parse_commands, push_block,
 };
 
-/// Hexadecimal digits, blanks between.
+/// Parses hexadecimal digits separated by blanks.
 fn hex(text: &str) -> Vec<u8> {
     let digits: String = text.split_whitespace().collect();
     let byte = |i: usize| u8::from_str_radix(&digits[i..i + 2], 16).unwrap();
@@ -24,7 +26,7 @@ fn command(target: Target, function: u16, args: [i32; 5], data: &[u8]) -> Comman
 }
 
 #[test]
-fn requests_are_the_captured_bytes() {
+fn requests_match_captures() {
     use Target::{Cnc, Pmc};
     let eight = 1.5_f64.to_be_bytes();
     let words = hex("fff4 0005 0007");
@@ -78,7 +80,7 @@ fn requests_are_the_captured_bytes() {
 }
 
 #[test]
-fn answers_are_read_as_captured() {
+fn captured_responses_are_decoded() {
     let bytes = hex(
         "a0a0a0a0 0003 2102 0024 0001 0022 0001 0001 0018 0000 0000 0000 0012
          0662 0020 2030 204d 44344733 32382e30 3033",
@@ -93,23 +95,23 @@ fn answers_are_read_as_captured() {
     let block = blocks[0].unwrap();
     assert_eq!((block.error, block.data.len()), (0, 18));
     assert_eq!(&block.data[8..12], b"D4G3");
-    // A missing option: sixteen bytes with the code 6.
+    // Missing option: sixteen bytes with code 6.
     let refused = hex("0001 0010 0001 0001 0026 0006 0000 0000 0000");
     let blocks: Vec<_> = Blocks::parse(&refused).unwrap().collect();
     assert_eq!(blocks[0].unwrap().error, 6);
-    // Another function than asked for.
+    // A response to another function.
     assert_eq!(
         request.answers(&refused).err(),
-        Some(Broken("an answer to another command"))
+        Some(FrameError("an answer to another command"))
     );
-    // A number that does not exist: the whole frame is negative.
+    // Unknown number: the whole frame is rejected.
     let negative = hex("a0a0a0a0 0003 2103 0008 0000 ffef 0001 0000");
     let head = Head::parse(negative.first_chunk().unwrap()).unwrap();
     assert_eq!(head.kind, Kind::Negative);
 }
 
 #[test]
-fn numbers_of_eight_bytes() {
+fn eight_byte_numbers_are_decoded_and_saturate() {
     let parse = |text: &str| number(hex(text).try_into().unwrap());
     assert_eq!(parse("fff6deaa 000a 0003"), Some(-598.358));
     assert_eq!(parse("0bc77120 000a 0006"), Some(197.62));
@@ -122,7 +124,7 @@ fn numbers_of_eight_bytes() {
 }
 
 #[test]
-fn data_are_changed_in_place() {
+fn data_can_be_changed_in_place() {
     let first = command(Target::Pmc, 0x8002, [100, 103, 5, 1, 4], &[0; 4]);
     let second = command(Target::Pmc, 0x8002, [120, 120, 5, 0, 1], &[0]);
     let mut request = Request::new(&[first, second]).unwrap();
@@ -136,9 +138,9 @@ fn data_are_changed_in_place() {
     );
 }
 
-/// An answer of two blocks, cut anywhere, is refused; whole it is not.
+/// A two-block response is rejected when truncated at any byte.
 #[test]
-fn cut_answers_are_refused() {
+fn truncated_responses_are_rejected() {
     let commands = [
         command(Target::Cnc, 0x26, [1, -1, 0, 0, 0], &[]),
         command(Target::Pmc, 0x8001, [100, 105, 5, 1, 0], &[]),
@@ -156,9 +158,34 @@ fn cut_answers_are_refused() {
     assert!(request.answers(&more).is_err());
 }
 
+/// Replays the fuzz corpus: responses, requests and headers parse as stated by their file names.
+#[test]
+fn corpus_frames_parse() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus/focas");
+    let mut seen = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        let bytes = std::fs::read(&path).unwrap();
+        let head = bytes.first_chunk().map(Head::parse);
+        let blocks = Blocks::parse(&bytes).map(Iterator::collect::<Vec<_>>);
+        let commands = parse_commands(&bytes);
+        if name.starts_with("answer-") {
+            assert!(blocks.unwrap().iter().all(Result::is_ok), "{name}");
+        } else if name.starts_with("request-") {
+            let request = Request::new(commands.as_ref().unwrap()).unwrap();
+            assert_eq!(request.bytes()[HEAD..], bytes, "{name}");
+        } else if name.starts_with("head-") {
+            assert!(head.unwrap().is_ok(), "{name}");
+        }
+        seen += 1;
+    }
+    assert!(seen >= 5);
+}
+
 proptest! {
     #[test]
-    fn no_bytes_make_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
+    fn arbitrary_bytes_do_not_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
         if let Some(head) = bytes.first_chunk() {
             let _ = Head::parse(head);
         }
@@ -169,7 +196,7 @@ proptest! {
     }
 
     #[test]
-    fn commands_come_back(
+    fn commands_round_trip(
         function: u16, path: u16, args: [i32; 5], pmc: bool,
         data in proptest::collection::vec(any::<u8>(), 0..300),
     ) {
@@ -182,13 +209,13 @@ proptest! {
     }
 
     #[test]
-    fn numbers_come_back(mantissa: i32, decimals in 0_i16..7) {
+    fn numbers_round_trip(mantissa: i32, decimals in 0_i16..7) {
         let value = f64::from(mantissa) / 10_f64.powi(i32::from(decimals));
         prop_assert_eq!(number(number_bytes(value, decimals)), Some(value));
     }
 
     #[test]
-    fn frames_come_back(payload in proptest::collection::vec(any::<u8>(), 0..300)) {
+    fn frames_round_trip(payload in proptest::collection::vec(any::<u8>(), 0..300)) {
         let bytes = frame(4, Kind::Answer, &payload).unwrap();
         let head = Head::parse(bytes.first_chunk().unwrap()).unwrap();
         prop_assert_eq!((head.version, head.kind, head.length), (4, Kind::Answer, payload.len()));

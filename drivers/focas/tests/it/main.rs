@@ -1,27 +1,22 @@
-//! Frames against bytes from public captures, the client and the controller against the simulator, the
-//! simulator against another program's client.
+//! Frames against public captures, client and controller against the simulator, and the simulator against an independent
+//! client.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod abilities;
+mod allocations;
 mod barrier;
 mod client;
 mod config;
 mod connection;
 mod controller;
 mod frames;
-mod fuzz_corpus;
-mod outage;
-mod peer;
-mod quiet;
-mod shift_source;
-mod two_mailboxes;
-mod units;
+mod parameters;
 
 use std::time::Duration;
 
 use volcomp_focas::{
-    FocasConfig,
+    FocasConfig, PmcAddress, PmcArea,
     simulator::{Options, Simulator, World},
 };
 use volcomp_port::Backoff;
@@ -30,10 +25,14 @@ use volcomp_vocabulary::AxisName;
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 
 fn simulator(options: Options) -> Simulator {
     Simulator::start("127.0.0.1:0", options, World::new(&['X', 'Y', 'Z', 'C'])).unwrap()
+}
+
+fn at(area: PmcArea, at: u16) -> PmcAddress {
+    PmcAddress { area, at }
 }
 
 fn config(simulator: &Simulator, axes: &[AxisName]) -> FocasConfig {
@@ -48,5 +47,5 @@ fn config(simulator: &Simulator, axes: &[AxisName]) -> FocasConfig {
 }
 
 fn until(what: &str, holds: impl Fn() -> bool) {
-    volcomp_test_support::until(what, PATIENCE, holds);
+    volcomp_test_support::until(what, TIMEOUT, holds);
 }

@@ -9,16 +9,16 @@ use std::{
 use super::{Ini, Problem, below, is_bridge};
 
 /// Directory in which LinuxCNC searches for HAL files that are not next to the INI file.
-const LIBRARY: &str = "/usr/share/linuxcnc/hallib";
+const HAL_LIBRARY: &str = "/usr/share/linuxcnc/hallib";
 
 /// Path of a HAL file named in an INI file in this folder; arguments may follow the name.
 fn path_of(folder: &Path, value: &str) -> PathBuf {
     let name = value.split_whitespace().next().unwrap_or_default();
     if let Some(name) = name.strip_prefix("LIB:") {
-        return Path::new(LIBRARY).join(name);
+        return Path::new(HAL_LIBRARY).join(name);
     }
     let own = below(folder, name);
-    let library = Path::new(LIBRARY).join(name);
+    let library = Path::new(HAL_LIBRARY).join(name);
     if !own.exists() && library.exists() {
         return library;
     }
@@ -80,7 +80,7 @@ fn signal_of(pin: &str) -> Option<String> {
 
 impl Ini {
     /// Finds pins that the bridge has connected and that a later file connects to another signal, at which LinuxCNC stops.
-    pub(super) fn behind_the_display(&self, problems: &mut Vec<Problem>) {
+    pub(super) fn check_display_files(&self, problems: &mut Vec<Problem>) {
         let Some(folder) = &self.folder else {
             return;
         };
@@ -98,7 +98,7 @@ impl Ini {
             .collect();
         let [corrected, read_only] = self.letters().map(|letters| letters.to_lowercase());
         // For an axis that is only read, the bridge connects only the position.
-        let is_told = |pin: &str| match pin
+        let is_reported = |pin: &str| match pin
             .strip_prefix("axis.")
             .and_then(|rest| rest.split_once('.'))
         {
@@ -119,7 +119,7 @@ impl Ini {
             for (line, pin, found) in connections(&text) {
                 let known = known.get(pin).map(|signal| (*signal).to_owned());
                 let Some(expected) = signal_of(pin)
-                    .filter(|_| is_told(pin))
+                    .filter(|_| is_reported(pin))
                     .map(|signal| known.unwrap_or(signal))
                 else {
                     continue;

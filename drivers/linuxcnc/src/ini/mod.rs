@@ -4,7 +4,7 @@ mod hal;
 mod numbers;
 mod problem;
 
-pub use numbers::Least;
+pub use numbers::GuardMinimum;
 pub use problem::Problem;
 
 use std::{
@@ -35,7 +35,7 @@ pub struct Expected<'a> {
     /// The period of the servo thread, ms.
     pub scan_ms: f64,
     /// Minimum values that the guard needs in the bridge; `None` if nothing is corrected.
-    pub least: Option<Least>,
+    pub least: Option<GuardMinimum>,
 }
 
 /// The HAL file of the bridge.
@@ -61,7 +61,7 @@ const KEYS: [&str; 15] = [
 ];
 
 /// Maximum number of joints in LinuxCNC.
-const MOST_JOINTS: f64 = 16.0;
+const MAX_JOINTS: f64 = 16.0;
 
 /// The units of the bridge, by the words that LinuxCNC accepts in any case, and the same words for messages. LinuxCNC also accepts numbers, and
 /// text after a number: these are rejected, as the bridge does.
@@ -163,7 +163,7 @@ impl Ini {
         }
         self.hal_files(&mut problems);
         self.unknown(&mut problems);
-        self.behind_the_display(&mut problems);
+        self.check_display_files(&mut problems);
         self.bridge(expected, &mut problems);
         self.key(expected, &mut problems);
         self.reads(expected, &mut problems);
@@ -225,7 +225,7 @@ impl Ini {
 
     /// The letters of the axes that the bridge corrects, and of those whose position it only reports.
     fn letters(&self) -> [String; 2] {
-        let of = |key| self.of_bridge(key);
+        let of = |key| self.bridge_value(key);
         [
             of("AXES").unwrap_or_else(|| "XYZ".to_owned()),
             of("READS").unwrap_or_default(),
@@ -233,7 +233,7 @@ impl Ini {
     }
 
     /// A value of the bridge's section as the bridge reads it: without blanks, in upper case.
-    fn of_bridge(&self, key: &str) -> Option<String> {
+    fn bridge_value(&self, key: &str) -> Option<String> {
         let text = self.get("VOLCOMP", key)?;
         Some(text.replace(' ', "").to_uppercase())
     }
@@ -290,7 +290,7 @@ impl Ini {
         match self.get("KINS", "JOINTS") {
             None => problems.push(Problem::NoJoints),
             Some(found) => {
-                let is_one = |n: f64| n.fract() == 0.0 && (1.0..=MOST_JOINTS).contains(&n);
+                let is_one = |n: f64| n.fract() == 0.0 && (1.0..=MAX_JOINTS).contains(&n);
                 if !found.parse().is_ok_and(is_one) {
                     let found = found.to_owned();
                     problems.push(Problem::Joints { found });
@@ -317,8 +317,8 @@ impl Ini {
 
     /// Checks the section of the bridge.
     fn bridge(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
-        let mut compare = |key: &'static str, default: Option<String>, wanted: String| match self
-            .of_bridge(key)
+        let mut compare = |key: &'static str, default: Option<String>, required: String| match self
+            .bridge_value(key)
             .or(default)
         {
             None => problems.push(Problem::Missing {
@@ -327,15 +327,15 @@ impl Ini {
             }),
             Some(found) => {
                 let as_number = |text: &str| text.parse::<f64>().ok();
-                let numbers = as_number(&found).zip(as_number(&wanted));
-                let same = numbers.map_or(found == wanted, |(a, b)| {
+                let numbers = as_number(&found).zip(as_number(&required));
+                let same = numbers.map_or(found == required, |(a, b)| {
                     (a - b).abs() < 1e-6 * b.abs().max(1.0)
                 });
                 if !same {
                     problems.push(Problem::Other {
                         key,
                         found,
-                        expected: wanted,
+                        expected: required,
                     });
                 }
             }

@@ -5,14 +5,14 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 use super::{Expected, Ini, Problem};
 
 /// Largest number of counts or scans that a protocol word holds.
-const WORD: f64 = i16::MAX as f64;
+const MAX_WORD: f64 = i16::MAX as f64;
 
 /// LinuxCNC's default for the maximum velocity of an axis, mm/s or deg/s.
-const MAX_VELOCITY: f64 = 1.0;
+const DEFAULT_MAX_VELOCITY: f64 = 1.0;
 
 /// Minimum values that the guard needs in the bridge: the largest of all axes of a kind.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Least {
+pub struct GuardMinimum {
     /// Largest correction of linear axes, um, and of rotary ones, millidegrees.
     pub limit: [f64; 2],
     /// Minimum rate of the barrier, twice the slew: um/s, and millidegrees per second.
@@ -91,7 +91,7 @@ impl Ini {
             let least = expected.least.as_ref();
             if let Some(found) = self.number(keys.limit, None, problems) {
                 let guard = least.map_or(0.0, |least| least.limit[at]);
-                between(
+                check_range(
                     keys.limit,
                     found,
                     &[
@@ -99,7 +99,7 @@ impl Ini {
                         (step * 1e-3, "a count"),
                     ],
                     (
-                        WORD * step * 1e-3,
+                        MAX_WORD * step * 1e-3,
                         "a word of the protocol holds 32767 counts",
                     ),
                     problems,
@@ -109,7 +109,7 @@ impl Ini {
                 continue;
             };
             let guard = least.map_or(0.0, |least| least.rate[at]);
-            between(
+            check_range(
                 keys.rate,
                 rate,
                 &[
@@ -117,16 +117,16 @@ impl Ini {
                         guard,
                         "twice the slew of [guard] in the gateway's configuration",
                     ),
-                    (step * 1e-3 / scan_s / WORD, "a count in 32767 scans"),
+                    (step * 1e-3 / scan_s / MAX_WORD, "a count in 32767 scans"),
                 ],
                 (
-                    WORD * step * 1e-3 / scan_s,
+                    MAX_WORD * step * 1e-3 / scan_s,
                     "a word of the protocol holds 32767 counts",
                 ),
                 problems,
             );
             for axis in expected.control.axes.iter().filter(corrected) {
-                self.follows(*axis, keys.rate, rate, problems);
+                self.check_offset_rate(*axis, keys.rate, rate, problems);
             }
         }
         if expected.control.axes.is_empty() {
@@ -137,15 +137,15 @@ impl Ini {
         if let Some(found) = hold {
             let least = (expected.scan_ms, "a period of the servo thread");
             let most = (
-                WORD * expected.scan_ms,
+                MAX_WORD * expected.scan_ms,
                 "a word of the protocol holds 32767 scans",
             );
-            between("HOLD_MS", found, &[least], most, problems);
+            check_range("HOLD_MS", found, &[least], most, problems);
         }
         if let Some(found) = time_out {
             let twice = (2.0 * hold.unwrap_or(0.0), "twice HOLD_MS");
             let word = (
-                WORD * expected.scan_ms,
+                MAX_WORD * expected.scan_ms,
                 "a word of the protocol holds 32767 scans",
             );
             let guard = expected.least.as_ref().map(|least| least.zero_after_ms);
@@ -153,18 +153,24 @@ impl Ini {
                 (ms, "guard.zero_after_ms in the gateway's configuration")
             });
             let most = if guard.0 < word.0 { guard } else { word };
-            between("TIME_OUT_MS", found, &[twice], most, problems);
+            check_range("TIME_OUT_MS", found, &[twice], most, problems);
         }
     }
 
     /// Checks that the offset of an axis is as fast as the bridge, mm/s or deg/s. A missing or invalid share is reported elsewhere.
-    fn follows(&self, axis: AxisName, key: &'static str, rate: f64, problems: &mut Vec<Problem>) {
+    fn check_offset_rate(
+        &self,
+        axis: AxisName,
+        key: &'static str,
+        rate: f64,
+        problems: &mut Vec<Problem>,
+    ) {
         let section = format!("AXIS_{axis}");
         let number = |key| self.get(&section, key)?.parse::<f64>().ok();
         let Some(found) = number("OFFSET_AV_RATIO").filter(|ratio| *ratio > 0.0) else {
             return;
         };
-        let velocity = number("MAX_VELOCITY").unwrap_or(MAX_VELOCITY);
+        let velocity = number("MAX_VELOCITY").unwrap_or(DEFAULT_MAX_VELOCITY);
         let share = found * velocity * (1.0 + 1e-9);
         if share.is_nan() || share < rate * 1e-3 {
             problems.push(Problem::Slow {
@@ -180,7 +186,7 @@ impl Ini {
 }
 
 /// Reports a number that is below one of the bounds, each with its reason, or too large.
-fn between(
+fn check_range(
     key: &'static str,
     found: f64,
     least: &[(f64, &'static str)],

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use volcomp_vocabulary::AxisName;
 
-use super::{BRIDGE, MOST_JOINTS};
+use super::{BRIDGE, MAX_JOINTS};
 
 /// A wrong or missing setting in an INI file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -87,7 +87,7 @@ pub enum Problem {
         found: String,
     },
     /// A HAL file of the display cannot be read.
-    #[error("[HAL]POSTGUI_HALFILE: {file}: {reason}; expected a file that can be looked through")]
+    #[error("[HAL]POSTGUI_HALFILE: {file}: {reason}; expected a readable file")]
     PostGui {
         /// The file as named in the INI file.
         file: String,
@@ -96,7 +96,7 @@ pub enum Problem {
     },
     /// A HAL file of the display connects a pin that the bridge has connected.
     #[error(
-        "[HAL]POSTGUI_HALFILE: {file}, line {line}: found {pin} connected to {found}, expected {expected}: it has this signal already, and takes no other one"
+        "[HAL]POSTGUI_HALFILE: {file}, line {line}: found {pin} connected to {found}, expected {expected}: the pin already has this signal, and accepts no other"
     )]
     Connected {
         /// The file as named in the INI file.
@@ -131,7 +131,7 @@ pub enum Problem {
         reason: String,
     },
     /// An included file cannot be read.
-    #[error("#INCLUDE {file}: {reason}; expected a file that can be looked through")]
+    #[error("#INCLUDE {file}: {reason}; expected a readable file")]
     Include {
         /// The file as named in the `#INCLUDE` line.
         file: String,
@@ -156,7 +156,7 @@ pub enum Problem {
     },
     /// An axis has no share of velocity for its offset.
     #[error(
-        "[AXIS_{axis}]OFFSET_AV_RATIO is missing, expected a number such as 0.02: without it LinuxCNC takes no offset"
+        "[AXIS_{axis}]OFFSET_AV_RATIO is missing, expected a number such as 0.02: by default LinuxCNC applies no offset"
     )]
     NoRatio {
         /// The axis.
@@ -214,14 +214,14 @@ pub enum Problem {
     },
     /// The number of joints is not a valid number.
     #[error(
-        "[KINS]JOINTS: found {found}, expected the number of joints, 1 to {MOST_JOINTS} and nothing behind it"
+        "[KINS]JOINTS: found {found}, expected the number of joints, 1 to {MAX_JOINTS} and nothing behind it"
     )]
     Joints {
         /// The value of this key in the INI file.
         found: String,
     },
     /// The number of joints is missing.
-    #[error("[KINS]JOINTS is missing, expected the number of joints, 1 to {MOST_JOINTS}")]
+    #[error("[KINS]JOINTS is missing, expected the number of joints, 1 to {MAX_JOINTS}")]
     NoJoints,
     /// The kinematics are not trivial (machine axes).
     #[error(

@@ -21,7 +21,7 @@ use volcomp_port::Words;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 pub(crate) const MACHINE: u16 = 7;
-/// The same key as bytes and as a file has it.
+/// The key as bytes; `KEY_TEXT` is its file.
 pub(crate) const KEY: Key = Key::new(*b"klmnopqrstuvwxyz");
 pub(crate) const KEY_TEXT: &str = "6b6c6d6e6f707172737475767778797a\n";
 pub(crate) const AXES: [AxisName; 2] = [AxisName::X, AxisName::C];
@@ -38,42 +38,42 @@ pub(crate) fn settings() -> Settings {
     }
 }
 
-/// What the bridge tells besides its report.
+/// Data and faults of the bridge besides its report.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Told {
+pub(crate) struct Behaviour {
     pub(crate) machine: u16,
     pub(crate) run: u32,
     pub(crate) flags: u16,
     pub(crate) at: [f64; 2],
     pub(crate) silent: bool,
-    /// Whether the planner of the control does not move.
+    /// True if the planner of the control does not move.
     pub(crate) stuck: bool,
 }
 
 pub(crate) struct Bridge {
     pub(crate) address: SocketAddr,
-    pub(crate) told: Arc<Mutex<Told>>,
+    pub(crate) behaviour: Arc<Mutex<Behaviour>>,
     pub(crate) barrier: Arc<Mutex<Barrier>>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-pub(crate) fn state(told: &Told, sequence: u32, time: Duration, report: Words) -> State {
+pub(crate) fn state(behaviour: &Behaviour, sequence: u32, time: Duration, report: Words) -> State {
     let axis = |index: usize| AxisState {
         name: AXES[index],
         step: 1,
-        position: told.at[index],
+        position: behaviour.at[index],
         velocity: 0.0,
-        // What the barrier applies, as its report has it.
+        // The applied correction in the report.
         offset: (report.as_slice().get(8 + 3 * index))
-            .filter(|_| !told.stuck)
+            .filter(|_| !behaviour.stuck)
             .map_or(0, |word| word.cast_signed().into()),
     };
     let axes = [axis(0), axis(1)];
     let mut state = State::of(&axes).unwrap();
-    state.machine = told.machine;
-    (state.run, state.sequence) = (told.run, sequence);
-    state.flags = Flags(told.flags);
+    state.machine = behaviour.machine;
+    (state.run, state.sequence) = (behaviour.run, sequence);
+    state.flags = Flags(behaviour.flags);
     (state.time, state.scan) = (time, Duration::from_millis(1));
     state.report = report;
     state
@@ -85,7 +85,7 @@ impl Bridge {
         let millisecond = Duration::from_millis(1);
         socket.set_read_timeout(Some(millisecond)).unwrap();
         let address = socket.local_addr().unwrap();
-        let told = Arc::new(Mutex::new(Told {
+        let behaviour = Arc::new(Mutex::new(Behaviour {
             machine: MACHINE,
             run: 1,
             flags: Flags::ENABLED | Flags::HOMED,
@@ -96,9 +96,13 @@ impl Bridge {
         let barrier = Barrier::start(settings(), 0, 0, &Counts::default()).unwrap();
         let barrier = Arc::new(Mutex::new(barrier));
         let stop = Arc::new(AtomicBool::new(false));
-        let shared = (Arc::clone(&told), Arc::clone(&barrier), Arc::clone(&stop));
+        let shared = (
+            Arc::clone(&behaviour),
+            Arc::clone(&barrier),
+            Arc::clone(&stop),
+        );
         let thread = std::thread::spawn(move || {
-            let (told, barrier, stop) = shared;
+            let (behaviour, barrier, stop) = shared;
             let (mut peer, mut sequence) = (None, 0_u32);
             let start = Instant::now();
             let mut bytes = [0; COMMAND_BYTES];
@@ -107,7 +111,7 @@ impl Bridge {
                 if let Ok((length, from)) = socket.recv_from(&mut bytes)
                     && let Ok(command) = Command::decode(&bytes[..length], &KEY)
                 {
-                    // States are told to everybody, and frames of another machine are not taken.
+                    // States are sent to every client; frames of another machine are ignored.
                     match command.content {
                         Content::Listen => peer = Some(from),
                         Content::Frame(words) if command.machine == MACHINE => {
@@ -123,20 +127,20 @@ impl Bridge {
                 };
                 let mut words = [0; REPORT_WORDS];
                 let length = report.encode(&mut words);
-                let told = *told.lock().unwrap();
+                let behaviour = *behaviour.lock().unwrap();
                 sequence += 1;
                 let report = Words::new(&words[..length]).unwrap();
-                let state = state(&told, sequence, start.elapsed(), report);
+                let state = state(&behaviour, sequence, start.elapsed(), report);
                 let mut out = [0; STATE_BYTES];
                 let length = state.encode(&KEY, &mut out);
-                if let Some(peer) = peer.filter(|_| !told.silent) {
+                if let Some(peer) = peer.filter(|_| !behaviour.silent) {
                     let _ = socket.send_to(&out[..length], peer);
                 }
             }
         });
         Self {
             address,
-            told,
+            behaviour,
             barrier,
             stop,
             thread: Some(thread),

@@ -1,5 +1,5 @@
-//! The bridge, compiled alone and driven scan by scan: its barrier against the reference, and what it
-//! tells of a control that does not do what it is asked for.
+//! The bridge, compiled alone and driven scan by scan: its barrier against the reference, and its reports of a control that
+//! does not follow.
 
 use std::{
     fmt::Write as _,
@@ -21,10 +21,10 @@ use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{
     component::{Ended, MEMORY, built},
-    frames::{boxes_of, posts, settings},
+    frames::{mailboxes_of, posts, settings},
 };
 
-/// The program of `scans.c`; `None` where there is no compiler.
+/// The program of `scans.c`; `None` without a compiler.
 fn bridge() -> Option<&'static Path> {
     static BUILT: OnceLock<Option<(TempDir, PathBuf)>> = OnceLock::new();
     let built = BUILT.get_or_init(|| {
@@ -35,22 +35,22 @@ fn bridge() -> Option<&'static Path> {
     built.as_ref().map(|(_, program)| program.as_path())
 }
 
-/// That of a component which has read none.
+/// The key of a component that has read none.
 const NO_KEY: Key = Key::new([0; 16]);
 
 pub(crate) struct Run {
     _child: Ended,
-    asks: ChildStdin,
-    hears: BufReader<ChildStdout>,
+    input: ChildStdin,
+    replies: BufReader<ChildStdout>,
 }
 
-/// What a scan is given besides frames.
+/// Inputs of a scan besides frames.
 #[derive(Clone, Copy)]
 #[expect(clippy::struct_excessive_bools, reason = "pins of the control")]
-pub(crate) struct Given {
+pub(crate) struct ScanInput {
     pub(crate) on: bool,
     pub(crate) cut: bool,
-    /// Whether offsets move in the mode of the control.
+    /// True if offsets move in the present mode of the control.
     pub(crate) mode: bool,
     /// 1: the control clears its offsets; 2: its planner does not move them; 3: its planner is 0.1 s late.
     pub(crate) does: u8,
@@ -59,7 +59,7 @@ pub(crate) struct Given {
     pub(crate) touching: bool,
 }
 
-pub(crate) const GOOD: Given = Given {
+pub(crate) const GOOD: ScanInput = ScanInput {
     on: true,
     cut: false,
     mode: true,
@@ -69,7 +69,7 @@ pub(crate) const GOOD: Given = Given {
     touching: false,
 };
 
-pub(crate) struct Said {
+pub(crate) struct ScanOutput {
     pub(crate) holds: bool,
     /// The counts of the first axis.
     counts: i64,
@@ -78,7 +78,7 @@ pub(crate) struct Said {
     probed: f64,
 }
 
-impl Said {
+impl ScanOutput {
     pub(crate) fn lost(&self) -> bool {
         self.state.flags.has(Flags::LOST)
     }
@@ -89,7 +89,7 @@ impl Said {
 }
 
 impl Run {
-    /// The bridge; `None` where there is no compiler.
+    /// The bridge; `None` without a compiler.
     pub(crate) fn new() -> Option<Self> {
         Some(Self::of(&mut Command::new(bridge()?)))
     }
@@ -103,52 +103,52 @@ impl Run {
                 .spawn()
                 .unwrap(),
         );
-        let asks = child.0.stdin.take().unwrap();
-        let hears = BufReader::new(child.0.stdout.take().unwrap());
+        let input = child.0.stdin.take().unwrap();
+        let replies = BufReader::new(child.0.stdout.take().unwrap());
         Self {
             _child: child,
-            asks,
-            hears,
+            input,
+            replies,
         }
     }
 
-    /// One that is set: counts of 1 nm, limits of 30 um and rates of 2 um in a scan.
+    /// A configured bridge: counts of 1 nm, limits of 30 um and rates of 2 um per scan.
     pub(crate) fn set() -> Option<Self> {
         Some(Self::new()?.ready())
     }
 
     fn ready(mut self) -> Self {
         assert_eq!(
-            self.ask("set XY 7 1 100 300 5 1 30000 30000 2000 2000"),
+            self.command("set XY 7 1 100 300 5 1 30000 30000 2000 2000"),
             "1"
         );
         self
     }
 
-    pub(crate) fn ask(&mut self, line: &str) -> String {
-        writeln!(self.asks, "{line}").unwrap();
+    pub(crate) fn command(&mut self, line: &str) -> String {
+        writeln!(self.input, "{line}").unwrap();
         let mut answer = String::new();
-        self.hears.read_line(&mut answer).unwrap();
+        self.replies.read_line(&mut answer).unwrap();
         answer.trim_end().to_owned()
     }
 
-    pub(crate) fn scan(&mut self, given: Given, frames: &[Vec<u16>]) -> Said {
+    pub(crate) fn scan(&mut self, scan_input: ScanInput, frames: &[Vec<u16>]) -> ScanOutput {
         let flag = u8::from;
         let mut line = format!(
             "scan {} {} {} {} {} {} {}",
-            flag(given.on),
-            flag(given.cut),
-            flag(given.mode),
-            given.does,
-            given.period_ns,
-            if given.probing { 5 } else { 1 },
-            flag(given.touching)
+            flag(scan_input.on),
+            flag(scan_input.cut),
+            flag(scan_input.mode),
+            scan_input.does,
+            scan_input.period_ns,
+            if scan_input.probing { 5 } else { 1 },
+            flag(scan_input.touching)
         );
         for words in frames {
             let words: Vec<String> = words.iter().map(u16::to_string).collect();
             write!(line, " {}", words.join(",")).unwrap();
         }
-        let answer = self.ask(&line);
+        let answer = self.command(&line);
         let parts: Vec<&str> = answer.split_whitespace().collect();
         let [holds, counts, hex, _, probed, ..] = parts[..] else {
             panic!("{answer}");
@@ -157,7 +157,7 @@ impl Run {
             .step_by(2)
             .map(|at| u8::from_str_radix(&hex[at..at + 2], 16).unwrap())
             .collect();
-        Said {
+        ScanOutput {
             holds: holds == "1",
             counts: counts.parse().unwrap(),
             state: State::decode(&bytes, &NO_KEY).unwrap(),
@@ -165,13 +165,13 @@ impl Run {
         }
     }
 
-    /// Scans with a gateway that asks for this on X, counts. The last answer.
-    pub(crate) fn correct(&mut self, given: Given, counts: i16, scans: u32) -> Said {
+    /// Runs scans with a gateway that requests these counts on X. Returns the last output.
+    pub(crate) fn correct(&mut self, scan_input: ScanInput, counts: i16, scans: u32) -> ScanOutput {
         let axes = Layout::of([AxisName::X, AxisName::Y]).unwrap();
-        let mut said = self.scan(given, &[]);
+        let mut output = self.scan(scan_input, &[]);
         for _ in 0..scans {
-            let Some(report) = Report::decode(7, axes, said.state.report.as_slice()) else {
-                said = self.scan(given, &[]);
+            let Some(report) = Report::decode(7, axes, output.state.report.as_slice()) else {
+                output = self.scan(scan_input, &[]);
                 continue;
             };
             let frame = Frame {
@@ -184,9 +184,9 @@ impl Run {
             };
             let mut words = [0; FRAME_WORDS];
             let length = frame.encode(&report.settings, &mut words);
-            said = self.scan(given, &[words[..length].to_vec()]);
+            output = self.scan(scan_input, &[words[..length].to_vec()]);
         }
-        said
+        output
     }
 }
 
@@ -211,31 +211,31 @@ proptest! {
             "set XC {machine} {step} {hold} {} {epoch} 1 {} {} {} {}",
             2 * hold + 3, limit[0], limit[1], rate[0], rate[1]
         );
-        prop_assert_eq!(run.ask(&set), "1");
-        run.ask(&format!("at {} {}", applied[0], applied[1]));
+        prop_assert_eq!(run.command(&set), "1");
+        run.command(&format!("at {} {}", applied[0], applied[1]));
         for (cut, first, second, times) in scans {
             for repeat in 0..times {
                 let last = barrier.report();
-                let boxes = boxes_of([first, second], repeat, &last);
-                let said = run.scan(Given { cut, ..GOOD }, &boxes);
-                prop_assert!(said.holds || !cut);
-                prop_assert!(!said.lost());
-                let boxes: Vec<&[u16]> = boxes.iter().map(Vec::as_slice).collect();
+                let mailboxes = mailboxes_of([first, second], repeat, &last);
+                let output = run.scan(ScanInput { cut, ..GOOD }, &mailboxes);
+                prop_assert!(output.holds || !cut);
+                prop_assert!(!output.lost());
+                let mailboxes: Vec<&[u16]> = mailboxes.iter().map(Vec::as_slice).collect();
                 let mut report = [0; REPORT_WORDS];
-                let length = barrier.scan(&boxes, said.holds).encode(&mut report);
-                prop_assert_eq!(said.state.report.as_slice(), &report[..length]);
+                let length = barrier.scan(&mailboxes, output.holds).encode(&mut report);
+                prop_assert_eq!(output.state.report.as_slice(), &report[..length]);
             }
         }
     }
 }
 
-/// What is published are words of 16 bits: a setting that none holds would be published as another one.
+/// Published words have 16 bits: a larger setting would be published as another value.
 #[test]
-fn settings_that_no_word_holds_are_refused() {
+fn settings_beyond_the_word_range_are_rejected() {
     for (line, fits) in [
         ("set XY 7 1 100 300 5 1 30000 30000 2000 2000", "1"),
         ("set XY 7 1 100 300 5 1 32767 1 32767 1", "1"),
-        // Published as a time-out of 300 scans, which never came.
+        // It was published as a timeout of 300 scans, which never occurred.
         ("set XY 7 1 65636 65836 5 1 30000 30000 2000 2000", "0"),
         ("set XY 7 1 100 32768 5 1 30000 30000 2000 2000", "0"),
         ("set XY 7 1 100 199 5 1 30000 30000 2000 2000", "0"),
@@ -249,13 +249,13 @@ fn settings_that_no_word_holds_are_refused() {
         ("set XY 7 1 100 300 5 0 30000 30000 2000 2000", "0"),
     ] {
         let Some(mut run) = Run::new() else { return };
-        assert_eq!(run.ask(line), fits, "{line}");
+        assert_eq!(run.command(line), fits, "{line}");
     }
 }
 
-/// Each message names one setting, by its names in the component and in the INI file, with what was found and what is expected.
+/// Each message names one setting in the component and in the INI file, with the found and the expected value.
 #[test]
-fn a_setting_that_does_not_fit_is_told_by_its_name() {
+fn invalid_settings_are_named() {
     for [line, says] in &cases(
         "
 set XY 7 1 100 300 5 0 30000 30000 2000 2000 | step (STEP_NM, STEP_UDEG) of axis X: found 0 nm or 1e-6 deg, expected 1 to 1000000
@@ -277,18 +277,18 @@ set XX 7 1 100 300 5 1 30000 30000 2000 2000 | axes (AXES) and reads (READS): fo
             .unwrap();
         writeln!(child.stdin.take().unwrap(), "{line}").unwrap();
         let output = child.wait_with_output().unwrap();
-        let told = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
-        assert_eq!(told, ["0\n".to_owned(), format!("volcomp: {says}\n")]);
+        let reported = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+        assert_eq!(reported, ["0\n".to_owned(), format!("volcomp: {says}\n")]);
     }
 }
 
 #[test]
-fn a_file_without_an_epoch_is_refused() {
+fn a_file_without_an_epoch_is_rejected() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("epoch");
-    let ask = || Some(Run::new()?.ask(&format!("epoch {}", file.display())));
-    let Some(kept) = ask() else { return };
-    assert_eq!(kept, "0", "none was kept");
+    let command = || Some(Run::new()?.command(&format!("epoch {}", file.display())));
+    let Some(kept) = command() else { return };
+    assert_eq!(kept, "0", "no epoch stored yet");
     for (text, expected) in [
         ("17\n", "17"),
         ("65535", "65535"),
@@ -301,56 +301,56 @@ fn a_file_without_an_epoch_is_refused() {
         ("65536\n", "-1"),
     ] {
         std::fs::write(&file, text).unwrap();
-        assert_eq!(ask().as_deref(), Some(expected), "{text:?}");
+        assert_eq!(command().as_deref(), Some(expected), "{text:?}");
     }
 }
 
-/// In joint mode LinuxCNC moves no offset: what is asked for there comes as a jump when another mode comes back.
+/// LinuxCNC moves no offset in joint mode: a request there would cause a jump when the mode changes.
 #[test]
-fn in_joint_mode_nothing_is_asked_for() {
+fn no_offset_is_requested_in_joint_mode() {
     let Some(mut run) = Run::set() else { return };
-    let said = run.correct(GOOD, 20_000, 100);
-    assert_eq!((said.applied(), said.lost()), (20_000, false));
-    let joint = Given {
+    let output = run.correct(GOOD, 20_000, 100);
+    assert_eq!((output.applied(), output.lost()), (20_000, false));
+    let joint = ScanInput {
         mode: false,
         ..GOOD
     };
-    // The gateway ramps out, and is gone for longer than the time-out.
-    let said = run.correct(joint, 0, 100);
-    assert!(said.lost() && said.holds);
-    assert_eq!((said.applied(), said.counts), (20_000, 20_000));
+    // The gateway ramps out and is silent for longer than the timeout.
+    let output = run.correct(joint, 0, 100);
+    assert!(output.lost() && output.holds);
+    assert_eq!((output.applied(), output.counts), (20_000, 20_000));
     for _ in 0..1000 {
-        let said = run.scan(joint, &[]);
-        assert_eq!((said.applied(), said.counts), (20_000, 20_000));
+        let output = run.scan(joint, &[]);
+        assert_eq!((output.applied(), output.counts), (20_000, 20_000));
     }
-    // Back in another mode: to zero at the rate of the barrier.
+    // In another mode again: to zero at the rate of the barrier.
     let (mut last, mut zero) = (20_000, false);
     for _ in 0..20 {
-        let said = run.scan(GOOD, &[]);
-        assert!(!said.lost() && last - said.counts <= 2000);
-        last = said.counts;
+        let output = run.scan(GOOD, &[]);
+        assert!(!output.lost() && last - output.counts <= 2000);
+        last = output.counts;
         zero |= last == 0;
     }
     assert!(zero);
 }
 
-/// Half a second after the planner did not follow, whatever the period of the servo thread is.
+/// An offset is lost half a second after the planner stops following, independent of the servo period.
 #[test]
-fn an_offset_that_does_not_come_is_lost() {
+fn a_missing_offset_is_lost() {
     for period_ns in [250_000, 1_000_000] {
-        let still = Given {
+        let still = ScanInput {
             does: 2,
             period_ns,
             ..GOOD
         };
         let Some(mut run) = Run::set() else { return };
-        run.correct(Given { does: 0, ..still }, 0, 30);
-        // As much as it may be off for ever.
-        let said = run.correct(still, 13, 3 * 1_000_000_000 / period_ns);
-        assert!(!said.lost());
-        assert_eq!(said.applied(), 13);
+        run.correct(ScanInput { does: 0, ..still }, 0, 30);
+        // The largest difference within the tolerance.
+        let output = run.correct(still, 13, 3 * 1_000_000_000 / period_ns);
+        assert!(!output.lost());
+        assert_eq!(output.applied(), 13);
         let Some(mut run) = Run::set() else { return };
-        run.correct(Given { does: 0, ..still }, 0, 30);
+        run.correct(ScanInput { does: 0, ..still }, 0, 30);
         let mut lost_after = 0;
         for scan in 0..8000 {
             if run.correct(still, 3500, 0).lost() {
@@ -359,11 +359,11 @@ fn an_offset_that_does_not_come_is_lost() {
             }
             run.correct(still, 3500, 1);
         }
-        // Three scans in each pass.
+        // Three scans per pass.
         let ms = f64::from(3 * lost_after) * f64::from(period_ns) * 1e-6;
-        // What moved is forgotten within some times of the way.
+        // The recent movement decays within a few planner lags.
         assert!((500.0..1200.0).contains(&ms), "{ms} ms");
-        // Once it comes, it is over.
+        // It ends when the offset arrives.
         assert!(run.scan(GOOD, &[]).lost());
         for _ in 0..10 {
             run.scan(GOOD, &[]);
@@ -372,54 +372,62 @@ fn an_offset_that_does_not_come_is_lost() {
     }
 }
 
-/// A planner that is late, but in time, however long that goes on: 5 um behind a correction that moves by 50 um/s.
+/// A planner with a constant lag within the tolerance: 5 um behind a correction that moves at 50 um/s.
 #[test]
-fn an_offset_that_follows_late_is_not_lost() {
+fn a_lagging_offset_is_not_lost() {
     let Some(mut run) = Run::new() else { return };
-    assert_eq!(run.ask("set XY 7 1 100 300 5 1 30000 30000 50 50"), "1");
-    let late = Given { does: 3, ..GOOD };
+    assert_eq!(run.command("set XY 7 1 100 300 5 1 30000 30000 50 50"), "1");
+    let late = ScanInput { does: 3, ..GOOD };
     for goal in [25_000, -25_000, 25_000] {
         for _ in 0..60 {
-            let said = run.correct(late, goal, 20);
-            assert!(!said.lost());
+            let output = run.correct(late, goal, 20);
+            assert!(!output.lost());
         }
         assert_eq!(run.correct(late, goal, 0).applied(), goal);
     }
 }
 
-/// The alarm of an offset that was lost lasts a second, whatever the period of the servo thread is.
+/// The alarm of a lost offset lasts one second, independent of the servo period.
 #[test]
-fn a_lost_offset_is_told_for_a_second() {
+fn a_lost_offset_is_reported_for_one_second() {
     for period_ns in [250_000, 1_000_000] {
-        let given = Given { period_ns, ..GOOD };
+        let scan_input = ScanInput { period_ns, ..GOOD };
         let Some(mut run) = Run::set() else { return };
-        let said = run.correct(given, 20_000, 100);
-        assert_eq!(said.applied(), 20_000);
-        run.scan(Given { does: 1, ..given }, &[]);
-        let lost = (0..10_000).filter(|_| run.scan(given, &[]).lost()).count();
+        let output = run.correct(scan_input, 20_000, 100);
+        assert_eq!(output.applied(), 20_000);
+        run.scan(
+            ScanInput {
+                does: 1,
+                ..scan_input
+            },
+            &[],
+        );
+        let lost = (0..10_000)
+            .filter(|_| run.scan(scan_input, &[]).lost())
+            .count();
         let scans = 1_000_000_000 / usize::try_from(period_ns).unwrap();
         assert!(lost.abs_diff(scans) <= 2, "{lost} scans of {scans}");
     }
 }
 
-/// An offset that no word holds is not told as another one: nothing is told, and it goes towards zero.
+/// An offset beyond the word range is not reported as another value: nothing is reported, and it moves towards zero.
 #[test]
-fn an_offset_that_no_word_holds_is_not_told() {
+fn an_offset_beyond_the_word_range_is_not_reported() {
     let Some(mut run) = Run::set() else { return };
-    run.ask("at 60000 0");
-    let mut told = None;
+    run.command("at 60000 0");
+    let mut reported = None;
     let mut counts = Vec::new();
     for scan in 0..100 {
-        let said = run.scan(GOOD, &[]);
-        counts.push(said.counts);
-        if said.state.report.as_slice().is_empty() {
-            assert_eq!(told, None);
-            assert!(said.lost());
+        let output = run.scan(GOOD, &[]);
+        counts.push(output.counts);
+        if output.state.report.as_slice().is_empty() {
+            assert_eq!(reported, None);
+            assert!(output.lost());
         } else {
-            told = told.or(Some((scan, said.applied())));
+            reported = reported.or(Some((scan, output.applied())));
         }
     }
-    let (scan, applied) = told.expect("at last it is told");
+    let (scan, applied) = reported.expect("reported at last");
     assert!(
         scan > 20 && (30_000..=32_767).contains(&applied),
         "{scan} {applied}"
@@ -429,15 +437,15 @@ fn an_offset_that_no_word_holds_is_not_told() {
     assert!(counts.windows(2).all(|pair| pair[0] - pair[1] <= 2000));
 }
 
-/// G38.2 waits for the contact, G38.4 for its loss; before and after, contacts change nothing.
+/// G38.2 waits for the contact, G38.4 for its loss; contacts before and after have no effect.
 #[test]
-fn the_offset_at_the_contact_or_at_its_loss_is_kept() {
-    let probe = |touching| Given {
+fn the_offset_at_contact_or_loss_is_stored() {
+    let probe = |touching| ScanInput {
         probing: true,
         touching,
         ..GOOD
     };
-    let touching = Given {
+    let touching = ScanInput {
         touching: true,
         ..GOOD
     };
@@ -446,71 +454,72 @@ fn the_offset_at_the_contact_or_at_its_loss_is_kept() {
         let before = if toward { GOOD } else { touching };
         run.correct(before, 5000, 100);
         run.correct(probe(!toward), 5000, 10);
-        let said = run.correct(probe(!toward), 8000, 20);
-        assert_eq!(said.probed, 0.0, "nothing has happened yet");
-        let said = run.scan(probe(toward), &[]);
-        assert_eq!(said.probed, 0.008);
+        let output = run.correct(probe(!toward), 8000, 20);
+        assert_eq!(output.probed, 0.0, "no contact yet");
+        let output = run.scan(probe(toward), &[]);
+        assert_eq!(output.probed, 0.008);
         run.correct(
-            Given {
+            ScanInput {
                 probing: false,
                 ..probe(toward)
             },
             1000,
             20,
         );
-        let said = run.correct(GOOD, 1000, 20);
-        assert_eq!(said.probed, 0.008);
+        let output = run.correct(GOOD, 1000, 20);
+        assert_eq!(output.probed, 0.008);
     }
 }
 
-/// A small correction that never comes is seen as well as a large one, once what moved is forgotten; one that came is not lost.
+/// A small correction that never arrives is detected like a large one once the recent movement has decayed; one that arrived is
+/// not lost.
 #[test]
-fn a_small_correction_that_does_not_come_is_lost() {
+fn a_small_missing_correction_is_lost() {
     let Some(mut run) = Run::set() else { return };
     assert!(!run.correct(GOOD, 0, 30).lost());
-    let still = Given { does: 2, ..GOOD };
+    let still = ScanInput { does: 2, ..GOOD };
     let lost_after =
         (0..4000).find(|_| run.correct(still, 300, 0).lost() || run.correct(still, 300, 1).lost());
-    // Three scans in each pass; what moved is forgotten by 23 to 1 in some times of the way.
+    // Three scans per pass; the movement decays to 1/23 within a few planner lags.
     let ms = 3 * lost_after.expect("lost");
     assert!((500..2000).contains(&ms), "{ms} ms");
-    let said = run.correct(GOOD, 300, 20);
-    assert!(!said.lost());
-    assert_eq!(said.applied(), 300);
+    let output = run.correct(GOOD, 300, 20);
+    assert!(!output.lost());
+    assert_eq!(output.applied(), 300);
 }
 
-/// A disk that hangs: after as many time-outs as a start goes on by, no frame is taken, and that is told. Otherwise one of
-/// before could pass after a restart.
+/// The disk hangs: after as many timeouts as a start advances the epoch, frames are rejected with a reported cause. Otherwise
+/// an old frame could be accepted after a restart.
 #[test]
-fn frames_are_refused_while_the_epoch_cannot_be_written() {
+fn frames_are_rejected_while_the_epoch_cannot_be_written() {
     let Some(mut run) = Run::set() else { return };
-    let mut said = run.correct(GOOD, 100, 30);
+    let mut output = run.correct(GOOD, 100, 30);
     let (epoch, refusal) = (0, 4);
-    let begun = said.state.report.as_slice()[epoch];
-    assert_eq!(said.applied(), 100);
-    run.ask("disk 0");
+    let begun = output.state.report.as_slice()[epoch];
+    assert_eq!(output.applied(), 100);
+    run.command("disk 0");
     let mut taken = 0;
     for _ in 0..20 {
-        // The gateway is gone for longer than the time-out, and comes back.
+        // The gateway is silent for longer than the timeout, and returns.
         for _ in 0..310 {
-            said = run.scan(GOOD, &[]);
+            output = run.scan(GOOD, &[]);
         }
-        assert_eq!(said.applied(), 0);
-        said = run.correct(GOOD, 100, 5);
-        if said.applied() == 0 {
+        assert_eq!(output.applied(), 0);
+        output = run.correct(GOOD, 100, 5);
+        if output.applied() == 0 {
             break;
         }
-        assert_eq!(said.state.report.as_slice()[refusal], 0);
+        assert_eq!(output.state.report.as_slice()[refusal], 0);
         taken += 1;
     }
     assert_eq!(taken, 15);
-    let words = said.state.report.as_slice();
+    let words = output.state.report.as_slice();
     assert_eq!(words[epoch].wrapping_sub(begun), 16);
-    assert_eq!(words[refusal], 2, "it is told");
-    run.ask("disk 1");
-    let said = run.correct(GOOD, 100, 5);
+    assert_eq!(words[refusal], 2, "the cause is reported");
+    run.command("disk 1");
+    let output = run.correct(GOOD, 100, 5);
     assert_eq!(
-        (said.applied(), said.state.report.as_slice()[refusal]),
+        (output.applied(), output.state.report.as_slice()[refusal]),
         (100, 0)
     );
 }

@@ -1,10 +1,11 @@
-//! Datagrams: bytes that are known, and everything there and back.
+//! Datagrams: known bytes, round trips, the fuzz corpus, and the tables of flags and causes in README.md.
 
-use std::{fmt::Write as _, time::Duration};
+use std::{fmt::Write as _, path::Path, time::Duration};
 
 use proptest::prelude::*;
+use volcomp_guard::protocol::Refusal;
 use volcomp_linuxcnc::{
-    AxisState, Broken, COMMAND_BYTES, Command, Content, Flags, Key, STATE_BYTES, State,
+    AxisState, COMMAND_BYTES, Command, Content, DatagramError, Flags, Key, STATE_BYTES, State,
 };
 use volcomp_port::{MOST_WORDS, Words};
 use volcomp_vocabulary::AxisName;
@@ -29,7 +30,7 @@ fn encoded(command: &Command) -> Vec<u8> {
     bytes[..length].to_vec()
 }
 
-fn told(state: &State) -> Vec<u8> {
+fn encoded_state(state: &State) -> Vec<u8> {
     let mut bytes = [0; STATE_BYTES];
     let length = state.encode(&KEY, &mut bytes);
     bytes[..length].to_vec()
@@ -39,7 +40,7 @@ fn told(state: &State) -> Vec<u8> {
 /// SipHash in Python, which passes the published test vectors, makes of these bytes:
 /// `struct.pack("<4sBBHIIHH3H", b"VCLF", 2, 0, 7, 9, 5, 1, 3, 1, 2, 65535)`.
 #[test]
-fn a_command_has_the_bytes_of_another_implementation() {
+fn a_command_has_the_bytes_of_an_independent_implementation() {
     let command = Command {
         machine: 7,
         answers: [9, 5],
@@ -55,14 +56,14 @@ fn a_command_has_the_bytes_of_another_implementation() {
 
 proptest! {
     #[test]
-    fn commands_come_back(machine: u16, answers: [u32; 2], words in prop::option::of(prop::collection::vec(any::<u16>(), 0..=MOST_WORDS))) {
+    fn commands_round_trip(machine: u16, answers: [u32; 2], words in prop::option::of(prop::collection::vec(any::<u16>(), 0..=MOST_WORDS))) {
         let content = words.map_or(Content::Listen, |words| Content::Frame(Words::new(&words).unwrap()));
         let command = Command { machine, answers, content };
         prop_assert_eq!(Command::decode(&encoded(&command), &KEY), Ok(command));
     }
 
     #[test]
-    fn states_come_back(
+    fn states_round_trip(
         machine: u16, run: u32, sequence: u32, flags: u16, nanos: u64, scan: u32,
         axes in prop::collection::vec((1_u32.., -1e6..1e6, -1e4..1e4, any::<i64>()), 0..=9),
         words in prop::collection::vec(any::<u16>(), 0..=MOST_WORDS),
@@ -76,17 +77,17 @@ proptest! {
         state.time = Duration::from_nanos(nanos);
         state.scan = Duration::from_nanos(scan.into());
         state.report = Words::new(&words).unwrap();
-        prop_assert_eq!(State::decode(&told(&state), &KEY), Ok(state));
+        prop_assert_eq!(State::decode(&encoded_state(&state), &KEY), Ok(state));
     }
 
-    /// One datagram in 2^64 has the right code by chance.
+    /// A wrong code passes by chance with probability 2^-64.
     #[test]
-    fn no_byte_can_be_changed_and_none_can_be_missing(at in any::<prop::sample::Index>(), by in 1_u8..) {
+    fn changed_or_missing_bytes_are_rejected(at in any::<prop::sample::Index>(), by in 1_u8..) {
         let axis = AxisState { name: AxisName::X, step: 1, position: 1.5, velocity: 0.0, offset: -3 };
         let mut state = State::of(&[axis]).unwrap();
         state.report = Words::new(&[1, 2, 3]).unwrap();
         let command = Command { machine: 1, answers: [4, 2], content: Content::Frame(Words::new(&[9; 8]).unwrap()) };
-        for whole in [told(&state), encoded(&command)] {
+        for whole in [encoded_state(&state), encoded(&command)] {
             let mut bytes = whole.clone();
             let place = at.index(bytes.len());
             bytes[place] ^= by;
@@ -96,13 +97,13 @@ proptest! {
     }
 
     #[test]
-    fn any_bytes_are_answered(bytes in prop::collection::vec(any::<u8>(), 0..500)) {
+    fn arbitrary_bytes_do_not_panic(bytes in prop::collection::vec(any::<u8>(), 0..500)) {
         let _ = (State::decode(&bytes, &KEY), Command::decode(&bytes, &KEY));
     }
 }
 
 #[test]
-fn what_is_wrong_is_said() {
+fn invalid_contents_are_named() {
     let axis = AxisState {
         name: AxisName::X,
         step: 1,
@@ -110,27 +111,142 @@ fn what_is_wrong_is_said() {
         velocity: 0.0,
         offset: 0,
     };
-    let state = |axes: &[AxisState]| State::decode(&told(&State::of(axes).unwrap()), &KEY);
+    let state = |axes: &[AxisState]| State::decode(&encoded_state(&State::of(axes).unwrap()), &KEY);
     let nan = AxisState {
         position: f64::NAN,
         ..axis
     };
     let nothing = AxisState { step: 0, ..axis };
-    let number = Broken::Number { axis: AxisName::X };
+    let number = DatagramError::Number { axis: AxisName::X };
     assert_eq!(state(&[nan]), Err(number));
     assert_eq!(state(&[nothing]), Err(number));
-    let twice = Broken::Letter { found: b'X' };
+    let twice = DatagramError::Letter { found: b'X' };
     assert_eq!(state(&[axis, axis]), Err(twice));
     assert!(twice.to_string().contains("'X'"), "{twice}");
     assert_eq!(State::of(&[axis; 10]), None);
-    let mut bytes = told(&State::of(&[axis]).unwrap());
-    assert_eq!(Command::decode(&bytes, &KEY), Err(Broken::Magic));
+    let mut bytes = encoded_state(&State::of(&[axis]).unwrap());
+    assert_eq!(Command::decode(&bytes, &KEY), Err(DatagramError::Magic));
     bytes[4] = 3;
     assert_eq!(
         State::decode(&bytes, &KEY),
-        Err(Broken::Version { found: 3 })
+        Err(DatagramError::Version { found: 3 })
     );
     bytes[4] = 2;
     bytes[40] ^= 1;
-    assert_eq!(State::decode(&bytes, &KEY), Err(Broken::Mac));
+    assert_eq!(State::decode(&bytes, &KEY), Err(DatagramError::Mac));
+}
+
+/// Replays the fuzz corpus of datagrams without their code: `valid-…` must be decoded, `broken-…` rejected.
+#[test]
+fn corpus_datagrams_are_decoded_or_rejected() {
+    let folder = volcomp_test_support::root().join("tests/fuzz/corpus/linuxcnc");
+    let mut valid = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let entry = entry.unwrap();
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let body = std::fs::read(entry.path()).unwrap();
+        let bytes = [&body[..], &KEY.mac(&body)].concat();
+        let again = match (State::decode(&bytes, &KEY), Command::decode(&bytes, &KEY)) {
+            (Ok(state), _) => {
+                let mut again = [0; STATE_BYTES];
+                let length = state.encode(&KEY, &mut again);
+                Some(again[..length].to_vec())
+            }
+            (_, Ok(command)) => {
+                let mut again = [0; COMMAND_BYTES];
+                let length = command.encode(&KEY, &mut again);
+                Some(again[..length].to_vec())
+            }
+            _ => None,
+        };
+        assert!(again.is_some() || !name.starts_with("valid-"), "{name}");
+        assert!(again.is_none() || !name.starts_with("broken-"), "{name}");
+        if let Some(again) = again {
+            assert_eq!(again, bytes, "{name}");
+            valid += 1;
+        }
+    }
+    assert_eq!(valid, 3);
+}
+
+/// Rows of the README table whose first column has this heading; cells without backticks.
+fn table(first: &str) -> Vec<Vec<String>> {
+    let text = std::fs::read_to_string(crate_file("README.md")).unwrap();
+    let rows = text
+        .lines()
+        .skip_while(|line| !line.starts_with(&format!("| {first} |")))
+        .skip(2)
+        .take_while(|line| line.starts_with('|'));
+    let cells = |line: &str| {
+        let inner = line.trim_matches('|').split('|');
+        inner
+            .map(|cell| cell.replace('`', "").trim().to_owned())
+            .collect()
+    };
+    rows.map(cells).collect()
+}
+
+fn crate_file(file: &str) -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(file)
+}
+
+/// Number and name in each row.
+fn names(rows: &[Vec<String>]) -> Vec<(u16, String)> {
+    rows.iter()
+        .map(|row| (row[0].parse().unwrap(), row[1].clone()))
+        .collect()
+}
+
+/// The constants of a C enumeration whose first one has this name, without their prefix.
+fn component_constants(first: &str, prefix: &str) -> Vec<(u16, String)> {
+    let text = std::fs::read_to_string(crate_file("bridge/volcomp.comp")).unwrap();
+    let (_, rest) = text
+        .split_once(&format!("enum {{ {prefix}{first}"))
+        .unwrap();
+    let (rest, _) = rest.split_once("};").unwrap();
+    let mut next = 0;
+    let mut found = Vec::new();
+    for constant in format!("{prefix}{first}{rest}").split(',') {
+        let (name, value) = match constant.split_once('=') {
+            Some((name, value)) => (name, value.trim().parse().unwrap()),
+            None => (constant, next),
+        };
+        next = value + 1;
+        let name = name.trim().strip_prefix(prefix).unwrap();
+        found.push((value, name.to_owned()));
+    }
+    found
+}
+
+#[test]
+fn flags_match_readme_and_component() {
+    let rows = table("flag");
+    let own = Flags::ALL
+        .map(|flag| [&flag.bit.to_string(), flag.name, flag.set, flag.unset].map(str::to_owned));
+    assert_eq!(rows, own);
+    assert_eq!(component_constants("EMERGENCY_STOP", ""), names(&rows));
+    assert_eq!(
+        Flags(Flags::ENABLED | Flags::LOST).to_string(),
+        format!("on, not homed, {}", rows[5][2])
+    );
+}
+
+#[test]
+fn refusals_match_readme_and_component() {
+    let rows = table("refusal");
+    let own = [
+        Refusal::None,
+        Refusal::Checksum,
+        Refusal::Epoch,
+        Refusal::Tick,
+        Refusal::Owner,
+        Refusal::Sequence,
+        Refusal::Value,
+    ];
+    let own = own.map(|why| {
+        let name = format!("{why:?}").to_uppercase();
+        [(why as u16).to_string(), name, why.to_string()]
+    });
+    assert_eq!(rows, own);
+    assert_eq!(component_constants("NONE", "REFUSED_"), names(&rows));
 }

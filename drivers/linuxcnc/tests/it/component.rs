@@ -1,4 +1,4 @@
-//! The component of the servo thread without LinuxCNC: as a program that a test drives.
+//! The component of the servo thread without LinuxCNC, as a program driven by a test.
 
 use std::{
     fmt::Write as _,
@@ -42,11 +42,11 @@ fn pins(head: &str) -> String {
     includes + &pins
 }
 
-/// What checks memory and arithmetic of a program, and what checks that its threads do not race.
+/// Sanitizers of memory and arithmetic, and of data races.
 pub(crate) const MEMORY: &str = "-fsanitize=address,undefined";
 pub(crate) const THREADS: &str = "-fsanitize=thread";
 
-/// The component as a program of this C file of the tests, compiled with what checks it; `None` where there is no compiler.
+/// Compiles the component with this C test driver and sanitizer; `None` without a compiler.
 pub(crate) fn built(dir: &Path, driver: &str, sanitize: &str) -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(root.join("bridge/volcomp.comp")).unwrap();
@@ -87,12 +87,12 @@ pub(crate) fn write_key(file: &Path, text: &str, mode: u32) {
     std::fs::set_permissions(file, std::fs::Permissions::from_mode(mode)).unwrap();
 }
 
-/// A program that ends with the test, however that ends.
+/// A process that is killed at the end of the test.
 pub(crate) struct Ended(pub(crate) Child);
 
 impl Drop for Ended {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // It may have exited already.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }

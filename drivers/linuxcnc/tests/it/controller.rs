@@ -1,4 +1,4 @@
-//! The driver against a bridge in this process.
+//! The driver against a simulated bridge.
 
 use std::{
     net::UdpSocket,
@@ -14,7 +14,7 @@ use volcomp_linuxcnc::{Flags, LinuxCncConfig, LinuxCncController, STATE_BYTES};
 use volcomp_port::{Controller, DeviceError, Fault, Snapshot, Words, contract};
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel};
 
-use crate::bridge::{Bridge, KEY, MACHINE, Told, settings, state};
+use crate::bridge::{Behaviour, Bridge, KEY, MACHINE, settings, state};
 
 fn soon() -> Instant {
     Instant::now() + Duration::from_secs(5)
@@ -34,15 +34,15 @@ fn until(controller: &mut LinuxCncController, done: impl Fn(&Result<Snapshot, Fa
 }
 
 #[test]
-fn it_keeps_the_contract_of_controllers() {
+fn the_controller_contract() {
     let bridge = Bridge::start();
     let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
     contract::controller(&mut controller);
 }
 
-/// A whole exchange: reports come, frames that answer them are taken, and what the barrier applies is what was sent.
+/// A complete exchange: reports arrive, frames that answer them are accepted, and the barrier applies the sent values.
 #[test]
-fn a_correction_arrives_at_the_barrier() {
+fn the_barrier_applies_a_correction() {
     let bridge = Bridge::start();
     let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
     let snapshot = controller.read(soon()).unwrap();
@@ -75,26 +75,26 @@ fn a_correction_arrives_at_the_barrier() {
     assert_eq!(controller.health().broken, 0);
 }
 
-/// A bridge that tells a correction which the control does not have, and no flag.
+/// The bridge reports a correction that the control has not applied, without setting the flag.
 #[test]
-fn an_offset_that_does_not_come_is_an_alarm() {
+fn a_missing_offset_is_an_alarm() {
     let bridge = Bridge::start();
     let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
     assert!(!controller.read(soon()).unwrap().state.alarm);
     let all: Counts = PerChannel::leading([3500, 0]);
     *bridge.barrier.lock().unwrap() = Barrier::start(settings(), 0, 0, &all).unwrap();
-    bridge.told.lock().unwrap().stuck = true;
+    bridge.behaviour.lock().unwrap().stuck = true;
     until(&mut controller, |read| {
         read.is_ok_and(|read| read.state.alarm)
     });
-    bridge.told.lock().unwrap().stuck = false;
+    bridge.behaviour.lock().unwrap().stuck = false;
     until(&mut controller, |read| {
         read.is_ok_and(|read| !read.state.alarm)
     });
 }
 
 #[test]
-fn flags_are_taken_in_the_sense_that_forbids() {
+fn flags_forbid_correction() {
     let bridge = Bridge::start();
     let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
     let good = Flags::ENABLED | Flags::HOMED;
@@ -109,7 +109,7 @@ fn flags_are_taken_in_the_sense_that_forbids() {
         (0, [false, true, false]),
     ];
     for (flags, expected) in cases {
-        bridge.told.lock().unwrap().flags = flags;
+        bridge.behaviour.lock().unwrap().flags = flags;
         let end = soon();
         loop {
             let state = controller.read(soon()).unwrap().state;
@@ -124,33 +124,37 @@ fn flags_are_taken_in_the_sense_that_forbids() {
 }
 
 #[test]
-fn a_bridge_of_another_machine_or_other_counts_is_refused_by_name() {
+fn a_bridge_of_another_machine_or_count_size_is_rejected() {
     let bridge = Bridge::start();
     let mut other = bridge.config();
     other.step_linear = Displacement::Length(Mm(1e-5));
     let mut controller = LinuxCncController::new(&other).unwrap();
-    let refused = |read: &Result<Snapshot, Fault>, what: &str| matches!(read, Err(Fault::Protocol(told)) if told.contains(what));
-    until(&mut controller, |read| refused(read, "another size"));
+    let refused = |read: &Result<Snapshot, Fault>, what: &str| matches!(read, Err(Fault::Protocol(behaviour)) if behaviour.contains(what));
+    until(&mut controller, |read| {
+        refused(read, "different count sizes")
+    });
     let mut other = bridge.config();
     other.axes.reverse();
     let mut controller = LinuxCncController::new(&other).unwrap();
     until(&mut controller, |read| refused(read, "other axes"));
     let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
     controller.read(soon()).unwrap();
-    bridge.told.lock().unwrap().machine = 8;
-    until(&mut controller, |read| refused(read, "another number"));
-    bridge.told.lock().unwrap().machine = MACHINE;
+    bridge.behaviour.lock().unwrap().machine = 8;
+    until(&mut controller, |read| {
+        refused(read, "another machine number")
+    });
+    bridge.behaviour.lock().unwrap().machine = MACHINE;
     until(&mut controller, Result::is_ok);
     assert!(controller.health().foreign > 0);
 }
 
-/// What was heard last stays, and grows old.
+/// The last state stays valid and ages.
 #[test]
-fn a_bridge_that_falls_silent_grows_old_and_comes_back() {
+fn a_silent_bridge_ages_and_restarts() {
     let bridge = Bridge::start();
     let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
     controller.read(soon()).unwrap();
-    bridge.told.lock().unwrap().silent = true;
+    bridge.behaviour.lock().unwrap().silent = true;
     std::thread::sleep(Duration::from_millis(50));
     let last = controller.read(soon()).unwrap();
     std::thread::sleep(Duration::from_millis(50));
@@ -158,8 +162,8 @@ fn a_bridge_that_falls_silent_grows_old_and_comes_back() {
     assert_eq!(last.taken, again.taken);
     assert!(again.taken.elapsed() >= Duration::from_millis(50));
     {
-        let mut told = bridge.told.lock().unwrap();
-        (told.silent, told.run) = (false, 2);
+        let mut behaviour = bridge.behaviour.lock().unwrap();
+        (behaviour.silent, behaviour.run) = (false, 2);
     }
     until(&mut controller, |read| {
         read.is_ok_and(|read| read.taken > again.taken)
@@ -169,7 +173,7 @@ fn a_bridge_that_falls_silent_grows_old_and_comes_back() {
 
 #[test]
 fn without_a_bridge_a_read_ends_at_its_deadline() {
-    // A port that nobody has: it was just given up.
+    // A free port: it was just closed.
     let port = UdpSocket::bind("127.0.0.1:0")
         .unwrap()
         .local_addr()
@@ -186,9 +190,9 @@ fn without_a_bridge_a_read_ends_at_its_deadline() {
     assert!(Instant::now() >= deadline);
 }
 
-/// Datagrams by hand: doubled, overtaken, of an earlier run, from a queue in which they waited.
+/// Handmade datagrams: duplicated, out of order, of an earlier run, and delayed in a queue.
 #[test]
-fn late_doubled_and_waiting_states_are_told_apart() {
+fn late_duplicate_and_queued_states_are_distinguished() {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     let bridge = Bridge::start();
     let config = LinuxCncConfig {
@@ -200,7 +204,7 @@ fn late_doubled_and_waiting_states_are_told_apart() {
     let (_, to) = socket.recv_from(&mut [0; 100]).unwrap();
     let clock = Instant::now();
     let send = |run: u32, sequence: u32, at: f64, time: Duration| {
-        let told = Told {
+        let behaviour = Behaviour {
             machine: MACHINE,
             run,
             flags: Flags::ENABLED | Flags::HOMED,
@@ -209,7 +213,7 @@ fn late_doubled_and_waiting_states_are_told_apart() {
             stuck: false,
         };
         let mut bytes = [0; STATE_BYTES];
-        let length = state(&told, sequence, time, Words::EMPTY).encode(&KEY, &mut bytes);
+        let length = state(&behaviour, sequence, time, Words::EMPTY).encode(&KEY, &mut bytes);
         socket.send_to(&bytes[..length], to).unwrap();
     };
     let base = Duration::from_secs(100);
@@ -217,18 +221,18 @@ fn late_doubled_and_waiting_states_are_told_apart() {
         |controller: &mut LinuxCncController| controller.read(soon()).map(|read| read.positions[0]);
     send(1, u32::MAX, 1.0, base + clock.elapsed());
     assert_eq!(x(&mut controller), Ok(1.0));
-    // The sequence goes round.
+    // The sequence wraps.
     send(1, 1, 2.0, base + clock.elapsed());
     assert_eq!(x(&mut controller), Ok(2.0));
     send(1, 1, 3.0, base + clock.elapsed());
     send(1, 0, 4.0, base + clock.elapsed());
     send(9, 50, 5.0, base);
-    // Recorded in an earlier run of a computer that had run for longer.
+    // Recorded in an earlier run, on a computer with a longer uptime.
     send(9, 51, 5.5, base + Duration::from_secs(5000));
     assert_eq!(x(&mut controller), Ok(2.0));
     let health = controller.health();
     assert_eq!((health.late, health.lost, health.restarts), (4, 1, 0));
-    // One that waits in the queue is as old as it is.
+    // A datagram that waited in the queue keeps its age.
     send(1, 2, 6.0, base + clock.elapsed());
     let sent = Instant::now();
     std::thread::sleep(Duration::from_millis(100));
@@ -236,7 +240,7 @@ fn late_doubled_and_waiting_states_are_told_apart() {
     assert_eq!(read.positions[0], 6.0);
     assert!(
         read.taken <= sent + Duration::from_millis(50),
-        "it is as young as if it had just come"
+        "as young as if it had just arrived"
     );
     assert_eq!(read.report, None);
 }
@@ -246,7 +250,7 @@ fn positions_alone_can_be_read() {
     let bridge = Bridge::start();
     let mut config = bridge.config();
     (config.axes, config.reads) = (Vec::new(), vec![AxisName::C]);
-    // The configuration of a gateway has none then.
+    // The gateway's configuration has no machine number then.
     config.machine = 0;
     let mut controller = LinuxCncController::new(&config).unwrap();
     let read = controller.read(soon()).unwrap();
@@ -262,7 +266,7 @@ fn positions_alone_can_be_read() {
 }
 
 #[test]
-fn another_computer_must_be_asked_for() {
+fn another_computer_must_be_allowed_explicitly() {
     let bridge = Bridge::start();
     let mut config = LinuxCncConfig {
         host: "192.0.2.1".to_owned(),
@@ -285,7 +289,7 @@ fn another_computer_must_be_asked_for() {
 }
 
 #[test]
-fn exchanges_allocate_nothing() {
+fn exchanges_do_not_allocate() {
     let bridge = Bridge::start();
     let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
     controller.read(soon()).unwrap();

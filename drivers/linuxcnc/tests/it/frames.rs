@@ -1,4 +1,4 @@
-//! What lies in the mailboxes of a barrier: frames that are right, old, foreign, torn and random.
+//! Contents of a barrier's mailboxes: valid, old, foreign, torn and random frames.
 
 use proptest::prelude::*;
 use volcomp_guard::{
@@ -7,7 +7,7 @@ use volcomp_guard::{
 };
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-/// The settings of a barrier for a linear and a rotary axis, by the scans of a step and the largest age of a frame.
+/// Settings of a barrier for a linear and a rotary axis, with these scans per step and this maximum age of a frame.
 pub(crate) fn settings(
     machine: u16,
     limit: [i16; 2],
@@ -28,7 +28,7 @@ pub(crate) fn settings(
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Post {
     Nothing,
-    /// As a gateway makes it: of this owner, so many ticks old, so far ahead, in the epoch or the one before.
+    /// A gateway's frame: owner, age in ticks, sequence distance, in the present epoch or the previous one.
     Made {
         owner: u16,
         old: u16,
@@ -45,7 +45,7 @@ pub(crate) fn posts() -> impl Strategy<Value = Post> {
     let made = (
         prop_oneof![5 => Just(5_u16), 1 => 0_u16..8],
         prop_oneof![8 => 0_u16..3, 1 => any::<u16>()],
-        // Half of all numbers ahead is neither newer nor older.
+        // A distance of half the range is neither newer nor older.
         prop_oneof![8 => Just(1_u16), 1 => any::<u16>(), 1 => 0x7FFF_u16..=0x8001],
         prop::bool::weighted(0.05),
         [value.clone(), value],
@@ -89,10 +89,9 @@ fn words_of(post: Post, last: &Report) -> Vec<u16> {
     }
 }
 
-/// What lies in two mailboxes at a scan. The same words again and again only where they are random, and not for long; a gateway
-/// answers each report.
-pub(crate) fn boxes_of(posts: [Post; 2], repeat: usize, last: &Report) -> Vec<Vec<u16>> {
+/// Contents of two mailboxes at a scan. Only random words repeat, and not for long; a gateway answers each report.
+pub(crate) fn mailboxes_of(posts: [Post; 2], repeat: usize, last: &Report) -> Vec<Vec<u16>> {
     let posts = posts.into_iter().filter(|_| repeat <= 3);
-    let boxes = posts.map(|post| words_of(post, last));
-    boxes.filter(|words| !words.is_empty()).collect()
+    let mailboxes = posts.map(|post| words_of(post, last));
+    mailboxes.filter(|words| !words.is_empty()).collect()
 }

@@ -1,6 +1,6 @@
-//! INI files: the shipped ones are right, and each line that is missing or wrong is named.
+//! INI files: the shipped one is valid, and every missing or wrong line is reported.
 
-use volcomp_linuxcnc::{Expected, Ini, Least, LinuxCncConfig, PORT};
+use volcomp_linuxcnc::{Expected, GuardMinimum, Ini, LinuxCncConfig, PORT};
 use volcomp_test_support::cases;
 use volcomp_vocabulary::AxisName;
 
@@ -28,7 +28,7 @@ pub(crate) fn expected(control: &LinuxCncConfig) -> Expected<'_> {
     Expected {
         control,
         scan_ms: 1.0,
-        least: Some(Least {
+        least: Some(GuardMinimum {
             limit: [30.0, 0.0],
             rate: [1000.0, 0.0],
             zero_after_ms: 1000.0,
@@ -41,37 +41,37 @@ pub(crate) fn mill() -> String {
         .unwrap()
 }
 
-/// The same of a file, with those that it names beside it.
-fn told_of(file: &std::path::Path, text: &str) -> Vec<String> {
+/// Problems of a file and the files that it names.
+fn problems_of_file(file: &std::path::Path, text: &str) -> Vec<String> {
     std::fs::write(file, text).unwrap();
     key_file(file.parent().unwrap());
     let problems = Ini::read(file).unwrap().problems(&expected(&control()));
     problems.iter().map(ToString::to_string).collect()
 }
 
-fn told(text: &str) -> Vec<String> {
+fn problems_of(text: &str) -> Vec<String> {
     let problems = Ini::parse(text).problems(&expected(&control()));
     problems.iter().map(ToString::to_string).collect()
 }
 
 #[test]
-fn the_shipped_file_is_right() {
-    assert_eq!(told(&mill()), [""; 0]);
+fn the_shipped_file_is_valid() {
+    assert_eq!(problems_of(&mill()), [""; 0]);
 }
 
-/// Each change of the shipped file is named so.
-fn each_is_named(changes: &str) {
+/// Checks the message of each change to the shipped file.
+fn assert_messages(changes: &str) {
     for [from, to, says] in &cases(changes) {
         let text = mill();
         assert!(text.contains(from), "{from}");
-        let problems = told(&text.replace(from, to)).join("\n");
+        let problems = problems_of(&text.replace(from, to)).join("\n");
         assert!(problems.contains(says), "{says}: {problems}");
     }
 }
 
 #[test]
-fn numbers_units_and_files_that_do_not_fit_are_named() {
-    each_is_named(
+fn wrong_numbers_units_and_files_are_reported() {
+    assert_messages(
         r"
 LIMIT_UM = 30 | LIMIT_UM = 5 | [VOLCOMP]LIMIT_UM: found 5, expected 30 or more: the limit of [guard]
 LIMIT_UM = 30 | LIMIT_UM = 40 | [VOLCOMP]LIMIT_UM: found 40, expected 32.767 or less: a word
@@ -87,8 +87,8 @@ HALFILE = ../../drivers/linuxcnc/bridge/volcomp.tcl\n | HALFILE = PATH/volcomp.t
 }
 
 #[test]
-fn each_line_that_is_missing_or_wrong_is_named() {
-    each_is_named(
+fn missing_and_wrong_lines_are_reported() {
+    assert_messages(
         r"
 volcomp.tcl | other.tcl | [HAL]HALFILE: volcomp.tcl is missing
 MACHINE = 1\n | MACHINE = 2\n | [VOLCOMP]MACHINE: found 2, expected 1
@@ -105,68 +105,71 @@ SERVO_PERIOD = 1000000 | SERVO_PERIOD = 500000 | [EMCMOT]SERVO_PERIOD: found 500
 ",
     );
     let right = mill().replace("[HAL]\n", "[HAL]\nTWOPASS = ON\n");
-    assert_eq!(told(&right), [""; 0]);
+    assert_eq!(problems_of(&right), [""; 0]);
     let right = mill().replace(
         "[JOINT_2]\n",
         "[JOINT_2]\nBACKLASH = 0.0\n# COMP_FILE = z.tbl\n",
     );
-    assert_eq!(told(&right), [""; 0]);
+    assert_eq!(problems_of(&right), [""; 0]);
 }
 
-/// An axis whose position the gateway reads is told by the bridge, corrected or not.
+/// The bridge must report every axis that the gateway reads, corrected or not.
 #[test]
-fn axes_that_are_read_are_told() {
+fn axes_that_are_read_must_be_reported() {
     let control = LinuxCncConfig {
         reads: vec![AxisName::A, AxisName::C],
         ..control()
     };
     let expected = expected(&control);
-    let told = |text: &str| {
+    let problems_of = |text: &str| {
         let problems = Ini::parse(text).problems(&expected);
         problems.iter().map(ToString::to_string).collect::<Vec<_>>()
     };
     let with = |reads: &str| mill().replace("AXES = XYZ\n", &format!("AXES = XYZ\n{reads}\n"));
-    assert_eq!(told(&with("READS = c A")), [""; 0]);
+    assert_eq!(problems_of(&with("READS = c A")), [""; 0]);
     let missing = |found: &str, axis: &str| {
         format!(
             "[VOLCOMP]READS: found {found}, expected {axis} among them, which the gateway's configuration reads"
         )
     };
-    assert_eq!(told(&with("READS = A")), [missing("A", "C")]);
-    assert_eq!(told(&mill()), [missing("none", "A"), missing("none", "C")]);
+    assert_eq!(problems_of(&with("READS = A")), [missing("A", "C")]);
+    assert_eq!(
+        problems_of(&mill()),
+        [missing("none", "A"), missing("none", "C")]
+    );
 }
 
-/// What is included stands where LinuxCNC puts it; what cannot be read is named.
+/// Included text is inserted where LinuxCNC inserts it; unreadable files are reported.
 #[test]
-fn files_that_are_included_are_looked_through() {
+fn included_files_are_checked() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("mill.ini");
-    let told = |text: &str| told_of(&file, text);
-    assert_eq!(told(&mill()), [""; 0]);
+    let problems_of = |text: &str| problems_of_file(&file, text);
+    assert_eq!(problems_of(&mill()), [""; 0]);
     std::fs::write(
         dir.path().join("y.inc"),
         "COMP_FILE = y.tbl\n#INCLUDE none\n",
     )
     .unwrap();
     let includes = mill().replace("[JOINT_1]\n", "[JOINT_1]\n#INCLUDE y.inc\n");
-    let found = told(&includes).join("\n");
+    let found = problems_of(&includes).join("\n");
     assert!(
         found.starts_with("[JOINT_1]COMP_FILE: found y.tbl"),
         "{found}"
     );
-    let found = told(&includes.replace("y.inc", "x.inc")).join("\n");
+    let found = problems_of(&includes.replace("y.inc", "x.inc")).join("\n");
     assert!(found.starts_with("#INCLUDE x.inc: "), "{found}");
     assert!(Ini::read(&dir.path().join("other.ini")).is_err());
 }
 
-/// A display loads files of its own last: what they connect to a pin of the bridge is named with its line.
+/// A display loads its own files last: a connection to a pin of the bridge is reported with its line.
 #[test]
-fn files_of_the_display_are_looked_through() {
+fn display_files_are_checked() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("mill.ini");
-    let told = |text: &str, display: &str| {
+    let problems_of = |text: &str, display: &str| {
         std::fs::write(dir.path().join("display.hal"), display).unwrap();
-        told_of(&file, text)
+        problems_of_file(&file, text)
     };
     std::fs::write(
         dir.path().join("mill.hal"),
@@ -176,7 +179,7 @@ fn files_of_the_display_are_looked_through() {
     let mill = mill().replace("[HAL]\n", "[HAL]\nPOSTGUI_HALFILE = display.hal\n");
     let right = "# net other motion.probe-input\nnet volcomp-probe parport.0.pin-10-in\nnet spindle spindle.0.on => pyvcp.on\n\
         net all-homed => pyvcp.homed joint.0.homed\nnet a-cmd axis.a.pos-cmd\nnet pos joint.0.pos-fb => pyvcp.x\n";
-    assert_eq!(told(&mill, right), [""; 0]);
+    assert_eq!(problems_of(&mill, right), [""; 0]);
     for [line, says] in &cases(
         "
 net probe-in parport.0.pin-10-in => motion.probe-input | [HAL]POSTGUI_HALFILE: display.hal, line 2: found motion.probe-input connected to probe-in, expected volcomp-probe
@@ -185,13 +188,13 @@ linksp x-homed joint.0.homed | found joint.0.homed connected to x-homed, expecte
 net off axis.z.eoffset-counts | found axis.z.eoffset-counts connected to off, expected volcomp-counts-z
 ",
     ) {
-        let found = told(&mill, &format!("# of the display\n{line}\n")).join("\n");
+        let found = problems_of(&mill, &format!("# of the display\n{line}\n")).join("\n");
         assert!(found.contains(says), "{says}: {found}");
     }
-    let found = told(&mill, "net on motion.teleop-mode\n").join("\n");
+    let found = problems_of(&mill, "net on motion.teleop-mode\n").join("\n");
     assert!(
         found.ends_with(
-            "expected volcomp-teleop-mode: it has this signal already, and takes no other one"
+            "expected volcomp-teleop-mode: the pin already has this signal, and accepts no other"
         ),
         "{found}"
     );
@@ -206,14 +209,14 @@ net off axis.z.eoffset-counts | found axis.z.eoffset-counts connected to off, ex
 
 proptest::proptest! {
     #[test]
-    fn any_text_is_read(text in "(?s).{0,300}") {
-        let _ = told(&text);
+    fn arbitrary_text_does_not_panic(text in "(?s).{0,300}") {
+        let _ = problems_of(&text);
     }
 }
 
-/// The bridge has the gateway's key.
+/// The bridge must have the gateway's key.
 #[test]
-fn another_key_is_named() {
+fn another_key_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let (file, key) = (dir.path().join("mill.ini"), dir.path().join("other.key"));
     std::fs::write(
@@ -221,14 +224,15 @@ fn another_key_is_named() {
         mill().replace("[VOLCOMP]\n", "[VOLCOMP]\nKEY_FILE = other.key\n"),
     )
     .unwrap();
-    let told = || {
+    let problems_of = || {
         let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
-        let told: Vec<String> = problems.iter().map(ToString::to_string).collect();
-        told.join("\n")
+        let problems_of: Vec<String> = problems.iter().map(ToString::to_string).collect();
+        problems_of
+            .join("\n")
             .replace(&dir.path().display().to_string(), "DIR")
     };
     assert_eq!(
-        told(),
+        problems_of(),
         "[VOLCOMP]KEY_FILE: DIR/other.key: No such file or directory (os error 2); expected a copy of the gateway's key"
     );
     for (text, mode, says) in [
@@ -250,10 +254,10 @@ fn another_key_is_named() {
         ),
     ] {
         write_key(&key, text, mode);
-        let told = told();
+        let problems_of = problems_of();
         assert!(
-            told.starts_with(says) && told.is_empty() == says.is_empty(),
-            "{told}"
+            problems_of.starts_with(says) && problems_of.is_empty() == says.is_empty(),
+            "{problems_of}"
         );
     }
 }

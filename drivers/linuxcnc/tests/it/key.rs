@@ -1,4 +1,4 @@
-//! The key and the code of datagrams: published test vectors, both implementations on random bytes, and files that are refused.
+//! Key and authentication code of datagrams: published test vectors, both implementations on random bytes, rejected files.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -86,9 +86,9 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// What the component makes of these bytes; `None` where there is no compiler.
+/// The authentication code that the component computes for these bytes.
 fn code_of_component(run: &mut Run, bytes: &[u8]) -> String {
-    let number = u64::from_str_radix(&run.ask(&format!("mac {}", hex(bytes))), 16).unwrap();
+    let number = u64::from_str_radix(&run.command(&format!("mac {}", hex(bytes))), 16).unwrap();
     hex(&number.to_le_bytes())
 }
 
@@ -96,7 +96,7 @@ fn with_key(dir: &Path, key: &[u8; 16]) -> Option<Run> {
     let file = dir.join("key");
     write_key(&file, &hex(key), 0o600);
     let mut run = Run::new()?;
-    assert_eq!(run.ask(&format!("key {}", file.display())), "0");
+    assert_eq!(run.command(&format!("key {}", file.display())), "0");
     Some(run)
 }
 
@@ -119,7 +119,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 16, ..ProptestConfig::default() })]
 
     #[test]
-    fn both_sides_make_the_same_code(key: [u8; 16], datagrams in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..500), 1..20)) {
+    fn both_sides_compute_the_same_code(key: [u8; 16], datagrams in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..500), 1..20)) {
         let dir = tempfile::tempdir().unwrap();
         let Some(mut run) = with_key(dir.path(), &key) else { return Ok(()) };
         for bytes in datagrams {
@@ -128,18 +128,18 @@ proptest! {
     }
 }
 
-/// Both sides take the same files, and refuse the same.
+/// Both sides accept and reject the same files.
 #[test]
-fn files_that_hold_no_secret_key_are_refused() {
+fn files_without_a_secret_key_are_rejected() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("key");
     let read = || {
         let mut run = Run::new()?;
-        Some(run.ask(&format!("key {}", file.display())) == "0")
+        Some(run.command(&format!("key {}", file.display())) == "0")
     };
     assert!(
         Key::read(&file).is_err() && read() != Some(true),
-        "it is missing"
+        "the file is missing"
     );
     let digits = KEY_TEXT.trim();
     for (text, mode, is_taken) in [
@@ -171,8 +171,8 @@ fn files_that_hold_no_secret_key_are_refused() {
     }
 }
 
-/// What is written of a key is nothing.
+/// A key is never printed.
 #[test]
-fn no_message_shows_a_key() {
+fn debug_output_hides_the_key() {
     assert_eq!(format!("{KEY:?}"), "Key");
 }

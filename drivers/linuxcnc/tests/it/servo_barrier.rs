@@ -1,5 +1,5 @@
-//! The barrier of the bridge against the reference, scan by scan and datagram by datagram: the component
-//! itself, compiled with what checks its memory and arithmetic, without LinuxCNC.
+//! The barrier of the bridge against the reference, scan by scan and datagram by datagram: the component itself without
+//! LinuxCNC, compiled with sanitizers.
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
@@ -21,12 +21,12 @@ use volcomp_vocabulary::PerChannel;
 use crate::{
     bridge::KEY,
     component::{Ended, MEMORY, THREADS, built, key_file},
-    frames::{Post, boxes_of, posts, settings},
+    frames::{Post, mailboxes_of, posts, settings},
 };
 
-/// The scans after the start in which nothing moves: the machine was just switched on.
+/// Number of scans after the start without motion, because the machine was just switched on.
 const SETTLES: usize = 20;
-/// How much further than the epoch that was kept a start is.
+/// Distance of a start's epoch from the stored one.
 const EPOCHS_AHEAD: u16 = 16;
 
 #[derive(Clone, Debug)]
@@ -63,7 +63,7 @@ fn cases() -> impl Strategy<Value = Case> {
         )
 }
 
-/// A gateway's socket: sends, and receives the states. State: run and sequence of the last one.
+/// A gateway's socket, with run and sequence of the last received state.
 struct Sender {
     socket: UdpSocket,
     answers: [u32; 2],
@@ -96,7 +96,7 @@ impl Sender {
         self.socket.send(&bytes[..length]).unwrap();
     }
 
-    fn hear(&mut self) -> State {
+    fn receive(&mut self) -> State {
         let mut bytes = [0; STATE_BYTES + 1];
         let length = self.socket.recv(&mut bytes).unwrap();
         let state = State::decode(&bytes[..length], &KEY).unwrap();
@@ -116,17 +116,17 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
         Command::new(program)
             .arg(&epoch_file)
             .arg(key_file(dir))
-            // It is not the component's memory that the system's libraries keep to the end.
+            // System libraries keep memory until the end, which is not a leak of the component.
             .env("ASAN_OPTIONS", "detect_leaks=0")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
             .unwrap(),
     );
-    let mut asks = child.0.stdin.take().unwrap();
+    let mut input = child.0.stdin.take().unwrap();
     let mut answers = BufReader::new(child.0.stdout.take().unwrap()).lines();
     writeln!(
-        asks,
+        input,
         "XC {} {} {} {} {} {} {} {} {} {} {}",
         s.machine,
         s.step_scans,
@@ -143,53 +143,53 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
     .unwrap();
     let port: u16 = answers.next().unwrap().unwrap().parse().unwrap();
     let mut senders = [Sender::new(port), Sender::new(port)];
-    // What answers no state gets one: the first scan takes no frame.
+    // A command that answers no state only requests states: the first scan accepts no frame.
     for sender in &mut senders {
         sender.send(s.machine, None);
     }
-    writeln!(asks, "0").unwrap();
+    writeln!(input, "0").unwrap();
     answers.next().unwrap().unwrap();
     barrier.scan(&[], true);
-    let first = senders.each_mut().map(Sender::hear);
+    let first = senders.each_mut().map(Sender::receive);
     prop_assert_eq!(first[0], first[1]);
     let (mut scan, mut counts) = (1, [0; 2]);
     for (shall_hold, first, second, times) in &case.scans {
         for repeat in 0..*times {
             let last = barrier.report();
-            let boxes = boxes_of([*first, *second], repeat, &last);
+            let mailboxes = mailboxes_of([*first, *second], repeat, &last);
             for (at, sender) in senders.iter_mut().enumerate() {
-                sender.send(s.machine, boxes.get(at));
+                sender.send(s.machine, mailboxes.get(at));
             }
-            writeln!(asks, "{}", u8::from(*shall_hold)).unwrap();
+            writeln!(input, "{}", u8::from(*shall_hold)).unwrap();
             let held = answers.next().unwrap().unwrap() == "1";
             prop_assert_eq!(held, *shall_hold || scan < SETTLES, "scan {}", scan);
-            let state = senders[0].hear();
-            prop_assert_eq!(senders[1].hear(), state);
-            let boxes: Vec<&[u16]> = boxes.iter().map(Vec::as_slice).collect();
+            let state = senders[0].receive();
+            prop_assert_eq!(senders[1].receive(), state);
+            let mailboxes: Vec<&[u16]> = mailboxes.iter().map(Vec::as_slice).collect();
             let mut report = [0; REPORT_WORDS];
-            let told = barrier.scan(&boxes, held);
-            let length = told.encode(&mut report);
+            let output = barrier.scan(&mailboxes, held);
+            let length = output.encode(&mut report);
             prop_assert_eq!(state.report.as_slice(), &report[..length], "scan {}", scan);
             prop_assert_eq!(state.machine, s.machine);
             prop_assert_eq!(usize::try_from(state.sequence), Ok(scan + 1));
             prop_assert_eq!(state.flags.has(Flags::LIMITED), *shall_hold);
             prop_assert!(!state.flags.has(Flags::LOST));
             scan += 1;
-            counts[0] += usize::from(told.owner != 0 && told.sequence != last.sequence);
-            counts[1] += usize::from(told.applied != last.applied);
+            counts[0] += usize::from(output.owner != 0 && output.sequence != last.sequence);
+            counts[1] += usize::from(output.applied != last.applied);
         }
     }
-    drop(asks);
+    drop(input);
     let status = child.0.wait().unwrap();
     prop_assert!(status.success(), "{status}");
-    // At its end it has written down the epoch that it had.
+    // At its end it has stored its epoch.
     let kept = std::fs::read_to_string(&epoch_file).unwrap();
     prop_assert_eq!(kept.trim().parse(), Ok(barrier.report().epoch));
     Ok(counts)
 }
 
 #[test]
-fn the_component_says_the_same_as_the_reference_at_every_scan() {
+fn the_component_equals_the_reference_at_every_scan() {
     let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("linuxcnc-component");
     std::fs::create_dir_all(&dir).unwrap();
     let Some(program) = built(&dir, "datagrams.c", MEMORY) else {
@@ -207,7 +207,7 @@ fn the_component_says_the_same_as_the_reference_at_every_scan() {
         Ok(())
     });
     ran.unwrap_or_else(|error| panic!("{error}"));
-    // Frames were taken, and axes moved.
+    // Frames were accepted, and axes moved.
     assert!(
         seen.get().iter().all(|count| *count > 100),
         "{:?}",
@@ -215,14 +215,14 @@ fn the_component_says_the_same_as_the_reference_at_every_scan() {
     );
 }
 
-/// The servo thread and the one that keeps the epoch share words alone that are written and read in one piece, in order.
+/// The servo thread and the thread that stores the epoch share only atomic words.
 #[test]
-fn no_thread_of_the_component_races_another() {
+fn the_component_has_no_data_race() {
     let dir = tempfile::tempdir().unwrap();
     let Some(program) = built(dir.path(), "datagrams.c", THREADS) else {
         return;
     };
-    // A time-out among them, which moves the epoch on.
+    // Includes a timeout, which advances the epoch.
     let scans = "0\n".repeat(60);
     let input = format!("XC 7 1 2 7 0 100 100 5 5 0 0\n{scans}");
     let run = |command: &mut Command| {
@@ -234,16 +234,16 @@ fn no_thread_of_the_component_races_another() {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        // It may have ended before it has read everything.
+        // It may exit before reading everything.
         let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
         let output = child.wait_with_output().unwrap();
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        (output.status.success(), told)
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.success(), errors)
     };
-    let (mut succeeds, mut told) = run(&mut Command::new(&program));
-    if told.contains("unexpected memory mapping") {
-        // Where the kernel spreads addresses further than this compiler's library knows.
-        (succeeds, told) = run(Command::new("setarch").arg("-R").arg(&program));
+    let (mut succeeds, mut errors) = run(&mut Command::new(&program));
+    if errors.contains("unexpected memory mapping") {
+        // The kernel randomises more address bits than this compiler's library supports.
+        (succeeds, errors) = run(Command::new("setarch").arg("-R").arg(&program));
     }
-    assert!(succeeds && !told.contains("data race"), "{told}");
+    assert!(succeeds && !errors.contains("data race"), "{errors}");
 }

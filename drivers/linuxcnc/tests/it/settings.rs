@@ -1,4 +1,4 @@
-//! An INI file is judged by one rule in `check` and in the bridge's HAL file.
+//! `check` and the bridge's HAL file apply the same rules to an INI file.
 
 use std::{path::Path, process::Command};
 
@@ -7,9 +7,9 @@ use volcomp_test_support::{cases, peers};
 
 use crate::ini::{control, expected, mill};
 
-/// Units that may stand in an INI file, and whether the bridge accepts them. LinuxCNC 2.9 (`EmcIniFile`, tried with the library of
-/// Debian 12) takes mm, metric, in, inch and imperial, deg, degree, grad, gon, rad and radian in any case, and numbers, whatever
-/// stands behind them; other words, and comments behind a word, stop it. It reads units in `[TRAJ]` alone.
+/// Units in an INI file, and whether the bridge accepts them. LinuxCNC 2.9 (`EmcIniFile`, tried with the library of
+/// Debian 12) takes mm, metric, in, inch and imperial, deg, degree, grad, gon, rad and radian in any case, and numbers, with any
+/// text after them; other words, and comments after a word, stop it. It reads units in `[TRAJ]` alone.
 const UNITS: [(&str, &str, bool); 28] = [
     ("LINEAR_UNITS", "mm", true),
     ("LINEAR_UNITS", "MM", true),
@@ -41,8 +41,8 @@ const UNITS: [(&str, &str, bool); 28] = [
     ("ANGULAR_UNITS", "mm", false),
 ];
 
-/// Lines of the shipped file, what takes their place, and what all say of it. Of the languages that read the last three each takes
-/// one for a number.
+/// Lines of the shipped file, their replacement, and the common message. Each of the languages that read the last three accepts
+/// one of them as a number.
 const REFUSED: &str = r"
 LINEAR_UNITS = mm\n |  | [TRAJ]LINEAR_UNITS is missing, expected mm or metric: the bridge counts in this unit
 ANGULAR_UNITS = degree\n |  | [TRAJ]ANGULAR_UNITS is missing, expected degree or deg: the bridge counts in this unit
@@ -60,7 +60,7 @@ LIMIT_UM = 30 | LIMIT_UM = 0x1e | [VOLCOMP]LIMIT_UM: found 0x1e, expected a numb
 LIMIT_UM = 30 | LIMIT_UM = nan | [VOLCOMP]LIMIT_UM: found nan, expected a number and nothing behind it
 ";
 
-/// What only the bridge judges.
+/// Settings that only the bridge checks.
 const NEEDED: &str = r"
 MACHINE = 1\n |  | [VOLCOMP]MACHINE is missing, expected a
 LIMIT_UM = 30\n |  | [VOLCOMP]LIMIT_UM is missing, expected a number
@@ -68,22 +68,22 @@ RATE_UM_PER_S = 2000\n |  | [VOLCOMP]RATE_UM_PER_S is missing, expected a number
 AXES = XYZ\n | AXES = XYZ\nREADS = AX\n | [VOLCOMP]AXES and READS: found XYZ and AX, expected one or more axes, each once
 ";
 
-/// What a program says of an INI file, and whether it takes it.
-fn said(command: &mut Command, ini: &str) -> (bool, String) {
+/// Whether a program accepts an INI file, and its message.
+fn message(command: &mut Command, ini: &str) -> (bool, String) {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("mill.ini");
     std::fs::write(&file, ini).unwrap();
     let output = command.arg(&file).output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    let names = said.contains(&file.display().to_string());
+    let message = String::from_utf8(output.stderr).unwrap();
+    let names = message.contains(&file.display().to_string());
     assert!(
-        output.status.success() || names && said.lines().count() == 1,
-        "one line that names the file: {said}"
+        output.status.success() || names && message.lines().count() == 1,
+        "one line that names the file: {message}"
     );
-    (output.status.success(), said)
+    (output.status.success(), message)
 }
 
-fn of_tcl(ini: &str) -> Option<(bool, String)> {
+fn check_by_bridge(ini: &str) -> Option<(bool, String)> {
     const TCL: &str = "/usr/bin/tclsh";
     if !Path::new(TCL).exists() {
         peers::not_run("tclsh of linuxcnc-uspace");
@@ -94,46 +94,52 @@ fn of_tcl(ini: &str) -> Option<(bool, String)> {
     command
         .arg(here.join("tests/it/stand_in.tcl"))
         .arg(here.join("bridge/volcomp.tcl"));
-    Some(said(&mut command, ini))
+    Some(message(&mut command, ini))
 }
 
-fn of_check(ini: &str) -> (bool, String) {
+fn check_by_gateway(ini: &str) -> (bool, String) {
     let problems = Ini::parse(ini).problems(&expected(&control()));
-    let said: Vec<String> = problems.iter().map(ToString::to_string).collect();
-    (said.is_empty(), said.join("\n"))
+    let message: Vec<String> = problems.iter().map(ToString::to_string).collect();
+    (message.is_empty(), message.join("\n"))
 }
 
-/// What both say, each with its name.
-fn of_all(ini: &str) -> Vec<(&'static str, bool, String)> {
-    let told = [("check", Some(of_check(ini))), ("volcomp.tcl", of_tcl(ini))];
-    let told = told.into_iter();
-    told.filter_map(|(who, told)| told.map(|(takes, said)| (who, takes, said)))
+/// The results of both programs, with their names.
+fn check_by_both(ini: &str) -> Vec<(&'static str, bool, String)> {
+    let results = [
+        ("check", Some(check_by_gateway(ini))),
+        ("volcomp.tcl", check_by_bridge(ini)),
+    ];
+    let results = results.into_iter();
+    results
+        .filter_map(|(program, results)| {
+            results.map(|(accepts, message)| (program, accepts, message))
+        })
         .collect()
 }
 
 #[test]
-fn the_shipped_file_is_taken_by_all() {
-    for (who, takes, said) in of_all(&mill()) {
-        assert!(takes && said.is_empty(), "{who}: {said}");
+fn both_accept_the_shipped_file() {
+    for (program, accepts, message) in check_by_both(&mill()) {
+        assert!(accepts && message.is_empty(), "{program}: {message}");
     }
 }
 
 #[test]
-fn units_are_judged_by_one_rule() {
-    for (key, found, takes) in UNITS {
+fn both_apply_the_same_rule_to_units() {
+    for (key, found, accepts) in UNITS {
         let (from, words) = match key {
             "LINEAR_UNITS" => ("LINEAR_UNITS = mm\n", "mm or metric"),
             _ => ("ANGULAR_UNITS = degree\n", "degree or deg"),
         };
         let ini = mill();
         assert!(ini.contains(from));
-        let told = of_all(&ini.replace(from, &format!("{key} = {found}\n")));
+        let results = check_by_both(&ini.replace(from, &format!("{key} = {found}\n")));
         let says = format!(
             "[TRAJ]{key}: found {found}, expected {words}: the bridge counts in this unit, and no other is supported. Do not change this key alone: all lengths or angles of the INI file are in it"
         );
-        for (who, does, said) in told {
-            assert_eq!(does, takes, "{who}: {key} = {found}: {said}");
-            assert!(takes || said.contains(&says), "{who}: {said}");
+        for (program, does, message) in results {
+            assert_eq!(does, accepts, "{program}: {key} = {found}: {message}");
+            assert!(accepts || message.contains(&says), "{program}: {message}");
         }
     }
 }
@@ -144,33 +150,36 @@ fn unknown_keys_are_reported_by_check_and_the_hal_file() {
     assert_ne!(ini, mill());
     let keys = "MACHINE, AXES, READS, PORT, LISTEN, STEP_NM, STEP_UDEG, LIMIT_UM, LIMIT_MDEG, RATE_UM_PER_S, RATE_MDEG_PER_S, HOLD_MS, TIME_OUT_MS, EPOCH_FILE, KEY_FILE";
     let says = format!("[VOLCOMP]HOLDMS: unknown key, expected one of {keys}");
-    for (who, takes, said) in of_all(&ini) {
-        assert!(!takes && said.contains(&says), "{who}: {said}");
+    for (program, accepts, message) in check_by_both(&ini) {
+        assert!(!accepts && message.contains(&says), "{program}: {message}");
     }
     // Each of these is a key.
     for key in keys.split(", ").filter(|key| !mill().contains(key)) {
         let ini = mill().replace("[VOLCOMP]\n", &format!("[VOLCOMP]\n{key} = 1\n"));
-        for (who, _, said) in of_all(&ini) {
-            assert!(!said.contains("unknown key"), "{who}: {said}");
+        for (program, _, message) in check_by_both(&ini) {
+            assert!(!message.contains("unknown key"), "{program}: {message}");
         }
     }
 }
 
 #[test]
-fn what_is_missing_or_wrong_is_told_by_all() {
+fn both_report_missing_and_wrong_lines() {
     for [from, to, says] in &cases(REFUSED) {
         let ini = mill();
         assert!(ini.contains(from), "{from}");
-        for (who, takes, said) in of_all(&ini.replace(from, to)) {
-            assert!(!takes && said.contains(says), "{who}: {says}: {said}");
+        for (program, accepts, message) in check_by_both(&ini.replace(from, to)) {
+            assert!(
+                !accepts && message.contains(says),
+                "{program}: {says}: {message}"
+            );
         }
     }
     for [from, to, says] in &cases(NEEDED) {
         let ini = mill();
         assert!(ini.contains(from), "{from}");
         let ini = ini.replace(from, to);
-        if let Some((takes, said)) = of_tcl(&ini) {
-            assert!(!takes && said.contains(says), "{says}: {said}");
+        if let Some((accepts, message)) = check_by_bridge(&ini) {
+            assert!(!accepts && message.contains(says), "{says}: {message}");
         }
     }
 }

@@ -1,9 +1,9 @@
 use proptest::prelude::*;
 use volcomp_modbus::iec60751::{Class, RANGE_DEGC, ratio, temperature, two_wire};
 
-/// Resistances of a PT100 as tables of the standard give them.
+/// Resistances of a PT100 from the tables of the standard.
 #[test]
-fn the_table_of_the_standard() {
+fn resistances_match_the_standard() {
     for (degc, ohm) in [
         (-200.0, 18.5201),
         (-100.0, 60.2558),
@@ -24,7 +24,7 @@ fn the_table_of_the_standard() {
 }
 
 #[test]
-fn outside_the_range_there_is_nothing() {
+fn values_outside_the_range_are_rejected() {
     for degc in [-200.1, 850.1, f64::NAN, f64::INFINITY] {
         assert_eq!(ratio(degc), None);
     }
@@ -36,7 +36,7 @@ fn outside_the_range_there_is_nothing() {
 }
 
 #[test]
-fn leads_and_classes() {
+fn lead_resistance_and_tolerance_classes() {
     // 0.1 ohm of leads are a quarter of a kelvin.
     let off = two_wire(107.7935 + 0.1, 0.0, 100.0).unwrap() - 20.0;
     assert!((off - 0.257).abs() < 1e-3, "{off}");
@@ -49,13 +49,13 @@ fn leads_and_classes() {
 
 proptest! {
     #[test]
-    fn temperatures_come_back(degc in -200.0..850.0_f64) {
+    fn temperatures_round_trip(degc in -200.0..850.0_f64) {
         let back = temperature(ratio(degc).unwrap()).unwrap();
         prop_assert!((back - degc).abs() < 1e-9, "{degc}: {back}");
     }
 
     #[test]
-    fn resistance_rises(degc in -199.9..850.0_f64) {
+    fn resistance_increases_with_temperature(degc in -199.9..850.0_f64) {
         prop_assert!(ratio(degc).unwrap() > ratio(degc - 0.1).unwrap());
     }
 }

@@ -1,4 +1,4 @@
-//! Modules of our own on the line that answer late, wrongly, or not at all.
+//! Simulated modules on a serial line that respond late, wrongly, or not at all.
 
 use std::{
     fs::{File, OpenOptions},
@@ -32,10 +32,10 @@ fn crc(bytes: &[u8]) -> [u8; 2] {
     crc.to_le_bytes()
 }
 
-/// What a module does with a question: an answer, and how long it takes.
+/// Response of a module to a request, and its delay.
 type Behaviour = dyn FnMut(&[u8]) -> Option<(Duration, Vec<u8>)> + Send;
 
-/// Modules on the other end of the wire.
+/// Modules at the other end of the line.
 struct Modules {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -43,11 +43,11 @@ struct Modules {
 
 impl Modules {
     fn start(wire: &Wire, behaviour: Box<Behaviour>) -> Self {
-        Self::start_behind(wire, false, behaviour)
+        Self::start_with_echo(wire, false, behaviour)
     }
 
-    /// The same behind an adapter that sends every question back where it `echoes`.
-    fn start_behind(wire: &Wire, echoes: bool, mut behaviour: Box<Behaviour>) -> Self {
+    /// The same behind an adapter that echoes every request if `echoes` is set.
+    fn start_with_echo(wire: &Wire, echoes: bool, mut behaviour: Box<Behaviour>) -> Self {
         let mut port: File = OpenOptions::new()
             .read(true)
             .write(true)
@@ -56,32 +56,32 @@ impl Modules {
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
-            let mut question = Vec::new();
+            let mut request = Vec::new();
             let mut byte = [0; 1];
             while port.read(&mut byte).is_ok_and(|count| count == 1) {
                 if stopped.load(Ordering::Relaxed) {
                     return;
                 }
-                question.push(byte[0]);
+                request.push(byte[0]);
                 if echoes {
                     port.write_all(&byte).unwrap();
                 }
-                // Reading questions have eight bytes; writing ones state their length.
-                let length = match question.get(1) {
-                    Some(15) => question.get(6).map_or(usize::MAX, |n| 9 + usize::from(*n)),
+                // Read requests have eight bytes; write requests contain their length.
+                let length = match request.get(1) {
+                    Some(15) => request.get(6).map_or(usize::MAX, |n| 9 + usize::from(*n)),
                     _ => 8,
                 };
-                if question.len() < length {
+                if request.len() < length {
                     continue;
                 }
-                let (frame, sum) = question.split_at(length - 2);
-                assert_eq!(sum, crc(frame), "a disturbed question");
+                let (frame, sum) = request.split_at(length - 2);
+                assert_eq!(sum, crc(frame), "a corrupted request");
                 if let Some((wait, mut answer)) = behaviour(frame) {
                     std::thread::sleep(wait);
                     answer.extend(crc(&answer));
                     port.write_all(&answer).unwrap();
                 }
-                question.clear();
+                request.clear();
             }
         });
         Self {
@@ -94,35 +94,35 @@ impl Modules {
 impl Drop for Modules {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        // The thread ends with the wire, or with the next question.
+        // The thread ends with the line, or at the next request.
         drop(self.thread.take());
     }
 }
 
-/// Registers of a unit: 20.1 °C and one degree for each unit.
-fn registers(question: &[u8]) -> Vec<u8> {
-    let unit = question[0];
-    let mut answer = vec![unit, question[1], 8];
+/// Registers of a unit: 20.1 °C plus 1 °C for each unit.
+fn registers(request: &[u8]) -> Vec<u8> {
+    let unit = request[0];
+    let mut answer = vec![unit, request[1], 8];
     for channel in 1..=4_u16 {
         answer.extend((200 + 10 * u16::from(unit) + channel).to_be_bytes());
     }
     answer
 }
 
-/// An adapter with local echo: the question that comes back is skipped, also in outputs, and named where nothing else comes.
+/// An adapter with local echo: the echoed request is skipped, and reported if no response follows.
 #[test]
-fn the_echo_of_an_adapter_is_no_answer() {
+fn the_echo_of_an_adapter_is_not_a_response() {
     let Some(wire) = Wire::new() else { return };
     let silent = Arc::new(AtomicBool::new(false));
     let is_silent = Arc::clone(&silent);
-    let _modules = Modules::start_behind(
+    let _modules = Modules::start_with_echo(
         &wire,
         true,
-        Box::new(move |question| {
+        Box::new(move |request| {
             if is_silent.load(Ordering::Relaxed) {
                 return None;
             }
-            Some((Duration::ZERO, registers(question)))
+            Some((Duration::ZERO, registers(request)))
         }),
     );
     let mut thermometer = ModbusThermometer::new(config(wire.bus(), &[1])).unwrap();
@@ -141,7 +141,7 @@ fn the_echo_of_an_adapter_is_no_answer() {
     });
 }
 
-/// A module that refuses the question is no silent one: its exception has a name.
+/// A rejection is reported with the name of its exception, not as a timeout.
 #[test]
 fn exceptions_are_named() {
     let Some(wire) = Wire::new() else { return };
@@ -149,9 +149,9 @@ fn exceptions_are_named() {
     let coded = Arc::clone(&code);
     let _modules = Modules::start(
         &wire,
-        Box::new(move |question| {
+        Box::new(move |request| {
             let code = *coded.lock().unwrap();
-            let refusal = vec![question[0], question[1] | 0x80, code];
+            let refusal = vec![request[0], request[1] | 0x80, code];
             Some((Duration::ZERO, refusal))
         }),
     );
@@ -168,7 +168,7 @@ fn exceptions_are_named() {
     ] {
         *code.lock().unwrap() = exception;
         let reason = Reason::Refused { code: exception };
-        until("it is told", || {
+        until("the reason is reported", || {
             thermometer.latest()[0].quality == Quality::Bad(reason)
         });
         assert_eq!(reason.to_string(), name);
@@ -176,15 +176,15 @@ fn exceptions_are_named() {
 }
 
 #[test]
-fn units_on_one_line_are_asked_in_turn() {
+fn units_on_one_line_are_polled_in_turn() {
     let Some(wire) = Wire::new() else { return };
-    let asked = Arc::new(Mutex::new(Vec::new()));
-    let seen = Arc::clone(&asked);
+    let polled = Arc::new(Mutex::new(Vec::new()));
+    let recorded = Arc::clone(&polled);
     let _modules = Modules::start(
         &wire,
-        Box::new(move |question| {
-            seen.lock().unwrap().push(question[0]);
-            Some((Duration::ZERO, registers(question)))
+        Box::new(move |request| {
+            recorded.lock().unwrap().push(request[0]);
+            Some((Duration::ZERO, registers(request)))
         }),
     );
     let mut thermometer = ModbusThermometer::new(config(wire.bus(), &[1, 2, 3])).unwrap();
@@ -201,18 +201,18 @@ fn units_on_one_line_are_asked_in_turn() {
     {
         assert!((found - expected).abs() < 1e-9, "{degc:?}");
     }
-    until("some rounds", || asked.lock().unwrap().len() > 30);
-    let asked = asked.lock().unwrap();
+    until("some rounds", || polled.lock().unwrap().len() > 30);
+    let polled = polled.lock().unwrap();
     assert!(
-        asked.windows(3).all(|w| w[0] != w[1] && w[1] != w[2]),
-        "{asked:?}"
+        polled.windows(3).all(|w| w[0] != w[1] && w[1] != w[2]),
+        "{polled:?}"
     );
 }
 
-/// Unit 1 answers only after the time-out, with what would fit unit 1's or any other's question: its answer
-/// is never taken for unit 2's, nor for its own next one.
+/// Unit 1 responds only after the timeout, with data that would fit any unit's request: its response is never taken for
+/// unit 2's, nor for its own next one.
 #[test]
-fn a_late_answer_is_never_taken_for_anothers() {
+fn a_late_response_is_never_taken_for_another() {
     let Some(wire) = Wire::new() else { return };
     let late = Arc::new(AtomicBool::new(true));
     let is_late = Arc::clone(&late);
@@ -220,20 +220,20 @@ fn a_late_answer_is_never_taken_for_anothers() {
     let counted = Arc::clone(&count);
     let _modules = Modules::start(
         &wire,
-        Box::new(move |question| {
-            if question[0] == 1 && is_late.load(Ordering::Relaxed) {
-                // The late answer says that it is unit 2's, and 99 °C.
+        Box::new(move |request| {
+            if request[0] == 1 && is_late.load(Ordering::Relaxed) {
+                // The late response claims to be from unit 2, and 99 °C.
                 *counted.lock().unwrap() += 1;
                 let mut answer = vec![2, 3, 8];
                 answer.extend([990_u16; 4].iter().flat_map(|word| word.to_be_bytes()));
                 return Some((Duration::from_millis(150), answer));
             }
-            Some((Duration::from_millis(1), registers(question)))
+            Some((Duration::from_millis(1), registers(request)))
         }),
     );
     let config = config(wire.bus(), &[1, 2]);
     let mut thermometer = ModbusThermometer::new(config).unwrap();
-    until("some late answers", || {
+    until("several late responses", || {
         for (sensor, found) in thermometer.latest().iter().enumerate() {
             if let Some(degc) = found.degc {
                 assert!(
@@ -255,23 +255,22 @@ fn a_late_answer_is_never_taken_for_anothers() {
     assert!((thermometer.latest()[0].degc.unwrap() - 21.1).abs() < 1e-9);
 }
 
-/// Answers cut at every byte and answers with a wrong sum: no number of them, and the next one is good.
+/// Truncated responses and wrong checksums yield no value, and the next response is good.
 #[test]
-fn disturbed_answers_are_no_answers() {
+fn corrupted_responses_are_rejected() {
     let Some(wire) = Wire::new() else { return };
     let turn = Arc::new(Mutex::new(0_usize));
     let counted = Arc::clone(&turn);
     let _modules = Modules::start(
         &wire,
-        Box::new(move |question| {
+        Box::new(move |request| {
             let mut turn = counted.lock().unwrap();
             *turn += 1;
-            let mut answer = registers(question);
+            let mut answer = registers(request);
             if turn.is_multiple_of(2) {
                 return Some((Duration::ZERO, answer));
             }
-            // Cut by at least two of its eleven bytes, with one byte and a right sum behind: the length byte tells that it is
-            // cut.
+            // Truncated by at least two of its eleven bytes, then one byte and a valid checksum: only the length byte reveals it.
             answer.truncate((*turn / 2) % 10);
             answer.push(0xee);
             Some((Duration::ZERO, answer))
@@ -280,7 +279,7 @@ fn disturbed_answers_are_no_answers() {
     let mut config = config(wire.bus(), &[1]);
     config.answer_within = Duration::from_millis(30);
     let mut thermometer = ModbusThermometer::new(config).unwrap();
-    until("every cut", || {
+    until("every truncation", || {
         for (sensor, found) in thermometer.latest().iter().enumerate() {
             if let Some(degc) = found.degc {
                 #[expect(clippy::cast_precision_loss, reason = "four sensors")]
@@ -292,23 +291,23 @@ fn disturbed_answers_are_no_answers() {
     });
 }
 
-/// A wire that is pulled out and put in again.
+/// An unplugged adapter is plugged in again.
 #[test]
-fn a_pulled_wire_comes_back() {
+fn an_unplugged_adapter_reconnects() {
     let Some(wire) = Wire::new() else { return };
     let bus = wire.bus();
-    let answer = || Box::new(|question: &[u8]| Some((Duration::ZERO, registers(question))));
+    let answer = || Box::new(|request: &[u8]| Some((Duration::ZERO, registers(request))));
     let modules = Modules::start(&wire, answer());
     let mut thermometer = ModbusThermometer::new(config(bus, &[1])).unwrap();
     let good = |t: &mut ModbusThermometer| t.latest()[0].quality == Quality::Good;
-    until("it answers", || good(&mut thermometer));
+    until("it responds", || good(&mut thermometer));
     let (ours, theirs) = (wire.ours.clone(), wire.theirs.clone());
     drop(wire);
     drop(modules);
-    until("it is told", || {
+    until("the reason is reported", || {
         thermometer.latest()[0].quality == Quality::Bad(Reason::NoAnswer)
     });
-    // The adapter is put in again under its old names.
+    // The adapter is plugged in again with its old device names.
     std::fs::create_dir_all(ours.parent().unwrap()).unwrap();
     let again = Wire {
         _socat: crate::socat(&ours, &theirs),
@@ -320,37 +319,37 @@ fn a_pulled_wire_comes_back() {
         again.ours.exists() && again.theirs.exists()
     });
     let _modules = Modules::start(&again, answer());
-    until("it answers again", || good(&mut thermometer));
+    until("it responds again", || good(&mut thermometer));
     std::fs::remove_dir_all(again.ours.parent().unwrap()).unwrap();
 }
 
-/// Reading and writing never wait for the line: the last inputs, the next outputs.
+/// Reads and writes never wait for the line: reads return the last inputs, writes queue the next outputs.
 #[test]
-fn digital_modules_make_one_port() {
+fn digital_modules_form_one_port() {
     let Some(wire) = Wire::new() else { return };
     let outputs = Arc::new(Mutex::new([0xf1, 0xf2]));
     let taken = Arc::clone(&outputs);
-    let questions = Arc::new(Mutex::new(0_u32));
-    let asked = Arc::clone(&questions);
+    let requests = Arc::new(Mutex::new(0_u32));
+    let polled = Arc::clone(&requests);
     let power = Arc::new(AtomicBool::new(true));
     let has_power = Arc::clone(&power);
     let _modules = Modules::start(
         &wire,
-        Box::new(move |question| {
-            let unit = question[0];
-            *asked.lock().unwrap() += 1;
+        Box::new(move |request| {
+            let unit = request[0];
+            *polled.lock().unwrap() += 1;
             let coils = &mut *taken.lock().unwrap();
             if unit == 2 && !has_power.load(Ordering::Relaxed) {
                 coils[1] = 0;
                 return None;
             }
-            let answer = if question[1] == 2 {
+            let answer = if request[1] == 2 {
                 vec![unit, 2, 1, 0x30 + unit]
-            } else if question[1] == 1 {
+            } else if request[1] == 1 {
                 vec![unit, 1, 1, coils[usize::from(unit - 1)]]
             } else {
-                coils[usize::from(unit - 1)] = question[7];
-                question[..6].to_vec()
+                coils[usize::from(unit - 1)] = request[7];
+                request[..6].to_vec()
             };
             Some((Duration::ZERO, answer))
         }),
@@ -363,30 +362,32 @@ fn digital_modules_make_one_port() {
     let within = Duration::from_millis(100);
     let mut port = ModbusDigital::new(wire.bus(), &modules, within, Backoff::default()).unwrap();
     assert_eq!((port.inputs(), port.outputs()), (16, 16));
-    // 2 · (14 + 18) characters of 11 bits at 19200 Bd, gaps and turns.
+    // 2 · (14 + 18) characters of 11 bits at 19200 Bd, gaps and turnarounds.
     let cycle = port.shortest_cycle().as_secs_f64() * 1e3;
     assert!((40.0..70.0).contains(&cycle), "{cycle} ms");
     let soon = Instant::now() + Duration::from_secs(1);
-    until("it reads", || {
+    until("a read succeeds", || {
         port.read(soon).is_ok_and(|found| found.levels == 0x3231)
     });
-    assert_eq!(port.confirmed(), Some(0xf2f1), "as the modules told");
-    let before = *questions.lock().unwrap();
+    assert_eq!(port.confirmed(), Some(0xf2f1), "as reported by the modules");
+    let before = *requests.lock().unwrap();
     for _ in 0..1000 {
         port.read(soon).unwrap();
         port.write(0xa55a, soon).unwrap();
     }
-    let exchanged = *questions.lock().unwrap() - before;
+    let exchanged = *requests.lock().unwrap() - before;
     assert!(
         exchanged < 500,
-        "a thousand calls waited for {exchanged} questions"
+        "a thousand calls waited for {exchanged} requests"
     );
-    until("it writes", || *outputs.lock().unwrap() == [0x5a, 0xa5]);
-    // One module is without power for a moment: what its outputs are then it is asked anew. They counted as written.
+    until("the write arrives", || {
+        *outputs.lock().unwrap() == [0x5a, 0xa5]
+    });
+    // After a module lost power its outputs are read back; they used to count as written.
     power.store(false, Ordering::Relaxed);
-    // Its inputs are told as they were, and grow old.
+    // Its last inputs are returned and age.
     let off = Instant::now();
-    until("the levels of its outputs are not known", || {
+    until("the output levels are unknown", || {
         port.read(soon).unwrap();
         port.confirmed().is_none()
     });
@@ -394,18 +395,20 @@ fn digital_modules_make_one_port() {
     assert!(found.levels == 0x3231 && found.taken <= off);
     power.store(true, Ordering::Relaxed);
     let on = Instant::now();
-    until("it reads again", || port.read(soon).unwrap().taken >= on);
-    until("its outputs are known", || {
+    until("a read succeeds again", || {
+        port.read(soon).unwrap().taken >= on
+    });
+    until("the outputs are known", || {
         port.read(soon).is_ok() && port.confirmed() == Some(0x005a)
     });
     drop(wire);
-    until("the loss is told", || {
+    until("the disconnection is reported", || {
         port.read(soon) == Err(Fault::NotConnected)
     });
 }
 
 #[test]
-fn senseless_configurations_are_refused() {
+fn invalid_configurations_are_rejected() {
     let bus = || volcomp_modbus::Bus::Tcp {
         host: "127.0.0.1".to_owned(),
         port: 1,
@@ -417,7 +420,8 @@ fn senseless_configurations_are_refused() {
     };
     assert!(message(|c| c.units.clear()).contains("modbus://127.0.0.1:1: no sensor is named"));
     assert!(
-        message(|c| c.units[1].names[0] = "a1".to_owned()).contains("the sensor a1 stands twice")
+        message(|c| c.units[1].names[0] = "a1".to_owned())
+            .contains("the sensor a1 is listed twice")
     );
     assert!(
         message(|c| c.units[0].names.push("e".to_owned()))
@@ -439,9 +443,9 @@ fn senseless_configurations_are_refused() {
             .to_string()
             .contains("has no digital lines")
     );
-    // Nobody there: bad sensors, no error.
+    // No server: bad sensors, but no error.
     let mut thermometer = ModbusThermometer::new(config(bus(), &[1])).unwrap();
-    until("it is told", || {
+    until("the reason is reported", || {
         thermometer.latest()[0].quality == Quality::Bad(Reason::NoAnswer)
     });
 }

@@ -1,15 +1,12 @@
-//! PT100 by the standard, profiles, and modules on the wire: our own that misbehave, and servers of
-//! pymodbus and libmodbus.
+//! PT100 by the standard, profiles, simulated faulty modules, and servers of pymodbus and libmodbus.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-mod fuzz_corpus;
 mod iec60751;
 mod line;
 mod outputs;
 mod peers;
 mod profiles;
-mod serialised;
 
 use std::{
     path::{Path, PathBuf},
@@ -25,13 +22,13 @@ pub(crate) fn until(what: &str, holds: impl FnMut() -> bool) {
     volcomp_test_support::until(what, Duration::from_secs(20), holds);
 }
 
-/// socat makes two serial ports that are wired to each other.
+/// Starts socat, which creates two connected serial ports.
 pub(crate) fn socat(ours: &Path, theirs: &Path) -> Running {
     let end = |path: &Path| format!("pty,raw,echo=0,link={}", path.display());
     Running::start(Command::new("socat").args([end(ours), end(theirs)]))
 }
 
-/// Two serial ports wired to each other, by socat.
+/// Two connected serial ports, created by socat.
 pub(crate) struct Wire {
     _socat: Running,
     _folder: tempfile::TempDir,
@@ -40,7 +37,7 @@ pub(crate) struct Wire {
 }
 
 impl Wire {
-    /// `None` where there is no socat: the test is named and left out, but not under CI.
+    /// `None` without socat: the test is reported as skipped, but fails under CI.
     pub(crate) fn new() -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let [ours, theirs] = ["ours", "theirs"].map(|name| folder.path().join(name));
@@ -54,7 +51,7 @@ impl Wire {
             ours,
             theirs,
         };
-        until("socat makes its ports", || {
+        until("socat creates its ports", || {
             wire.ours.exists() && wire.theirs.exists()
         });
         Some(wire)

@@ -1,4 +1,4 @@
-//! Outputs on a module of our own, over TCP: it can be silent or refuse, and counts what it was told.
+//! Outputs on a simulated TCP module that can time out or reject requests, and records writes.
 
 use std::{
     collections::VecDeque,
@@ -13,50 +13,47 @@ use volcomp_port::{Backoff, DigitalIo, Fault, InputLevels};
 
 use crate::until;
 
-/// What the module holds, and how it behaves.
+/// Contents and behaviour of the module.
 #[derive(Default)]
-#[expect(
-    clippy::struct_excessive_bools,
-    reason = "ways to misbehave that do not exclude one another"
-)]
-struct Inside {
+#[expect(clippy::struct_excessive_bools, reason = "independent faults")]
+struct ModuleState {
     inputs: u8,
     coils: u8,
-    /// The levels of every write that came, in order.
+    /// Levels of all received writes, in order.
     writes: Vec<u8>,
-    /// Takes requests and answers none.
+    /// Accepts requests, but sends no responses.
     silent: bool,
-    /// Refuses writes with exception 4.
-    refuses: bool,
-    /// What it does with questions for its coils, the next one first; afterwards it answers.
-    coils_asked: VecDeque<Asked>,
-    /// How often it was asked for them.
-    questions: u32,
-    /// Takes writes and does not answer them.
-    mute_writes: bool,
-    /// How long reading the inputs of unit 2 takes.
+    /// Rejects writes with exception 4.
+    rejects_writes: bool,
+    /// Responses to the next requests for its coils; afterwards it responds normally.
+    coil_responses: VecDeque<CoilResponse>,
+    /// Number of requests for its coils.
+    coil_requests: u32,
+    /// Accepts writes, but does not respond to them.
+    ignores_writes: bool,
+    /// Delay of reading the inputs of unit 2.
     slow: Duration,
-    /// For so long as it is so, reading the inputs of unit 2 takes, and whether somebody waits for it.
-    held: bool,
-    waits: bool,
-    /// Connections that the other side ended with a reset, and those that it closed.
+    /// While set, reading the inputs of unit 2 blocks; `is_blocked`: a request waits for it.
+    blocked: bool,
+    is_blocked: bool,
+    /// Connections that the client reset, and those that it closed.
     resets: u32,
     closes: u32,
 }
 
-/// What the module does with a question for its coils.
+/// Response of the module to a request for its coils.
 #[derive(Clone, Copy, PartialEq)]
-enum Asked {
-    /// Ends the connection.
-    Breaks,
-    /// Refuses it with this exception.
-    Refuses(u8),
-    /// Tells these levels.
-    Tells(u8),
+enum CoilResponse {
+    /// Close the connection.
+    Disconnect,
+    /// Reject it with this exception.
+    Reject(u8),
+    /// Report these levels.
+    Levels(u8),
 }
 
 #[derive(Clone, Default)]
-struct Module(Arc<Mutex<Inside>>);
+struct Module(Arc<Mutex<ModuleState>>);
 
 impl Module {
     fn start() -> (Self, SocketAddr) {
@@ -73,15 +70,15 @@ impl Module {
         (module, address)
     }
 
-    fn set(&self, change: impl FnOnce(&mut Inside)) {
+    fn set(&self, change: impl FnOnce(&mut ModuleState)) {
         change(&mut self.0.lock().unwrap());
     }
 
-    fn get<T>(&self, what: impl FnOnce(&Inside) -> T) -> T {
+    fn get<T>(&self, what: impl FnOnce(&ModuleState) -> T) -> T {
         what(&self.0.lock().unwrap())
     }
 
-    /// Answers one connection until it ends.
+    /// Serves one connection until it ends.
     fn serve(&self, mut stream: TcpStream) {
         stream
             .set_read_timeout(Some(Duration::from_millis(5)))
@@ -90,11 +87,11 @@ impl Module {
         let mut byte = [0; 64];
         loop {
             match stream.read(&mut byte) {
-                Ok(0) => return self.set(|inside| inside.closes += 1),
+                Ok(0) => return self.set(|state| state.closes += 1),
                 Ok(count) => request.extend(&byte[..count]),
                 Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
                 Err(e) if e.kind() == ErrorKind::ConnectionReset => {
-                    return self.set(|inside| inside.resets += 1);
+                    return self.set(|state| state.resets += 1);
                 }
                 Err(e) => panic!("{e}"),
             }
@@ -105,11 +102,11 @@ impl Module {
                 }
                 let rest = request.split_off(length);
                 if request[7] == 1 {
-                    let next = self.0.lock().unwrap().coils_asked.front().copied();
-                    if next == Some(Asked::Breaks) {
-                        self.set(|inside| {
-                            inside.coils_asked.pop_front();
-                            inside.questions += 1;
+                    let next = self.0.lock().unwrap().coil_responses.front().copied();
+                    if next == Some(CoilResponse::Disconnect) {
+                        self.set(|state| {
+                            state.coil_responses.pop_front();
+                            state.coil_requests += 1;
                         });
                         return;
                     }
@@ -125,31 +122,31 @@ impl Module {
     fn answer(&self, request: &[u8]) -> Option<Vec<u8>> {
         let (unit, function) = (request[6], request[7]);
         if unit == 2 && function == 2 {
-            std::thread::sleep(self.get(|inside| inside.slow));
-            while self.get(|inside| inside.held) {
-                self.set(|inside| inside.waits = true);
+            std::thread::sleep(self.get(|state| state.slow));
+            while self.get(|state| state.blocked) {
+                self.set(|state| state.is_blocked = true);
                 std::thread::sleep(Duration::from_millis(1));
             }
         }
-        let mut inside = self.0.lock().unwrap();
-        if inside.silent {
+        let mut state = self.0.lock().unwrap();
+        if state.silent {
             return None;
         }
         let body = match function {
             1 => {
-                inside.questions += 1;
-                match inside.coils_asked.pop_front() {
-                    Some(Asked::Refuses(exception)) => vec![0x81, exception],
-                    Some(Asked::Tells(levels)) => vec![1, 1, levels],
-                    Some(Asked::Breaks) | None => vec![1, 1, inside.coils],
+                state.coil_requests += 1;
+                match state.coil_responses.pop_front() {
+                    Some(CoilResponse::Reject(exception)) => vec![0x81, exception],
+                    Some(CoilResponse::Levels(levels)) => vec![1, 1, levels],
+                    Some(CoilResponse::Disconnect) | None => vec![1, 1, state.coils],
                 }
             }
-            2 => vec![2, 1, inside.inputs],
-            15 if inside.mute_writes => return None,
-            15 if inside.refuses => vec![0x8f, 4],
+            2 => vec![2, 1, state.inputs],
+            15 if state.ignores_writes => return None,
+            15 if state.rejects_writes => vec![0x8f, 4],
             15 => {
-                inside.coils = request[13];
-                inside.writes.push(request[13]);
+                state.coils = request[13];
+                state.writes.push(request[13]);
                 request[7..12].to_vec()
             }
             other => panic!("function {other}"),
@@ -160,11 +157,11 @@ impl Module {
 }
 
 fn open(address: SocketAddr, units: &[u8]) -> ModbusDigital {
-    open_patient(address, units, Duration::from_millis(80))
+    open_with_timeout(address, units, Duration::from_millis(80))
 }
 
-/// A module may take so long for an answer.
-fn open_patient(address: SocketAddr, units: &[u8], within: Duration) -> ModbusDigital {
+/// Opens the modules with this response timeout.
+fn open_with_timeout(address: SocketAddr, units: &[u8], within: Duration) -> ModbusDigital {
     let profile = Profile::named("WAVESHARE-IO-8CH").unwrap();
     let modules: Vec<_> = units
         .iter()
@@ -192,45 +189,45 @@ fn reads(port: &mut ModbusDigital) -> bool {
     port.read(soon()).is_ok()
 }
 
-/// Each write goes out once and is confirmed; before the first one the levels that the module has are known.
+/// Each write is sent once and confirmed; before the first one the module's levels are read back.
 #[test]
-fn a_write_goes_out_once_and_is_confirmed() {
+fn a_write_is_sent_once_and_confirmed() {
     let (module, address) = Module::start();
-    module.set(|inside| inside.coils = 0xa5);
+    module.set(|state| state.coils = 0xa5);
     let mut port = open(address, &[1]);
     assert_eq!(port.confirmed(), None);
-    until("it reads", || reads(&mut port));
+    until("a read succeeds", || reads(&mut port));
     assert_eq!(port.confirmed(), Some(0xa5));
     assert_eq!(port.write(0x5a, soon()), Ok(()));
     until("it is confirmed", || {
         reads(&mut port);
         port.confirmed() == Some(0x5a)
     });
-    // Many exchanges later it was written once, and a deadline that has passed is not.
+    // It was written only once after many exchanges; a write after its deadline is not sent.
     std::thread::sleep(Duration::from_millis(50));
     assert_eq!(port.write(0x11, Instant::now()), Err(Fault::TimedOut));
     std::thread::sleep(Duration::from_millis(50));
-    assert_eq!(module.get(|inside| inside.writes.clone()), [0x5a]);
+    assert_eq!(module.get(|state| state.writes.clone()), [0x5a]);
 }
 
-/// A module that is slow to tell its inputs holds a write up: once the deadline of the write has passed it is not sent any
-/// more, and the next call tells that. It was sent for up to two exchanges after that.
+/// A slow read delays a write: after its deadline the write is not sent, and the next call reports it. It used to be sent up
+/// to two exchanges later.
 #[test]
-fn a_write_that_was_held_up_past_its_deadline_is_not_sent() {
+fn a_write_delayed_past_its_deadline_is_not_sent() {
     const LONG: Duration = Duration::from_secs(600);
     let (module, address) = Module::start();
-    let mut port = open_patient(address, &[1, 2, 3, 4, 5, 6, 7, 8], LONG);
-    until("it reads", || reads(&mut port));
-    module.set(|inside| inside.held = true);
-    until("the exchange is held up", || {
-        module.get(|inside| inside.waits)
+    let mut port = open_with_timeout(address, &[1, 2, 3, 4, 5, 6, 7, 8], LONG);
+    until("a read succeeds", || reads(&mut port));
+    module.set(|state| state.blocked = true);
+    until("the exchange is blocked", || {
+        module.get(|state| state.is_blocked)
     });
     let deadline = Instant::now() + Duration::from_millis(20);
-    // Where this thread was away for so long, it is too late already.
+    // If this thread was suspended for that long, the deadline has already passed.
     let was_in_time = port.write(0x77, deadline).is_ok();
     std::thread::sleep(deadline.saturating_duration_since(Instant::now()));
     let released = Instant::now();
-    module.set(|inside| inside.held = false);
+    module.set(|state| state.blocked = false);
     until("two exchanges later", || {
         (port.read(soon())).is_ok_and(|found| found.taken > released)
     });
@@ -238,56 +235,56 @@ fn a_write_that_was_held_up_past_its_deadline_is_not_sent() {
     until("three exchanges later", || {
         port.read(soon()).is_ok_and(|found| found.taken > seen)
     });
-    assert!(module.get(|inside| inside.writes.is_empty()));
-    let told = port.write(0, soon());
-    assert_eq!(told.is_err(), was_in_time, "{told:?}");
+    assert!(module.get(|state| state.writes.is_empty()));
+    let result = port.write(0, soon());
+    assert_eq!(result.is_err(), was_in_time, "{result:?}");
 }
 
-/// Over TCP a write that was not answered at its deadline resets its connection: nothing of it is left in a queue. The
-/// module would have been waited for much longer.
+/// Over TCP the connection is reset if a write is not acknowledged by its deadline, so that nothing of it stays queued. The
+/// response timeout of the module is much longer.
 #[test]
-fn a_write_that_is_not_answered_at_its_deadline_resets_its_connection() {
+fn an_unacknowledged_write_resets_the_connection_at_its_deadline() {
     let (module, address) = Module::start();
-    let mut port = open_patient(address, &[1], Duration::from_secs(600));
-    until("it reads", || reads(&mut port));
-    module.set(|inside| inside.mute_writes = true);
+    let mut port = open_with_timeout(address, &[1], Duration::from_secs(600));
+    until("a read succeeds", || reads(&mut port));
+    module.set(|state| state.ignores_writes = true);
     until("it is reset", || {
         let _ = port.write(1, Instant::now() + Duration::from_millis(30));
-        module.get(|inside| inside.resets > 0)
+        module.get(|state| state.resets > 0)
     });
-    assert_eq!(module.get(|inside| inside.closes), 0);
+    assert_eq!(module.get(|state| state.closes), 0);
 }
 
-/// Inputs of a module that has become silent are told as they were, with the time at which they came.
+/// If a module stops responding, its last inputs are returned with their time of arrival.
 #[test]
-fn inputs_are_told_with_their_age() {
+fn inputs_keep_their_time_of_arrival() {
     let (module, address) = Module::start();
-    module.set(|inside| inside.inputs = 0x3c);
-    let mut port = open_patient(address, &[1, 2], Duration::from_secs(600));
-    until("it reads", || reads(&mut port));
-    module.set(|inside| inside.held = true);
-    until("the exchange is held up", || {
-        module.get(|inside| inside.waits)
+    module.set(|state| state.inputs = 0x3c);
+    let mut port = open_with_timeout(address, &[1, 2], Duration::from_secs(600));
+    until("a read succeeds", || reads(&mut port));
+    module.set(|state| state.blocked = true);
+    until("the exchange is blocked", || {
+        module.get(|state| state.is_blocked)
     });
     let silent = Instant::now();
     std::thread::sleep(Duration::from_millis(200));
     let found = port.read(soon()).unwrap();
     assert_eq!(found.levels, 0x3c3c);
     assert!(found.taken <= silent);
-    module.set(|inside| inside.held = false);
-    until("it reads again", || {
+    module.set(|state| state.blocked = false);
+    until("a read succeeds again", || {
         port.read(soon()).is_ok_and(|found| found.taken > silent)
     });
 }
 
-/// A write that the module refuses or does not answer is told as failed by a later call, and confirms nothing.
+/// A later call reports a rejected or unacknowledged write as failed; it confirms nothing.
 #[test]
-fn a_write_that_was_not_acknowledged_has_failed() {
+fn a_rejected_write_is_reported_as_failed() {
     let (module, address) = Module::start();
     let mut port = open(address, &[1]);
-    until("it reads", || reads(&mut port));
-    module.set(|inside| inside.refuses = true);
-    assert_eq!(port.write(1, soon()), Ok(()), "nothing is known yet");
+    until("a read succeeds", || reads(&mut port));
+    module.set(|state| state.rejects_writes = true);
+    assert_eq!(port.write(1, soon()), Ok(()), "no response yet");
     std::thread::sleep(Duration::from_millis(60));
     for _ in 0..3 {
         let refused = Err(Fault::Refused {
@@ -298,8 +295,8 @@ fn a_write_that_was_not_acknowledged_has_failed() {
         std::thread::sleep(Duration::from_millis(60));
     }
     assert_eq!(port.confirmed(), Some(0));
-    module.set(|inside| inside.refuses = false);
-    // The failure of the write before, then none.
+    module.set(|state| state.rejects_writes = false);
+    // Reports the failure of the previous write, then none.
     assert!(port.write(2, soon()).is_err());
     until("it is confirmed", || {
         reads(&mut port);
@@ -308,92 +305,97 @@ fn a_write_that_was_not_acknowledged_has_failed() {
     assert_eq!(port.write(3, soon()), Ok(()));
 }
 
-/// What was asked for before the connection was lost is not written over the next one, and the lost connection is reset,
-/// so that the kernel sends nothing of it later.
+/// A write requested before a disconnection is not sent over the next connection; the lost connection is reset, so that the
+/// kernel sends nothing later.
 #[test]
-fn nothing_old_is_written_over_a_new_connection() {
+fn an_old_write_is_not_sent_over_a_new_connection() {
     let (module, address) = Module::start();
     let mut port = open(address, &[1]);
-    until("it reads", || reads(&mut port));
+    until("a read succeeds", || reads(&mut port));
     port.write(7, soon()).unwrap();
     until("it is confirmed", || {
         reads(&mut port);
         port.confirmed() == Some(7)
     });
-    module.set(|inside| inside.silent = true);
+    module.set(|state| state.silent = true);
     port.write(8, soon()).unwrap();
-    until("the loss is told", || {
+    until("the disconnection is reported", || {
         port.read(soon()) == Err(Fault::NotConnected)
     });
     assert_eq!(port.write(9, soon()), Err(Fault::NotConnected));
-    until("it is reset", || module.get(|inside| inside.resets > 0));
-    // Switched off and on: the outputs are zero, and stay so until somebody writes.
-    module.set(|inside| {
-        inside.coils = 0;
-        inside.silent = false;
-        inside.writes.clear();
+    until("it is reset", || module.get(|state| state.resets > 0));
+    // After a power cycle the outputs are zero until the next write.
+    module.set(|state| {
+        state.coils = 0;
+        state.silent = false;
+        state.writes.clear();
     });
-    until("it reads again", || reads(&mut port));
+    until("a read succeeds again", || reads(&mut port));
     std::thread::sleep(Duration::from_millis(60));
-    assert!(module.get(|inside| inside.writes.is_empty()));
+    assert!(module.get(|state| state.writes.is_empty()));
     assert_eq!(port.confirmed(), Some(0));
-    assert_eq!(port.write(10, soon()), Ok(()), "its loss was told already");
-    until("it writes", || module.get(|inside| inside.writes == [10]));
-    assert_eq!(module.get(|inside| inside.closes), 0);
+    assert_eq!(
+        port.write(10, soon()),
+        Ok(()),
+        "the loss was already reported"
+    );
+    until("the write arrives", || {
+        module.get(|state| state.writes == [10])
+    });
+    assert_eq!(module.get(|state| state.closes), 0);
 }
 
-/// The question for the coils goes wrong: it is asked again, over this connection or a later one, until the levels are
-/// known; of a module that refuses it as a function that it does not have they stay unknown, which is told. They were never
-/// asked again, and outputs that carry nothing were switched off.
+/// A failed read-back of the coils is repeated, over this connection or a later one, until the levels are known. If the module
+/// lacks the function, they stay unknown, which is reported. Without the repetition unused outputs were switched off.
 #[test]
-fn outputs_are_asked_for_until_they_are_known() {
-    use Asked::{Breaks, Refuses, Tells};
-    for (asked, known) in [
-        (vec![Breaks; 2], Some(0xa5)),
-        // After three that broke one connection does without; it breaks for another reason below.
-        (vec![Breaks; 5], Some(0xa5)),
-        // Busy, and one wrong answer.
-        (vec![Refuses(6), Tells(0xff)], Some(0xa5)),
-        (vec![Refuses(1)], None),
+fn the_read_back_of_outputs_is_repeated() {
+    use CoilResponse::{Disconnect, Levels, Reject};
+    for (responses, known) in [
+        (vec![Disconnect; 2], Some(0xa5)),
+        // After three failures one connection skips the read-back; it is broken for another reason below.
+        (vec![Disconnect; 5], Some(0xa5)),
+        // Busy, and one wrong response.
+        (vec![Reject(6), Levels(0xff)], Some(0xa5)),
+        (vec![Reject(1)], None),
     ] {
         let (module, address) = Module::start();
-        let wrong = asked.len();
-        module.set(|inside| {
-            inside.coils = 0xa5;
-            inside.coils_asked = asked.into();
+        let wrong = responses.len();
+        module.set(|state| {
+            state.coils = 0xa5;
+            state.coil_responses = responses.into();
         });
         let mut port = open(address, &[1]);
         if wrong == 5 {
-            until("it reads without asking", || reads(&mut port));
-            assert_eq!((port.confirmed(), port.tells_outputs()), (None, true));
-            assert_eq!(module.get(|inside| inside.questions), 3);
-            module.set(|inside| inside.silent = true);
-            until("the loss is told", || !reads(&mut port));
-            module.set(|inside| inside.silent = false);
+            until("a read succeeds without read-back", || reads(&mut port));
+            assert_eq!((port.confirmed(), port.reports_outputs()), (None, true));
+            assert_eq!(module.get(|state| state.coil_requests), 3);
+            module.set(|state| state.silent = true);
+            until("the disconnection is reported", || !reads(&mut port));
+            module.set(|state| state.silent = false);
         }
-        until("it is known", || {
-            reads(&mut port) && (port.confirmed().is_some() || !port.tells_outputs())
+        until("the levels are known", || {
+            reads(&mut port) && (port.confirmed().is_some() || !port.reports_outputs())
         });
         assert_eq!(port.confirmed(), known);
-        assert_eq!(port.tells_outputs(), known.is_some());
+        assert_eq!(port.reports_outputs(), known.is_some());
     }
 }
 
-/// The time of an image is the arrival of its oldest part: a second module that takes long makes it older.
+/// The time of the inputs is the arrival of their oldest part: a slow second module makes them older.
 #[test]
-fn an_image_is_as_old_as_its_oldest_part() {
+fn inputs_are_as_old_as_their_oldest_part() {
     let (module, address) = Module::start();
-    module.set(|inside| {
-        inside.inputs = 0x3c;
-        inside.slow = Duration::from_millis(15);
+    module.set(|state| {
+        state.inputs = 0x3c;
+        state.slow = Duration::from_millis(15);
     });
     let mut port = open(address, &[1, 2]);
-    until("it reads", || reads(&mut port));
+    until("a read succeeds", || reads(&mut port));
     let mut before: Option<InputLevels> = None;
     let mut seen = 0;
     until("twenty readings", || {
         std::thread::sleep(Duration::from_millis(7));
-        // A machine with other work may lose the connection.
+        // A loaded computer may lose the connection.
         let Ok(found) = port.read(soon()) else {
             return false;
         };
@@ -401,7 +403,7 @@ fn an_image_is_as_old_as_its_oldest_part() {
         let age = found.taken.elapsed();
         assert!(
             age >= Duration::from_millis(14),
-            "the first part is older than the second took: {age:?}"
+            "the first part must be older than the second took: {age:?}"
         );
         assert!(before.is_none_or(|before| before.taken <= found.taken));
         before = Some(found);

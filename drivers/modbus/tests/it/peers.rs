@@ -1,4 +1,4 @@
-//! Servers of other libraries: pymodbus and libmodbus, TCP and RTU.
+//! Servers of independent libraries: pymodbus and libmodbus, TCP and RTU.
 
 use std::{
     path::{Path, PathBuf},
@@ -29,7 +29,7 @@ fn pymodbus(kind: &str, place: &str) -> Option<Running> {
     ))
 }
 
-/// The server of libmodbus, compiled.
+/// Compiles and starts the libmodbus server.
 fn libmodbus(folder: &Path, kind: &str, place: &str) -> Option<Running> {
     let program = folder.join("libmodbus_server");
     let compiled = Command::new("cc")
@@ -53,7 +53,7 @@ fn tcp(port: u16) -> Bus {
     }
 }
 
-/// Four channels of each unit, 0.1 K and 10 K for each unit apart.
+/// Four channels of each unit, in steps of 0.1 K for each channel and 10 K for each unit.
 fn check(bus: Bus, units: &[u8]) {
     let mut thermometer = ModbusThermometer::new(config(bus, units)).unwrap();
     contract::thermometer(&mut thermometer);
@@ -66,7 +66,7 @@ fn check(bus: Bus, units: &[u8]) {
 }
 
 #[test]
-fn pymodbus_over_tcp_killed_and_back() {
+fn pymodbus_over_tcp_killed_and_restarted() {
     let port = free_port();
     let Some(server) = pymodbus("tcp", &port.to_string()) else {
         return;
@@ -74,13 +74,15 @@ fn pymodbus_over_tcp_killed_and_back() {
     check(tcp(port), &[1, 2, 3]);
     let mut thermometer = ModbusThermometer::new(config(tcp(port), &[2])).unwrap();
     let quality = |t: &mut ModbusThermometer| t.latest()[0].quality;
-    until("it answers", || quality(&mut thermometer) == Quality::Good);
+    until("it responds", || quality(&mut thermometer) == Quality::Good);
     drop(server);
-    until("it is told", || {
+    until("the outage is reported", || {
         quality(&mut thermometer) == Quality::Bad(Reason::NoAnswer)
     });
     let _server = pymodbus("tcp", &port.to_string());
-    until("it is back", || quality(&mut thermometer) == Quality::Good);
+    until("it responds again", || {
+        quality(&mut thermometer) == Quality::Good
+    });
 }
 
 #[test]
@@ -119,7 +121,7 @@ fn digital_lines_of_pymodbus() {
     let within = Duration::from_millis(300);
     let mut io = ModbusDigital::new(tcp(port), &modules, within, Backoff::default()).unwrap();
     let soon = Instant::now() + Duration::from_secs(1);
-    until("it reads", || {
+    until("a read succeeds", || {
         io.read(soon).is_ok_and(|found| found.levels == 0xaaaa)
     });
     contract::digital_io(&mut io, false);

@@ -1,11 +1,13 @@
-use std::time::Instant;
+//! Profiles: shipped files, decoding of registers, error messages, the fuzz corpus.
+
+use std::{path::Path, time::Instant};
 
 use proptest::prelude::*;
 use volcomp_modbus::{Profile, ProfileError, read_channel};
 use volcomp_port::{Quality, Reason};
 
 #[test]
-fn every_shipped_profile_is_read() {
+fn every_shipped_profile_is_valid() {
     let profiles = Profile::shipped();
     assert_eq!(profiles.len(), 14);
     let mut names: Vec<&str> = profiles.iter().map(|p| &*p.name).collect();
@@ -46,9 +48,9 @@ fn found(profile: &str, registers: &[u16], status: Option<u16>) -> (Option<f64>,
     (found.degc, found.quality)
 }
 
-/// Clamps, codes and fault bits are never passed on as temperatures.
+/// Clamped values, fault codes and fault bits are never returned as temperatures.
 #[test]
-fn faults_are_told() {
+fn faults_are_reported() {
     let good = Quality::Good;
     let bad = |reason| (None, Quality::Bad(reason));
     let near = |found: (Option<f64>, Quality), degc: f64| {
@@ -105,9 +107,9 @@ fn numbers_of_two_registers() {
     assert_eq!(second("f32", "high", [0x7fc0, 0]), None, "NaN");
 }
 
-/// The four usual orders of four bytes, for both types; in another order a float is no temperature of a good quality.
+/// The four usual orders of four bytes, for both types; a float in a wrong order is not a good temperature.
 #[test]
-fn bytes_of_two_registers_come_in_four_orders() {
+fn four_byte_orders_are_supported() {
     let profile = |kind: &str, [word, byte]: [&str; 2]| {
         let text = format!(
             "name = \"T\"\n[channels]\naddress = 0\ncount = 1\ntype = \"{kind}\"\nword_order = \"{word}\"\nbyte_order = \"{byte}\"\n"
@@ -141,7 +143,7 @@ fn bytes_of_two_registers_come_in_four_orders() {
             let whole = registers((degc.trunc() as i32).to_be_bytes());
             assert_eq!(read("i32", whole).degc, Some(degc.trunc()), "{keys:?}");
         }
-        // As it came from a module with swapped bytes: "-0.00 °C, good".
+        // A module with swapped bytes yielded "-0.00 °C, good".
         let [a, b, c, d] = single.to_be_bytes();
         let swapped = [u16::from_be_bytes([b, a]), u16::from_be_bytes([d, c])];
         let found = read_channel(
@@ -159,9 +161,9 @@ fn bytes_of_two_registers_come_in_four_orders() {
     }
 }
 
-/// What is wrong, where, and what would be right.
+/// Messages state the place, the found and the expected value.
 #[test]
-fn wrong_profiles_are_named() {
+fn invalid_profiles_are_rejected() {
     let message = |change: &str| {
         let text = format!("name = \"T\"\n[channels]\naddress = 0\ncount = 4\n{change}\n");
         Profile::parse(&text).unwrap_err().to_string()
@@ -217,15 +219,46 @@ fn wrong_profiles_are_named() {
     assert!(matches!(parse("name = "), ProfileError::Input(_)));
 }
 
+/// Replays the fuzz corpus: `valid-…` files must parse, `broken-…` files must be rejected.
+#[test]
+fn corpus_profiles_parse_or_are_rejected() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus/modbus");
+    let mut seen = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        let bytes = std::fs::read(&path).unwrap();
+        let read = Profile::parse(&String::from_utf8_lossy(&bytes));
+        assert!(
+            read.is_ok() || !name.starts_with("valid-"),
+            "{name}: {read:?}"
+        );
+        assert!(read.is_err() || !name.starts_with("broken-"), "{name}");
+        if let Some(channels) = read.ok().and_then(|profile| profile.channels) {
+            let registers: Vec<u16> = bytes.iter().map(|byte| u16::from(*byte) * 257).collect();
+            for channel in 0..usize::from(channels.count) {
+                let found = read_channel(&channels, &registers, channel, None, Instant::now());
+                assert_eq!(
+                    found.quality == Quality::Good,
+                    found.degc.is_some(),
+                    "{name}"
+                );
+            }
+        }
+        seen += 1;
+    }
+    assert!(seen >= 10);
+}
+
 proptest! {
     #[test]
-    fn no_text_makes_a_panic(text in "[a-z0-9_=\\[\\]{}\", .\n-]{0,300}") {
+    fn arbitrary_text_does_not_panic(text in "[a-z0-9_=\\[\\]{}\", .\n-]{0,300}") {
         let _ = Profile::parse(&text);
     }
 
-    /// Whatever the registers, what is good is a number within the module's range.
+    /// A good value is always within the module's range.
     #[test]
-    fn good_is_within_the_range(registers in proptest::collection::vec(any::<u16>(), 0..20), which in 0_usize..11, channel in 0_usize..8, status: Option<u16>) {
+    fn good_values_are_within_the_range(registers in proptest::collection::vec(any::<u16>(), 0..20), which in 0_usize..11, channel in 0_usize..8, status: Option<u16>) {
         let profile = &Profile::shipped()[which];
         let channels = profile.channels.as_ref().unwrap();
         let found = read_channel(channels, &registers, channel, status, Instant::now());

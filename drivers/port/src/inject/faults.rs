@@ -24,7 +24,7 @@ pub struct Faults {
     pub disconnect: f64,
     /// Duration of a freeze, a disconnection or any other lasting fault, in calls.
     pub calls: u32,
-    /// The read-back of one reading is wrong, in one of the ways of [`Lie`].
+    /// The read-back of one reading is wrong, as described by [`Lie`].
     pub lie: f64,
     /// The next `calls` readings report the read-back, or the report of the barrier, of this one.
     pub constant: f64,

@@ -12,7 +12,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::{
     Faults, Injection, Lie,
-    held::{Held, Write},
+    delayed_writes::{DelayedWrites, Write},
 };
 use crate::{
     Clock, Controller, ControllerState, Description, DigitalIo, Fault, InputLevels, Snapshot,
@@ -20,13 +20,13 @@ use crate::{
 };
 
 /// Maximum error of a wrong read-back, steps.
-const MOST_STEPS: f64 = 5000.0;
+const MAX_ERROR_STEPS: f64 = 5000.0;
 /// Maximum number of injections queued for the next call.
-const MOST_ORDERS: usize = 64;
+const MAX_QUEUED_INJECTIONS: usize = 64;
 /// Number of readings whose positions are kept.
-const MOST_LAG: usize = 64;
+const MAX_LAG: usize = 64;
 /// Timeout of a late write.
-const PATIENCE: Duration = Duration::from_secs(1);
+const LATE_WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Pauses the program for a duration.
 type Pause = Box<dyn FnMut(Duration) + Send>;
@@ -41,18 +41,18 @@ pub struct Faulty<D> {
     /// The faults that are injected; may be changed between calls.
     pub faults: Faults,
     random: ChaCha8Rng,
-    asked: Asked,
+    pending: PendingFaults,
     frozen: u32,
     disconnected: u32,
-    held: Held,
+    delayed: DelayedWrites,
     last_write: Option<Write>,
     clock: Clock,
     pause: Option<Pause>,
-    orders: Arc<Mutex<Vec<Injection>>>,
+    injections: Arc<Mutex<Vec<Injection>>>,
     last_snapshot: Option<Snapshot>,
     /// The last reading before any fault.
     last_true: Option<Snapshot>,
-    positions: [PerChannel<f64>; MOST_LAG],
+    positions: [PerChannel<f64>; MAX_LAG],
     readings: usize,
     last_levels: Option<InputLevels>,
     last_temperatures: Vec<Temperature>,
@@ -60,7 +60,7 @@ pub struct Faulty<D> {
 
 /// Faults requested for the next calls.
 #[derive(Clone, Copy, Debug, Default)]
-struct Asked {
+struct PendingFaults {
     lie: Option<(Lie, u32)>,
     constant: u32,
     /// The reading whose read-back is repeated.
@@ -88,10 +88,10 @@ pub struct Remote(Arc<Mutex<Vec<Injection>>>);
 impl Remote {
     /// Requests a fault from the next call on. Returns `false`, and discards it, if 64 are queued.
     pub fn inject(&self, injection: Injection) -> bool {
-        let mut orders = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let room = orders.len() < MOST_ORDERS;
+        let mut injections = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let room = injections.len() < MAX_QUEUED_INJECTIONS;
         if room {
-            orders.push(injection);
+            injections.push(injection);
         }
         room
     }
@@ -102,7 +102,7 @@ impl<D: fmt::Debug> fmt::Debug for Faulty<D> {
         f.debug_struct("Faulty")
             .field("device", &self.device)
             .field("faults", &self.faults)
-            .field("asked", &self.asked)
+            .field("pending", &self.pending)
             .finish_non_exhaustive()
     }
 }
@@ -114,17 +114,17 @@ impl<D> Faulty<D> {
             device,
             faults,
             random: ChaCha8Rng::seed_from_u64(seed),
-            asked: Asked::default(),
+            pending: PendingFaults::default(),
             frozen: 0,
             disconnected: 0,
-            held: Held::default(),
+            delayed: DelayedWrites::default(),
             last_write: None,
             clock: Clock::system(),
             pause: None,
-            orders: Arc::new(Mutex::new(Vec::with_capacity(MOST_ORDERS))),
+            injections: Arc::new(Mutex::new(Vec::with_capacity(MAX_QUEUED_INJECTIONS))),
             last_snapshot: None,
             last_true: None,
-            positions: [PerChannel::ZERO; MOST_LAG],
+            positions: [PerChannel::ZERO; MAX_LAG],
             readings: 0,
             last_levels: None,
             last_temperatures: Vec::new(),
@@ -148,24 +148,24 @@ impl<D> Faulty<D> {
 
     /// A handle for requesting faults while another owner holds the device.
     pub fn remote(&self) -> Remote {
-        Remote(Arc::clone(&self.orders))
+        Remote(Arc::clone(&self.injections))
     }
 
     /// Requests a fault from the next call on.
     pub fn inject(&mut self, injection: Injection) {
-        let asked = &mut self.asked;
+        let pending = &mut self.pending;
         match injection {
-            Injection::Lie { lie, readings } => asked.lie = Some((lie, readings)),
+            Injection::Lie { lie, readings } => pending.lie = Some((lie, readings)),
             Injection::Constant { readings } => {
-                (asked.constant, asked.constant_of) = (readings, None);
+                (pending.constant, pending.constant_of) = (readings, None);
             }
-            Injection::LateWrite { calls } => asked.late_write = Some(calls),
-            Injection::DoubleWrite { calls } => asked.double_write = Some(calls),
-            Injection::TornWrite => asked.torn_write = true,
-            Injection::ReorderedWrite => asked.reordered_write = true,
-            Injection::LateAnswer(time) => asked.late_answer = Some(time),
+            Injection::LateWrite { calls } => pending.late_write = Some(calls),
+            Injection::DoubleWrite { calls } => pending.double_write = Some(calls),
+            Injection::TornWrite => pending.torn_write = true,
+            Injection::ReorderedWrite => pending.reordered_write = true,
+            Injection::LateAnswer(time) => pending.late_answer = Some(time),
             Injection::FrozenPositions { readings } => {
-                (asked.frozen_positions, asked.frozen_at) = (readings, None);
+                (pending.frozen_positions, pending.frozen_at) = (readings, None);
             }
             Injection::WrongPosition {
                 axis,
@@ -173,32 +173,32 @@ impl<D> Faulty<D> {
                 add,
                 readings,
             } => {
-                asked.wrong_position = (readings > 0).then_some((axis, factor, add, readings));
+                pending.wrong_position = (readings > 0).then_some((axis, factor, add, readings));
             }
-            Injection::StopAfterRead(time) => asked.stop_after_read = Some(time),
-            Injection::StopBeforeWrite(time) => asked.stop_before_write = Some(time),
-            Injection::DroppedFlag { readings } => asked.dropped_flag = readings,
-            Injection::Flicker { axis } => asked.flicker = Some(axis),
+            Injection::StopAfterRead(time) => pending.stop_after_read = Some(time),
+            Injection::StopBeforeWrite(time) => pending.stop_before_write = Some(time),
+            Injection::DroppedFlag { readings } => pending.dropped_flag = readings,
+            Injection::Flicker { axis } => pending.flicker = Some(axis),
             Injection::Lag(readings) => self.faults.lag = readings,
             Injection::Disconnect { calls } => self.disconnected = calls,
-            Injection::Jump { sensor, kelvin } => asked.jump = Some((sensor, kelvin)),
-            Injection::Release => self.held.release(),
+            Injection::Jump { sensor, kelvin } => pending.jump = Some((sensor, kelvin)),
+            Injection::Release => self.delayed.release(),
             Injection::Faults(faults) => self.faults = faults,
         }
     }
 
-    fn happens(&mut self, chance: f64) -> bool {
+    fn occurs(&mut self, chance: f64) -> bool {
         chance > 0.0 && self.random.random::<f64>() < chance
     }
 
     /// Takes the requests of remote handles; if one of them holds the lock, the next call does.
-    fn take_orders(&mut self) {
-        let orders = Arc::clone(&self.orders);
-        if let Ok(mut orders) = orders.try_lock() {
-            for index in 0..orders.len() {
-                self.inject(orders[index]);
+    fn take_injections(&mut self) {
+        let injections = Arc::clone(&self.injections);
+        if let Ok(mut injections) = injections.try_lock() {
+            for index in 0..injections.len() {
+                self.inject(injections[index]);
             }
-            orders.clear();
+            injections.clear();
         }
     }
 
@@ -207,7 +207,7 @@ impl<D> Faulty<D> {
         self.random.random_range(1..=self.faults.calls.max(1))
     }
 
-    fn stands_for(&mut self) -> Duration {
+    fn stop_time(&mut self) -> Duration {
         self.faults.stop.mul_f64(self.random.random::<f64>())
     }
 
@@ -221,8 +221,8 @@ impl<D> Faulty<D> {
 
     /// Applies the delay, loss or disconnection that precedes the exchange with the device.
     fn before(&mut self, deadline: Instant) -> Result<(), Fault> {
-        self.take_orders();
-        if self.disconnected == 0 && self.happens(self.faults.disconnect) {
+        self.take_injections();
+        if self.disconnected == 0 && self.occurs(self.faults.disconnect) {
             self.disconnected = self.faults.calls;
         }
         if self.disconnected > 0 {
@@ -242,7 +242,7 @@ impl<D> Faulty<D> {
                 return Err(Fault::TimedOut);
             }
         }
-        if self.happens(self.faults.drop) {
+        if self.occurs(self.faults.drop) {
             return Err(Fault::TimedOut);
         }
         Ok(())
@@ -250,7 +250,7 @@ impl<D> Faulty<D> {
 
     /// Whether the last answer is repeated.
     fn is_frozen(&mut self) -> bool {
-        if self.frozen == 0 && self.happens(self.faults.freeze) {
+        if self.frozen == 0 && self.occurs(self.faults.freeze) {
             self.frozen = self.faults.calls;
         }
         let frozen = self.frozen > 0;
@@ -269,36 +269,36 @@ impl<D> Faulty<D> {
 
     /// Draws the faults of a reading.
     fn draw_reading(&mut self, axes: usize) {
-        if self.happens(self.faults.lie) {
+        if self.occurs(self.faults.lie) {
             let lie = Lie::ALL[self.random.random_range(0..Lie::ALL.len())];
             self.inject(Injection::Lie { lie, readings: 1 });
         }
-        if self.asked.constant == 0 && self.happens(self.faults.constant) {
+        if self.pending.constant == 0 && self.occurs(self.faults.constant) {
             let readings = self.calls();
             self.inject(Injection::Constant { readings });
         }
-        if self.asked.frozen_positions == 0 && self.happens(self.faults.frozen_positions) {
+        if self.pending.frozen_positions == 0 && self.occurs(self.faults.frozen_positions) {
             let readings = self.calls();
             self.inject(Injection::FrozenPositions { readings });
         }
-        if self.asked.dropped_flag == 0 && self.happens(self.faults.dropped_flag) {
+        if self.pending.dropped_flag == 0 && self.occurs(self.faults.dropped_flag) {
             let readings = self.calls();
             self.inject(Injection::DroppedFlag { readings });
         }
-        if self.happens(self.faults.flicker) {
+        if self.occurs(self.faults.flicker) {
             let axis = self.random.random_range(0..axes.max(1));
             self.inject(Injection::Flicker { axis });
         }
     }
 
     /// Applies and returns the delay of the answer after the device was read.
-    fn way_back(&mut self, deadline: Instant) -> Duration {
+    fn delay_response(&mut self, deadline: Instant) -> Duration {
         let left = deadline.saturating_duration_since(self.clock.now());
         let most = left.mul_f64(0.9);
-        if self.happens(self.faults.late_answer) {
-            self.asked.late_answer = Some(most.mul_f64(self.random.random::<f64>()));
+        if self.occurs(self.faults.late_answer) {
+            self.pending.late_answer = Some(most.mul_f64(self.random.random::<f64>()));
         }
-        let Some(late) = self.asked.late_answer.take() else {
+        let Some(late) = self.pending.late_answer.take() else {
             return Duration::ZERO;
         };
         let late = late.min(most);
@@ -308,34 +308,38 @@ impl<D> Faulty<D> {
 
     /// Stops the program after a reading, before it is used.
     fn after_reading(&mut self) {
-        if self.happens(self.faults.stop_after_read) {
-            self.asked.stop_after_read = Some(self.stands_for());
+        if self.occurs(self.faults.stop_after_read) {
+            self.pending.stop_after_read = Some(self.stop_time());
         }
-        if let Some(time) = self.asked.stop_after_read.take() {
+        if let Some(time) = self.pending.stop_after_read.take() {
             self.pass_time(time);
         }
     }
 
     /// Delivers the due writes on an open connection.
     fn deliver_due(&mut self, deliver: Deliver<D>) {
-        self.held.pass();
-        self.deliver_held(deliver, false);
+        self.delayed.pass();
+        self.deliver_delayed(deliver, false);
     }
 
-    fn deliver_held(&mut self, deliver: Deliver<D>, written: bool) {
-        while let Some(write) = self.held.take(written) {
+    fn deliver_delayed(&mut self, deliver: Deliver<D>, written: bool) {
+        while let Some(write) = self.delayed.take(written) {
             // No caller waits for the answer.
-            let _ = deliver(&mut self.device, &write, Instant::now() + PATIENCE);
+            let _ = deliver(
+                &mut self.device,
+                &write,
+                Instant::now() + LATE_WRITE_TIMEOUT,
+            );
         }
     }
 
     /// Sends a write subject to the drawn faults.
-    fn put(&mut self, write: Write, deadline: Instant, deliver: Deliver<D>) -> Result<(), Fault> {
+    fn send(&mut self, write: Write, deadline: Instant, deliver: Deliver<D>) -> Result<(), Fault> {
         self.before(deadline)?;
-        if self.happens(self.faults.stop_before_write) {
-            self.asked.stop_before_write = Some(self.stands_for());
+        if self.occurs(self.faults.stop_before_write) {
+            self.pending.stop_before_write = Some(self.stop_time());
         }
-        if let Some(time) = self.asked.stop_before_write.take() {
+        if let Some(time) = self.pending.stop_before_write.take() {
             let left = deadline.saturating_duration_since(self.clock.now());
             self.pass_time(time);
             if time >= left {
@@ -346,28 +350,28 @@ impl<D> Faulty<D> {
         self.deliver_due(deliver);
         self.draw_write();
         let before = self.last_write.replace(write);
-        if let Some(calls) = self.asked.late_write.take() {
-            return match self.held.keep(write, calls) {
+        if let Some(calls) = self.pending.late_write.take() {
+            return match self.delayed.keep(write, calls) {
                 Some(write) => deliver(&mut self.device, &write, deadline),
                 None => Ok(()),
             };
         }
-        if std::mem::take(&mut self.asked.reordered_write) {
-            return match self.held.keep_for_next(write) {
+        if std::mem::take(&mut self.pending.reordered_write) {
+            return match self.delayed.keep_for_next(write) {
                 Some(write) => deliver(&mut self.device, &write, deadline),
                 None => Ok(()),
             };
         }
         let mut sent = write;
-        if std::mem::take(&mut self.asked.torn_write) && self.held.keep(write, 1).is_none() {
+        if std::mem::take(&mut self.pending.torn_write) && self.delayed.keep(write, 1).is_none() {
             let cut = self.random.random::<f64>();
             sent = write.torn(before.as_ref(), cut);
         }
         let result = deliver(&mut self.device, &sent, deadline);
-        self.deliver_held(deliver, true);
-        if let Some(calls) = self.asked.double_write.take() {
+        self.deliver_delayed(deliver, true);
+        if let Some(calls) = self.pending.double_write.take() {
             // If the queue is full, it is delivered twice at once.
-            if let Some(write) = self.held.keep(write, calls) {
+            if let Some(write) = self.delayed.keep(write, calls) {
                 let _ = deliver(&mut self.device, &write, deadline);
             }
         }
@@ -375,18 +379,18 @@ impl<D> Faulty<D> {
     }
 
     fn draw_write(&mut self) {
-        if self.happens(self.faults.late_write) {
+        if self.occurs(self.faults.late_write) {
             let calls = self.calls();
             self.inject(Injection::LateWrite { calls });
         }
-        if self.happens(self.faults.double_write) {
+        if self.occurs(self.faults.double_write) {
             let calls = self.calls();
             self.inject(Injection::DoubleWrite { calls });
         }
-        if self.happens(self.faults.torn_write) {
+        if self.occurs(self.faults.torn_write) {
             self.inject(Injection::TornWrite);
         }
-        if self.happens(self.faults.reordered_write) {
+        if self.occurs(self.faults.reordered_write) {
             self.inject(Injection::ReorderedWrite);
         }
     }
@@ -418,7 +422,7 @@ impl<C: Controller> Controller for Faulty<C> {
             return Ok(last);
         }
         let mut snapshot = self.device.read(deadline)?;
-        let late = self.way_back(deadline);
+        let late = self.delay_response(deadline);
         // Drivers take the middle of the exchange as the time.
         snapshot.taken += late / 2;
         snapshot.state_taken += late / 2;
@@ -426,15 +430,15 @@ impl<C: Controller> Controller for Faulty<C> {
         snapshot.uncertainty += late / 2;
         self.last_snapshot = Some(snapshot);
         let axes = self.device.description().axes.len().max(1);
-        if self.happens(self.faults.corrupt) {
+        if self.occurs(self.faults.corrupt) {
             let axis = self.random.random_range(0..axes);
             snapshot.positions[axis] = self.broken_number(snapshot.positions[axis]);
         }
         self.draw_reading(axes);
         self.spoil_positions(&mut snapshot);
         self.spoil_read_back(&mut snapshot, axes);
-        if self.asked.dropped_flag > 0 {
-            self.asked.dropped_flag -= 1;
+        if self.pending.dropped_flag > 0 {
+            self.pending.dropped_flag -= 1;
             snapshot.state = ControllerState {
                 referenced: true,
                 alarm: false,
@@ -446,36 +450,36 @@ impl<C: Controller> Controller for Faulty<C> {
     }
 
     fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
-        self.put(Write::Frame(*frame), deadline, deliver_to_controller)
+        self.send(Write::Frame(*frame), deadline, deliver_to_controller)
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
-        self.put(Write::Values(*corrections), deadline, deliver_to_controller)
+        self.send(Write::Values(*corrections), deadline, deliver_to_controller)
     }
 }
 
 impl<C: Controller> Faulty<C> {
     fn spoil_positions(&mut self, snapshot: &mut Snapshot) {
-        self.positions[self.readings % MOST_LAG] = snapshot.positions;
-        let lag = usize::try_from(self.faults.lag).unwrap_or(MOST_LAG);
-        let lag = lag.min(MOST_LAG - 1).min(self.readings);
-        snapshot.positions = self.positions[(self.readings - lag) % MOST_LAG];
+        self.positions[self.readings % MAX_LAG] = snapshot.positions;
+        let lag = usize::try_from(self.faults.lag).unwrap_or(MAX_LAG);
+        let lag = lag.min(MAX_LAG - 1).min(self.readings);
+        snapshot.positions = self.positions[(self.readings - lag) % MAX_LAG];
         self.readings += 1;
-        if self.asked.frozen_positions > 0 {
-            self.asked.frozen_positions -= 1;
-            let frozen = self.asked.frozen_at.get_or_insert(snapshot.positions);
+        if self.pending.frozen_positions > 0 {
+            self.pending.frozen_positions -= 1;
+            let frozen = self.pending.frozen_at.get_or_insert(snapshot.positions);
             snapshot.positions = *frozen;
         } else {
-            self.asked.frozen_at = None;
+            self.pending.frozen_at = None;
         }
-        if let Some((axis, factor, add, readings)) = self.asked.wrong_position {
+        if let Some((axis, factor, add, readings)) = self.pending.wrong_position {
             if let Some(position) = snapshot.positions.get_mut(axis) {
                 *position = *position * factor + add;
             }
             let left = readings - 1;
-            self.asked.wrong_position = (left > 0).then_some((axis, factor, add, left));
+            self.pending.wrong_position = (left > 0).then_some((axis, factor, add, left));
         }
-        if let Some(index) = self.asked.flicker.take()
+        if let Some(index) = self.pending.flicker.take()
             && let Some(axis) = self.device.description().axes.get(index)
         {
             snapshot.positions[index] += axis.step();
@@ -484,15 +488,15 @@ impl<C: Controller> Faulty<C> {
 
     fn spoil_read_back(&mut self, snapshot: &mut Snapshot, axes: usize) {
         let before = self.last_true.replace(*snapshot).unwrap_or(*snapshot);
-        if self.asked.constant > 0 {
-            self.asked.constant -= 1;
-            let of = self.asked.constant_of.get_or_insert(*snapshot);
+        if self.pending.constant > 0 {
+            self.pending.constant -= 1;
+            let of = self.pending.constant_of.get_or_insert(*snapshot);
             (snapshot.applied, snapshot.report) = (of.applied, of.report);
         }
-        let Some((lie, readings)) = self.asked.lie else {
+        let Some((lie, readings)) = self.pending.lie else {
             return;
         };
-        self.asked.lie = (readings > 1).then(|| (lie, readings - 1));
+        self.pending.lie = (readings > 1).then(|| (lie, readings - 1));
         if readings == 0 {
             return;
         }
@@ -506,7 +510,7 @@ impl<C: Controller> Faulty<C> {
                         .axes
                         .get(one)
                         .map_or(0.0, crate::Axis::step);
-                    let steps = self.random.random_range(1.0..MOST_STEPS).round();
+                    let steps = self.random.random_range(1.0..MAX_ERROR_STEPS).round();
                     let sign = if self.random.random() { 1.0 } else { -1.0 };
                     applied[one] += sign * steps * step;
                 }
@@ -586,12 +590,12 @@ impl<D: DigitalIo> DigitalIo for Faulty<D> {
             Some(last) if frozen => last,
             _ => {
                 let found = self.device.read(deadline)?;
-                self.way_back(deadline);
+                self.delay_response(deadline);
                 found
             }
         };
         self.last_levels = Some(found);
-        if self.happens(self.faults.corrupt) {
+        if self.occurs(self.faults.corrupt) {
             found.levels ^= 1
                 << self
                     .random
@@ -602,15 +606,15 @@ impl<D: DigitalIo> DigitalIo for Faulty<D> {
     }
 
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
-        self.put(Write::Levels(levels), deadline, deliver_to_lines)
+        self.send(Write::Levels(levels), deadline, deliver_to_lines)
     }
 
     fn confirmed(&self) -> Option<u64> {
         self.device.confirmed()
     }
 
-    fn tells_outputs(&self) -> bool {
-        self.device.tells_outputs()
+    fn reports_outputs(&self) -> bool {
+        self.device.reports_outputs()
     }
 }
 
@@ -624,19 +628,19 @@ impl<T: Thermometer> Thermometer for Faulty<T> {
     }
 
     fn latest(&mut self) -> &[Temperature] {
-        self.take_orders();
+        self.take_injections();
         if self.is_frozen() && !self.last_temperatures.is_empty() {
             return &self.last_temperatures;
         }
         self.last_temperatures.clear();
         let latest = self.device.latest();
         self.last_temperatures.extend_from_slice(latest);
-        if self.happens(self.faults.corrupt) && !self.last_temperatures.is_empty() {
+        if self.occurs(self.faults.corrupt) && !self.last_temperatures.is_empty() {
             let sensor = self.random.random_range(0..self.last_temperatures.len());
             let degc = self.last_temperatures[sensor].degc.unwrap_or(20.0);
             self.last_temperatures[sensor].degc = Some(self.broken_number(degc));
         }
-        if let Some((sensor, kelvin)) = self.asked.jump
+        if let Some((sensor, kelvin)) = self.pending.jump
             && let Some(Temperature {
                 degc: Some(degc), ..
             }) = self.last_temperatures.get_mut(sensor)

@@ -23,10 +23,10 @@
 //!
 //! For a reading that never returns, use a [`Hanging`] controller.
 
+mod delayed_writes;
 mod faults;
 mod faulty;
 mod hanging;
-mod held;
 
 pub use faults::{Faults, Injection, Lie};
 pub use faulty::{Faulty, Remote};

@@ -198,15 +198,15 @@ impl Plant {
     fn apply(&self, corrections: &PerChannel<f64>) {
         let mut inner = self.now();
         let inner = &mut *inner;
-        for ((applied, wanted), axis) in inner
+        for ((applied, correction), axis) in inner
             .applied
             .iter_mut()
             .zip(corrections)
             .zip(&inner.machine.axes)
         {
-            *applied = (wanted / axis.step()).round() * axis.step();
+            *applied = (correction / axis.step()).round() * axis.step();
         }
-        inner.tell(inner.until);
+        inner.log_applied(inner.until);
         inner.controls.heartbeat.fetch_add(1, Ordering::Relaxed);
     }
 
@@ -262,10 +262,10 @@ impl Inner {
         for ((applied, count), axis) in axes.zip(&self.machine.axes) {
             *applied = f64::from(*count) * axis.step();
         }
-        self.tell(at);
+        self.log_applied(at);
     }
 
-    fn tell(&self, at: Duration) {
+    fn log_applied(&self, at: Duration) {
         self.controls.axes.push(&Given {
             at,
             applied: self.applied,

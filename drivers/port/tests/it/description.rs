@@ -30,7 +30,7 @@ fn axis(name: AxisName, resolution: Displacement) -> Axis {
 }
 
 #[test]
-fn every_rule_of_a_description_is_checked() {
+fn descriptions_are_checked() {
     let one = |name: AxisName| axis(name, Displacement::new(name.kind(), 1e-3));
     assert_eq!(of(AxisName::ALL.map(one).to_vec()), Ok(()));
     assert_eq!(of(Vec::new()), Err(UnfitAxes::Count(0)));
@@ -48,8 +48,8 @@ fn every_rule_of_a_description_is_checked() {
     assert!(reads.shows(AxisName::A) && reads.shows(AxisName::X) && !reads.shows(AxisName::Y));
     assert_eq!(reads.index_of(AxisName::A), None, "it is not written");
     reads.axes.clear();
-    assert_eq!(reads.check(), Ok(()), "it only tells positions");
-    // A length for an axis that turns, and an angle for one that slides.
+    assert_eq!(reads.check(), Ok(()), "it only reports positions");
+    // A length for a rotary axis, and an angle for a linear one.
     let length = Displacement::Length(Mm(0.001));
     let found = of(vec![axis(AxisName::B, length)]);
     let expected =

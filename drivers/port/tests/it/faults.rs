@@ -14,13 +14,13 @@ fn soon() -> Instant {
 }
 
 #[test]
-fn without_faults_the_device_is_as_it_was() {
+fn without_faults_the_device_is_unchanged() {
     let (controller, thermometer, _) = machine(Clock::system()).start();
     contract::controller(&mut Faulty::new(controller, Faults::default(), 1));
     contract::thermometer(&mut Faulty::new(thermometer, Faults::default(), 1));
 }
 
-/// The same seed makes the same faults, another one others, about as often as asked for.
+/// The same seed yields the same faults, another seed others, with about the requested frequency.
 #[test]
 fn faults_are_seeded() {
     let faults = Faults {
@@ -52,7 +52,7 @@ fn faults_are_seeded() {
 }
 
 #[test]
-fn frozen_answers_are_the_last_one() {
+fn frozen_responses_repeat_the_last_one() {
     let clock = Clock::manual();
     let (controller, _, _) = machine(clock.clone()).start();
     let mut faulty = Faulty::new(controller, Faults::default(), 1);
@@ -80,9 +80,9 @@ fn a_delay_ends_at_the_deadline() {
     assert!(faulty.read(soon()).is_ok());
 }
 
-/// Mocks stand in for devices; a flipped bit is one bit.
+/// Mocks replace devices; exactly one bit is flipped.
 #[test]
-fn mocks_and_flipped_bits() {
+fn one_bit_of_a_mocked_device_is_flipped() {
     let mut port = MockDigitalIo::new();
     port.expect_inputs().return_const(8_u32);
     port.expect_read()
@@ -107,7 +107,7 @@ fn mocks_and_flipped_bits() {
 }
 
 #[test]
-fn a_corrupt_temperature_may_be_anything() {
+fn corrupted_temperatures() {
     let (_, thermometer, _) = machine(Clock::manual()).start();
     let faults = Faults {
         corrupt: 1.0,
@@ -122,4 +122,12 @@ fn a_corrupt_temperature_may_be_anything() {
         seen_nan |= found.degc.is_some_and(f64::is_nan);
     }
     assert!(seen_nan);
+}
+
+/// Documents of versions without false read-backs use their defaults.
+#[test]
+fn old_documents_are_accepted() {
+    let old = r#"{"delay":{"secs":0,"nanos":3000000},"jitter":false,"drop":0.25,"corrupt":0.0,"freeze":0.0,"disconnect":0.0,"calls":0}"#;
+    let read: Faults = serde_json::from_str(old).unwrap();
+    assert_eq!((read.drop, read.lie, read.lag), (0.25, 0.0, 0));
 }

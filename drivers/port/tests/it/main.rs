@@ -1,11 +1,10 @@
-//! The traits, the simulated machine, faults on purpose and connections that come back.
+//! Traits, simulated machine, injected faults and reconnection.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod description;
 mod faults;
-mod lies;
-mod serialised;
+mod injections;
 mod simulated;
 mod supply;
 
@@ -17,7 +16,7 @@ use volcomp_port::{
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel};
 
-/// Allocating or freeing where a cycle calls ends the test.
+/// Aborts the test if a cycle allocates or frees memory.
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
@@ -34,7 +33,7 @@ fn place(x: f64, y: f64) -> PerChannel<f64> {
     PerChannel::leading([x, y])
 }
 
-/// A square of 300 × 400 mm; X misses 2e-5 of itself and 1 µm for each kelvin.
+/// A path around 300 × 400 mm; the error of X is 2e-5 of its position and 1 µm per kelvin.
 fn machine(clock: Clock) -> Machine {
     let step = |(x, y, dwell_ms)| Move {
         to: place(x, y),

@@ -13,20 +13,20 @@ fn soon() -> Instant {
 }
 
 #[test]
-fn the_contract_of_controllers_and_thermometers() {
+fn controller_and_thermometer_contracts() {
     let (mut controller, mut thermometer, _) = machine(Clock::system()).start();
     contract::controller(&mut controller);
     contract::thermometer(&mut thermometer);
 }
 
-/// Never faster than the feed, never harder than the acceleration, through every corner.
+/// Feed and acceleration limits hold at every corner.
 #[test]
-fn moves_keep_their_limits() {
+fn moves_respect_feed_and_acceleration() {
     let clock = Clock::manual();
     let (mut controller, _, _) = machine(clock.clone()).start();
     let step = Duration::from_millis(1);
     let mut places = Vec::new();
-    // 1.7 + 2.2 + 0.1 + 2.7 s and round again.
+    // 1.7 + 2.2 + 0.1 + 2.7 s, then again.
     for _ in 0..14_000 {
         places.push(controller.read(soon()).unwrap().positions);
         clock.advance(step);
@@ -54,7 +54,7 @@ fn moves_keep_their_limits() {
 }
 
 #[test]
-fn the_hidden_error_goes_with_position_and_heat() {
+fn the_true_error_depends_on_position_and_temperature() {
     let clock = Clock::manual();
     let (mut controller, mut thermometer, _) = machine(clock.clone()).start();
     clock.advance(Duration::from_secs_f64(1.7));
@@ -65,12 +65,12 @@ fn the_hidden_error_goes_with_position_and_heat() {
     assert!((error[0] - expected).abs() < 1e-12 && residual == error);
     controller.apply(&place(-expected, 0.0), soon()).unwrap();
     let [residual, _] = controller.residual_and_error();
-    // Rounded to a micrometre.
+    // Rounded to micrometres.
     assert!(residual[0].abs() < 0.000_51, "{residual:?}");
 }
 
 #[test]
-fn reported_positions_contain_the_correction_where_they_say_so() {
+fn reported_positions_include_the_correction_as_described() {
     let (mut controller, _, controls) = machine(Clock::manual()).start();
     controller.apply(&place(0.005, 0.007), soon()).unwrap();
     let snapshot = controller.read(soon()).unwrap();
@@ -85,7 +85,7 @@ fn reported_positions_contain_the_correction_where_they_say_so() {
 }
 
 #[test]
-fn what_a_test_does_is_seen() {
+fn changes_by_a_test_take_effect() {
     let clock = Clock::manual();
     let (mut controller, _, controls) = machine(clock.clone()).start();
     controls.alarm.store(true, Ordering::Relaxed);
@@ -115,9 +115,9 @@ fn what_a_test_does_is_seen() {
     );
 }
 
-/// It moved on under emergency stop and in alarm, and was elsewhere by seconds of travel afterwards.
+/// It used to move on during emergency stop and alarm, and jumped by seconds of travel afterwards.
 #[test]
-fn it_stands_still_while_it_may_not_move_and_goes_on_from_there() {
+fn it_stops_while_motion_is_forbidden_and_continues_from_there() {
     let clock = Clock::manual();
     let (mut controller, _, controls) = machine(clock.clone()).start();
     let half = Duration::from_millis(500);
@@ -143,7 +143,7 @@ fn it_stands_still_while_it_may_not_move_and_goes_on_from_there() {
     }
 }
 
-/// Goes towards the first value of the last frame that it found, one count a scan, and not while it is held.
+/// Moves one count per scan towards the first value of the last frame, except while held.
 #[derive(Default)]
 struct OneCount {
     at: i16,
@@ -173,14 +173,14 @@ impl ControlProgram for OneCount {
 const SCAN: Duration = Duration::from_millis(2);
 
 #[test]
-fn the_contract_of_a_controller_with_a_barrier() {
+fn controller_contract_with_a_barrier() {
     let program = Box::<OneCount>::default();
     let (mut controller, _, _) = machine(Clock::system()).start_with(program, SCAN);
     contract::controller(&mut controller);
 }
 
 #[test]
-fn the_controls_program_is_scanned_by_the_machines_clock_and_moves_the_axes() {
+fn the_machine_clock_scans_the_program_of_the_control() {
     let clock = Clock::manual();
     let (mut controller, _, controls) =
         machine(clock.clone()).start_with(Box::<OneCount>::default(), SCAN);
@@ -190,16 +190,16 @@ fn the_controls_program_is_scanned_by_the_machines_clock_and_moves_the_axes() {
         .post(&Words::new(&[50]).unwrap(), soon())
         .unwrap();
     controls.axes.record(100);
-    // Ten scans and a half: the half one is not due yet.
+    // Ten and a half scans: the eleventh is not due yet.
     clock.advance(SCAN * 10 + SCAN / 2);
     let snapshot = controller.read(soon()).unwrap();
     assert_eq!(snapshot.applied, None);
     assert_eq!(snapshot.report.unwrap().as_slice(), [10, 10, 0]);
-    // Y's positions contain the correction.
+    // Y's positions include the correction.
     assert!((snapshot.positions[1] + 0.010).abs() < 1e-12);
     assert_eq!(controls.axes.scans(), 10);
     assert_eq!(controls.axes.applied()[..2], [0.010, -0.010]);
-    // The clock goes on without anybody asking; afterwards every scan has been run all the same.
+    // The clock advances without calls; all scans are caught up afterwards.
     clock.advance(SCAN / 2 + SCAN * 29);
     assert_eq!(controller.plant().applied()[..2], [0.040, -0.040]);
     controls.emergency_stop.store(true, Ordering::Relaxed);
@@ -222,7 +222,7 @@ fn the_controls_program_is_scanned_by_the_machines_clock_and_moves_the_axes() {
 }
 
 #[test]
-fn a_restart_keeps_what_the_axes_hold_and_a_reboot_clears_it() {
+fn a_restart_keeps_the_correction_and_a_reboot_clears_it() {
     let clock = Clock::manual();
     let (mut controller, _, controls) =
         machine(clock.clone()).start_with(Box::<OneCount>::default(), SCAN);
@@ -235,13 +235,13 @@ fn a_restart_keeps_what_the_axes_hold_and_a_reboot_clears_it() {
     clock.advance(SCAN);
     let report = controller.read(soon()).unwrap().report.unwrap();
     assert_eq!(report.as_slice(), [9, 1, 2]);
-    // Clearing is no change of the axes: they were off.
+    // Clearing is not a step of the axes, because they were off.
     assert!((controls.axes.largest_change()[0] - 0.001).abs() < 1e-12);
 }
 
-/// Two buses, or two gateways, lead to one control, each with its own mailbox.
+/// Two buses or gateways use one control, each with its own mailbox.
 #[test]
-fn several_ways_lead_to_one_machine() {
+fn several_controllers_use_one_machine() {
     let clock = Clock::manual();
     let (mut first, _, controls) =
         machine(clock.clone()).start_with(Box::<OneCount>::default(), SCAN);
@@ -250,13 +250,13 @@ fn several_ways_lead_to_one_machine() {
     clock.advance(SCAN * 4);
     first.plant().pass();
     assert_eq!(controls.axes.applied()[0], 0.003);
-    // The program takes the first mailbox that holds anything.
+    // The program uses the first mailbox that is not empty.
     first.post(&Words::new(&[1]).unwrap(), soon()).unwrap();
     clock.advance(SCAN * 4);
     assert_eq!(second.plant().applied()[0], 0.001);
     drop(first);
     assert!(second.another().is_some() && second.another().is_some());
-    assert!(second.another().is_none(), "four ways at the most");
+    assert!(second.another().is_none(), "at most four");
     assert!(
         matches!(
             second.apply(&PerChannel::ZERO, soon()),

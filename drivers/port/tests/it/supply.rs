@@ -16,7 +16,7 @@ const QUICK: Backoff = Backoff {
     most: Duration::from_millis(4),
 };
 
-/// Counts how many of it live.
+/// Counts its live instances.
 struct Connection(Arc<AtomicUsize>);
 
 impl Connection {
@@ -41,7 +41,7 @@ fn until(holds: impl Fn() -> bool) {
 }
 
 #[test]
-fn a_lost_connection_comes_back_and_nothing_is_kept() {
+fn a_lost_connection_is_reopened_and_dropped() {
     let alive = Arc::new(AtomicUsize::new(0));
     let counted = Arc::clone(&alive);
     let mut supply = Supply::new("test", QUICK, move || Ok(Connection::new(&counted))).unwrap();
@@ -56,10 +56,10 @@ fn a_lost_connection_comes_back_and_nothing_is_kept() {
     until(|| alive.load(Ordering::SeqCst) == 0);
 }
 
-/// Connections that are lost again and again, but each of which lasted longer than the first pause: the next one comes as
-/// soon as after the first loss. The pause went on doubling, up to 10 s.
+/// Connections are lost repeatedly, but each lasted longer than the first delay: the delay starts again at its first value. It
+/// used to double up to 10 s.
 #[test]
-fn the_pause_does_not_grow_over_connections_that_worked() {
+fn the_delay_restarts_after_a_lasting_connection() {
     let backoff = Backoff {
         first: Duration::from_millis(5),
         most: Duration::from_secs(10),
@@ -82,9 +82,9 @@ fn the_pause_does_not_grow_over_connections_that_worked() {
     assert_eq!(backoff.next(backoff.most, 2 * backoff.first), backoff.first);
 }
 
-/// The thread of the loop takes connections and gives them up without allocating, and without freeing what they hold.
+/// The real-time thread takes and gives up connections without allocating or freeing.
 #[test]
-fn a_loop_neither_allocates_nor_frees() {
+fn the_real_time_thread_does_not_allocate_or_free() {
     let alive = Arc::new(AtomicUsize::new(0));
     let counted = Arc::clone(&alive);
     let open = move || Ok((Connection::new(&counted), vec![0_u8; 4096]));
@@ -99,7 +99,7 @@ fn a_loop_neither_allocates_nor_frees() {
                 assert!(supply.current().is_err(), "it was given up");
                 lost += 1;
             }
-            // Nothing is held: nothing happens.
+            // Without a connection nothing happens.
             supply.lose();
         }
     });
@@ -108,7 +108,7 @@ fn a_loop_neither_allocates_nor_frees() {
 }
 
 #[test]
-fn failures_are_told_and_tried_again() {
+fn failures_are_reported_and_retried() {
     let tries = Arc::new(AtomicUsize::new(0));
     let counted = Arc::clone(&tries);
     let mut supply = Supply::new("camera://x", QUICK, move || {
@@ -121,8 +121,8 @@ fn failures_are_told_and_tried_again() {
     .unwrap();
     assert_eq!(supply.current().map(|n| *n), Err(Fault::NotConnected));
     until(|| tries.load(Ordering::SeqCst) > 1);
-    let told = supply.last_error().map(|e| e.to_string());
-    assert!(told.is_none_or(|told| told == "camera://x: no answer; plug it in"));
+    let text = supply.last_error().map(|e| e.to_string());
+    assert!(text.is_none_or(|text| text == "camera://x: no answer; plug it in"));
     until(|| tries.load(Ordering::SeqCst) > 5);
     assert_eq!(supply.wait(Duration::from_secs(5)).map(|n| *n).unwrap(), 7);
     assert!(supply.last_error().is_none());
@@ -142,7 +142,7 @@ fn the_thread_ends_with_the_supply() {
 }
 
 #[test]
-fn published_temperatures_are_the_latest() {
+fn the_latest_temperatures_are_published() {
     let (mut publisher, mut thermometer) =
         published("modbus", vec!["bed".to_owned(), "column".to_owned()]);
     assert_eq!(

@@ -11,7 +11,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::{
     inspection::Inspection,
-    worker::{Latest, Order, Shared, Worker},
+    worker::{Latest, Shared, Worker, WriteRequest},
 };
 use crate::{config::SinumerikConfig, reading::Reading};
 
@@ -22,7 +22,7 @@ use crate::{config::SinumerikConfig, reading::Reading};
 /// returns [`Fault::Refused`].
 pub struct SinumerikController {
     description: Description,
-    orders: Input<Order>,
+    requests: Input<WriteRequest>,
     latest: Output<Latest>,
     number: u64,
     shared: Arc<Shared>,
@@ -36,13 +36,13 @@ impl SinumerikController {
     pub fn new(config: SinumerikConfig) -> Result<Self, DeviceError> {
         let device = config.server.url.clone();
         let description = config.describe().map_err(|error| error.of(&*device))?;
-        let (orders, ordered) = triple_buffer(&Order::default());
+        let (requests, ordered) = triple_buffer(&WriteRequest::default());
         let (read, latest) = triple_buffer(&Latest::default());
         let shared = Arc::new(Shared::default());
         let worker = Worker {
             reading: Reading::new(&config),
             config,
-            orders: ordered,
+            requests: ordered,
             latest: read,
             shared: Arc::clone(&shared),
             opened: None,
@@ -51,7 +51,7 @@ impl SinumerikController {
         start(&device, worker.run())?;
         Ok(Self {
             description,
-            orders,
+            requests,
             latest,
             number: 0,
             shared,
@@ -110,20 +110,20 @@ impl Controller for SinumerikController {
         }
         latest
             .snapshot
-            .ok_or(Fault::Protocol("a node without a good number"))
+            .ok_or(Fault::Protocol("a node without a valid number"))
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         if self.description.axes.is_empty() {
             return Err(Fault::Unsupported(
-                "corrections of a control that is only read",
+                "corrections, where positions are only read",
             ));
         }
         if !self.latest.read().connected {
             return Err(Fault::NotConnected);
         }
         self.number += 1;
-        self.orders.write(Order {
+        self.requests.write(WriteRequest {
             number: self.number,
             corrections: *corrections,
             deadline: Some(deadline),

@@ -49,18 +49,18 @@ pub fn inspect(config: &SinumerikConfig) -> Result<Inspection, SinumerikError> {
 ///
 /// # Errors
 /// A control that cannot be reached, or has no axis at these nodes.
-pub fn look(server: &Server, nodes: &Nodes) -> Result<Vec<(String, f64)>, SinumerikError> {
+pub fn list_axes(server: &Server, nodes: &Nodes) -> Result<Vec<(String, f64)>, SinumerikError> {
     server.check()?;
     block_on(async {
         let link = Link::open(server).await?;
-        let found = standing(&link, nodes).await;
+        let found = axis_positions(&link, nodes).await;
         link.close().await;
         found
     })
 }
 
 /// The axes and their positions, on an open session.
-async fn standing(link: &Link, nodes: &Nodes) -> Result<Vec<(String, f64)>, SinumerikError> {
+async fn axis_positions(link: &Link, nodes: &Nodes) -> Result<Vec<(String, f64)>, SinumerikError> {
     let mut found = Vec::new();
     let count = u16::try_from(MAX_AXES).unwrap_or(u16::MAX);
     for number in 1..=count {
@@ -91,7 +91,7 @@ pub(super) async fn opened(
     let mut found = Inspection::default();
     let is_written = |place: usize| place < config.axes.len();
     for (place, (axis, number)) in config.numbered().enumerate() {
-        let mut told = InspectedAxis {
+        let mut inspected = InspectedAxis {
             axis,
             number,
             name: None,
@@ -103,13 +103,13 @@ pub(super) async fn opened(
             let md32750 = required(link, &kind).await?;
             reading::is_switched_on(axis, md32750)?;
             required(link, &node(&config.nodes.setting)).await?;
-            told.fastest_per_min = fastest(link, config, number, &mut found.notes).await?;
+            inspected.fastest_per_min = fastest(link, config, number, &mut found.notes).await?;
         }
         required(link, &node(&config.nodes.position)).await?;
         if !config.nodes.name.is_empty() {
-            told.name = name(link, &node(&config.nodes.name), &mut found.notes).await?;
+            inspected.name = name(link, &node(&config.nodes.name), &mut found.notes).await?;
         }
-        if let Some(name) = told
+        if let Some(name) = inspected
             .name
             .as_ref()
             .filter(|name| !name.starts_with(axis.letter()))
@@ -120,7 +120,7 @@ pub(super) async fn opened(
                 found: name.clone(),
             });
         }
-        found.axes.push(told);
+        found.axes.push(inspected);
     }
     let states = [&config.nodes.emergency_stop, &config.nodes.alarm];
     for node in states.into_iter().flatten() {
@@ -143,7 +143,7 @@ async fn fastest(
         let node = Nodes::of_axis(pattern, number);
         let Some(factor) = number_of(&one(link, &node).await?) else {
             notes.push(format!(
-                "node {node}: cannot be read, so how fast the control takes a correction is not known"
+                "node {node}: cannot be read, so the rate at which the control applies a correction is unknown"
             ));
             return Ok(None);
         };
@@ -174,7 +174,7 @@ async fn required(link: &Link, node: &str) -> Result<f64, SinumerikError> {
         node: node.to_owned(),
         found: match value.status {
             Some(status) if !status.is_good() => status.to_string(),
-            _ => "no number".to_owned(),
+            _ => "not a number".to_owned(),
         },
     })
 }

@@ -18,7 +18,7 @@ use opcua::{
 };
 use tokio::task::JoinHandle;
 
-use super::{socket::Resetting, trust};
+use super::{socket::ResetOnClose, trust};
 use crate::{
     error::SinumerikError,
     reading::Value,
@@ -79,7 +79,7 @@ impl Link {
                 MessageSecurityMode::SignAndEncrypt,
             ),
         };
-        let wanted = EndpointDescription::from((server.url.as_str(), policy.to_str(), mode));
+        let expected = EndpointDescription::from((server.url.as_str(), policy.to_str(), mode));
         let identity = match &server.user {
             None => IdentityToken::Anonymous,
             Some(user) => IdentityToken::UserName(user.name.clone(), user.password.clone().into()),
@@ -96,11 +96,11 @@ impl Link {
         let (session, events) = client
             .session_builder()
             .with_endpoints(endpoints)
-            .with_connector(Resetting {
+            .with_connector(ResetOnClose {
                 address: address(&server.url)?,
                 time_out: server.time_out,
             })
-            .connect_to_matching_endpoint(wanted)
+            .connect_to_matching_endpoint(expected)
             .map_err(connect)?
             .user_identity_token(identity)
             .build(client.certificate_store().clone())
@@ -118,23 +118,29 @@ impl Link {
                 if is_open { Ok(link) } else { Err(SinumerikError::Connect("the session ended".to_owned())) }
             }
             ended = &mut link.events => {
-                let why = ended.map_or_else(|e| e.to_string(), |status| told(status, server));
-                Err(SinumerikError::Connect(why))
+                let reason = ended.map_or_else(|e| e.to_string(), |status| failure_text(status, server));
+                Err(SinumerikError::Connect(reason))
             }
         }
     }
 
-    async fn find_namespace(&self, wanted: &str) -> Result<u16, SinumerikError> {
+    async fn find_namespace(&self, expected: &str) -> Result<u16, SinumerikError> {
         const NAMESPACE_ARRAY: u32 = 2255;
-        let answer = self.ask(vec![NodeId::new(0, NAMESPACE_ARRAY)]).await?;
+        let answer = self
+            .read_nodes(vec![NodeId::new(0, NAMESPACE_ARRAY)])
+            .await?;
         let uris: Vec<String> = match answer.values.into_iter().next().and_then(|v| v.value) {
             Some(Variant::Array(array)) => array.values.iter().map(ToString::to_string).collect(),
-            _ => return Err(SinumerikError::Answer("a NamespaceArray that is no array")),
+            _ => {
+                return Err(SinumerikError::Answer(
+                    "a NamespaceArray that is not an array",
+                ));
+            }
         };
-        let index = uris.iter().position(|uri| uri == wanted);
+        let index = uris.iter().position(|uri| uri == expected);
         let index = index.and_then(|index| u16::try_from(index).ok());
         index.ok_or_else(|| SinumerikError::NoNamespace {
-            wanted: wanted.to_owned(),
+            expected: expected.to_owned(),
             found: uris,
         })
     }
@@ -145,11 +151,11 @@ impl Link {
 
     /// Reads nodes of the control, fresh from their source.
     pub(super) async fn read(&self, nodes: &[String]) -> Result<Answer, SinumerikError> {
-        self.ask(nodes.iter().map(|node| self.id(node)).collect())
+        self.read_nodes(nodes.iter().map(|node| self.id(node)).collect())
             .await
     }
 
-    async fn ask(&self, nodes: Vec<NodeId>) -> Result<Answer, SinumerikError> {
+    async fn read_nodes(&self, nodes: Vec<NodeId>) -> Result<Answer, SinumerikError> {
         let count = nodes.len();
         let values = nodes
             .into_iter()
@@ -269,10 +275,10 @@ pub(super) fn number_of(value: &DataValue) -> Option<f64> {
 }
 
 /// Why there is no session, with advice for known causes.
-fn told(status: StatusCode, server: &Server) -> String {
+fn failure_text(status: StatusCode, server: &Server) -> String {
     let what = match status {
         StatusCode::BadCertificateHostNameInvalid => {
-            "the host of the URL is none of the names in the server's certificate, expected one of those in the URL, or a certificate of the server with this one".to_owned()
+            "the host of the URL is not in the server's certificate, expected a URL with one of its names, or a certificate with this host".to_owned()
         }
         StatusCode::BadSecurityChecksFailed
         | StatusCode::BadCertificateUntrusted
@@ -282,12 +288,12 @@ fn told(status: StatusCode, server: &Server) -> String {
             if server.security != Security::None =>
         {
             format!(
-                "the server does not take this client, expected its certificate ({}) among those that the server trusts",
+                "the server rejects this client, expected its certificate ({}) among those that the server trusts",
                 server.pki.as_deref().unwrap_or(std::path::Path::new("")).join(trust::OWN_CERTIFICATE).display()
             )
         }
         StatusCode::BadUserAccessDenied | StatusCode::BadIdentityTokenRejected | StatusCode::BadIdentityTokenInvalid => {
-            "the server refuses the user, expected one with this password, or with the right to log in".to_owned()
+            "the server rejects the user, expected a valid name and password with the right to log in".to_owned()
         }
         _ => return status.to_string(),
     };
@@ -303,7 +309,7 @@ fn client(server: &Server) -> Result<Client, SinumerikError> {
         .session_name("volcomp")
         .session_retry_limit(0)
         .request_timeout(server.time_out)
-        // How long a control keeps the session of a gateway that is gone: it admits only a few.
+        // Time for which a control keeps the session of a vanished gateway: it admits only a few.
         .session_timeout(ms(Duration::from_secs(10)))
         .keep_alive_interval(Duration::from_secs(2))
         // The clocks of controls are set by hand.

@@ -22,7 +22,7 @@ use tokio::{
 use tokio_util::codec::FramedRead;
 
 /// Opens connections that are reset on closing.
-pub(super) struct Resetting {
+pub(super) struct ResetOnClose {
     /// Host and port.
     pub(super) address: String,
     /// Data that stays unacknowledged for this long ends the connection.
@@ -30,17 +30,20 @@ pub(super) struct Resetting {
 }
 
 /// A connector of one URL.
-pub(super) struct ResettingConnector {
+pub(super) struct ResetOnCloseConnector {
     address: String,
     time_out: Duration,
     endpoint_url: String,
 }
 
-impl ConnectionSource for Resetting {
-    type Builder = ResettingConnector;
+impl ConnectionSource for ResetOnClose {
+    type Builder = ResetOnCloseConnector;
 
-    fn get_connector(&self, endpoint: &EndpointDescription) -> Result<ResettingConnector, Error> {
-        Ok(ResettingConnector {
+    fn get_connector(
+        &self,
+        endpoint: &EndpointDescription,
+    ) -> Result<ResetOnCloseConnector, Error> {
+        Ok(ResetOnCloseConnector {
             address: self.address.clone(),
             time_out: self.time_out,
             endpoint_url: endpoint.endpoint_url.as_ref().to_owned(),
@@ -48,7 +51,7 @@ impl ConnectionSource for Resetting {
     }
 }
 
-impl Connector for ResettingConnector {
+impl Connector for ResetOnCloseConnector {
     type Transport = TcpTransport;
 
     async fn connect(

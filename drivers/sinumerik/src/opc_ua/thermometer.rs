@@ -12,7 +12,7 @@ use volcomp_port::{
     DeviceError, Published, Publisher, Reason, Temperature, Thermometer, published,
 };
 
-use super::{controller::start, link::Link, trouble::Said};
+use super::{controller::start, failure_log::FailureLog, link::Link};
 use crate::{error::SinumerikError, server::Server};
 
 /// A temperature sensor of a control.
@@ -41,7 +41,7 @@ impl SinumerikThermometer {
         let names = sensors.iter().map(|sensor| sensor.name.clone()).collect();
         let (publisher, published) = published(&*device, names);
         let ends = Arc::new(AtomicBool::new(false));
-        let asker = Asker {
+        let asker = SensorPoller {
             nodes: sensors.iter().map(|sensor| sensor.node.clone()).collect(),
             latest: vec![Temperature::NOT_READ; sensors.len()],
             server,
@@ -74,7 +74,7 @@ impl Drop for SinumerikThermometer {
     }
 }
 
-struct Asker {
+struct SensorPoller {
     server: Server,
     nodes: Vec<String>,
     latest: Vec<Temperature>,
@@ -84,28 +84,28 @@ struct Asker {
     opened: Option<Instant>,
 }
 
-impl Asker {
+impl SensorPoller {
     async fn run(mut self) {
         let mut pause = Duration::ZERO;
-        let mut said = Said::default();
+        let mut failures = FailureLog::default();
         while !self.ends.load(Ordering::Acquire) {
             let Err(error) = self.session().await else {
                 return;
             };
             let lived = self.opened.take().map_or(Duration::ZERO, |at| at.elapsed());
             let text = error.of(&*self.server.url).to_string();
-            if said.is_new(&text, lived) {
+            if failures.is_new(&text, lived) {
                 tracing::warn!("{text}");
             }
             let now = Instant::now();
             self.latest.fill(Temperature::bad(Reason::NoAnswer, now));
             self.publisher.publish(&self.latest);
             pause = self.server.backoff.next(pause, lived);
-            self.rest(pause).await;
+            self.sleep(pause).await;
         }
     }
 
-    async fn rest(&self, pause: Duration) {
+    async fn sleep(&self, pause: Duration) {
         let end = Instant::now() + pause;
         while !self.ends.load(Ordering::Acquire) && Instant::now() < end {
             tokio::time::sleep(Duration::from_millis(10)).await;
@@ -130,7 +130,7 @@ impl Asker {
                 };
             }
             self.publisher.publish(&self.latest);
-            self.rest(every).await;
+            self.sleep(every).await;
         }
         link.close().await;
         Ok(())

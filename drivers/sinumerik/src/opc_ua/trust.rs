@@ -31,7 +31,7 @@ fn wrong(file: &Path, found: impl Into<String>, expected: impl Into<String>) -> 
     }
 }
 
-fn unread(file: &Path, error: &io::Error, expected: &str) -> SinumerikError {
+fn unreadable(file: &Path, error: &io::Error, expected: &str) -> SinumerikError {
     let found = match error.kind() {
         io::ErrorKind::NotFound => "no such file".to_owned(),
         _ => error.to_string(),
@@ -50,16 +50,16 @@ pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
         PrivateError::Mode { mode, .. } => wrong(
             &key,
             format!("mode {mode:03o}"),
-            "600: whoever reads the key can take the client's place",
+            "600: with the key another program can impersonate the client",
         ),
-        PrivateError::Read { source, .. } => unread(&key, &source, expected),
+        PrivateError::Read { source, .. } => unreadable(&key, &source, expected),
         other => wrong(&key, other.to_string(), expected),
     })?;
     let read = CertificateStore::read_pkey(&key);
     let read = read.map_err(|_| wrong(&key, "no private key in PEM", expected))?;
     let file = folder.join(OWN_CERTIFICATE);
     let expected = format!("the client's certificate, DER, with the URI {APPLICATION_URI}");
-    let bytes = fs::read(&file).map_err(|e| unread(&file, &e, &expected))?;
+    let bytes = fs::read(&file).map_err(|e| unreadable(&file, &e, &expected))?;
     let none = || wrong(&file, "no certificate in DER", expected.as_str());
     let certificate = X509::from_der(&bytes).map_err(|_| none())?;
     if certificate
@@ -80,10 +80,10 @@ pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
         return Err(wrong(
             &file,
             "the certificate of another key",
-            format!("that of {}", key.display()),
+            format!("the certificate of {}", key.display()),
         ));
     }
-    in_its_time(&file, &certificate, "a new one of the client")
+    check_validity(&file, &certificate, "a new one of the client")
 }
 
 /// Selects the endpoint with this message security.
@@ -102,12 +102,12 @@ pub(super) fn endpoint(
         .iter()
         .find(is_it)
         .ok_or_else(|| SinumerikError::Protection {
-            offered: endpoints.iter().map(in_words).collect(),
-            wanted: words(policy, mode),
+            offered: endpoints.iter().map(endpoint_security).collect(),
+            expected: words(policy, mode),
         })
 }
 
-fn in_words(endpoint: &EndpointDescription) -> String {
+fn endpoint_security(endpoint: &EndpointDescription) -> String {
     let uri: &str = endpoint.security_policy_uri.as_ref();
     let policy = uri.rsplit('#').next().unwrap_or(uri);
     match endpoint.security_mode {
@@ -136,25 +136,25 @@ pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(),
     let certificate = &X509::from_byte_string(&endpoint.server_certificate).map_err(|_| {
         wrong(
             folder,
-            "a server without a certificate that can be read",
-            "one with a certificate of X.509",
+            "a server without a readable certificate",
+            "one with an X.509 certificate",
         )
     })?;
     let (trusted, rejected) = (folder.join("trusted"), folder.join("rejected"));
     let name = CertificateStore::cert_file_name(certificate);
     let (file, kept) = (trusted.join(&name), rejected.join(&name));
-    let failed = |file: &Path, e: &io::Error| unread(file, e, "a folder that can be written");
+    let failed = |file: &Path, e: &io::Error| unreadable(file, e, "a writable folder");
     for folder in [&trusted, &rejected] {
         fs::create_dir_all(folder).map_err(|e| failed(folder, &e))?;
     }
     let der = certificate
         .to_der()
-        .map_err(|_| wrong(&file, "a certificate that is none", "one of X.509"))?;
+        .map_err(|_| wrong(&file, "an invalid certificate", "an X.509 certificate"))?;
     if !file.exists() {
         let Some(found) = same(&trusted, &der) else {
             fs::write(&kept, &der).map_err(|e| failed(&kept, &e))?;
             return Err(SinumerikError::Untrusted {
-                fingerprint: spaced(&certificate.thumbprint().as_hex_string()),
+                fingerprint: fingerprint_pairs(&certificate.thumbprint().as_hex_string()),
                 file: kept,
                 trusted,
             });
@@ -167,10 +167,10 @@ pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(),
     if kept.exists() {
         fs::remove_file(&kept).map_err(|e| failed(&kept, &e))?;
     }
-    in_its_time(
+    check_validity(
         &file,
         certificate,
-        "a new one of the server, or a clock that is right",
+        "a new one of the server, or a correct clock",
     )
 }
 
@@ -187,9 +187,13 @@ fn same(folder: &Path, der: &[u8]) -> Option<PathBuf> {
     })
 }
 
-fn in_its_time(file: &Path, certificate: &X509, expected: &str) -> Result<(), SinumerikError> {
+fn check_validity(file: &Path, certificate: &X509, expected: &str) -> Result<(), SinumerikError> {
     let (Ok(from), Ok(to)) = (certificate.not_before(), certificate.not_after()) else {
-        return Err(wrong(file, "a certificate without its time", "one with it"));
+        return Err(wrong(
+            file,
+            "a certificate without a validity period",
+            "one with a validity period",
+        ));
     };
     let now: SystemTime = SystemTime::now();
     if SystemTime::from(from) <= now && now <= SystemTime::from(to) {
@@ -199,12 +203,12 @@ fn in_its_time(file: &Path, certificate: &X509, expected: &str) -> Result<(), Si
     Err(wrong(
         file,
         format!("a certificate from {} to {}", day(&from), day(&to)),
-        format!("one that holds today: {expected}"),
+        format!("one that is valid today: {expected}"),
     ))
 }
 
 /// Formats a fingerprint as controls display it.
-fn spaced(hex: &str) -> String {
+fn fingerprint_pairs(hex: &str) -> String {
     let pairs: Vec<String> = hex
         .as_bytes()
         .chunks(2)

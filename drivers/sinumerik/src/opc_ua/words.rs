@@ -6,7 +6,7 @@ use super::link::Link;
 use crate::{error::SinumerikError, map_nodes::MapNodes, server::Server};
 
 /// Maximum number of arrays per read request.
-const AT_ONCE: usize = 16;
+const MAX_ARRAYS_PER_READ: usize = 16;
 
 /// An open session that transfers a map to the PLC. Every exchange ends within the server's timeout; after a failed one the state of the session is
 /// unknown, and it should be dropped.
@@ -68,7 +68,7 @@ impl MapWords {
     pub fn buffer(&self, buffer: u16, count: usize) -> Result<Vec<u16>, SinumerikError> {
         let mut words = Vec::new();
         let nodes = self.nodes.of_buffer(buffer, count, self.capacity);
-        for some in nodes.chunks(AT_ONCE) {
+        for some in nodes.chunks(MAX_ARRAYS_PER_READ) {
             words.extend(self.read(some)?);
         }
         words.truncate(count);
@@ -88,7 +88,7 @@ impl MapWords {
                 node: node.clone(),
                 found: match value.status {
                     Some(status) if !status.is_good() => status.to_string(),
-                    _ => "no array of words".to_owned(),
+                    _ => "not an array of words".to_owned(),
                 },
             })?;
             words.extend(found);

@@ -14,18 +14,18 @@ use volcomp_port::{DeviceError, Snapshot};
 use volcomp_vocabulary::PerChannel;
 
 use super::{
+    failure_log::FailureLog,
     inspection::{self, Inspection},
     link::Link,
-    trouble::Said,
 };
 use crate::{config::SinumerikConfig, error::SinumerikError, reading::Reading};
 
 /// Polling interval for queued writes: the queue is lock-free and cannot wake this thread.
-const LOOK_EVERY: Duration = Duration::from_millis(2);
+const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// Corrections to write, mm and rad.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Order {
+pub(super) struct WriteRequest {
     /// Increasing sequence number; 0: no write was requested yet.
     pub(super) number: u64,
     pub(super) corrections: PerChannel<f64>,
@@ -51,11 +51,11 @@ pub(super) struct Shared {
     pub(super) opened: AtomicU64,
     pub(super) written: AtomicU64,
     pub(super) missed: AtomicU64,
-    trouble: Mutex<Trouble>,
+    diagnosis: Mutex<Diagnosis>,
 }
 
 #[derive(Default)]
-struct Trouble {
+struct Diagnosis {
     error: Option<DeviceError>,
     found: Option<Inspection>,
 }
@@ -63,7 +63,7 @@ struct Trouble {
 impl Shared {
     /// Why there is no connection. Takes a lock: not for a cycle.
     pub(super) fn last_error(&self) -> Option<DeviceError> {
-        self.trouble
+        self.diagnosis
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .error
@@ -72,7 +72,7 @@ impl Shared {
 
     /// The properties reported when the session was opened. Takes a lock: not for a cycle.
     pub(super) fn found(&self) -> Option<Inspection> {
-        self.trouble
+        self.diagnosis
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .found
@@ -80,15 +80,18 @@ impl Shared {
     }
 
     fn note(&self, error: Option<DeviceError>, found: Option<Inspection>) {
-        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
-        *trouble = Trouble { error, found };
+        let mut diagnosis = self
+            .diagnosis
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        *diagnosis = Diagnosis { error, found };
     }
 }
 
 pub(super) struct Worker {
     pub(super) config: SinumerikConfig,
     pub(super) reading: Reading,
-    pub(super) orders: Output<Order>,
+    pub(super) requests: Output<WriteRequest>,
     pub(super) latest: Input<Latest>,
     pub(super) shared: Arc<Shared>,
     /// Start of the present session.
@@ -101,7 +104,7 @@ impl Worker {
     /// Connects, reads and writes until the controller is dropped.
     pub(super) async fn run(mut self) {
         let mut pause = Duration::ZERO;
-        let mut said = Said::default();
+        let mut failures = FailureLog::default();
         while !self.ends() {
             let error = match self.session().await {
                 Ok(()) => return,
@@ -110,12 +113,12 @@ impl Worker {
             self.latest.write(Latest::default());
             let lived = self.opened.take().map_or(Duration::ZERO, |at| at.elapsed());
             let text = error.to_string();
-            if said.is_new(&text, lived) {
+            if failures.is_new(&text, lived) {
                 tracing::warn!("{text}");
             }
             self.shared.note(Some(error), None);
             pause = self.config.server.backoff.next(pause, lived);
-            self.rest(pause).await;
+            self.sleep(pause).await;
         }
     }
 
@@ -123,10 +126,10 @@ impl Worker {
         self.shared.ends.load(Ordering::Acquire)
     }
 
-    async fn rest(&self, pause: Duration) {
+    async fn sleep(&self, pause: Duration) {
         let end = Instant::now() + pause;
         while !self.ends() && Instant::now() < end {
-            tokio::time::sleep(LOOK_EVERY * 5).await;
+            tokio::time::sleep(POLL_INTERVAL * 5).await;
         }
     }
 
@@ -144,15 +147,15 @@ impl Worker {
         self.shared.note(None, Some(opened));
         self.shared.opened.fetch_add(1, Ordering::Relaxed);
         // Writes requested before this session are obsolete.
-        let mut seen = self.orders.read().number;
+        let mut last_number = self.requests.read().number;
         let mut acknowledged = None;
         let mut snapshot = None;
         let mut due = Instant::now();
         while !self.ends() {
-            let order = *self.orders.read();
-            if order.number != seen {
-                seen = order.number;
-                self.carry_out(&link, &order, snapshot.as_ref(), &mut acknowledged)
+            let request = *self.requests.read();
+            if request.number != last_number {
+                last_number = request.number;
+                self.carry_out(&link, &request, snapshot.as_ref(), &mut acknowledged)
                     .await?;
             }
             if Instant::now() >= due {
@@ -163,7 +166,7 @@ impl Worker {
                     snapshot,
                 });
             }
-            tokio::time::sleep(LOOK_EVERY).await;
+            tokio::time::sleep(POLL_INTERVAL).await;
         }
         link.close().await;
         Ok(())
@@ -186,18 +189,18 @@ impl Worker {
     async fn carry_out(
         &self,
         link: &Link,
-        order: &Order,
+        request: &WriteRequest,
         snapshot: Option<&Snapshot>,
         acknowledged: &mut Option<PerChannel<f64>>,
     ) -> Result<(), SinumerikError> {
         let reading = &self.reading;
-        let values = reading.values(&self.config, &order.corrections);
+        let values = reading.values(&self.config, &request.corrections);
         let read_back = snapshot.and_then(|snapshot| snapshot.applied);
         let stands = read_back.map(|applied| reading.values(&self.config, &applied));
         if *acknowledged == Some(values) && stands == Some(values) {
             return Ok(());
         }
-        if order
+        if request
             .deadline
             .is_none_or(|deadline| Instant::now() >= deadline)
         {

@@ -1,21 +1,22 @@
-//! The driver on a control that behaves, and on one that does not.
+//! The driver against a simulated control with and without faults.
 
 use std::time::{Duration, Instant};
 
 use volcomp_port::{Backoff, Controller, Fault, Snapshot};
 use volcomp_sinumerik::{
-    Nodes, Server, Sign, SinumerikConfig, SinumerikController, SinumerikError, User, inspect, look,
+    Nodes, Server, Sign, SinumerikConfig, SinumerikController, SinumerikError, User, inspect,
+    list_axes,
 };
 use volcomp_test_support::until;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-use crate::peer::{PATIENCE, Peer};
+use crate::peer::{Peer, TIMEOUT};
 
 const XYZ: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
 fn config(url: &str) -> SinumerikConfig {
     let mut server = Server::new(url);
-    // The machine on which this runs may be loaded.
+    // The test computer may be loaded.
     server.time_out = Duration::from_secs(5);
     server.backoff = Backoff {
         first: Duration::from_millis(50),
@@ -30,12 +31,12 @@ fn config(url: &str) -> SinumerikConfig {
 
 fn open(config: SinumerikConfig) -> SinumerikController {
     let mut controller = SinumerikController::new(config).unwrap();
-    controller.wait(PATIENCE).unwrap();
+    controller.wait(TIMEOUT).unwrap();
     controller
 }
 
 fn soon() -> Instant {
-    Instant::now() + PATIENCE
+    Instant::now() + TIMEOUT
 }
 
 fn read(controller: &mut SinumerikController) -> Snapshot {
@@ -45,7 +46,7 @@ fn read(controller: &mut SinumerikController) -> Snapshot {
 /// A snapshot whose readings began after now.
 fn next(controller: &mut SinumerikController) -> Snapshot {
     let now = Instant::now();
-    until("a new reading", PATIENCE, || {
+    until("a new reading", TIMEOUT, || {
         controller
             .read(soon())
             .is_ok_and(|s| s.correction_taken > now + s.uncertainty)
@@ -69,37 +70,37 @@ fn positions_states_and_corrections() {
     assert!(snapshot.state.referenced && !snapshot.state.alarm && !snapshot.state.emergency_stop);
     assert_eq!(snapshot.applied, Some(PerChannel::ZERO));
 
-    // Rounded to steps of 0.1 µm; the axis moves the way that the control's sign says.
-    let wanted = PerChannel::leading([-0.03004, 0.00005, 0.007]);
-    controller.apply(&wanted, soon()).unwrap();
-    until("the correction is read back", PATIENCE, || {
+    // Rounded to steps of 0.1 µm; the axis moves in the direction of the control's sign.
+    let expected = PerChannel::leading([-0.03004, 0.00005, 0.007]);
+    controller.apply(&expected, soon()).unwrap();
+    until("the correction is read back", TIMEOUT, || {
         let applied = read(&mut controller).applied.unwrap();
         (applied[0] + 0.03).abs() < 1e-9 && (applied[2] - 0.007).abs() < 1e-9
     });
-    until("the axis has it", PATIENCE, || {
+    until("the axis has the correction", TIMEOUT, || {
         peer.number("correction_um", "X") == -30.0
     });
     assert_eq!(read(&mut controller).positions[0], 100.5);
 
-    // What stands already is not written again.
+    // A value that is already set is not written again.
     let [written, missed] = controller.writes();
-    controller.apply(&wanted, soon()).unwrap();
+    controller.apply(&expected, soon()).unwrap();
     next(&mut controller);
     next(&mut controller);
     assert_eq!(controller.writes(), [written, missed]);
-    // What somebody else has changed is.
+    // A value changed by another client is.
     peer.type_in("set X=0");
-    until("the change is seen", PATIENCE, || {
+    until("the change is seen", TIMEOUT, || {
         read(&mut controller).applied.unwrap()[0] == 0.0
     });
-    controller.apply(&wanted, soon()).unwrap();
-    until("it is written again", PATIENCE, || {
+    controller.apply(&expected, soon()).unwrap();
+    until("it is written again", TIMEOUT, || {
         peer.number("setting_um", "X") == -30.0
     });
-    // What is too late is not sent.
+    // A write after its deadline is not sent.
     let [written, _] = controller.writes();
     controller.apply(&PerChannel::ZERO, Instant::now()).unwrap();
-    until("it was too late", PATIENCE, || {
+    until("the write is dropped", TIMEOUT, || {
         controller.writes() == [written, 1]
     });
     assert_eq!(peer.number("setting_um", "X"), -30.0);
@@ -113,12 +114,12 @@ fn positions_states_and_corrections() {
         ("unreferenced on", |s| !s.state.referenced),
     ] {
         peer.type_in(command);
-        until(command, PATIENCE, || check(&read(&mut controller)));
+        until(command, TIMEOUT, || check(&read(&mut controller)));
     }
 }
 
 #[test]
-fn the_sign_is_that_of_the_configuration_and_rotary_axes_are_in_degrees() {
+fn the_configured_sign_applies_and_rotary_axes_are_in_degrees() {
     let Some(mut peer) = Peer::start(&["--axes", "X,C", "--at", "X=1,C=90", "--sign", "-1"]) else {
         return;
     };
@@ -128,22 +129,22 @@ fn the_sign_is_that_of_the_configuration_and_rotary_axes_are_in_degrees() {
     let mut controller = open(config);
     let step = controller.description().axes[1].step();
     assert!((read(&mut controller).positions[1] - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
-    let wanted = PerChannel::leading([0.01, 4.0 * step]);
-    controller.apply(&wanted, soon()).unwrap();
-    until("it is read back as it was wanted", PATIENCE, || {
+    let expected = PerChannel::leading([0.01, 4.0 * step]);
+    controller.apply(&expected, soon()).unwrap();
+    until("the correction is read back", TIMEOUT, || {
         let applied = read(&mut controller).applied.unwrap();
         (applied[0] - 0.01).abs() < 1e-9 && (applied[1] - 4.0 * step).abs() < 1e-12
     });
     // The setting is negative, and the axis goes in the direction of the correction.
     assert_eq!(peer.number("setting_um", "X"), -10.0);
-    until("the axis has it", PATIENCE, || {
+    until("the axis has the correction", TIMEOUT, || {
         peer.number("correction_um", "X") == 10.0
     });
     assert!((peer.number("true_deg", "C") - 90.0004).abs() < 1e-6);
 }
 
 #[test]
-fn a_control_that_ignores_what_is_written_is_refused() {
+fn a_control_that_ignores_corrections_is_rejected() {
     let Some(mut peer) = Peer::start(&["--md32750", "2"]) else {
         return;
     };
@@ -157,7 +158,7 @@ fn a_control_that_ignores_what_is_written_is_refused() {
     );
     let mut controller = SinumerikController::new(config(&peer.url)).unwrap();
     let mut text = String::new();
-    until("it is told", PATIENCE, || {
+    until("the error is reported", TIMEOUT, || {
         text = controller
             .last_error()
             .map(|error| error.to_string())
@@ -172,18 +173,18 @@ fn a_control_that_ignores_what_is_written_is_refused() {
         controller.apply(&PerChannel::leading([0.01]), soon()),
         Err(Fault::NotConnected)
     );
-    // Switched on it is taken; switched off while it runs it is not.
+    // It is accepted when switched on, and rejected when switched off during operation.
     peer.type_in("md32750 3");
-    until("it connects", PATIENCE, || controller.read(soon()).is_ok());
+    until("it connects", TIMEOUT, || controller.read(soon()).is_ok());
     peer.type_in("md32750 0");
-    until("it is noticed", PATIENCE, || {
+    until("the fault is detected", TIMEOUT, || {
         controller.read(soon()) == Err(Fault::NotConnected)
     });
     assert!(peer.report().contains("\"written\": 0"));
 }
 
 #[test]
-fn other_axes_other_namespaces_and_strangers_are_refused() {
+fn wrong_axes_namespaces_and_users_are_rejected() {
     let Some(peer) = Peer::start(&["--axes", "X,Z,Y", "--user", "gateway:key"]) else {
         return;
     };
@@ -234,7 +235,7 @@ fn other_axes_other_namespaces_and_strangers_are_refused() {
 }
 
 #[test]
-fn a_sampler_that_stands_makes_positions_old() {
+fn positions_age_while_the_sampler_stalls() {
     let Some(mut peer) = Peer::start(&["--stroke-mm", "100", "--period-s", "2"]) else {
         return;
     };
@@ -243,22 +244,22 @@ fn a_sampler_that_stands_makes_positions_old() {
     assert!(age(&read(&mut controller)) < Duration::from_secs(1));
     for fault in ["stall", "frozen-timestamps"] {
         peer.type_in(&format!("{fault} on"));
-        until(fault, PATIENCE, || {
+        until(fault, TIMEOUT, || {
             age(&read(&mut controller)) > Duration::from_secs(1)
         });
-        // What is applied is as young as the exchange all the same.
+        // The applied correction is still as recent as the exchange.
         assert!(next(&mut controller).applied.is_some());
         peer.type_in(&format!("{fault} off"));
-        until("fresh again", PATIENCE, || {
+        until("fresh again", TIMEOUT, || {
             age(&read(&mut controller)) < Duration::from_secs(1)
         });
     }
-    // Without timestamps the exchange is all that is known.
+    // Without timestamps only the time of the exchange is known.
     peer.type_in("no-timestamps on");
     let snapshot = next(&mut controller);
     next(&mut controller);
     assert!(age(&snapshot) <= snapshot.uncertainty + Duration::from_secs(1));
-    // A server that lies about them is only found out by axes that should move: here nothing tells.
+    // False timestamps are detectable only on moving axes, not here.
     peer.type_in("stick on");
     let [first, second] = [next(&mut controller), next(&mut controller)];
     assert_eq!(age(&second), Duration::ZERO);
@@ -266,7 +267,7 @@ fn a_sampler_that_stands_makes_positions_old() {
 }
 
 #[test]
-fn source_timestamps_can_be_left_out() {
+fn source_timestamps_can_be_ignored() {
     let Some(mut peer) = Peer::start(&[]) else {
         return;
     };
@@ -280,45 +281,47 @@ fn source_timestamps_can_be_left_out() {
 }
 
 #[test]
-fn writes_that_are_dropped_refused_or_lied_about() {
+fn dropped_rejected_and_falsified_writes() {
     let Some(mut peer) = Peer::start(&["--drop-writes"]) else {
         return;
     };
     let mut controller = open(config(&peer.url));
-    let wanted = PerChannel::leading([0.005]);
-    controller.apply(&wanted, soon()).unwrap();
-    until("it was answered", PATIENCE, || controller.writes()[0] == 1);
+    let expected = PerChannel::leading([0.005]);
+    controller.apply(&expected, soon()).unwrap();
+    until("the write is answered", TIMEOUT, || {
+        controller.writes()[0] == 1
+    });
     assert_eq!(next(&mut controller).applied, Some(PerChannel::ZERO));
-    // It is sent again as long as it does not stand.
-    controller.apply(&wanted, soon()).unwrap();
-    until("it was answered again", PATIENCE, || {
+    // It is sent again until it is applied.
+    controller.apply(&expected, soon()).unwrap();
+    until("the write is answered again", TIMEOUT, || {
         controller.writes()[0] == 2
     });
 
     peer.type_in("drop-writes off");
     peer.type_in("refuse-writes on");
-    until("it is refused", PATIENCE, || {
+    until("the write is rejected", TIMEOUT, || {
         matches!(
-            controller.apply(&wanted, soon()),
+            controller.apply(&expected, soon()),
             Err(Fault::Refused { .. })
         )
     });
     peer.type_in("refuse-writes off");
-    until("it lands", PATIENCE, || {
-        let _ = controller.apply(&wanted, soon());
+    until("the correction is applied", TIMEOUT, || {
+        let _ = controller.apply(&expected, soon());
         read(&mut controller).applied.unwrap()[0] == 0.005
     });
-    until("nothing is refused any more", PATIENCE, || {
-        controller.apply(&wanted, soon()).is_ok()
+    until("writes are accepted again", TIMEOUT, || {
+        controller.apply(&expected, soon()).is_ok()
     });
     peer.type_in("read-back X=12");
-    until("what the control says is told", PATIENCE, || {
+    until("the falsified value is reported", TIMEOUT, || {
         read(&mut controller).applied.unwrap()[0] == 0.012
     });
 }
 
 #[test]
-fn silence_resets_the_session_and_nothing_waits_for_it() {
+fn silence_resets_the_session_without_blocking() {
     let Some(mut peer) = Peer::start(&[]) else {
         return;
     };
@@ -333,24 +336,24 @@ fn silence_resets_the_session_and_nothing_waits_for_it() {
             Instant::now() + Duration::from_secs(1),
         )
         .unwrap();
-    until("the session is given up", PATIENCE, || {
+    until("the session is closed", TIMEOUT, || {
         assert_no_alloc::assert_no_alloc(|| controller.read(soon())) == Err(Fault::NotConnected)
     });
-    until("another one is made", PATIENCE, || {
+    until("a new session is open", TIMEOUT, || {
         controller.read(soon()).is_ok()
     });
     assert!(controller.sessions() > before);
-    // What was asked for in the session before is not sent in this one.
+    // A write requested in the previous session is not sent in this one.
     let [written, missed] = controller.writes();
     next(&mut controller);
     next(&mut controller);
     assert_eq!(controller.writes(), [written, missed]);
 
     peer.type_in("disconnect");
-    until("it is noticed", PATIENCE, || {
+    until("the fault is detected", TIMEOUT, || {
         controller.read(soon()).is_err()
     });
-    until("another one is made", PATIENCE, || {
+    until("a new session is open", TIMEOUT, || {
         controller.read(soon()).is_ok()
     });
     assert_no_alloc::assert_no_alloc(|| {
@@ -358,13 +361,13 @@ fn silence_resets_the_session_and_nothing_waits_for_it() {
             .apply(&PerChannel::leading([0.001]), soon())
             .unwrap();
     });
-    until("it lands", PATIENCE, || {
+    until("the correction is applied", TIMEOUT, || {
         read(&mut controller).applied.unwrap()[0] == 0.001
     });
 }
 
 #[test]
-fn nobody_there() {
+fn an_unreachable_server_is_reported() {
     let port = volcomp_test_support::free_port();
     let url = format!("opc.tcp://127.0.0.1:{port}");
     assert!(matches!(
@@ -378,10 +381,10 @@ fn nobody_there() {
 }
 
 #[test]
-fn a_control_about_which_nothing_is_known_is_looked_at() {
+fn axes_of_an_unknown_control_are_listed() {
     let Some(peer) = Peer::start(&["--axes", "X,C", "--at", "X=3.5,C=90"]) else {
         return;
     };
-    let found = look(&config(&peer.url).server, &Nodes::default()).unwrap();
+    let found = list_axes(&config(&peer.url).server, &Nodes::default()).unwrap();
     assert_eq!(found, [("X".to_owned(), 3.5), ("C".to_owned(), 90.0)]);
 }

@@ -1,4 +1,4 @@
-//! The driver against a simulated control on another OPC UA library.
+//! The driver against a simulated control on an independent OPC UA library.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -9,6 +9,6 @@ mod reading;
 mod secured;
 mod thermometer;
 
-/// Ends the run on an allocation where one is forbidden.
+/// Aborts the test on a forbidden allocation.
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;

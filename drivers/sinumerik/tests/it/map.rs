@@ -1,5 +1,5 @@
-//! A map brought over OPC UA into a PLC that was written from the documentation in another language: what the axes have of it
-//! is what the map says, and what goes wrong on the way never makes a step.
+//! Transfer of a map over OPC UA to a PLC simulation written independently from the documentation: the axes get the values of
+//! the map, and transfer faults never cause a step.
 
 use std::time::{Duration, Instant};
 
@@ -10,10 +10,10 @@ use volcomp_tables::{
 };
 use volcomp_test_support::until;
 
-use crate::peer::{PATIENCE, Peer};
+use crate::peer::{Peer, TIMEOUT};
 
 const MACHINE: u16 = 1002;
-/// One scan in 10 ms; the map is valid for 4 s after the last frame, so that a busy computer keeps it.
+/// One scan per 10 ms; the map stays valid for 4 s after the last frame, for loaded computers.
 const PLC: &str = "machine=1002,capacity=700,limit=100,rate=2,hold=200,time_out=400";
 
 struct Words(MapWords);
@@ -86,24 +86,24 @@ fn sender(counter: u16, owner: u16) -> Sender {
     Sender::new(map(counter), MACHINE, owner, allowed).expect("within the limits")
 }
 
-/// Steps until one has this result.
-fn step_until(sender: &mut Sender, words: &mut Words, wanted: Step) {
-    let end = Instant::now() + PATIENCE;
-    while sender.step(words).expect("no fault") != wanted {
-        assert!(Instant::now() < end, "not {wanted:?}");
+/// Runs steps until one has this result.
+fn step_until(sender: &mut Sender, words: &mut Words, expected: Step) {
+    let end = Instant::now() + TIMEOUT;
+    while sender.step(words).expect("no fault") != expected {
+        assert!(Instant::now() < end, "not {expected:?}");
         std::thread::sleep(Duration::from_millis(2));
     }
 }
 
-fn has(peer: &mut Peer, axis: &str) -> f64 {
+fn applied_um(peer: &mut Peer, axis: &str) -> f64 {
     peer.number("map_um", axis)
 }
 
-/// Keeps the map until an axis has this correction, µm.
+/// Runs steps until an axis has this correction, µm.
 fn keep_until(peer: &mut Peer, sender: &mut Sender, words: &mut Words, axis: &str, um: f64) {
-    until("the correction", PATIENCE, || {
+    until("the correction", TIMEOUT, || {
         sender.step(words).expect("no fault");
-        (has(peer, axis) - um).abs() <= 1.0
+        (applied_um(peer, axis) - um).abs() <= 1.0
     });
 }
 
@@ -112,7 +112,7 @@ fn is_valid(peer: &mut Peer) -> bool {
 }
 
 #[test]
-fn the_axes_have_what_the_map_says() {
+fn the_axes_follow_the_map() {
     let Some(mut peer) = peer() else { return };
     let mut words = open(&peer);
     let mut sender = sender(5, 21);
@@ -124,27 +124,27 @@ fn the_axes_have_what_the_map_says() {
     {
         keep_until(&mut peer, &mut sender, &mut words, axis, um * 1e3);
     }
-    // The true position has it, and the reported one does not.
-    let has = peer.number("correction_um", "Z");
-    assert!((has + 40.0).abs() <= 1.0, "{has}");
+    // The true position includes the correction, the reported one does not.
+    let applied_um = peer.number("correction_um", "Z");
+    assert!((applied_um + 40.0).abs() <= 1.0, "{applied_um}");
     let report = peer.report();
     assert!(report.contains("\"largest_move_um\": 2}"), "{report}");
     words.0.close();
 }
 
-/// Writes that the server calls good and forgets: the map is valid until its time is out, then the axes go to zero at their
-/// rate; when writes arrive again, the map is sent again.
+/// The server acknowledges writes but drops them: the map stays valid until its timeout, then the axes ramp to zero; when writes
+/// arrive again, the map is sent again.
 #[test]
-fn silence_ramps_to_zero_and_the_map_comes_back() {
+fn silence_ramps_to_zero_and_the_map_is_sent_again() {
     let Some(mut peer) = peer() else { return };
     let mut words = open(&peer);
     let mut sender = sender(5, 21);
     step_until(&mut sender, &mut words, Step::Kept);
     keep_until(&mut peer, &mut sender, &mut words, "Z", -40.0);
     peer.type_in("drop-writes on");
-    until("zero", PATIENCE, || {
+    until("zero", TIMEOUT, || {
         let step = sender.step(&mut words).expect("the sender cannot know");
-        let z = has(&mut peer, "Z");
+        let z = applied_um(&mut peer, "Z");
         assert!((-40.0..=0.0).contains(&z), "{z} {step:?}");
         z == 0.0
     });
@@ -156,16 +156,16 @@ fn silence_ramps_to_zero_and_the_map_comes_back() {
     keep_until(&mut peer, &mut sender, &mut words, "Z", -40.0);
 }
 
-/// The first map is in use; a second one is half there when its sender is killed, and a third sender finds the control held.
+/// A first map is active; the sender of a second one is killed in the middle, and a third sender finds the control owned.
 #[test]
-fn a_sender_killed_in_the_middle_and_a_foreign_one() {
+fn a_killed_sender_and_a_foreign_sender() {
     let Some(mut peer) = peer() else { return };
     let mut words = open(&peer);
     let mut first = sender(5, 21);
     step_until(&mut first, &mut words, Step::Kept);
     keep_until(&mut peer, &mut first, &mut words, "Z", -40.0);
     let _ = first.replace(map(6)).expect("within the limits");
-    until("half a map", PATIENCE, || {
+    until("half a map", TIMEOUT, || {
         let step = first.step(&mut words).expect("no fault");
         assert_ne!(step, Step::Kept);
         peer.number("map", "loaded") >= 64.0
@@ -182,9 +182,9 @@ fn a_sender_killed_in_the_middle_and_a_foreign_one() {
         matches!(found, Err(SendError::Held { by: 21, .. })),
         "{found:?}"
     );
-    assert!((has(&mut peer, "Z") + 40.0).abs() <= 1.0);
-    // When the first one's time is out, the axes go to zero, and the other one is let in.
-    until("zero", PATIENCE, || has(&mut peer, "Z") == 0.0);
+    assert!((applied_um(&mut peer, "Z") + 40.0).abs() <= 1.0);
+    // After the first one's timeout the axes ramp to zero, and the other sender is accepted.
+    until("zero", TIMEOUT, || applied_um(&mut peer, "Z") == 0.0);
     assert!(!is_valid(&mut peer));
     let mut third = sender(7, 22);
     step_until(&mut third, &mut others, Step::Kept);
@@ -192,9 +192,9 @@ fn a_sender_killed_in_the_middle_and_a_foreign_one() {
     assert!(report.contains("\"largest_move_um\": 2}"), "{report}");
 }
 
-/// A PLC that starts anew uses nothing of what lies in its memory; one that stands is not written.
+/// A restarted PLC ignores the contents of its memory; a stopped one is not written.
 #[test]
-fn a_plc_that_starts_anew_gets_the_map_again() {
+fn a_restarted_plc_gets_the_map_again() {
     let Some(mut peer) = peer() else { return };
     let mut words = open(&peer);
     let mut sender = sender(5, 21);
@@ -202,7 +202,7 @@ fn a_plc_that_starts_anew_gets_the_map_again() {
     peer.type_in("plc stop");
     step_until(&mut sender, &mut words, Step::NotScanned);
     peer.type_in("plc start");
-    until("no map", PATIENCE, || !is_valid(&mut peer));
+    until("no map", TIMEOUT, || !is_valid(&mut peer));
     step_until(&mut sender, &mut words, Step::Loading);
     step_until(&mut sender, &mut words, Step::Kept);
     assert!(is_valid(&mut peer));

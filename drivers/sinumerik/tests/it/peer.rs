@@ -1,4 +1,4 @@
-//! The simulated control: a program of its own on the library asyncua.
+//! The simulated control: a separate program on the library asyncua.
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
@@ -8,8 +8,8 @@ use std::{
 
 use volcomp_test_support::{Running, peers, root};
 
-/// Long enough for a loaded machine.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(40);
+/// Long enough for a loaded computer.
+pub(crate) const TIMEOUT: Duration = Duration::from_secs(40);
 
 /// A running simulated control.
 pub(crate) struct Peer {
@@ -19,7 +19,7 @@ pub(crate) struct Peer {
 }
 
 impl Peer {
-    /// Starts it on a free port; `None` where its Python is missing.
+    /// Starts it on a free port; `None` without its Python.
     pub(crate) fn start(arguments: &[&str]) -> Option<Self> {
         let python = peers::python()?;
         let program = root().join("drivers/sinumerik/tests/peer/sinumerik-sim.py");
@@ -45,7 +45,7 @@ impl Peer {
         writeln!(input, "{command}").expect("it runs");
     }
 
-    /// What the report says now, as a JSON document.
+    /// Returns the present report, a JSON document.
     pub(crate) fn report(&mut self) -> String {
         self.type_in("report");
         let mut line = String::new();

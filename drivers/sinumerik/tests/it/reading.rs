@@ -1,4 +1,4 @@
-//! What an answer says, and configurations that make no sense.
+//! Decoding of responses, and invalid configurations.
 
 use std::time::{Duration, Instant};
 
@@ -24,7 +24,7 @@ fn values(numbers: &[f64]) -> Vec<Value> {
 }
 
 #[test]
-fn each_value_has_its_place() {
+fn responses_are_decoded_in_order() {
     let reading = Reading::new(&config());
     assert_eq!(
         reading.nodes(),
@@ -56,13 +56,13 @@ fn each_value_has_its_place() {
     assert_eq!(snapshot.taken, now + Duration::from_millis(3));
     assert_eq!(snapshot.correction_taken, now + Duration::from_millis(10));
 
-    // A state that is missing forbids.
+    // A missing state forbids correction.
     let mut missing = good.clone();
     missing[5].number = None;
     missing[6].number = None;
     let state = reading.snapshot(&missing, now, later).unwrap().state;
     assert!(!state.referenced && state.alarm);
-    // A position or a setting that is missing, or no number, is no reading.
+    // A reading needs every position and setting as a number.
     for place in [0, 1, 2, 3] {
         for number in [None, Some(f64::NAN)] {
             let mut missing = good.clone();
@@ -87,7 +87,7 @@ fn each_value_has_its_place() {
 }
 
 #[test]
-fn configurations_that_make_no_sense() {
+fn invalid_configurations_are_rejected() {
     assert!(config().describe().is_ok());
     let refused = |change: &dyn Fn(&mut SinumerikConfig)| {
         let mut config = config();
@@ -126,7 +126,7 @@ fn configurations_that_make_no_sense() {
 }
 
 #[test]
-fn what_a_tenth_of_a_second_costs() {
+fn lag_is_speed_times_period() {
     // 10 m/min for 100 ms.
     let lag = lag(10_000.0 / 60.0, Duration::from_millis(100));
     assert!((lag.0 - 16.667).abs() < 1e-3);

@@ -1,4 +1,4 @@
-//! Secured connections, against servers of another library that take nothing else: whom the driver trusts, and what it says.
+//! Secured connections to servers of an independent library that accept nothing else: trust and messages.
 
 use std::{
     fs,
@@ -8,16 +8,16 @@ use std::{
     time::Duration,
 };
 
-use volcomp_sinumerik::{Nodes, Security, Server, look};
+use volcomp_sinumerik::{Nodes, Security, Server, list_axes};
 use volcomp_test_support::{Running, peers, root};
 
-/// A folder with the certificates of a client, made by what the book says.
+/// A folder with client certificates, created by the commands in the book.
 struct Client {
     folder: tempfile::TempDir,
 }
 
 impl Client {
-    /// `None` where a program is missing.
+    /// `None` if a program is missing.
     fn new() -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let book = fs::read_to_string(root().join("docs/src/gateway.md")).unwrap();
@@ -51,25 +51,25 @@ impl Client {
         files.map(|file| file.unwrap().path()).collect()
     }
 
-    /// The positions of the server's axes, or what the driver says.
-    fn look(&self, url: &str, security: Security) -> Result<Vec<(String, f64)>, String> {
+    /// The positions of the server's axes, or the driver's error.
+    fn list_axes(&self, url: &str, security: Security) -> Result<Vec<(String, f64)>, String> {
         let mut server = Server::new(url);
         server.security = security;
         server.pki = Some(self.pki());
         server.time_out = Duration::from_secs(5);
-        look(&server, &Nodes::default()).map_err(|error| error.to_string())
+        list_axes(&server, &Nodes::default()).map_err(|error| error.to_string())
     }
 
     fn refused(&self, url: &str, words: &[&str]) -> String {
-        let told = self.look(url, Security::SignAndEncrypt).unwrap_err();
+        let message = self.list_axes(url, Security::SignAndEncrypt).unwrap_err();
         for word in words {
-            assert!(told.contains(word), "{word}: {told}");
+            assert!(message.contains(word), "{word}: {message}");
         }
-        told
+        message
     }
 }
 
-/// A server in a folder, with further arguments; its URL.
+/// Starts a server with its files in a folder, and returns its URL.
 fn serve(folder: &Path, more: &[&str]) -> Option<(Running, String)> {
     let mut command = Command::new(peers::python()?);
     command
@@ -87,7 +87,7 @@ fn axes() -> Vec<(String, f64)> {
 }
 
 #[test]
-fn a_server_is_trusted_when_a_person_has_said_so() {
+fn a_server_is_trusted_after_the_operator_accepts_it() {
     let Some(client) = Client::new() else { return };
     let folder = tempfile::tempdir().unwrap();
     let own = client.own();
@@ -95,13 +95,13 @@ fn a_server_is_trusted_when_a_person_has_said_so() {
     let Some((_server, url)) = serve(folder.path(), &arguments) else {
         return;
     };
-    let told = client.refused(
+    let message = client.refused(
         &url,
         &["not trusted", "compare the fingerprint", "then move"],
     );
     let rejected = client.files("rejected");
     assert_eq!(rejected.len(), 1, "{rejected:?}");
-    assert!(told.contains(rejected[0].to_str().unwrap()), "{told}");
+    assert!(message.contains(rejected[0].to_str().unwrap()), "{message}");
     let fingerprint = Command::new("openssl")
         .args([
             "x509",
@@ -117,17 +117,17 @@ fn a_server_is_trusted_when_a_person_has_said_so() {
         .unwrap();
     let fingerprint = String::from_utf8(fingerprint.stdout).unwrap();
     let (_, fingerprint) = fingerprint.trim().split_once('=').unwrap();
-    assert!(told.contains(fingerprint), "{fingerprint}: {told}");
-    // Again the same: what lies among the rejected is not trusted by itself.
+    assert!(message.contains(fingerprint), "{fingerprint}: {message}");
+    // The same again: a rejected certificate does not become trusted automatically.
     client.refused(&url, &["not trusted"]);
     let name = rejected[0].file_name().unwrap();
     fs::rename(&rejected[0], client.pki().join("trusted").join(name)).unwrap();
-    assert_eq!(client.look(&url, Security::SignAndEncrypt), Ok(axes()));
-    assert_eq!(client.look(&url, Security::SignAndEncrypt), Ok(axes()));
-    // It is taken away again.
+    assert_eq!(client.list_axes(&url, Security::SignAndEncrypt), Ok(axes()));
+    assert_eq!(client.list_axes(&url, Security::SignAndEncrypt), Ok(axes()));
+    // Remove it again.
     fs::remove_file(client.pki().join("trusted").join(name)).unwrap();
     client.refused(&url, &["not trusted"]);
-    // As a person brings it from the control: in PEM, under a name of its own, and the other is left where it was.
+    // As copied from the control: in PEM and under another name, with the rejected file still present.
     let pem = client.pki().join("trusted/mill-1.pem");
     let made = Command::new("openssl")
         .args(["x509", "-inform", "der", "-in"])
@@ -137,37 +137,33 @@ fn a_server_is_trusted_when_a_person_has_said_so() {
         .status()
         .unwrap();
     assert!(made.success());
-    assert_eq!(client.look(&url, Security::SignAndEncrypt), Ok(axes()));
+    assert_eq!(client.list_axes(&url, Security::SignAndEncrypt), Ok(axes()));
     assert_eq!(client.files("trusted").len(), 1);
     assert!(!pem.exists() && client.files("rejected").is_empty());
-    // This server takes no message that is only signed, or not even that.
+    // This server accepts only signed and encrypted messages.
     for security in [Security::Sign, Security::None] {
-        let told = client.look(&url, security).unwrap_err();
+        let message = client.list_axes(&url, security).unwrap_err();
         assert!(
-            told.contains("offers Basic256Sha256 sign-and-encrypt, expected"),
-            "{told}"
+            message.contains("offers Basic256Sha256 sign-and-encrypt, expected"),
+            "{message}"
         );
     }
 }
 
 #[test]
-fn what_is_wrong_with_the_certificate_of_the_server_is_said() {
+fn certificate_errors_of_the_server_are_reported() {
     let Some(client) = Client::new() else { return };
     let own = client.own();
     let trust = ["--trust", own.to_str().unwrap()];
     for (more, words) in [
         (
             &["--days=-10:-1"][..],
-            &[
-                "a certificate from 20",
-                "holds today",
-                "a clock that is right",
-            ][..],
+            &["a certificate from 20", "is valid today", "a correct clock"][..],
         ),
-        (&["--days=2:10"][..], &["holds today"][..]),
+        (&["--days=2:10"][..], &["is valid today"][..]),
         (
             &["--names", "IP:192.0.2.1", "DNS:mill-1"][..],
-            &["the host of the URL is none of the names"][..],
+            &["the host of the URL is not in the server's certificate"][..],
         ),
     ] {
         let folder = tempfile::tempdir().unwrap();
@@ -179,7 +175,7 @@ fn what_is_wrong_with_the_certificate_of_the_server_is_said() {
         fs::copy(folder.path().join("server.der"), trusted).unwrap();
         client.refused(&url, words);
     }
-    // A new certificate at the control is another one.
+    // A new certificate of the control is not trusted.
     let folder = tempfile::tempdir().unwrap();
     let Some((_server, url)) = serve(folder.path(), &trust) else {
         return;
@@ -188,7 +184,7 @@ fn what_is_wrong_with_the_certificate_of_the_server_is_said() {
 }
 
 #[test]
-fn a_server_that_does_not_trust_the_client_is_said_to() {
+fn a_server_that_rejects_the_client_is_reported() {
     let Some(client) = Client::new() else { return };
     let folder = tempfile::tempdir().unwrap();
     let Some((_server, url)) = serve(folder.path(), &[]) else {
@@ -196,37 +192,40 @@ fn a_server_that_does_not_trust_the_client_is_said_to() {
     };
     let trusted = client.pki().join("trusted/server.der");
     fs::copy(folder.path().join("server.der"), trusted).unwrap();
-    client.refused(
-        &url,
-        &["the server does not take this client", "own/cert.der"],
-    );
+    client.refused(&url, &["the server rejects this client", "own/cert.der"]);
 }
 
-/// Nothing is asked of a server before the client's own files are right.
+/// The client's own files are checked before connecting.
 #[test]
-fn the_own_certificate_and_key_are_looked_at_first() {
+fn own_certificate_and_key_are_checked_first() {
     let Some(client) = Client::new() else { return };
-    let nobody = "opc.tcp://127.0.0.1:1";
+    let unreachable = "opc.tcp://127.0.0.1:1";
     let key = client.pki().join("private/private.pem");
     fs::set_permissions(&key, fs::Permissions::from_mode(0o640)).unwrap();
-    client.refused(nobody, &["private.pem: found mode 640, expected 600"]);
+    client.refused(unreachable, &["private.pem: found mode 640, expected 600"]);
     fs::set_permissions(&key, fs::Permissions::from_mode(0o600)).unwrap();
-    client.refused(nobody, &["no connection"]);
+    client.refused(unreachable, &["no connection"]);
     let kept = fs::read(&key).unwrap();
     let Some(other) = Client::new() else { return };
     fs::copy(other.pki().join("private/private.pem"), &key).unwrap();
-    client.refused(nobody, &["cert.der: found the certificate of another key"]);
+    client.refused(
+        unreachable,
+        &["cert.der: found the certificate of another key"],
+    );
     fs::write(&key, "no key").unwrap();
-    client.refused(nobody, &["private.pem: found no private key in PEM"]);
+    client.refused(unreachable, &["private.pem: found no private key in PEM"]);
     fs::remove_file(&key).unwrap();
     client.refused(
-        nobody,
+        unreachable,
         &["private.pem: found no such file, expected the client's private key"],
     );
     fs::write(&key, kept).unwrap();
     fs::set_permissions(&key, fs::Permissions::from_mode(0o600)).unwrap();
     fs::write(client.own(), "no certificate").unwrap();
-    client.refused(nobody, &["cert.der: found no certificate in DER"]);
+    client.refused(unreachable, &["cert.der: found no certificate in DER"]);
     fs::remove_file(client.own()).unwrap();
-    client.refused(nobody, &["cert.der: found no such file", "urn:volcomp"]);
+    client.refused(
+        unreachable,
+        &["cert.der: found no such file", "urn:volcomp"],
+    );
 }

@@ -6,10 +6,10 @@ use volcomp_port::{Backoff, Quality, Thermometer};
 use volcomp_sinumerik::{Sensor, Server, SinumerikThermometer};
 use volcomp_test_support::until;
 
-use crate::peer::{PATIENCE, Peer};
+use crate::peer::{Peer, TIMEOUT};
 
 #[test]
-fn temperatures_come_with_their_age() {
+fn temperatures_keep_their_age() {
     let sensors = ["bed=20.5", "column=30"].map(|sensor| format!("--temperature={sensor}"));
     let Some(mut peer) = Peer::start(&[&sensors[0], &sensors[1]]) else {
         return;
@@ -30,7 +30,7 @@ fn temperatures_come_with_their_age() {
         sensor("nothing", "/Plc/DB6.DBD0:REAL"),
     ];
     let mut thermometer = SinumerikThermometer::new(server, &sensors).unwrap();
-    until("both are good", PATIENCE, || {
+    until("both are good", TIMEOUT, || {
         thermometer.latest()[1].quality == Quality::Good
     });
     let [column, bed, nothing] = thermometer.latest() else {
@@ -41,17 +41,17 @@ fn temperatures_come_with_their_age() {
         [Some(30.0), Some(20.5), None]
     );
     peer.type_in("temperature bed=24");
-    until("it follows", PATIENCE, || {
+    until("the new value is read", TIMEOUT, || {
         thermometer.latest()[1].degc == Some(24.0)
     });
     peer.type_in("stall on");
-    until("it grows old", PATIENCE, || {
+    until("it ages", TIMEOUT, || {
         thermometer.latest()[1]
             .taken
             .is_some_and(|taken| taken.elapsed() > Duration::from_secs(4))
     });
     drop(peer);
-    until("it is bad", PATIENCE, || {
+    until("it is bad", TIMEOUT, || {
         matches!(thermometer.latest()[1].quality, Quality::Bad(_))
     });
 }

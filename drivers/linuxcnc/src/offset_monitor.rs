@@ -9,41 +9,41 @@ use volcomp_vocabulary::MAX_AXES;
 
 use crate::{Flags, State};
 
-/// Tolerance of an offset in addition to the movement of its value within `WAY`: some counts, and the distance at which the planner stops (nm or
+/// Tolerance of an offset in addition to the movement of its value within `MAX_PLANNER_LAG`: some counts, and the distance at which the planner stops (nm or
 /// millionths of a degree). So a small correction that never arrives is detected as well as a large one.
-const OFF_BY_COUNTS: f64 = 3.0;
-const OFF_BY: f64 = 10.0;
+const TOLERANCE_COUNTS: f64 = 3.0;
+const TOLERANCE_NANO: f64 = 10.0;
 /// Maximum lag of the control's planner.
-const WAY: Duration = Duration::from_millis(250);
+const MAX_PLANNER_LAG: Duration = Duration::from_millis(250);
 /// How long an offset must be out of tolerance.
-const FOR: Duration = Duration::from_millis(500);
+const LOST_AFTER: Duration = Duration::from_millis(500);
 /// Number of report words before those of the axes, and number of words per axis.
-const HEAD: usize = 8;
-const OF_AXIS: usize = 3;
+const HEADER_WORDS: usize = 8;
+const WORDS_PER_AXIS: usize = 3;
 
 /// The value applied last, and its recent movement.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Adrift {
+pub(crate) struct OffsetMonitor {
     last: Option<Duration>,
     applied: [f64; MAX_AXES],
-    /// Recent movement, which expires after `WAY`.
+    /// Recent movement, which expires after `MAX_PLANNER_LAG`.
     moved: [f64; MAX_AXES],
     /// Since when an axis is out of tolerance.
     since: Option<Duration>,
     is_lost: bool,
 }
 
-impl Adrift {
-    /// Whether an axis has been out of tolerance for `FOR`.
+impl OffsetMonitor {
+    /// Whether an axis has been out of tolerance for `LOST_AFTER`.
     pub(crate) fn is_lost(&self) -> bool {
         self.is_lost
     }
 
     /// Processes a state of the same run as the previous one, with `axes` corrected axes.
-    pub(crate) fn hear(&mut self, state: &State, axes: usize) {
+    pub(crate) fn process(&mut self, state: &State, axes: usize) {
         let words = state.report.as_slice();
         let applies = state.flags.has(Flags::ENABLED) && state.flags.has(Flags::HOMED);
-        if words.len() < HEAD + OF_AXIS * axes || !applies {
+        if words.len() < HEADER_WORDS + WORDS_PER_AXIS * axes || !applies {
             // The state has no report, or the machine is off.
             *self = Self::default();
             return;
@@ -51,10 +51,12 @@ impl Adrift {
         let passed = self
             .last
             .map(|last| state.time.saturating_sub(last).as_secs_f64());
-        let kept = passed.map_or(0.0, |passed| (-passed / WAY.as_secs_f64()).exp());
+        let kept = passed.map_or(0.0, |passed| {
+            (-passed / MAX_PLANNER_LAG.as_secs_f64()).exp()
+        });
         let mut far = false;
         for (index, axis) in state.axes().take(axes).enumerate() {
-            let counts = words[HEAD + OF_AXIS * index].cast_signed();
+            let counts = words[HEADER_WORDS + WORDS_PER_AXIS * index].cast_signed();
             let applied = f64::from(counts) * f64::from(axis.step);
             let step = if passed.is_some() {
                 (applied - self.applied[index]).abs()
@@ -68,13 +70,13 @@ impl Adrift {
                 reason = "9e15 nm are far beyond any limit"
             )]
             let offset = axis.offset as f64;
-            let most = OFF_BY + OFF_BY_COUNTS * f64::from(axis.step) + self.moved[index];
+            let most = TOLERANCE_NANO + TOLERANCE_COUNTS * f64::from(axis.step) + self.moved[index];
             far |= (offset - applied).abs() > most;
         }
         self.last = Some(state.time);
         self.since = far.then(|| self.since.unwrap_or(state.time));
         let off_for = |since| state.time.saturating_sub(since);
-        self.is_lost = self.since.is_some_and(|since| off_for(since) >= FOR);
+        self.is_lost = self.since.is_some_and(|since| off_for(since) >= LOST_AFTER);
     }
 }
 
@@ -98,47 +100,47 @@ mod tests {
         };
         let mut state = State::of(&[axis]).expect("one");
         let mut words = [0; 13];
-        words[HEAD] = applied.cast_unsigned();
+        words[HEADER_WORDS] = applied.cast_unsigned();
         state.report = Words::new(&words).expect("room");
         state.flags = Flags(Flags::ENABLED | Flags::HOMED);
         state.time = MS * ms;
         state
     }
 
-    /// When it is lost, ms.
+    /// Time at which the offset counts as lost, ms.
     fn lost(of: impl Fn(u32) -> (i16, i64)) -> Option<u32> {
-        let mut adrift = Adrift::default();
+        let mut offset_monitor = OffsetMonitor::default();
         (1..20_000).find(|ms| {
             let (applied, offset) = of(*ms);
-            adrift.hear(&state(*ms, 1, applied, offset), 1);
-            adrift.is_lost()
+            offset_monitor.process(&state(*ms, 1, applied, offset), 1);
+            offset_monitor.is_lost()
         })
     }
 
     #[test]
-    fn what_stands_away_is_lost_after_half_a_second() {
+    fn a_constant_difference_is_lost_after_half_a_second() {
         assert_eq!(lost(|_| (13, 0)), None);
         assert_eq!(lost(|_| (-14, 0)), Some(501));
         assert_eq!(lost(|_| (10_000, 20_000)), Some(501));
-        // Of counts of 10 nm, four are as many as may be off.
-        let mut adrift = Adrift::default();
+        // Four counts of 10 nm are within the tolerance.
+        let mut offset_monitor = OffsetMonitor::default();
         for ms in 1..2000 {
-            adrift.hear(&state(ms, 10, 4, 0), 1);
-            assert!(!adrift.is_lost());
+            offset_monitor.process(&state(ms, 10, 4, 0), 1);
+            assert!(!offset_monitor.is_lost());
         }
-        let mut adrift = Adrift::default();
+        let mut offset_monitor = OffsetMonitor::default();
         for ms in 1..=501 {
-            assert!(!adrift.is_lost());
-            adrift.hear(&state(ms, 10, 5, 0), 1);
+            assert!(!offset_monitor.is_lost());
+            offset_monitor.process(&state(ms, 10, 5, 0), 1);
         }
-        assert!(adrift.is_lost());
-        adrift.hear(&state(502, 10, 5, 30), 1);
-        assert!(!adrift.is_lost(), "it has come");
+        assert!(offset_monitor.is_lost());
+        offset_monitor.process(&state(502, 10, 5, 30), 1);
+        assert!(!offset_monitor.is_lost(), "the offset arrived");
     }
 
-    /// A correction that goes up and down by 500 um/s, and offsets that come late, or not.
+    /// A correction that moves up and down at 500 um/s, with offsets that follow late.
     #[test]
-    fn what_follows_in_time_is_not_lost() {
+    fn an_offset_that_follows_in_time_is_not_lost() {
         #[expect(clippy::cast_possible_truncation, reason = "30 um in nm")]
         let at = |ms: u32| {
             let phase = f64::from(ms % 240) / 240.0;
@@ -152,9 +154,9 @@ mod tests {
         assert!((501..1500).contains(&found), "{found} ms");
     }
 
-    /// One that creeps away, slower than a count in a cycle, from a planner that stands.
+    /// A correction that creeps away from a stopped planner, slower than one count per cycle.
     #[test]
-    fn what_creeps_away_is_lost() {
+    fn a_creeping_difference_is_lost() {
         #[expect(clippy::cast_possible_truncation, reason = "2 um in nm")]
         let creeps = |ms: u32| (ms / 100) as i16;
         let found = lost(|ms| (creeps(ms), 0)).expect("lost");
@@ -165,15 +167,15 @@ mod tests {
         );
     }
 
-    /// While the machine is off its offsets are what they like.
+    /// Offsets are not checked while the machine is off.
     #[test]
-    fn a_machine_that_is_off_has_none() {
-        let mut adrift = Adrift::default();
+    fn offsets_are_ignored_while_the_machine_is_off() {
+        let mut offset_monitor = OffsetMonitor::default();
         for ms in 1..2000 {
             let mut state = state(ms, 1, 10_000, 0);
             state.flags = Flags(Flags::HOMED);
-            adrift.hear(&state, 1);
-            assert!(!adrift.is_lost());
+            offset_monitor.process(&state, 1);
+            assert!(!offset_monitor.is_lost());
         }
     }
 }

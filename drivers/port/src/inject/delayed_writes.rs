@@ -5,7 +5,7 @@ use volcomp_vocabulary::PerChannel;
 use crate::Words;
 
 /// Maximum number of writes held back; a further one is delivered at once.
-const MOST: usize = 8;
+const MAX_DELAYED: usize = 8;
 
 /// What is written to a device.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,14 +21,14 @@ impl Write {
         match (*self, before) {
             (Self::Frame(new), Some(Self::Frame(old))) => {
                 let mut mixed = new;
-                let at = place(cut, mixed.as_slice().len());
+                let at = cut_index(cut, mixed.as_slice().len());
                 let rest = mixed.as_mut_slice().iter_mut().zip(old.as_slice());
                 rest.skip(at).for_each(|(word, old)| *word = *old);
                 Self::Frame(mixed)
             }
             (Self::Frame(new), _) => {
                 let mut mixed = new;
-                let at = place(cut, mixed.as_slice().len());
+                let at = cut_index(cut, mixed.as_slice().len());
                 mixed
                     .as_mut_slice()
                     .iter_mut()
@@ -41,7 +41,7 @@ impl Write {
                     Some(Self::Values(old)) => *old,
                     _ => PerChannel::ZERO,
                 };
-                let at = place(cut, 3);
+                let at = cut_index(cut, 3);
                 Self::Values(PerChannel::from_fn(
                     |i| if i < at { new[i] } else { old[i] },
                 ))
@@ -51,7 +51,7 @@ impl Write {
                     Some(Self::Levels(old)) => *old,
                     _ => 0,
                 };
-                let first = (1_u64 << place(cut, 16)) - 1;
+                let first = (1_u64 << cut_index(cut, 16)) - 1;
                 Self::Levels(new & first | old & !first)
             }
         }
@@ -65,7 +65,7 @@ impl Write {
     clippy::cast_precision_loss,
     reason = "a few words"
 )]
-fn place(cut: f64, count: usize) -> usize {
+fn cut_index(cut: f64, count: usize) -> usize {
     ((cut.clamp(0.0, 1.0) * count as f64) as usize).clamp(1, count.saturating_sub(1).max(1))
 }
 
@@ -77,9 +77,9 @@ enum Due {
 
 /// The writes that are held back, in the order in which they were made.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Held([Option<(Write, Due)>; MOST]);
+pub(super) struct DelayedWrites([Option<(Write, Due)>; MAX_DELAYED]);
 
-impl Held {
+impl DelayedWrites {
     /// Holds a write back for a number of calls. Returns it if there is no room.
     pub(super) fn keep(&mut self, write: Write, calls: u32) -> Option<Write> {
         self.put(write, Due::After(calls.max(1)))
@@ -91,9 +91,9 @@ impl Held {
     }
 
     fn put(&mut self, write: Write, due: Due) -> Option<Write> {
-        match self.0.iter_mut().find(|place| place.is_none()) {
-            Some(place) => {
-                *place = Some((write, due));
+        match self.0.iter_mut().find(|slot| slot.is_none()) {
+            Some(slot) => {
+                *slot = Some((write, due));
                 None
             }
             None => Some(write),
@@ -118,7 +118,7 @@ impl Held {
 
     /// Removes a write that is due, or that was waiting for the one just made.
     pub(super) fn take(&mut self, written: bool) -> Option<Write> {
-        let due = |place: &&mut Option<(Write, Due)>| match place {
+        let due = |slot: &&mut Option<(Write, Due)>| match slot {
             Some((_, Due::After(calls))) => *calls == 0,
             Some((_, Due::NextWrite)) => written,
             None => false,

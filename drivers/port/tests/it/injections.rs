@@ -1,4 +1,4 @@
-//! Injectors that lie: each does what it says, for as long as it says, and nothing afterwards.
+//! Injected faults: each has its effect for the requested duration, and none afterwards.
 
 use std::{
     sync::{Arc, Mutex, atomic::Ordering},
@@ -49,7 +49,7 @@ impl Rig {
         self.faulty.apply(&place(x_mm, -x_mm), soon)
     }
 
-    /// What the axes have.
+    /// Applied correction of the axes.
     fn truth(&self) -> [f64; 2] {
         let applied = self.controls.axes.applied();
         [applied[0], applied[1]]
@@ -57,7 +57,7 @@ impl Rig {
 }
 
 #[test]
-fn a_lie_about_what_is_applied_lasts_as_long_as_it_should() {
+fn a_false_read_back_lasts_as_requested() {
     for lie in Lie::ALL {
         let mut rig = Rig::new(Faults::default());
         rig.apply(0.020).unwrap();
@@ -67,10 +67,13 @@ fn a_lie_about_what_is_applied_lasts_as_long_as_it_should() {
         rig.faulty.inject(Injection::Lie { lie, readings: 3 });
         let mut lies = 0;
         for reading in 0..6 {
-            let told = rig.read().applied.unwrap();
-            // Torn words are only wrong where something changed.
-            lies += u32::from(told != truth);
-            assert!(reading < 3 || told == truth, "{lie:?} in reading {reading}");
+            let reported = rig.read().applied.unwrap();
+            // Torn words are wrong only where something changed.
+            lies += u32::from(reported != truth);
+            assert!(
+                reading < 3 || reported == truth,
+                "{lie:?} in reading {reading}"
+            );
         }
         let most = if lie == Lie::Torn { 1 } else { 3 };
         assert_eq!(lies, most, "{lie:?}");
@@ -79,7 +82,7 @@ fn a_lie_about_what_is_applied_lasts_as_long_as_it_should() {
 }
 
 #[test]
-fn a_constant_read_back_hides_what_happens() {
+fn a_constant_read_back_hides_changes() {
     let mut rig = Rig::new(Faults::default());
     rig.apply(0.010).unwrap();
     rig.faulty.inject(Injection::Constant { readings: 5 });
@@ -90,13 +93,17 @@ fn a_constant_read_back_hides_what_happens() {
     assert!((rig.read().applied.unwrap()[0] - 0.024).abs() < 1e-12);
 }
 
-/// The defect in the field: a write from before an outage arrived after it, when the axis was elsewhere.
+/// Field failure: a write from before an outage arrived after it, with the axis elsewhere.
 #[test]
-fn a_late_write_comes_after_the_calls_that_were_asked_for_and_survives_an_outage() {
+fn a_late_write_arrives_after_the_requested_calls_and_survives_an_outage() {
     let mut rig = Rig::new(Faults::default());
     rig.faulty.inject(Injection::LateWrite { calls: 3 });
     rig.apply(0.050).unwrap();
-    assert_eq!(rig.truth(), [0.0, 0.0], "told as made, and not there");
+    assert_eq!(
+        rig.truth(),
+        [0.0, 0.0],
+        "reported as written, but not applied"
+    );
     rig.faulty.inject(Injection::Disconnect { calls: 100 });
     for _ in 0..100 {
         let soon = rig.soon();
@@ -113,7 +120,7 @@ fn a_late_write_comes_after_the_calls_that_were_asked_for_and_survives_an_outage
 }
 
 #[test]
-fn writes_come_twice_torn_and_in_another_order() {
+fn writes_are_doubled_torn_and_reordered() {
     let mut rig = Rig::new(Faults::default());
     rig.faulty.inject(Injection::DoubleWrite { calls: 2 });
     rig.apply(0.010).unwrap();
@@ -123,7 +130,7 @@ fn writes_come_twice_torn_and_in_another_order() {
     assert_eq!(rig.truth(), [0.010, -0.010], "the second time");
     rig.faulty.inject(Injection::TornWrite);
     rig.apply(0.030).unwrap();
-    // Of the first axis at least, and not of all.
+    // At least the first axis, but not all.
     assert_eq!(rig.truth()[0], 0.030);
     rig.read();
     assert_eq!(
@@ -144,9 +151,9 @@ fn writes_come_twice_torn_and_in_another_order() {
     assert_eq!(rig.truth(), [0.060, -0.060]);
 }
 
-/// A program that stands between reading and writing: time passes, and a write that missed its deadline is not sent.
+/// The program stops between reading and writing: time passes, and a write that missed its deadline is not sent.
 #[test]
-fn the_program_stands_between_reading_and_writing() {
+fn the_program_stops_between_reading_and_writing() {
     let mut rig = Rig::new(Faults::default());
     let stop = Duration::from_secs(2);
     rig.faulty.inject(Injection::StopAfterRead(stop));
@@ -173,15 +180,15 @@ fn the_program_stands_between_reading_and_writing() {
 }
 
 #[test]
-fn a_late_answer_comes_within_the_deadline_and_is_as_old_as_it_says() {
+fn a_late_response_meets_the_deadline_and_states_its_age() {
     let mut rig = Rig::new(Faults::default());
     rig.faulty
         .inject(Injection::LateAnswer(Duration::from_secs(10)));
     rig.clock.advance(PERIOD);
-    let (asked, deadline) = (rig.clock.now(), rig.soon());
+    let (requested, deadline) = (rig.clock.now(), rig.soon());
     let snapshot = rig.faulty.read(deadline).unwrap();
-    assert!(rig.clock.now() < deadline && rig.clock.now() > asked + PERIOD / 2);
-    assert!(snapshot.taken <= asked + snapshot.uncertainty);
+    assert!(rig.clock.now() < deadline && rig.clock.now() > requested + PERIOD / 2);
+    assert!(snapshot.taken <= requested + snapshot.uncertainty);
     assert_eq!(rig.read().uncertainty, Duration::ZERO);
 }
 
@@ -204,7 +211,7 @@ fn positions_freeze_with_fresh_times_flicker_and_lag() {
     let flickered = rig.read().positions;
     assert!((flickered[1] - stood[1] - 0.001).abs() < 1e-12 && flickered[0] == stood[0]);
     assert_eq!(rig.read().positions, stood);
-    // Y's position contains the correction, and shows it three readings late.
+    // Y's position includes the correction, three readings late.
     rig.faulty.inject(Injection::Lag(3));
     rig.apply(0.010).unwrap();
     let shown: Vec<bool> = (0..5)
@@ -214,7 +221,7 @@ fn positions_freeze_with_fresh_times_flicker_and_lag() {
 }
 
 #[test]
-fn an_interlock_is_not_shown_while_its_flag_is_dropped() {
+fn a_dropped_flag_hides_an_interlock() {
     let mut rig = Rig::new(Faults::default());
     rig.controls.emergency_stop.store(true, Ordering::Relaxed);
     rig.faulty.inject(Injection::DroppedFlag { readings: 2 });
@@ -222,9 +229,9 @@ fn an_interlock_is_not_shown_while_its_flag_is_dropped() {
     assert_eq!(shown, [false, false, true, true]);
 }
 
-/// Somebody else holds the device, as the control thread does.
+/// The device is owned elsewhere, as by the control thread.
 #[test]
-fn faults_are_asked_for_from_elsewhere() {
+fn faults_can_be_requested_remotely() {
     let mut rig = Rig::new(Faults::default());
     let remote = rig.faulty.remote();
     std::thread::spawn(move || {
@@ -235,7 +242,10 @@ fn faults_are_asked_for_from_elsewhere() {
         for _ in 0..63 {
             assert!(remote.inject(Injection::TornWrite));
         }
-        assert!(!remote.inject(Injection::TornWrite), "64 wait at the most");
+        assert!(
+            !remote.inject(Injection::TornWrite),
+            "at most 64 are queued"
+        );
     })
     .join()
     .unwrap();
@@ -243,7 +253,7 @@ fn faults_are_asked_for_from_elsewhere() {
     assert_eq!(rig.faulty.read(soon), Err(Fault::TimedOut));
 }
 
-/// Tells how often it was scanned, with a sum over the words.
+/// Reports its number of scans and a sum over the words.
 #[derive(Default)]
 struct Counting(u16);
 
@@ -262,9 +272,9 @@ impl ControlProgram for Counting {
     fn restart(&mut self, _: &PerChannel<i16>) {}
 }
 
-/// The words of a barrier's report and of a frame are spoiled as plain values are.
+/// Words of reports and frames are falsified like plain values.
 #[test]
-fn reports_and_frames_are_spoiled_word_by_word() {
+fn reports_and_frames_are_falsified_by_word() {
     let clock = Clock::manual();
     let scan = Duration::from_millis(2);
     let (controller, _, _) = machine(clock.clone()).start_with(Box::<Counting>::default(), scan);
@@ -281,12 +291,12 @@ fn reports_and_frames_are_spoiled_word_by_word() {
     for lie in Lie::ALL {
         let before = read(&mut faulty);
         faulty.inject(Injection::Lie { lie, readings: 1 });
-        let told = read(&mut faulty);
+        let reported = read(&mut faulty);
         let after = read(&mut faulty);
         assert_eq!(after.as_slice()[0], before.as_slice()[0] + 4);
         let truth = [before.as_slice()[0] + 2, 1, 1, 0xabcd];
-        // Torn, it may be whole: only the number of the scan changed.
-        assert!(told.as_slice() != truth || lie == Lie::Torn, "{lie:?}");
+        // A torn report may equal the true one: only the scan number changed.
+        assert!(reported.as_slice() != truth || lie == Lie::Torn, "{lie:?}");
     }
     faulty.inject(Injection::Constant { readings: 3 });
     let first = read(&mut faulty);
@@ -304,9 +314,9 @@ fn reports_and_frames_are_spoiled_word_by_word() {
     assert_eq!(read(&mut faulty).as_slice()[1..3], [2, 2]);
 }
 
-/// The same seed makes the same faults, of every kind at once.
+/// The same seed yields the same faults of all kinds together.
 #[test]
-fn all_faults_at_once_are_seeded() {
+fn all_faults_together_are_seeded() {
     let often = 0.05;
     let faults = Faults {
         drop: often,
@@ -340,8 +350,9 @@ fn all_faults_at_once_are_seeded() {
             let soon = rig.soon();
             let read = rig.faulty.read(soon);
             let wrote = rig.apply(0.001 * f64::from(cycle % 100));
-            let told = read.map(|s| (s.positions[0].to_bits(), s.applied.map(|a| a[0].to_bits())));
-            seen.push((told, wrote, rig.clock.elapsed()));
+            let reported =
+                read.map(|s| (s.positions[0].to_bits(), s.applied.map(|a| a[0].to_bits())));
+            seen.push((reported, wrote, rig.clock.elapsed()));
         }
         seen
     };
@@ -351,7 +362,7 @@ fn all_faults_at_once_are_seeded() {
     assert!((1500..2900).contains(&answered), "{answered}");
 }
 
-/// Lines: a part of them settles first, and what is written may come later.
+/// Digital lines: some settle first, and a write may arrive late.
 #[test]
 fn lines_are_written_torn_and_late() {
     struct Port(u64);
@@ -397,9 +408,9 @@ fn lines_are_written_torn_and_late() {
     assert!(mixed > 10, "{mixed}");
 }
 
-/// A sensor that jumps stays where it is until it is mended.
+/// A jump of a sensor persists until it is reset.
 #[test]
-fn a_sensor_jumps_and_stays() {
+fn a_sensor_jump_persists() {
     let (_, thermometer, _) = machine(Clock::manual()).start();
     let mut faulty = Faulty::new(thermometer, Faults::default(), 1);
     faulty.inject(Injection::Jump {

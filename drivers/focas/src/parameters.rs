@@ -1,33 +1,36 @@
-//! The PMC words from which the control takes the machine zero point shift, according to its parameters.
+//! Parameters of the control that must agree with the configuration: the source of the machine zero point shift and the unit of positions.
 //!
 //! Parameter 1203#0 states whether the extended external machine zero point shift is in use, parameter 1280 where its words begin in R, two bytes
-//! for each axis of the control. Both are from memory of manuals and were not verified on a real control, so a control that does not report them is
-//! accepted.
+//! for each axis of the control. Parameter 1001#0 (INM) states whether the machine system counts in inches, 3104#0 (MCN) whether positions are
+//! reported in the unit of the program, and 0#2 (INI) which unit that is at present. All are from memory of manuals and were not verified on a real
+//! control, so a control that does not report them is accepted.
 
 use crate::{
-    config::{FocasConfig, apart, without_axis_words},
+    config::{FocasConfig, check_disjoint, without_axis_words},
     error::FocasError,
     pmc::{Block, PmcAddress, PmcArea},
 };
 
 /// Parameter whose lowest bit states whether the extended external machine zero point shift is in use.
-pub(crate) const IN_USE: i32 = 1203;
+pub(crate) const SHIFT_IN_USE: i32 = 1203;
 /// Parameter with the first R address of the shift words.
-pub(crate) const FIRST: i32 = 1280;
+pub(crate) const SHIFT_FIRST: i32 = 1280;
 
 /// The words from which the control takes the machine zero point shift. See [`Client::shift_source`](crate::Client::shift_source).
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ShiftSource {
     /// Reported by the control.
-    Told {
+    #[cfg_attr(feature = "serde", serde(rename = "Told"))]
+    Reported {
         /// True if the extended external machine zero point shift is in use (parameter 1203#0).
         in_use: bool,
         /// First byte of the words in R, two bytes for each axis (parameter 1280).
         first: u32,
     },
     /// Not reported by the control: it is too old for the request, or lacks the option.
-    Untold {
+    #[cfg_attr(feature = "serde", serde(rename = "Untold"))]
+    Unreported {
         /// The reason, in words.
         why: String,
     },
@@ -47,11 +50,11 @@ impl ShiftSource {
         let area = config.shift.first;
         let is_direct = config.barrier.is_none() && !config.copied;
         let (in_use, first) = match self {
-            Self::Told { in_use, first } => (*in_use, *first),
-            Self::Untold { why } => {
+            Self::Reported { in_use, first } => (*in_use, *first),
+            Self::Unreported { why } => {
                 return Ok(vec![format!(
-                    "the control does not tell parameters 1203 and 1280 ({why}): from which words it takes the shifts of \
-                     the axes is not known"
+                    "the control does not report parameters 1203 and 1280 ({why}): the words from which it takes the \
+                     shifts of the axes are unknown"
                 )]);
             }
         };
@@ -84,8 +87,8 @@ impl ShiftSource {
                 Ok(Vec::new())
             } else {
                 let expected = match area.area {
-                    PmcArea::R => format!("{} as area says", area.at),
-                    _ => format!("words in R, which area {area} does not name"),
+                    PmcArea::R => format!("{} as configured in area", area.at),
+                    _ => format!("words in R, but area is {area}"),
                 };
                 Err(wrong(format!(
                     "{expected}; or area.copied = true, where a ladder copies the words on"
@@ -112,8 +115,57 @@ impl ShiftSource {
             last,
         };
         for block in without_axis_words(config, control_axes)? {
-            apart(&block, &words)?;
+            check_disjoint(&block, &words)?;
         }
         Ok(Vec::new())
     }
+}
+
+/// Parameters of which one bit determines the unit of reported positions.
+pub(crate) const UNIT_NUMBERS: [i32; 3] = [1001, 3104, 0];
+
+/// Checks the reported values of [`UNIT_NUMBERS`] against mm, the unit of the configuration; returns notes if there is no conflict.
+///
+/// # Errors
+/// The parameter by which positions are, or may become, inches.
+pub(crate) fn check_units(reported: &[Result<u32, String>; 3]) -> Result<Vec<String>, FocasError> {
+    let [inch_machine, in_unit_of_program, program] = reported;
+    let is_set =
+        |of: &Result<u32, String>, bit: u8| of.as_ref().is_ok_and(|word| word >> bit & 1 == 1);
+    let wrong = |parameter, meaning, expected: &str| FocasError::Parameter {
+        parameter,
+        meaning,
+        found: "1".to_owned(),
+        expected: expected.to_owned(),
+    };
+    if is_set(inch_machine, 0) {
+        return Err(wrong(
+            "1001#0",
+            "machine system in inches",
+            "0: corrections and positions are counted in mm",
+        ));
+    }
+    if is_set(in_unit_of_program, 0) {
+        let now = if is_set(program, 2) {
+            "inches now"
+        } else {
+            "mm now"
+        };
+        return Err(wrong(
+            "3104#0",
+            "machine positions in the unit of the program",
+            &format!(
+                "0, mm independent of G20 and G21 in the program: parameter 0#2 selects {now}"
+            ),
+        ));
+    }
+    let unreported = reported[..2]
+        .iter()
+        .find_map(|reported| reported.as_ref().err());
+    let note = unreported.map(|why| {
+        format!(
+            "the control does not report parameters 1001 and 3104 ({why}): the unit of its positions is not verified"
+        )
+    });
+    Ok(note.into_iter().collect())
 }

@@ -10,7 +10,7 @@ use volcomp_port::DeviceError;
 use crate::{COMMAND_BYTES, Command, Content, Key, STATE_BYTES, State};
 
 /// Retry interval of requests to a bridge that does not answer.
-const ASK_EVERY: Duration = Duration::from_millis(100);
+const REQUEST_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Device name used in messages.
 pub(crate) fn device(host: &str, port: u16) -> String {
@@ -68,7 +68,7 @@ fn resolve(host: &str, port: u16, remote: bool) -> Result<SocketAddr, DeviceErro
 ///
 /// # Errors
 /// A host that cannot be resolved or is another computer, a bridge that does not answer or has another version or key.
-pub fn look(
+pub fn read_state(
     host: &str,
     port: u16,
     remote: bool,
@@ -85,7 +85,9 @@ pub fn look(
         )
     };
     socket.set_nonblocking(false).map_err(failed)?;
-    socket.set_read_timeout(Some(ASK_EVERY)).map_err(failed)?;
+    socket
+        .set_read_timeout(Some(REQUEST_INTERVAL))
+        .map_err(failed)?;
     let command = Command {
         machine: 0,
         answers: [0; 2],
@@ -106,7 +108,7 @@ pub fn look(
             },
             // No bridge is listening: wait before the next request.
             Err(e) if e.kind() == std::io::ErrorKind::ConnectionRefused => {
-                std::thread::sleep(ASK_EVERY.min(at_most));
+                std::thread::sleep(REQUEST_INTERVAL.min(at_most));
             }
             Err(_) => {}
         }

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use volcomp_port::Fault;
 
 use crate::{
-    frame::{AT_ONCE, CanPort, Frame, Received},
+    frame::{CanPort, Frame, MAX_FRAMES_PER_READ, Received},
     quantity::to_internal,
     signals::{Message, Signal, SignalTable},
 };
@@ -28,20 +28,20 @@ pub struct Health {
 }
 
 /// A 16-step counter that is this far ahead counts as behind: the frame arrived out of order or twice.
-const BEHIND: u64 = 8;
+const MIN_STEPS_BEHIND: u64 = 8;
 /// Maximum delay of a frame that arrives out of order. It does not bound the age of data: it distinguishes such a frame from the first one after a
 /// silence, in which the counter may have wrapped.
-const OVERTAKEN_WITHIN: Duration = Duration::from_millis(100);
+const MAX_OVERTAKE_DELAY: Duration = Duration::from_millis(100);
 
 /// A received message and its last valid data.
-pub(crate) struct Heard {
+pub(crate) struct ReceivedMessage {
     message: Message,
     data: [u8; 64],
     counter: Option<u64>,
     pub(crate) taken: Option<Instant>,
 }
 
-impl Heard {
+impl ReceivedMessage {
     fn new(message: &Message) -> Self {
         Self {
             message: message.clone(),
@@ -62,13 +62,13 @@ impl Heard {
     }
 
     /// Whether the last valid frame arrived no more than `within` before another one.
-    fn came_before(&self, other: Instant, within: Duration) -> bool {
+    fn arrived_within(&self, other: Instant, within: Duration) -> bool {
         self.taken
             .is_some_and(|taken| other.saturating_duration_since(taken) <= within)
     }
 
     /// Processes a frame of this message. Returns whether it was valid and new.
-    fn hear(&mut self, frame: &Frame, taken: Instant, health: &mut Health) -> bool {
+    fn process(&mut self, frame: &Frame, taken: Instant, health: &mut Health) -> bool {
         if !self.message.is_whole(frame.data()) {
             health.broken += 1;
             return false;
@@ -80,7 +80,10 @@ impl Heard {
                     return false;
                 }
                 // After a silence the counter may have wrapped any number of times.
-                ahead if ahead >= BEHIND && self.came_before(taken, OVERTAKEN_WITHIN) => {
+                ahead
+                    if ahead >= MIN_STEPS_BEHIND
+                        && self.arrived_within(taken, MAX_OVERTAKE_DELAY) =>
+                {
                     health.repeated += 1;
                     return false;
                 }
@@ -95,25 +98,25 @@ impl Heard {
 }
 
 /// The messages received from one port.
-pub(crate) struct Ears<P> {
+pub(crate) struct Receiver<P> {
     pub(crate) port: P,
-    heard: Vec<Heard>,
+    messages: Vec<ReceivedMessage>,
     pub(crate) health: Health,
 }
 
-impl<P: CanPort> Ears<P> {
+impl<P: CanPort> Receiver<P> {
     /// Receives these messages.
-    pub(crate) fn new(port: P, heard: Vec<Heard>) -> Self {
+    pub(crate) fn new(port: P, messages: Vec<ReceivedMessage>) -> Self {
         Self {
             port,
-            heard,
+            messages,
             health: Health::default(),
         }
     }
 
-    /// The message that holds a signal.
-    pub(crate) fn heard(&self, place: &Place) -> &Heard {
-        &self.heard[place.heard]
+    /// The message that contains a signal.
+    pub(crate) fn message(&self, signal: &ReceivedSignal) -> &ReceivedMessage {
+        &self.messages[signal.message]
     }
 
     /// Processes the waiting frames; with `wait` it waits for one until the deadline. Returns whether one arrived. Calls `whole` with each message
@@ -122,12 +125,12 @@ impl<P: CanPort> Ears<P> {
         &mut self,
         deadline: Instant,
         wait: bool,
-        mut whole: impl FnMut(&[Heard], usize),
+        mut whole: impl FnMut(&[ReceivedMessage], usize),
     ) -> Result<bool, Fault> {
-        let mut came = false;
+        let mut arrived = false;
         let until = if wait { deadline } else { Instant::now() };
-        for _ in 0..AT_ONCE {
-            let until = if came { Instant::now() } else { until };
+        for _ in 0..MAX_FRAMES_PER_READ {
+            let until = if arrived { Instant::now() } else { until };
             match self.port.receive(until)? {
                 None => break,
                 Some(Received::Error) => self.health.errors += 1,
@@ -137,27 +140,27 @@ impl<P: CanPort> Ears<P> {
                 }
                 Some(Received::Frame(frame, taken)) => {
                     self.health.bus_off = false;
-                    let same = |heard: &Heard| {
-                        let message = &heard.message;
+                    let same = |received: &ReceivedMessage| {
+                        let message = &received.message;
                         (message.id, message.extended) == (frame.id, frame.extended)
                     };
-                    if let Some(index) = self.heard.iter().position(same) {
-                        if self.heard[index].hear(&frame, taken, &mut self.health) {
-                            whole(&self.heard, index);
+                    if let Some(index) = self.messages.iter().position(same) {
+                        if self.messages[index].process(&frame, taken, &mut self.health) {
+                            whole(&self.messages, index);
                         }
-                        came = true;
+                        arrived = true;
                     }
                 }
             }
         }
-        Ok(came)
+        Ok(arrived)
     }
 }
 
 /// A signal, and the index of its received message.
 #[derive(Clone)]
-pub(crate) struct Place {
-    pub(crate) heard: usize,
+pub(crate) struct ReceivedSignal {
+    pub(crate) message: usize,
     pub(crate) signal: Signal,
     /// The factor from the unit of the signal to mm, rad or °C.
     pub(crate) to_internal: f64,
@@ -167,22 +170,22 @@ pub(crate) struct Place {
 ///
 /// # Errors
 /// A unit that does not match the quantity of the signal. [`SignalTable::parse`] rejects it already, but a table may be built otherwise.
-pub(crate) fn hear(
+pub(crate) fn subscribe(
     table: &SignalTable,
-    heard: &mut Vec<Heard>,
+    messages: &mut Vec<ReceivedMessage>,
     (message, place): (usize, usize),
-) -> Result<Place, String> {
+) -> Result<ReceivedSignal, String> {
     let message = &table.messages[message];
     let signal = message.signals[place].clone();
     let to_internal = to_internal(&signal.name, &signal.unit)
         .map_err(|unit| format!("signal {}: {unit}", signal.name))?;
-    let known = heard.iter().position(|h| h.message.name == message.name);
+    let known = messages.iter().position(|h| h.message.name == message.name);
     let index = known.unwrap_or_else(|| {
-        heard.push(Heard::new(message));
-        heard.len() - 1
+        messages.push(ReceivedMessage::new(message));
+        messages.len() - 1
     });
-    Ok(Place {
-        heard: index,
+    Ok(ReceivedSignal {
+        message: index,
         to_internal,
         signal,
     })

@@ -1,4 +1,4 @@
-//! A cycle allocates and frees nothing, not even when it loses the connection.
+//! A cycle does not allocate or free memory, even when it loses the connection.
 
 use std::time::{Duration, Instant};
 
@@ -8,13 +8,13 @@ use volcomp_port::{Controller, Fault, Words};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{
-    PATIENCE, barrier, config,
+    TIMEOUT, barrier, config,
     controller::{connected, soon},
 };
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
-/// Cycles on a connection that is open, lost in the middle, missing, and found again.
+/// Runs cycles on a connection that is open, lost, missing and restored.
 fn cycles(controller: &mut FocasController, silence: impl Fn(), frame: Option<&Words>) {
     let cycle = |controller: &mut FocasController, deadline: Instant| {
         assert_no_alloc(|| {
@@ -33,12 +33,12 @@ fn cycles(controller: &mut FocasController, silence: impl Fn(), frame: Option<&W
     let (read, written) = cycle(controller, Instant::now() + Duration::from_millis(5));
     assert_eq!(read, Err(Fault::TimedOut));
     assert_eq!(written, Err(Fault::NotConnected));
-    controller.wait(PATIENCE).unwrap();
+    controller.wait(TIMEOUT).unwrap();
     assert_eq!(cycle(controller, soon()), (Ok(()), Ok(())));
 }
 
 #[test]
-fn a_cycle_allocates_nothing() {
+fn cycles_do_not_allocate() {
     let simulator = barrier::simulated(Options::default());
     let silence = || simulator.world().pause(Duration::from_millis(50));
     cycles(&mut connected(config(&simulator, &AXES)), silence, None);
