@@ -455,11 +455,6 @@ fn wrong_calls_are_refused() {
     assert!(version.status.success());
 }
 
-#[test]
-fn every_option_is_in_the_chapter_on_commands() {
-    volcomp_test_support::options::compare_options("focas-sim", env!("CARGO_BIN_EXE_focas-sim"));
-}
-
 /// Every change of a correction is a line, and what happens while the control is off is marked.
 #[test]
 fn the_axis_log_has_every_change() {
