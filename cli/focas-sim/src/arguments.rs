@@ -38,32 +38,32 @@ Examples:
       Waits for the command `run`, runs the program once, and stops at each target until the correction has settled;
       targets.csv gets a row for each. `volcomp diagonals --targets diagonals.csv` writes such a program.";
 
-/// A simulated FANUC control: axes that move, PMC memory, and machine zero point shifts that move the axes
+/// Simulate a FANUC control: moving axes, PMC memory, and machine zero point shifts that move the axes
 ///
-/// The shifts are in R100 and following. A barrier in the control accepts frames at R200, publishes its report at R240, and
-/// is the only writer of the shifts; with --no-barrier clients write them directly. At exit it prints the largest step of
-/// each axis in one scan.
+/// The shifts are from R100 on. A barrier in the control reads frames from R200 on, publishes its report from R240 on,
+/// and alone writes the shifts; with --no-barrier they are written over the network as they come. At its end the
+/// simulator prints the largest step of each axis shift between scans.
 ///
-/// It prints `listening on ADDRESS` when it is ready and runs until SIGINT (Ctrl-C), SIGTERM or the command
-/// `quit`. Exit status: 0 ended normally, 1 failure, 2 invalid arguments or file.
+/// It prints `listening on ADDRESS` when it is ready and runs until SIGINT (Ctrl-C), SIGTERM or the typed command `quit`.
+/// Exit status: 0 it was ended, 1 the work failed, 2 the call or a file is wrong.
 #[derive(Parser)]
 #[command(version, after_help = EXAMPLES)]
 #[expect(clippy::struct_excessive_bools, reason = "independent switches")]
 pub(crate) struct Arguments {
-    /// Address and port to listen on; port 0 selects a free one
+    /// Address and port; port 0 takes a free one
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8193")]
     pub(crate) listen: String,
-    /// Letters of the axes in the control's order [default: X,Y,Z, or the axes of --truth]
+    /// Axis letters in the control's order [default: the axes of --truth, else X,Y,Z]
     #[arg(long, value_name = "LETTERS", value_delimiter = ',')]
     axes: Vec<AxisName>,
-    /// Positions of the axes, mm and deg: X=100,C=30; other axes are at 0
+    /// Axis positions, mm and deg: X=100,C=30; others 0
     #[arg(long, value_name = "POSITION", conflicts_with = "stroke_mm")]
     pub(crate) at: Option<String>,
-    /// Moves to repeat, CSV: axis letters (mm, deg), optionally feed (mm/min, or deg/min where only
-    /// rotary axes move; default 2000), dwell_s (dwell time at the end; default 0) and line (see --report)
+    /// CSV file of moves to repeat: axis letters (mm, deg), optionally feed (mm/min or deg/min; default 2000), dwell_s
+    /// and line (see --report)
     #[arg(long, value_name = "FILE", conflicts_with = "stroke_mm")]
     pub(crate) program: Option<PathBuf>,
-    /// Acceleration of the moves of a program, mm/s² (rad/s² where only rotary axes move)
+    /// Acceleration of these moves, mm/s² (rad/s² if only rotary axes move): 1 to 1000000
     #[arg(
         long,
         value_name = "MM_PER_S2",
@@ -71,38 +71,36 @@ pub(crate) struct Arguments {
         requires = "program"
     )]
     acceleration_mm_s2: f64,
-    /// Move every axis to and fro by this distance, mm or deg
+    /// Move every axis to and fro by this stroke, mm or deg
     #[arg(long, value_name = "MM", default_value_t = 0.0)]
     pub(crate) stroke_mm: f64,
-    /// Period of this movement, s
+    /// Period of that movement, s
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     pub(crate) period_s: f64,
-    /// Machine file with the true errors of the simulated machine; each second a line shows its tool error without and
-    /// with the correction, before alignment, at the reference temperature
+    /// Machine file with the true errors; lines show the tool error without → with the correction, before alignment, at
+    /// the reference temperature
     #[arg(long, value_name = "MACHINE")]
     pub(crate) truth: Option<PathBuf>,
-    /// Run the program once, stop at each target until the correction has settled, and write positions, applied
-    /// correction and tool error before alignment to this file: a CSV table, or JSON documents, one per line, if the
-    /// name ends in .json. Then the range of the deviation along each line (rows with
-    /// the same name in the column line) is printed, as for diagonals in ISO 230-6
+    /// Run the program once and write positions, corrections and tool error at each target to this file: .csv, or .json
+    /// for documents, one a line
     #[arg(long, value_name = "FILE", requires = "program", requires = "truth")]
     pub(crate) report: Option<PathBuf>,
-    /// Wait at the first target until the command run is typed
+    /// Wait at the end of the first move until `run` is typed
     #[arg(long, requires = "report")]
     pub(crate) wait: bool,
-    /// Time without change after which a correction has settled, s; with a barrier, frames must have arrived meanwhile
+    /// Time without change after which a correction has settled, s
     #[arg(long, value_name = "S", default_value_t = 0.2, requires = "report")]
     settle_s: f64,
-    /// Maximum time to wait for that at a target, s; after it the target is recorded as not settled
+    /// Settling timeout of a target, s
     #[arg(long, value_name = "S", default_value_t = 10.0, requires = "report")]
     settle_at_most_s: f64,
-    /// Interval of these lines, s; 0 prints none [default: 1 with --truth, else 0]
+    /// Interval of the lines of --truth, s; 0 prints none [default: 1 with --truth, else 0]
     #[arg(long, value_name = "S")]
     report_s: Option<f64>,
     /// Print the lines as JSON documents, one per line
     #[arg(long)]
     pub(crate) json: bool,
-    /// CSV file for the corrections of the axes: a line for each scan in which one changed
+    /// CSV file with a line for each scan in which a correction changed
     #[arg(long, value_name = "FILE")]
     pub(crate) axis_log: Option<PathBuf>,
     /// Start with an alarm on
@@ -111,34 +109,34 @@ pub(crate) struct Arguments {
     /// Start with the emergency stop pressed
     #[arg(long)]
     pub(crate) estop: bool,
-    /// Start with axes that are not referenced (the bits of F120)
+    /// Start with axes not referenced (bits of F120)
     #[arg(long)]
     pub(crate) unreferenced: bool,
-    /// Do not answer for this time, s, at the end of every --pause-every-s
+    /// Answer nothing for this time at the end of every --pause-every-s, s
     #[arg(long, value_name = "S")]
     pause_s: Option<f64>,
     /// Interval of these pauses, s
     #[arg(long, value_name = "S", default_value_t = 30.0, requires = "pause_s")]
     pause_every_s: f64,
-    /// Accept one point of PMC memory and the position of one axis for each command, and reject more (EW_NUMBER)
+    /// Answer one point of PMC memory and one axis position per command; refuse more (EW_NUMBER)
     #[arg(long)]
     one_point: bool,
     /// Reject requests that combine commands for the control and for the PMC
     #[arg(long)]
     refuses_mix: bool,
-    /// Reject requests with more than one command
+    /// Refuse requests that combine commands
     #[arg(long)]
     one_command: bool,
     /// Version in its answers: 2 (16i), 3 (0i), 4 (31i); also as --version 3
     #[arg(long, value_name = "VERSION", default_value_t = 3, value_parser = clap::value_parser!(u16).range(2..=4))]
     version_of_answers: u16,
-    /// Send answers in pieces of this size, bytes; 0 sends them whole
+    /// Send answers in pieces of this number of bytes; 0: whole
     #[arg(long, value_name = "BYTES", default_value_t = 0)]
     fragment: usize,
-    /// Response delay, ms
+    /// Delay of an answer, ms
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     latency_ms: f64,
-    /// Delay until data written to PMC memory can be read back, ms
+    /// Time until a written value can be read back, ms
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     readback_ms: f64,
     #[command(flatten)]

@@ -21,10 +21,10 @@ use crate::{
 #[derive(clap::Args)]
 #[command(next_help_heading = "Barrier")]
 pub(crate) struct BarrierArguments {
-    /// Run without a barrier: the axes take the shifts written from R100 on directly
+    /// No barrier: the axes take the shifts written from R100 on as they come
     #[arg(long)]
     no_barrier: bool,
-    /// Letters of the axes that the barrier corrects, in the order of its frames [default: all axes of the control]
+    /// Axes that the barrier corrects, in the order of its frames [default: all]
     #[arg(
         long,
         value_name = "LETTERS",
@@ -32,7 +32,7 @@ pub(crate) struct BarrierArguments {
         conflicts_with = "no_barrier"
     )]
     barrier_axes: Vec<AxisName>,
-    /// Machine number; frames for another one are rejected
+    /// Machine number; frames for another one are refused
     #[arg(
         long,
         value_name = "NUMBER",
@@ -40,7 +40,7 @@ pub(crate) struct BarrierArguments {
         conflicts_with = "no_barrier"
     )]
     machine_number: u16,
-    /// Largest correction of a linear axis in either direction, µm
+    /// Largest correction of a linear axis, µm
     #[arg(
         long,
         value_name = "UM",
@@ -48,7 +48,7 @@ pub(crate) struct BarrierArguments {
         conflicts_with = "no_barrier"
     )]
     limit_um: f64,
-    /// Largest correction of a rotary axis in either direction, µrad
+    /// Largest correction of a rotary axis, µrad
     #[arg(
         long,
         value_name = "URAD",
@@ -88,12 +88,11 @@ pub(crate) struct BarrierArguments {
         conflicts_with = "no_barrier"
     )]
     time_out_ms: f64,
-    /// Look corrections up in a map of at most this number of words instead, 69 to 2450: frames from D0 on, the report from D144
-    /// on, two buffers from D200 on; --limit-um, --rate-um-per-s, --hold-ms, --time-out-ms, --barrier-axes and
-    /// --machine-number mean the same
-    #[arg(long, value_name = "WORDS", conflicts_with = "no_barrier", value_parser = clap::value_parser!(u16).range(69..=i64::from(map::MOST_WORDS)))]
+    /// Instead of the barrier use a map of at most this number of words, 69 to 2450: frames from D0, report from D144,
+    /// buffers from D200 on
+    #[arg(long, value_name = "WORDS", conflicts_with = "no_barrier", value_parser = clap::value_parser!(u16).range(69..=i64::from(map::MAX_WORDS)))]
     map_words: Option<u16>,
-    /// Scan period of the control's program, ms
+    /// Scan time of the control's program, ms: 0.1 to 1000
     #[arg(long, value_name = "MS", default_value_t = 2.0)]
     scan_ms: f64,
 }

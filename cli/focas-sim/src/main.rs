@@ -291,4 +291,9 @@ mod tests {
     fn every_option_has_help_for_its_man_page() {
         volcomp_test_support::man_pages::write(super::Arguments::command(), "1", "");
     }
+
+    #[test]
+    fn options_are_those_of_the_book() {
+        volcomp_test_support::options::compare(super::Arguments::command());
+    }
 }

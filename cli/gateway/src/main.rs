@@ -376,4 +376,9 @@ mod tests {
         let end = include_str!("../debian/man-end.roff");
         volcomp_test_support::man_pages::write(super::Arguments::command(), "8", end);
     }
+
+    #[test]
+    fn options_are_those_of_the_book() {
+        volcomp_test_support::options::compare(super::Arguments::command());
+    }
 }

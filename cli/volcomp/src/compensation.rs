@@ -17,14 +17,13 @@ use crate::{commands::thermal_note, failure::Failure, table::folded};
 /// How the correction is applied.
 #[derive(Args)]
 pub(crate) struct CompensationArguments {
-    /// Apply the correction that the machine file gives; --truth and --resolution do so too
+    /// Apply the correction of the machine file; implied by --truth and --resolution
     #[arg(long)]
     pub(crate) compensated: bool,
-    /// Machine file whose errors act on the corrected command: another one than --machine shows what the correction
-    /// of --machine is worth
+    /// Machine file with the errors taken as real; without it a compensated result proves nothing about the machine
     #[arg(long, value_name = "MACHINE")]
     pub(crate) truth: Option<PathBuf>,
-    /// Round the correction to this step of the control, µm on linear and µrad on rotary axes
+    /// Step of the control to which the correction is rounded: µm on linear, µrad on rotary axes
     #[arg(long, value_name = "STEP")]
     pub(crate) resolution: Option<f64>,
 }

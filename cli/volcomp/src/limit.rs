@@ -10,8 +10,7 @@ pub(crate) const RAISE_LIMIT: &str = ", or allow more with --limit-um";
 /// The option of the commands that write corrections.
 #[derive(clap::Args)]
 pub(crate) struct LimitArgument {
-    /// Largest correction of an axis, µm for linear and µrad for rotary axes, at most 2000: where the machine file asks for more,
-    /// nothing is written
+    /// Largest correction of an axis: µm for linear, µrad for rotary axes, at most 2000; above it nothing is written
     #[arg(
         long,
         value_name = "UM",

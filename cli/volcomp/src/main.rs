@@ -42,11 +42,11 @@ const NOTE: Style = AnsiColor::Yellow.on_default().bold();
 #[command(
     after_help = "volcomp COMMAND --help shows what a command reads and writes, with examples."
 )]
-struct Arguments {
-    /// Print one JSON document on standard output instead of tables; an error is one JSON object on standard error
+struct Cli {
+    /// Print one JSON document instead of tables; an error is one JSON object on standard error
     #[arg(long, global = true)]
     json: bool,
-    /// Say on standard error what is read, chosen and written
+    /// Log the files read, choices made and files written on standard error
     #[arg(long, short, global = true)]
     verbose: bool,
     #[command(subcommand)]
@@ -55,42 +55,42 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    Check(commands::check::Arguments),
-    Error(commands::error::Arguments),
-    Correct(commands::correct::Arguments),
-    Diagonals(commands::diagonals::Arguments),
-    Map(commands::map::Arguments),
-    MapTable(commands::map_table::Arguments),
-    Export(commands::export::Arguments),
-    Import(commands::import::Arguments),
-    Axes(commands::axes::Arguments),
-    Dh(commands::dh::Arguments),
-    Sensitivity(commands::sensitivity::Arguments),
-    Expression(commands::expression::Arguments),
-    Fit(commands::fit::Arguments),
-    FitThermal(commands::fit_thermal::Arguments),
-    Iso230(commands::iso230::Arguments),
-    Straightness(commands::straightness::Arguments),
-    Squareness(commands::squareness::Arguments),
-    Form(commands::form::Arguments),
-    Calibrate(commands::calibrate::Arguments),
-    Studio(commands::studio::Arguments),
-    Report(commands::report::Arguments),
-    Identify(commands::identify::Arguments),
-    Simulate(commands::simulate::Arguments),
-    Age(commands::age::Arguments),
-    Demo(commands::demo::Arguments),
-    Nc(commands::nc::Arguments),
-    Inspect(commands::inspect::Arguments),
-    Probe(commands::probe::Arguments),
-    Compile(commands::compile::Arguments),
-    Completions(commands::completions::Arguments),
+    Check(commands::check::CheckArguments),
+    Error(commands::error::ErrorArguments),
+    Correct(commands::correct::CorrectArguments),
+    Diagonals(commands::diagonals::DiagonalsArguments),
+    Map(commands::map::MapArguments),
+    MapTable(commands::map_table::MapTableArguments),
+    Export(commands::export::ExportArguments),
+    Import(commands::import::ImportArguments),
+    Axes(commands::axes::AxesArguments),
+    Dh(commands::dh::DhArguments),
+    Sensitivity(commands::sensitivity::SensitivityArguments),
+    Expression(commands::expression::ExpressionArguments),
+    Fit(commands::fit::FitArguments),
+    FitThermal(commands::fit_thermal::FitThermalArguments),
+    Iso230(commands::iso230::Iso230Arguments),
+    Straightness(commands::straightness::StraightnessArguments),
+    Squareness(commands::squareness::SquarenessArguments),
+    Form(commands::form::FormArguments),
+    Calibrate(commands::calibrate::CalibrateArguments),
+    Studio(commands::studio::StudioArguments),
+    Report(commands::report::ReportArguments),
+    Identify(commands::identify::IdentifyArguments),
+    Simulate(commands::simulate::SimulateArguments),
+    Age(commands::age::AgeArguments),
+    Demo(commands::demo::DemoArguments),
+    Nc(commands::nc::NcArguments),
+    Inspect(commands::inspect::InspectArguments),
+    Probe(commands::probe::ProbeArguments),
+    Compile(commands::compile::CompileArguments),
+    Completions(commands::completions::CompletionsArguments),
     #[command(hide = true)]
-    Schema(commands::schema::Arguments),
+    Schema(commands::schema::SchemaArguments),
 }
 
 fn main() -> ExitCode {
-    let arguments = match Arguments::try_parse() {
+    let arguments = match Cli::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => return not_parsed(&without_hidden(error)),
     };
@@ -134,7 +134,7 @@ fn main() -> ExitCode {
         Command::Inspect(a) => commands::inspect::run(a),
         Command::Probe(a) => commands::probe::run(a),
         Command::Compile(a) => commands::compile::run(a),
-        Command::Completions(a) => commands::completions::run(a, &mut Arguments::command()),
+        Command::Completions(a) => commands::completions::run(a, &mut Cli::command()),
         Command::Schema(a) => commands::schema::run(a),
     };
     let answered = answer.and_then(|answer| {
@@ -158,7 +158,7 @@ fn without_hidden(mut error: clap::Error) -> clap::Error {
         Some(ContextValue::String(name)) => vec![name.clone()],
         _ => return error,
     };
-    let command = Arguments::command();
+    let command = Cli::command();
     let shown = alike.into_iter().filter(|name| {
         let found = command.find_subcommand(name);
         !found.is_some_and(clap::Command::is_hide_set)
@@ -210,6 +210,11 @@ mod tests {
 
     #[test]
     fn every_option_has_help_for_its_man_page() {
-        volcomp_test_support::man_pages::write(super::Arguments::command(), "1", "");
+        volcomp_test_support::man_pages::write(super::Cli::command(), "1", "");
+    }
+
+    #[test]
+    fn options_are_those_of_the_book() {
+        volcomp_test_support::options::compare(super::Cli::command());
     }
 }

@@ -22,7 +22,7 @@ use crate::failure::Failure;
 /// The machine and what is in its spindle.
 #[derive(Args)]
 pub(crate) struct MachineArguments {
-    /// The machine file (TOML) with axes, tool and errors
+    /// Machine file (TOML)
     #[arg(long, short, value_name = "FILE")]
     pub(crate) machine: PathBuf,
     #[command(flatten)]
@@ -32,10 +32,10 @@ pub(crate) struct MachineArguments {
 /// The machine and the tool in its spindle, for answers in which no error of the machine counts.
 #[derive(Args)]
 pub(crate) struct GeometryArguments {
-    /// The machine file (TOML) with axes and tool
+    /// Machine file (TOML)
     #[arg(long, short, value_name = "FILE")]
     machine: PathBuf,
-    /// Tool from the machine file's table `tools`; without it the tool of `[tool]`
+    /// Tool of the table `[tools]` in the machine file [default: that of `[tool]`]
     #[arg(long)]
     tool: Option<String>,
 }
@@ -43,10 +43,10 @@ pub(crate) struct GeometryArguments {
 /// The tool in the spindle and the temperatures of the sensors, on which the errors of a machine depend too.
 #[derive(Args)]
 pub(crate) struct SpindleArguments {
-    /// Tool from the machine file's table `tools`; without it the tool of `[tool]`
+    /// Tool of the table `[tools]` in the machine file [default: that of `[tool]`]
     #[arg(long)]
     pub(crate) tool: Option<String>,
-    /// Temperatures of the machine's sensors, °C: NAME=DEGC,…
+    /// Steady sensor temperatures, °C: NAME=DEGC,…; thermal terms of other sensors are left out
     #[arg(long)]
     pub(crate) temperature: Vec<String>,
 }
@@ -54,7 +54,7 @@ pub(crate) struct SpindleArguments {
 /// Where the axes stand that an answer does not move over their travel.
 #[derive(Args)]
 pub(crate) struct OthersArguments {
-    /// Where the axes besides X, Y and Z stand: A=30,C=-90 (deg, mm); axes not named stand at 0
+    /// Positions of the axes other than X, Y and Z: A=30,C=-90 (deg, mm); axes not named are at 0
     #[arg(long, allow_hyphen_values = true)]
     at: Option<String>,
 }
@@ -96,11 +96,11 @@ impl OthersArguments {
 #[derive(Args)]
 #[group(required = true, multiple = true)]
 pub(crate) struct PointArguments {
-    /// One position: X=100,Y=200,Z=-50 (mm, deg); axes not named stand at 0
+    /// One position: X=100,Y=200,Z=-50 (mm, deg); axes not named are at 0
     #[arg(long, conflicts_with = "points", allow_hyphen_values = true)]
     pub(crate) at: Option<String>,
-    /// Many positions: a CSV file whose header has axis letters, alone or with the unit (X, X mm, C_deg); other columns
-    /// are passed through, and `;` and decimal commas are read
+    /// CSV file of positions, with axis letters as header, alone or with the unit (X, X mm, C_deg); other columns are
+    /// copied
     #[arg(long, value_name = "FILE")]
     pub(crate) points: Option<PathBuf>,
 }
@@ -108,7 +108,7 @@ pub(crate) struct PointArguments {
 /// The direction each axis came from.
 #[derive(Args)]
 pub(crate) struct ApproachArguments {
-    /// Direction of the last motion, for bidirectional curves: X=+,Y=-
+    /// Direction of the last motion, for curves with reversal: X=+,Y=- [default: mean of both]
     #[arg(long, allow_hyphen_values = true)]
     pub(crate) approach: Option<String>,
 }

@@ -14,6 +14,7 @@ pub mod book;
 pub mod machines;
 #[cfg(feature = "man-pages")]
 pub mod man_pages;
+#[cfg(feature = "man-pages")]
 pub mod options;
 pub mod peers;
 mod ports;

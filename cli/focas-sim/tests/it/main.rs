@@ -454,12 +454,7 @@ fn invalid_arguments_are_rejected() {
     assert!(version.status.success());
 }
 
-#[test]
-fn every_option_is_in_the_chapter_on_commands() {
-    volcomp_test_support::options::compare_options("focas-sim", env!("CARGO_BIN_EXE_focas-sim"));
-}
-
-/// Every change of a correction has a line; changes while the control is off are marked.
+/// Every change of a correction is a line, and what happens while the control is off is marked.
 #[test]
 fn the_axis_log_has_every_change() {
     let dir = tempfile::tempdir().unwrap();

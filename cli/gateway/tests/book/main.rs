@@ -18,7 +18,6 @@ use volcomp_test_support::{
         Block, blocks, chapter, compare_keys, decoded_keys, first_column, joined, pages,
         run_console_blocks, used_keys,
     },
-    options::compare_options,
 };
 
 /// What a part of a configuration is put into.
@@ -83,11 +82,6 @@ fn every_console_block_prints_what_it_says() {
         &[("volcomp-gateway", env!("CARGO_BIN_EXE_volcomp-gateway"))],
         &["volcomp", "focas-sim", "cargo"],
     );
-}
-
-#[test]
-fn every_option_is_in_the_chapter_on_commands() {
-    compare_options("volcomp-gateway", env!("CARGO_BIN_EXE_volcomp-gateway"));
 }
 
 /// A gateway that simulates; ended with the test.

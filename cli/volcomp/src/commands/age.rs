@@ -14,23 +14,30 @@ use crate::{failure::Failure, output::OutputFile, table::folded};
 /// Number of even positions over the travel at which the change of an error is evaluated.
 const PLACES: u32 = 200;
 
-/// What months of work make of a machine: guides, screws, gears and squareness wear
+/// Simulate the wear of a machine: guides, screws, gears and squareness
 ///
-/// For trying what compensation and recalibration are worth; the model of wear stands in the manual. Everything grows in
-/// proportion to months and load; the seed makes machines of one type different ones.
+/// Use the worn machine file to try compensation and recalibration. The wear model is invented, with plausible sizes and
+/// shapes, and forecasts no real machine. Wear is proportional to months and load; each error has its own factor
+/// (log-normal, standard deviation 0.4) and sign, from the seed.
+///
+/// Guides wear in the middle 80 % of the travel: straightness gets a raised cosine of 0.06 µm a month, and the carriage
+/// tilts with its slope. Screws stretch there: positioning gets its integral, 0.08 µm a month. Reversal values fall by
+/// 0.05 µm or µrad a month. Rotary axes get a gear eccentricity of 0.2 µrad and a bearing run-out of 0.02 µm a month,
+/// once a turn. EC0Y, EA0Z, EB0Z and angular location errors drift by a normal random number of 0.15 µrad a month. Errors
+/// that are grids over two axes stay unchanged.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp age -m mill.toml --months 36 -o worn.toml
   volcomp --json age -m trunnion.toml --months 12 --load 2 --seed 7 -o worn.toml")]
-pub(crate) struct Arguments {
-    /// The machine file (TOML)
+pub(crate) struct AgeArguments {
+    /// Machine file (TOML)
     #[arg(long, short, value_name = "FILE")]
     machine: PathBuf,
-    /// Months of work, 0 to 1200
+    /// Months of work, 0 to 1200; 0 changes nothing
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     months: f64,
-    /// How hard it works, 0 to 100: 1 is one shift of mixed parts
+    /// Load, 0 to 100; 1 is one shift of mixed parts
     #[arg(
         long,
         value_name = "L",
@@ -38,10 +45,10 @@ pub(crate) struct Arguments {
         allow_negative_numbers = true
     )]
     load: f64,
-    /// Which machine of its type it is
+    /// Machine of its type
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// The machine file of the worn machine
+    /// Machine file of the worn machine
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
 }
@@ -79,11 +86,11 @@ struct Aged {
     reversal: Option<f64>,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &AgeArguments) -> Result<Answer, Failure> {
     let machine = Machine::read(&arguments.machine)?;
     let inputs = [(arguments.machine.as_path(), "--machine")];
     let output = OutputFile::open_beside(&arguments.output, &inputs)?;
-    let Arguments {
+    let AgeArguments {
         months, load, seed, ..
     } = *arguments;
     let worn = Wear { months, load, seed }.of(&machine);

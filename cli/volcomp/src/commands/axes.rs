@@ -13,19 +13,24 @@ use crate::{
     table::folded,
 };
 
-/// The coordinates at which the ideal machine has its tool at a tip and in a direction, every solution within travel
+/// Show the axis positions of the ideal machine for a tool tip and direction: every solution within travel
+///
+/// One or two rotary axes, and one linear axis per direction, are solved in closed form. Of further rotary axes two move,
+/// pair after pair; the others stay as near to 0 as possible. Of parallel linear axes the first moves, and the others
+/// when it is at an end of its travel. At a singular pose one of infinitely many solutions is shown, with the free axes
+/// and their ranges.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp axes -m trunnion.toml --tip 0,0,-50 --tool-axis 0,0.5,0.866
   volcomp --json axes -m five-axis.toml --tip 400,300,-300")]
-pub(crate) struct Arguments {
+pub(crate) struct AxesArguments {
     #[command(flatten)]
     machine: GeometryArguments,
-    /// The tool tip x,y,z in workpiece axes, from the workpiece origin, mm
+    /// Tool tip in workpiece axes, from the workpiece origin, mm
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     tip: String,
-    /// The direction i,j,k of the tool axis in workpiece axes, from the tip to the spindle, of any length
+    /// Direction of the tool axis in workpiece axes, from the tip to the spindle, of any length
     #[arg(
         long,
         value_name = "I,J,K",
@@ -56,7 +61,7 @@ pub(crate) struct Axes {
     unreachable: Option<String>,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &AxesArguments) -> Result<Answer, Failure> {
     let machine = arguments.machine.read()?;
     let tip = three("--tip", &arguments.tip)?;
     let direction = three("--tool-axis", &arguments.tool_axis)?;

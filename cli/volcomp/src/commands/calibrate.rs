@@ -21,17 +21,21 @@ use super::{
 };
 use crate::{failure::Failure, output::OutputFile, progress, table::or_dash};
 
-/// Fits measurement files to a machine file, or drafts a calibration file from a folder
+/// Fit measurement files to a machine file, or draft a calibration file from a folder
+///
+/// A measurement file is refused if it states another axis of the machine or another serial number, has no target within
+/// the travel, a deviation over 100 mm or 100 mrad, or angles that vary by more than 5 mrad. Notes report, among others,
+/// deviations over 1 mm or 1 mrad (except straightness), and lines without `point` on an axis with tilts.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp calibrate calibration.toml -o machine-new.toml
   volcomp --json calibrate calibration.toml -o machine-new.toml")]
-pub(crate) struct Arguments {
-    /// The calibration file (TOML), which names the machine file and the measurement files
+pub(crate) struct CalibrateArguments {
+    /// Calibration file (TOML), which names the machine file and the measurement files
     #[arg(required_unless_present = "draft")]
     calibration: Option<PathBuf>,
-    /// Drafts a calibration file from the measurement files in this folder, with its open questions
+    /// Draft a calibration file, with open questions, from the files in this folder
     #[arg(
         long,
         value_name = "DIR",
@@ -39,17 +43,17 @@ pub(crate) struct Arguments {
         conflicts_with = "calibration"
     )]
     draft: Option<PathBuf>,
-    /// Machine file for --draft: structure, axes and travels
+    /// With --draft: machine file with structure, axes and travels
     #[arg(long, short, value_name = "M.toml", requires = "draft")]
     machine: Option<PathBuf>,
-    /// With --draft: writes over a file that is there and says something else, answers included
+    /// With --draft: overwrite an existing file with other content, answers included
     #[arg(long, requires = "draft")]
     replace: bool,
-    /// With --draft: one answer to every open question of a key, or to those of an error or an axis: rides=carriage,
-    /// EYX:sign=-1, Y:at.X=4000; can be given several times
+    /// With --draft: answer an open question everywhere (rides=carriage), or of an error or axis (EYX:sign=-1);
+    /// repeatable; the most specific wins
     #[arg(long = "answer", value_name = "[OF:]KEY=VALUE", requires = "draft")]
     answers: Vec<String>,
-    /// The day of the calibration, which the machine file then states; without it no day stands there
+    /// Day of the calibration for [provenance] of the machine file [default: none]
     #[arg(long, value_name = "YYYY-MM-DD", conflicts_with = "draft")]
     date: Option<String>,
     /// Machine file to write; with --draft the calibration file
@@ -171,7 +175,7 @@ impl FittedRow {
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &CalibrateArguments) -> Result<Answer, Failure> {
     if let (Some(folder), Some(machine)) = (&arguments.draft, &arguments.machine) {
         let wanted = Wanted {
             answers: &arguments.answers,

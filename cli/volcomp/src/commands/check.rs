@@ -21,22 +21,22 @@ use crate::{
     table::{HEAD, fixed, folded, table, table_text, to_the_left},
 };
 
-/// The machine as it is understood: axes, errors, tool, and the error at home and at the corners
+/// Show the parsed machine: axes, errors, tool, and the error at home and at the corners
 ///
-/// For each axis it says what a positive motion does in the workshop. Compare that with the machine: a wrong sign or a
-/// missing prime shows here.
+/// Compare the motion described for each axis with the machine: it reveals a wrong sign or a missing prime. With thermal
+/// terms it reports the largest change of each axis's correction per kelvin of independent sensors, and at how many
+/// kelvin from the reference it may reach the limit.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp check gantry.toml
   volcomp check mill.toml --tool T5")]
-pub(crate) struct Arguments {
-    /// The machine file (TOML) to check
+pub(crate) struct CheckArguments {
+    /// Machine file (TOML)
     machine: PathBuf,
     #[command(flatten)]
     spindle: SpindleArguments,
-    /// Folder in which the measurement files that the machine file names are looked for, to compare their hashes [default: that
-    /// of the machine file]
+    /// Folder of the measurement files in [provenance], to compare their hashes [default: that of the machine file]
     #[arg(long, value_name = "DIR")]
     files: Option<PathBuf>,
 }
@@ -178,7 +178,7 @@ struct Place {
     outside_travel: Vec<AxisName>,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &CheckArguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.spindle.read(&arguments.machine)?;
     let document = document(arguments, &machine, &temperatures);
     let text = text(&document);
@@ -191,7 +191,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes)
 }
 
-fn document(arguments: &Arguments, machine: &Machine, temperatures: &Temperatures) -> Check {
+fn document(arguments: &CheckArguments, machine: &Machine, temperatures: &Temperatures) -> Check {
     let chain = machine.chain();
     let mut names: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
     names.sort_unstable();
@@ -271,7 +271,7 @@ fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<Str
 }
 
 /// The folder in which measurement files are searched.
-fn folder(arguments: &Arguments) -> PathBuf {
+fn folder(arguments: &CheckArguments) -> PathBuf {
     match (&arguments.files, arguments.machine.parent()) {
         (Some(folder), _) => folder.clone(),
         (None, Some(folder)) => folder.to_owned(),

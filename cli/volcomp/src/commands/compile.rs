@@ -9,24 +9,24 @@ use volcomp_model::{Tolerance, evaluator::BLOB_VERSION, hexadecimal};
 use super::{Answer, machine_notes};
 use crate::{failure::Failure, output::OutputFile, points::SpindleArguments};
 
-/// The compiled machine as a file of bytes, for programs that evaluate it in real time
+/// Write the compiled machine for real-time evaluation
 ///
-/// Curves become piecewise cubics within the tolerance of the machine file's. The file starts with VOLCOMPM, the
-/// version of its format and the SHA-256 of what follows; `volcomp_evaluator::CompiledMachine::from_blob` reads it.
+/// Curves become piecewise cubics within the tolerance. The file starts with VOLCOMPM, the format version and the SHA-256
+/// of the rest; `volcomp_evaluator::CompiledMachine::from_blob` reads it.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp compile gantry.toml -o gantry.blob
   volcomp compile mill.toml --tool T5 --tolerance-nm 10 -o mill.blob")]
-pub(crate) struct Arguments {
-    /// The machine file (TOML) to compile
+pub(crate) struct CompileArguments {
+    /// Machine file (TOML)
     machine: PathBuf,
     #[command(flatten)]
     spindle: SpindleArguments,
-    /// File for the compiled machine; it appears when everything is written
+    /// File for the compiled machine
     #[arg(long, short)]
     output: PathBuf,
-    /// How far a compiled curve may be from its source, nm for displacements and nrad for rotations
+    /// Largest deviation of a compiled curve, nm or nrad
     #[arg(long, value_name = "NM", default_value_t = 1.0)]
     tolerance_nm: f64,
 }
@@ -48,7 +48,7 @@ pub(crate) struct Compile {
     pieces: usize,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &CompileArguments) -> Result<Answer, Failure> {
     let nm = arguments.tolerance_nm;
     if !(nm > 0.0 && nm.is_finite()) {
         return Err(Failure::Input(format!(

@@ -8,14 +8,14 @@ use serde::Serialize;
 use super::Answer;
 use crate::failure::Failure;
 
-/// A script for a shell that completes commands, options and file names
+/// Print a completion script for a shell
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp completions bash > volcomp.bash
   volcomp completions zsh > _volcomp")]
-pub(crate) struct Arguments {
-    /// The shell to write completions for
+pub(crate) struct CompletionsArguments {
+    /// Shell
     shell: Shell,
 }
 
@@ -28,7 +28,10 @@ pub(crate) struct Completions {
     script: String,
 }
 
-pub(crate) fn run(arguments: &Arguments, command: &mut Command) -> Result<Answer, Failure> {
+pub(crate) fn run(
+    arguments: &CompletionsArguments,
+    command: &mut Command,
+) -> Result<Answer, Failure> {
     let mut script = Vec::new();
     generate(arguments.shell, command, "volcomp", &mut script);
     let script = String::from_utf8(script)

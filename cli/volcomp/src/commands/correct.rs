@@ -23,27 +23,26 @@ use crate::{
     table::{fixed, folded, table, table_text},
 };
 
-/// The correction at a position: what must be added to the command
+/// Show the correction at a position, to be added to the command
 ///
-/// Corrections are in µm for linear and in µrad for rotary axes. The corrected position, in mm and deg, is the command
-/// with the correction added.
+/// Corrections are in µm for linear and µrad for rotary axes. The corrected position, in mm and deg, is the command with
+/// the correction added.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp correct -m five-axis.toml --at X=100,Y=50,B=30,C=45
   volcomp correct -m gantry.toml --points points.csv -o corrected.csv")]
-pub(crate) struct Arguments {
+pub(crate) struct CorrectArguments {
     #[command(flatten)]
     machine: MachineArguments,
     #[command(flatten)]
     points: PointArguments,
     #[command(flatten)]
     approach: ApproachArguments,
-    /// The axes that may move to correct: X,Y,Z; default: what the machine file says, else one axis of each direction
+    /// Axes that the correction may move [default: `correct` in the machine file, else one axis of each direction]
     #[arg(long, alias = "correct", value_delimiter = ',')]
     axes: Vec<String>,
-    /// CSV file for the positions, corrected positions (mm, deg) and corrections (µm, µrad), with every column of
-    /// --points; columns of an earlier correction are replaced
+    /// CSV file with the columns of --points, corrected positions (mm, deg) and corrections (µm, µrad)
     #[arg(long, short)]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -85,7 +84,7 @@ pub(crate) struct CorrectionAt {
     outside: Outside,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &CorrectArguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
     let states = arguments.points.states(&machine, &arguments.approach)?;
     let options = options(&machine, &arguments.axes)?;

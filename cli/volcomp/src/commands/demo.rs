@@ -31,22 +31,21 @@ use crate::{
 const TRUTH: &str = include_str!("../../demo/truth.toml");
 const SHOP: &str = include_str!("../../demo/shop.toml");
 
-/// Measure, calibrate and correct a simulated gantry of published size, and compare with the published figures
+/// Measure, calibrate and correct a simulated gantry, and compare with published figures
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp demo
   volcomp demo -o demo --seed 7 --curve mls")]
-pub(crate) struct Arguments {
+pub(crate) struct DemoArguments {
     /// Keep the measurement files and both machine files in this folder
     #[arg(long, short)]
     output: Option<PathBuf>,
-    /// Seed of the noise; default: the shop's
+    /// Seed of the noise [default: that of the shop file]
     #[arg(long)]
     seed: Option<u64>,
-    /// Kind of curve that every line is fitted with: chosen for each line by its leave-one-out error, or one for all:
-    /// polynomials of order 6, Chebyshev series of order 6, moving least squares whose order and support are chosen for
-    /// each line by its leave-one-out error, smoothing B-splines
+    /// Kind of curve: by leave-one-out error (auto), order 6 (poly, chebyshev), moving least squares or smoothing
+    /// B-spline
     #[arg(long, default_value = "auto")]
     curve: CurveKind,
 }
@@ -223,7 +222,7 @@ struct IrregularCurve {
     bspline_um: f64,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &DemoArguments) -> Result<Answer, Failure> {
     let texts = [("truth.toml", TRUTH), ("shop.toml", SHOP)];
     let [(truth_name, truth), (shop_name, shop)] = texts;
     let mut shop = Shop::parse(shop, shop_name, |_| Ok(Machine::parse(truth, truth_name)?))?;

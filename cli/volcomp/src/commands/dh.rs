@@ -9,13 +9,16 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 use super::{Answer, fixed, table, table_text};
 use crate::{failure::Failure, points::GeometryArguments, table::folded};
 
-/// The Denavit–Hartenberg table of a machine at machine zero
+/// Show the Denavit–Hartenberg table of a machine at machine zero
+///
+/// distal: A = Rot_z(θ) Trans_z(d) Trans_x(a) Rot_x(α); proximal: A = Rot_x(α) Trans_x(a) Rot_z(θ) Trans_z(d). The line
+/// of a slide runs through the frame before it. The points at which errors are stated are not in the table.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp dh -m trunnion.toml
   volcomp dh -m five-axis.toml --convention proximal")]
-pub(crate) struct Arguments {
+pub(crate) struct DhArguments {
     #[command(flatten)]
     machine: GeometryArguments,
     /// Order of the motions in a row: distal (θ d a α) or proximal (α a θ d), also called modified
@@ -72,7 +75,7 @@ struct Row {
     alpha_deg: f64,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &DhArguments) -> Result<Answer, Failure> {
     let machine = arguments.machine.read()?;
     let (convention, word) = match arguments.convention {
         Convention::Distal => (DhConvention::Distal, "distal"),

@@ -21,24 +21,23 @@ use crate::{
 
 const LINEAR: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
-/// The body diagonals of ISO 230-6: deviation along each, zero at its first target
+/// Show the body diagonals of ISO 230-6: deviation along each, zero at its first target
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp diagonals -m gantry.toml
   volcomp diagonals -m calibrated.toml --truth truth.toml --resolution 1")]
-pub(crate) struct Arguments {
+pub(crate) struct DiagonalsArguments {
     #[command(flatten)]
     machine: MachineArguments,
     #[command(flatten)]
     compensation: CompensationArguments,
-    /// Targets on a diagonal, both ends included
+    /// Targets on a diagonal, both ends included: 2 to 100000
     #[arg(long, default_value_t = DIAGONAL_TARGETS, value_parser = clap::value_parser!(u32).range(2..=100_000))]
     points: u32,
     #[command(flatten)]
     others: OthersArguments,
-    /// Write the targets into this CSV file, a program for focas-sim: the name of the diagonal under line (none
-    /// where it begins, in the middle), the axes (mm, deg), feed
+    /// Write the targets to this CSV file, a program for focas-sim, with the diagonal as `line`
     #[arg(long, value_name = "FILE")]
     targets: Option<PathBuf>,
     /// Feed in that file, mm/min: 1 to 1000000
@@ -60,7 +59,7 @@ pub(crate) struct Diagonals {
     compensated: Option<Compensated>,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &DiagonalsArguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
     let compensation = Compensation::new(&arguments.compensation, &machine, &temperatures)?;
     let actual = compensation.actual();

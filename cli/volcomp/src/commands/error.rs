@@ -15,13 +15,13 @@ use crate::{
     points::{ApproachArguments, MachineArguments, PointArguments},
 };
 
-/// The volumetric error at a position: actual minus ideal, in workpiece axes
+/// Show the volumetric error at a position: actual minus ideal, in workpiece axes
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp error -m gantry.toml --at X=1000,Y=500,Z=-50
   volcomp error -m gantry.toml --points points.csv --temperature scale_x=22.5")]
-pub(crate) struct Arguments {
+pub(crate) struct ErrorArguments {
     #[command(flatten)]
     machine: MachineArguments,
     #[command(flatten)]
@@ -46,7 +46,7 @@ pub(crate) struct ErrorAt {
     outside: Outside,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &ErrorArguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
     let states = arguments.points.states(&machine, &arguments.approach)?;
     let row = |state: &State| evaluate(&machine, state, arguments.model, &temperatures);

@@ -21,33 +21,34 @@ use crate::{
     table::{folded, to_the_left},
 };
 
-/// The corrections as the compensation tables of a control
+/// Write the corrections as compensation tables of a control
 ///
-/// A control holds less than the model: tables over one axis, for the line on which the other axes stand as `--at` says. What is lost
-/// is told, for all errors together and for each kind alone. No format was tried on a real control; the head of each file, or the
-/// file volcomp-tables-FORMAT.txt beside it, says what its sign rests on.
+/// A control holds less than the model: tables over one axis, on the lines through the reference position --at. The loss
+/// is reported, for all errors together and for each kind alone. No format was tried on a real control; the head of each
+/// file, or volcomp-tables-FORMAT.txt beside it, states the evidence for its sign.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp export -m gantry.toml --format csv --step 200 -o gantry-tables.csv
   volcomp export -m mill.toml --format siemens-840d --at Z=-200 -o mill-840d")]
-pub(crate) struct Arguments {
+pub(crate) struct ExportArguments {
     #[command(flatten)]
     machine: MachineArguments,
     /// csv, linuxcnc, linuxcnc-type1, siemens-840d, heidenhain, isg-csv or fanuc
     #[arg(long, value_name = "NAME")]
     format: Format,
-    /// Folder for the files, or the file where there is only one; what stands there by these names is replaced, and told; so are tables
-    /// of another format there
+    /// Folder for the files, or a path with an extension for a format of one file; existing tables are replaced, with a
+    /// note
     #[arg(long, short, value_name = "PATH")]
     output: PathBuf,
-    /// From position to position along a linear axis, mm
+    /// Spacing on linear axes, mm
     #[arg(long, value_name = "MM", default_value_t = 50.0)]
     step: f64,
-    /// From position to position along a rotary axis, deg
+    /// Spacing on rotary axes, deg; with `modulo` an integer fraction of the period
     #[arg(long, value_name = "DEG", default_value_t = 15.0)]
     step_deg: f64,
-    /// Where the axes stand that a table does not go over: X=400,Z=-100 (mm, deg); axes not named stand at 0
+    /// Positions of the axes that a table does not cover: X=400,Z=-100 (mm, deg) [default: 0 or the nearest end of
+    /// travel]
     #[arg(long, allow_hyphen_values = true)]
     at: Option<String>,
     #[command(flatten)]
@@ -59,13 +60,14 @@ pub(crate) struct Arguments {
 /// What is not in a machine file about its control.
 #[derive(clap::Args)]
 pub(crate) struct ControlArguments {
-    /// The numbers of the axes in the control: X=1,Y=2,Z=3,C=4 [default of export: 1, 2, 3 … in the order X Y Z A B C U V W; of import: those that the files state]
+    /// Axis numbers in the control: X=1,Y=2 [default: 1, 2, 3 … in the order X Y Z A B C U V W; for import those stated
+    /// in the files]
     #[arg(long, value_name = "NUMBERS")]
     pub(crate) axis_numbers: Option<String>,
-    /// The encoder of `$AA_ENC_COMP`: 0 or 1 [default of export: 0]
+    /// Encoder of `$AA_ENC_COMP`: 0 or 1
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=1))]
     pub(crate) encoder: Option<u8>,
-    /// The detection unit of a FANUC, mm or deg
+    /// Detection unit of a FANUC control, mm or deg
     #[arg(long, value_name = "UNIT", default_value_t = 0.001)]
     pub(crate) detection_unit: f64,
 }
@@ -121,7 +123,7 @@ struct Made {
     unit: &'static str,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &ExportArguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
     let mut notes = machine_notes(&machine, &temperatures);
     let at = arguments.at.as_deref().map(parse_at).transpose()?;
@@ -219,7 +221,7 @@ enum Place {
 
 impl Place {
     /// A path with an extension is a file, unless it is an existing folder.
-    fn of(arguments: &Arguments) -> Result<Self, Failure> {
+    fn of(arguments: &ExportArguments) -> Result<Self, Failure> {
         let path = &arguments.output;
         if path.is_file() || (path.extension().is_some() && !path.is_dir()) {
             return Ok(Self::File(Box::new(beside_machine(path, arguments)?)));
@@ -243,7 +245,7 @@ impl Place {
     fn write(
         self,
         files: &[TextFile],
-        arguments: &Arguments,
+        arguments: &ExportArguments,
     ) -> Result<(Vec<String>, Vec<String>), Failure> {
         let mut open = Vec::new();
         match (self, files) {
@@ -282,7 +284,7 @@ impl Place {
 }
 
 /// Opens an output that must not be the machine file.
-fn beside_machine(path: &Path, arguments: &Arguments) -> Result<OutputFile, Failure> {
+fn beside_machine(path: &Path, arguments: &ExportArguments) -> Result<OutputFile, Failure> {
     OutputFile::open_beside(
         path,
         &[(arguments.machine.machine.as_path(), "the machine")],
@@ -291,7 +293,7 @@ fn beside_machine(path: &Path, arguments: &Arguments) -> Result<OutputFile, Fail
 
 /// Notes on tables that volcomp wrote into the folder earlier: a control may also read those of another format, and those of an axis that
 /// no longer has an error.
-fn other_tables(arguments: &Arguments, written: &[String]) -> Vec<String> {
+fn other_tables(arguments: &ExportArguments, written: &[String]) -> Vec<String> {
     /// Maximum size of a control's table, bytes.
     const MOST_BYTES: u64 = 64 << 20;
     let small = |path: &Path| {

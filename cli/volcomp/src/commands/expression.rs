@@ -9,17 +9,16 @@ use volcomp_sensitivity::{ErrorTerm, Expression, Grouped};
 use super::{Answer, sensitivity::errors_of};
 use crate::{failure::Failure, points::GeometryArguments, table::folded};
 
-/// The first-order volumetric error as a formula: each error with its lever
+/// Print the first-order volumetric error as a formula: each error with its lever
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp expression -m mill.toml
   volcomp expression -m first.toml --assembly --latex")]
-pub(crate) struct Arguments {
+pub(crate) struct ExpressionArguments {
     #[command(flatten)]
     machine: GeometryArguments,
-    /// Six assembly errors of each axis, too; location errors, which they comprise, only where the machine file states
-    /// them
+    /// Include six assembly errors per axis, and location errors only if the machine file states them
     #[arg(long)]
     assembly: bool,
     /// Print LaTeX: an `align` environment of amsmath
@@ -58,7 +57,7 @@ struct Term {
     errors: Vec<String>,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &ExpressionArguments) -> Result<Answer, Failure> {
     let machine = arguments.machine.read()?;
     let errors = errors_of(&machine, arguments.assembly);
     let expression = Expression::of(machine.chain(), &errors);

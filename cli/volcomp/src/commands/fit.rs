@@ -23,16 +23,21 @@ use crate::{
     unit::{self, Unit},
 };
 
-/// Fits a curve to the mean deviation at each target
+/// Fit a curve to the mean deviation at each target
+///
+/// If the targets of a rotary axis (head `target_deg`, or axis named in the file) cover a full turn, the curve must
+/// close: a Fourier series, a constant, or a table if the last reading equals the first. `calibrate` decides by the
+/// travel of the axis instead. With one run the confidence band of --method auto does not cover changes from run to run.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp fit exx.rtl --method mls --auto --residual 1 --scan
   volcomp fit exx.rtl --method chebyshev --order 5 --at 0,4000")]
-pub(crate) struct Arguments {
+pub(crate) struct FitArguments {
     /// Measurement file: .csv, .rtl, .rta
     data: PathBuf,
-    /// Unit of the deviations in a file that does not state it (.csv), without it µm; the answer is in µm or µrad
+    /// Unit of deviations that the file (.csv) does not state; results are in µm or µrad [default: µm; µrad for tilts with
+    /// --bridge-mm]
     #[arg(long)]
     unit: Option<Unit>,
     /// Kind of curve
@@ -41,19 +46,19 @@ pub(crate) struct Arguments {
     /// Order of the polynomials (poly, chebyshev, mls) [default: 4]
     #[arg(long)]
     order: Option<usize>,
-    /// Half width of the weight as a share of the measured range, above 0 and at most 1 (mls) [default: 1/3]
+    /// Half width of the weight as a share of the range, at most 1 (mls) [default: 1/3]
     #[arg(long)]
     support: Option<f64>,
     /// Shape of the Gaussian weight (mls) [default: 3]
     #[arg(long)]
     shape: Option<f64>,
-    /// Choose order and support by the leave-one-out error (mls)
+    /// Choose order and support by leave-one-out error (mls)
     #[arg(long, conflicts_with_all = ["order", "support"])]
     auto: bool,
-    /// The residual that --auto or --method auto has to meet, µm for displacements and µrad for rotations
+    /// Largest residual allowed with --auto or --method auto, µm or µrad
     #[arg(long, alias = "residual-um", value_name = "UM_OR_URAD")]
     residual: Option<f64>,
-    /// Show residual and leave-one-out error of every order and support that --auto chooses from (mls)
+    /// Show residual and leave-one-out error of every candidate of --auto (mls); x: none
     #[arg(long)]
     scan: bool,
     /// Coordinates at which to print the curve: 0,100,200
@@ -63,18 +68,18 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum Method {
-    /// Chooses among the others, and over a whole turn of a rotary axis among Fourier series; prints the candidates and a band of 95 %
+    /// chosen among these, and Fourier series over a full turn; with a 95 % band
     Auto,
-    /// Polynomial in powers of the coordinate
+    /// polynomial
     #[value(alias = "polynomial")]
     Poly,
     /// Chebyshev series
     Chebyshev,
-    /// Moving least squares
+    /// moving least squares
     Mls,
-    /// Smoothing B-spline, which chooses its own smoothness
+    /// smoothing B-spline
     Bspline,
-    /// Monotone cubics through the means of the targets
+    /// monotone cubics through the means
     Table,
 }
 
@@ -159,13 +164,13 @@ struct HalfWidth {
     half_width: f64,
 }
 
-impl Arguments {
+impl FitArguments {
     fn shape(&self) -> f64 {
         self.shape.unwrap_or(3.0)
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
     for (asked, option) in [
         (arguments.auto, "--auto"),
         (arguments.scan, "--scan"),
@@ -332,7 +337,7 @@ type Chosen = (Choice, Option<Band>);
 
 /// The curve through the means `u` at `x`, and, if it was chosen automatically, the choice.
 fn fit(
-    arguments: &Arguments,
+    arguments: &FitArguments,
     measurement: &Measurement,
     (x, u): (&[f64], &[f64]),
 ) -> Result<(Fit, Option<Chosen>), FitError> {

@@ -13,23 +13,27 @@ use volcomp_metrology::form::{
 use super::{Answer, fixed, range, table, table_text};
 use crate::{failure::Failure, points::numbers, table::folded};
 
-/// Form deviation, position and axis of a feature measured point by point
+/// Fit a feature to measured points: form deviation, position and axis
+///
+/// Least-squares and, for circles, planes and lines with --plane, minimum-zone deviation; without filters. At least 4
+/// points of a circle or plane, 3 of a line, 6 of a cylinder, 7 of a cone. The deviation of a line without --plane is the
+/// diameter of the cylinder about the least-squares line that holds all points. Coaxiality is twice the largest distance
+/// of the axis from the datum axis over the extent of the points, for a circle that of its centre.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp form ring.csv --feature circle --plane xy
   volcomp --json form bore.csv --feature cylinder --datum 0,0,0,0,0,1")]
-pub(crate) struct Arguments {
-    /// The points: a CSV file with the columns x, y, z, mm
+pub(crate) struct FormArguments {
+    /// CSV file of points with the columns x, y, z, mm
     points: PathBuf,
-    /// What was measured
+    /// Measured feature
     #[arg(long)]
     feature: FeatureName,
-    /// The plane of a circle, or in which a line is evaluated; without it the least-squares plane of a circle, and a line
-    /// in space
+    /// Plane of a circle or line [default: least-squares plane of a circle; a line in space]
     #[arg(long)]
     plane: Option<PlaneName>,
-    /// Datum axis for coaxiality: a point x,y,z on it, mm, and its direction i,j,k of any length
+    /// Datum axis for coaxiality: a point x,y,z (mm) and a direction i,j,k of any length
     #[arg(long, value_name = "X,Y,Z,I,J,K", allow_hyphen_values = true)]
     datum: Option<String>,
 }
@@ -60,7 +64,7 @@ impl From<PlaneName> for CoordinatePlane {
     }
 }
 
-impl Arguments {
+impl FormArguments {
     /// The feature with its plane.
     fn feature(&self) -> Result<Feature, Failure> {
         let plane = self.plane.map(CoordinatePlane::from);
@@ -190,7 +194,7 @@ impl EvaluatedForm {
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &FormArguments) -> Result<Answer, Failure> {
     let (feature, datum) = (arguments.feature()?, arguments.datum()?);
     let path = &arguments.points;
     let read = parse_points(&read_text(path)?, &path.display().to_string())?;

@@ -12,14 +12,14 @@ use volcomp_identify::{
 use super::{Answer, fixed, refuse_overwriting, table, table_text};
 use crate::{failure::Failure, output::OutputFile, progress, table::folded};
 
-/// Finds errors from trackers, spheres, ballbars, ball rows and diagonals
+/// Identify errors from trackers, spheres, ballbars, ball rows and diagonals
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp identify identification/observations.toml -o found.toml
   volcomp --json identify identification/observations.toml -o found.toml")]
-pub(crate) struct Arguments {
-    /// The file of observations (TOML), which names the machine file and the row files
+pub(crate) struct IdentifyArguments {
+    /// Observations file (TOML), which names the machine file and the row files
     observations: PathBuf,
     /// Machine file to write
     #[arg(long, short)]
@@ -35,7 +35,7 @@ pub(crate) struct Identified {
     found: Identification,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &IdentifyArguments) -> Result<Answer, Failure> {
     let observations = Observations::read(&arguments.observations)?;
     refuse_overwriting(&observations.files, &arguments.output, "identification")?;
     let output = OutputFile::open(&arguments.output)?;

@@ -13,23 +13,24 @@ use volcomp_tables::axis_table::{
 use super::{Answer, export::ControlArguments};
 use crate::{failure::Failure, output::OutputFile};
 
-/// The compensation tables of a control as curves of a machine file
+/// Convert compensation tables of a control to curves of a machine file
 ///
-/// A table of an axis over itself becomes positioning (EXX), one of another axis straightness (EYX), by the directions that the letters
-/// stand for. What is odd in the files is told on standard error. The curves are printed, or written with `--output`.
+/// A table of an axis over itself becomes positioning (EXX), one of another axis straightness (EYX), by the directions of
+/// the axis letters. Anomalies of the files are reported on standard error. The curves are printed, or written with
+/// `--output`.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp import gantry-tables.csv -o curves.toml
   volcomp --json import mill-840d")]
-pub(crate) struct Arguments {
+pub(crate) struct ImportArguments {
     /// Files of one control, or a folder of them
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// The format, where the files do not show it: as for `export`
+    /// Format, where the files do not show it: as for `export`
     #[arg(long)]
     format: Option<Format>,
-    /// File for the curves: the part `[errors]` of a machine file
+    /// File for the part `[errors]` of a machine file [default: print it]
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -54,7 +55,7 @@ pub(crate) struct Import {
     output: Option<String>,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &ImportArguments) -> Result<Answer, Failure> {
     let paths = paths(&arguments.files)?;
     let mut files = Vec::new();
     for path in &paths {

@@ -23,16 +23,16 @@ use crate::{
     table::{folded, folded_behind, to_the_left},
 };
 
-/// Shows what measurement files hold: anomalies, texts, targets, runs, surroundings
+/// Show the content of measurement files: header, targets, runs, environment, anomalies
 ///
-/// Of several files a table at the end has a row for each.
+/// Several files are summarized in a table with a row for each.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp inspect exx.rtl
   volcomp --json inspect exx.rtl eay.rta")]
-pub(crate) struct Arguments {
-    /// Measurement files: .rtl, .rta, .rts, .rtx, .REN, .pos, .csv, .txt, .log, .dat; a folder stands for those in it
+pub(crate) struct InspectArguments {
+    /// Measurement files: .rtl, .rta, .rts, .rtx, .REN, .pos, .csv, .txt, .log, .dat, or folders of them
     #[arg(required = true)]
     files: Vec<PathBuf>,
 }
@@ -218,7 +218,7 @@ impl MeasurementSummary {
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &InspectArguments) -> Result<Answer, Failure> {
     if let [only] = &arguments.files[..]
         && !only.is_dir()
     {

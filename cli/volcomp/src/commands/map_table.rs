@@ -21,55 +21,54 @@ use crate::{
     table::folded,
 };
 
-/// The corrections as a map that a control looks up by itself
+/// Write the corrections as a lookup map for a control that cannot compute
 ///
-/// For controls that cannot compute: as few lines along each axis as keep the bound between them, in whole steps, in the
-/// words that the control has. The file holds head, values and checksum as words, as the control holds them; the text says
-/// how far the map is from the model, how long it takes into the control, and how often temperatures make it old.
+/// The map has as few lines along each axis as the largest error --within permits, and fits the words available in the
+/// control. Also shows the error of the map, its transfer time, and how often temperature changes require a new one.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp map-table -m gantry.toml --words 5000 -o gantry.map
   volcomp map-table -m mill.toml --tool T5 --within 2 --words 8000 -o mill.map")]
-pub(crate) struct Arguments {
+pub(crate) struct MapTableArguments {
     #[command(flatten)]
     machine: MachineArguments,
-    /// File for the map; it appears when everything is written
+    /// File for the map: head, values and checksum as 16-bit words
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// The largest error of the map against the model, µm
+    /// Largest error of the map against the model, µm
     #[arg(long, value_name = "UM", default_value_t = 1.0)]
     within: f64,
-    /// Words of 16 bits that the control has for all of it: two maps, the mailbox (72) and the report (24)
+    /// 16-bit words available in the control: two maps, the mailbox (72) and the report (24)
     #[arg(long, value_name = "N")]
     words: usize,
-    /// The axes that the map goes over: X,Y,Z [default: the linear axes]
+    /// Axes of the map, one to five: X,Y,Z [default: the linear axes]
     #[arg(long)]
     axes: Option<String>,
     #[command(flatten)]
     others: OthersArguments,
-    /// A step of the positions in the control, µm on linear axes, 0.001 deg on rotary ones
+    /// Step of the positions in the control: µm on linear axes, 0.001 deg on rotary axes
     #[arg(long, value_name = "STEP", default_value_t = 1.0)]
     position_step: f64,
-    /// A step of the corrections in the control, µm
+    /// Step of the corrections in the control, µm
     #[arg(long, value_name = "UM", default_value_t = 1.0)]
     output_step: f64,
-    /// The largest correction that the control takes, µm
+    /// Largest correction that the control accepts, µm
     #[arg(long, value_name = "UM", default_value_t = 250.0)]
     limit: f64,
-    /// The number of this map, 1 to 65535: another one than that of the map before
+    /// Number of this map, 1 to 65535; must differ from that of the previous map
     #[arg(long, value_name = "N", default_value_t = 1)]
     counter: u16,
-    /// The number of the machine in its control, which starts the checksum
+    /// Machine number, with which the checksum starts
     #[arg(long, value_name = "N", default_value_t = 1)]
     number: u16,
-    /// The high byte of each word first, as in a data block of a Siemens control; otherwise the low one, as in a FANUC PMC
+    /// High byte of each word first (Siemens data block), instead of the low byte (FANUC PMC)
     #[arg(long)]
     high_first: bool,
-    /// Bytes in a second that the link to the control carries
+    /// Link capacity, bytes/s
     #[arg(long, value_name = "BYTES", default_value_t = 10_000.0)]
     link: f64,
-    /// How fast the temperatures change at the most, K in an hour
+    /// Largest rate of temperature change, K/h
     #[arg(long, value_name = "K", default_value_t = 1.0)]
     drift: f64,
 }
@@ -147,7 +146,7 @@ struct Output {
     largest_um: f64,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &MapTableArguments) -> Result<Answer, Failure> {
     above_zero("--link", arguments.link)?;
     above_zero("--drift", arguments.drift)?;
     if arguments.number == u16::MAX {
@@ -185,7 +184,7 @@ fn above_zero(option: &str, found: f64) -> Result<(), Failure> {
 }
 
 fn options(
-    arguments: &Arguments,
+    arguments: &MapTableArguments,
     machine: &Machine,
     notes: &mut Vec<String>,
 ) -> Result<MapOptions, Failure> {
@@ -222,7 +221,7 @@ fn options(
 }
 
 fn document(
-    arguments: &Arguments,
+    arguments: &MapTableArguments,
     options: &MapOptions,
     made: &MachineMap,
     bytes: usize,
@@ -289,7 +288,7 @@ fn outputs(map: &Map) -> Vec<Output> {
     named.collect()
 }
 
-fn text(arguments: &Arguments, document: &MapTable) -> String {
+fn text(arguments: &MapTableArguments, document: &MapTable) -> String {
     let mut lines = table(&["axis", "lines", "first", "pitch", "unit"]);
     for axis in &document.grid {
         lines.add_row(vec![
@@ -362,7 +361,7 @@ fn text(arguments: &Arguments, document: &MapTable) -> String {
     text
 }
 
-fn refresh_words(arguments: &Arguments, document: &MapTable) -> String {
+fn refresh_words(arguments: &MapTableArguments, document: &MapTable) -> String {
     let Some(seconds) = document.refresh_s else {
         return "No temperature changes it.".to_owned();
     };

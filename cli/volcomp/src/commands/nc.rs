@@ -29,36 +29,34 @@ use crate::{
     table::folded,
 };
 
-/// An NC program in, the same program with the correction in its coordinates out
+/// Correct the coordinates of an NC program
 ///
-/// RS-274 as LinuxCNC and FANUC controls read it, the language of SINUMERIK controls, or the conversational one of HEIDENHAIN controls. Every byte that is no changed coordinate comes out as it went in. A line is
-/// split only where the correction bends by more than the tolerance; arcs stay arcs where the corrected circle fits.
+/// Reads RS-274 (LinuxCNC, FANUC), SINUMERIK or conversational HEIDENHAIN programs. All bytes other than changed
+/// coordinates stay. A line is split only where the correction bends by more than the tolerance; arcs stay arcs where the
+/// corrected circle fits.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp nc part.ngc -o part-compensated.ngc -m mill.toml
   volcomp nc part.ngc -o out.ngc -m mill.toml --setup setup.toml --tolerance 0.5")]
-pub(crate) struct Arguments {
-    /// The NC program
+pub(crate) struct NcArguments {
+    /// NC program
     program: PathBuf,
-    /// The compensated program
+    /// Compensated program
     #[arg(long, short)]
     output: PathBuf,
     #[command(flatten)]
     machine: MachineArguments,
-    /// What the program relies on and does not say: work offsets, tool lengths, where the axes stand (TOML); what is not in
-    /// it is taken as zero
+    /// Set-up file (TOML): work offsets, tool lengths and start position not contained in the program
     #[arg(long, value_name = "FILE")]
     setup: Option<PathBuf>,
-    /// A folder of subroutines that the program calls and does not have itself: name.ngc for the subroutine name, O1000 or 1000.nc for
-    /// M98 P1000; may be given several times
+    /// Folder of subroutines: name.ngc for a name, O1000 or 1000.nc for M98 P1000; repeatable
     #[arg(long, value_name = "DIR")]
     subroutines: Vec<PathBuf>,
-    /// The language of the program; by default that of `control` in the set-up file, or by the end of its name: siemens for .mpf and .spf, heidenhain for .h, otherwise
-    /// rs274
+    /// Language of the program [default: by `control` in the set-up file, else by its extension]
     #[arg(long, value_enum)]
     dialect: Option<Language>,
-    /// How far a motion may be from where it belongs before it is split, µm
+    /// Largest deviation of a motion before it is split, µm
     #[arg(
         long,
         value_name = "UM",
@@ -66,37 +64,33 @@ pub(crate) struct Arguments {
         allow_negative_numbers = true
     )]
     tolerance: f64,
-    /// Decimals of changed coordinates: mm,inch,deg; a program's own further ones stay
+    /// Decimals of changed coordinates; further decimals of the program stay
     #[arg(long, value_name = "MM,INCH,DEG", default_value = "3,4,3", value_parser = decimals)]
     decimals: Decimals,
-    /// How the numbers of split lines are rounded: each to the nearest (plain), or together, by the shortest way through the graph of
-    /// the nearest ones (floyd)
+    /// Rounding in split lines: to the nearest (plain), or together by the shortest path (floyd)
     #[arg(long, value_enum, default_value_t)]
     strategy: Rounding,
     #[command(flatten)]
     limit: LimitArgument,
-    /// Blocks that are executed at the most where the program has O-words
+    /// Maximum number of executed blocks in a program with O-words
     #[arg(long, value_name = "N", default_value_t = 10_000_000)]
     max_blocks: u64,
-    /// The simplest form: nothing but the work offsets change, by the mean of the correction over all places where the program cuts
-    /// (G10 L2 at its beginning); what stays is printed. Needs --setup, which states these offsets; no motion is split, so that
-    /// --tolerance and --strategy are refused
+    /// Change only the work offsets in --setup (G10 L2), by the mean correction over all cutting positions
     #[arg(long, requires = "setup", conflicts_with_all = ["strategy", "tolerance"])]
     average: bool,
-    /// Take the mean of what was measured instead: of the readings of the ball rows of this observations file, whose `origin` and
-    /// `direction` are stated
+    /// Observations file of ball rows: use their mean reading instead
     #[arg(long, value_name = "FILE", requires = "average")]
     ball_row: Option<PathBuf>,
-    /// Run the program and its result through the virtual machine, and print how far the tool is from where it belongs
+    /// Run the program and its result on the virtual machine, and print the deviations of the tool
     #[arg(long)]
     verify: bool,
-    /// The machine file with the errors that are taken for the real ones in the verification, without which the model is judged by itself
+    /// Machine file with the errors taken as real in the verification
     #[arg(long, value_name = "FILE", requires = "verify")]
     truth: Option<PathBuf>,
-    /// The features of a part (TOML) as a measuring machine would find them on what the virtual machine cuts, before and after
+    /// Part file (TOML): evaluate its features on the virtual workpiece, before and after
     #[arg(long, value_name = "FILE", requires = "verify")]
     inspect: Option<PathBuf>,
-    /// A picture of the path and of the deviations, a thousandfold (SVG)
+    /// Picture (SVG) of path and deviations (× 1000)
     #[arg(long, value_name = "FILE", requires = "verify")]
     picture: Option<PathBuf>,
 }
@@ -186,7 +180,7 @@ struct NcFeature {
     reason: Option<String>,
 }
 
-impl Arguments {
+impl NcArguments {
     /// The input files, which no output may replace, with the option of each.
     fn inputs(&self) -> Vec<(&Path, &'static str)> {
         let mut inputs = vec![
@@ -244,7 +238,7 @@ fn decimals(text: &str) -> Result<Decimals, String> {
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &NcArguments) -> Result<Answer, Failure> {
     let tolerance_um = arguments.tolerance;
     if !(1e-3..=1e3).contains(&tolerance_um) {
         return Err(Failure::Input(format!(
@@ -342,7 +336,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 }
 
 /// Refuses an output that would replace a file that the program may call.
-fn refuse_subroutine(arguments: &Arguments) -> Result<(), Failure> {
+fn refuse_subroutine(arguments: &NcArguments) -> Result<(), Failure> {
     let Ok(output) = arguments.output.canonicalize() else {
         return Ok(());
     };
@@ -365,7 +359,7 @@ fn refuse_subroutine(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Rejects a pipe as the program: the verification reads it a second time.
-fn refuse_read_once(arguments: &Arguments, program: &File) -> Result<(), Failure> {
+fn refuse_read_once(arguments: &NcArguments, program: &File) -> Result<(), Failure> {
     let is_file = program.metadata().is_ok_and(|about| about.is_file());
     if is_file || !arguments.verify {
         return Ok(());
@@ -377,7 +371,7 @@ fn refuse_read_once(arguments: &Arguments, program: &File) -> Result<(), Failure
 }
 
 /// Opens the file of the picture before the work starts; it appears when the result is kept.
-fn picture_file(arguments: &Arguments) -> Result<Option<OutputFile>, Failure> {
+fn picture_file(arguments: &NcArguments) -> Result<Option<OutputFile>, Failure> {
     let Some(path) = &arguments.picture else {
         return Ok(None);
     };
@@ -429,7 +423,7 @@ fn is_beyond_limit(error: &NcError) -> bool {
 }
 
 fn answer(
-    arguments: &Arguments,
+    arguments: &NcArguments,
     dialect: Dialect,
     summary: &Summary,
     verified: Option<Verified>,
@@ -518,7 +512,7 @@ fn averaged(
 
 /// Verification of a program on a virtual machine.
 struct OnTruth<'a> {
-    arguments: &'a Arguments,
+    arguments: &'a NcArguments,
     model: (&'a Machine, &'a Temperatures),
     setup: &'a SetUp,
     part: Option<(&'a Part, &'a Corrector)>,
@@ -597,7 +591,7 @@ impl OnTruth<'_> {
 /// Differences below the tolerance plus two increments of the words do not count.
 fn is_better(
     found: &Verification,
-    arguments: &Arguments,
+    arguments: &NcArguments,
     left_out: &str,
 ) -> Result<Option<String>, Failure> {
     let Decimals { mm, inch, .. } = arguments.decimals;

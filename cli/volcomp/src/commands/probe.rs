@@ -9,27 +9,26 @@ use volcomp_port::DeviceError;
 use super::{Answer, table, table_text};
 use crate::failure::Failure;
 
-/// Asks a device once for positions, temperatures and inputs, or lists the serial ports, CAN interfaces and GPIO lines
+/// Request positions, temperatures and inputs of a device once, or list the serial ports, CAN interfaces and GPIO lines
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp probe --list
   volcomp --json probe focas://127.0.0.1:8193 --within 1")]
-pub(crate) struct Arguments {
+pub(crate) struct ProbeArguments {
     /// focas://HOST:8193, modbus://HOST?profile=NAME, modbus-rtu:///dev/ttyUSB0?profile=NAME, can://can0,
-    /// gpio://?position=CHIP:LINES&correction=CHIP:LINES. A profile is the name of a shipped one or a file that
-    /// ends in .toml
+    /// gpio://?position=CHIP:LINES&correction=CHIP:LINES; a profile is the name of a shipped one or a .toml file
     #[arg(required_unless_present = "list")]
     url: Option<String>,
-    /// How long to wait for an answer, s
+    /// Timeout for an answer, s: 0 to 3600
     #[arg(long, default_value_t = 3.0)]
     within: f64,
-    /// Lists the serial ports, CAN interfaces and GPIO chips with their lines that this computer has
+    /// List the serial ports, CAN interfaces, and GPIO chips with their lines
     #[arg(long, conflicts_with = "url")]
     list: bool,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &ProbeArguments) -> Result<Answer, Failure> {
     let Some(url) = arguments.url.as_ref().filter(|_| !arguments.list) else {
         return listed(&list());
     };

@@ -35,58 +35,58 @@ use crate::{
     points::OthersArguments,
 };
 
-/// The report of a calibration: one HTML file that needs nothing else
+/// Write the report of a calibration as one self-contained HTML file
 ///
-/// FILE is a calibration file, a file of observations or a machine file. In the report stand the head, the verdict against
-/// tolerances, warnings, each error curve with its readings, ISO 230-2, squareness, diagonals, the volumetric error, its
-/// uncertainty, what was not measured, and what observations determine. It opens in any browser without a network and prints on
-/// A4. The same input gives the same bytes: a date stands in it only where a file or --date states one.
+/// Contains the verdict against tolerances, warnings, each error curve with its readings, ISO 230-2, squareness,
+/// diagonals, the volumetric error and its uncertainty, errors not measured, and the errors that observations determine.
+/// It opens in any browser without a network and prints on A4. The same input gives the same bytes: a date is included
+/// only if a file or --date states one.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp report calibration.toml -o report.html --tolerance A=10,V=40
   volcomp report calibration.toml -o report.html --truth truth.toml")]
-pub(crate) struct Arguments {
-    /// Calibration file, file of observations or machine file (TOML)
+pub(crate) struct ReportArguments {
+    /// Calibration file, observations file or machine file (TOML)
     #[arg(value_name = "FILE")]
     source: PathBuf,
     /// HTML file to write
     #[arg(long, short)]
     output: PathBuf,
-    /// Machine file with the errors before a compensation: the errors of FILE are then those after it
+    /// Machine file with the errors before compensation
     #[arg(long, value_name = "MACHINE")]
     before: Option<PathBuf>,
-    /// Machine file whose errors are taken for the truth: what the correction by FILE leaves of them is shown as the state after
+    /// Machine file with the true errors, to show what correction by FILE leaves of them
     #[arg(long, value_name = "MACHINE")]
     truth: Option<PathBuf>,
-    /// What is allowed, µm of lengths and µrad of angles: A, R, E, M, B of each positioning test, or a symbol of VDI/DGQ 3441, of one axis
-    /// C.A or one error EXX.A; V for the largest error of the tool tip over poses of all axes after one alignment of the workpiece, or the name of an error: A=10,EC0Y=20
+    /// Limits, µm or µrad, for every positioning test (A=10), one axis (C.A=30), one error (EXX.A=8; EC0Y=20), or the
+    /// largest tool tip error over poses of all axes after alignment (V=40)
     #[arg(long, value_name = "NAME=LIMIT,…")]
     tolerance: Option<String>,
-    /// Edition of ISO 230-2: 1997, 2006 or 2014, without it 2014
+    /// Edition of ISO 230-2: 1997, 2006 or 2014 [default: 2014]
     #[arg(long, value_parser = parse_edition)]
     edition: Option<u16>,
-    /// Name of the machine, in place of what the files state
+    /// Override the machine name
     #[arg(long, value_name = "TEXT")]
     name: Option<String>,
-    /// Serial number of the machine, in place of what the files state
+    /// Override the serial number of the machine
     #[arg(long, value_name = "TEXT")]
     serial: Option<String>,
-    /// Who measured, in place of what the files state
+    /// Override the operator
     #[arg(long, value_name = "TEXT")]
     operator: Option<String>,
-    /// Date of the measurement, in place of what the files state
+    /// Override the date of the measurement
     #[arg(long, value_name = "TEXT")]
     date: Option<String>,
-    /// Measuring instrument, in place of what the files state
+    /// Override the instrument
     #[arg(long, value_name = "TEXT")]
     instrument: Option<String>,
     #[command(flatten)]
     others: OthersArguments,
-    /// How many machines are drawn for the uncertainty of the volumetric error; 0: none
+    /// Number of Monte Carlo samples for the uncertainty of the volumetric error; 0: none
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=100_000))]
     trials: u64,
-    /// Seed of the draws: the same seed gives the same digits on any number of cores
+    /// Random seed; the same seed gives the same digits on any number of cores
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
@@ -187,7 +187,7 @@ enum Source {
     Machine(Box<Machine>),
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &ReportArguments) -> Result<Answer, Failure> {
     let limits = match &arguments.tolerance {
         Some(text) => tolerances(text).map_err(|error| Failure::Input(format!("--{error}")))?,
         None => Vec::new(),
@@ -272,7 +272,7 @@ impl Source {
     }
 
     /// The machine with the identified errors, and its report without the working space.
-    fn report(&self, arguments: &Arguments) -> Result<(Machine, Report), Failure> {
+    fn report(&self, arguments: &ReportArguments) -> Result<(Machine, Report), Failure> {
         let stated = Stated {
             machine: arguments.name.clone().or_else(|| name_of(self.machine())),
             serial: arguments.serial.clone(),
@@ -312,7 +312,7 @@ fn name_of(machine: &Machine) -> Option<String> {
 /// Diagonals and map, before and after if two states are known.
 fn working_space(
     report: &mut Report,
-    arguments: &Arguments,
+    arguments: &ReportArguments,
     machine: &Machine,
     others: &[(AxisName, f64)],
 ) -> Result<Option<String>, Failure> {
@@ -431,7 +431,7 @@ fn fields<'a, F: Fn(&Pose) -> [f64; 6]>(
 /// Adds the uncertainty of the position error from Monte Carlo samples.
 fn drawn(
     report: &mut Report,
-    arguments: &Arguments,
+    arguments: &ReportArguments,
     source: &Source,
     machine: &Machine,
     notes: &mut Vec<String>,
@@ -462,7 +462,7 @@ fn drawn(
 }
 
 fn answer(
-    arguments: &Arguments,
+    arguments: &ReportArguments,
     report: &Report,
     limits: &[Tolerance],
     notes: Vec<String>,

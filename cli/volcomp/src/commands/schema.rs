@@ -33,14 +33,14 @@ use crate::{
     points::OneOrMany,
 };
 
-/// Write the JSON Schemas of the documents that --json prints
+/// Write the JSON Schemas of all documents of --json
 #[derive(clap::Args)]
-pub(crate) struct Arguments {
+pub(crate) struct SchemaArguments {
     /// Folder for the files
     folder: PathBuf,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &SchemaArguments) -> Result<Answer, Failure> {
     let folder = &arguments.folder;
     let mut files = Vec::new();
     for (name, schema) in ALL {

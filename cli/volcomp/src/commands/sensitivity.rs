@@ -20,27 +20,25 @@ use crate::{
     table::{HEAD, folded},
 };
 
-/// The effect of each error over many positions, errors that are one motion, and errors that cannot be told apart
+/// Show the effect of each error over many positions, and the errors that cannot be distinguished
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp sensitivity -m blade-mill.toml --assembly
   volcomp --json sensitivity -m gantry.toml --points points.csv")]
-pub(crate) struct Arguments {
+pub(crate) struct SensitivityArguments {
     #[command(flatten)]
     machine: GeometryArguments,
-    /// Nodes over the travel of each axis, both ends included; over one turn of an axis that turns all the way round
+    /// Nodes over the travel of each axis, or over one turn of a rotary axis: 1 to 1000
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
     grid: u16,
-    /// Positions from a CSV file whose header has axis letters, instead of a grid
+    /// CSV file of positions, as for `error`, instead of a grid
     #[arg(long, value_name = "FILE", conflicts_with = "grid")]
     points: Option<PathBuf>,
-    /// Six assembly errors of each axis, too; location errors, which they comprise, only where the machine file states
-    /// them
+    /// Include six assembly errors per axis, and location errors only if the machine file states them
     #[arg(long)]
     assembly: bool,
-    /// Effect of the values that the machine file gives its errors, the largest first, in place of 1 µm or 1 µrad of each.
-    /// Thermal terms do not count, and curves of both directions count with their mean
+    /// Use the error values of the machine file, largest first, instead of 1 µm or 1 µrad; without thermal terms
     #[arg(long)]
     values: bool,
 }
@@ -65,7 +63,7 @@ pub(super) fn errors_of(machine: &Machine, assembly: bool) -> Vec<ErrorTerm> {
     terms(machine.chain(), assembly, &stated)
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &SensitivityArguments) -> Result<Answer, Failure> {
     let machine = arguments.machine.read()?;
     let (poses, note) = if let Some(path) = &arguments.points {
         let states = states_of(&machine, path)?;

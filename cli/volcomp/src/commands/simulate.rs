@@ -15,19 +15,20 @@ use volcomp_shop::{CALIBRATED, Shop, ShopError};
 use super::{Answer, same_file, write_file};
 use crate::{failure::Failure, output::OutputFile, progress};
 
-/// The virtual shop: makes measurement files of a truth machine and the files that read them
+/// Simulate measurements: files of a true machine and noisy instruments, with the calibration and observations files that
+/// read them
 ///
-/// Files of an earlier run are written over, others never: a file that is not as this command wrote it, or that it did not write,
-/// is refused, and nothing is written then. Which it wrote stands in simulated-files.sha256 in the folder.
+/// Overwrites the files of an earlier run. If the folder has a file of the same name that is not exactly as this command
+/// wrote it, nothing is written. simulated-files.sha256 lists the written files.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp simulate shop.toml -o lasers
   volcomp --json simulate shop.toml -o lasers")]
-pub(crate) struct Arguments {
-    /// Shop file (TOML): truth machine, instrument, lines, observations
+pub(crate) struct SimulateArguments {
+    /// Shop file (TOML): true machine, instrument, lines, observations
     shop: PathBuf,
-    /// Folder for the files; made when it is not there
+    /// Folder for the files, created if missing
     #[arg(long, short)]
     output: PathBuf,
 }
@@ -49,7 +50,7 @@ pub(crate) struct Simulate {
     next: Vec<String>,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &SimulateArguments) -> Result<Answer, Failure> {
     let shop = Shop::read(&arguments.shop)?;
     let folder = &arguments.output;
     let Written { names, replaced } = write(&shop, folder)?;

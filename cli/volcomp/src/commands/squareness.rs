@@ -19,21 +19,21 @@ use super::{
 };
 use crate::{failure::Failure, unit::Unit};
 
-/// Squareness of two axes from two straightness files
+/// Calculate the squareness of two axes from two straightness files
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp squareness straight-exy.csv straight-eyx.csv --error EC0Y
   volcomp --json squareness straight-exy.csv straight-eyx.csv --error EC0Y")]
-pub(crate) struct Arguments {
-    /// The straightness of the later axis of the error: of EC0Y the file of EXY, of EA0Z that of EYZ, of EB0Z that of EXZ
+pub(crate) struct SquarenessArguments {
+    /// Straightness file of the later axis of the error: EXY for EC0Y, EYZ for EA0Z, EXZ for EB0Z
     first: PathBuf,
-    /// The straightness of the other axis: EYX, EZY, EZX
+    /// Straightness file of the other axis: EYX, EZY, EZX
     second: PathBuf,
-    /// The squareness error: EC0Y, EA0Z or EB0Z
+    /// Squareness error: EC0Y, EA0Z or EB0Z
     #[arg(long)]
     error: ErrorName,
-    /// Angle between the + directions of the reference beams, less 90°, µrad: 0 of a perfect optical square
+    /// Angle between the + directions of the reference beams, less 90°, µrad; 0 for a perfect optical square
     #[arg(
         long,
         value_name = "URAD",
@@ -41,19 +41,20 @@ pub(crate) struct Arguments {
         allow_hyphen_values = true
     )]
     reference_angle_urad: f64,
-    /// The line whose slope counts
+    /// Line whose slope counts
     #[arg(long, default_value = "least-squares")]
     reference: Reference,
-    /// Unit of the deviations in files that do not state it (.csv), without it µm
+    /// Unit of deviations that the file (.csv) does not state; results are in µm or µrad [default: µm; µrad for tilts with
+    /// --bridge-mm]
     #[arg(long)]
     unit: Option<Unit>,
-    /// Uncertainty of the square by its calibration (k = 2), µrad
+    /// Calibration uncertainty of the square (k = 2), µrad
     #[arg(long, value_name = "URAD")]
     square_urad: Option<f64>,
-    /// Uncertainty of the straight edge, or of the straightness optics, at any place by its calibration (k = 2), µm
+    /// Calibration uncertainty of the straight edge or straightness optics at any place (k = 2), µm
     #[arg(long, value_name = "UM")]
     straight_edge_um: Option<f64>,
-    /// Range of the angle by changes of temperature, over as long as the measurement, µrad
+    /// Range of the angle with temperature, over a time as long as the measurement, µrad
     #[arg(long, value_name = "URAD")]
     temperature_urad: Option<f64>,
     /// Limit, µrad: squareness=20
@@ -97,7 +98,7 @@ struct SquarenessPart {
 
 const SYMBOL: &str = "squareness";
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &SquarenessArguments) -> Result<Answer, Failure> {
     /// Maximum plausible error of an optical square, µrad.
     const LARGEST_ANGLE_URAD: f64 = 1e5;
     let tolerances = tolerances(arguments.tolerance.as_deref(), &[SYMBOL])?;
@@ -157,7 +158,7 @@ struct Line {
 }
 
 fn line(
-    arguments: &Arguments,
+    arguments: &SquarenessArguments,
     path: &Path,
     error: ErrorName,
     notes: &mut Vec<String>,
@@ -194,7 +195,7 @@ fn line(
 
 /// Notes on contributions missing in the uncertainty, and on an implausible squareness.
 fn notes_on(
-    arguments: &Arguments,
+    arguments: &SquarenessArguments,
     value: f64,
     whole: Option<&SquarenessUncertainty>,
 ) -> Vec<String> {
@@ -218,7 +219,7 @@ fn notes_on(
     notes
 }
 
-impl Arguments {
+impl SquarenessArguments {
     fn inputs(&self) -> SquarenessInputs {
         SquarenessInputs {
             square_urad: self.square_urad,
@@ -230,7 +231,7 @@ impl Arguments {
 
 /// The uncertainty, if that of both slopes is known: for least-squares lines with at least three targets.
 fn uncertainty(
-    arguments: &Arguments,
+    arguments: &SquarenessArguments,
     kind: ReferenceKind,
     lines: &[(Option<f64>, f64)],
 ) -> Result<Option<SquarenessUncertainty>, Failure> {

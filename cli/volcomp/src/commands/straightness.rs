@@ -25,33 +25,34 @@ use crate::{
     unit::{self, Unit},
 };
 
-/// Straightness of a motion about its reference lines, also from tilts
+/// Evaluate the straightness of a motion about reference lines, also from tilts
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp straightness straight-exy.csv --reference end-points
   volcomp --json straightness tilts.csv --bridge-mm 250")]
-pub(crate) struct Arguments {
+pub(crate) struct StraightnessArguments {
     /// Measurement files: .rts, .csv; with --bridge-mm tilts, .rta or .csv
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Unit of the deviations in a file that does not state it (.csv), without it µm, with --bridge-mm µrad
+    /// Unit of deviations that the file (.csv) does not state; results are in µm or µrad [default: µm; µrad for tilts with
+    /// --bridge-mm]
     #[arg(long)]
     unit: Option<Unit>,
-    /// The line that is taken out of the profile
+    /// Line subtracted from the profile
     #[arg(long, default_value = "least-squares")]
     reference: Reference,
-    /// The readings are tilts of a bridge with this distance of its feet, mm, moved on by its own length
+    /// Evaluate tilts of a bridge with this distance of its feet, mm, moved in steps of its own length
     #[arg(long, value_name = "MM")]
     bridge_mm: Option<f64>,
-    /// The straightness error, EYX: tilts are then in the right-hand sign of their angular error; without it a positive tilt
-    /// is a profile that rises
+    /// Straightness error, EYX: tilts have the right-hand sign of its angular error; without it a positive tilt is a
+    /// rising profile
     #[arg(long, requires = "bridge_mm")]
     error: Option<ErrorName>,
     /// Limits, µm: least-squares=5,end-points=6,minimum-zone=4
     #[arg(long, value_name = "LIMITS")]
     tolerance: Option<String>,
-    /// Write a CSV file, a row for each file that is read
+    /// Write a CSV file with a row for each input file
     #[arg(long, short = 'o', value_name = "FILE")]
     csv: Option<PathBuf>,
 }
@@ -107,7 +108,7 @@ pub(crate) fn key(kind: ReferenceKind) -> &'static str {
 
 const SYMBOLS: [&str; 3] = ["least-squares", "end-points", "minimum-zone"];
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &StraightnessArguments) -> Result<Answer, Failure> {
     let tolerances = tolerances(arguments.tolerance.as_deref(), &SYMBOLS)?;
     let csv = arguments.csv.as_deref();
     evaluated(&arguments.files, csv, |path| {
@@ -156,7 +157,7 @@ fn refuse_positioning(path: &Path, measurement: &Measurement) -> Result<(), Fail
 
 fn one(
     path: &Path,
-    arguments: &Arguments,
+    arguments: &StraightnessArguments,
     tolerances: &[Tolerance],
 ) -> Result<StraightnessTest, Failure> {
     let (found, mut notes, method) = match arguments.bridge_mm {
@@ -216,7 +217,7 @@ fn rising() -> ErrorName {
 
 fn document(
     path: &Path,
-    arguments: &Arguments,
+    arguments: &StraightnessArguments,
     tolerances: &[Tolerance],
     found: &Straightness,
     method: &'static str,

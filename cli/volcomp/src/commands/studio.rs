@@ -11,29 +11,29 @@ use volcomp_studio::{Folder, Studio, StudioError};
 use super::Answer;
 use crate::{failure::Failure, output};
 
-/// From a folder of measurement files to a machine file, in the browser
+/// Make a machine file from a folder of measurement files, in the browser
 ///
-/// Opens a page on this computer: what each file is, the questions that the files do not answer, curves with bands, map and verdict;
-/// then machine file, report, tables for controls and NC programs, and the way to a gateway or the centre. Everything is in the folder:
-/// measurement files, machine.toml, answers.json, calibration.toml, and what is computed in result/. Ctrl-C ends it.
+/// Serves a local web application: files, open questions, curves with bands, map and verdict; then machine file, report,
+/// tables for controls and NC programs, and upload to a gateway or the centre. All data is in the folder: measurement
+/// files, machine.toml, answers.json, calibration.toml, and the results in result/. Ends with Ctrl-C.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp studio lasers
   volcomp studio lasers --listen 127.0.0.1:8100 --no-browser")]
-pub(crate) struct Arguments {
+pub(crate) struct StudioArguments {
     /// Folder of the measurement files of one machine
     #[arg(value_name = "FOLDER", default_value = ".")]
     folder: PathBuf,
     /// Address of this computer to listen at; port 0: any free one
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:0")]
     listen: SocketAddr,
-    /// Print the page's address without opening a browser
+    /// Print the address without opening a browser
     #[arg(long)]
     no_browser: bool,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &StudioArguments) -> Result<Answer, Failure> {
     let folder = Folder::open(&arguments.folder).map_err(Failure::input)?;
     let studio = Studio::listen(folder, arguments.listen).map_err(|error| match error {
         StudioError::System { .. } => Failure::Work(error.to_string()),

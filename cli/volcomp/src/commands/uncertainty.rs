@@ -17,14 +17,14 @@ const TOLERANCE_NM: f64 = 10.0;
 /// Where an uncertainty comes from.
 #[derive(clap::Args)]
 pub(crate) struct UncertaintyArguments {
-    /// Calibration or observations file: adds the standard uncertainty (k = 1). The readings of a calibration, or the
-    /// errors that observations determine by their covariance, are drawn again and again, on all cores
+    /// Add the standard uncertainty (k = 1) by Monte Carlo, from the calibration or observations file from which the
+    /// machine was made
     #[arg(long, value_name = "FILE")]
     pub(crate) uncertainty: Option<PathBuf>,
-    /// How many machines are drawn
+    /// Number of Monte Carlo samples: 2 to 100000
     #[arg(long, default_value_t = 200, requires = "uncertainty", value_parser = clap::value_parser!(u64).range(2..=100_000))]
     pub(crate) trials: u64,
-    /// Seed of the draws: the same seed gives the same digits on any number of cores
+    /// Random seed; the same seed gives the same digits on any number of cores
     #[arg(long, default_value_t = 1, requires = "uncertainty")]
     pub(crate) seed: u64,
 }

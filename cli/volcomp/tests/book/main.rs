@@ -12,7 +12,6 @@ use volcomp_test_support::{
         Block, blocks, chapter, compare_keys, decoded_keys, joined, pages, run_console_blocks,
         used_keys,
     },
-    options::compare_options,
     root,
 };
 
@@ -184,11 +183,6 @@ fn every_console_block_prints_what_it_says() {
         &[("volcomp", env!("CARGO_BIN_EXE_volcomp"))],
         &["volcomp-gateway", "focas-sim", "cargo"],
     );
-}
-
-#[test]
-fn every_option_is_in_the_chapter_on_commands() {
-    compare_options("volcomp", env!("CARGO_BIN_EXE_volcomp"));
 }
 
 #[test]

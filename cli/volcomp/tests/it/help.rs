@@ -115,7 +115,7 @@ fn help_fits_eighty_columns_and_speaks_of_micrometres() {
         for line in help.lines() {
             assert!(line.chars().count() <= 80, "{command}: {line}");
             // Values that are typed as they stand.
-            among_values |= line.contains("possible values");
+            among_values |= line.contains("[possible") || line.contains("Possible values");
             if among_values {
                 among_values = !line.ends_with(']');
                 continue;

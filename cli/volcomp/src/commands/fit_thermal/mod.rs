@@ -20,48 +20,51 @@ use self::columns::{Columns, Errors, may_expand};
 use super::{Answer, fixed, same_file, table, table_text};
 use crate::{failure::Failure, table::folded};
 
-/// Finds thermal terms from temperatures and displacements over time
+/// Find thermal terms from temperatures and displacements over time
 ///
-/// Each file is one test: a column time_s, temperatures in columns that end in _degc or °C, displacements in columns that end in
-/// _um or _urad (µm, µrad), and where an axis was moved its position in a column X or X_mm; other columns are not read, and are named. Few sensors,
-/// few time constants and few numbers are chosen. Several files are judged by leaving out each one as a whole: it is predicted
-/// by terms that are found from the others. Of a single file the first rows (--train) find terms, and the rows after them
-/// are predicted to judge these. The terms that are printed are found in the same way from all rows of all files. Where terms
-/// with time constants predict worse than those without any, or no better than no terms at all, none are printed: by more than
-/// the standard error over the files, or over stretches of the single one.
+/// Each CSV file is one test, with the columns time_s, temperatures (_degc or °C), displacements (_um or _urad; µm, µrad)
+/// and, if an axis was moved, its position (X or X_mm). Other columns are ignored, with a note. Displacements count from
+/// the start of each file, at each position.
+///
+/// Each of several files is predicted from the others. Of a single file the first rows (--train) find the terms, which
+/// predict the rest. The printed terms are found from all rows of all files. None are printed if they predict worse than
+/// regression without time constants, or no better than no terms: try --lags 0, or measure more tests.
+///
+/// Expansion, k·(T − T_ref)·(q − q_fixed), is also fitted if the position of an axis was varied and --error names a
+/// linear error of that axis: vary it over the whole time, at a few places, each visited repeatedly.
+///
+/// After a gap in the log (ten times the usual interval and two minutes) rows are left out until the longest time
+/// constant of --lags has forgotten it. Temperatures outside −60 to 200 °C and rows that jump away and back are refused;
+/// lasting steps are accepted.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp fit-thermal spindle.csv --displacement ch1_um --error EZZ
   volcomp fit-thermal spindle.csv --lags 0,300,1800 --most-sensors 4")]
-pub(crate) struct Arguments {
-    /// Time, temperatures and displacements: .csv, one file for each test
+pub(crate) struct FitThermalArguments {
+    /// CSV files with time, temperatures and displacements, one for each test
     #[arg(required = true)]
     data: Vec<PathBuf>,
-    /// Column with the displacement to fit, more than once for several; without it all are fitted
+    /// Column of a displacement to fit; repeatable [default: all]
     #[arg(long)]
     displacement: Vec<String>,
-    /// The error that a displacement is, for the terms of the machine file: COLUMN=ERROR, once for each displacement, or
-    /// ERROR alone where one is fitted. Without it a single displacement in µm is EZZ, and several have a gap in their terms
-    /// that you fill in
+    /// Error that a displacement is: dz_um=EZZ, or EZZ for a single one [default: EZZ for a single one in µm, else a gap
+    /// to fill in]
     #[arg(long, value_name = "[COLUMN=]ERROR", value_delimiter = ',')]
     error: Vec<String>,
-    /// Share of the rows of a single file, the first ones, that terms are found from to be judged, 0.05 to 0.95; the rows after
-    /// them are predicted
+    /// Share of the rows of a single file that find the terms; the rest judges them: 0.05 to 0.95
     #[arg(long, default_value_t = 0.7)]
     train: f64,
     /// Temperature at which the terms are zero, °C
     #[arg(long, default_value_t = 20.0, allow_hyphen_values = true)]
     reference: f64,
-    /// Time constants to choose from, s, separated by commas; without it
-    /// 0,120,300,600,900,1200,1800,2700,3600,5400. 0 is no lag
+    /// Candidate time constants, s; 0 is no lag [default: 0,120,300,600,900,1200,1800,2700,3600,5400]
     #[arg(long, value_delimiter = ',')]
     lags: Vec<f64>,
-    /// The most sensors that the terms may have
+    /// Maximum number of sensors
     #[arg(long, default_value_t = 6)]
     most_sensors: usize,
-    /// The most time constants that the terms may have; 0 counts as one, and where an axis was moved and its expansion is
-    /// looked for it is always among them
+    /// Maximum number of time constants; 0 counts as one
     #[arg(long, default_value_t = 3)]
     most_lags: usize,
 }
@@ -118,7 +121,7 @@ fn refuse_twice(files: &[PathBuf]) -> Result<(), Failure> {
     Ok(())
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &FitThermalArguments) -> Result<Answer, Failure> {
     let errors = arguments.checked_errors()?;
     refuse_twice(&arguments.data)?;
     let files = read(arguments)?;
@@ -195,7 +198,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes)
 }
 
-impl Arguments {
+impl FitThermalArguments {
     /// The candidates of the search.
     fn search(&self, expansions: bool) -> ThermalSearch {
         ThermalSearch {
@@ -230,7 +233,7 @@ impl Arguments {
 }
 
 /// Reads all files, with sensors and displacements in the order of the first.
-fn read(arguments: &Arguments) -> Result<Vec<Columns>, Failure> {
+fn read(arguments: &FitThermalArguments) -> Result<Vec<Columns>, Failure> {
     let mut files: Vec<Columns> = Vec::new();
     for path in &arguments.data {
         let columns = columns::read(path)?;
@@ -278,7 +281,7 @@ fn channel(
     name: &str,
     error: Option<ErrorName>,
     files: &[Columns],
-    arguments: &Arguments,
+    arguments: &FitThermalArguments,
     search: &ThermalSearch,
 ) -> Result<Channel, Failure> {
     let runs: Vec<ThermalRun> = files.iter().map(|file| run_of(file, name)).collect();
@@ -450,7 +453,11 @@ struct Seen {
 }
 
 impl<'a> FitThermal<'a> {
-    fn new(channels: &'a [Channel], sensors: &'a [String], arguments: &'a Arguments) -> Self {
+    fn new(
+        channels: &'a [Channel],
+        sensors: &'a [String],
+        arguments: &'a FitThermalArguments,
+    ) -> Self {
         let displacement = |channel| displacement(channel, sensors, arguments);
         Self {
             displacements: channels.iter().map(displacement).collect(),
@@ -463,7 +470,7 @@ impl<'a> FitThermal<'a> {
 fn displacement<'a>(
     channel: &'a Channel,
     sensors: &'a [String],
-    arguments: &Arguments,
+    arguments: &FitThermalArguments,
 ) -> Displacement<'a> {
     let name = |sensor: usize| sensors.get(sensor).cloned().unwrap_or_default();
     let judged = &channel.judged;
@@ -636,7 +643,11 @@ fn outwards([low, high]: [f64; 2], parts: f64) -> [f64; 2] {
 }
 
 /// The prediction errors, the coefficients, and the text for the machine file.
-fn text(channels: &[Channel], document: &FitThermal<'_>, arguments: &Arguments) -> String {
+fn text(
+    channels: &[Channel],
+    document: &FitThermal<'_>,
+    arguments: &FitThermalArguments,
+) -> String {
     let mut text = comparison(channels, arguments);
     for (channel, of) in channels.iter().zip(&document.displacements) {
         let paste = match channel.judged.verdict() {
@@ -695,7 +706,7 @@ fn worse(channel: &Channel, verdict: ThermalVerdict) -> String {
 }
 
 /// RMS prediction errors, without and with time constants.
-fn comparison(channels: &[Channel], arguments: &Arguments) -> String {
+fn comparison(channels: &[Channel], arguments: &FitThermalArguments) -> String {
     let mut lines = table(&[
         "RMS of prediction",
         "no lag",

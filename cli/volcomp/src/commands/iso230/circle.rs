@@ -14,7 +14,7 @@ use volcomp_metrology::{
     judged, opening,
 };
 
-use super::Arguments;
+use super::Iso230Arguments;
 use crate::{
     commands::{
         Answer,
@@ -31,13 +31,13 @@ use crate::{
 #[derive(clap::Args)]
 #[command(next_help_heading = "Circles (--part 4)")]
 pub(super) struct CircleOptions {
-    /// The plane of the circle, without it xy; angles run from its first axis to the second
+    /// Plane of the circle [default: xy]
     #[arg(long)]
     plane: Option<Plane>,
-    /// Nominal radius, mm; positions may do without it
+    /// Nominal radius, mm; optional for positions
     #[arg(long, value_name = "MM")]
     radius_mm: Option<f64>,
-    /// Feed along the circle, mm/min: a servo mismatch is then told as a delay, too
+    /// Feed along the circle, mm/min, to give a servo mismatch as a delay too
     #[arg(long, value_name = "MM_PER_MIN")]
     feed: Option<f64>,
 }
@@ -106,7 +106,7 @@ impl CircleOptions {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     let tolerances = tolerances(arguments.tolerance.as_deref(), &CIRCULAR)?;
     if let Some(feed) = arguments.circle.feed
         && !(feed.is_finite() && feed > 0.0)

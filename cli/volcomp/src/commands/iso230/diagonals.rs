@@ -9,7 +9,7 @@ use volcomp_metrology::{
     evaluate_diagonals, judged, read_file,
 };
 
-use super::Arguments;
+use super::Iso230Arguments;
 use crate::{
     commands::{
         Answer,
@@ -29,10 +29,10 @@ use crate::{
 #[derive(clap::Args)]
 #[command(next_help_heading = "Diagonals (--part 6)")]
 pub(super) struct DiagonalOptions {
-    /// Which diagonal each file is, in their order: PPP,NPP,PNP,PPN; without it a word in the title or name of the file
+    /// Diagonal of each file, in order: PPP,NPP,PNP,PPN [default: by title or name of the file]
     #[arg(long, value_name = "NAMES")]
     diagonals: Option<String>,
-    /// Edges of the box along X, Y and Z, mm: the diagonals then hint at squareness
+    /// Edges of the box along X, Y and Z, mm, to estimate squareness
     #[arg(long, value_name = "X,Y,Z")]
     box_mm: Option<String>,
 }
@@ -84,7 +84,7 @@ pub(crate) struct MeasuredDiagonals {
     judgement: Judgement,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     let options = &arguments.diagonals;
     let tolerances = tolerances(arguments.tolerance.as_deref(), &DIAGONALS)?;
     let named = options.named(arguments.files.len())?;
@@ -156,7 +156,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 
 fn read(
     path: &Path,
-    arguments: &Arguments,
+    arguments: &Iso230Arguments,
     named: Option<Diagonal>,
 ) -> Result<(Diagonal, Measurement), Failure> {
     let mut measurement = read_file(path)?;

@@ -13,38 +13,44 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 use super::Answer;
 use crate::{failure::Failure, unit::Unit};
 
-/// Evaluates tests by ISO 230: positioning, circles, diagonals
+/// Evaluate tests to ISO 230: positioning, circles, diagonals
+///
+/// The standard of positioning requires at least, in each direction: linear axes up to 2000 mm, five targets a metre, at
+/// least five, and five runs; longer ones a target every 250 mm and one run; rotary axes 3 targets up to 90°, 5 up to
+/// 180°, 8 up to 360°, and five runs; above 360°, 8 targets a turn and one run. A contribution of the uncertainty that is
+/// not stated counts as zero.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp iso230 exx.rtl --standard all --tolerance A=90,B=5
   volcomp --json iso230 circle.csv --part 4 --radius-mm 150")]
-pub(crate) struct Arguments {
-    /// Measurement files: .csv, .rtl, .rta, .pos, a report or a log; of circles .csv
+pub(crate) struct Iso230Arguments {
+    /// Measurement files: .csv, .rtl, .rta, .pos, a report or a log; for circles .csv
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Part of ISO 230: 2 (positioning of an axis), 4 (circles), 6 (diagonals)
+    /// Part of ISO 230: 2 (positioning), 4 (circles) or 6 (diagonals)
     #[arg(long, default_value_t = 2, value_parser = parse_part)]
     part: u8,
-    /// Edition of ISO 230-2: 1997, 2006 or 2014, without it 2014
+    /// Edition of ISO 230-2: 1997, 2006 or 2014 [default: 2014]
     #[arg(long, value_parser = parse_edition)]
     edition: Option<u16>,
-    /// Standard of a positioning test; all: each of them
+    /// Standard of a positioning test
     #[arg(long, default_value = "iso")]
     standard: Standard,
-    /// Unit of the deviations in a file that does not state it (.csv), without it µm; the answer is in µm or µrad
+    /// Unit of deviations that the file (.csv) does not state; results are in µm or µrad [default: µm; µrad for tilts with
+    /// --bridge-mm]
     #[arg(long)]
     unit: Option<Unit>,
-    /// The axis, for what the standard asks of the test; without it the one that the file names, else a linear one
+    /// Axis, which decides the required targets and runs [default: as in the file, else a linear axis]
     #[arg(long)]
     axis: Option<AxisName>,
-    /// The error that the file measures, where its title names another that is none of positioning: EXX
+    /// Override the error name in the file title: EXX
     #[arg(long, value_parser = parse_positioning)]
     error: Option<ErrorName>,
     /// Limits by symbol, µm or µrad: A=10,E=8,B=2
     #[arg(long, value_name = "LIMITS")]
     tolerance: Option<String>,
-    /// Write a CSV file, a row for each file that is read
+    /// Write a CSV file with a row for each input file
     #[arg(long, short = 'o', value_name = "FILE")]
     csv: Option<PathBuf>,
     #[command(flatten)]
@@ -91,7 +97,7 @@ pub(crate) fn parse_edition(text: &str) -> Result<u16, String> {
     Ok(edition.year())
 }
 
-impl Arguments {
+impl Iso230Arguments {
     /// The axis stated in the call, directly or by its error.
     fn axis(&self) -> Option<AxisName> {
         self.axis.or(self.error.map(|error| error.axis))
@@ -103,7 +109,7 @@ impl Arguments {
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     let part = arguments.part;
     let uncertain = arguments.uncertainty.stated();
     // Each option belongs to one part.
@@ -160,25 +166,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 #[derive(clap::Args, Default, PartialEq)]
 #[command(next_help_heading = "Measurement uncertainty")]
 pub(crate) struct UncertaintyOptions {
-    /// Uncertainty of the instrument by its calibration (k = 2): the part that grows with the length, µm/m
+    /// Calibration uncertainty of the instrument (k = 2): part proportional to length, µm/m
     #[arg(long, value_name = "UM_PER_M")]
     device_um_per_m: Option<f64>,
-    /// The part of it that does not grow, µm
+    /// Its constant part, µm
     #[arg(long, value_name = "UM")]
     device_um: Option<f64>,
-    /// By how much the beam may run off the axis over its length, mm
+    /// Largest lateral deviation of the beam from the axis over its length, mm
     #[arg(long, value_name = "MM")]
     misalignment_mm: Option<f64>,
-    /// Range within which the temperature of the machine is known, K
+    /// Range within which the machine temperature is known, K
     #[arg(long, value_name = "K")]
     temperature_range_k: Option<f64>,
-    /// Expansion coefficient of the machine, µm/(m·K); without it that of the file
+    /// Expansion coefficient of the machine, µm/(m·K) [default: from the file]
     #[arg(long, value_name = "UM_PER_M_K")]
     expansion: Option<f64>,
-    /// Range within which that coefficient is known, µm/(m·K)
+    /// Range within which it is known, µm/(m·K)
     #[arg(long, value_name = "UM_PER_M_K")]
     expansion_range: Option<f64>,
-    /// Temperature of the machine, °C; without it the material temperature of the file that is farthest from 20 °C
+    /// Machine temperature, °C [default: the material temperature in the file farthest from 20 °C]
     #[arg(long, value_name = "DEGC", allow_hyphen_values = true)]
     machine_degc: Option<f64>,
     /// Range of a drift test as long as the measurement, µm

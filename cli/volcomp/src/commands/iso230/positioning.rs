@@ -15,7 +15,7 @@ use volcomp_metrology::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use super::{Arguments, Standard};
+use super::{Iso230Arguments, Standard};
 use crate::{
     commands::{
         Answer,
@@ -81,7 +81,7 @@ impl JsonSchema for Symbols {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(super) fn run(arguments: &Iso230Arguments) -> Result<Answer, Failure> {
     let iso = Edition::symbols();
     let known: Vec<&str> = match arguments.standard {
         Standard::Vdi => Vdi3441::symbols().to_vec(),
@@ -100,7 +100,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 
 fn one(
     path: &Path,
-    arguments: &Arguments,
+    arguments: &Iso230Arguments,
     tolerances: &[Tolerance],
     among_others: bool,
 ) -> Result<Evaluated<PositioningTest>, Failure> {
@@ -250,7 +250,7 @@ fn same_axis(path: &Path, measurement: &Measurement, axis: AxisName) -> Result<(
 /// The uncertainty, if any of its options is given.
 fn uncertainty(
     path: &Path,
-    arguments: &Arguments,
+    arguments: &Iso230Arguments,
     measurement: &Measurement,
     unit: DeviationUnit,
     kind: AxisKind,

@@ -29,18 +29,21 @@ use crate::{
     table::folded,
 };
 
-/// The volumetric map: the error on a grid over the travels of X, Y and Z
+/// Map the volumetric error on a grid over the travels of X, Y and Z
 ///
-/// Other axes stand at 0, or where --at says. The compiled machine is used unless --exact or another --model is given: its curves are
-/// within 1 nm and 1 nrad of the machine file's, and products of two errors are neglected. The figures of the grid are followed by the
-/// volumetric error over poses of all axes, after one best-fit rigid-body alignment of the workpiece: it is that of `report` for this tool, does not depend on
-/// the grid, and with --uncertainty has its uncertainty. Ctrl-C leaves no unfinished file.
+/// Values are actual tip minus ideal tip. They include constants that no part shows, such as an EXX of 5 µm over the
+/// whole travel.
+///
+/// The volumetric error over poses of all axes is that of `report` for this tool, independent of the grid: 4,096 fixed
+/// poses, after one best-fit rigid-body alignment of the workpiece; coordinate ascent from the worst poses and the
+/// corners finds the largest error of the tip and tilt of the tool axis. The grid shows little of rotary axis errors: at
+/// one rotary pose a location error moves the workpiece as a rigid body.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   volcomp map -m gantry.toml --grid 21x21x21 -o map.vti
   volcomp map -m calibrated.toml --grid 5x5x5 --truth truth.toml")]
-pub(crate) struct Arguments {
+pub(crate) struct MapArguments {
     #[command(flatten)]
     machine: MachineArguments,
     /// Nodes along X, Y and Z: 21x21x21
@@ -48,14 +51,15 @@ pub(crate) struct Arguments {
     grid: String,
     #[command(flatten)]
     others: OthersArguments,
-    /// File for the field: .csv, .vti (VTK image data), .vtr (VTK rectilinear grid), .parquet
+    /// File for the field: .csv, .vti (VTK image data), .vtr (VTK rectilinear grid), or .parquet in builds with this
+    /// feature
     #[arg(long, short)]
     output: Option<PathBuf>,
-    /// Form of the model: compiled, exact (rigid transforms), htm (small-angle matrices) or twist (first order)
-    /// [default: compiled; exact with a correction]
+    /// Form of the model: compiled (curves within 1 nm and 1 nrad, errors to first order), or as for `error` [default:
+    /// compiled; exact with a correction]
     #[arg(long)]
     model: Option<Model>,
-    /// The exact form of the model, as --model exact
+    /// As --model exact
     #[arg(long, conflicts_with = "model")]
     exact: bool,
     #[command(flatten)]
@@ -123,7 +127,7 @@ struct Uncertainty {
     not_counted: Vec<NotCounted>,
 }
 
-impl Arguments {
+impl MapArguments {
     /// The form of the model; a correction is available in the exact form only.
     fn model(&self) -> Result<Model, Failure> {
         let exact = Model::Form(Form::Exact);
@@ -141,7 +145,7 @@ impl Arguments {
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &MapArguments) -> Result<Answer, Failure> {
     let counts = parse_grid(&arguments.grid)?;
     let model = arguments.model()?;
     let (machine, temperatures) = arguments.machine.read()?;
@@ -208,7 +212,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 }
 
 fn document(
-    arguments: &Arguments,
+    arguments: &MapArguments,
     model: Model,
     grid: &MapGrid,
     (largest, beside, not_counted): (&Largest, Beside, Vec<NotCounted>),
@@ -254,7 +258,7 @@ fn place(grid: &MapGrid, node: &Node) -> ByAxis {
     on_grid.chain(grid.others.iter().copied()).collect()
 }
 
-fn text(arguments: &Arguments, map: &Map, compensation: &Compensation<'_>) -> String {
+fn text(arguments: &MapArguments, map: &Map, compensation: &Compensation<'_>) -> String {
     let counts: Vec<String> = map.counts.iter().map(ToString::to_string).collect();
     let mut text = format!("{} nodes ({})\n", map.nodes, counts.join(" x "));
     let error = if arguments.compensation.is_asked_for() {
