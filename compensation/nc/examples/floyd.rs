@@ -1,10 +1,10 @@
-//! Path compensation by shortest ways: from a field of errors to commands in whole steps of a control.
+//! Path compensation by shortest paths: from a field of errors to commands in whole steps of a control.
 //!
 //! ```sh
 //! cargo run --release -p volcomp-nc --example floyd
 //! ```
 //!
-//! `examples/floyd/README.md` says what is printed; `examples/floyd/printed.txt` is what is printed.
+//! `examples/floyd/README.md` explains the output, `examples/floyd/printed.txt` contains it.
 
 use std::{error::Error, fmt::Write as _};
 
@@ -16,11 +16,11 @@ use volcomp_nc::{
 
 /// The step of the control, mm.
 const STEP_MM: f64 = 1e-3;
-/// The field: so many steps of X and of Y about the path's own place.
+/// Half width of the field around the path, in steps of X and of Y.
 const FIELD: i32 = 100;
-/// Nodes further from the wanted correction than this are of no use, mm.
+/// Maximum distance of nodes from the exact correction, mm.
 const BAND_MM: f64 = 2.2e-3;
-/// The price on the mean square of a change of the correction against that of a deviation.
+/// Weight of the mean square change of the correction relative to that of the deviation.
 const PRICE: f64 = 0.05;
 
 /// A point of the plane, mm.
@@ -32,7 +32,7 @@ struct Field {
 }
 
 impl Field {
-    /// Where the tool is for a command.
+    /// Actual tool position for a command.
     fn actual(&self, [x, y]: Point) -> Result<Point, Box<dyn Error>> {
         let state = self.machine.state(&[(AxisName::X, x), (AxisName::Y, y)])?;
         let error = self
@@ -338,7 +338,7 @@ fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Between two stations more and more are added: when the way of the two stays, it is fine enough.
+/// Adds stations between two until their commands no longer change.
 fn more_nodes(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     writeln!(
         text,

@@ -15,9 +15,9 @@ use crate::{
     moves::centre_of,
     notes::Note,
     number::{Number, half_step, of_steps},
-    reversal::Turns,
-    rewrite::{Contour, Rewriter, Settled},
-    straight::{Leg, MOST_PARTS, Part, Writes, polar_writes, too_many_parts, words_of},
+    reversal::Reversals,
+    rewrite::{AppliedCorrection, Contour, Rewriter},
+    straight::{Leg, MAX_PARTS, Part, WriteRule, polar_writes, too_many_parts, words_of},
 };
 
 /// Ratio of the largest deviation of a part to that at its quarter points. An error that is linear within the part deviates from the circle
@@ -25,10 +25,10 @@ use crate::{
 /// points.
 const BETWEEN_QUARTERS: f64 = 1.15;
 
-/// Samples per turn in the search for axis reversals; `ARC_MOST_LOOKED_AT` is the maximum number for one arc.
-const ARC_LOOKED_AT: u32 = 64;
+/// Samples per turn in the search for axis reversals; `MAX_ARC_SAMPLES` is the maximum number for one arc.
+const ARC_SAMPLES_PER_TURN: u32 = 64;
 
-const ARC_MOST_LOOKED_AT: f64 = 4096.0;
+const MAX_ARC_SAMPLES: f64 = 4096.0;
 
 /// Twice the travel, mm, of an axis of the plane next to its turning point that counts as no motion.
 const HARDLY_MM: f64 = 5e-4;
@@ -124,7 +124,7 @@ impl CircleWords {
     }
 
     /// True if the radius of the line is removed.
-    fn lets_radius_go(&self) -> bool {
+    fn drops_radius(&self) -> bool {
         !self.removed.is_empty()
     }
 
@@ -230,7 +230,7 @@ impl Rewriter {
         self.take_up(motion, arc, turned, line, out);
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let mut before = from;
-        // A closed circle ends where it begins, whatever the correction there.
+        // A closed circle ends where it begins, whatever the correction there is.
         let [[x, y], [to_x, to_y]] = [&from, &to].map(|at| in_plane(arc, at));
         let is_closed = !splits && (to_x - x).hypot(to_y - y) < 1e-9;
         for (place, stretch) in stretches.iter().enumerate() {
@@ -248,9 +248,9 @@ impl Rewriter {
             let writes = each(|axis| match splits {
                 _ if motion.polar.is_some() && axis < 2 => polar_writes(keeps_polar),
                 // Every part needs its end point.
-                true if axis == first || axis == second => Writes::Always,
-                true => Writes::Anew,
-                false => Writes::IfChanged,
+                true if axis == first || axis == second => WriteRule::Always,
+                true => WriteRule::Anew,
+                false => WriteRule::IfChanged,
             });
             // Another correction would turn an arc of a few steps into a different arc, so it ends with the correction it began with.
             let mut found = None;
@@ -282,7 +282,7 @@ impl Rewriter {
             let Some((words, mut circle, after)) = found else {
                 return Err(NcError::not_compensated(
                     line.number,
-                    "an arc so small that its correction makes another arc of it, with these decimals of its words: --decimals allows more of them",
+                    "an arc too small for its correction at these decimals: --decimals allows more",
                 ));
             };
             carried = after;
@@ -290,7 +290,7 @@ impl Rewriter {
             if shape == Shape::AsItIs {
                 carried[..2].fill(0.0);
             }
-            self.notes_superposed(&words, motion, line);
+            self.note_superposed(&words, motion, line);
             circle.edit(&mut self.edits);
             let share = stretch.to - stretch.from;
             let part = Part {
@@ -306,7 +306,7 @@ impl Rewriter {
             before = at;
         }
         self.carried = frame.moved_in_machine(&to, &carried);
-        self.has_moved(motion);
+        self.finish_motion(motion);
         Ok(())
     }
 
@@ -359,7 +359,7 @@ impl Rewriter {
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         if in_plane(arc, &carried) == [0.0; 2] {
             self.puts_pole_back(line, out);
-            self.is_uncorrected(motion);
+            self.pass_uncorrected(motion);
             return;
         }
         let start = shifted(arc, from, &carried);
@@ -373,7 +373,7 @@ impl Rewriter {
             at: motion.to,
             writes: each(|axis| match axis {
                 0 | 1 if motion.polar.is_some() => polar_writes(false),
-                _ => Writes::IfChanged,
+                _ => WriteRule::IfChanged,
             }),
             keeps: [true; 9],
             rounded: None,
@@ -389,8 +389,8 @@ impl Rewriter {
         };
         self.write_part(&part, line, out);
         self.carried = frame.moved_in_machine(to, &carried);
-        self.corrector.goes(&motion.to);
-        self.settled = Settled::No;
+        self.corrector.move_to(&motion.to);
+        self.applied_correction = AppliedCorrection::Outdated;
     }
 
     /// Applies the correction that the axes lack at the start of an arc in an added line, under the modes active before the codes of the
@@ -469,7 +469,7 @@ impl Rewriter {
             from: *from,
             to: *from,
             at: here,
-            writes: [Writes::IfChanged; 9],
+            writes: [WriteRule::IfChanged; 9],
             keeps: [false; 9],
             rounded: None,
         };
@@ -495,7 +495,7 @@ impl Rewriter {
         for word in words_of(&words, &[Manner::Modal; 9], feed) {
             line.script.write_word(&word, out);
         }
-        self.ends_part(share);
+        self.record_part_end(share);
         Some(carried)
     }
 
@@ -553,7 +553,7 @@ impl Rewriter {
         while let Some(stretch) = open.pop() {
             self.turn_up_to(&mut next, stretch.from);
             let is_short = stretch.turns(arc) * radius < shortest;
-            if stretches.len() + open.len() >= MOST_PARTS {
+            if stretches.len() + open.len() >= MAX_PARTS {
                 return Err(too_many_parts(line));
             }
             if is_short || self.fits(arc, [from, to], stretch) {
@@ -574,18 +574,18 @@ impl Rewriter {
         Ok(stretches)
     }
 
-    fn turns_of_arc(&self, arc: &Arc, [from, to]: [&Axes; 2]) -> Turns {
+    fn turns_of_arc(&self, arc: &Arc, [from, to]: [&Axes; 2]) -> Reversals {
         if !self.corrector.bidirectional {
-            return Turns::default();
+            return Reversals::default();
         }
         let frame = &self.interpreter.frame;
-        let steps = f64::from(ARC_LOOKED_AT) * (arc.turns_by.abs() / (2.0 * PI)).max(1.0);
+        let steps = f64::from(ARC_SAMPLES_PER_TURN) * (arc.turns_by.abs() / (2.0 * PI)).max(1.0);
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
-            reason = "a few thousand at the most"
+            reason = "at most a few thousand"
         )]
-        let steps = steps.ceil().min(ARC_MOST_LOOKED_AT) as u32;
+        let steps = steps.ceil().min(MAX_ARC_SAMPLES) as u32;
         let place = |share: f64| match share {
             0.0 => frame.to_machine(from),
             1.0 => frame.to_machine(to),
@@ -925,7 +925,7 @@ impl Rewriter {
         if keeps_polar {
             return (Shape::AsItIs, Vec::new());
         }
-        let keeps_radius = arc.by_radius && !circle.lets_radius_go() && centre == [None; 2];
+        let keeps_radius = arc.by_radius && !circle.drops_radius() && centre == [None; 2];
         if circle.has_radius() || keeps_radius {
             return (Shape::Radius, Vec::new());
         }
@@ -998,7 +998,7 @@ impl Rewriter {
     }
 
     /// Adds a note if an arc gets the coordinate of an axis that it did not have.
-    fn notes_superposed(&mut self, words: &Axes<Option<Number>>, motion: &Move, line: Line<'_>) {
+    fn note_superposed(&mut self, words: &Axes<Option<Number>>, motion: &Move, line: Line<'_>) {
         // A helix in polar coordinates gets X and Y; any other arc gets an additional word.
         let is_new = |axis: usize| {
             words[axis].is_some() && (motion.words[axis].is_none() || motion.polar.is_some())
@@ -1097,7 +1097,7 @@ mod tests {
     }
 
     #[test]
-    fn a_quarter_a_half_and_three_quarters_of_a_circle() {
+    fn arc_parts_of_a_circle() {
         let half_root = 0.5_f64.sqrt();
         for (turns, end, middle) in [
             (0.5, [0.0, 10.0], [10.0 * half_root, 10.0 * half_root]),
@@ -1127,7 +1127,7 @@ mod tests {
 
     /// A chord that is a step longer leaves a shallow arc its radius, and a half circle its sag: neither centre jumps.
     #[test]
-    fn a_step_more_of_the_chord_moves_the_centre_by_little() {
+    fn the_rounding_of_a_chord_hardly_moves_the_centre() {
         let shallow = Bow {
             start: [10.0, 0.0],
             end: [10.4, 0.0],

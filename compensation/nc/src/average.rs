@@ -20,15 +20,15 @@ use crate::{
     line::{NewWord, Script},
     line_ends::{end_of_added, leader_of, split_lines},
     modal::{NUMBERED, SYSTEMS, name_of_offset},
-    motion::{Made, Path, half_deep},
+    motion::{ExecutedMotion, Path, half_deep},
     notes::Note,
     number::Number,
     program::run_in_parallel,
     setup::SetUp,
 };
 
-/// The mean correction over the places where a program cuts with one work offset in force: the ends of its lines and arcs, and
-/// its holes half-way down.
+/// Mean correction over the positions where a program cuts with one work offset: the ends of its lines and arcs, and half-way down its
+/// holes.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
@@ -36,16 +36,16 @@ pub struct Average {
     /// The work offset, `G54` to `G59.3`.
     #[cfg_attr(feature = "schema", serde(rename = "work_offset"))]
     pub system: String,
-    /// How many places there are.
+    /// Number of positions.
     pub places: u64,
-    /// How far the machine is off at its zero; `None`: not at all.
+    /// Error of the machine at its zero; `None` if it rounds to zero.
     #[cfg_attr(feature = "schema", serde(skip))]
     pub off_at_zero: Option<Note>,
     #[cfg_attr(feature = "schema", serde(skip))]
     pub(crate) off_at_zero_mm: [f64; 3],
-    /// The mean of what is to be added to X, Y and Z, mm; 0 for an axis that does not correct.
+    /// Mean correction of X, Y and Z, mm; 0 for an axis that does not correct.
     pub mean_mm: [f64; 3],
-    /// How far single places, or readings, are from the mean, which is what stays uncorrected: the largest and the root of the mean square, µm.
+    /// Residual deviation of positions or readings from the mean: maximum and RMS, µm.
     pub left_um: [f64; 2],
     /// The same without any correction, µm.
     pub before_um: [f64; 2],
@@ -132,7 +132,7 @@ impl Sums {
 fn with_rotary_axes() -> NcError {
     NcError::not_compensated(
         1,
-        "a mean correction needs a machine without rotary axes: with them it is another one at each angle",
+        "a mean correction needs a machine without rotary axes: otherwise it depends on the angle",
     )
 }
 
@@ -154,7 +154,7 @@ pub fn average(
     if job.dialect != Dialect::Rs274 || is_printer {
         return Err(NcError::not_compensated(
             1,
-            "a mean correction is put into work offsets by G10, which only RS-274 has, and no printer",
+            "a mean correction is written into work offsets by G10, which only RS-274 controls other than printers have",
         ));
     }
     let mut sums = vec![Sums::default(); SYSTEMS];
@@ -219,7 +219,7 @@ pub fn average(
         }
         let Some(offset) = job.setup.offset(system) else {
             let what = format!(
-                "the set-up does not state the work offset {}, which is to get the mean correction",
+                "the set-up file does not state the work offset {}, which receives the mean correction",
                 name_of_offset(system)
             );
             return Err(NcError::not_compensated(1, what));
@@ -271,7 +271,7 @@ fn at_places(
     mut take: impl FnMut(&Corrector, CutPlace) -> Result<(), NcError>,
 ) -> Result<(), NcError> {
     let mut corrector = job.corrector.clone();
-    corrector.begins(&job.setup.start().0);
+    corrector.start_at(&job.setup.start().0);
     let (mut own, mut again) = (program, program);
     let mut programs: Vec<(&mut (dyn BufRead + Send), _)> = vec![(&mut own, job.setup)];
     if let Some(setup) = moved {
@@ -284,14 +284,14 @@ fn at_places(
             let beside = match motions.get(1).map(Receiver::recv) {
                 Some(Ok(beside)) if beside.line == made.line => Some(beside),
                 Some(_) => {
-                    let what = "the program makes other motions with the mean correction in its work offsets, which it reads (such as #5221)";
+                    let what = "the program reads its work offsets (such as #5221), so the mean correction in them changes its motions";
                     return Err(NcError::not_compensated(made.line, what));
                 }
                 None => None,
             };
             corrector.take_tool(&made.tool)?;
-            corrector.arrives(&made.motion.arrives_from_unknown);
-            corrector.goes(&made.motion.to);
+            corrector.begin_motion(&made.motion.arrives_from_unknown);
+            corrector.move_to(&made.motion.to);
             let Some(at) = cuts_at(&made) else { continue };
             let moved_at = beside.as_ref().and_then(cuts_at).unwrap_or(at);
             let stated = job.setup.offset(made.system);
@@ -304,7 +304,7 @@ fn at_places(
             if !made.known {
                 return Err(NcError::not_compensated(
                     made.line,
-                    "it is not known where X, Y and Z stand here: [start] of the set-up says it",
+                    "the positions of X, Y and Z are unknown here: state [start] in the set-up file",
                 ));
             }
             let delta = corrector.at(&at).delta;
@@ -325,7 +325,7 @@ fn at_places(
 }
 
 /// Position where a motion cuts: its end, or half-way down a hole.
-fn cuts_at(made: &Made) -> Option<Axes> {
+fn cuts_at(made: &ExecutedMotion) -> Option<Axes> {
     let motion = &made.motion;
     match motion.path {
         _ if motion.in_machine => None,

@@ -65,7 +65,7 @@ pub(crate) struct Assignment {
 
 /// How a line begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Begins {
+pub(crate) enum BlockStart {
     #[default]
     Nothing,
     /// Block delete: the operator may have the line skipped.
@@ -81,7 +81,7 @@ pub(crate) struct Block {
     pub(crate) assignments: Vec<Assignment>,
     /// Commands of the dialect that have no RS-274 code.
     pub(crate) commands: Vec<Command>,
-    pub(crate) begins: Begins,
+    pub(crate) begins: BlockStart,
     /// Block number and its byte range, in dialects that number blocks consecutively.
     pub(crate) number: Option<(Range<usize>, u64)>,
     /// Keyword of the motion type; added lines need one, too.
@@ -126,7 +126,7 @@ pub(crate) enum Command {
         adds: bool,
     },
     /// Rotates the coordinates by an angle, deg, about the axis normal to X and Y (ROT, AROT).
-    Turn {
+    Reversal {
         adds: bool,
         angle_deg: Value,
     },
@@ -340,7 +340,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn texts_are_passed_with_their_marks() {
+    fn quoted_texts_are_skipped() {
         let mut scanner = Scanner::new(b"  \"MILL \" X");
         assert_eq!(scanner.takes_text(), Ok(true));
         assert_eq!(
@@ -357,7 +357,7 @@ mod tests {
     /// Texts of the characters that numbers have and may have: one pass over a plain number finds what the reader of single characters
     /// finds, to the last bit.
     #[test]
-    fn plain_numbers_are_read_as_character_by_character() {
+    fn the_fast_number_reader_equals_the_general_one() {
         let mut draw = ChaCha8Rng::seed_from_u64(7);
         let (mut plainly, mut none) = (0, 0);
         for round in 0..100_000 {

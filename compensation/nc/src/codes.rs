@@ -16,7 +16,7 @@ const HARMLESS: [Code; 6] = [90, 610, 611, 640, 960, 970];
 const PATH_MODE: Code = 640;
 
 /// Codes of a block: at most one per modal group.
-#[expect(clippy::struct_excessive_bools, reason = "each is a code of its own")]
+#[expect(clippy::struct_excessive_bools, reason = "each is a separate code")]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Codes {
     pub(crate) motion: Option<Code>,
@@ -196,16 +196,16 @@ fn no_code(word: &Word, line: usize) -> NcError {
     match word.value {
         None => NcError::OnlyAtMachine { line, word: letter },
         Some(_) => {
-            NcError::not_compensated(line, format!("{letter} with a number that is no code"))
+            NcError::not_compensated(line, format!("{letter} with a number that is not a code"))
         }
     }
 }
 
 fn unknown_code(code: Code, control: Option<Control>, line: usize) -> NcError {
     let what = match why_refused(code, control) {
-        Some(why) => format!("{} is not followed: {why}", code_text(code)),
+        Some(why) => format!("{} is not supported: {why}", code_text(code)),
         None => format!(
-            "{} is not known here: it may move an axis, so that the program cannot be compensated",
+            "{} is unknown: it may move an axis, so the program cannot be compensated",
             code_text(code)
         ),
     };
@@ -255,7 +255,7 @@ pub(crate) fn is_cycle(code: Code) -> bool {
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
-    reason = "the range was looked at before"
+    reason = "the range was checked before"
 )]
 fn code_of(value: f64) -> Option<Code> {
     let tenths = (value * 10.0).round();
@@ -268,7 +268,7 @@ pub(crate) const LARGEST: f64 = 1e9;
 
 /// The words of a block during execution.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Given<'a> {
+pub(crate) struct BlockWords<'a> {
     pub(crate) block: &'a Block,
     /// Index of each axis word in the block.
     pub(crate) places: Axes<Option<usize>>,
@@ -280,7 +280,7 @@ pub(crate) struct Given<'a> {
     pub(crate) line: usize,
 }
 
-impl<'a> Given<'a> {
+impl<'a> BlockWords<'a> {
     /// Collects the words of a block; with `are_polar` its X and Y words are a distance and an angle.
     ///
     /// # Errors
@@ -422,7 +422,7 @@ pub(crate) fn centre_is_absolute(manner: Option<Manner>, modal: &Modal) -> bool 
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
-    reason = "the range was looked at before"
+    reason = "the range was checked before"
 )]
 pub(crate) fn whole(value: f64, most: u32) -> Option<u32> {
     let rounded = value.round();

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::{
-    modal::{Code, MOST_NUMBERED},
+    modal::{Code, MAX_NUMBERED_OFFSET},
     number::Decimals,
 };
 
@@ -129,9 +129,9 @@ impl Control {
             (Self::Klipper, 530) => Some(
                 "Klipper ignores it and moves in the coordinates of the program: remove it, or program the position in these coordinates",
             ),
-            (Self::Haas, 70 | 80) => Some("it is not known for this control"),
+            (Self::Haas, 70 | 80) => Some("it is unknown for this control"),
             (Self::Fanuc | Self::Haas | Self::Mazak, 591..=593) => {
-                Some("it is not known for this control")
+                Some("it is unknown for this control")
             }
             _ => None,
         }
@@ -154,7 +154,7 @@ impl Control {
     pub(crate) fn last_numbered(self) -> u32 {
         match self {
             Self::Haas => 99,
-            _ => MOST_NUMBERED,
+            _ => MAX_NUMBERED_OFFSET,
         }
     }
 
@@ -189,21 +189,21 @@ pub(crate) fn why_refused(code: Code, control: Option<Control>) -> Option<String
         return Some(why.to_owned());
     }
     let why = match code {
-        70 | 71 | 1070 => "it makes an axis hypothetical, or wraps coordinates round a cylinder",
-        120 | 130 | 1500 | 700 | 710 | 720 => "a cycle that moves by a rule of its own",
+        70 | 71 | 1070 => "it makes an axis hypothetical, or wraps coordinates around a cylinder",
+        120 | 130 | 1500 | 700 | 710 | 720 => "a cycle whose motions are not supported",
         121 | 1120 | 1130 => "polar interpolation",
         310 | 311..=313 | 370 | 360 | 350 | 1360 => {
-            "it ends where a signal comes, which only the machine knows"
+            "it ends at a signal, which only the machine knows"
         }
         440 => {
-            "it takes a length off: state the length with the other sign in the set-up file and write G43"
+            "it subtracts a length: state the length with the opposite sign in the set-up file and write G43"
         }
         510 | 511 | 501 | 500 | 1010 => "it scales or mirrors coordinates",
-        542 | 2540 => "an offset that turns with the table",
-        600 => "it comes to its place from one side, by a motion of its own",
+        542 | 2540 => "an offset that rotates with the table",
+        600 => "it approaches its target from one side by a separate motion",
         650 | 660 | 661 => "it calls a macro, whose motions are not in the program",
         682..=684 | 531 | 2680 => "a tilted plane",
-        435 => "directions of the tool are followed as angles of the rotary axes only",
+        435 => "tool directions are supported as angles of the rotary axes only",
         _ => "",
     };
     if !why.is_empty() {
@@ -216,7 +216,7 @@ pub(crate) fn why_refused(code: Code, control: Option<Control>) -> Option<String
         .collect();
     (!names.is_empty()).then(|| {
         format!(
-            "it is known with control = \"{}\" in the set-up file",
+            "it is supported with control = \"{}\" in the set-up file",
             names.join("\" or \"")
         )
     })

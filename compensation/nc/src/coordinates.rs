@@ -227,7 +227,7 @@ pub(crate) struct Tip {
 
 /// Linear map of the centre point for fixed rotary axes: it moves with X, Y and Z along rotated directions.
 #[derive(Clone, Debug)]
-struct Turned {
+struct RotaryPose {
     /// Coordinates of the axes other than X, Y and Z.
     others: [f64; 6],
     /// Centre point with X, Y and Z at zero.
@@ -247,7 +247,7 @@ const KEPT: usize = 4;
 #[derive(Clone, Debug)]
 pub(crate) struct TipFrame {
     pub(crate) tip: Arc<Tip>,
-    last: RefCell<([Option<Turned>; KEPT], usize)>,
+    last: RefCell<([Option<RotaryPose>; KEPT], usize)>,
 }
 
 impl TipFrame {
@@ -258,7 +258,7 @@ impl TipFrame {
         }
     }
 
-    fn with<T>(&self, axes: &Axes, take: impl FnOnce(&Turned) -> T) -> T {
+    fn with<T>(&self, axes: &Axes, take: impl FnOnce(&RotaryPose) -> T) -> T {
         let (turned, last) = &mut *self.last.borrow_mut();
         let is_it = |of: &usize| (turned[*of].as_ref()).is_some_and(|it| it.others == axes[3..]);
         // Search from the newest entry; a new one replaces the oldest.
@@ -328,7 +328,7 @@ impl Tip {
     }
 
     /// Kinematics for the rotary positions in `axes`.
-    fn turned_to(&self, axes: &Axes) -> Turned {
+    fn turned_to(&self, axes: &Axes) -> RotaryPose {
         let mut at = *axes;
         at[..3].fill(0.0);
         let state = self.places.state(&at);
@@ -352,7 +352,7 @@ impl Tip {
         let columns = Matrix3::from_columns(&places.map(|place| turned * joints[place].direction));
         let columns = self.to_control * columns;
         let [.., a, b, c, d, e, f] = at;
-        Turned {
+        RotaryPose {
             others: [a, b, c, d, e, f],
             base_mm: self.to_control
                 * (pose.transform_point(&self.chain.tool_tip_mm())
@@ -437,7 +437,7 @@ mod tests {
 
     /// A' and C' turn the table by the negative angles about lines through points that are given: written out.
     #[test]
-    fn a_table_that_tilts_and_turns() {
+    fn the_centre_point_of_a_tilting_rotary_table() {
         for offset in [0.0, 60.0] {
             let tip = tip(offset);
             let length = if offset == 0.0 { 100.0 } else { offset };
@@ -471,7 +471,7 @@ mod tests {
 
     /// In whichever directions X, Y and Z count: a control's centre point has its coordinates. The tool is below the gauge point as its Z counts.
     #[test]
-    fn with_rotary_axes_at_zero_it_is_the_axes() {
+    fn the_centre_point_equals_the_axes_with_rotary_axes_at_zero() {
         let of = |x: &str, y: &str, z: &str| {
             let [x, y, z] = [("X", x), ("Y", y), ("Z", z)].map(|(name, direction)| {
                 (
@@ -513,7 +513,7 @@ mod coordinates_tests {
     use super::*;
 
     #[test]
-    fn there_and_back() {
+    fn program_and_machine_coordinates_convert_both_ways() {
         let frame = Frame {
             offset: [0.0; MAX_AXES],
             work: [10.0, 20.0, 30.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],

@@ -24,7 +24,7 @@ use crate::{
 const NEGLECTED: f64 = 0.05;
 
 /// Maximum number of tools whose machines are cached.
-const MOST_TOOLS: usize = 64;
+const MAX_TOOLS: usize = 64;
 
 /// Amounts to add to the axes at a position to bring the tool to its nominal position, mm and deg.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -60,8 +60,8 @@ pub struct Corrector {
     pub(crate) machine: Arc<Machine>,
     pub(crate) temperatures: Temperatures,
     /// Machines of all tools used so far; `tool` is the active one.
-    tools: Vec<Arc<Tooled>>,
-    pub(crate) tool: Arc<Tooled>,
+    tools: Vec<Arc<MachineWithTool>>,
+    pub(crate) tool: Arc<MachineWithTool>,
     pub(crate) places: AxisPlaces,
     pub(crate) corrects: Axes<bool>,
     travels: Axes<[f64; 2]>,
@@ -85,22 +85,23 @@ pub struct Corrector {
 
 /// State: cache of the corrections at the last two positions.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Seen {
-    places: [SeenAt; 2],
+pub(crate) struct CorrectionCache {
+    places: [CachedCorrection; 2],
     last: usize,
 }
 
 #[derive(Clone, Debug, Default)]
-struct SeenAt {
+struct CachedCorrection {
     at: Axes,
     /// Version of the corrector; `None` if unused.
     pub(crate) version: Option<u64>,
     correction: Correction,
 }
 
-impl Seen {
+impl CorrectionCache {
     pub(crate) fn at(&mut self, corrector: &Corrector, at: &Axes) -> &Correction {
-        let is_it = |seen: &SeenAt| seen.version == Some(corrector.version) && seen.at == *at;
+        let is_it =
+            |seen: &CachedCorrection| seen.version == Some(corrector.version) && seen.at == *at;
         if !is_it(&self.places[self.last]) {
             self.last = 1 - self.last;
             if !is_it(&self.places[self.last]) {
@@ -115,12 +116,12 @@ impl Seen {
 }
 
 /// Factor on the tolerance that leaves room for rounding.
-const SURELY: f64 = 1.0 - 1e-9;
+const ROUNDING_MARGIN: f64 = 1.0 - 1e-9;
 
 const COMPILED_TO_NM: f64 = 1.0;
 
 #[derive(Clone, Debug)]
-pub(crate) struct Tooled {
+pub(crate) struct MachineWithTool {
     /// Tool offset that the control adds to the coordinates.
     pub(crate) offset: Axes,
     pub(crate) machine: Machine,
@@ -135,7 +136,7 @@ pub(crate) struct Tooled {
     steepness: f64,
 }
 
-impl Tooled {
+impl MachineWithTool {
     /// The machine with the tool of this control offset.
     pub(crate) fn new(
         machine: &Machine,
@@ -224,7 +225,7 @@ const LEAST: [f64; 2] = [5e-4, 1e-5];
 
 /// Curves of an axis that act in its own direction, each with its component along the axis.
 #[derive(Clone, Debug)]
-struct Own {
+struct AxialCurves {
     place: usize,
     curves: Vec<(ErrorCurve, f64)>,
     /// mm or deg per unit of the curves.
@@ -239,13 +240,13 @@ struct Own {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Play {
     /// `Some` for axes with play anywhere in their travel.
-    axes: Axes<Option<Own>>,
+    axes: Axes<Option<AxialCurves>>,
     pub(crate) any: bool,
 }
 
 impl Play {
     pub(crate) fn of(machine: &Machine, places: &AxisPlaces) -> Self {
-        let axes: Axes<Option<Own>> = std::array::from_fn(|axis| {
+        let axes: Axes<Option<AxialCurves>> = std::array::from_fn(|axis| {
             let own = own(machine, axis, places)?;
             let travel = machine.axis(name_of(axis)?)?.travel;
             own.is_anywhere(travel, machine.axes().len()).then_some(own)
@@ -262,9 +263,9 @@ impl Play {
     }
 
     /// Distance between the two flanks of an axis at these coordinates (of the model's chain), mm or deg; 0 without play.
-    pub(crate) fn lost(&self, axis: usize, coordinates: &[f64]) -> f64 {
+    pub(crate) fn lost_motion(&self, axis: usize, coordinates: &[f64]) -> f64 {
         let own = self.axes[axis].as_ref();
-        own.map_or(0.0, |own| own.lost(coordinates))
+        own.map_or(0.0, |own| own.lost_motion(coordinates))
     }
 
     /// Reverse travel after which an axis counts as reversed, mm or deg.
@@ -277,8 +278,8 @@ impl Play {
     }
 }
 
-impl Own {
-    fn lost(&self, coordinates: &[f64]) -> f64 {
+impl AxialCurves {
+    fn lost_motion(&self, coordinates: &[f64]) -> f64 {
         let value = |direction: Direction| -> f64 {
             let along = self.curves.iter().map(|(curve, share)| {
                 share * curve.value(self.place, coordinates, Some(direction))
@@ -293,7 +294,7 @@ impl Own {
         let mut coordinates = vec![0.0; axes];
         (0..NODES).any(|node| {
             coordinates[self.place] = low + (high - low) * f64::from(node) / f64::from(NODES - 1);
-            self.lost(&coordinates) > 0.0
+            self.lost_motion(&coordinates) > 0.0
         })
     }
 }
@@ -403,7 +404,7 @@ impl Corrector {
         tolerance_mm: f64,
     ) -> Result<Self, NcError> {
         let places = AxisPlaces::of(machine);
-        let tool = Tooled::new(machine, &[0.0; 9], temperatures, tolerance_mm, &places)?;
+        let tool = MachineWithTool::new(machine, &[0.0; 9], temperatures, tolerance_mm, &places)?;
         let correctors = tool.compiled.correctors();
         let mut corrects = [false; MAX_AXES];
         let mut travels = [[f64::NEG_INFINITY, f64::INFINITY]; MAX_AXES];
@@ -456,14 +457,14 @@ impl Corrector {
         }
         let (machine, temperatures) = (&self.machine, &self.temperatures);
         let tolerance_mm = self.split_beyond_mm;
-        self.tool = Arc::new(Tooled::new(
+        self.tool = Arc::new(MachineWithTool::new(
             machine,
             offset,
             temperatures,
             tolerance_mm,
             &self.places,
         )?);
-        if self.tools.len() < MOST_TOOLS {
+        if self.tools.len() < MAX_TOOLS {
             self.tools.push(Arc::clone(&self.tool));
         }
         Ok(true)
@@ -507,14 +508,14 @@ impl Corrector {
     }
 
     /// Lag of each carriage between the two directions at these coordinates, mm or deg.
-    pub(crate) fn lost(&self, at: &Axes) -> Axes {
+    pub(crate) fn lost_motion(&self, at: &Axes) -> Axes {
         if !self.play.any {
             return [0.0; MAX_AXES];
         }
         let machine = &self.tool.machine;
         let coordinates = machine.curve_coordinates(&self.places.state(at));
         let coordinates = &coordinates[..machine.axes().len()];
-        std::array::from_fn(|axis| self.play.lost(axis, coordinates))
+        std::array::from_fn(|axis| self.play.lost_motion(axis, coordinates))
     }
 
     /// State of the model with the drives at a position and the carriages off by these amounts, mm or deg.
@@ -522,7 +523,7 @@ impl Corrector {
         if !self.play.any {
             return self.state(at);
         }
-        let lost = self.lost(at);
+        let lost = self.lost_motion(at);
         let (mut there, mut approach) = (*at, self.approach);
         for axis in (0..MAX_AXES).filter(|axis| lost[*axis] > 0.0) {
             // Evaluate the curves of the nearer flank, and treat the remaining distance as travel of the axis.
@@ -553,7 +554,7 @@ impl Corrector {
     /// Error of the machine at the zero of a work offset, in the coordinates of that offset: the amounts to add to its X, Y and Z, mm, for
     /// axes that are corrected. Rotary axes are not corrected; mean of both directions of approach.
     pub(crate) fn off_at_zero_mm(&self, of_offset: &Frame) -> [f64; 3] {
-        let Tooled {
+        let MachineWithTool {
             compiled, machine, ..
         } = &*self.tool;
         let zero = of_offset.to_machine(&[0.0; MAX_AXES]);
@@ -629,7 +630,7 @@ impl Corrector {
     pub(crate) fn is_straight_in(
         &self,
         frame: &Frame,
-        seen: &mut Seen,
+        seen: &mut CorrectionCache,
         [from, to]: [&Axes; 2],
         in_program: [&Axes; 2],
     ) -> bool {
@@ -657,7 +658,8 @@ impl Corrector {
         let off_mm = bulge_mm * self.tool.steepness + coupled_mm;
         if share <= 1.0 {
             // Up to these distances the bound grows at most linearly with the share: if this cheap bound holds, so does the tighter one.
-            let is_near = share * self.split_beyond_mm + off_mm <= SURELY * self.split_beyond_mm;
+            let is_near =
+                share * self.split_beyond_mm + off_mm <= ROUNDING_MARGIN * self.split_beyond_mm;
             if is_near || bulge_mm == 0.0 && coupled_mm == 0.0 {
                 return true;
             }
@@ -674,7 +676,7 @@ impl Corrector {
     /// Upper bound (mm) on the tip deviation that arises because rotary corrections change along the motion, while the linear axes follow
     /// them exactly only at both ends: the product of two changes, plus the curvature of the levers. Near a singular pose rotary
     /// corrections are many times the errors.
-    fn coupled_mm(&self, seen: &mut Seen, from: &Axes, to: &Axes) -> f64 {
+    fn coupled_mm(&self, seen: &mut CorrectionCache, from: &Axes, to: &Axes) -> f64 {
         if self.tool.compiled.correctors().rotary().is_empty() {
             return 0.0;
         }
@@ -727,7 +729,7 @@ fn has_directions(machine: &Machine, axis: AxisName) -> bool {
 }
 
 /// Bidirectional curves of an axis along its own direction.
-fn own(machine: &Machine, axis: usize, places: &AxisPlaces) -> Option<Own> {
+fn own(machine: &Machine, axis: usize, places: &AxisPlaces) -> Option<AxialCurves> {
     const LINEAR: [Component; 3] = [Component::EX, Component::EY, Component::EZ];
     const ANGULAR: [Component; 3] = [Component::EA, Component::EB, Component::EC];
     let (name, place) = (name_of(axis)?, places.of_axis(axis)?);
@@ -740,7 +742,7 @@ fn own(machine: &Machine, axis: usize, places: &AxisPlaces) -> Option<Own> {
         counts.then(|| (curve.clone(), *share))
     });
     let curves: Vec<_> = curves.collect();
-    (!curves.is_empty()).then_some(Own {
+    (!curves.is_empty()).then_some(AxialCurves {
         place,
         curves,
         scale: if is_rotary(axis) {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use volcomp_model::vocabulary::{AxisName, Coordinate, Displacement};
 
 /// Reason why a program cannot be compensated: line (counted from 1), what was found, and what was expected.
-#[expect(missing_docs, reason = "the messages say it")]
+#[expect(missing_docs, reason = "the messages document it")]
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NcError {
@@ -30,7 +30,7 @@ pub enum NcError {
         found: &'static str,
     },
     #[error(
-        "rotary_words of the set-up file: found it beside a program that is read as {found}, whose words say themselves which way a rotary axis turns (DC, M126): leave it out"
+        "rotary_words of the set-up file: the program is read as {found}, whose words state the direction of a rotary axis (DC, M126): remove it"
     )]
     RotaryWords { found: &'static str },
     #[error("line {line}: longer than {most} bytes; this is no NC program")]
@@ -86,7 +86,7 @@ impl NcError {
 }
 
 /// A syntax or semantic fault of a block.
-#[expect(missing_docs, reason = "the messages say it")]
+#[expect(missing_docs, reason = "the messages document it")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
@@ -100,7 +100,7 @@ pub enum Fault {
     Expression { column: usize, what: &'static str },
     #[error("the parameter #<{name}> has no value here")]
     NoParameter { name: String },
-    #[error("column {column}: {found} is not followed: {why}")]
+    #[error("column {column}: {found} is not supported: {why}")]
     NotFollowed {
         column: usize,
         found: String,
@@ -115,12 +115,12 @@ pub enum Fault {
         word: String,
         without_point: bool,
     },
-    #[error("{found} stands beside {other} in one block, of which only one may")]
+    #[error("found {found} and {other} in one block, expected only one of them")]
     Twice { found: String, other: String },
 }
 
 /// A correction out of bounds.
-#[expect(missing_docs, reason = "the messages say it")]
+#[expect(missing_docs, reason = "the messages document it")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BoundViolation {
@@ -188,6 +188,6 @@ impl Column {
 }
 
 /// Reasons why words are not supported.
-pub(crate) const UNKNOWN: &str = "it is not known here, and might move an axis";
-pub(crate) const OWN_RULE: &str = "it moves axes by a rule of its own";
-pub(crate) const FLOW: &str = "which lines are executed after it, is not followed in this language";
+pub(crate) const UNKNOWN: &str = "it is unknown and may move an axis";
+pub(crate) const OWN_RULE: &str = "its motions are not supported";
+pub(crate) const FLOW: &str = "jumps and loops are not supported in this language";

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Maximum nesting depth of brackets.
-const DEEPEST: u32 = 50;
+const MAX_CALL_DEPTH: u32 = 50;
 
 /// Value of a word, and the decimals if it is a plain number (`None`: computed).
 pub(crate) type WordValue = (Value, Option<u8>);
@@ -117,7 +117,7 @@ impl<'p> Expressions<'p> {
         }
     }
 
-    /// Reads the value at the cursor; `None` if there is none.
+    /// Reads the value at the cursor; `None` without one.
     pub(crate) fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<WordValue>, Fault> {
         if let Some((value, decimals)) = scanner.number() {
             return Ok(Some((Some(value), Some(decimals))));
@@ -131,7 +131,7 @@ impl<'p> Expressions<'p> {
             return Ok(Some(Some(value)));
         }
         let column = scanner.column();
-        if depth > DEEPEST {
+        if depth > MAX_CALL_DEPTH {
             return Err(column.malformed("the expression is nested too deeply"));
         }
         match scanner.peek() {
@@ -232,7 +232,7 @@ impl<'p> Expressions<'p> {
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
-        reason = "the range was looked at before"
+        reason = "the range was checked before"
     )]
     pub(crate) fn parameter_number(
         &self,
@@ -348,10 +348,10 @@ pub(crate) trait Formulas {
 
     /// Reads an unsigned number.
     fn number(&self, scanner: &mut Scanner<'_>) -> Option<(f64, u8)>;
-    /// Reads a parameter or a constant at this bracket depth; `None` if there is none.
+    /// Reads a parameter or a constant at this bracket depth; `None` without one.
     fn parameter(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault>;
 
-    /// Reads the value at the cursor; `None` if there is none. A plain number keeps its decimals.
+    /// Reads the value at the cursor; `None` without one. A plain number keeps its decimals.
     fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<WordValue>, Fault> {
         let before = scanner.at();
         let sign = match scanner.peek() {
@@ -415,7 +415,7 @@ pub(crate) trait Formulas {
     }
 
     fn operand(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
-        if depth > DEEPEST {
+        if depth > MAX_CALL_DEPTH {
             return Err(scanner
                 .column()
                 .malformed("the expression is nested too deeply"));
@@ -482,7 +482,7 @@ pub(crate) trait Formulas {
             (Some(value), true) => Ok(value),
             _ => Err(scanner
                 .column()
-                .malformed("expected a value or an operator, and ) behind them")),
+                .malformed("expected a value or an operator, and ) after them")),
         }
     }
 }

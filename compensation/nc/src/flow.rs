@@ -9,7 +9,7 @@ use std::{
 use crate::{
     NcError,
     block::Scanner,
-    line_ends::{Ends, MOST_IN_MEMORY, check_line, leader_of, split_lines},
+    line_ends::{Ends, MAX_BYTES_IN_MEMORY, check_line, leader_of, split_lines},
 };
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,7 +101,7 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
     }
     if may_be_skipped {
         return Some(OLine::Wrong(
-            "an O-word in a block that may be skipped (/): what follows can be corrected for one of the two only. Take the slash away, or the block",
+            "an O-word in a block that may be skipped (/): the following lines can be corrected for one of the two cases only: remove the slash or the block",
         ));
     }
     let name = if scanner.takes(b'<') && !colon {
@@ -126,7 +126,7 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
         format!("{number}")
     } else {
         return Some(OLine::Wrong(
-            "an O-word whose name is computed is not followed; expected a number, or a name between < and >",
+            "an O-word with a computed name is not supported; expected a number, or a name between < and >",
         ));
     };
     let keyword = KEYWORDS
@@ -244,7 +244,7 @@ impl Flow {
                         && flow.programs.insert((file, number), place).is_some()
                     {
                         return Err(
-                            lines.wrong(place, format!("the program O{number} stands twice"))
+                            lines.wrong(place, format!("the program O{number} is defined twice"))
                         );
                     }
                     continue;
@@ -275,7 +275,7 @@ impl Flow {
                 let Some((begin, branch)) = open.last_mut().filter(|_| opened == Some(needs))
                 else {
                     return Err(lines.wrong(place, format!(
-                        "o{name} ends or goes on here what did not begin before, or what lies in it has not ended"
+                        "o{name} ends or continues a block here that did not begin before or that contains an unfinished one"
                     )));
                 };
                 if needs == Keyword::If {
@@ -293,14 +293,12 @@ impl Flow {
                     if !open.is_empty() {
                         return Err(lines.wrong(
                             place,
-                            format!(
-                                "the subroutine o{name} begins in something that has not ended"
-                            ),
+                            format!("the subroutine o{name} begins inside an unfinished block"),
                         ));
                     }
                     if flow.subs.insert((file, name.clone()), place).is_some() {
                         return Err(
-                            lines.wrong(place, format!("the subroutine o{name} stands twice"))
+                            lines.wrong(place, format!("the subroutine o{name} is defined twice"))
                         );
                     }
                     open.push((place, place));
@@ -323,7 +321,10 @@ impl Flow {
         let Some((begin, _)) = open.last() else {
             return Ok(());
         };
-        Err(lines.wrong(*begin, "what begins here does not end in the program"))
+        Err(lines.wrong(
+            *begin,
+            "the block that begins here does not end in the program",
+        ))
     }
 
     /// Line of the matching end or start.
@@ -419,7 +420,7 @@ pub(crate) struct Loops {
     pub(crate) some_are_written_out: bool,
 }
 
-const WAS_LEFT: &str = "this loop was left before its last pass (by break, continue, return or M99), and LinuxCNC goes on with the number of passes that was left then: write it as while … endwhile";
+const WAS_LEFT: &str = "this loop was left before its last pass (by break, continue, return or M99), and LinuxCNC continues with the number of passes left then: write it as while … endwhile";
 
 impl Loops {
     pub(crate) fn repeats(
@@ -461,7 +462,7 @@ impl Loops {
         let is_repeat = flow.keyword(begin) == Some(Keyword::Repeat);
         if let Some(of) = self.continues.filter(|_| is_repeat) {
             return Err(format!(
-                "LinuxCNC does all passes of this loop once more, since the continue of line {} in a loop do … while is in force until then: write that loop as while … endwhile",
+                "LinuxCNC repeats all passes of this loop, since the continue of line {} in a loop do … while is active until then: write that loop as while … endwhile",
                 of + 1
             ));
         }
@@ -478,7 +479,7 @@ impl Loops {
         }
         if let Some(of) = self.continues {
             return Err(format!(
-                "LinuxCNC goes on with the loop here, since the continue of line {} in a loop do … while is in force until a loop has ended: write that loop as while … endwhile",
+                "LinuxCNC continues the loop here, since the continue of line {} in a loop do … while is active until a loop has ended: write that loop as while … endwhile",
                 of + 1
             ));
         }
@@ -504,7 +505,7 @@ impl Loops {
         }
         match self.breaks {
             Some(of) => Err(format!(
-                "LinuxCNC ends this loop here, whatever its condition is, since the break of line {} is in force until the end of a loop do … while: write this loop as while … endwhile",
+                "LinuxCNC ends this loop here, whatever its condition is, since the break of line {} is active until the end of a loop do … while: write this loop as while … endwhile",
                 of + 1
             )),
             None => Ok(Next::Again),
@@ -699,10 +700,10 @@ pub(crate) fn load(own: &[(&[u8], &[u8])], folders: &[PathBuf]) -> Result<Vec<Su
         let mut text = std::fs::read(path).map_err(|error| NcError::from(error).in_file(path))?;
         text.drain(..leader_of(&text));
         size += text.len();
-        if size > MOST_IN_MEMORY {
+        if size > MAX_BYTES_IN_MEMORY {
             let what = format!(
                 "the files of subroutines are longer than {} MiB",
-                MOST_IN_MEMORY >> 20
+                MAX_BYTES_IN_MEMORY >> 20
             );
             return Err(NcError::not_compensated(1, what).in_file(path));
         }

@@ -14,7 +14,7 @@ use crate::{
     parameters::Value,
 };
 
-const TILTED: &str = "only shifts of the datum are followed (cycle 7)";
+const TILTED: &str = "only shifts of the datum (cycle 7) are supported";
 
 /// Reads a line without its line end.
 pub(crate) fn read_heidenhain(
@@ -60,7 +60,7 @@ impl Reader<'_, '_> {
             }
             Some(b'/') => {
                 return Err(
-                    column.not_followed("/", "whether a block is skipped, only the control knows")
+                    column.not_followed("/", "only the control knows whether the block is skipped")
                 );
             }
             _ => {}
@@ -185,7 +185,7 @@ impl Reader<'_, '_> {
             if !self.takes(words) {
                 return Err(column.not_followed(
                     "FUNCTION TCPM",
-                    "only F TCP AXIS POS PATHCTRL AXIS is followed",
+                    "only F TCP AXIS POS PATHCTRL AXIS is supported",
                 ));
             }
         }
@@ -267,20 +267,20 @@ impl Reader<'_, '_> {
             (FLOW, &["CALL LBL", "CALL PGM", "PGM CALL", "SEL", "IF"]),
             (TILTED, &["PLANE"]),
             (OWN_RULE, &["TCH PROBE", "PATTERN DEF"]),
-            ("a rounded corner is a motion of its own", &["RND"]),
-            ("a bevelled corner is a motion of its own", &["CHF"]),
+            ("a rounded corner is a separate motion", &["RND"]),
+            ("a chamfer is a separate motion", &["CHF"]),
             (
-                "approach and departure make motions of their own",
+                "approach and departure are separate motions",
                 &["APPR", "DEP"],
             ),
             ("an arc by its tangent", &["CT", "CTP"]),
             (
-                "directions of the tool are followed as angles of the rotary axes only",
+                "tool directions are supported as angles of the rotary axes only",
                 &["LN"],
             ),
             ("a spline", &["SPL"]),
             (
-                "free contours are not followed",
+                "free contours are not supported",
                 &["FL", "FLT", "FC", "FCT", "FPOL"],
             ),
             (UNKNOWN, &["FUNCTION"]),
@@ -301,7 +301,7 @@ impl Reader<'_, '_> {
             let others = |letter: u8| !matches!(letter, b'X' | b'Y');
             if self.block.words.iter().any(|word| others(word.letter)) {
                 let column = self.scanner.column();
-                return Err(column.not_followed("CC", "a pole outside the plane of X and Y"));
+                return Err(column.not_followed("CC", "a pole outside the XY plane"));
             }
             return Ok(true);
         }
@@ -508,7 +508,9 @@ impl Reader<'_, '_> {
         if self.takes("CYCL CALL") {
             for name in ["PAT", "POS"] {
                 if takes_name(&mut self.scanner, name) {
-                    return Err(column.not_followed("CYCL CALL", "holes at places of their own"));
+                    return Err(
+                        column.not_followed("CYCL CALL", "holes at positions in another file")
+                    );
                 }
             }
             self.block.commands.push(Command::CallsDefined);
@@ -534,7 +536,7 @@ impl Reader<'_, '_> {
     /// Reads the number of a cycle and what follows it.
     fn defines_cycle(&mut self, column: Column) -> Result<(), Fault> {
         let Some(number) = whole_number(&mut self.scanner, 9999) else {
-            return Err(column.malformed("expected the number of a cycle behind CYCL DEF"));
+            return Err(column.malformed("expected the number of a cycle after CYCL DEF"));
         };
         let part = if self.scanner.takes(b'.') {
             whole_number(&mut self.scanner, 99)
@@ -763,14 +765,14 @@ impl Reader<'_, '_> {
             128 => {
                 // Feed of the compensating motions for the rotary axes.
                 if self.scanner.takes(b'F') && !takes_name(&mut self.scanner, "MAX") {
-                    self.value("expected a feed behind F")?;
+                    self.value("expected a feed after F")?;
                 }
                 Some(Command::CentrePoint(true))
             }
             129 => Some(Command::CentrePoint(false)),
-            89 => return refused("a cycle behind each motion is not followed"),
-            92 => return refused("places that count from a point which only the control knows"),
-            94 => return refused("another number for where a rotary axis is"),
+            89 => return refused("a cycle after each motion is not supported"),
+            92 => return refused("positions relative to a point that only the control knows"),
+            94 => return refused("another number for the position of a rotary axis"),
             104 | 114 | 115 | 130 | 138 | 142..=144 => {
                 return refused("it changes what coordinates mean");
             }

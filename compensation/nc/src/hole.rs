@@ -8,7 +8,7 @@ use crate::{
     motion::{Move, Path, at_height, half_deep},
     number::{Number, half_step},
     rewrite::Rewriter,
-    straight::{Leg, Part, Writes, polar_writes},
+    straight::{Leg, Part, WriteRule, polar_writes},
 };
 
 impl Rewriter {
@@ -21,7 +21,7 @@ impl Rewriter {
         out: &mut Vec<u8>,
     ) -> Result<(), NcError> {
         if let Some(first) = holes.first() {
-            self.corrector.arrives(&first.arrives_from_unknown);
+            self.corrector.begin_motion(&first.arrives_from_unknown);
         }
         let stays = self.row_stays(holes);
         if !stays {
@@ -31,15 +31,15 @@ impl Rewriter {
         }
         for (place, motion) in holes.iter().enumerate() {
             self.counts.motions += 1;
-            self.tell(motion, line.number, motion.cuts())?;
+            self.send_motion(motion, line.number, motion.cuts())?;
             self.note_axes(motion, line);
-            self.corrector.wraps(&motion.wraps);
+            self.corrector.apply_wraps(&motion.wraps);
             self.hole(motion, (place, stays), line, out);
-            self.ends_part(1.0);
-            self.notes_zero(line.number);
-            self.notes_approach(line.number);
+            self.record_part_end(1.0);
+            self.note_zero(line.number);
+            self.note_approach(line.number);
         }
-        self.notes_unstated(line.number);
+        self.note_unstated(line.number);
         Ok(())
     }
 
@@ -63,8 +63,8 @@ impl Rewriter {
             let end = frame.to_program(&hole.to);
             let at = |height| frame.to_machine(&at_height(&end, depth, height));
             let middle = frame.to_machine(&half_deep(&end, depth, [bottom, clearance]));
-            corrector.goes(&at(clearance));
-            corrector.goes(&middle);
+            corrector.move_to(&at(clearance));
+            corrector.move_to(&middle);
             if hole.polar.is_some() && !self.keeps_polar(hole, &[], &carried) {
                 return false;
             }
@@ -111,8 +111,8 @@ impl Rewriter {
         let middle = frame.to_machine(&half_deep(&end, depth, places));
         // The drilling motion starts at R, even if the tool moved up to R before.
         self.corrector
-            .goes(&frame.to_machine(&at_height(&end, depth, clearance)));
-        self.corrector.goes(&middle);
+            .move_to(&frame.to_machine(&at_height(&end, depth, clearance)));
+        self.corrector.move_to(&middle);
         let in_own_line = place > 0 && !stays;
         let keeps_polar =
             !in_own_line && self.keeps_polar(motion, &[half_deep(&end, depth, places)], &carried);
@@ -124,17 +124,17 @@ impl Rewriter {
                 .any(|axis| motion.words[axis].is_some());
             let stands = (0..9).filter(across).find(|axis| self.corrector.has(*axis));
             each(|axis| match motion.words[axis] {
-                Some(_) => Writes::Anew,
-                None if !names && stands == Some(axis) => Writes::Always,
-                None => Writes::IfMoves,
+                Some(_) => WriteRule::Anew,
+                None if !names && stands == Some(axis) => WriteRule::Always,
+                None => WriteRule::IfMoves,
             })
         } else {
-            [Writes::IfChanged; 9]
+            [WriteRule::IfChanged; 9]
         };
         if motion.polar.is_some() {
             writes[..2].fill(polar_writes(keeps_polar));
         }
-        writes[depth] = Writes::Never;
+        writes[depth] = WriteRule::Never;
         let leg = Leg {
             motion,
             line,
@@ -158,7 +158,7 @@ impl Rewriter {
         };
         self.carried = frame.moved_in_machine(&end, &carried);
         // The tool may be above the hole, with the correction of the hole's middle.
-        self.unsettles();
+        self.mark_outdated();
         if place > 0 && stays {
             return;
         }
@@ -300,11 +300,11 @@ impl Rewriter {
         {
             return Err(NcError::not_compensated(
                 line.number,
-                format!("an arc behind which {} is done (MCALL)", cycle.name),
+                format!("an arc after which {} is executed (MCALL)", cycle.name),
             ));
         }
         for cycle in each.iter().chain(&outcome.cycle) {
-            self.notes_zero(line.number);
+            self.note_zero(line.number);
             let before = self.interpreter.position;
             let frame = self.interpreter.frame.clone();
             let mut carried = frame.moved_in_program(&before, &self.carried);
@@ -315,9 +315,9 @@ impl Rewriter {
                 }
             }
             let at = self.interpreter.position;
-            self.corrector.goes(&at);
+            self.corrector.move_to(&at);
             self.carried = frame.moved_in_machine(&frame.to_program(&at), &carried);
-            self.unsettles();
+            self.mark_outdated();
         }
         Ok(())
     }

@@ -15,7 +15,7 @@ use volcomp_model::{
 use crate::coordinates::{cross, dot};
 
 /// Maximum number of heights along the tool at which a flank is evaluated.
-const MOST_HEIGHTS: usize = 100;
+const MAX_HEIGHTS: usize = 100;
 
 /// Maximum height above the tip, mm.
 const LARGEST_HEIGHT_MM: f64 = 1e4;
@@ -112,7 +112,7 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
     let name_value = section.require("name")?;
     let name = name_value.text()?.to_owned();
     if before.iter().any(|other| other.name == name) {
-        return Err(name_value.error(format!("found {name:?} twice, expected a name of its own")));
+        return Err(name_value.error(format!("found {name:?} twice, expected unique names")));
     }
     let plane_value = section.get("plane");
     let plane = match &plane_value {
@@ -136,9 +136,7 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
         Measured::Form(Feature::Circle { .. } | Feature::Line { .. })
     );
     if let Some(value) = plane_value.filter(|_| !has_plane) {
-        return Err(
-            value.error("found it for another kind, expected it for circles and lines only")
-        );
+        return Err(value.error("found it for another kind, expected only for circles and lines"));
     }
     let lines_value = section.require("lines")?;
     let [first, last] = lines_value.vector::<2>()?;
@@ -160,9 +158,9 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
         None => vec![0.0],
         Some(value) => {
             let items = value.items()?;
-            if items.is_empty() || items.len() > MOST_HEIGHTS {
+            if items.is_empty() || items.len() > MAX_HEIGHTS {
                 return Err(value.error(format!(
-                    "found {} heights, expected 1 to {MOST_HEIGHTS}",
+                    "found {} heights, expected 1 to {MAX_HEIGHTS}",
                     items.len()
                 )));
             }
@@ -197,7 +195,7 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
 }
 
 /// Maximum number of stored points per feature, evenly spaced.
-const MOST_POINTS: usize = 2000;
+const MAX_POINTS: usize = 2000;
 
 /// One point of a feature, mm from the workpiece origin in workpiece axes: nominal, with the original program, with the compensated
 /// program.
@@ -244,7 +242,7 @@ impl Collector {
             let own = &mut self.points[place];
             own.extend(feature.above_mm.iter().map(|above| points(*above)));
             let heights = feature.above_mm.len();
-            if own.len() + heights > MOST_POINTS {
+            if own.len() + heights > MAX_POINTS {
                 // Keep every other path position, with all its heights.
                 *stride *= 2;
                 let kept: Vec<Three> = own.chunks(heights).step_by(2).flatten().copied().collect();
@@ -334,7 +332,7 @@ pub struct Inspected {
     pub name: String,
     /// Number of points evaluated.
     pub points: usize,
-    /// Results with the original and with the compensated program, or the reason why there are none.
+    /// Results with the original and with the compensated program, or the reason why they are missing.
     pub found: Result<[Found; 2], InspectError>,
 }
 

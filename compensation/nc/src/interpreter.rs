@@ -10,8 +10,8 @@ use volcomp_model::{Axis, Machine, vocabulary::AxisKind};
 
 use crate::{
     NcError,
-    block::{Begins, Block, Cycle, Parameter},
-    codes::{Codes, Given, whole},
+    block::{Block, BlockStart, Cycle, Parameter},
+    codes::{BlockWords, Codes, whole},
     control::{Control, DecimalPoints, Dialect},
     coordinates::{Axes, Frame, Tip, axis_of, each, is_rotary, name_of, with_tool},
     modal::{
@@ -20,12 +20,12 @@ use crate::{
     },
     motion::Move,
     notes::{Note, Notes},
-    number::{MOST_DECIMALS, Number, of_steps, steps},
+    number::{MAX_DECIMALS, Number, of_steps, steps},
     parameters::{HAS_RETURNED, Parameters, RETURNED, Value},
     setup::SetUp,
 };
 
-#[expect(clippy::struct_excessive_bools, reason = "each is an event of its own")]
+#[expect(clippy::struct_excessive_bools, reason = "each is a separate event")]
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Outcome {
     pub(crate) motion: Option<Move>,
@@ -61,7 +61,7 @@ pub(crate) struct Interpreter {
     /// Axis positions in machine coordinates, mm and deg, and whether they are known.
     pub(crate) position: Axes,
     pub(crate) known: Axes<bool>,
-    pub(crate) rests: Rests,
+    pub(crate) assumptions: Assumptions,
     pub(crate) parameters: Parameters,
     pub(crate) tools: BTreeMap<u32, Axes>,
     pub(crate) notes: Notes,
@@ -113,8 +113,8 @@ impl Extruder {
 impl Extrusion {
     /// E word of the part of the motion between two shares; `None` if the part extrudes nothing.
     pub(crate) fn of_part(&self, [from, to]: [f64; 2]) -> Option<Number> {
-        let decimals = self.decimals.clamp(DECIMALS, MOST_DECIMALS);
-        let written = self.decimals.min(MOST_DECIMALS);
+        let decimals = self.decimals.clamp(DECIMALS, MAX_DECIMALS);
+        let written = self.decimals.min(MAX_DECIMALS);
         let Some(begins) = self.from else {
             // Differences of rounded sums, so that the parts add up to the whole word exactly.
             let all = steps(self.to, decimals)?;
@@ -153,13 +153,13 @@ const LOST: u32 = 1 << 31;
 
 /// State: the unstated quantities that axis positions depend on.
 #[derive(Clone, Debug)]
-pub(crate) struct Rests {
+pub(crate) struct Assumptions {
     places: Axes<Basis>,
     offsets: Vec<Axes<u32>>,
     /// Identifier of a tool that the set-up does not state, or 0.
     pub(crate) tool: u32,
     shift: Axes<u32>,
-    /// Axes that the program has named under a stated zero ([`Interpreter::rests_on_stated_zero`]).
+    /// Axes that the program has named under a stated zero ([`Interpreter::has_stated_zero`]).
     named: Axes<bool>,
     /// Axes with a G92 shift from a position that was not named in this way: that position defines zero, not the work offset.
     from_elsewhere: Axes<bool>,
@@ -171,7 +171,7 @@ pub(crate) struct Rests {
     next: u32,
 }
 
-impl Rests {
+impl Assumptions {
     /// State at the start of a program.
     pub(crate) fn new(setup: &SetUp) -> Self {
         let number = |(system, number): (usize, u32)| match setup.offset(system) {
@@ -195,7 +195,7 @@ impl Rests {
     }
 
     /// Another tool length becomes active: that of a tool that the set-up does not state (`Some`), or a known one.
-    pub(crate) fn takes_tool(&mut self, unstated: Option<u32>) {
+    pub(crate) fn use_tool_length(&mut self, unstated: Option<u32>) {
         self.tool = unstated.map_or(0, |tool| tool.saturating_add(1));
     }
 
@@ -267,7 +267,7 @@ impl Interpreter {
             modal,
             position,
             known,
-            rests: Rests::new(setup),
+            assumptions: Assumptions::new(setup),
             parameters: Parameters::default(),
             tools: setup.tools.clone(),
             notes: Notes::default(),
@@ -351,7 +351,7 @@ impl Interpreter {
     pub(crate) fn switch_centre_point(
         &mut self,
         to: CentrePoint,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
     ) -> Result<(), NcError> {
         let on = to != CentrePoint::Off;
         let mut joints = self.machine.chain().joints().iter();
@@ -376,7 +376,7 @@ impl Interpreter {
             Some(150) => self.modal.polar = None,
             _ => {}
         }
-        let given = Given::new(block, line, self.takes_polar(&codes))?;
+        let given = BlockWords::new(block, line, self.takes_polar(&codes))?;
         outcome.ends = codes.ends;
         outcome.calls = codes.calls;
         // G40 without active compensation switches nothing.
@@ -388,7 +388,7 @@ impl Interpreter {
             .filter(|_| self.dialect == Dialect::Rs274)
         {
             let what = format!(
-                "M{}, which is not followed: behind it other coordinates may hold",
+                "M{}, which is not supported, because it may change coordinates: remove it",
                 code / 10
             );
             return Err(given.refused(&what));
@@ -437,7 +437,7 @@ impl Interpreter {
     }
 
     /// True if axis words may be arguments of an unknown M code: they are copied unchanged.
-    fn leaves_arguments(&mut self, codes: &Codes, given: &Given<'_>) -> bool {
+    fn leaves_arguments(&mut self, codes: &Codes, given: &BlockWords<'_>) -> bool {
         let names = given.names_axes() || given.polar.is_some();
         let code = codes
             .with_arguments()
@@ -449,7 +449,7 @@ impl Interpreter {
         };
         let is_named = |axis: usize| given.word(axis).is_some();
         let of_polar = |axis: usize| axis < 2 && given.polar.is_some();
-        self.may_have_moved(&each(|axis| is_named(axis) || of_polar(axis)));
+        self.mark_possibly_moved(&each(|axis| is_named(axis) || of_polar(axis)));
         self.notes
             .add(Note::MayMove(format!("M{code}")), given.line);
         true
@@ -457,7 +457,7 @@ impl Interpreter {
 
     /// # Errors
     /// Words that controls interpret differently.
-    fn check_meaning(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+    fn check_meaning(&self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         if self.dialect != Dialect::Rs274 {
             return Ok(());
         }
@@ -472,10 +472,10 @@ impl Interpreter {
         self.check_incremental_letters(codes, given)?;
         let has_own_h = given.has(b'H') && codes.tool_length.is_none();
         if has_own_h && (codes.polar.is_some() || codes.work_offset.is_some()) {
-            return Err(given.refused("H beside G15, G16 or G54 to G59, with which Okuma controls choose a work offset, machine coordinates or the length of a tool: programs of these controls are not followed"));
+            return Err(given.refused("H with G15, G16 or G54 to G59, with which Okuma controls select a work offset, machine coordinates or a tool length: programs of these controls are not supported"));
         }
         if has_own_h && matches!(codes.radius, Some(410 | 420)) {
-            return Err(given.refused("H beside G41 or G42, which older FANUC controls take for the number of the radius of the tool: write D"));
+            return Err(given.refused("H with G41 or G42, which older FANUC controls read as the number of the tool radius: write D"));
         }
         if has_own_h
             // In G76 it is the thread angle.
@@ -483,7 +483,7 @@ impl Interpreter {
             && self.modal.length.is_some()
             && self.modal.length != given.whole(b'H')?
         {
-            return Err(given.refused("H without G43 while the length of a tool is in force, which FANUC controls take for another length and LinuxCNC refuses: write G43 before it"));
+            return Err(given.refused("H without G43 while a tool length is active, which FANUC controls read as another length and LinuxCNC refuses: write G43 before it"));
         }
         for assignment in &given.block.assignments {
             let Parameter::Numbered(number) = assignment.parameter else {
@@ -491,7 +491,7 @@ impl Interpreter {
             };
             if matches!(number, 5161..=5390 | 5400..=5428) {
                 let what = format!(
-                    "a value for #{number}, which the control uses for its offsets, homes and places, or sets itself, is not followed: write G10 or the set-up"
+                    "a value for #{number}, which the control uses for its offsets, homes and places, or sets itself, is not supported: write G10 or the set-up"
                 );
                 return Err(given.refused(&what));
             }
@@ -511,7 +511,7 @@ impl Interpreter {
     }
 
     /// Applies the modal codes of a block, except its motion.
-    fn switch(&mut self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+    fn switch(&mut self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         let modal = &mut self.modal;
         match codes.feed {
             Some(930) => modal.feed_mode = FeedMode::InverseTime,
@@ -567,7 +567,7 @@ impl Interpreter {
         }
         if codes.own_kinematics && self.modal.centre_point == CentrePoint::Switched {
             return Err(given.refused(
-                "M430 after M428, which switches LinuxCNC to kinematics of its user that are not known here: write M429 before",
+                "M430 after M428, which switches LinuxCNC to unknown kinematics of the user: write M429 before",
             ));
         }
         match codes.centre_point {
@@ -597,7 +597,7 @@ impl Interpreter {
     fn extrude(
         &mut self,
         codes: &Codes,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
         outcome: &mut Outcome,
     ) -> Result<(), NcError> {
         if let Some(code) = codes.distance {
@@ -624,7 +624,7 @@ impl Interpreter {
                 "versions of Marlin differ in whether its E is absolute or relative after G90 or G91 here: write M82 or M83 after that",
             )
         } else if !by_both && from.is_none() {
-            Some("the position of E before it is not known: write G92 E0 before it")
+            Some("the position of E before it is unknown: write G92 E0 before it")
         } else {
             None
         };
@@ -644,70 +644,77 @@ impl Interpreter {
 
     /// What a position depends on if the program names it now.
     fn basis(&self, axis: usize) -> Basis {
-        let (rests, modal) = (&self.rests, &self.modal);
+        let (assumptions, modal) = (&self.assumptions, &self.modal);
         // The tool length is along Z; in another plane, or on a lathe, it may be along another linear axis.
         let has_length = axis == 2 || axis < 3 && modal.plane != Plane::Xy;
         [
-            rests.offsets.get(modal.system).map_or(0, |of| of[axis]),
-            if has_length { rests.tool } else { 0 },
-            if modal.shifted { rests.shift[axis] } else { 0 },
+            assumptions
+                .offsets
+                .get(modal.system)
+                .map_or(0, |of| of[axis]),
+            if has_length { assumptions.tool } else { 0 },
+            if modal.shifted {
+                assumptions.shift[axis]
+            } else {
+                0
+            },
         ]
     }
 
     /// True if the program coordinate of an axis is known, so that a word with this value leads to the current position.
     #[inline]
-    pub(crate) fn says_place(&self, axis: usize) -> bool {
-        self.known[axis] && self.rests.places[axis] == self.basis(axis)
+    pub(crate) fn knows_program_position(&self, axis: usize) -> bool {
+        self.known[axis] && self.assumptions.places[axis] == self.basis(axis)
     }
 
     /// What the position of an axis depends on; `None` if it is unknown, or may have changed since.
     pub(crate) fn known_basis(&self, axis: usize) -> Option<Basis> {
-        let basis = self.rests.places[axis];
+        let basis = self.assumptions.places[axis];
         (self.known[axis] && basis != ASSUMED && basis != UNCLAIMED).then_some(basis)
     }
 
     /// True if the active work offset of the set-up file defines the program zero: it is replaced by neither G10 nor a G92 shift from
     /// another position.
-    pub(crate) fn rests_on_stated_zero(&self) -> bool {
-        let is_set = self.rests.set[self.modal.system.min(SYSTEMS - 1)];
-        let is_elsewhere = self.modal.shifted && self.rests.from_elsewhere.contains(&true);
+    pub(crate) fn has_stated_zero(&self) -> bool {
+        let is_set = self.assumptions.set[self.modal.system.min(SYSTEMS - 1)];
+        let is_elsewhere = self.modal.shifted && self.assumptions.from_elsewhere.contains(&true);
         !is_set && !is_elsewhere
     }
 
     /// The program has named the position of an axis.
-    pub(crate) fn is_named(&mut self, axis: usize) {
+    pub(crate) fn mark_named(&mut self, axis: usize) {
         let basis = self.basis(axis);
-        self.rests.places[axis] = basis;
-        self.rests.named[axis] = self.rests_on_stated_zero();
+        self.assumptions.places[axis] = basis;
+        self.assumptions.named[axis] = self.has_stated_zero();
         self.known[axis] = basis.iter().all(|number| number & LOST == 0);
     }
 
     /// An axis is at a position stated in machine coordinates.
-    pub(crate) fn is_at_machine_place(&mut self, axis: usize) {
-        self.rests.places[axis] = OF_MACHINE;
-        self.rests.named[axis] = false;
+    pub(crate) fn mark_machine_position(&mut self, axis: usize) {
+        self.assumptions.places[axis] = OF_MACHINE;
+        self.assumptions.named[axis] = false;
         self.known[axis] = true;
     }
 
     /// Marks the program coordinate of an axis as unknown; the machine coordinate keeps its state.
-    pub(crate) fn is_assumed(&mut self, axis: usize) {
-        self.rests.places[axis] = ASSUMED;
-        self.rests.named[axis] = false;
+    pub(crate) fn mark_assumed(&mut self, axis: usize) {
+        self.assumptions.places[axis] = ASSUMED;
+        self.assumptions.named[axis] = false;
     }
 
     /// Marks the program coordinates of X, Y and Z as unknown: many machines stay at the tool change position.
     pub(crate) fn forget_positions(&mut self) {
         for axis in 0..3 {
-            self.is_assumed(axis);
+            self.mark_assumed(axis);
         }
     }
 
     /// An unknown code has words of the `named` axes: it may have moved any axis.
-    fn may_have_moved(&mut self, named: &Axes<bool>) {
+    fn mark_possibly_moved(&mut self, named: &Axes<bool>) {
         for (axis, named) in named.iter().enumerate() {
-            self.is_assumed(axis);
+            self.mark_assumed(axis);
             if *named {
-                self.rests.places[axis] = UNCLAIMED;
+                self.assumptions.places[axis] = UNCLAIMED;
                 self.known[axis] = false;
             }
         }
@@ -715,22 +722,22 @@ impl Interpreter {
 
     /// True if an unknown code had a word of the axis, and the axis has not been named since.
     pub(crate) fn is_unclaimed(&self, axis: usize) -> bool {
-        self.rests.places[axis] == UNCLAIMED
+        self.assumptions.places[axis] == UNCLAIMED
     }
 
     /// Stores the current position as that of G28 or G30.
-    pub(crate) fn stores_home(&mut self, which: usize) {
+    pub(crate) fn store_home(&mut self, which: usize) {
         self.modal.homes[which] = self.position;
-        self.rests.homes[which] =
-            std::array::from_fn(|axis| (self.known[axis], self.rests.places[axis]));
+        self.assumptions.homes[which] =
+            std::array::from_fn(|axis| (self.known[axis], self.assumptions.places[axis]));
     }
 
     /// Moves an axis to the position of G28 or G30. Returns true if the set-up or G28.1 has stated that position.
-    pub(crate) fn is_at_home(&mut self, which: usize, axis: usize) -> bool {
+    pub(crate) fn move_home(&mut self, which: usize, axis: usize) -> bool {
         self.position[axis] = self.modal.homes[which][axis];
-        let (known, basis) = self.rests.homes[which][axis];
-        (self.known[axis], self.rests.places[axis]) = (known, basis);
-        self.rests.named[axis] = false;
+        let (known, basis) = self.assumptions.homes[which][axis];
+        (self.known[axis], self.assumptions.places[axis]) = (known, basis);
+        self.assumptions.named[axis] = false;
         known && basis != ASSUMED
     }
 
@@ -744,52 +751,54 @@ impl Interpreter {
     }
 
     /// G92 has defined the current position: the shift depends on whatever the position depends on.
-    pub(crate) fn shift_is_from_place(&mut self, axis: usize, line: usize) {
+    pub(crate) fn set_shift_from_position(&mut self, axis: usize, line: usize) {
         let known = self.mixed_with(axis).all(|axis| self.known[axis]);
-        if !(self.mixed_with(axis)).all(|axis| self.rests.named[axis]) && self.machine_has(axis) {
-            self.rests.from_elsewhere[axis] = true;
+        if !(self.mixed_with(axis)).all(|axis| self.assumptions.named[axis])
+            && self.machine_has(axis)
+        {
+            self.assumptions.from_elsewhere[axis] = true;
         }
         if !known {
-            self.rests.shift[axis] = self.rests.new_number(false);
+            self.assumptions.shift[axis] = self.assumptions.new_number(false);
             self.notes.add(Note::NoStart, line);
-        } else if self.rests.places[axis] != self.basis(axis) {
-            self.rests.shift[axis] = self.rests.new_number(true);
+        } else if self.assumptions.places[axis] != self.basis(axis) {
+            self.assumptions.shift[axis] = self.assumptions.new_number(true);
         }
-        self.rests.places[axis] = self.basis(axis);
+        self.assumptions.places[axis] = self.basis(axis);
     }
 
     /// G10 L20 has defined the current position under a work offset.
-    pub(crate) fn offset_is_from_place(&mut self, system: usize, axis: usize, line: usize) {
+    pub(crate) fn set_offset_from_position(&mut self, system: usize, axis: usize, line: usize) {
         let mixed = self.mixed_with(axis);
         let known = mixed.clone().all(|axis| self.known[axis]);
-        self.rests.is_set(system);
+        self.assumptions.is_set(system);
         if !known {
             self.notes.add(Note::NoStart, line);
         }
         for axis in mixed {
             let [_, tool, shift] = self.basis(axis);
-            let place = self.rests.places[axis];
+            let place = self.assumptions.places[axis];
             let is_exact = known && place == OF_MACHINE && [tool, shift] == [0; 2];
             let stays = known && system == self.modal.system && place == self.basis(axis);
-            if !stays && let Some(offset) = self.rests.offsets.get(system).copied() {
+            if !stays && let Some(offset) = self.assumptions.offsets.get(system).copied() {
                 let mut offset = offset;
                 offset[axis] = if is_exact {
                     0
                 } else {
-                    self.rests.new_number(known)
+                    self.assumptions.new_number(known)
                 };
-                self.rests.offsets[system] = offset;
+                self.assumptions.offsets[system] = offset;
             }
         }
         if system == self.modal.system {
-            self.rests.places[axis] = self.basis(axis);
+            self.assumptions.places[axis] = self.basis(axis);
         }
     }
 
     /// Name of the active work offset, if it is not stated and zero was assumed.
     pub(crate) fn unstated_offset(&self) -> Option<String> {
         let system = self.modal.system;
-        let offset = self.rests.offsets.get(system)?;
+        let offset = self.assumptions.offsets.get(system)?;
         let number = u32::try_from(system).ok()? + 1;
         offset.contains(&number).then(|| name_of_offset(system))
     }
@@ -799,7 +808,7 @@ impl Interpreter {
         let modal = &self.modal;
         if let Some(axis) = axis_of_name(name) {
             let at = self.program_position()[axis] / modal.scale(axis);
-            return Some(self.says_place(axis).then_some(at));
+            return Some(self.knows_program_position(axis).then_some(at));
         }
         match name {
             "_metric" => truth(modal.unit_mm == 1.0),
@@ -844,7 +853,7 @@ impl Interpreter {
             5420..=5428 => {
                 let axis = axis_of_place(number)?;
                 let at = self.program_position()[axis] / self.modal.scale(axis);
-                return Some(self.says_place(axis).then_some(at));
+                return Some(self.knows_program_position(axis).then_some(at));
             }
             _ => return None,
         };
@@ -862,8 +871,8 @@ impl Interpreter {
 
     /// # Errors
     /// A block that may be skipped changes the meaning of later coordinates.
-    fn check_skipped(&mut self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
-        if given.block.begins != Begins::Slash {
+    fn check_skipped(&mut self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
+        if given.block.begins != BlockStart::Slash {
             return Ok(());
         }
         let switches = [
@@ -892,7 +901,7 @@ impl Interpreter {
             || !block.commands.is_empty()
         {
             return Err(given.refused(
-                "a block that may be skipped (/) and switches what follows (offsets, planes, units, G90, G91, G98, G99, the tool and its length, the mode of the feed, a parameter, the end of the program): what follows can be corrected for one of the two only. Take the slash away, or the block",
+                "a block that may be skipped (/) and changes the meaning of later lines (offsets, planes, units, G90, G91, G98, G99, the tool and its length, the mode of the feed, a parameter, the end of the program): the following lines can be corrected for one of the two cases only: remove the slash or the block",
             ));
         }
         self.notes.add(Note::MayBeSkipped, given.line);
@@ -900,7 +909,7 @@ impl Interpreter {
     }
 
     /// After a motion that may be skipped, the positions of its axes are unknown.
-    pub(crate) fn may_not_have_moved(&mut self, motion: &Move) {
+    pub(crate) fn forget_skipped_motion(&mut self, motion: &Move) {
         let takes_along = self.frame.tip.is_some();
         for axis in 0..9 {
             let in_plane = axis < 2 && motion.polar.is_some();

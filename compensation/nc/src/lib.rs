@@ -1,7 +1,7 @@
 #![doc = include_str!("../README.md")]
 #![expect(
     clippy::needless_range_loop,
-    reason = "an axis is a place in several lists at once"
+    reason = "an axis is an index into several lists"
 )]
 
 mod arcs;
@@ -13,6 +13,7 @@ mod coordinates;
 mod correction;
 mod error;
 mod expression;
+mod fast_path;
 mod flow;
 mod heidenhain;
 mod hole;
@@ -38,7 +39,7 @@ mod setup;
 pub mod shortest;
 mod siemens;
 mod straight;
-mod usual;
+
 mod verify;
 
 pub use average::{Average, MeanOf, Reading, average};

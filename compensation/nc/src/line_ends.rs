@@ -128,7 +128,7 @@ fn is_of_tape(byte: u8) -> bool {
 pub const LONGEST_LINE: usize = 1 << 20;
 
 /// Maximum size, bytes, of the program from its first O-word on, which is held in memory.
-pub(crate) const MOST_IN_MEMORY: usize = 256 << 20;
+pub(crate) const MAX_BYTES_IN_MEMORY: usize = 256 << 20;
 
 /// Rejects lines that no program has: longer than a megabyte, or with a zero byte.
 pub(crate) fn check_line(line: &[u8], number: usize) -> Result<(), NcError> {
@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_end_as_files_have_it() {
+    fn all_line_ends_are_split() {
         for (text, expected) in [
             ("A\nB\n", &["A|\n", "B|\n"][..]),
             ("A\r\n\r\nB", &["A|\r\n", "|\r\n", "B|"]),

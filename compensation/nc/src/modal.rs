@@ -23,12 +23,12 @@ pub(crate) const G500: usize = G505 + 95;
 pub(crate) const NUMBERED: usize = G500 + 1;
 
 /// Largest number of a numbered work offset.
-pub(crate) const MOST_NUMBERED: u32 = 300;
+pub(crate) const MAX_NUMBERED_OFFSET: u32 = 300;
 
 /// Total number of work offsets.
-pub(crate) const SYSTEMS: usize = NUMBERED + MOST_NUMBERED as usize;
+pub(crate) const SYSTEMS: usize = NUMBERED + MAX_NUMBERED_OFFSET as usize;
 
-/// Index of the work offset with a number from 1 to [`MOST_NUMBERED`].
+/// Index of the work offset with a number from 1 to [`MAX_NUMBERED_OFFSET`].
 pub(crate) fn numbered(number: u32) -> usize {
     NUMBERED + number as usize - 1
 }
@@ -94,12 +94,12 @@ pub(crate) struct WorkOffset {
 
 /// Programmed shift and rotation on top of the work offset; the last one is applied first to program coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Programmed {
+pub(crate) struct ProgrammedFrame {
     pub(crate) by: Axes,
     pub(crate) angle_deg: f64,
 }
 
-impl Programmed {
+impl ProgrammedFrame {
     /// Adds a shift given in the current, rotated coordinates.
     pub(crate) fn shift(&mut self, by: &Axes) {
         for (sum, by) in self.by.iter_mut().zip(turned(by, self.angle_deg)) {
@@ -121,7 +121,7 @@ pub(crate) struct Sticky {
     pub(crate) incremental: [bool; 2],
 }
 
-#[expect(clippy::struct_excessive_bools, reason = "each is a switch of its own")]
+#[expect(clippy::struct_excessive_bools, reason = "each is a separate switch")]
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Modal {
     /// mm per unit of length.
@@ -163,7 +163,7 @@ pub(crate) struct Modal {
     /// No position in its plane has been named since it was set.
     pub(crate) rotation_is_new: bool,
     /// TRANS and ROT.
-    pub(crate) programmed: Programmed,
+    pub(crate) programmed: ProgrammedFrame,
     /// Centre of arcs and polar coordinates set by a separate block: a position in X and Y.
     pub(crate) pole: Option<[f64; 2]>,
     /// `Some` while X and Y words are a distance from zero and an angle (G16), with the last values, mm and deg.
@@ -216,7 +216,7 @@ impl Default for Modal {
             centre_point: CentrePoint::Off,
             rotation: None,
             rotation_is_new: false,
-            programmed: Programmed::default(),
+            programmed: ProgrammedFrame::default(),
             pole: None,
             polar: None,
             shorter: false,
@@ -241,7 +241,7 @@ impl Modal {
         let (rotation_deg, centre) = self.rotation.unwrap_or((work.rotation_deg, [0.0; 2]));
         let offset = work.offset;
         let mut work = offset;
-        let Programmed { by, angle_deg } = &self.programmed;
+        let ProgrammedFrame { by, angle_deg } = &self.programmed;
         for (work, by) in work.iter_mut().zip(turned(by, rotation_deg)) {
             *work += by;
         }

@@ -111,7 +111,7 @@ impl Arc {
 
 /// An executed motion of the program.
 #[derive(Clone, Debug)]
-pub(crate) struct Made {
+pub(crate) struct ExecutedMotion {
     pub(crate) line: usize,
     pub(crate) motion: Move,
     /// Frame of its coordinates.

@@ -2,8 +2,8 @@
 
 use crate::{
     NcError,
-    block::{Begins, Manner, Word},
-    codes::{Codes, Given, is_cycle, whole},
+    block::{BlockStart, Manner, Word},
+    codes::{BlockWords, Codes, is_cycle, whole},
     control::{Control, Dialect},
     coordinates::{Axes, LETTERS, each, is_rotary},
     interpreter::{Interpreter, OF_MACHINE, Outcome},
@@ -27,7 +27,7 @@ impl Interpreter {
     pub(crate) fn motion(
         &mut self,
         codes: &Codes,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
         outcome: &mut Outcome,
     ) -> Result<(), NcError> {
         let polar = given.polar.is_some();
@@ -41,10 +41,10 @@ impl Interpreter {
         self.check_words(codes, given, has_words)?;
         if self.modal.motion_unsure && codes.motion.is_none() && has_words {
             return Err(given.refused(
-                "a motion without a G code behind a block that may be skipped (/) and has another one: write the code into this block",
+                "a motion without a G code after a block that may be skipped (/) and has another one: write the code into this block",
             ));
         }
-        if given.block.begins == Begins::Slash {
+        if given.block.begins == BlockStart::Slash {
             self.modal.motion_unsure |=
                 motion_before.is_some() && self.modal.motion != motion_before;
         } else if codes.motion.is_some() {
@@ -52,7 +52,7 @@ impl Interpreter {
         }
         let Some(code) = self.modal.motion else {
             if has_words {
-                return Err(given.refused("axis words without a motion that takes them"));
+                return Err(given.refused("axis words without a motion code"));
             }
             return Ok(());
         };
@@ -61,7 +61,7 @@ impl Interpreter {
         if !(has_words || is_whole_circle) {
             if is_cycle(code) && given.has(b'R') {
                 return Err(given.refused(
-                    "R alone while a cycle holds, which some controls drill with and others do not: write it into the block of the next hole",
+                    "R alone while a cycle is active, which some controls execute as a hole: write it into the block of the next hole",
                 ));
             }
             return Ok(());
@@ -86,7 +86,7 @@ impl Interpreter {
             Manner::Incremental => true,
             Manner::Absolute | Manner::Shortest => false,
         });
-        self.checks_rotation(given, &incremental)?;
+        self.check_rotation(given, &incremental)?;
         let mut motion = Move {
             path,
             from: self.position,
@@ -108,7 +108,7 @@ impl Interpreter {
                 && motion.words[axis].is_some()
                 && (self.dialect != Dialect::Rs274 || self.may_roll_over(axis));
             if manner(axis) == Manner::Shortest || shorter && !motion.incremental[axis] {
-                self.goes_shorter(axis, &mut motion, given)?;
+                self.take_shorter_way(axis, &mut motion, given)?;
             }
             if motion.words[axis].is_some() && !motion.incremental[axis] {
                 self.check_rotary_word(axis, &motion, given)?;
@@ -121,9 +121,9 @@ impl Interpreter {
             return Ok(());
         }
         if polar {
-            self.ends_polar(given)?;
+            self.finish_polar(given)?;
         }
-        self.names_places(code, codes, &motion, given);
+        self.update_known_positions(code, codes, &motion, given);
         if code == 331 {
             // It returns to its start.
             (motion.to, motion.words) = (motion.from, [None; 9]);
@@ -131,7 +131,7 @@ impl Interpreter {
             self.position = outcome.row.last().map_or(motion.to, |last| last.to);
         }
         if codes.in_machine && self.dialect != Dialect::Rs274 {
-            self.suppresses(&motion, given)?;
+            self.check_machine_coordinates(&motion, given)?;
         }
         outcome.motion = Some(motion);
         Ok(())
@@ -139,7 +139,7 @@ impl Interpreter {
 
     /// # Errors
     /// Printer coordinates without a motion code.
-    fn check_code(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+    fn check_code(&self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         if self.is_printer() && codes.motion.is_none() && given.names_axes() {
             return Err(given.refused(
                 "coordinates without a code, which Klipper does not execute: write G0, G1, G2 or G3 before them",
@@ -153,7 +153,7 @@ impl Interpreter {
     fn check_words(
         &self,
         codes: &Codes,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
         has_words: bool,
     ) -> Result<(), NcError> {
         let motion = self
@@ -182,17 +182,17 @@ impl Interpreter {
             b'E' => {
                 "which is the filament of a printer: state control = \"marlin\" or \"klipper\" in the set-up file"
             }
-            b'R' => "with which some controls round a corner",
-            b'K' if is_arc => "which is no part of the centre in the plane of X and Y (G17)",
-            _ => "which no code of the block uses, so that LinuxCNC refuses it",
+            b'R' => "which rounds a corner on some controls",
+            b'K' if is_arc => "which is not a centre coordinate in the XY plane (G17)",
+            _ => "which no code of the block uses (an error on LinuxCNC)",
         };
         let (letter, code) = (char::from(*letter), code_text(motion));
-        Err(given.refused(&format!("{letter} beside {code}, {why}")))
+        Err(given.refused(&format!("{letter} with {code}, {why}")))
     }
 
     /// # Errors
     /// An arc that starts where an M code with axis words may have left the axes, with or without correction.
-    fn check_beginning(&self, given: &Given<'_>) -> Result<(), NcError> {
+    fn check_beginning(&self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let [first, second, _] = self.modal.plane.axes();
         let Some(axis) = [first, second]
             .into_iter()
@@ -208,14 +208,14 @@ impl Interpreter {
 
     /// # Errors
     /// A rotary axis that the machine file lacks moves while tool centre point control is active.
-    fn check_axes_of_tip(&self, motion: &Move, given: &Given<'_>) -> Result<(), NcError> {
+    fn check_axes_of_tip(&self, motion: &Move, given: &BlockWords<'_>) -> Result<(), NcError> {
         if self.modal.centre_point != CentrePoint::Off
             && let Some(axis) = (3..9).find(|axis| {
                 is_rotary(*axis) && motion.words[*axis].is_some() && !self.machine_has(*axis)
             })
         {
             return Err(given.refused(&format!(
-                "a motion of {}, which the machine file does not have, while the control keeps the tip of the tool in its place (M428, G43.4, TRAORI, M128)",
+                "a motion of {}, which the machine file lacks, while tool centre point control is active (M428, G43.4, TRAORI, M128)",
                 char::from(LETTERS[axis])
             )));
         }
@@ -224,7 +224,7 @@ impl Interpreter {
 
     /// Axes whose start position is known: in program coordinates for the axes that the motion moves, in machine coordinates for the
     /// others.
-    fn known_before(&self, given: &Given<'_>, code: Code) -> Axes<bool> {
+    fn known_before(&self, given: &BlockWords<'_>, code: Code) -> Axes<bool> {
         let in_plane = given.word(0).is_some() || given.word(1).is_some();
         let turns = self.frame.rotation_deg != 0.0 && in_plane || given.polar.is_some();
         let of_arc = matches!(code, 20 | 30).then(|| self.modal.plane.axes());
@@ -233,11 +233,11 @@ impl Interpreter {
                 || axis < 2 && turns
                 || axis < 3 && self.frame.tip.is_some()
                 || of_arc.is_some_and(|[first, second, _]| axis == first || axis == second);
-            self.known[axis] && (!moves || self.says_place(axis))
+            self.known[axis] && (!moves || self.knows_program_position(axis))
         })
     }
 
-    /// Axes whose start position is unknown relative to the end of a motion. The direction of an incremental word is known all the same.
+    /// Axes whose start position is unknown relative to the end of a motion. An incremental word still has a known direction.
     fn arrives_from_unknown(&self, motion: &Move) -> Axes<bool> {
         let own = each(|axis| {
             let is_named = motion.words[axis].is_some();
@@ -252,7 +252,13 @@ impl Interpreter {
     }
 
     /// Updates which positions are known after a motion.
-    fn names_places(&mut self, code: Code, codes: &Codes, motion: &Move, given: &Given<'_>) {
+    fn update_known_positions(
+        &mut self,
+        code: Code,
+        codes: &Codes,
+        motion: &Move,
+        given: &BlockWords<'_>,
+    ) {
         // The end of a probing move is only known at the machine.
         let is_probe = (380..=389).contains(&code);
         // The tool does not stay at the bottom of a hole.
@@ -265,23 +271,23 @@ impl Interpreter {
             if is_probe {
                 self.known[axis] = false;
             } else if codes.in_machine {
-                self.is_at_machine_place(axis);
+                self.mark_machine_position(axis);
             } else if !motion.incremental[axis] && !is_depth(axis) {
-                self.is_named(axis);
+                self.mark_named(axis);
             }
         }
         if let Path::Hole {
             clearance, depth, ..
         } = motion.path
         {
-            self.is_behind_hole(clearance, depth, motion.incremental[depth], given.line);
+            self.finish_hole(clearance, depth, motion.incremental[depth], given.line);
         }
     }
 
     /// Rejects incremental words before a position has been named under a new rotation: some controls rotate them about the tool position.
-    fn checks_rotation(
+    fn check_rotation(
         &mut self,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
         incremental: &Axes<bool>,
     ) -> Result<(), NcError> {
         if !self.modal.rotation_is_new {
@@ -289,7 +295,7 @@ impl Interpreter {
         }
         let is_way = |axis: usize| given.word(axis).is_some() && incremental[axis];
         if is_way(0) || is_way(1) {
-            return Err(given.refused("a way (G91) behind G68 before X or Y was named in G90, which FANUC controls turn about the place of the tool"));
+            return Err(given.refused("an incremental motion (G91) after G68 before X or Y was programmed in G90, which FANUC controls rotate about the tool position"));
         }
         if given.word(0).is_some() || given.word(1).is_some() || given.polar.is_some() {
             self.modal.rotation_is_new = false;
@@ -312,7 +318,7 @@ impl Interpreter {
         &mut self,
         axis: usize,
         motion: &Move,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
     ) -> Result<(), NcError> {
         if !self.may_turn_either_way(axis) {
             return Ok(());
@@ -329,25 +335,25 @@ impl Interpreter {
     }
 
     /// Makes a rotary axis take the shorter way, by adding whole turns to its start position.
-    fn goes_shorter(
+    fn take_shorter_way(
         &self,
         axis: usize,
         motion: &mut Move,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
     ) -> Result<(), NcError> {
         if !is_rotary(axis) {
-            return Err(given.refused("the shorter way (DC) of an axis that does not turn"));
+            return Err(given.refused("the shorter way (DC) of an axis that is not rotary"));
         }
         let way = motion.to[axis] - motion.from[axis];
         let turns = 360.0 * (way / 360.0).round();
         if turns != 0.0 && self.machine_has(axis) && !self.may_roll_over(axis) {
             return Err(given.refused(
-                "the shorter way (DC, M126) over the end of a travel of less than a turn: such an axis goes by its travel. State the travel of the axis, or modulo, in the machine file",
+                "the shorter way (DC, M126) over the end of a travel of less than a turn: such an axis follows its travel. State the travel of the axis, or modulo, in the machine file",
             ));
         }
         if self.known[axis] && (way - turns).abs() > 180.0 - HALF_TURN_DEG {
             return Err(given.refused(
-                "half a turn by the shorter way (DC, M126), which its correction would turn round",
+                "half a turn by the shorter way (DC, M126), whose direction the correction could reverse",
             ));
         }
         motion.from[axis] += turns;
@@ -357,18 +363,22 @@ impl Interpreter {
 
     /// Machine coordinates on a SINUMERIK (G53, G153, SUPA) or HEIDENHAIN control (M91): whether they include the tool length is a setting
     /// of the control.
-    fn suppresses(&mut self, motion: &Move, given: &Given<'_>) -> Result<(), NcError> {
+    fn check_machine_coordinates(
+        &mut self,
+        motion: &Move,
+        given: &BlockWords<'_>,
+    ) -> Result<(), NcError> {
         if motion.incremental.contains(&true) || !self.modal.absolute {
-            return Err(given.refused("machine coordinates (G53, G153, SUPA, M91) that are ways"));
+            return Err(given.refused("incremental machine coordinates (G53, G153, SUPA, M91)"));
         }
         if self.modal.centre_point != CentrePoint::Off {
             return Err(given.refused(
-                "machine coordinates (G53, G153, SUPA, M91) while TRAORI or M128 is on: switch it off before",
+                "machine coordinates (G53, G153, SUPA, M91) while TRAORI or M128 is active: switch it off before",
             ));
         }
         for axis in 0..9 {
             let has_length =
-                self.modal.tool_offset[axis] != 0.0 || axis == 2 && self.rests.tool != 0;
+                self.modal.tool_offset[axis] != 0.0 || axis == 2 && self.assumptions.tool != 0;
             if motion.words[axis].is_some() && has_length {
                 self.known[axis] = false;
             }
@@ -379,7 +389,7 @@ impl Interpreter {
     /// End position of a motion, in machine coordinates.
     fn end(
         &self,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
         in_machine: bool,
         incremental: &Axes<bool>,
     ) -> Result<Axes, NcError> {
@@ -427,10 +437,10 @@ impl Interpreter {
         })
     }
 
-    /// Builds the hole or row of holes of a block; returns false if there is none and the cycle is stored for the next block.
+    /// Builds the hole or row of holes of a block; returns false if the cycle has no hole and is stored for the next block.
     pub(crate) fn hole(
         &mut self,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
         motion: &mut Move,
         outcome: &mut Outcome,
     ) -> Result<bool, NcError> {
@@ -440,7 +450,7 @@ impl Interpreter {
         let [of_r, of_depth] =
             [b'R', LETTERS[depth]].map(|letter| self.modal.height_scale(letter, depth));
         let incremental = motion.incremental[depth];
-        let is_known = self.says_place(depth);
+        let is_known = self.knows_program_position(depth);
         let sticky = &mut self.modal.sticky;
         sticky.initial_is_known.get_or_insert(is_known);
         let initial = *sticky.initial.get_or_insert(before[depth]);
@@ -458,7 +468,7 @@ impl Interpreter {
         let is_fanuc_like = self.control.is_some_and(Control::is_fanuc_like);
         if is_fanuc_like && sticky.incremental != [incremental; 2] {
             return Err(given.refused(
-                "a cycle whose depth or plane R was given under the other of G90 and G91: LinuxCNC reads the number anew, whether this control does was found in no manual: write both into this block",
+                "a cycle whose depth or plane R was given under the other of G90 and G91: LinuxCNC interprets the number again, and no manual states what this control does: write both into this block",
             ));
         }
         let [clearance, bottom] = if incremental {
@@ -473,7 +483,7 @@ impl Interpreter {
         }
         if letter != b'K' && given.has(b'K') {
             return Err(given.refused(
-                "a cycle with K, which some controls read as the number of holes: write L, or each hole in a line of its own",
+                "a cycle with K, which some controls read as the number of holes: write L, or each hole in a separate line",
             ));
         }
         let repeats = match given.letter(letter)? {
@@ -492,7 +502,7 @@ impl Interpreter {
             for axis in (0..9).filter(|axis| *axis != depth) {
                 let in_plane = axis < 2 && given.polar.is_some();
                 if given.places[axis].is_some() || in_plane {
-                    self.is_assumed(axis);
+                    self.mark_assumed(axis);
                 }
             }
             return Ok(false);
@@ -520,7 +530,7 @@ impl Interpreter {
         for _ in 1..repeats {
             let from = self.frame.to_machine(&end);
             if given.polar.is_some() {
-                self.ends_polar(given)?;
+                self.finish_polar(given)?;
             }
             if let Some(place) = self.polar_end(given, &end)? {
                 end[..2].copy_from_slice(&place);
@@ -539,7 +549,7 @@ impl Interpreter {
     }
 
     /// After a hole the tool is in the plane R, or at the initial position, which may be unknown.
-    fn is_behind_hole(&mut self, clearance: f64, depth: usize, by_ways: bool, line: usize) {
+    fn finish_hole(&mut self, clearance: f64, depth: usize, by_ways: bool, line: usize) {
         let Sticky {
             initial,
             initial_is_known,
@@ -549,17 +559,22 @@ impl Interpreter {
             // Incremental words return to a position that is as unknown as before.
             self.known[depth] &= by_ways;
         } else if !by_ways {
-            self.is_named(depth);
+            self.mark_named(depth);
         }
         if !self.modal.says_return && initial.is_some_and(|initial| initial > clearance) {
             // The default is G99 on LinuxCNC, G98 on FANUC controls.
-            self.is_assumed(depth);
+            self.mark_assumed(depth);
             let note = Note::ReturnPlane(char::from(LETTERS[depth]));
             self.notes.add(note, line);
         }
     }
 
-    pub(crate) fn arc(&self, code: Code, given: &Given<'_>, end: &Axes) -> Result<Arc, NcError> {
+    pub(crate) fn arc(
+        &self,
+        code: Code,
+        given: &BlockWords<'_>,
+        end: &Axes,
+    ) -> Result<Arc, NcError> {
         let axes = self.modal.plane.axes();
         let [first, second, _] = axes;
         let (from, to) = (self.program_position(), self.frame.to_program(end));
@@ -585,7 +600,7 @@ impl Interpreter {
             }
             (None, [None, None]) => {
                 return Err(given.refused(if self.dialect == Dialect::Heidenhain {
-                    "an arc without a radius and without a pole (CC) whose place is known: name X and Y before a CC that is relative to them"
+                    "an arc without a radius and without a pole (CC) at a known position: program X and Y before a CC that is relative to them"
                 } else {
                     "an arc without a centre and without a radius R"
                 }));
@@ -603,9 +618,9 @@ impl Interpreter {
             }
         };
         let [begins, ends] = [start, end].map(|at| (at[0] - centre[0]).hypot(at[1] - centre[1]));
-        if (begins - ends).abs() > MOST_SPIRAL_MM {
+        if (begins - ends).abs() > MAX_SPIRAL_MM {
             return Err(given.refused(&format!(
-                "an arc with a radius of {begins:.3} mm where it begins and of {ends:.3} mm where it ends"
+                "an arc with a radius of {begins:.3} mm at its start and of {ends:.3} mm at its end"
             )));
         }
         let angle = |at: [f64; 2]| (at[1] - centre[1]).atan2(at[0] - centre[0]);
@@ -624,7 +639,7 @@ impl Interpreter {
         if let Some(turns) = given.letter(b'P')? {
             let turns = whole(turns, 100_000).filter(|turns| *turns > 0);
             let more = turns
-                .ok_or_else(|| given.refused("an arc with a P that is no number of turns"))?
+                .ok_or_else(|| given.refused("an arc with a P that is not a number of turns"))?
                 - 1;
             turns_by += f64::from(more) * whole_turn.copysign(turns_by);
         }
@@ -644,13 +659,13 @@ impl Interpreter {
 
     /// # Errors
     /// Polar coordinates that controls interpret differently.
-    fn check_polar(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+    fn check_polar(&self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         let under_g16 = self.modal.polar.is_some();
         if given.polar.is_none() && !under_g16 {
             return Ok(());
         }
         if self.modal.plane != Plane::Xy && (given.polar.is_some() || given.names_axes()) {
-            return Err(given.refused("polar coordinates outside the plane of X and Y (G17)"));
+            return Err(given.refused("polar coordinates outside the XY plane (G17)"));
         }
         if self.dialect != Dialect::Rs274 || given.polar.is_none() {
             return Ok(());
@@ -662,26 +677,27 @@ impl Interpreter {
         let is_arc = matches!(motion, Some(20 | 30));
         if is_arc && under_g16 && (given.has(b'I') || given.has(b'J')) {
             return Err(given.refused(
-                "an arc with a centre under G16, which controls read in different ways: write it with R",
+                "an arc with a centre under G16, which controls interpret differently: write it with R",
             ));
         }
         if under_g16 && self.is_way(given.polar_word(0)) {
             return Err(given.refused(
-                "a distance under G16 in G91, which controls count from different places: write it in G90",
+                "a distance under G16 in G91, which controls measure from different points: write it in G90",
             ));
         }
         Ok(())
     }
 
     /// Polar coordinates of a block, if any.
-    fn polar_of(&self, given: &Given<'_>) -> Option<Polar> {
+    fn polar_of(&self, given: &BlockWords<'_>) -> Option<Polar> {
         let words = given.polar?;
-        let says_place = |of: usize| {
+        let knows_program_position = |of: usize| {
             let word = given.polar_word(of);
             word.is_some() && !self.is_way(word)
         };
         // Under G16 they are relative to the last values, not to the tool position.
-        let from_here = self.modal.polar.is_none() && !(says_place(0) && says_place(1));
+        let from_here =
+            self.modal.polar.is_none() && !(knows_program_position(0) && knows_program_position(1));
         Some(Polar { words, from_here })
     }
 
@@ -695,17 +711,21 @@ impl Interpreter {
     }
 
     /// End of polar coordinates, in program coordinates, mm; `None` if the block has none.
-    fn polar_end(&self, given: &Given<'_>, before: &Axes) -> Result<Option<[f64; 2]>, NcError> {
+    fn polar_end(
+        &self,
+        given: &BlockWords<'_>,
+        before: &Axes,
+    ) -> Result<Option<[f64; 2]>, NcError> {
         if given.polar.is_none() {
             return Ok(None);
         }
         if given.places[0].is_some() || given.places[1].is_some() {
-            return Err(given.refused("X or Y beside polar coordinates"));
+            return Err(given.refused("X or Y with polar coordinates"));
         }
         if let Some(polar) = self.modal.polar {
             let [Some(radius), Some(angle_deg)] = self.said(polar, given)? else {
                 return Err(given.refused(
-                    "polar coordinates under G16 before both the distance and the angle have been said",
+                    "polar coordinates under G16 before both the distance and the angle were programmed",
                 ));
             };
             let (sin, cos) = angle_deg.to_radians().sin_cos();
@@ -720,7 +740,8 @@ impl Interpreter {
         let [distance, angle] = [0, 1].map(|of| given.polar_word(of));
         let needs_angle = angle.is_none_or(|_| self.is_way(angle));
         if self.dialect == Dialect::Rs274 && needs_angle && from == [0.0; 2] {
-            return Err(given.refused("polar coordinates whose angle counts from a tool at zero"));
+            return Err(given
+                .refused("polar coordinates whose angle is relative to a tool position at zero"));
         }
         let unit = self.modal.unit_mm;
         let mut radius = from[0].hypot(from[1]);
@@ -747,7 +768,7 @@ impl Interpreter {
     fn said(
         &self,
         [mut distance, mut angle]: [Option<f64>; 2],
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
     ) -> Result<[Option<f64>; 2], NcError> {
         if let Some(word) = given.polar_word(0) {
             distance = Some(given.value_of(word)? * self.modal.scale(0));
@@ -764,7 +785,7 @@ impl Interpreter {
     }
 
     /// Updates which positions are known after a polar motion: they are if both words are absolute.
-    fn ends_polar(&mut self, given: &Given<'_>) -> Result<(), NcError> {
+    fn finish_polar(&mut self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let is_place = |of: usize| {
             given
                 .polar_word(of)
@@ -775,15 +796,15 @@ impl Interpreter {
             self.modal.polar = Some(self.said(polar, given)?);
         }
         if is_known || self.modal.polar.is_some() {
-            self.is_named(0);
-            self.is_named(1);
+            self.mark_named(0);
+            self.mark_named(1);
         }
         Ok(())
     }
 }
 
 /// Maximum difference between the radii at the ends of an arc, mm: LinuxCNC's default limit; other controls accept far less.
-const MOST_SPIRAL_MM: f64 = 0.127;
+const MAX_SPIRAL_MM: f64 = 0.127;
 
 /// Maximum rounding error of the radius of a half circle, mm, as in LinuxCNC.
 const ROUNDED_MM: f64 = 0.00127;
@@ -798,7 +819,7 @@ pub(crate) fn centre_of(
     let way = [end[0] - start[0], end[1] - start[1]];
     let chord = way[0].hypot(way[1]);
     if chord == 0.0 || radius == 0.0 {
-        return Err("an arc with a radius R whose end is its beginning");
+        return Err("an arc with a radius R that ends at its start");
     }
     let rest = radius * radius - 0.25 * chord * chord;
     // A half circle with rounded numbers.
@@ -819,4 +840,4 @@ pub(crate) fn centre_of(
     }))
 }
 
-const NO_POLE: &str = "polar coordinates without a pole (CC) whose place is known: name X and Y before a CC that is relative to them";
+const NO_POLE: &str = "polar coordinates without a pole (CC) at a known position: program X and Y before a CC that is relative to them";

@@ -5,82 +5,82 @@ use std::collections::BTreeMap;
 use crate::modal::name_of_offset;
 
 /// A note about a compensated program.
-#[expect(missing_docs, reason = "the messages say it")]
+#[expect(missing_docs, reason = "the messages document it")]
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 #[non_exhaustive]
 pub enum Note {
-    #[error("the length of tool {0} is not in the set-up: zero was taken")]
+    #[error("the set-up file has no length of tool {0}: zero is assumed")]
     NoToolLength(u32),
     #[error(
-        "the set-up has tools by their numbers only: the length of the tool that is taken here was taken as zero"
+        "the set-up file has tools by number only: the length of the tool selected here by name is assumed to be zero"
     )]
     NamedTool,
     #[error(
-        "arcs get a coordinate beside those of their plane (a straight motion on top of the arc), which older controls may not take"
+        "arcs get a coordinate outside their plane (a superposed straight motion), which older controls may reject"
     )]
     Superposed,
-    #[error("motions of {0} pass on without a correction")]
+    #[error("motions of {0} are copied without correction")]
     PassedOn(String),
-    #[error("splines of {0} go as a whole, with the correction that they begin with")]
+    #[error("splines of {0} are not split; they keep the correction of their start")]
     GoesWhole(String),
     #[error(
-        "the place that is stored here is not known, since the program has not named every axis before"
+        "the position stored here is unknown, because the program has not named every axis before"
     )]
     HomeUnknown,
-    #[error("the machine has no axis {0}: its words pass on as they are")]
+    #[error("the machine has no axis {0}: its words are copied unchanged")]
     NoAxis(char),
     #[error(
-        "corrections of {0} are left out until the program names that axis, since it is not known where it stands"
+        "corrections of {0} are omitted until the program names that axis, because its position is unknown"
     )]
     LeftOut(char),
-    #[error("{0} leaves its travel; beyond its ends the errors there are taken")]
+    #[error("{0} leaves its travel; beyond an end the errors at that end are used")]
     OutsideTravel(char),
     #[error(
-        "with the radius of the tool compensated (G41, G42) the contour is corrected, not the path of the tool's centre"
+        "with cutter radius compensation (G41, G42) the contour is corrected, not the path of the tool centre"
     )]
     RadiusCompensated,
     #[error(
-        "with the radius of the tool compensated (G41, G42) motions are not split, since a control may cut away parts that are shorter than that radius: the correction of this one bends between its ends by more than the tolerance"
+        "with cutter radius compensation (G41, G42) motions are not split, because a control may omit parts shorter than that radius: this motion deviates by more than the tolerance between its ends"
     )]
     ContourWhole,
     #[error(
-        "the corrected line is longer than 254 characters, which LinuxCNC and others refuse: move its comment to a line of its own"
+        "the corrected line is longer than 254 characters, which LinuxCNC and others refuse: move its comment to a separate line"
     )]
     LongLine,
-    #[error("work offset {0} is not in the set-up: zero was taken")]
+    #[error("the set-up file has no work offset {0}: zero is assumed")]
     NoOffset(String),
-    #[error("the place of {0} is not in the set-up ([home.{0}]): machine zero was taken")]
+    #[error("the set-up file has no position of {0} ([home.{0}]): machine zero is assumed")]
     NoHome(&'static str),
     #[error(
-        "it is not known where the axes stand that get new coordinates here, so that their corrections are left out behind it: [start] of the set-up says it"
+        "the position of axes that get new coordinates here is unknown, so their corrections are omitted from here on: state [start] in the set-up file"
     )]
     NoStart,
     #[error(
-        "a cycle before G98 or G99: LinuxCNC leaves the tool in the plane R, FANUC controls where it began, so that corrections of {0} are left out behind it until the program names that axis"
+        "a cycle before G98 or G99: LinuxCNC leaves the tool in plane R, FANUC controls at its start height, so corrections of {0} are omitted until the program names that axis"
     )]
     ReturnPlane(char),
     #[error(
-        "{0} passes on as it is: where the axes are counts as unknown after it, until the program names them"
+        "{0} is copied unchanged: axis positions are unknown after it until the program names them"
     )]
     MayMove(String),
     #[error(
-        "motions in machine coordinates (G53, G28, G30, SUPA, M91) pass on without a correction"
+        "motions in machine coordinates (G53, G28, G30, SUPA, M91) are copied without correction"
     )]
     InMachine,
     #[error(
-        "motions are not split, and arcs not corrected, while it is not known where {0} stands"
+        "motions are not split and arcs are not corrected while the position of {0} is unknown"
     )]
     NotSplit(char),
     #[error(
-        "play is taken up on the way of this arc, not before it, since the block also switches what coordinates or F mean (G15, G16, G93 to G95): write that code into a block before it"
+        "backlash is taken up during this arc, not before it, because the block also changes the meaning of coordinates or F (G15, G16, G93 to G95): write that code into an earlier block"
     )]
     NotTakenUp,
     #[error(
-        "a block that may be skipped (/): where the axes stand that it moves counts as unknown behind it, until the program names them again"
+        "a block that may be skipped (/): the positions of its axes are unknown after it until the program names them again"
     )]
     MayBeSkipped,
     #[error(
-        "{0} may roll over at the control (modulo, or a travel of a turn or more in the machine file), and is taken to turn as a linear axis: where the control turns it by the shorter way, state rotary_words = \"shorter\" in the set-up file, else \"linear\". Do not run the result where the sign of a word is the direction (WRAPPED_ROTARY of LinuxCNC, parameter 1008#1 of FANUC)"
+        "{0} may roll over at the control (modulo, or a travel of a turn or more in the machine file), and is assumed to move like a linear axis: if the control takes the shorter way, state rotary_words = \"shorter\" in the set-up file, else \"linear\". Do not run the result if the sign of a word states the direction (WRAPPED_ROTARY of LinuxCNC, parameter 1008#1 of FANUC)"
     )]
     RollsOver(char),
     #[error(
@@ -105,7 +105,10 @@ pub enum Note {
 impl Note {
     /// `None` if the error rounds to zero.
     pub(crate) fn off_at_zero(system: usize, off_mm: [f64; 3]) -> Option<Self> {
-        #[expect(clippy::cast_possible_truncation, reason = "errors are mm at the most")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "errors are at most some mm"
+        )]
         let tenths_um = off_mm.map(|mm| (1e4 * mm).round() as i64);
         (tenths_um != [0; 3]).then(|| Self::OffAtZero(name_of_offset(system), tenths_um))
     }

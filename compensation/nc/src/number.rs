@@ -10,14 +10,14 @@ const POWERS: [f64; 19] = [
 const EXACT: u64 = 1 << 53;
 
 /// Maximum number of written decimals.
-pub(crate) const MOST_DECIMALS: u8 = 9;
+pub(crate) const MAX_DECIMALS: u8 = 9;
 
 /// Number of decimal digits that are exact in an `f64`, together with their power of ten.
 const EXACT_DIGITS: usize = 15;
 
 /// Fast path for usual numbers: few digits, without blanks. Returns value, decimals and length; `None` means that the number has to be read
 /// character by character.
-#[expect(clippy::cast_possible_truncation, reason = "15 decimals at the most")]
+#[expect(clippy::cast_possible_truncation, reason = "at most 15 decimals")]
 #[inline]
 pub(crate) fn plain(text: &[u8]) -> Option<(f64, u8, usize)> {
     let (first, behind) = text.split_first()?;
@@ -124,25 +124,25 @@ impl Digits {
 }
 
 /// Bound on the number of steps for exact arithmetic.
-const MOST_STEPS: f64 = 4e15;
+const MAX_STEPS: f64 = 4e15;
 
 /// A value in whole steps of the last decimal; `None` if it is too large to be exact.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
-    reason = "the range was looked at before"
+    reason = "the range was checked before"
 )]
 #[inline]
 pub(crate) fn steps(value: f64, decimals: u8) -> Option<i64> {
-    let exact = value * POWERS[usize::from(decimals.min(MOST_DECIMALS))];
-    if exact.is_nan() || exact.abs() >= MOST_STEPS {
+    let exact = value * POWERS[usize::from(decimals.min(MAX_DECIMALS))];
+    if exact.is_nan() || exact.abs() >= MAX_STEPS {
         return None;
     }
     // Rounds half away from zero without a library call; the remainder is exact.
     let whole = exact as i64;
     let rest = exact - whole as f64;
     let steps = whole + i64::from(rest >= 0.5) - i64::from(rest <= -0.5);
-    (steps.unsigned_abs() < MOST_STEPS as u64).then_some(steps)
+    (steps.unsigned_abs() < MAX_STEPS as u64).then_some(steps)
 }
 
 /// Maximum rounding error of a word with this number of decimals.
@@ -154,7 +154,7 @@ pub(crate) fn half_step(decimals: u8) -> f64 {
 /// Value of this number of steps of the last decimal.
 #[inline]
 pub(crate) fn of_steps(steps: i64, decimals: u8) -> f64 {
-    steps as f64 / POWERS[usize::from(decimals.min(MOST_DECIMALS))]
+    steps as f64 / POWERS[usize::from(decimals.min(MAX_DECIMALS))]
 }
 
 /// The digit pairs 00 to 99.
@@ -172,7 +172,7 @@ const PAIRS: [[u8; 2]; 100] = {
 /// Appends a number given in steps of the last decimal: without exponent, with a point if there are decimals.
 #[expect(clippy::cast_possible_truncation, reason = "remainders below 100")]
 fn write_steps(to: &mut Vec<u8>, steps: i64, decimals: u8) {
-    let decimals = decimals.min(MOST_DECIMALS);
+    let decimals = decimals.min(MAX_DECIMALS);
     // 19 digits, the point and the sign.
     let mut digits = [0; 21];
     let (mut at, mut rest) = (digits.len(), steps.unsigned_abs());
@@ -344,7 +344,7 @@ mod tests {
     use super::*;
 
     /// Against the function of the standard library.
-    #[expect(clippy::cast_possible_truncation, reason = "the range is looked at")]
+    #[expect(clippy::cast_possible_truncation, reason = "the range is checked")]
     #[test]
     fn steps_are_the_nearest() {
         let mut draw = ChaCha8Rng::seed_from_u64(6);
@@ -392,7 +392,7 @@ mod tests {
             steps.push(draw.random_range(-(1_i64 << size)..=1 << size));
         }
         for steps in steps {
-            for decimals in 0..=MOST_DECIMALS {
+            for decimals in 0..=MAX_DECIMALS {
                 let mut found = Vec::new();
                 write_steps(&mut found, steps, decimals);
                 let width = usize::from(decimals) + 1;

@@ -4,35 +4,39 @@
 use crate::{
     NcError,
     block::{Command, Cycle, Manner},
-    codes::{Codes, Given, whole},
+    codes::{BlockWords, Codes, whole},
     control::Control,
     coordinates::{LETTERS, each, turned},
     interpreter::{Interpreter, Outcome},
     modal::{
-        CentrePoint, Code, MOST_NUMBERED, NUMBERED, Plane, Programmed, RS274_SYSTEMS, WORK_OFFSETS,
-        code_text, numbered,
+        CentrePoint, Code, MAX_NUMBERED_OFFSET, NUMBERED, Plane, ProgrammedFrame, RS274_SYSTEMS,
+        WORK_OFFSETS, code_text, numbered,
     },
     motion::{Move, Path},
     notes::Note,
 };
 
 impl Interpreter {
-    pub(crate) fn tool_length(&mut self, code: Code, given: &Given<'_>) -> Result<(), NcError> {
+    pub(crate) fn tool_length(
+        &mut self,
+        code: Code,
+        given: &BlockWords<'_>,
+    ) -> Result<(), NcError> {
         let unit_mm = self.modal.unit_mm;
         if self.modal.tool_offset != [0.0; 9] && self.modal.length_unit_mm != unit_mm {
             return Err(given.refused(
-                "a tool length that ends in another unit than it began (G20, G21), after which LinuxCNC takes its mm for inch: end it with G49 before",
+                "a tool length that ends in another unit than it began (G20, G21), after which LinuxCNC reads its mm as inch: end it with G49 before",
             ));
         }
         self.modal.length_unit_mm = unit_mm;
         if code == 490 {
             self.modal.tool_offset = [0.0; 9];
             self.modal.length = None;
-            self.rests.takes_tool(None);
+            self.assumptions.use_tool_length(None);
             return Ok(());
         }
         if code == 431 {
-            self.rests.takes_tool(None);
+            self.assumptions.use_tool_length(None);
             for (axis, value) in given.axes()? {
                 self.modal.tool_offset[axis] = value * self.modal.scale(axis);
             }
@@ -47,8 +51,8 @@ impl Interpreter {
         match (code, unstated) {
             // Added to the active length, which may be unknown, too.
             (432, None) => {}
-            (432, Some(number)) => self.rests.takes_tool(Some(number + 100_000)),
-            _ => self.rests.takes_tool(unstated),
+            (432, Some(number)) => self.assumptions.use_tool_length(Some(number + 100_000)),
+            _ => self.assumptions.use_tool_length(unstated),
         }
         self.modal.length = (code != 432).then_some(number);
         if code != 432 {
@@ -70,17 +74,21 @@ impl Interpreter {
         }
     }
 
-    pub(crate) fn rotation(&mut self, given: &Given<'_>) -> Result<(), NcError> {
+    pub(crate) fn rotation(&mut self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let angle = given.letter(b'R')?;
         let angle = angle.ok_or_else(|| given.refused("G68 without an angle R"))?;
         if self.modal.plane != Plane::Xy {
-            return Err(given.refused("a rotation in another plane than X Y (G17)"));
+            return Err(given.refused("a rotation outside the XY plane (G17)"));
         }
         if ![0, 1].into_iter().all(|axis| given.word(axis).is_some()) {
-            return Err(given.refused("G68 without X and Y, about the place of the tool: write the centre of the rotation"));
+            return Err(given.refused(
+                "G68 without X and Y, about the tool position: write the centre of the rotation",
+            ));
         }
         if self.is_shifted_in_plane() {
-            return Err(given.refused("G68 while a shift (G52, G92) is in force, in whose coordinates its centre is not followed"));
+            return Err(
+                given.refused("G68 while a shift (G52, G92) is active, which is not supported")
+            );
         }
         let mut centre = [0.0; 2];
         for (axis, centre) in centre.iter_mut().enumerate() {
@@ -100,7 +108,7 @@ impl Interpreter {
     pub(crate) fn not_modal(
         &mut self,
         codes: &Codes,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
         outcome: &mut Outcome,
     ) -> Result<bool, NcError> {
         match codes.not_modal {
@@ -114,7 +122,7 @@ impl Interpreter {
                     self.notes.add(Note::HomeUnknown, given.line);
                 }
                 let which = usize::from(code == 301);
-                self.stores_home(which);
+                self.store_home(which);
                 outcome.stores_home = Some(which);
             }
             Some(920) => {
@@ -123,7 +131,7 @@ impl Interpreter {
                 for (axis, value) in given.axes()? {
                     // The current position gets this program coordinate.
                     let at = self.program_position()[axis] - value * self.modal.scale(axis);
-                    self.shift_is_from_place(axis, given.line);
+                    self.set_shift_from_position(axis, given.line);
                     self.modal.shift[axis] += at;
                     self.update_frame();
                 }
@@ -133,14 +141,14 @@ impl Interpreter {
                 self.shifts_by(true, given)?;
                 for (axis, value) in given.axes()? {
                     self.modal.shift[axis] = value * self.modal.scale(axis);
-                    self.rests.shift_is_stated(axis);
+                    self.assumptions.shift_is_stated(axis);
                 }
             }
             Some(921) => {
                 self.check_end_of_shift(given)?;
                 (self.modal.shift, self.modal.shifted) = ([0.0; 9], false);
                 self.modal.shift_is_said = true;
-                self.rests.shift_is_zero();
+                self.assumptions.shift_is_zero();
             }
             Some(922) => self.modal.shifted = false,
             Some(923) => {
@@ -162,7 +170,7 @@ impl Interpreter {
     ///
     /// # Errors
     /// G52 and G92 shifts together, on a control that adds them.
-    fn shifts_by(&mut self, local: bool, given: &Given<'_>) -> Result<(), NcError> {
+    fn shifts_by(&mut self, local: bool, given: &BlockWords<'_>) -> Result<(), NcError> {
         let is_shifted = self.modal.shifted && self.modal.shift != [0.0; 9];
         if is_shifted && self.modal.shift_is_local != local && self.has_two_shifts() {
             return Err(given.refused(if local {
@@ -174,7 +182,7 @@ impl Interpreter {
         self.modal.shift_is_local = local;
         if !self.modal.shifted {
             self.modal.shift = [0.0; 9];
-            self.rests.shift_is_zero();
+            self.assumptions.shift_is_zero();
         }
         (self.modal.shifted, self.modal.shift_is_said) = (true, true);
         Ok(())
@@ -187,7 +195,7 @@ impl Interpreter {
 
     /// # Errors
     /// G92.1 that cancels only some of the active shifts.
-    fn check_end_of_shift(&self, given: &Given<'_>) -> Result<(), NcError> {
+    fn check_end_of_shift(&self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let stays = |axis: &usize| {
             self.modal.shifted && self.modal.shift[*axis] != 0.0 && given.word(*axis).is_none()
         };
@@ -202,7 +210,7 @@ impl Interpreter {
         }
     }
 
-    fn set_table(&mut self, given: &Given<'_>, outcome: &mut Outcome) -> Result<(), NcError> {
+    fn set_table(&mut self, given: &BlockWords<'_>, outcome: &mut Outcome) -> Result<(), NcError> {
         let (kind, place) = (given.whole(b'L')?, given.whole(b'P')?);
         // On these controls L20 sets one of the numbered offsets; other L values set tables of the control.
         let control = self.control.filter(|control| control.is_fanuc_like());
@@ -214,7 +222,7 @@ impl Interpreter {
                         "G10 L20 in G91, where the control adds to the offset: write G90 before",
                     ));
                 }
-                let most = control.map_or(MOST_NUMBERED, Control::last_numbered);
+                let most = control.map_or(MAX_NUMBERED_OFFSET, Control::last_numbered);
                 let number = place.filter(|number| (1..=most).contains(number));
                 let system = number.map(numbered).ok_or_else(|| {
                     given.refused(&format!(
@@ -223,7 +231,7 @@ impl Interpreter {
                 })?;
                 for (axis, value) in given.axes()? {
                     self.modal.offsets[system].offset[axis] = value * self.modal.scale(axis);
-                    self.rests.offset_is_stated(system, axis);
+                    self.assumptions.offset_is_stated(system, axis);
                 }
             }
             // Geometry and wear of the tool radius, which the control compensates itself.
@@ -236,19 +244,21 @@ impl Interpreter {
                     return Err(given.refused("G10 L2 in G91, where FANUC controls add to the offset and LinuxCNC replaces it: write G90 before"));
                 }
                 if kind == Some(2) && matches!(place, Some(0) | None) {
-                    return Err(given.refused("G10 L2 without a P from 1 to 9: P0 is the offset in force for LinuxCNC, and the common offset of all for FANUC controls"));
+                    return Err(given.refused("G10 L2 without a P from 1 to 9: P0 is the active offset on LinuxCNC and the common offset on FANUC controls"));
                 }
                 let system = match place {
                     Some(0) | None => self.modal.system,
                     Some(system) if system as usize <= RS274_SYSTEMS => system as usize - 1,
                     Some(_) => {
-                        return Err(given.refused("G10 with a P that is no work offset, 1 to 9"));
+                        return Err(
+                            given.refused("G10 with a P that is not a work offset from 1 to 9")
+                        );
                     }
                 };
                 if let Some(angle) = given.letter(b'R')? {
                     let turns = angle != self.modal.offsets[system].rotation_deg;
                     if turns && system == self.modal.system && self.is_shifted_in_plane() {
-                        return Err(given.refused("G10 L2 with R, which turns the work offset in force, while X or Y is shifted (G52, G92): LinuxCNC forgets the shift where it works out the place of the tool: write G92.1 before, or turn an offset that is not in force"));
+                        return Err(given.refused("G10 L2 with R, which rotates the active work offset, while X or Y is shifted (G52, G92): LinuxCNC then omits the shift from the tool position: write G92.1 before, or rotate an inactive offset"));
                     }
                     self.modal.offsets[system].rotation_deg = angle;
                 }
@@ -256,10 +266,10 @@ impl Interpreter {
                     let value = value * self.modal.scale(axis);
                     if kind == Some(2) {
                         self.modal.offsets[system].offset[axis] = value;
-                        self.rests.offset_is_stated(system, axis);
+                        self.assumptions.offset_is_stated(system, axis);
                         continue;
                     }
-                    self.offset_is_from_place(system, axis, given.line);
+                    self.set_offset_from_position(system, axis, given.line);
                     // The offset that gives the current position this coordinate.
                     let frame = self.frame_with(system);
                     let mut way = [0.0; 9];
@@ -292,7 +302,7 @@ impl Interpreter {
     fn go_home(
         &mut self,
         which: usize,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
         outcome: &mut Outcome,
     ) -> Result<(), NcError> {
         // The intermediate point is not corrected, but it must be known.
@@ -302,17 +312,17 @@ impl Interpreter {
         let all = !given.names_axes();
         if !all && self.modal.polar.is_some() {
             return Err(given.refused(
-                "a place on the way home (G28, G30) under G16, which controls read in different ways: say G15 before",
+                "an intermediate point (G28, G30) under G16, which controls interpret differently: write G15 before",
             ));
         }
         let is_other = which == 1 && given.has(b'P') && given.whole(b'P')? != Some(2);
-        let known = each(|axis| self.says_place(axis));
+        let known = each(|axis| self.knows_program_position(axis));
         let before = each(|axis| self.known_basis(axis));
         let from = self.position;
         let mut says_all = true;
         for (axis, place) in given.places.iter().enumerate() {
             if all || place.is_some() {
-                if !self.is_at_home(which, axis) && self.machine_has(axis) {
+                if !self.move_home(which, axis) && self.machine_has(axis) {
                     says_all = false;
                 }
                 if is_other {
@@ -350,7 +360,7 @@ impl Interpreter {
         &self,
         code: Code,
         codes: &Codes,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
     ) -> Result<usize, NcError> {
         let control = self.control;
         let is_numbered = control.is_some_and(|control| control.has_numbered_offset(code));
@@ -370,18 +380,18 @@ impl Interpreter {
                 .motion
                 .or(self.modal.motion)
                 .is_some_and(|code| code > 30 && given.names_axes());
-        let most = control.map_or(MOST_NUMBERED, Control::last_numbered);
+        let most = control.map_or(MAX_NUMBERED_OFFSET, Control::last_numbered);
         match given.whole(b'P')? {
             Some(number) if (1..=most).contains(&number) && !is_elsewhere => Ok(numbered(number)),
             _ => Err(given.refused(&format!(
-                "{} without a P from 1 to {most} of its own, the number of the work offset",
+                "{} without its own P from 1 to {most}, the number of the work offset",
                 code_text(code)
             ))),
         }
     }
 
     /// True if a dwell has its time (s) in X or U, as on FANUC and Mazak controls.
-    pub(crate) fn dwells_by_axis(&self, codes: &Codes, given: &Given<'_>) -> bool {
+    pub(crate) fn dwells_by_axis(&self, codes: &Codes, given: &BlockWords<'_>) -> bool {
         let has_time = given.has(b'X') || given.has(b'U');
         let others = (0..9).any(|axis| given.word(axis).is_some() && !matches!(axis, 0 | 6));
         codes.not_modal == Some(40)
@@ -396,7 +406,7 @@ impl Interpreter {
     pub(crate) fn check_incremental_letters(
         &self,
         codes: &Codes,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
     ) -> Result<(), NcError> {
         let is_lacked = |axis: &usize| given.word(*axis).is_some() && !self.machine_has(*axis);
         let axis = (6..9).find(is_lacked).filter(|_| {
@@ -425,7 +435,7 @@ impl Interpreter {
     /// Executes the dialect commands of a block before its motion. Returns true if they use the axis words.
     pub(crate) fn commands(
         &mut self,
-        given: &Given<'_>,
+        given: &BlockWords<'_>,
         outcome: &mut Outcome,
     ) -> Result<bool, NcError> {
         let mut takes_words = false;
@@ -435,7 +445,7 @@ impl Interpreter {
                 Command::Shift { adds } => {
                     takes_words = true;
                     if !adds {
-                        self.modal.programmed = Programmed::default();
+                        self.modal.programmed = ProgrammedFrame::default();
                     }
                     let mut by = [0.0; 9];
                     for (axis, value) in given.axes()? {
@@ -443,10 +453,10 @@ impl Interpreter {
                     }
                     self.modal.programmed.shift(&by);
                 }
-                Command::Turn { adds, angle_deg } => {
+                Command::Reversal { adds, angle_deg } => {
                     takes_words = true;
                     if !adds {
-                        self.modal.programmed = Programmed::default();
+                        self.modal.programmed = ProgrammedFrame::default();
                     }
                     let angle_deg = angle_deg.ok_or_else(|| {
                         given.refused("a rotation by an angle that only the machine knows")
@@ -461,12 +471,12 @@ impl Interpreter {
                 Command::AwaitsPreset => self.modal.awaits_preset = true,
                 Command::Preset(number) => {
                     if self.modal.programmed.by != [0.0; 9] {
-                        return Err(given.refused("a preset (cycle 247) while the datum is shifted: whether the control keeps the shift is not known here; end it before, with TRANS DATUM RESET or with cycle 7 and zeros"));
+                        return Err(given.refused("a preset (cycle 247) while the datum is shifted: it is unknown whether the control keeps the shift: end it before, with TRANS DATUM RESET or with cycle 7 and zeros"));
                     }
-                    let number = number.and_then(|number| whole(number, MOST_NUMBERED));
+                    let number = number.and_then(|number| whole(number, MAX_NUMBERED_OFFSET));
                     let number = number.filter(|number| *number > 0).ok_or_else(|| {
                         given.refused(
-                            "a preset other than 1 to 300, whose place the set-up file could state",
+                            "a preset other than 1 to 300, which the set-up file cannot state",
                         )
                     })?;
                     self.modal.system = numbered(number);
@@ -488,10 +498,10 @@ impl Interpreter {
                 }
                 Command::Homes { all } => {
                     if !all && self.modal.shifted && self.modal.shift != [0.0; 9] {
-                        return Err(given.refused("G28 of some axes while a shift (G92) is in force, which it ends for these axes: write G28 alone"));
+                        return Err(given.refused("G28 of some axes while a shift (G92) is active, which it ends for these axes: write G28 alone"));
                     }
                     self.modal.shift = [0.0; 9];
-                    self.rests.shift_is_zero();
+                    self.assumptions.shift_is_zero();
                 }
                 Command::Extrudes { relative } => self.extruder.switch(*relative),
                 Command::Pole => {
@@ -517,7 +527,7 @@ impl Interpreter {
                 Command::CallsDefined => {
                     outcome.cycle.clone_from(&self.modal.defined);
                     if outcome.cycle.is_none() {
-                        return Err(given.refused("a call of a cycle that is not defined before"));
+                        return Err(given.refused("a call of a cycle that was not defined before"));
                     }
                 }
             }
@@ -529,7 +539,7 @@ impl Interpreter {
     }
 
     /// Selects a tool or changes its length.
-    fn tool_command(&mut self, command: &Command, given: &Given<'_>) -> Result<(), NcError> {
+    fn tool_command(&mut self, command: &Command, given: &BlockWords<'_>) -> Result<(), NcError> {
         if matches!(
             command,
             Command::ChangeTool | Command::NamedTool | Command::CallsTool { .. }
@@ -548,7 +558,7 @@ impl Interpreter {
                 match edge {
                     Some(0) => {
                         self.modal.tool_offset = [0.0; 9];
-                        self.rests.takes_tool(None);
+                        self.assumptions.use_tool_length(None);
                         self.update_tool()?;
                     }
                     Some(1) => self.take_length(given)?,
@@ -565,7 +575,7 @@ impl Interpreter {
                     .ok_or_else(|| given.refused("an allowance DL that only the machine knows"))?;
                 if self.modal.tool == Some(0) {
                     self.modal.tool_offset = [0.0; 9];
-                    self.rests.takes_tool(None);
+                    self.assumptions.use_tool_length(None);
                     self.update_tool()?;
                 } else {
                     self.take_length(given)?;
@@ -588,7 +598,7 @@ impl Interpreter {
     }
 
     /// Sets the pole (CC). Returns, for X and Y, true if it is relative to the tool position.
-    fn take_pole(&mut self, given: &Given<'_>) -> Result<[bool; 2], NcError> {
+    fn take_pole(&mut self, given: &BlockWords<'_>) -> Result<[bool; 2], NcError> {
         let at = self.program_position();
         let (mut pole, mut relative) = ([0.0; 2], [true; 2]);
         let named = [0, 1].map(|axis| given.word(axis).is_some());
@@ -605,18 +615,19 @@ impl Interpreter {
                     pole[axis] += at[axis];
                 }
             }
-            is_known &= !relative[axis] || self.says_place(axis);
+            is_known &= !relative[axis] || self.knows_program_position(axis);
         }
         self.modal.pole = is_known.then_some(pole);
         Ok(relative)
     }
 
     /// Activates the length of the tool in the spindle.
-    fn take_length(&mut self, given: &Given<'_>) -> Result<(), NcError> {
+    fn take_length(&mut self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let tool = self.tool_in_spindle();
         let offset = tool.and_then(|tool| self.tools.get(&tool)).copied();
         let unstated = tool.unwrap_or(u32::MAX >> 2);
-        self.rests.takes_tool(offset.is_none().then_some(unstated));
+        self.assumptions
+            .use_tool_length(offset.is_none().then_some(unstated));
         if offset.is_none() {
             self.notes
                 .add(tool.map_or(Note::NamedTool, Note::NoToolLength), given.line);
@@ -641,7 +652,7 @@ impl Interpreter {
         moved[depth] = true;
         let mut at = self.program_position();
         match ends {
-            Some(_) => self.is_named(depth),
+            Some(_) => self.mark_named(depth),
             None => self.known[depth] = false,
         }
         if let Some(ends) = ends {

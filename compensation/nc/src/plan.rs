@@ -64,9 +64,9 @@ const AROUND: i32 = 2;
 const FINER: f64 = 0.5;
 
 /// Maximum number of rounds with one grid step, and in total.
-const MOST_AT_ONE_STEP: usize = 16;
+const MAX_ROUNDS_AT_ONE_STEP: usize = 16;
 
-const MOST_ROUNDS: usize = 400;
+const MAX_ROUNDS: usize = 400;
 
 /// Minimum grid step, mm, if commands are continuous.
 const FINEST_MM: f64 = 1e-7;
@@ -99,7 +99,7 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
     let finest = limits.step_mm.max(FINEST_MM);
     // The plain commands may violate the limits, so the first round is centred on the path itself.
     let mut middles = path.to_vec();
-    while rounds < MOST_ROUNDS {
+    while rounds < MAX_ROUNDS {
         let mut candidates: Vec<Vec<Place>> = Vec::with_capacity(path.len());
         for (place, station) in stations.iter().enumerate() {
             let mut own = station.grid(middles[place], step);
@@ -113,7 +113,7 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
         // The best solution may lie beyond the grid: re-centre it before refining.
         let stays = best == middles;
         middles = best;
-        if !stays && rounds % MOST_AT_ONE_STEP != 0 {
+        if !stays && rounds % MAX_ROUNDS_AT_ONE_STEP != 0 {
             continue;
         }
         let is_fine = step <= finest;
@@ -123,7 +123,7 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
         step = (step * FINER).max(finest);
     }
     if limits.step_mm > 0.0 {
-        for _ in 0..MOST_AT_ONE_STEP {
+        for _ in 0..MAX_ROUNDS_AT_ONE_STEP {
             // Corrections are whole steps of the control, so that a zero correction leaves the path's own position.
             let around = commands.iter().zip(path);
             let candidates: Vec<Vec<Place>> = around

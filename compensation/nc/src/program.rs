@@ -16,10 +16,10 @@ use crate::{
     error::Fault,
     flow::{Listing, OLine, load, o_line, program_line},
     line_ends::{
-        Ends, MOST_IN_MEMORY, check_length, check_line, goes_on, is_trailer, leader_of, length_of,
-        lines_of, split_lines,
+        Ends, MAX_BYTES_IN_MEMORY, check_length, check_line, goes_on, is_trailer, leader_of,
+        length_of, lines_of, split_lines,
     },
-    motion::Made,
+    motion::ExecutedMotion,
     rewrite::{Rewriter, Strategy},
     run::run,
     setup::SetUp,
@@ -244,7 +244,7 @@ impl Stream {
             written.extend_from_slice(end);
             return Ok(Next::Line);
         }
-        if rewriter.usual(line, written).is_some() {
+        if rewriter.fast_line(line, written).is_some() {
             written.extend_from_slice(end);
             return Ok(Next::Line);
         }
@@ -292,12 +292,12 @@ fn read_rest(
     mut text: Vec<u8>,
     number: usize,
 ) -> Result<Vec<u8>, NcError> {
-    let left = u64::try_from(MOST_IN_MEMORY).unwrap_or(u64::MAX);
+    let left = u64::try_from(MAX_BYTES_IN_MEMORY).unwrap_or(u64::MAX);
     input.take(left + 1).read_to_end(&mut text)?;
-    if text.len() > MOST_IN_MEMORY {
+    if text.len() > MAX_BYTES_IN_MEMORY {
         let what = format!(
             "a program with O-words is held in memory, up to {} MiB; this one is longer",
-            MOST_IN_MEMORY >> 20
+            MAX_BYTES_IN_MEMORY >> 20
         );
         return Err(NcError::not_compensated(number, what));
     }
@@ -356,7 +356,7 @@ pub(crate) fn run_in_parallel<T>(
     temperatures: &Temperatures,
     (dialect, most_blocks): (Dialect, u64),
     programs: Vec<(&mut (dyn BufRead + Send), &SetUp)>,
-    take: impl FnOnce(&[Receiver<Made>]) -> T,
+    take: impl FnOnce(&[Receiver<ExecutedMotion>]) -> T,
 ) -> Result<(T, Option<NcError>), NcError> {
     let mut ideal = machine.clone();
     ideal.clear_errors();
@@ -371,7 +371,7 @@ pub(crate) fn run_in_parallel<T>(
             let rewriter = Rewriter::new(setup, ideal.clone(), decimals, dialect, limit);
             runs.push(scope.spawn(move || {
                 let mut rewriter = rewriter?;
-                rewriter.tells = Some(to);
+                rewriter.motion_receiver = Some(to);
                 // Mixed decimal notation was already checked when the program was compensated.
                 rewriter.interpreter.points.may_mix = true;
                 execute(&mut program, &mut io::sink(), rewriter, most_blocks, |_| {

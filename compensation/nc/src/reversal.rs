@@ -5,16 +5,16 @@ use volcomp_model::vocabulary::{Direction, MAX_AXES};
 use crate::{coordinates::Axes, correction::Corrector};
 
 /// Shares closer than this are treated as equal.
-pub(crate) const SAME: f64 = 1e-6;
+pub(crate) const SAME_SHARE: f64 = 1e-6;
 
 /// Maximum error, mm, in locating turning points.
-const MET_WITHIN_MM: f64 = 5e-5;
+const REVERSAL_TOLERANCE_MM: f64 = 5e-5;
 
-const MOST_STEPS: f64 = 1024.0;
+const MAX_STEPS: f64 = 1024.0;
 
 /// A reversal of an axis: from here on the errors of the other direction apply.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Turn {
+pub(crate) struct Reversal {
     /// Share of the motion, 0 to 1.
     pub(crate) share: f64,
     pub(crate) axis: usize,
@@ -27,13 +27,13 @@ pub(crate) struct Turn {
 
 /// Reversals of the axes along a motion.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Turns {
-    pub(crate) turns: Vec<Turn>,
+pub(crate) struct Reversals {
+    pub(crate) turns: Vec<Reversal>,
     /// Furthest position of each axis in its direction at the end of the motion.
     pub(crate) furthest: Axes,
 }
 
-impl Turns {
+impl Reversals {
     /// Drops the reversals from this share on; they belong to the next motion.
     pub(crate) fn keep_before(&mut self, share: f64) {
         while let Some(turn) = self.turns.pop_if(|turn| turn.share >= share) {
@@ -63,21 +63,21 @@ impl Carriages {
     }
 
     /// Sets the axes that arrive from an unknown position until this is called again: their carriages are taken in the middle of the play.
-    pub(crate) fn arrive(&mut self, from_unknown: &Axes<bool>) {
+    pub(crate) fn begin_motion(&mut self, from_unknown: &Axes<bool>) {
         self.arrives_from_unknown = *from_unknown;
     }
 
     /// Applies new numbers (whole turns, deg) to unchanged rotary positions.
-    pub(crate) fn wraps(&mut self, by: &Axes) {
+    pub(crate) fn apply_wraps(&mut self, by: &Axes) {
         for (drive, by) in self.drive.iter_mut().zip(by) {
             *drive += by;
         }
     }
 
     /// Moves the drives to a position; each axis moves in one direction.
-    pub(crate) fn go(&mut self, truth: &Corrector, to: &Axes) {
+    pub(crate) fn move_to(&mut self, truth: &Corrector, to: &Axes) {
         let from = std::mem::replace(&mut self.drive, *to);
-        let lost = truth.lost(to);
+        let lost = truth.lost_motion(to);
         for axis in 0..9 {
             if self.arrives_from_unknown[axis] {
                 self.off[axis] = 0.0;
@@ -101,14 +101,14 @@ impl Corrector {
     }
 
     /// Sets the start position, without directions of approach.
-    pub(crate) fn begins(&mut self, at: &Axes) {
+    pub(crate) fn start_at(&mut self, at: &Axes) {
         self.approach = [None; MAX_AXES];
         let more = self.without_play(at);
         self.furthest = std::array::from_fn(|axis| at[axis] + more[axis]);
     }
 
     /// Sets the axes that arrive from an unknown position by the next motion: they lose their direction of approach.
-    pub(crate) fn arrives(&mut self, from_unknown: &Axes<bool>) {
+    pub(crate) fn begin_motion(&mut self, from_unknown: &Axes<bool>) {
         if !self.bidirectional {
             return;
         }
@@ -130,7 +130,7 @@ impl Corrector {
     }
 
     /// Sets the furthest position of each axis in its direction.
-    pub(crate) fn reaches(&mut self, furthest: &Axes) {
+    pub(crate) fn set_furthest(&mut self, furthest: &Axes) {
         for axis in 0..MAX_AXES {
             if self.has(axis) {
                 self.furthest[axis] = furthest[axis];
@@ -139,13 +139,13 @@ impl Corrector {
     }
 
     /// Applies new numbers (whole turns, deg) to unchanged rotary positions.
-    pub(crate) fn wraps(&mut self, by: &Axes) {
+    pub(crate) fn apply_wraps(&mut self, by: &Axes) {
         for (furthest, by) in self.furthest.iter_mut().zip(by) {
             *furthest += by;
         }
     }
 
-    pub(crate) fn turn(&mut self, turn: &Turn) {
+    pub(crate) fn turn(&mut self, turn: &Reversal) {
         if self.approach[turn.axis] != Some(turn.side) {
             self.version += 1;
         }
@@ -159,7 +159,7 @@ impl Corrector {
         if !self.play.any {
             return [0.0; MAX_AXES];
         }
-        let (delta, lost) = (self.at(at).delta, self.lost(at));
+        let (delta, lost) = (self.at(at).delta, self.lost_motion(at));
         std::array::from_fn(|axis| {
             if !self.lags(axis) || !self.corrects[axis] {
                 return 0.0;
@@ -174,7 +174,7 @@ impl Corrector {
 
     /// Moves the axes to a position and updates their directions of approach. An axis from an unknown position gets none. Returns true if
     /// any reverses.
-    pub(crate) fn goes(&mut self, to: &Axes) -> bool {
+    pub(crate) fn move_to(&mut self, to: &Axes) -> bool {
         if !self.bidirectional {
             return false;
         }
@@ -239,11 +239,11 @@ impl Corrector {
     /// Reversals of the axes along a motion, whose positions `at` returns for shares from 0 to 1, sampled in this number of steps. The
     /// reversal is at the extreme position, and counts once the axis has moved back by the minimum reverse travel; at the start the
     /// previous extreme counts.
-    pub(crate) fn turns(&self, steps: u32, at: impl Fn(f64) -> Axes) -> Turns {
+    pub(crate) fn turns(&self, steps: u32, at: impl Fn(f64) -> Axes) -> Reversals {
         let mut turns = Vec::new();
         let mut furthest_of = self.furthest;
         if !self.bidirectional {
-            return Turns::default();
+            return Reversals::default();
         }
         let share = |step: u32| f64::from(step) / f64::from(steps);
         let places: Vec<Axes> = (0..=steps).map(|step| at(share(step))).collect();
@@ -280,8 +280,8 @@ impl Corrector {
                     }
                 }
                 let turned = side_of(way);
-                turns.push(Turn {
-                    share: if low < SAME { 0.0 } else { low },
+                turns.push(Reversal {
+                    share: if low < SAME_SHARE { 0.0 } else { low },
                     axis,
                     side: turned,
                     furthest: here,
@@ -293,22 +293,24 @@ impl Corrector {
         }
         turns.sort_by(|a, b| a.share.total_cmp(&b.share));
         for i in 1..turns.len() {
-            if turns[i].share - turns[i - 1].share < SAME {
+            if turns[i].share - turns[i - 1].share < SAME_SHARE {
                 turns[i].share = turns[i - 1].share;
             }
         }
-        let mut found = Turns {
+        let mut found = Reversals {
             turns,
             furthest: furthest_of,
         };
-        found.keep_before(1.0 - SAME);
+        found.keep_before(1.0 - SAME_SHARE);
         found
     }
 }
 
 /// Number of steps with which no reversal is missed on a motion with this bulge.
 pub(crate) fn steps_of(bulge_mm: f64) -> f64 {
-    (bulge_mm / MET_WITHIN_MM).sqrt().clamp(1.0, MOST_STEPS)
+    (bulge_mm / REVERSAL_TOLERANCE_MM)
+        .sqrt()
+        .clamp(1.0, MAX_STEPS)
 }
 
 fn side_of(way: f64) -> Direction {

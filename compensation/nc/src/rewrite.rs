@@ -11,10 +11,10 @@ use volcomp_model::vocabulary::CorrectionLimit;
 
 use crate::{
     NcError,
-    block::{Begins, Block, Parameter, Word},
+    block::{Block, BlockStart, Parameter, Word},
     control::{Control, Dialect, INCREMENTS},
     coordinates::{Axes, Frame, LETTERS, dot, each},
-    correction::{Bounds, Corrector, Seen},
+    correction::{Bounds, CorrectionCache, Corrector},
     error::BoundViolation,
     expression::{Expressions, Reads},
     heidenhain::{block_number, read_heidenhain, renumber},
@@ -22,18 +22,18 @@ use crate::{
     line::{Edits, Line, Script},
     line_ends::end_of_added,
     modal::{FeedMode, Modal, SYSTEMS},
-    motion::{Made, Move, Path},
+    motion::{ExecutedMotion, Move, Path},
     notes::Note,
     number::{Decimals, Form, Number, Numerals, half_step},
     parameters::Parameters,
-    reversal::Turns,
+    reversal::Reversals,
     rs274::{check_end_of_block, corner, hint, read_control_line, read_increments},
     setup::SetUp,
     siemens::read_siemens,
 };
 
 /// Maximum line length without the end; LinuxCNC accepts 256 characters with the end.
-pub(crate) const LONGEST: usize = 254;
+pub(crate) const MAX_LINE_BYTES: usize = 254;
 
 /// Counters of a compensation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -57,7 +57,7 @@ pub(crate) struct Rewriter {
     pub(crate) extrusion: Option<Extrusion>,
     pub(crate) extruded: f64,
     /// Cache of the last corrections.
-    pub(crate) seen: Seen,
+    pub(crate) seen: CorrectionCache,
     pub(crate) bounds: Bounds,
     pub(crate) decimals: Decimals,
     pub(crate) strategy: Strategy,
@@ -65,11 +65,11 @@ pub(crate) struct Rewriter {
     pub(crate) rounded_otherwise: u64,
     /// Correction applied at the machine axes, mm and deg.
     pub(crate) carried: Axes,
-    pub(crate) settled: Settled,
+    pub(crate) applied_correction: AppliedCorrection,
     /// Work offsets for which the error at zero was noted, or needs no note.
     zeros_noted: [bool; SYSTEMS],
     /// Axis reversals on the current motion.
-    pub(crate) turns: Turns,
+    pub(crate) turns: Reversals,
     /// Corrections contained in the modal depth and plane R of a cycle, mm.
     pub(crate) carried_by_cycle: [f64; 2],
     /// Correction along the depth axis at the start of the first hole of a row, mm.
@@ -94,7 +94,7 @@ pub(crate) struct Rewriter {
     /// Ends of the parts of each motion (0 to 1), concatenated; `None` if not requested.
     pub(crate) shares: Option<Vec<f64>>,
     /// Receives each motion.
-    pub(crate) tells: Option<SyncSender<Made>>,
+    pub(crate) motion_receiver: Option<SyncSender<ExecutedMotion>>,
     /// The last block; `None` while it is processed.
     block: Option<Box<Block>>,
     pub(crate) edits: Edits,
@@ -171,11 +171,11 @@ pub(crate) enum Contour {
 
 /// Whether the applied correction is the one of the current position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Settled {
-    Yes,
-    No,
-    /// No, because an axis has reversed.
-    Turned,
+pub(crate) enum AppliedCorrection {
+    Current,
+    Outdated,
+    /// An axis has reversed.
+    OutdatedByReversal,
 }
 
 /// Maximum number of additional decimals of words that define the current position.
@@ -188,7 +188,7 @@ pub(crate) enum Computed {
     /// Those that depend on the return value of a subroutine, because its call is unrolled.
     ReturnedWritten,
     /// All, because the lines that compute them are not executed in this order.
-    Written,
+    OriginalWord,
 }
 
 /// Rounding of the numbers of the parts of a line.
@@ -212,21 +212,21 @@ impl Rewriter {
     ) -> Result<Self, NcError> {
         let interpreter = Interpreter::new(setup, Arc::clone(&corrector.machine), dialect)?;
         let mut corrector = corrector;
-        corrector.begins(&interpreter.position);
+        corrector.start_at(&interpreter.position);
         Ok(Self {
             interpreter,
             bounds: Bounds::new(&corrector, limit),
             corrector,
             extrusion: None,
             extruded: 0.0,
-            seen: Seen::default(),
+            seen: CorrectionCache::default(),
             decimals,
             strategy: Strategy::Plain,
             rounded_otherwise: 0,
             carried: [0.0; 9],
-            settled: Settled::No,
+            applied_correction: AppliedCorrection::Outdated,
             zeros_noted: std::array::from_fn(|system| setup.offset(system).is_none()),
-            turns: Turns::default(),
+            turns: Reversals::default(),
             carried_by_cycle: [0.0; 2],
             carried_at_initial: None,
             carried_at_home: [[0.0; 9]; 2],
@@ -241,7 +241,7 @@ impl Rewriter {
             more: b"\n",
             counts: Counts::default(),
             shares: None,
-            tells: None,
+            motion_receiver: None,
             block: None,
             edits: Edits::default(),
             parts: Vec::new(),
@@ -251,7 +251,7 @@ impl Rewriter {
     /// True if the last line read is a percent sign.
     pub(crate) fn is_percent(&self) -> bool {
         let block = self.block.as_ref();
-        block.is_some_and(|block| block.begins == Begins::Percent)
+        block.is_some_and(|block| block.begins == BlockStart::Percent)
     }
 
     /// Reads a line without its end (`number` counts from 1) and appends its replacement: lines separated by `end`, the last one without.
@@ -326,12 +326,12 @@ impl Rewriter {
         if outcome.calls.is_some() {
             return Err(NcError::not_compensated(
                 line.number,
-                "M98 and M99 are followed where they stand alone in their line: M98 P1000 L3, M99",
+                "M98 and M99 must be alone in their line: M98 P1000 L3, M99",
             ));
         }
         let other_tool = (self.corrector).take_tool(&self.interpreter.modal.tool_offset)?;
         if other_tool {
-            self.unsettles();
+            self.mark_outdated();
         }
         if self.interpreter.modal.sticky.initial.is_none() {
             (self.carried_by_cycle, self.carried_at_initial) = ([0.0; 2], None);
@@ -355,7 +355,7 @@ impl Rewriter {
         }
         (self.extrusion, self.extruded) = (outcome.extrusion, 0.0);
         self.edits.clear();
-        if self.computed == Computed::Written || reads_correction {
+        if self.computed == Computed::OriginalWord || reads_correction {
             self.write_values(line.block, reads_correction);
         }
         let length = out.len();
@@ -367,9 +367,9 @@ impl Rewriter {
         } else if let Some(motion) = &outcome.motion {
             self.counts.motions += 1;
             let calls = outcome.cycle.is_some() || self.interpreter.modal.each_motion.is_some();
-            self.tell(motion, line.number, calls || motion.cuts())?;
+            self.send_motion(motion, line.number, calls || motion.cuts())?;
             self.motion(motion, line, out)?;
-            self.ends_part(1.0);
+            self.record_part_end(1.0);
         } else if let Some(words) = &outcome.presets {
             self.presets(words, outcome.preset_system, line);
         }
@@ -384,20 +384,20 @@ impl Rewriter {
             });
         }
         if let Some(motion) = &outcome.motion
-            && line.block.begins == Begins::Slash
+            && line.block.begins == BlockStart::Slash
         {
-            self.interpreter.may_not_have_moved(motion);
+            self.interpreter.forget_skipped_motion(motion);
         }
         // A motion that is corrected has written its lines.
         if out.len() == length {
             self.edits.write(line, out);
         }
-        if out.len() - length > LONGEST && line.text.len() <= LONGEST {
+        if out.len() - length > MAX_LINE_BYTES && line.text.len() <= MAX_LINE_BYTES {
             let longest = out[length..]
                 .split(|byte| matches!(byte, b'\r' | b'\n'))
                 .map(<[u8]>::len)
                 .max();
-            if longest > Some(LONGEST) {
+            if longest > Some(MAX_LINE_BYTES) {
                 self.interpreter.notes.add(Note::LongLine, line.number);
             }
         }
@@ -408,38 +408,43 @@ impl Rewriter {
     }
 
     /// Sends a motion of the program to the receiver, if any.
-    pub(crate) fn tell(&mut self, motion: &Move, number: usize, cuts: bool) -> Result<(), NcError> {
-        let Some(tells) = &self.tells else {
+    pub(crate) fn send_motion(
+        &mut self,
+        motion: &Move,
+        number: usize,
+        cuts: bool,
+    ) -> Result<(), NcError> {
+        let Some(motion_receiver) = &self.motion_receiver else {
             return Ok(());
         };
-        let made = Made {
+        let made = ExecutedMotion {
             line: number,
             motion: motion.clone(),
             frame: self.interpreter.frame.clone(),
             tool: self.interpreter.modal.tool_offset,
             system: self.interpreter.modal.system,
-            cuts_from_stated_zero: cuts && self.interpreter.rests_on_stated_zero(),
-            known: self.knows_place(),
+            cuts_from_stated_zero: cuts && self.interpreter.has_stated_zero(),
+            known: self.knows_position(),
             in_inches: self.interpreter.modal.unit_mm != 1.0,
         };
-        let sent = tells.send(made);
+        let sent = motion_receiver.send(made);
         sent.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())
     }
 
     /// True if the positions of X, Y and Z are known, as far as the machine has them.
-    fn knows_place(&self) -> bool {
+    fn knows_position(&self) -> bool {
         (0..3).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis))
     }
 
     fn motion(&mut self, motion: &Move, line: Line<'_>, out: &mut Vec<u8>) -> Result<(), NcError> {
-        self.corrector.arrives(&motion.arrives_from_unknown);
+        self.corrector.begin_motion(&motion.arrives_from_unknown);
         self.note_axes(motion, line);
         self.note_unknown(motion, line.number);
-        self.corrector.wraps(&motion.wraps);
+        self.corrector.apply_wraps(&motion.wraps);
         match motion.path {
-            _ if motion.in_machine => self.is_uncorrected(motion),
-            Path::Other | Path::Home(_) => self.is_uncorrected(motion),
-            Path::Spline if motion.polar.is_some() => self.is_uncorrected(motion),
+            _ if motion.in_machine => self.pass_uncorrected(motion),
+            Path::Other | Path::Home(_) => self.pass_uncorrected(motion),
+            Path::Spline if motion.polar.is_some() => self.pass_uncorrected(motion),
             Path::Spline => self.spline(motion, line, out),
             Path::Rapid => {
                 self.turns = self.turns_of(motion);
@@ -456,24 +461,24 @@ impl Rewriter {
             Path::Arc(arc) => self.arc(motion, &arc, line, out)?,
             Path::Hole { .. } => self.hole(motion, (0, true), line, out),
         }
-        self.notes_unstated(line.number);
+        self.note_unstated(line.number);
         if motion.cuts() {
-            self.notes_zero(line.number);
-            self.notes_approach(line.number);
+            self.note_zero(line.number);
+            self.note_approach(line.number);
         }
         Ok(())
     }
 
     /// True if the active work offset needs no note.
-    pub(crate) fn is_zero_noted(&self) -> bool {
+    pub(crate) fn zero_needs_no_note(&self) -> bool {
         let system = self.interpreter.modal.system;
         self.zeros_noted.get(system).is_none_or(|noted| *noted)
-            || !self.interpreter.rests_on_stated_zero()
+            || !self.interpreter.has_stated_zero()
     }
 
     /// Adds a note about the error at zero, when the program first cuts with a work offset that the set-up states.
-    pub(crate) fn notes_zero(&mut self, line: usize) {
-        if self.is_zero_noted() || !self.knows_place() {
+    pub(crate) fn note_zero(&mut self, line: usize) {
+        if self.zero_needs_no_note() || !self.knows_position() {
             return;
         }
         let system = self.interpreter.modal.system;
@@ -560,30 +565,30 @@ impl Rewriter {
     }
 
     /// Updates directions of approach after a motion was written.
-    pub(crate) fn has_moved(&mut self, motion: &Move) {
+    pub(crate) fn finish_motion(&mut self, motion: &Move) {
         let turns = std::mem::take(&mut self.turns);
         if self.corrector.bidirectional {
-            self.corrector.reaches(&turns.furthest);
+            self.corrector.set_furthest(&turns.furthest);
         }
-        self.settled = if self.corrector.goes(&motion.to) {
-            Settled::Turned
+        self.applied_correction = if self.corrector.move_to(&motion.to) {
+            AppliedCorrection::OutdatedByReversal
         } else {
-            Settled::Yes
+            AppliedCorrection::Current
         };
     }
 
     /// Marks the applied correction as possibly that of another position or tool.
-    pub(crate) fn unsettles(&mut self) {
-        if self.settled == Settled::Yes {
-            self.settled = Settled::No;
+    pub(crate) fn mark_outdated(&mut self) {
+        if self.applied_correction == AppliedCorrection::Current {
+            self.applied_correction = AppliedCorrection::Outdated;
         }
     }
 
     /// Updates the state after a motion that is copied unchanged: no correction is applied afterwards, except for axes with incremental
     /// words.
-    pub(crate) fn is_uncorrected(&mut self, motion: &Move) {
-        self.corrector.goes(&motion.to);
-        self.settled = Settled::No;
+    pub(crate) fn pass_uncorrected(&mut self, motion: &Move) {
+        self.corrector.move_to(&motion.to);
+        self.applied_correction = AppliedCorrection::Outdated;
         let frame = &self.interpreter.frame;
         let mut carried = if motion.in_machine {
             self.carried
@@ -623,7 +628,8 @@ impl Rewriter {
                 .replaced
                 .extend(number.map(|number| (place, number)));
         }
-        let in_sub = self.computed == Computed::Written && self.interpreter.parameters.in_sub();
+        let in_sub =
+            self.computed == Computed::OriginalWord && self.interpreter.parameters.in_sub();
         if !in_sub && !also_set {
             return;
         }

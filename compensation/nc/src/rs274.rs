@@ -4,7 +4,7 @@
 //! is 5`, `G28 X Y`).
 
 use crate::{
-    block::{Assignment, Begins, Block, Command, Manner, Parameter, Scanner, Word},
+    block::{Assignment, Block, BlockStart, Command, Manner, Parameter, Scanner, Word},
     codes::{Codes, is_cycle},
     control::{Control, DecimalPoints, INCREMENTS},
     error::{Column, Fault},
@@ -22,12 +22,12 @@ impl Block {
         match scanner.peek() {
             Some(b'/') => {
                 scanner.next();
-                self.begins = Begins::Slash;
+                self.begins = BlockStart::Slash;
                 self.skip = scanner.at() - 1..scanner.at();
                 end = scanner.at();
             }
             Some(b'%') => {
-                self.begins = Begins::Percent;
+                self.begins = BlockStart::Percent;
                 self.end = line.len();
                 return Ok(());
             }
@@ -67,7 +67,7 @@ impl Block {
         self.words.clear();
         self.assignments.clear();
         self.commands.clear();
-        self.begins = Begins::Nothing;
+        self.begins = BlockStart::Nothing;
         self.skip = 0..0;
         self.number = None;
         self.keyword = 0..0;
@@ -139,7 +139,7 @@ pub(crate) fn check_end_of_block(rest: &[u8], from: usize) -> Result<(), Fault> 
             b' ' | b'\t' => {}
             _ if ended => {
                 return Err(Column(from + place + 1).malformed(
-                    "found words behind a semicolon, which ends a block on this control: write them into a line of their own, or a comment in parentheses",
+                    "found words after a semicolon, which ends a block on this control: write them into a separate line, or a comment in parentheses",
                 ));
             }
             _ => {}
@@ -180,8 +180,8 @@ pub(crate) fn corner(text: &[u8], fault: &Fault) -> Option<Fault> {
     let letter = (text.get(column..)?.iter()).find(|byte| !byte.is_ascii_whitespace())?;
     let letter = letter.to_ascii_uppercase();
     let why = match letter {
-        b'R' => "a rounded corner is a motion of its own",
-        b'C' => "a bevelled corner is a motion of its own",
+        b'R' => "a rounded corner is a separate motion",
+        b'C' => "a chamfer is a separate motion",
         b'A' => "a line by its direction",
         _ => return None,
     };
@@ -309,7 +309,7 @@ pub(crate) fn read_increments(
     {
         return Err(Column(1).not_followed(
             "an angle without a decimal point under G16 in inches",
-            "its least increment is not known here: write it with a point",
+            "its least increment is unknown: write it with a point",
         ));
     }
     block.last_in_increments = last;
@@ -401,10 +401,9 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
             block.commands.push(Command::MayMove(found()));
         }
         b'G' => {
-            return Err(column.not_followed(
-                &found(),
-                "it is not known for printers, and might move an axis",
-            ));
+            return Err(
+                column.not_followed(&found(), "it is unknown for printers and may move an axis")
+            );
         }
         b'M' if number == 82.0 || number == 83.0 => {
             block.commands.push(Command::Extrudes {
@@ -424,7 +423,7 @@ fn command(block: &mut Block, name: &str, column: Column) -> Result<bool, Fault>
         "SET_GCODE_OFFSET" => {
             Some("it shifts the coordinates: state them in the set-up file as [work_offset.G54]")
         }
-        "RESTORE_GCODE_STATE" => Some("it brings back coordinates that were saved elsewhere"),
+        "RESTORE_GCODE_STATE" => Some("it restores coordinates that were saved elsewhere"),
         _ => None,
     };
     if let Some(why) = refused {

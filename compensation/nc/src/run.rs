@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Maximum nesting depth of subroutine calls.
-const DEEPEST: usize = 100;
+const MAX_CALL_DEPTH: usize = 100;
 
 struct Run<'r, 't> {
     lines: &'r Listing<'t>,
@@ -44,23 +44,23 @@ pub(crate) fn run(
 ) -> Result<(Rewriter, bool), NcError> {
     let flow = Flow::new(lines)?;
     let mut before = rewriter.clone();
-    let mut recorded = Recorded::new(lines);
-    let (after, ends) = Run::new(rewriter, lines, &flow, most).go(&mut recorded)?;
+    let mut recorded = Replacements::new(lines);
+    let (after, ends) = Run::new(rewriter, lines, &flow, most).move_to(&mut recorded)?;
     if recorded.conflicts.contains(&true) {
         // An unrolled call returns no value to the control.
         before.computed = Computed::ReturnedWritten;
-        recorded = Recorded::new(lines);
-        Run::new(before.clone(), lines, &flow, most).go(&mut recorded)?;
+        recorded = Replacements::new(lines);
+        Run::new(before.clone(), lines, &flow, most).move_to(&mut recorded)?;
     } else {
         recorded.write(output)?;
         return Ok((after, ends));
     }
     // Second run: unroll whatever executes a line with a conflict.
     let mut unrolled = Run::new(before, lines, &flow, most);
-    unrolled.rewriter.computed = Computed::Written;
+    unrolled.rewriter.computed = Computed::OriginalWord;
     unrolled.loops.some_are_written_out = true;
-    let mut written = Unrolled::new(&flow, &recorded, output);
-    let (after, ends) = unrolled.go(&mut written)?;
+    let mut written = UnrollingWriter::new(&flow, &recorded, output);
+    let (after, ends) = unrolled.move_to(&mut written)?;
     written.finish()?;
     Ok((after, ends))
 }
@@ -78,7 +78,7 @@ impl<'r, 't> Run<'r, 't> {
     }
 
     /// Executes all lines. Returns the final state, and whether the program ended there.
-    fn go(mut self, sink: &mut impl Sink) -> Result<(Rewriter, bool), NcError> {
+    fn move_to(mut self, sink: &mut impl LineSink) -> Result<(Rewriter, bool), NcError> {
         let (mut at, mut executed) = (0, 0_u64);
         let mut text = Vec::new();
         loop {
@@ -294,15 +294,15 @@ impl<'r, 't> Run<'r, 't> {
                 self.calls.pop();
                 Ok(back)
             }
-            _ => Err(self.lines.wrong(at, "M99 in the main program would repeat it for ever: expected it at the end of a subprogram that M98 called")),
+            _ => Err(self.lines.wrong(at, "M99 in the main program would repeat it endlessly: expected at the end of a subprogram called by M98")),
         }
     }
 
     fn deeper(&self, at: usize) -> Result<(), NcError> {
-        if self.calls.len() >= DEEPEST {
+        if self.calls.len() >= MAX_CALL_DEPTH {
             return Err(self.lines.wrong(
                 at,
-                format!("more than {DEEPEST} subroutines call one another"),
+                format!("more than {MAX_CALL_DEPTH} subroutines call one another"),
             ));
         }
         Ok(())
@@ -350,13 +350,13 @@ impl<'r, 't> Run<'r, 't> {
         if self.rewriter.computed != Computed::Kept && reads.returned {
             return Err(NcError::not_compensated(
                 0,
-                "#<_value> is read here, which a call returned that is corrected differently from time to time",
+                "#<_value> is read here, but the call that returned it is corrected differently on each execution",
             ));
         }
         if self.rewriter.carries(&reads.axes) {
             return Err(NcError::not_compensated(
                 0,
-                "the place of an axis is read here (#5420 to #5428, #<_x> to #<_w>), which is the corrected one at the control",
+                "the position of an axis is read here (#5420 to #5428, #<_x> to #<_w>), which contains the correction at the control",
             ));
         }
         Ok(values)
@@ -379,7 +379,7 @@ impl<'r, 't> Run<'r, 't> {
 }
 
 /// Receives lines as they are executed.
-trait Sink {
+trait LineSink {
     /// A line was executed; `text` is its replacement.
     fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError>;
     /// The main program reaches this line.
@@ -387,13 +387,13 @@ trait Sink {
 }
 
 /// Replacement of each line, and the lines with conflicting replacements.
-struct Recorded<'r, 't> {
+struct Replacements<'r, 't> {
     lines: &'r Listing<'t>,
     texts: Vec<Option<Vec<u8>>>,
     conflicts: Vec<bool>,
 }
 
-impl<'r, 't> Recorded<'r, 't> {
+impl<'r, 't> Replacements<'r, 't> {
     pub(crate) fn new(lines: &'r Listing<'t>) -> Self {
         Self {
             lines,
@@ -413,7 +413,7 @@ impl<'r, 't> Recorded<'r, 't> {
     }
 }
 
-impl Sink for Recorded<'_, '_> {
+impl LineSink for Replacements<'_, '_> {
     fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError> {
         match &self.texts[place] {
             Some(before) if before != text => self.conflicts[place] = true,
@@ -435,10 +435,10 @@ impl Sink for Recorded<'_, '_> {
 
 /// Writes the program. The output of calls and loops of the main program is held back until it is known whether they contain a line with a
 /// conflict.
-struct Unrolled<'a, W> {
+struct UnrollingWriter<'a, W> {
     lines: &'a Listing<'a>,
     flow: &'a Flow,
-    recorded: &'a Recorded<'a, 'a>,
+    recorded: &'a Replacements<'a, 'a>,
     output: &'a mut W,
     /// Next program line to be written.
     next: usize,
@@ -448,8 +448,12 @@ struct Unrolled<'a, W> {
     conflicts: bool,
 }
 
-impl<'a, W: Write> Unrolled<'a, W> {
-    pub(crate) fn new(flow: &'a Flow, recorded: &'a Recorded<'a, 'a>, output: &'a mut W) -> Self {
+impl<'a, W: Write> UnrollingWriter<'a, W> {
+    pub(crate) fn new(
+        flow: &'a Flow,
+        recorded: &'a Replacements<'a, 'a>,
+        output: &'a mut W,
+    ) -> Self {
         Self {
             lines: recorded.lines,
             flow,
@@ -511,7 +515,7 @@ impl<'a, W: Write> Unrolled<'a, W> {
     }
 }
 
-impl<W: Write> Sink for Unrolled<'_, W> {
+impl<W: Write> LineSink for UnrollingWriter<'_, W> {
     fn at(&mut self, place: usize) -> Result<(), NcError> {
         if self
             .open

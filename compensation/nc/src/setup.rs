@@ -23,7 +23,7 @@ pub struct SetUp {
     start: Option<(Axes, Axes<bool>)>,
     pub(crate) folders: Vec<PathBuf>,
     control: Option<Control>,
-    /// It states which way rotary words of RS-274 turn an axis that rolls over.
+    /// True if the file states the direction in which rotary words of RS-274 turn a rollover axis.
     pub(crate) states_rotary_words: bool,
     /// True if X60 means 60 least increments instead of 60 mm, inches or degrees.
     without_point: Option<bool>,
@@ -70,7 +70,7 @@ impl SetUp {
             if let Some(without_point) = root.get("without_point") {
                 if let Some(control) = (setup.control).filter(|of| !of.is_fanuc_like()) {
                     return Err(without_point.error(format!(
-                        "found it beside control = \"{}\", for which a number without a decimal point is always in the unit of the program: expected it with fanuc, haas or mazak, or without control",
+                        "found it with control = \"{}\", for which a number without a decimal point is always in the unit of the program: expected with fanuc, haas or mazak, or without control",
                         control.name()
                     )));
                 }

@@ -43,7 +43,7 @@ pub struct AllPairs {
 }
 
 impl AllPairs {
-    /// Length of the shortest path; infinite if there is none or a node does not exist.
+    /// Length of the shortest path; infinite without a path or node.
     pub fn distance(&self, from: usize, to: usize) -> f64 {
         let row = self.distances.get(from);
         row.and_then(|row| row.get(to))
@@ -51,7 +51,7 @@ impl AllPairs {
             .unwrap_or(f64::INFINITY)
     }
 
-    /// Nodes of the shortest path, both ends included; `None` if there is none. Of paths of equal length it is the one found first.
+    /// Nodes of the shortest path, both ends included; `None` without a path. Of paths of equal length it is the one found first.
     pub fn path(&self, from: usize, to: usize) -> Option<Vec<usize>> {
         let mut path = vec![from];
         let mut at = from;
@@ -66,7 +66,7 @@ impl AllPairs {
     }
 }
 
-/// Finds the shortest paths between all pairs of nodes. `weights[i][j]` is the weight of the edge from i to j, infinite if there is none.
+/// Finds the shortest paths between all pairs of nodes. `weights[i][j]` is the weight of the edge from i to j, infinite without an edge.
 /// `seen` receives each round: the number of nodes allowed as intermediate ones so far, and all distances: D(0), D(1) … D(n).
 ///
 /// # Errors
@@ -132,7 +132,7 @@ pub struct Through {
 }
 
 /// Finds the shortest path from any node of the first layer to any of the last. `counts` is the number of nodes of each layer;
-/// `weight(layer, from, to)` is the weight of the edge from a node of a layer to one of the next, infinite if there is none. Of paths of
+/// `weight(layer, from, to)` is the weight of the edge from a node of a layer to one of the next, infinite without an edge. Of paths of
 /// equal length the one with the first nodes wins. `None` if there is no path, or no layer.
 pub fn through(
     counts: &[usize],

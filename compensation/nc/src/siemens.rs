@@ -5,7 +5,8 @@
 
 use crate::{
     block::{
-        Assignment, Begins, Block, Command, Cycle, LAST, Manner, OTHER, Parameter, Scanner, Word,
+        Assignment, Block, BlockStart, Command, Cycle, LAST, Manner, OTHER, Parameter, Scanner,
+        Word,
     },
     codes::whole,
     coordinates::axis_of,
@@ -16,9 +17,10 @@ use crate::{
     parameters::{MOST, Value},
 };
 
-const AXIS: &str = "an axis, or an address, that is not known here";
+const AXIS: &str = "an unknown axis or address";
 
-const SUBPROGRAM: &str = "it may be a subprogram, and these are not followed in this language";
+const SUBPROGRAM: &str =
+    "it may be a subprogram, and subprograms are not supported in this language";
 
 /// Reads a line without its end.
 pub(crate) fn read_siemens(
@@ -88,7 +90,7 @@ impl Reader<'_, '_> {
             if digit.is_some_and(u8::is_ascii_digit) {
                 scanner.go_to(at + 2);
             }
-            self.block.begins = Begins::Slash;
+            self.block.begins = BlockStart::Slash;
             self.block.skip = at..scanner.at();
             self.block.end = scanner.at();
         }
@@ -338,7 +340,7 @@ impl Reader<'_, '_> {
                 Some(number.ok_or_else(|| column.no_number(b'Z'))?.0)
             };
         }
-        self.block.commands.push(Command::Turn {
+        self.block.commands.push(Command::Reversal {
             adds,
             angle_deg: angle,
         });
@@ -470,9 +472,11 @@ impl Reader<'_, '_> {
             }
             b'A' | b'B' | b'C' => Err(column.not_followed(
                 &found,
-                "directions of the tool are followed as angles of the rotary axes only",
+                "tool directions are supported as angles of the rotary axes only",
             )),
-            b'I' | b'J' | b'K' => Err(column.not_followed(&found, "an arc by a place on it")),
+            b'I' | b'J' | b'K' => {
+                Err(column.not_followed(&found, "an arc by an intermediate point"))
+            }
             _ => Err(column.not_followed(&found, AXIS)),
         }
     }
@@ -585,9 +589,9 @@ impl Reader<'_, '_> {
         for name in ["ACP", "ACN", "CIC", "CAC", "CDC", "CACP", "CACN"] {
             if takes_name(&mut self.scanner, name) {
                 let why = if name.starts_with('A') {
-                    "a rotary axis that comes from one side"
+                    "a rotary axis that approaches from one side"
                 } else {
-                    "coded places, which only the control knows"
+                    "coded positions, which only the control knows"
                 };
                 return Err(column.not_followed(name, why));
             }
@@ -728,7 +732,7 @@ impl Values<'_> {
         let is_set = |parameter: &Parameter| self.set.iter().any(|set| set.parameter == *parameter);
         if parameter.is_some_and(is_set) {
             return Err(column.malformed(
-                "a parameter that the same block sets before: write the two in blocks of their own",
+                "a parameter that the same block sets before: write the two in separate blocks",
             ));
         }
         Ok(())
@@ -769,7 +773,7 @@ fn r_parameter(
             (Some(value), true) => value,
             _ => {
                 return Err(
-                    column.malformed("expected the number of an R parameter, and ] behind it")
+                    column.malformed("expected the number of an R parameter, and ] after it")
                 );
             }
         }
@@ -842,23 +846,23 @@ pub(crate) enum Meaning {
     Refused(&'static str),
 }
 
-const CALL: &str = "subprograms are not followed in this language";
+const CALL: &str = "subprograms are not supported in this language";
 
-const ORIENTATION: &str = "orientations of the tool are followed as angles of the rotary axes only";
+const ORIENTATION: &str = "tool orientations are supported as angles of the rotary axes only";
 
-const TILTED: &str = "frames other than TRANS, ATRANS, ROT and AROT about Z are not followed";
+const TILTED: &str = "frames other than TRANS, ATRANS, ROT and AROT about Z are not supported";
 
-const CORNER: &str = "a rounded or bevelled corner is a motion of its own";
+const CORNER: &str = "a rounded or chamfered corner is a separate motion";
 
 const CURVE: &str = "a curve other than a line or an arc by its centre or radius";
 
 const POLAR: &str = "polar coordinates";
 
-const PLACE: &str = "it leads to a place that only the control knows";
+const PLACE: &str = "it leads to a position that only the control knows";
 
-const APPROACH: &str = "soft approach and retraction make motions of their own";
+const APPROACH: &str = "soft approach and retraction are separate motions";
 
-const TRANSFORMATION: &str = "no transformation other than TRAORI is followed";
+const TRANSFORMATION: &str = "no transformation other than TRAORI is supported";
 
 /// Meaning of a G code, and its modal group; a block may have one code per group.
 fn g_code(code: u32) -> (u8, Meaning) {

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::{
     NcError,
-    block::{Begins, LAST, Manner, Word},
+    block::{BlockStart, LAST, Manner, Word},
     control::{Control, Dialect},
     coordinates::{Axes, LETTERS, between, each, is_rotary},
     line::{Line, NewWord, Shape},
@@ -12,24 +12,24 @@ use crate::{
     motion::{Move, Path},
     notes::Note,
     number::{Number, Numerals, half_step, of_steps},
-    reversal::{Turns, steps_of},
-    rewrite::{Contour, Rewriter, Settled, Strategy},
+    reversal::{Reversals, steps_of},
+    rewrite::{AppliedCorrection, Contour, Rewriter, Strategy},
     shortest::through,
 };
 
 /// Maximum number of parts of a motion.
-pub(crate) const MOST_PARTS: usize = 4096;
+pub(crate) const MAX_PARTS: usize = 4096;
 
-/// Sampling interval in the search for axis reversals, mm or deg; `MOST_LOOKED_AT` limits the number of samples that it requires.
-const LOOKED_AT_EACH: f64 = 5.0;
+/// Sampling interval in the search for axis reversals, mm or deg; `MAX_REVERSAL_SAMPLES` limits the number of samples that it requires.
+const REVERSAL_SAMPLING: f64 = 5.0;
 
-const MOST_LOOKED_AT: f64 = 64.0;
+const MAX_REVERSAL_SAMPLES: f64 = 64.0;
 
-/// X, Y and Z follow a part of a motion of rotary axes alone in at most so many steps.
-const MOST_FOLLOWED: f64 = 64.0;
+/// Maximum number of steps in which X, Y and Z follow a part of a purely rotary motion.
+const MAX_FOLLOW_STEPS: f64 = 64.0;
 
-/// An axis that goes no further than this stands, mm or deg: what coordinates are rounded by.
-const MOVES_BY: f64 = 1e-7;
+/// An axis that moves by less than this rests, mm or deg: rounding of coordinates.
+const RESTING_WITHIN: f64 = 1e-7;
 
 /// One of the parts that a motion is written in, counted from 0, and where it ends, from 0 to 1.
 #[derive(Clone, Copy, Debug)]
@@ -74,7 +74,7 @@ pub(crate) struct Leg<'a> {
     pub(crate) to: Axes,
     /// Machine coordinates at which the correction is evaluated: the end, or half-way down a hole.
     pub(crate) at: Axes,
-    pub(crate) writes: Axes<Writes>,
+    pub(crate) writes: Axes<WriteRule>,
     /// Axes that keep their correction from the start.
     pub(crate) keeps: Axes<bool>,
     /// Correction from joint rounding, which yields the chosen numbers; `None`: round each number separately.
@@ -83,7 +83,7 @@ pub(crate) struct Leg<'a> {
 
 /// When the word of an axis is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Writes {
+pub(crate) enum WriteRule {
     /// Never: it is not a coordinate of the end, but the depth of a cycle.
     Never,
     /// If its number changes.
@@ -108,14 +108,14 @@ pub(crate) struct AxisWay {
     pub(crate) manner: Manner,
     /// The axis keeps its correction from the start.
     pub(crate) keeps: bool,
-    /// Word of the program; `None` if there is none.
-    pub(crate) written: Option<Written>,
+    /// Word of the program, if any.
+    pub(crate) written: Option<OriginalWord>,
     pub(crate) numerals: Numerals,
 }
 
 /// A word of the program.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Written {
+pub(crate) struct OriginalWord {
     /// Decimals of a plain number.
     pub(crate) decimals: u8,
     /// It is written even if nothing changes, because the motion is split.
@@ -206,7 +206,7 @@ impl Rewriter {
         }
         self.split(motion, at_ends, [begins, 1.0], line, parts)?;
         self.corrector.put_back(sides);
-        if self.turns_alone(at_ends) {
+        if self.moves_rotary_axes_only(at_ends) {
             self.follow_turn(at_ends, parts);
         }
         if parts.len() > 1 {
@@ -230,16 +230,16 @@ impl Rewriter {
         *next > first
     }
 
-    pub(crate) fn turns_of(&self, motion: &Move) -> Turns {
+    pub(crate) fn turns_of(&self, motion: &Move) -> Reversals {
         if !self.corrector.bidirectional {
-            return Turns::default();
+            return Reversals::default();
         }
         let frame = &self.interpreter.frame;
         let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         // The correction added to a resting axis may also reverse during the motion.
         let least = if self.corrector.play.any {
             let ways = (0..9).map(|axis| (motion.to[axis] - motion.from[axis]).abs());
-            (ways.fold(0.0, f64::max) / LOOKED_AT_EACH).min(MOST_LOOKED_AT)
+            (ways.fold(0.0, f64::max) / REVERSAL_SAMPLING).min(MAX_REVERSAL_SAMPLES)
         } else {
             1.0
         };
@@ -318,7 +318,7 @@ impl Rewriter {
             // Bisect repeatedly, from the start on.
             let mut open = halves([begins, ends]).to_vec();
             while let Some([from, to]) = open.pop() {
-                if parts.len() + open.len() >= MOST_PARTS {
+                if parts.len() + open.len() >= MAX_PARTS {
                     return Err(too_many_parts(line));
                 }
                 if to - from < 1e-6 || is_straight([from, to]) {
@@ -335,11 +335,13 @@ impl Rewriter {
     /// words, since the play has to be taken up. With another tool, or if the axes arrived without correction, it is the tolerance plus the
     /// rounding.
     pub(crate) fn lacks_correction(&self, motion: &Move, turns: bool) -> bool {
-        if self.settled == Settled::Yes && !turns || self.contour != Contour::None {
+        if self.applied_correction == AppliedCorrection::Current && !turns
+            || self.contour != Contour::None
+        {
             return false;
         }
         let delta = self.corrector.at(&motion.from).with_rotary(&self.carried);
-        if turns || self.settled == Settled::Turned {
+        if turns || self.applied_correction == AppliedCorrection::OutdatedByReversal {
             let frame = &self.interpreter.frame;
             let [wanted, carried] =
                 [&delta, &self.carried].map(|by| frame.moved_in_program(&motion.from, by));
@@ -367,15 +369,15 @@ impl Rewriter {
             from,
             to,
             at: motion.to,
-            writes: [Writes::IfChanged; 9],
+            writes: [WriteRule::IfChanged; 9],
             keeps: [true; 9],
             rounded: None,
         };
         let words = self.words_to(&leg, &mut carried);
         self.write_part(&Part::whole(motion, &words, Shape::AsItIs), line, out);
         self.carried = self.interpreter.frame.moved_in_machine(&to, &carried);
-        self.corrector.goes(&motion.to);
-        self.settled = Settled::No;
+        self.corrector.move_to(&motion.to);
+        self.applied_correction = AppliedCorrection::Outdated;
     }
 
     /// Writes a straight motion in parts, between these ends in program coordinates.
@@ -389,7 +391,8 @@ impl Rewriter {
     ) {
         let frame = &self.interpreter.frame;
         let splits = parts.len() > 1;
-        let turns_alone = motion.path == Path::Line && self.turns_alone(&[from, end]);
+        let moves_rotary_axes_only =
+            motion.path == Path::Line && self.moves_rotary_axes_only(&[from, end]);
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let (mut before, mut passed) = (from, 0.0);
         let mut next = 0;
@@ -404,7 +407,7 @@ impl Rewriter {
             Shape::Straight
         };
         let keeps = self.keeps_in_plane(motion);
-        let keeps_on_way = each(|axis| keeps[axis] || turns_alone && axis < 3);
+        let keeps_on_way = each(|axis| keeps[axis] || moves_rotary_axes_only && axis < 3);
         let together = self.rounded_together(motion, parts, line);
         for (place, &share) in parts.iter().enumerate() {
             let is_last = share == 1.0;
@@ -426,9 +429,9 @@ impl Rewriter {
                     _ if motion.polar.is_some() && axis < 2 && !only_takes_up => {
                         polar_writes(keeps_polar)
                     }
-                    true if is_new => Writes::Anew,
-                    true => Writes::IfMoves,
-                    false => Writes::IfChanged,
+                    true if is_new => WriteRule::Anew,
+                    true => WriteRule::IfMoves,
+                    false => WriteRule::IfChanged,
                 }
             });
             let leg = Leg {
@@ -460,18 +463,19 @@ impl Rewriter {
             (before, passed) = (to, share);
         }
         self.carried = self.interpreter.frame.moved_in_machine(&end, &carried);
-        self.has_moved(motion);
+        self.finish_motion(motion);
         if keeps_on_way.contains(&true) {
-            self.unsettles();
+            self.mark_outdated();
         }
     }
 
-    /// Whether no word of a feed motion moves X, Y or Z, but others do, on a control that takes F for the way of X, Y and Z wherever one of them moves, and
-    /// turns the rotary axes in the same time (LinuxCNC; NIST IR 6556, 2.1.2.5): with a correction of 1 µm in Y an axis that is to turn at F600
-    /// turns as fast as it can. X, Y and Z keep their correction on such a way, and get the next one in blocks of their own.
-    pub(crate) fn turns_alone(&self, [from, to]: &[Axes; 2]) -> bool {
-        let moves =
-            |mut axes: Range<usize>| axes.any(|axis| (to[axis] - from[axis]).abs() > MOVES_BY);
+    /// True if a motion moves other axes than X, Y and Z, on a control that applies F to the path of X, Y and Z whenever one of them moves, and
+    /// moves the rotary axes in the same time (LinuxCNC; NIST IR 6556, 2.1.2.5): with a correction of 1 µm in Y an axis programmed at F600
+    /// would turn at its maximum speed. X, Y and Z keep their correction during such a motion, and are corrected in separate blocks.
+    pub(crate) fn moves_rotary_axes_only(&self, [from, to]: &[Axes; 2]) -> bool {
+        let moves = |mut axes: Range<usize>| {
+            axes.any(|axis| (to[axis] - from[axis]).abs() > RESTING_WITHIN)
+        };
         let takes_together = self.interpreter.dialect == Dialect::Heidenhain
             || self.interpreter.is_printer()
             || matches!(
@@ -490,7 +494,7 @@ impl Rewriter {
             let after = self.delta_in_program(&between(from, to, ends));
             let lag = (0..3).map(|axis| (after[axis] - before[axis]).abs());
             let steps = (lag.fold(0.0, f64::max) / tolerance).ceil();
-            let steps = steps.clamp(1.0, MOST_FOLLOWED);
+            let steps = steps.clamp(1.0, MAX_FOLLOW_STEPS);
             let mut step = 1.0;
             while step < steps {
                 shares.extend([begins + (ends - begins) * step / steps; 2]);
@@ -515,7 +519,7 @@ impl Rewriter {
         if modal.feed_mode == FeedMode::InverseTime && modal.feed.is_none() {
             return Err(NcError::not_compensated(
                 line.number,
-                "a motion that is split, with an F of inverse time (G93) that only the machine knows: its parts cannot get their F",
+                "a motion that is split, with an inverse-time F (G93) that only the machine knows: the F of its parts cannot be computed",
             ));
         }
         Ok(())
@@ -533,7 +537,7 @@ impl Rewriter {
     /// Writes a part: the first one into the program's own line, each other one into an added line.
     pub(crate) fn write_part(&mut self, part: &Part<'_>, line: Line<'_>, out: &mut Vec<u8>) {
         if part.share < 1.0 {
-            self.ends_part(part.share);
+            self.record_part_end(part.share);
         }
         let script = line.script;
         let ends_late = self.interpreter.control.is_none_or(Control::is_fanuc_like);
@@ -619,14 +623,14 @@ impl Rewriter {
     }
 
     pub(crate) fn begin_line(&mut self, line: Line<'_>, out: &mut Vec<u8>) {
-        if line.block.begins == Begins::Slash {
+        if line.block.begins == BlockStart::Slash {
             out.extend_from_slice(&line.text[line.block.skip.clone()]);
         }
         self.counts.added += 1;
     }
 
     /// Records the end of a part of a motion.
-    pub(crate) fn ends_part(&mut self, share: f64) {
+    pub(crate) fn record_part_end(&mut self, share: f64) {
         if let Some(shares) = &mut self.shares {
             shares.push(share);
         }
@@ -687,16 +691,16 @@ impl Rewriter {
         for axis in axes {
             let word = leg.line.word(leg.motion.words[axis]);
             let writes = leg.writes[axis];
-            if writes == Writes::Never || word.is_none() && !self.corrector.has(axis) {
+            if writes == WriteRule::Never || word.is_none() && !self.corrector.has(axis) {
                 continue;
             }
             let written = match word {
-                _ if writes == Writes::IfMoves => None,
-                Some(word) => Some(Written {
+                _ if writes == WriteRule::IfMoves => None,
+                Some(word) => Some(OriginalWord {
                     decimals: word.decimals.unwrap_or(0),
-                    anew: writes != Writes::IfChanged,
+                    anew: writes != WriteRule::IfChanged,
                 }),
-                None => (writes == Writes::Always).then_some(Written {
+                None => (writes == WriteRule::Always).then_some(OriginalWord {
                     decimals: 0,
                     anew: true,
                 }),
@@ -879,7 +883,7 @@ impl Rewriter {
 
     /// True if a word may be added for an axis that the block does not name; adds a note if it is left out.
     fn may_add(&mut self, axis: usize, way: &AxisWay, line: usize) -> bool {
-        if way.incremental || self.interpreter.says_place(axis) {
+        if way.incremental || self.interpreter.knows_program_position(axis) {
             return true;
         }
         let needed = (way.delta - way.carried) / self.interpreter.modal.scale(axis);
@@ -925,7 +929,7 @@ impl Rewriter {
     }
 
     /// Adds a note about each axis that cuts with the mean of both directions, because its direction of approach is unknown.
-    pub(crate) fn notes_approach(&mut self, line: usize) {
+    pub(crate) fn note_approach(&mut self, line: usize) {
         for axis in self.corrector.axes_with_unknown_approach() {
             if self.interpreter.known[axis] {
                 let note = Note::UnknownApproach(char::from(LETTERS[axis]));
@@ -935,7 +939,7 @@ impl Rewriter {
     }
 
     /// Adds a note if a written correction relies on an unstated work offset.
-    pub(crate) fn notes_unstated(&mut self, line: usize) {
+    pub(crate) fn note_unstated(&mut self, line: usize) {
         if self.carried != [0.0; 9]
             && let Some(name) = self.interpreter.unstated_offset()
         {
@@ -948,7 +952,7 @@ pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
     NcError::not_compensated(
         line.number,
         format!(
-            "a motion that would be split into more than {MOST_PARTS} parts: a larger --tolerance needs fewer"
+            "a motion that needs more than {MAX_PARTS} parts: a larger --tolerance needs fewer"
         ),
     )
 }
@@ -986,6 +990,10 @@ fn is_switched_off(code: f64) -> bool {
 }
 
 /// How X and Y of a motion in polar coordinates are written.
-pub(crate) fn polar_writes(keeps: bool) -> Writes {
-    if keeps { Writes::Never } else { Writes::Always }
+pub(crate) fn polar_writes(keeps: bool) -> WriteRule {
+    if keeps {
+        WriteRule::Never
+    } else {
+        WriteRule::Always
+    }
 }

@@ -14,9 +14,9 @@ use crate::{
     correction::Corrector,
     inspect::{Collector, Inspected, Part},
     modal::{SYSTEMS, name_of_offset},
-    motion::{Made, Move, Path, at_height},
+    motion::{ExecutedMotion, Move, Path, at_height},
     program::run_in_parallel,
-    reversal::{Carriages, SAME, Turns, steps_of},
+    reversal::{Carriages, Reversals, SAME_SHARE, steps_of},
     setup::SetUp,
 };
 
@@ -29,34 +29,33 @@ pub struct Verification {
     pub before: Deviation,
     /// With the compensated program.
     pub after: Deviation,
-    /// Motions with whose result the tool is further off than before.
+    /// Motions with a larger tool deviation than before.
     pub further: Further,
-    /// Motions that were looked at; those that pass on without a correction are not among them.
+    /// Number of evaluated motions; motions copied without correction do not count.
     pub motions: u64,
-    /// Places on them that were looked at.
+    /// Number of evaluated positions.
     pub places: u64,
-    /// Some of these places, evenly spread, in the order of the program.
+    /// Some of these positions, evenly spread, in program order.
     #[cfg_attr(feature = "schema", serde(skip))]
     pub path: Vec<Place>,
-    /// The features of the part, if one is to be inspected.
+    /// Features of the inspected part, if any.
     #[cfg_attr(feature = "schema", serde(skip))]
     pub features: Vec<Inspected>,
-    /// Any of the motions is written in inches.
+    /// True if any motion is in inches.
     #[cfg_attr(feature = "schema", serde(skip))]
     pub in_inches: bool,
 }
 
-/// Motions with whose result the tool is further off than with the original program, by more than the 0.01 µm that are printed: in the
-/// root of the mean square of its places, or in the largest deviation of them.
+/// Motions whose RMS or maximum tool deviation is larger with the result than with the original program, by more than the printed 0.01 µm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
 pub struct Further {
-    /// How many there are.
+    /// Number of these motions.
     pub motions: u64,
-    /// By how much at the most, µm.
+    /// Maximum increase, µm.
     pub by_um: f64,
-    /// The line of that one in the original program, counted from 1; `None` where there is none.
+    /// Line of the maximum in the original program, counted from 1; `None` without such motions.
     pub line: Option<usize>,
 }
 
@@ -129,12 +128,12 @@ fn compare(
 fn other_motions(line: usize) -> NcError {
     NcError::not_compensated(
         line,
-        "the result does not make the motions of the program: this is a defect of the program that made it, please report it",
+        "the result has other motions than the program: this is a bug in volcomp, please report it",
     )
 }
 
 /// Maximum number of stored path positions.
-const MOST_PLACES: usize = 20_000;
+const MAX_STORED_PLACES: usize = 20_000;
 
 /// Number of evaluated positions per started `LENGTH_MM` of a line or an arc, the last one at its end.
 const PLACES: u32 = 8;
@@ -142,7 +141,7 @@ const PLACES: u32 = 8;
 const LENGTH_MM: f64 = 100.0;
 
 /// Maximum number of such lengths per motion.
-const MOST_LENGTHS: f64 = 64.0;
+const MAX_LENGTHS: f64 = 64.0;
 
 /// Number of steps between two evaluated positions of an arc in which the machine is followed; a circle to be inspected has a point at each
 /// of them.
@@ -155,10 +154,10 @@ const PLACES_OF_HOLE: u32 = 2;
 const NEAR: f64 = 1e-6;
 
 /// Tip travel, mm, within twice that share, below which the tip is at rest except for rounding.
-const STANDS_STILL_MM: f64 = 1e-11;
+const RESTING_WITHIN_MM: f64 = 1e-11;
 
 /// Minimum increase of the deviation, µm, to count a motion as worse than before.
-const SEEN_UM: f64 = 0.01;
+const WORSE_BY_UM: f64 = 0.01;
 
 /// Positions at equal shares of a motion.
 #[derive(Clone, Copy, Debug)]
@@ -171,7 +170,7 @@ struct Stations {
 }
 
 impl Stations {
-    fn of(original: &Made) -> Self {
+    fn of(original: &ExecutedMotion) -> Self {
         let is_arc = matches!(original.motion.path, Path::Arc(_));
         match original.motion.path {
             Path::Hole { .. } => Self {
@@ -185,13 +184,13 @@ impl Stations {
                 stride: 1,
             },
             _ => {
-                let lengths = (length_mm(original) / LENGTH_MM).clamp(1.0, MOST_LENGTHS);
+                let lengths = (length_mm(original) / LENGTH_MM).clamp(1.0, MAX_LENGTHS);
                 #[expect(
                     clippy::cast_possible_truncation,
                     clippy::cast_sign_loss,
                     reason = "1 to 64"
                 )]
-                let lengths = (lengths - SAME).ceil().max(1.0) as u32;
+                let lengths = (lengths - SAME_SHARE).ceil().max(1.0) as u32;
                 let stride = if is_arc { STEPS_OF_ARC } else { 1 };
                 Self {
                     first: 1,
@@ -206,14 +205,14 @@ impl Stations {
         f64::from(station) / f64::from(self.last)
     }
 
-    fn is_looked_at(self, station: u32) -> bool {
+    fn is_evaluated(self, station: u32) -> bool {
         station.is_multiple_of(self.stride)
     }
 }
 
 /// Length of a line or an arc in program coordinates; rotary axes do not count.
-fn length_mm(original: &Made) -> f64 {
-    let Made { motion, frame, .. } = original;
+fn length_mm(original: &ExecutedMotion) -> f64 {
+    let ExecutedMotion { motion, frame, .. } = original;
     let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
     let squared = |axis: usize| (to[axis] - from[axis]).powi(2);
     match motion.path {
@@ -228,7 +227,7 @@ fn length_mm(original: &Made) -> f64 {
 /// A motion of the result, with its start and end as shares of a motion of the program.
 #[derive(Debug)]
 struct PartOfMotion {
-    made: Made,
+    made: ExecutedMotion,
     from: f64,
     to: f64,
 }
@@ -240,7 +239,7 @@ struct Comparison {
     before: Carriages,
     after: Carriages,
     /// Axis reversals on the rest of the current motion.
-    turns: Turns,
+    turns: Reversals,
     /// Parts of the motion, index of the one that the result is in, and the share of it that is done.
     parts: Vec<PartOfMotion>,
     at_part: usize,
@@ -272,7 +271,7 @@ impl Comparison {
             zeros: vec![None; SYSTEMS],
             before: Carriages::default(),
             after: Carriages::default(),
-            turns: Turns::default(),
+            turns: Reversals::default(),
             parts: Vec::new(),
             at_part: 0,
             of_part: 0.0,
@@ -286,8 +285,8 @@ impl Comparison {
 
     pub(crate) fn all(
         mut self,
-        originals: &Receiver<Made>,
-        results: &Receiver<Made>,
+        originals: &Receiver<ExecutedMotion>,
+        results: &Receiver<ExecutedMotion>,
         shares: &mut dyn Iterator<Item = f64>,
     ) -> Result<Verification, NcError> {
         let mut is_first = true;
@@ -296,13 +295,13 @@ impl Comparison {
                 // Before a rotary axis gets another number.
                 let Move { from, wraps, .. } = &original.motion;
                 let begins = each(|axis| from[axis] - wraps[axis]);
-                self.truth.begins(&begins);
+                self.truth.start_at(&begins);
                 self.before = Carriages::at(&begins);
                 self.after = self.before.clone();
             }
             self.truth.take_tool(&original.tool)?;
-            self.truth.wraps(&original.motion.wraps);
-            self.before.wraps(&original.motion.wraps);
+            self.truth.apply_wraps(&original.motion.wraps);
+            self.before.apply_wraps(&original.motion.wraps);
             self.take_parts(original.line, results, shares)?;
             self.take_zero(&original)?;
             self.motion(&original);
@@ -326,7 +325,7 @@ impl Comparison {
     fn take_parts(
         &mut self,
         line: usize,
-        results: &Receiver<Made>,
+        results: &Receiver<ExecutedMotion>,
         shares: &mut dyn Iterator<Item = f64>,
     ) -> Result<(), NcError> {
         self.parts.clear();
@@ -340,13 +339,13 @@ impl Comparison {
         }
         (self.at_part, self.of_part) = (0, 0.0);
         if let Some(part) = self.parts.first() {
-            self.after.wraps(&part.made.motion.wraps);
+            self.after.apply_wraps(&part.made.motion.wraps);
         }
         Ok(())
     }
 
     /// Probes the zero of the work offset that a motion cuts with, unless already done.
-    fn take_zero(&mut self, original: &Made) -> Result<(), NcError> {
+    fn take_zero(&mut self, original: &ExecutedMotion) -> Result<(), NcError> {
         let system = original.system;
         let is_stated = self.stated.get(system).is_some_and(|stated| *stated);
         let cuts = original.known && original.cuts_from_stated_zero;
@@ -376,14 +375,14 @@ impl Comparison {
         Ok(())
     }
 
-    fn motion(&mut self, original: &Made) {
+    fn motion(&mut self, original: &ExecutedMotion) {
         let path = original.motion.path;
-        self.arrive(&original.motion.arrives_from_unknown);
+        self.begin_motion(&original.motion.arrives_from_unknown);
         if original.motion.in_machine || matches!(path, Path::Spline | Path::Other) {
-            self.truth.goes(&original.motion.to);
-            self.before.go(&self.truth, &original.motion.to);
+            self.truth.move_to(&original.motion.to);
+            self.before.move_to(&self.truth, &original.motion.to);
             if let Some(part) = self.parts.last() {
-                self.after.go(&self.truth, &part.made.motion.to);
+                self.after.move_to(&self.truth, &part.made.motion.to);
             }
             return;
         }
@@ -393,7 +392,7 @@ impl Comparison {
         let is_hole = matches!(path, Path::Hole { .. });
         let only_end = is_hole || path == Path::Rapid;
         if is_hole {
-            self.truth.goes(&place_of(original, 0.0));
+            self.truth.move_to(&place_of(original, 0.0));
         }
         let steps = steps(&self.truth, original, 1.0);
         self.turns = self.truth.turns(steps, |share| place_of(original, share));
@@ -407,36 +406,36 @@ impl Comparison {
             let share = stations.share(station);
             // The direction of approach is that of the programmed motion; a lagging carriage is where its drive left it.
             let turned = self.turns.turns.iter();
-            let turned = turned.take_while(|turn| only_end || turn.share < share - SAME);
+            let turned = turned.take_while(|turn| only_end || turn.share < share - SAME_SHARE);
             let count = turned.map(|turn| self.truth.turn(turn)).count();
             self.turns.turns.drain(..count);
             for place in places(&self.truth, original, [passed, share]) {
-                self.before.go(&self.truth, &place);
+                self.before.move_to(&self.truth, &place);
             }
             passed = share;
             let (wanted, commanded) = (place_of(original, share), self.result_goes(share));
             if is_hole && station == stations.first {
-                // The way down starts at the plane R.
-                self.arrive(&[false; 9]);
+                // Drilling starts at the plane R.
+                self.begin_motion(&[false; 9]);
             }
-            if stations.is_looked_at(station) {
+            if stations.is_evaluated(station) {
                 let begins = only_end && station == stations.first;
-                self.look(original, share, [&wanted, &commanded], begins);
+                self.evaluate(original, share, [&wanted, &commanded], begins);
             }
             // A hole is measured half-way down.
             if !is_hole || 2 * station == stations.last {
                 self.cut(original, &wanted, &commanded);
             }
         }
-        self.truth.reaches(&self.turns.furthest);
-        self.truth.goes(&original.motion.to);
-        self.judge(original.line);
+        self.truth.set_furthest(&self.turns.furthest);
+        self.truth.move_to(&original.motion.to);
+        self.count_if_worse(original.line);
     }
 
-    fn arrive(&mut self, from_unknown: &Axes<bool>) {
-        self.truth.arrives(from_unknown);
-        self.before.arrive(from_unknown);
-        self.after.arrive(from_unknown);
+    fn begin_motion(&mut self, from_unknown: &Axes<bool>) {
+        self.truth.begin_motion(from_unknown);
+        self.before.begin_motion(from_unknown);
+        self.after.begin_motion(from_unknown);
     }
 
     /// Moves the result on to a share of the program's motion. Returns the commanded axis positions there.
@@ -445,14 +444,14 @@ impl Comparison {
             let is_last = self.at_part + 1 == self.parts.len();
             // A part that ends at a reversal ends before it, however the two shares are rounded. One of zero length takes up the play of an
             // axis.
-            let is_behind = share > part.to + SAME && !is_last || part.to == part.from;
+            let is_behind = share > part.to + SAME_SHARE && !is_last || part.to == part.from;
             let of_part = if is_behind || share >= part.to {
                 1.0
             } else {
                 (share - part.from) / (part.to - part.from)
             };
             for place in places(&self.truth, &part.made, [self.of_part, of_part]) {
-                self.after.go(&self.truth, &place);
+                self.after.move_to(&self.truth, &place);
             }
             self.of_part = of_part;
             if !is_behind {
@@ -460,14 +459,20 @@ impl Comparison {
             }
             (self.at_part, self.of_part) = (self.at_part + 1, 0.0);
             if let Some(next) = self.parts.get(self.at_part) {
-                self.after.wraps(&next.made.motion.wraps);
+                self.after.apply_wraps(&next.made.motion.wraps);
             }
         }
         // Unreachable: the last part covers every share.
         [0.0; 9]
     }
 
-    fn look(&mut self, original: &Made, share: f64, [wanted, commanded]: [&Axes; 2], begins: bool) {
+    fn evaluate(
+        &mut self,
+        original: &ExecutedMotion,
+        share: f64,
+        [wanted, commanded]: [&Axes; 2],
+        begins: bool,
+    ) {
         let tip = self.truth.ideal_tip_mm(wanted);
         let um = |at: &Axes, off: &Axes| -> [f64; 3] {
             let actual = self.truth.actual_tip_mm(at, off);
@@ -489,8 +494,8 @@ impl Comparison {
         self.keep(place);
     }
 
-    /// Direction of the tip path at a share of a motion, in workpiece axes; zero if there is none.
-    fn direction(&self, original: &Made, share: f64) -> [f64; 3] {
+    /// Direction of the tip path at a share of a motion, in workpiece axes; zero without a path.
+    fn direction(&self, original: &ExecutedMotion, share: f64) -> [f64; 3] {
         if original.motion.path == Path::Rapid {
             return [0.0; 3];
         }
@@ -499,17 +504,17 @@ impl Comparison {
         let way: [f64; 3] = std::array::from_fn(|i| behind[i] - before[i]);
         let length = dot(way, way).sqrt();
         // The rounding error of a resting tip is not a direction.
-        if length < STANDS_STILL_MM {
+        if length < RESTING_WITHIN_MM {
             return [0.0; 3];
         }
         way.map(|way| way / length)
     }
 
     /// Counts the motion that has ended if its deviation is larger with the result.
-    fn judge(&mut self, line: usize) {
+    fn count_if_worse(&mut self, line: usize) {
         let [before, after] = &self.of_motion;
         let by_um = (after.rms() - before.rms()).max(after.max() - before.max());
-        if by_um <= SEEN_UM {
+        if by_um <= WORSE_BY_UM {
             return;
         }
         let further = &mut self.found.further;
@@ -519,7 +524,7 @@ impl Comparison {
         }
     }
 
-    fn cut(&mut self, original: &Made, wanted: &Axes, commanded: &Axes) {
+    fn cut(&mut self, original: &ExecutedMotion, wanted: &Axes, commanded: &Axes) {
         let path = original.motion.path;
         let Some(cut) = self.cut.as_mut().filter(|_| path != Path::Rapid) else {
             return;
@@ -551,7 +556,7 @@ impl Comparison {
             found.path.push(place);
         }
         found.places += 1;
-        if found.path.len() >= MOST_PLACES {
+        if found.path.len() >= MAX_STORED_PLACES {
             self.stride *= 2;
             let mut keeps = false;
             found.path.retain(|_| {
@@ -583,23 +588,23 @@ pub struct Place {
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
 pub struct Deviation {
-    /// The largest distance of the tip from where it belongs, µm.
+    /// Maximum distance of the tip from its nominal position, µm.
     pub max_um: f64,
-    /// The root of the mean of its squares over all places that were looked at, µm.
+    /// RMS over all evaluated positions, µm.
     pub rms_um: f64,
-    /// The largest distance across the path, µm. What is along the path does not count here: it changes when the tip passes, not where.
-    /// At the ends of rapid motions, and where the tip stands still, there is no path, and the whole distance counts.
+    /// Maximum distance perpendicular to the path, µm: a deviation along the path changes when the tip passes, not where. At the ends of rapid
+    /// motions and at rest there is no path, and the whole distance counts.
     pub across_max_um: f64,
-    /// The root of the mean of its squares, µm.
+    /// RMS perpendicular to the path, µm.
     pub across_rms_um: f64,
-    /// Where the whole distance is largest: the line of the original program.
+    /// Line of the original program with the maximum distance.
     pub line: usize,
-    /// Where the tip is to be there, mm from the workpiece origin in workpiece axes.
+    /// Nominal tip position there, mm from the workpiece origin in workpiece axes.
     pub tip_mm: [f64; 3],
-    /// The root of the mean square after alignment of the part, µm: how the part lies on the table is no error of it.
+    /// RMS after best-fit rigid-body alignment of the part, µm.
     pub form_rms_um: f64,
-    /// The largest distance beside that motion, µm, over the places that are kept (see [`Verification::path`](crate::Verification::path))
-    /// and those where the deviation along an axis is largest.
+    /// Maximum distance after this alignment, µm, over the stored positions ([`Verification::path`](crate::Verification::path)) and those
+    /// with the maximum deviation along an axis.
     pub form_max_um: f64,
 }
 
@@ -616,7 +621,7 @@ pub(crate) struct Sums {
 }
 
 impl Sums {
-    /// Adds a position; `along` is the unit direction of the path there, or zero if there is none.
+    /// Adds a position; `along` is the unit direction of the path there, or zero without a path.
     pub(crate) fn take(&mut self, place: &Place, of: DeviationOf, along: [f64; 3]) {
         let deviation_um = of(place);
         let largest = self.whole.max();
@@ -669,8 +674,8 @@ fn in_mm(place: &Place, of: DeviationOf) -> [Vector3<f64>; 2] {
 }
 
 /// Axis positions at a share of a motion; for a hole, on its way down from plane R.
-pub(crate) fn place_of(made: &Made, share: f64) -> Axes {
-    let Made { motion, frame, .. } = made;
+pub(crate) fn place_of(made: &ExecutedMotion, share: f64) -> Axes {
+    let ExecutedMotion { motion, frame, .. } = made;
     let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
     match motion.path {
         Path::Arc(arc) => frame.to_machine(&arc.place(&from, &to, share)),
@@ -690,7 +695,7 @@ pub(crate) fn place_of(made: &Made, share: f64) -> Axes {
 /// Positions between two shares of a motion that include every turning point; the last one is at the end.
 pub(crate) fn places<'a>(
     truth: &Corrector,
-    made: &'a Made,
+    made: &'a ExecutedMotion,
     [from, to]: [f64; 2],
 ) -> impl Iterator<Item = Axes> + use<'a> {
     let steps = if truth.bidirectional {
@@ -705,8 +710,8 @@ pub(crate) fn places<'a>(
 }
 
 /// Number of steps with which no axis reversal of a motion is missed.
-pub(crate) fn steps(truth: &Corrector, made: &Made, share: f64) -> u32 {
-    let Made { motion, frame, .. } = made;
+pub(crate) fn steps(truth: &Corrector, made: &ExecutedMotion, share: f64) -> u32 {
+    let ExecutedMotion { motion, frame, .. } = made;
     let from = frame.to_program(&motion.from);
     let mut steps = 1.0_f64;
     if let Path::Arc(arc) = motion.path {

@@ -1,4 +1,4 @@
-//! Arcs, against corrections that are known on paper.
+//! Arcs against closed-form corrections.
 
 use crate::identity::compensated;
 
@@ -7,7 +7,7 @@ fn text(errors: &str, program: &str) -> String {
     String::from_utf8(out).expect("text")
 }
 
-/// What is off by the same everywhere shifts an arc: its ends go, its centre stays where it is from its beginning.
+/// A constant error shifts an arc: its ends move, its centre relative to the start stays.
 #[test]
 fn a_constant_error_shifts_an_arc() {
     let constant = "[errors]\nEXX = { poly = [10.0] }\nEYY = { poly = [-20.0] }\n";
@@ -20,9 +20,9 @@ fn a_constant_error_shifts_an_arc() {
     );
 }
 
-/// Scales that are the same in X and Y make a circle of another size: one arc, its radius 100 µm/m smaller.
+/// Equal scales of X and Y change the size of a circle: one arc with a radius 100 µm/m smaller.
 #[test]
-fn equal_scales_keep_an_arc_one_arc() {
+fn equal_scales_do_not_split_an_arc() {
     let scales = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYY = { poly = [0.0, 0.1] }\n";
     assert_eq!(
         text(
@@ -33,9 +33,9 @@ fn equal_scales_keep_an_arc_one_arc() {
     );
 }
 
-/// A squareness error makes an ellipse of a circle: parts of it stay arcs, and each is on the corrected circle.
+/// A squareness error turns a circle into an ellipse: it is split into arcs whose points are on the corrected curve.
 #[test]
-fn an_ellipse_is_made_of_arcs() {
+fn unequal_scales_split_a_circle_into_arcs() {
     let square = "[errors]\nEC0Y = 100.0\nEYX = { poly = [0.0, 0.0, 0.00002] }\n";
     let out = text(square, "G90 G0 X100 Y0 Z0\nG3 F100 X-100 Y0 I-100 J0\n");
     let mut at = (0.0, 0.0);
@@ -66,7 +66,7 @@ fn an_ellipse_is_made_of_arcs() {
                     centre.0 + radius * turned.cos(),
                     centre.1 + radius * turned.sin(),
                 );
-                // Where the tool then is: X by the squareness, Y by the straightness of X.
+                // Actual tool position: X by the squareness, Y by the straightness of X.
                 let tool = (x - 1e-4 * y, y + 2e-8 * x * x);
                 let off = tool.0.hypot(tool.1) - 100.0;
                 assert!(off.abs() < 0.001_6, "{line}: {off}");
@@ -77,9 +77,9 @@ fn an_ellipse_is_made_of_arcs() {
     assert!((2..40).contains(&arcs), "{out}");
 }
 
-/// An arc whose beginning is not known passes on as it is: the axes that it does not name keep the correction that they have.
+/// An arc from an unknown start is copied unchanged: axes that it does not name keep their correction.
 #[test]
-fn an_arc_from_an_unknown_place_leaves_other_axes_alone() {
+fn an_arc_from_an_unknown_position_adds_no_words() {
     let scale = "[errors]\nEZZ = { poly = [0.0, 0.1] }\n";
     let program = b"G90 G0 Z100\nG91 G2 X10 Y0 I5 J0\nG1 Z-50\n";
     let (out, _) = crate::identity::compensated(scale, program).expect("compensated");
@@ -89,12 +89,12 @@ fn an_arc_from_an_unknown_place_leaves_other_axes_alone() {
     );
 }
 
-/// An arc that begins without the correction that belongs there gets a line before it that takes it up; not where its line says
-/// something else that would come too late for that line.
+/// An arc whose start lacks its correction gets a line before it that applies the correction, unless its block also changes modes that
+/// would take effect too late.
 #[test]
 fn a_correction_is_taken_up_before_an_arc() {
     let shift = "[errors]\nEXX = { poly = [20.0] }\n";
-    // Behind G53 the program's place is known only where the work offset is.
+    // After G53 the program position is known only if the work offset is.
     let setup = volcomp_nc::SetUp::parse("[work_offset.G54]\nX = 0\n", "s.toml").expect("good");
     let arc = |line: &str| {
         let program = format!("G90 G0 X0 Y0 Z0\nG53 G0 X0\n{line}\n");
@@ -116,14 +116,14 @@ fn a_correction_is_taken_up_before_an_arc() {
         ]
     );
     assert_eq!(arc("/G3 X20 I10")[..2], ["/G1 X-0.020", "/G3 X19.980 I10"]);
-    // In what holds before the codes of the line: the place of the arc's beginning is one of G90.
+    // The added line is read under the modes before the block: the start of the arc is a position in G90.
     assert_eq!(arc("G91 G2 X20 I10"), ["G1 X-0.020", "G91 G2 X20 I10"]);
     assert_eq!(arc("G17 G2 X20 I10"), ["G1 X-0.020", "G17 G2 X19.980 I10"]);
 }
 
-/// Half a circle by a radius that its digits leave half a micrometre short, as LinuxCNC takes it.
+/// A half circle whose rounded radius is half a micrometre too short, as LinuxCNC accepts it.
 #[test]
-fn a_half_circle_whose_radius_is_rounded_is_one() {
+fn a_half_circle_with_a_rounded_radius_is_accepted() {
     for program in [
         "G90 G0 X10.123 Y0 Z0\nG2 X13.124 Y0 R1.5 F100\n",
         "G90 G0 X0 Y0 Z0\nG3 X0.101 Y0 R0.05 F100\n",

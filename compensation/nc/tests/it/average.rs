@@ -1,4 +1,4 @@
-//! The mean correction in the work offset, against means that are known on paper.
+//! Mean correction in the work offset against closed-form means.
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
@@ -40,9 +40,8 @@ fn message(errors: &str, setup: &str, program: &str) -> String {
         .to_string()
 }
 
-/// A constant error is in the offset, and nothing is left.
 #[test]
-fn a_constant_error_leaves_nothing() {
+fn a_constant_error_is_removed_completely() {
     let (out, found) = run(
         "EXX = { poly = [10.0] }\nEZZ = { poly = [-4.0] }\n",
         SETUP,
@@ -61,10 +60,10 @@ fn a_constant_error_leaves_nothing() {
     assert!(found[0].left_um[0] < 1e-6, "{found:?}");
 }
 
-/// Of 100 µm/m the mean over 100 and 300 mm goes, 10 µm to both sides stay, less a ten-thousandth, since the corrected axis has an
-/// error, too. Each offset has its own mean.
+/// Of 100 µm/m the mean over 100 and 300 mm is removed; ±10 µm remain, less 1e-4 because the corrected axis also has the error. Each offset
+/// has its own mean.
 #[test]
-fn a_scale_leaves_its_spread() {
+fn a_scale_error_leaves_its_spread() {
     let (out, found) = run(
         "EXX = { poly = [0.0, 0.1] }\n",
         SETUP,
@@ -108,27 +107,29 @@ fn inch_and_crlf() {
 }
 
 #[test]
-fn what_has_no_mean_is_refused() {
+fn programs_without_a_mean_correction_are_refused() {
     let errors = "EXX = { poly = [1.0] }\n";
     let program = "G90 G54 G1 F100 X1 Y1 Z1\n";
-    assert!(message(errors, "", program).contains("the set-up does not state the work offset G54"));
+    assert!(
+        message(errors, "", program).contains("the set-up file does not state the work offset G54")
+    );
     let unknown = message(errors, "[work_offset.G54]\nX = 1\n", "G54 G90 G1 X1\n");
-    begins(&unknown, "line 1: it is not known where X, Y and Z stand");
+    begins(&unknown, "line 1: the positions of X, Y and Z are unknown");
     let sets = message(errors, SETUP, "G10 L2 P1 X3\nG90 G1 X1\n");
     begins(&sets, "line 2: the program has set its work offset itself");
     let wrong = message(errors, SETUP, "G1 X\n");
     assert!(wrong.starts_with("line 1: column 4"), "{wrong}");
 }
 
-/// Readings along X, twice as many along a slanting direction, and none along Y beside it: worked out by hand.
+/// Readings along X, two along a slanted direction and none along Y: worked out by hand.
 #[test]
-fn the_mean_of_what_was_measured() {
+fn the_mean_of_measured_errors() {
     let at = |direction: [f64; 3], um: f64| Reading {
         direction,
         error_mm: 1e-3 * um,
     };
     let program = "G90 G54 G0 X0 Y0 Z10\nG1 F100 Z-5\n";
-    // Along X 10 and 14, mean 12; along Z -6: what is left of them is 2, 2 and 0.
+    // Along X 10 and 14, mean 12; along Z -6: the residuals are 2, 2 and 0.
     let readings = [
         at([1.0, 0.0, 0.0], 10.0),
         at([1.0, 0.0, 0.0], 14.0),
@@ -150,16 +151,16 @@ fn the_mean_of_what_was_measured() {
         near(found[0].before_um, [14.0, rms([10.0, 14.0, 6.0])]),
         "{found:?}"
     );
-    // Between X and Y only: half of it belongs to each.
+    // Between X and Y only: half belongs to each.
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let (out, _) = taken("", &[at([half, half, 0.0], 20.0 * half)]);
     has(&out, "G10 L2 P1 X99.990 Y49.990 Z-20.500\n");
 }
 
-/// An error of 10 µm along X and 4 µm along Y of the workpiece, taken back along axes that go other ways than their letters say: each word is
-/// worked out by hand, and the zero is off by what the words add.
+/// An error of 10 µm along X and 4 µm along Y of the workpiece, corrected by axes with other directions: each word worked out by hand; the
+/// error at zero equals the sum of the words.
 #[test]
-fn measured_offsets_are_ways_of_the_axes() {
+fn measured_errors_become_axis_offsets() {
     let readings =
         [([1.0, 0.0, 0.0], 0.010), ([0.0, 1.0, 0.0], 0.004)].map(|(direction, mm)| Reading {
             direction,
@@ -191,7 +192,7 @@ fn measured_offsets_are_ways_of_the_axes() {
             0.0,
             [70, 50],
         ),
-        // Along X alone 10·0.6 + 4·0.8 = 9.2 are taken back: 4.48 and -3.36 stay.
+        // Along X alone 10·0.6 + 4·0.8 = 9.2 are corrected: 4.48 and -3.36 remain.
         (
             "correct = [\"X\"]",
             "[0.6, 0.8, 0]",
@@ -236,10 +237,10 @@ fn measured_offsets_are_ways_of_the_axes() {
     }
 }
 
-/// A machine that is off by 10 µm and 4 µm everywhere makes a good part from a zero that was probed on it, and so does the mean that was measured, with
-/// what the note takes out of it again.
+/// With constant errors of 10 µm and 4 µm a part cut from a probed zero is good; so it is with the measured mean plus the amount that the
+/// note subtracts.
 #[test]
-fn a_probed_zero_has_what_was_measured() {
+fn a_probed_zero_contains_the_measured_error() {
     let machine =
         |errors: &str| Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a machine");
     let (model, truth) = (machine(""), machine("[errors]\nEXX = 10.0\nEYY = 4.0\n"));
@@ -275,9 +276,9 @@ fn a_probed_zero_has_what_was_measured() {
     }
 }
 
-/// A zero that the program sets itself was not probed: only the first cut from the zero that the set-up states speaks of that one.
+/// Only the first cut from the zero of the set-up file gets the note; a zero set by the program was not probed.
 #[test]
-fn an_own_zero_was_not_probed() {
+fn a_zero_set_by_the_program_was_not_probed() {
     let reading = [Reading {
         direction: [1.0, 0.0, 0.0],
         error_mm: 0.010,
@@ -293,9 +294,9 @@ fn an_own_zero_was_not_probed() {
     }
 }
 
-/// 100 µrad of pitch over a tool of 300 mm are 30 µm, in the mean as in each correction; and the number of a program stays first.
+/// 100 µrad of pitch over a tool of 300 mm are 30 µm, in the mean as in each correction; the program number stays in the first line.
 #[test]
-fn the_tool_counts_and_the_number_of_the_program_stays_first() {
+fn the_tool_length_counts_and_the_program_number_stays_first() {
     let machine = format!(
         "{TRAVELS}[tool]\ngauge = [0.0, 0.0, 0.0]\nlength = 0.0\n[errors]\nEBZ = {{ poly = [100.0] }}\n"
     );
@@ -319,9 +320,9 @@ fn the_tool_counts_and_the_number_of_the_program_stays_first() {
     assert!(String::from_utf8_lossy(&out).starts_with("%\nO0007\nG21 G90\nG10 L2 P1"));
 }
 
-/// A way does not bring the mean of another offset with it, nor that of the beginning.
+/// Incremental motions from another offset, or from the start, do not contain the mean.
 #[test]
-fn ways_from_other_offsets_are_refused() {
+fn incremental_motions_from_other_offsets_are_refused() {
     let scale = "EXX = { poly = [0.0, 0.1] }\n";
     for (program, line) in [
         ("G91 G54 G1 X100 F100\n", 1),
@@ -336,9 +337,9 @@ fn ways_from_other_offsets_are_refused() {
     assert_eq!(run(scale, SETUP, good).expect("averaged").1[0].places, 1);
 }
 
-/// The mean is in no place that does not count from the work offset: one that is never named, one of another offset, and the zero of a G92 there.
+/// Positions that do not depend on the work offset lack the mean: an axis that is never named, another offset, and a G92 zero from there.
 #[test]
-fn places_without_the_mean_are_refused() {
+fn positions_without_the_mean_correction_are_refused() {
     let errors = "EXX = { poly = [10.0, 0.1] }\nEYY = { poly = [4.0] }\n";
     for (program, line, axis) in [
         ("G90 G54\nG92 X0 Y0 Z0\nG1 X10 Y0 F100\n", 3, 'X'),
@@ -346,14 +347,14 @@ fn places_without_the_mean_are_refused() {
         ("G90 G54 G0 X0 Y0\nG1 X0 F100\nG1 X100\nG55 G1 Y5\n", 4, 'X'),
         ("G90 G55 G0 X0 Y0\nG54\nG92 Y0\nG1 X0 Y0 F100\n", 4, 'Y'),
         ("G90 G54 G0 X0 Y0\nG53 G0 Y0\nG1 X10 F100\n", 3, 'Y'),
-        // With the mean it goes twice as far.
+        // With the mean the motion is repeated twice as far.
         ("G90 G54 G0 X0 Y0\nG1 X[#5221] F100\n", 2, 'X'),
     ] {
         let text = message(errors, SETUP, program);
         begins(&text, &format!("line {line}: the mean correction of "));
         has(&text, &format!(" does not reach {axis} here"));
     }
-    // Z needs none; and a shift from a place that was named has it.
+    // Z needs none; a shift from a named position contains it.
     for good in [
         "G90 G54 G0 X0 Y0\nG1 X10 F100\n",
         "G90 G54 G0 X0 Y0\nG92 X5 Y5 Z5\nG1 X10 Y0 F100\n",
@@ -367,12 +368,12 @@ fn places_without_the_mean_are_refused() {
         SETUP,
         "G90 G54 G0 X0 Y0\no1 if [#5221 EQ 100]\nG1 X1 F100\no1 endif\nG1 X2 F100\n",
     );
-    has(&reads, "the program makes other motions with the mean");
+    has(&reads, "the program reads its work offsets (such as #5221)");
 }
 
-/// In inches, too, the new offset is written with the decimals of its words: 79.99984, not 79.99984000000001.
+/// In inches the new offset has the decimals of its words: 79.99984, not 79.99984000000001.
 #[test]
-fn offsets_are_told_without_digits_that_mean_nothing() {
+fn offsets_are_printed_without_meaningless_digits() {
     let program = "G90 G54 G0 X0 Y0 Z1\nG1 F10 Z-0.5\nX2\nM2\n";
     let mut differ = 0;
     for place in 0..40 {

@@ -1,4 +1,4 @@
-//! No corrected coordinate moves by more than the limit, or leaves the travel that the programmed one keeps.
+//! Corrected coordinates stay within the limit, and within the travel if the programmed ones do.
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -34,7 +34,7 @@ fn message(errors: &str, program: &str) -> String {
     refused.expect_err("it is refused").to_string()
 }
 
-/// Slips of units, in every kind of motion and in every language.
+/// Unit mistakes in every kind of motion and every language.
 #[test]
 fn a_correction_beyond_the_limit_is_refused() {
     let rs274 = [
@@ -50,7 +50,7 @@ fn a_correction_beyond_the_limit_is_refused() {
         "G16\nG0 X200 Y0",
     ];
     for program in rs274 {
-        // 20 µm/mm for 0.02, a constant of 10 m, and positions where deviations belong: the steps of the correction swing back.
+        // 20 µm/mm instead of 0.02, a constant of 10 m, and positions instead of deviations, whose Newton steps oscillate.
         for errors in [
             "EXX = { poly = [0.0, 20] }\n",
             "EXX = { poly = [1e7, 0.02] }\n",
@@ -92,7 +92,6 @@ fn a_correction_beyond_the_limit_is_refused() {
     );
 }
 
-/// The limit can be raised to 2 mm, and never further.
 #[test]
 fn the_limit_has_a_ceiling() {
     let errors = "EXX = { poly = [0.0, 5] }\n";
@@ -106,7 +105,6 @@ fn the_limit_has_a_ceiling() {
     assert!(CorrectionLimit::new(2000.0).is_ok());
 }
 
-/// A programmed place within the travel stays in it.
 #[test]
 fn a_corrected_coordinate_does_not_leave_the_travel() {
     let errors = "EXX = { poly = [-10.0] }\nEZZ = { poly = [-5.0] }\nEYY = { poly = [20.0] }\n";
@@ -125,10 +123,10 @@ G90 G0 Z-5\nG98 G81 X10 Y0 Z-20 R0 F50\n | line 2: the correction moves Z from 0
         assert!(message.starts_with(expected), "{program}: {message}");
     }
     for program in [
-        // Rounding leaves nothing of what is too small.
+        // Corrections below the rounding change nothing.
         "G90 G0 X0\nG0 Y300\n",
         "G90 G0 X599.98 Y-200\n",
-        // It is outside already: a note says so.
+        // Already outside: a note reports it.
         "G90 G0 X601\n",
         "G90 G0 X580 Y-10\nG3 F100 X580 Y10 J10\n",
     ] {
@@ -136,7 +134,6 @@ G90 G0 Z-5\nG98 G81 X10 Y0 Z-20 R0 F50\n | line 2: the correction moves Z from 0
     }
 }
 
-/// The mean correction in a work offset keeps the same bounds.
 #[test]
 fn the_mean_keeps_the_bounds() {
     let setup = "[work_offset.G54]\nX = 100\nY = 0\nZ = -20\n[start]\nX = 0\nY = 0\nZ = 0\n";
@@ -156,9 +153,9 @@ EXX = { poly = [-10.0] }\n | G54 G90 G0 X0 Y0\nG1 F100 X20\nX500\n | line 3: the
     }
 }
 
-/// Whatever is written is within the limit and the travel: read back without volcomp's reader.
+/// Every written word is within limit and travel, read by an independent reader.
 #[test]
-fn nothing_beyond_the_bounds_is_written() {
+fn corrections_beyond_the_bounds_are_not_written() {
     let mut random = ChaCha8Rng::seed_from_u64(35);
     let (mut written, mut refused) = (0, 0);
     for _ in 0..300 {
@@ -192,7 +189,7 @@ fn nothing_beyond_the_bounds_is_written() {
                 assert!((low..=high).contains(&at), "{errors}{program}{out}");
             }
         }
-        // The errors are straight, so that no line is split.
+        // Linear errors, so that no line is split.
         let pairs = words(&program, 'X').into_iter().zip(words(&out, 'X'));
         for (before, after) in pairs {
             assert!((before - after).abs() <= 0.2505, "{errors}{program}{out}");

@@ -1,4 +1,4 @@
-//! What the key `control` of the set-up file changes: each control with programs whose result is worked out by hand.
+//! The key `control` of the set-up file: programs of each control with results worked out by hand.
 
 use std::fmt::Write as _;
 
@@ -14,7 +14,7 @@ use crate::identity::{TRAVELS, begins, compensated_in, has, rows, verified_in, w
 const ERRORS: &str = "[errors]\nEC0Y = 1000.0\n";
 const LINEAR: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n";
 
-/// The result of a program, or why there is none, with these lines of a set-up file.
+/// The result of a program, or its error, with these lines of a set-up file.
 fn result(setup: &str, program: &str) -> Result<String, String> {
     let setup = SetUp::parse(setup, "setup.toml").map_err(|error| error.to_string())?;
     let result = compensated_in(&setup, ERRORS, program.as_bytes());
@@ -22,7 +22,7 @@ fn result(setup: &str, program: &str) -> Result<String, String> {
     Ok(String::from_utf8(out).expect("text"))
 }
 
-/// The line of a set-up file that names a control; none for none.
+/// The line of a set-up file that states a control; empty for an empty name.
 fn of_control(name: &str) -> String {
     match name {
         "" => String::new(),
@@ -35,21 +35,21 @@ const HAAS: &str = "control = \"haas\"\n";
 const MAZAK: &str = "control = \"mazak\"\n";
 const COUNTING: [&str; 3] = [FANUC, HAAS, MAZAK];
 
-/// Coordinates without a point are least increments, and come out as such; zero is the same in both.
+/// Coordinates without a point are least increments and are written as such; zero is equal in both.
 #[test]
 fn words_without_a_point_are_least_increments() {
     for control in COUNTING {
         for [program, expected] in rows(
             r"
 G21 G90\nG0 X50000 Y25000 Z0\nG1 Z-500 F200\nX60000\nY30000\n | G21 G90\nG0 X50025 Y25000 Z0\nG1 Z-500 F200\nX60025\nY30000 X60030\n
-// With points nothing is another number than elsewhere.
+// Numbers with a point mean the same on all controls.
 G0 X50. Y25. Z0\nG1 Z-.5 F200\nX60.\nY30.\n | G0 X50.025 Y25. Z0\nG1 Z-.5 F200\nX60.025\nY30. X60.030\n
 // Inches: a ten-thousandth.
 G20\nG0 X10000 Y50000 Z0\nX20000\n | G20\nG0 X10050 Y50000 Z0\nX20050\n
 // The depth, the plane R and the angle of a rotation.
 G0 X0 Y0 Z50000\nG99 G81 X10000 Y100000 Z-5000 R2000 F100\nG80\n | G0 X0 Y0 Z50000\nG99 G81 X10100 Y100000 Z-5000 R2000 F100\nG80\n
 G54\nG68 X0 Y0 R90000\nG0 X10000 Y0\n | G54\nG68 X0 Y0 R90000\nG0 X10000 Y-10\n
-// A dwell, a feed and the level of smoothing are no coordinates.
+// A dwell, a feed and a smoothing level are not coordinates.
 G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n | G0 X50.025 Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60.025 F200\n
 ",
         ) {
@@ -71,7 +71,7 @@ G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n | G0 X50.025 Y25. Z0\nG4 P
     }
 }
 
-/// Random programs in points and in increments: both results say the same numbers, and that of increments has no point but for a zero.
+/// Random programs with points and in increments: both results have equal numbers, and those in increments have no point except zero.
 #[test]
 fn increments_and_points_give_the_same_numbers() {
     let mut draw = ChaCha8Rng::seed_from_u64(41);
@@ -152,9 +152,9 @@ fn increments_and_points_give_the_same_numbers() {
     assert!(compared > 40, "{compared} of 60 are not refused");
 }
 
-/// Coordinates with and without a point in one program are refused until the set-up says what that means.
+/// Coordinates with and without a point in one program are refused until the set-up file states their meaning.
 #[test]
-fn both_manners_are_refused_until_it_is_stated() {
+fn mixed_decimal_points_are_refused_until_stated() {
     let programs = cases(
         r"
 G0 X50. Y100. Z10.\nX60 Y25\n | line 2: column 1: X60 has no decimal point
@@ -191,7 +191,7 @@ unit | G0 X50 Y100\n | G0 X50.100 Y100\n
     }
 }
 
-/// A number that a program computes is not in increments, and needs a point where it is written out.
+/// A computed number is not in increments, and gets a point when it is written out.
 #[test]
 fn computed_numbers_get_a_point() {
     let program = "G0 X0 Y0 Z0\nG1 X[#5420+20.] Y100. F100\n#1=50\nG1 X#1 Y100.\n";
@@ -201,12 +201,11 @@ fn computed_numbers_get_a_point() {
     );
     let expected = "G0 X0 Y0 Z0\nG1 X20.100 Y100. F100\n#1=50\nG1 X50.100 Y100.\n";
     assert_eq!(found.as_deref(), Ok(expected));
-    // With no decimals, too, a number is no number of increments.
+    // Also with no decimals.
     let found = result("control = \"fanuc\"\n", "G0 X50. Y900.\nX-0.9\n");
     assert_eq!(found.as_deref(), Ok("G0 X50.900 Y900.\nX0.000\n"));
 }
 
-/// The result leads the tool where the program wants it, as the control reads both.
 #[test]
 fn increments_are_verified_as_increments() {
     let machine = format!(
@@ -226,7 +225,6 @@ fn increments_are_verified_as_increments() {
     }
 }
 
-/// What a set-up file may say of its control.
 #[test]
 fn the_control_is_stated_in_the_set_up() {
     for [setup, expected] in &cases(
@@ -248,14 +246,12 @@ rotary_words = "wrapped"\n | setup.toml:1: rotary_words
     );
 }
 
-/// A program around a line.
 fn around(line: &str) -> String {
     format!("O0001\nG21 G90 G17 G54\nG0 X0 Y100. Z10.\n{line}\nG1 X10. F100.\nX20. F100.\nM30\n")
 }
 
-/// Codes that move nothing and change no coordinate pass on, for the controls that have them.
 #[test]
-fn everyday_codes_pass_on() {
+fn common_codes_are_copied() {
     let expected = |line: &str| {
         around(line)
             .replace("X0 Y", "X0.100 Y")
@@ -281,25 +277,25 @@ fanuc haas mazak | G64 ;, G64 (a;b) ; (c), G05.1 Q1, G5 P10000, M29 S500, G61, G
     }
 }
 
-/// Controls, lines, and why these are refused for them.
+/// Controls, lines, and the reason of the refusal.
 const REFUSED: &str = r#"
- | G187 P1 E0.005 | G187 is not followed: it is known with control = "haas" in the set-up file
- | G154 P3 | G154 is not followed: it is known with control = "haas"
- | G54.1 P2 | G54.1 is not followed: it is known with control = "fanuc" or "mazak"
-fanuc | G103 P1 | G103 is not followed: it is known with control = "haas"
-fanuc | G223 | G223 is not known here: it may move an axis
-fanuc | G7 X0 | G7 is not followed: it makes an axis hypothetical
-haas | G112 | G112 is not followed: polar interpolation
-haas | G8 | G8 is not followed: it is not known for this control
-fanuc | G59.1 | G59.1 is not followed
- | G31 Z-5. F50. | G31 is not followed: it ends where a signal comes
-fanuc | G44 H1 Z10. | G44 is not followed: it takes a length off
- | G51.1 X0 | G51.1 is not followed: it scales or mirrors
+ | G187 P1 E0.005 | G187 is not supported: it is supported with control = "haas" in the set-up file
+ | G154 P3 | G154 is not supported: it is supported with control = "haas"
+ | G54.1 P2 | G54.1 is not supported: it is supported with control = "fanuc" or "mazak"
+fanuc | G103 P1 | G103 is not supported: it is supported with control = "haas"
+fanuc | G223 | G223 is unknown: it may move an axis
+fanuc | G7 X0 | G7 is not supported: it makes an axis hypothetical
+haas | G112 | G112 is not supported: polar interpolation
+haas | G8 | G8 is not supported: it is unknown for this control
+fanuc | G59.1 | G59.1 is not supported
+ | G31 Z-5. F50. | G31 is not supported: it ends at a signal
+fanuc | G44 H1 Z10. | G44 is not supported: it subtracts a length
+ | G51.1 X0 | G51.1 is not supported: it scales or mirrors
 fanuc | G50 X0 | G50 with the word of an axis
-haas | G51 P2. | G51 is not followed: it scales or mirrors
-fanuc | G65 P9810 Z5. F1000. | G65 is not followed: it calls a macro
-fanuc | G68.2 X0 Y0 Z0 I0 J30. K0 | G68.2 is not followed: a tilted plane
-fanuc | G60 X10. | G60 is not followed: it comes to its place from one side
+haas | G51 P2. | G51 is not supported: it scales or mirrors
+fanuc | G65 P9810 Z5. F1000. | G65 is not supported: it calls a macro
+fanuc | G68.2 X0 Y0 Z0 I0 J30. K0 | G68.2 is not supported: a tilted plane
+fanuc | G60 X10. | G60 is not supported: it approaches its target from one side
 fanuc | G10 L10 P1 R50. | G10 that sets the length of a tool
 fanuc | G10 P1 R50. | G10 that sets the length of a tool
  | G10 L12 P1 R5. | G10 with another L
@@ -308,33 +304,34 @@ fanuc | G10 L20 X5. | G10 L20 without a P from 1 to 300
  | G04 X2. | a dwell (G4) with the word of an axis
 haas | G04 X2. | a dwell (G4) with the word of an axis
 fanuc | G04 X2. Y1. | a dwell (G4) with the word of an axis
-fanuc | G54.1 | G54.1 without a P from 1 to 300
-fanuc | G54.1 P301 | G54.1 without a P from 1 to 300
-haas | G154 P100 | G154 without a P from 1 to 99
+fanuc | G54.1 | G54.1 without its own P from 1 to 300
+fanuc | G54.1 P301 | G54.1 without its own P from 1 to 300
+haas | G154 P100 | G154 without its own P from 1 to 99
 haas | G10 L20 P100 X5. | G10 L20 without a P from 1 to 99
-fanuc | G54 P0 | G54 without a P from 1 to 300
-fanuc | G54.1 P2 G81 X1. Y1. Z-1. R1. F1. | G54.1 without a P from 1 to 300 of its own
- | G1 X10. Y110. ,R5. F100. | column 15: ,R is not followed: a rounded corner
-fanuc | G1 X10. Y110. , C2. F100. | column 15: ,C is not followed: a bevelled corner
-fanuc | G1 X50. F100.;X70. | column 15: found words behind a semicolon
-haas | G1 X50. F100. (a;b) ; G91 | column 23: found words behind a semicolon
-haas | M96 P40 Q5 | M96, which is not followed
-fanuc | M97 P1000 | M97, which is not followed
- | M73 | M73, which is not followed
+fanuc | G54 P0 | G54 without its own P from 1 to 300
+fanuc | G54.1 P2 G81 X1. Y1. Z-1. R1. F1. | G54.1 without its own P from 1 to 300
+ | G1 X10. Y110. ,R5. F100. | column 15: ,R is not supported: a rounded corner
+fanuc | G1 X10. Y110. , C2. F100. | column 15: ,C is not supported: a chamfer
+fanuc | G1 X50. F100.;X70. | column 15: found words after a semicolon
+haas | G1 X50. F100. (a;b) ; G91 | column 23: found words after a semicolon
+haas | M96 P40 Q5 | M96, which is not supported
+fanuc | M97 P1000 | M97, which is not supported
+ | M73 | M73, which is not supported
 "#;
 
-/// What is refused says why, or for which control it is known.
+/// A refusal states the reason, or the control that supports the code.
 #[test]
-fn other_codes_are_refused_with_their_reason() {
+fn unsupported_codes_are_refused_with_a_reason() {
     for [control, line, expected] in &cases(REFUSED) {
         let error = result(&of_control(control), &around(line)).expect_err(line);
         begins(&error, &format!("line 4: {expected}"));
     }
 }
 
-/// G52 and G92 are two shifts there, and G92.1 ends that of the axes that it names; LinuxCNC has one, which either replaces and G92.1 ends.
+/// On these controls G52 and G92 are two shifts, and G92.1 ends that of the named axes; LinuxCNC has one shift, replaced by either and
+/// ended by G92.1.
 #[test]
-fn two_shifts_are_not_taken_for_one() {
+fn g52_and_g92_together_are_refused() {
     let starts = "[start]\nX = 0\nY = 0\nZ = 0\n";
     for (shifts, line, expected) in [
         ("G92 X5. Y5.\nG52 X50.\n", 5, Some("G52 while a G92 shift")),
@@ -365,9 +362,9 @@ fn two_shifts_are_not_taken_for_one() {
     }
 }
 
-/// U and W are ways of X and Z on lathes; an axis W of the machine is one.
+/// U and W are incremental X and Z on lathes, unless the machine has an axis W.
 #[test]
-fn ways_by_letters_are_refused() {
+fn incremental_u_v_w_are_refused() {
     for line in [
         "G1 U20. F100.",
         "G0 W-5.",
@@ -392,7 +389,7 @@ fn ways_by_letters_are_refused() {
     assert_eq!(taken.expect("taken").0, program);
 }
 
-/// Work offsets by their numbers: X is 1 µm further for each millimetre of Y of the machine.
+/// Numbered work offsets: X needs 1 µm for each millimetre of Y of the machine.
 #[test]
 fn work_offsets_have_numbers() {
     let setup = |control: &str, number: u32| {
@@ -417,7 +414,7 @@ fn work_offsets_have_numbers() {
             format!("G90\nG0 X0.100 Y100. Z0\n{line}\nX10.500 Y100.\nG54\nX10.100 Y100.\n");
         assert_eq!(found, Ok(expected), "{control}");
     }
-    // Set by the program itself.
+    // Set by the program.
     for (control, code) in [(FANUC, "G54.1 P7"), (HAAS, "G154 P7"), (MAZAK, "G54.1 P7")] {
         let found = result(
             control,
@@ -431,7 +428,7 @@ fn work_offsets_have_numbers() {
             "{control}"
         );
     }
-    // One that is not stated is zero, and a note says so.
+    // An unstated one is zero, with a note.
     let set = SetUp::parse(FANUC, "setup.toml").expect("a set-up");
     let (_, summary) = compensated_in(&set, ERRORS, b"G54.1 P12\nG0 X0 Y100. Z0\n").expect("taken");
     let notes: Vec<String> = summary
@@ -443,7 +440,7 @@ fn work_offsets_have_numbers() {
     assert!(
         notes
             .iter()
-            .any(|note| note.starts_with("work offset P12 is not in the set-up")),
+            .any(|note| note.starts_with("the set-up file has no work offset P12")),
         "{notes:?}"
     );
     for (text, expected) in [
@@ -458,7 +455,7 @@ fn work_offsets_have_numbers() {
     }
 }
 
-/// A cycle that is stored without a hole: the holes behind it are those of one that has them.
+/// A cycle stored without a hole: later holes equal those of a cycle with its first hole.
 #[test]
 fn cycles_are_stored_by_k0_and_l0() {
     const DEEP: &str = "[errors]\nEC0Y = 1000.0\nEZZ = { poly = [0.0, 1.0] }\n";
@@ -482,7 +479,7 @@ fn cycles_are_stored_by_k0_and_l0() {
                 format!("G90 G0 X0.100 Y100. Z9.990\n{line}\nX30.100 Y100.{deep}\nX40.100\nG80\n");
             assert_eq!(found, Ok(expected), "{control}");
         }
-        // An axis that is named beside it is not known: the control may have gone there or not.
+        // A named axis is unknown: the control may or may not have moved there.
         let found = run(control, &format!("G90 G0 X0 Y100. Z10.\nG99 G81 X10. Y50. Z-5. R2. F100. {zero}\nX30.\nG80\nG0 Y200.\n")).expect("taken");
         assert!(
             found.ends_with("\nG80\nG0 Y200. X30.200\n")
@@ -504,7 +501,7 @@ fanuc | K1.5 | a cycle with K that is not a number of holes
         let error = run(&of_control(control), &program).expect_err(word);
         begins(&error, &format!("line 4: {expected}"));
     }
-    // What LinuxCNC reads anew another control may keep.
+    // Values that LinuxCNC interprets again may be kept by another control.
     for control in [FANUC, HAAS] {
         let program = around("G81 X10. Y100. Z-5. R2. F100.\nG91 X10.");
         let error = run(control, &program).expect_err(control);
@@ -512,7 +509,6 @@ fanuc | K1.5 | a cycle with K that is not a number of holes
     }
 }
 
-/// FANUC counts the holes of a row by K as Haas does by L.
 #[test]
 fn rows_by_k_are_rows_by_l() {
     let program = |letter: char| {
@@ -526,7 +522,6 @@ fn rows_by_k_are_rows_by_l() {
     assert!(fanuc.contains("(G91 G99 G81 X10. Y5. Z-7. R-8. F100. K3)\nG91 G99 G81 X10.005 Y5. Z-7. R-8. F100.\nX10.005"), "{fanuc}");
 }
 
-/// HEIDENHAIN presets are work offsets by their numbers.
 #[test]
 fn presets_are_work_offsets() {
     let machine = format!("{LINEAR}{ERRORS}");
@@ -540,7 +535,7 @@ fn presets_are_work_offsets() {
     .expect("taken");
     assert_eq!(text, program.replace("X+10 Y", "X+10.500 Y"));
     assert!(summary.notes.by_line().is_empty(), "{:?}", summary.notes);
-    // A shift that has ended does not matter, and one after the preset is on top of it.
+    // A shift that has ended does not matter; one after the preset is added to it.
     for ends in ["TRANS DATUM RESET", "CYCL DEF 7.1 X+0\nCYCL DEF 7.2 Z+0"] {
         let begins = "TRANS DATUM AXIS X+60 Z-5\n";
         let behind = "CYCL DEF 247 ~\nQ339=+3\nTRANS DATUM AXIS X-10\nL X+20 Y+100 Z+0 R0 F500\n";
@@ -552,15 +547,15 @@ fn presets_are_work_offsets() {
         )
         .expect(ends);
         assert_eq!(text, program.replace("X+20", "X+20.500"));
-        // EC0Y takes 0.4 mm of X at Y 400, where the preset is, whatever is programmed on top of it.
+        // EC0Y needs 0.4 mm of X at Y 400, where the preset is, whatever shift is added.
         let zero = Note::OffAtZero("P3".to_owned(), [-4000, 0, 0]);
         let mut notes = summary.notes.by_line().into_iter();
         assert!(notes.any(|(_, note)| *note == zero), "{:?}", summary.notes);
     }
     for [line, expected] in &cases(
         r"
-1 CYCL DEF 247 BEZUGSPUNKT SETZEN\n | line 2: column 3: CYCL DEF 247 is not followed
-1 CYCL DEF 247 ~\nQ340=+1\n | line 3: column 1: CYCL DEF 247 is not followed: expected the number
+1 CYCL DEF 247 BEZUGSPUNKT SETZEN\n | line 2: column 3: CYCL DEF 247 is not supported
+1 CYCL DEF 247 ~\nQ340=+1\n | line 3: column 1: CYCL DEF 247 is not supported: expected the number
 1 CYCL DEF 247 ~\nQ339=+0\n | line 3: a preset other than 1 to 300
 1 CYCL DEF 7.0 DATUM SHIFT\n2 CYCL DEF 7.1 X+60\n3 CYCL DEF 247 ~\nQ339=+3\n | line 5: a preset (cycle 247) while the datum is shifted
 1 TRANS DATUM AXIS Z-5\n2 CYCL DEF 247 ~\nQ339=+3\n | line 4: a preset (cycle 247) while the datum is shifted

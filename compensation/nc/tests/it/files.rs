@@ -1,4 +1,4 @@
-//! Files as editors, controls and punches write them: what ends their lines, what stands before and behind the program.
+//! Files of editors, controls and tape punches: line ends, leaders and trailers.
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{Corrector, Dialect, Job, MeanOf, NcError, SetUp, average, compensate};
@@ -11,7 +11,7 @@ const ERRORS: &str = "[errors]\nEC0Y = 1000.0\nEYX = { table = [[-1000, 0], [0, 
 const PROGRAMS: [&str; 4] = [
     "%\nO0001 (PART)\nG21 G90 G54\n\n(A COMMENT)\nG0 X0 Y100. Z10.\nG1 X100. F500.\nG2 X90. Y90. I0 J-10.\nG81 X20. Y50. Z-5. R2.\nG80\nM30\n%\n",
     "G0 X0 Y100 Z0\nG1 X100 F500\n\n\nX0\n",
-    // Executed, and written out.
+    // Executed and unrolled.
     "G21 G90\nG0 X0 Y0 Z0\no100 repeat [3]\nG91 G1 X40 Y40 F100\nG90\no100 endrepeat\n\nG0 X0 Y0\nM2\n",
     "O1 (MAIN)\nG0 X0 Y100. Z0\nM98 P2 L2\nM30\nO2\nG91\nG1 X30. F100\nG90\nM99\n",
 ];
@@ -25,9 +25,9 @@ fn with_ends(text: &[u8], end: &str) -> Vec<u8> {
     text.replace('\n', end).into_bytes()
 }
 
-/// The result of a program has its line ends, and is the same otherwise.
+/// The result has the line ends of its program and is otherwise equal.
 #[test]
-fn lines_end_as_the_program_has_it() {
+fn added_lines_have_the_line_ends_of_the_program() {
     for program in PROGRAMS {
         let expected = result(program.as_bytes()).expect("compensated");
         assert!(expected != program.as_bytes());
@@ -42,9 +42,8 @@ fn lines_end_as_the_program_has_it() {
     }
 }
 
-/// What stands before and behind a program, and is none of it, comes out as it is.
 #[test]
-fn leaders_and_trailers_pass_on() {
+fn leaders_and_trailers_are_copied() {
     for program in PROGRAMS {
         let expected = result(program.as_bytes()).expect("compensated");
         for leader in [
@@ -66,9 +65,9 @@ fn leaders_and_trailers_pass_on() {
     }
 }
 
-/// A line of more than what a buffer holds ends as others do, wherever the buffer ends.
+/// Lines longer than a buffer end correctly wherever the buffer ends.
 #[test]
-fn ends_lie_across_buffers() {
+fn line_ends_across_buffers() {
     let machine = Machine::parse(&format!("{TRAVELS}{ERRORS}"), "m.toml").expect("a good machine");
     let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005).expect("a corrector");
     let setup = SetUp::default();
@@ -89,7 +88,7 @@ fn ends_lie_across_buffers() {
     }
 }
 
-/// What is in none of these files is refused at its place; lines are counted as an editor counts them.
+/// Bytes that occur in none of these files are refused with their position; lines are counted as an editor counts them.
 #[test]
 fn other_bytes_are_refused() {
     for (program, expected) in [
@@ -146,7 +145,6 @@ fn other_bytes_are_refused() {
     assert_eq!(&error.to_string()[..19], "line 1: column 17: ");
 }
 
-/// The numbers and names of programs as controls write them.
 #[test]
 fn programs_have_numbers_and_names() {
     for name in [
@@ -172,9 +170,8 @@ fn programs_have_numbers_and_names() {
     );
 }
 
-/// The lines of a mean correction stand behind what is before the program.
 #[test]
-fn mean_corrections_stand_behind_the_leader() {
+fn mean_corrections_follow_the_leader() {
     let machine = Machine::parse(&format!("{TRAVELS}[errors]\nEC0Y = 1000.0\n"), "m.toml")
         .expect("a good machine");
     let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005).expect("a corrector");

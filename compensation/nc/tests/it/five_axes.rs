@@ -1,4 +1,4 @@
-//! Five axes: a table that turns on a cradle, judged by kinematics written out here and by the exact model.
+//! A five-axis machine with a tilting rotary table, checked against independent kinematics and the exact model.
 
 use volcomp_model::{
     Machine, Temperatures,
@@ -11,18 +11,17 @@ use volcomp_model::{
 use volcomp_nc::{BoundViolation, Decimals, Dialect, Job, NcError, SetUp, Summary, Verification};
 
 use crate::{
-    drawn::comes_out_as_it_is,
     identity::{begins, has, result_of, verified_by},
+    random_programs::copy_unchanged,
 };
 
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
-/// The axes of these programs turn as linear ones do.
 const LINEAR_WORDS: &str = "rotary_words = \"linear\"\n";
 /// Where the centre lines of the table cross, and the length of the machine's own tool, mm.
 const POINT: [f64; 3] = [300.0, 250.0, -450.0];
 const LENGTH: f64 = 150.0;
 
-/// The example with a tool of this length, without play: the places are looked at from no side.
+/// The example with a tool of this length, without play, so that no direction of approach matters.
 fn machine(length: f64) -> Machine {
     let text = EXAMPLE
         .replace("length = 150.0", &format!("length = {length}"))
@@ -41,7 +40,7 @@ fn run(machine: &Machine, setup: &str, program: &str, decimals: Decimals) -> (St
     (String::from_utf8(out).expect("text"), summary)
 }
 
-/// The result of a program with the default decimals, and where the tool of the machine is with both.
+/// The result with the default decimals, and the tool deviation of the machine with both programs.
 fn verified(machine: &Machine, setup: &str, program: &str) -> (Summary, Verification) {
     let (out, summary) = run(machine, setup, program, Decimals::default());
     let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
@@ -50,7 +49,7 @@ fn verified(machine: &Machine, setup: &str, program: &str) -> (Summary, Verifica
     (summary, found.expect("verified"))
 }
 
-/// Where the table, tilted by a and turned by c (deg), has a point of the bed, and back.
+/// Position of a point of the bed as seen from the table tilted by a and turned by c, deg.
 fn seen_from_table([x, y, z]: [f64; 3], a: f64, c: f64) -> [f64; 3] {
     let (a, c) = (a.to_radians(), c.to_radians());
     let [x, y, z] = [x - POINT[0], y - POINT[1], z - POINT[2]];
@@ -85,7 +84,7 @@ fn places(program: &str) -> Vec<[f64; 5]> {
     program.lines().map(line).collect()
 }
 
-/// How far the tip of a tool of this length is from where it belongs (µm) where the axes are commanded to be at `commanded`.
+/// Tip deviation (µm) of a tool of this length with the axes commanded to `commanded`.
 fn miss_um(length: f64, wanted: [f64; 5], commanded: [f64; 5]) -> f64 {
     const NAMES: [AxisName; 5] = [X, Y, Z, A, C];
     let machine = machine(length);
@@ -111,7 +110,7 @@ const PLACES: [[f64; 5]; 6] = [
     [310.0, 260.0, -160.0, -0.05, 300.0],
 ];
 
-/// So many random places away from the singular poses, where what only C could correct is left out.
+/// Random poses away from the singular ones, where errors that only C could correct are left out.
 fn random_places(count: usize) -> Vec<[f64; 5]> {
     let mut seed = 7_u64;
     let mut random = |low: f64, high: f64| {
@@ -147,8 +146,7 @@ fn program(first: &str, places: impl Iterator<Item = [f64; 5]>) -> String {
     format!("{first}\n{}", lines.collect::<String>())
 }
 
-/// Axes as they are: what the rounded words of A and C really do, the linear ones follow. Without that 0.001° at 300 mm would be
-/// up to 2.6 µm for each rotary axis.
+/// The linear axes follow the rounded words of A and C: otherwise 0.001° at 300 mm would cost up to 2.6 µm for each rotary axis.
 #[test]
 fn coordinates_of_the_axes() {
     let machine = machine(LENGTH);
@@ -166,7 +164,7 @@ fn coordinates_of_the_axes() {
     assert!(before / 300.0 > 10.0, "nothing to correct: {before}");
 }
 
-/// The same places by the centre point of the tool: in the coordinates of the table, with a tool of the program's own table.
+/// The same positions with tool centre point control, in table coordinates, with a tool of the program.
 #[test]
 fn coordinates_of_the_centre_point() {
     let own = machine(LENGTH);
@@ -175,7 +173,7 @@ fn coordinates_of_the_centre_point() {
         ("", "G90 M428", 0.0, LENGTH),
         ("[tool.3]\nZ = 90\n", "G90 G43.4 H3", 90.0, 90.0),
     ] {
-        // The control computes axes from the tip, with the tool's length; at A0 C0 the coordinates are those of the axes.
+        // The control computes the axes from the tip and the tool length; at A0 C0 the coordinates are those of the axes.
         let to_centre = |[x, y, z, a, c]: [f64; 5]| {
             let [x, y, z] = seen_from_table([x, y, z - length], a, c);
             [x, y, z + length - more, a, c]
@@ -198,9 +196,9 @@ fn coordinates_of_the_centre_point() {
     }
 }
 
-/// Straight ways of the centre point while the table turns: split where the correction bends.
+/// Straight centre-point paths while the table turns are split where the correction bends.
 #[test]
-fn ways_of_the_centre_point_are_within_the_tolerance() {
+fn centre_point_paths_are_within_the_tolerance() {
     let machine = machine(LENGTH);
     let program = "G90 G0 X300 Y250 Z-250 A0 C0\nG1 F1000 X340 Y260 A-40 C60\nX250 Y220 Z-260 A-80 C170\nX260 A10 C10\nG2 X300 Y260 I20 J20 C60\n";
     let (summary, found) = verified(&machine, "tool_centre_point = true\n", program);
@@ -210,9 +208,9 @@ fn ways_of_the_centre_point_are_within_the_tolerance() {
     assert!(summary.counts.added > 10, "{:?}", summary.counts);
 }
 
-/// M428 and the set-up hold until M429, G43.4 until G49: whatever tool length comes into force meanwhile.
+/// M428 and the set-up hold until M429, G43.4 until G49, whatever tool length is selected in between.
 #[test]
-fn the_centre_point_is_moved_until_it_is_switched_off() {
+fn centre_point_control_lasts_until_it_is_switched_off() {
     let machine = machine(LENGTH);
     let goes = "G0 X310 Y260 Z-250 A-60 C90\n";
     let last = |setup: &str, first: &str| {
@@ -240,9 +238,9 @@ fn the_centre_point_is_moved_until_it_is_switched_off() {
     }
 }
 
-/// An axis that turns while the centre point goes straight: its play is taken up where it turns.
+/// The play of an axis that reverses during a straight centre-point path is taken up there.
 #[test]
-fn play_is_taken_up_where_an_axis_turns() {
+fn play_is_taken_up_where_an_axis_reverses() {
     let text = EXAMPLE.replace("reversal = 2.0", "reversal = 20.0");
     let machine = Machine::parse(&text, "m.toml").expect("a good machine");
     let program =
@@ -256,12 +254,12 @@ fn play_is_taken_up_where_an_axis_turns() {
     assert!(inner.count() > 0, "{:?}", summary.shares);
 }
 
-/// LinuxCNC's M430 switches to kinematics that nobody but its user knows.
+/// M430 of LinuxCNC switches to kinematics defined by the user.
 #[test]
 fn own_kinematics_after_m428_are_refused() {
     let mut machine = machine(LENGTH);
     machine.clear_errors();
-    let taken = |program: &str| comes_out_as_it_is(&machine, Dialect::Rs274, program.as_bytes());
+    let taken = |program: &str| copy_unchanged(&machine, Dialect::Rs274, program.as_bytes());
     for good in ["M430\nG1 X1 F1\n", "M428\nG1 X1 F1\nM429\nM430\nG1 X2\n"] {
         taken(good).expect("taken");
     }
@@ -272,26 +270,24 @@ fn own_kinematics_after_m428_are_refused() {
     );
 }
 
-/// A word of an axis that the machine file lacks would turn the table while the file believes that it stands still.
+/// The table would turn, although the machine file has no such axis.
 #[test]
-fn a_rotary_word_that_the_machine_lacks_is_refused_where_the_tip_is_followed() {
+fn rotary_words_of_missing_axes_are_refused_with_centre_point_control() {
     let mut machine = machine(LENGTH);
     machine.clear_errors();
-    let taken = |program: &str| comes_out_as_it_is(&machine, Dialect::Rs274, program.as_bytes());
+    let taken = |program: &str| copy_unchanged(&machine, Dialect::Rs274, program.as_bytes());
     taken("G1 X1 B10 F1\nM428\nG1 X2 A5 C5\nM429\nB20\n").expect("taken");
     let error = taken("M428\nG1 X1 F1\nX2 B10\n").expect_err("refused");
     assert!(
         error
             .to_string()
-            .starts_with("line 3: a motion of B, which the machine file does not have"),
+            .starts_with("line 3: a motion of B, which the machine file lacks"),
         "{error}"
     );
 }
 
-/// Another length of the tool while its centre point is followed and the table is tilted: X and Y that the program does not name stay
-/// unnamed.
 #[test]
-fn another_length_at_a_tilt_names_no_axis() {
+fn a_new_tool_length_at_a_tilt_makes_positions_unknown() {
     let machine = machine(LENGTH);
     let program = "M428\nG43.1 Z93\nG0 X320 Y260 Z-300 A0 C0\nG1 Z-350 A29 C45 F100\nG43.1 Z120\nG1 Z-340\nG1 X330\nY250\nM2\n";
     let (result, _) = run(&machine, "", program, Decimals::default());
@@ -305,7 +301,7 @@ fn another_length_at_a_tilt_names_no_axis() {
     assert!(names(behind[3]).contains('Y'), "{result}");
 }
 
-/// The tool that M6 has put into the spindle counts, not the one that T has chosen for the next change.
+/// The tool in the spindle (M6) counts, not the one selected by T for the next change.
 #[test]
 fn the_length_is_that_of_the_tool_in_the_spindle() {
     let machine = machine(LENGTH);
@@ -320,15 +316,15 @@ fn the_length_is_that_of_the_tool_in_the_spindle() {
     assert_ne!(last("G43 H2"), last("G43 H1"));
 }
 
-/// The points that the book gives the centre lines of LinuxCNC's `xyzac-trt` and `xyzbc-trt` put the tip where the formulas of these kinematics
-/// have it: the table is turned back about one line after the other.
+/// The points that the book gives for the centre lines of LinuxCNC's `xyzac-trt` and `xyzbc-trt` reproduce the formulas of these
+/// kinematics.
 #[test]
-fn centre_lines_of_linuxcnc_are_points_of_the_machine_file() {
+fn linuxcnc_centre_lines_equal_points_of_the_machine_file() {
     let [x_rot_point, y_rot_point, z_rot_point] = [10.0, 20.0, 30.0];
     let [x_offset, y_offset, z_offset] = [6.0, 4.0, 5.0];
     let joints = [33.0, -41.0, -52.0];
     let [tilt, turn] = [25.0_f64, 40.0].map(f64::to_radians);
-    // By an angle in the plane of two axes, about a place in it.
+    // Rotation by an angle in the plane of two axes about a point.
     let turned = |at: [f64; 3], [i, j]: [usize; 2], about: [f64; 2], by: f64| {
         let (sin, cos) = by.sin_cos();
         let [u, v] = [at[i] - about[0], at[j] - about[1]];
@@ -364,7 +360,7 @@ fn centre_lines_of_linuxcnc_are_points_of_the_machine_file() {
     }
 }
 
-/// An axis that goes round has no end of its travel to leave; one that does not has.
+/// A modulo axis has no travel ends; another one has.
 #[test]
 fn an_axis_with_modulo_does_not_leave_its_travel() {
     let turns = "G0 X10 Y20 Z0 A0 C0\nG1 C370 F500\nC-900.5\nC12345\n";
@@ -387,7 +383,7 @@ fn an_axis_with_modulo_does_not_leave_its_travel() {
             Some(expected) => assert!(notes[0].starts_with(expected), "{notes:?}"),
         }
     }
-    // A cradle goes round no further than its travel.
+    // A cradle turns no further than its travel.
     let text = "structure = \"w C' A' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.A]\ntravel = [-100, 100]\nmodulo = 360.0\n[axes.C]\ntravel = [0, 360]\nmodulo = 360.0\n[errors]\nEC0Y = 20.0\n";
     let machine = Machine::parse(text, "m.toml").expect("a good machine");
     let program = "G0 X10 Y20 Z0 A0 C0\nA300\nA150\n";
@@ -400,10 +396,9 @@ fn an_axis_with_modulo_does_not_leave_its_travel() {
     assert_eq!(lines, [3]);
 }
 
-/// Which way an axis that rolls over turns to a word of half a turn or more is stated, or the word is refused; what the words in between are goes on from
-/// the place that it turns from.
+/// A word of half a turn or more of a rollover axis is refused unless the set-up states its direction.
 #[test]
-fn which_way_an_axis_with_modulo_turns_is_stated() {
+fn the_direction_of_a_modulo_axis_must_be_stated() {
     const MODULO: &str = "travel = [0, 360]\nmodulo = 360.0\n";
     const TURNS: &str = "travel = [-360, 360]\n";
     const SWIVELS: &str = "travel = [-175, 175]\n";
@@ -440,7 +435,7 @@ fn which_way_an_axis_with_modulo_turns_is_stated() {
             begins(&error, "line 2: ");
             has(&error, "rotary_words");
         }
-        // What swivels cannot roll over.
+        // A tilting axis cannot roll over.
         result(SWIVELS, "", program).expect(program);
     }
     result(MODULO, "", "G0 X10 Y20 Z0 C0\nG91 G1 C250 F500\n").expect("a way");
@@ -465,7 +460,7 @@ fn which_way_an_axis_with_modulo_turns_is_stated() {
         linear.windows(2).all(|pair| pair[1] < pair[0]),
         "{linear:?}"
     );
-    // A stated way is that of axes that roll over: A goes by +200 over 0, as it can within its travel.
+    // The statement applies to rollover axes: A moves by +200 through 0, as its travel allows.
     let swivel = "G0 X10 Y20 Z0 C-100\nG1 C100 F500\n";
     let (out, _) = result(SWIVELS, SHORTER, swivel).expect("compensated");
     let turned: Vec<f64> = places(&out).iter().map(|place| place[4]).collect();
@@ -501,10 +496,10 @@ fn turned(errors: &str, setup: &str, dialect: Dialect, program: &str) -> Result<
         .map_err(|error| error.to_string())
 }
 
-/// In a motion of rotary axes alone no block moves a rotary and a linear axis together where F would go by the linear one; X, Y and Z follow in blocks of
-/// their own, to the tolerance. On a control that takes mm and deg together they move together.
+/// In a purely rotary motion no block moves rotary and linear axes together if F would apply to the linear ones: X, Y and Z follow in
+/// separate blocks, within the tolerance. On controls that combine mm and deg they move together.
 #[test]
-fn a_turn_alone_keeps_its_feed() {
+fn a_purely_rotary_motion_keeps_its_feed() {
     let program = format!("{START}G1 A90 F600\nX30 F50\n");
     let lines = |setup: &str, dialect| -> Vec<String> {
         let out = turned(TILTED, setup, dialect, &program).expect("compensated");
@@ -529,7 +524,7 @@ fn a_turn_alone_keeps_its_feed() {
                 assert!((after - before).abs() < 0.0025, "{lines:?}");
             }
         }
-        // What is left at its end comes with the next motion.
+        // The remainder at its end is corrected by the next motion.
         assert!(
             turn.last().is_some_and(|line| line.contains("A90")),
             "{lines:?}"
@@ -541,7 +536,7 @@ fn a_turn_alone_keeps_its_feed() {
     );
     let is_mixed = |line: &String| names(line, "A") && names(line, "XYZ");
     assert!(together[2..].iter().any(is_mixed), "{together:?}");
-    // A word that stays as it is must not lead back from a corrected place.
+    // An unchanged word must not lead back from a corrected position.
     let bent = "EZA = { table = [[0, 0], [10, -0.6], [20, 0.4]], interpolation = \"linear\" }\n";
     let program = "G94 G0 X0 Y0 Z0 A0\nG1 Z0 A10 F600\nG1 Z0 A20\nG1 Z-5\n";
     let out = turned(bent, "", Dialect::Rs274, program).expect("compensated");
@@ -553,8 +548,8 @@ fn a_turn_alone_keeps_its_feed() {
     }
 }
 
-/// What the corrections of all axes do together at the tool is bounded, by kinematics that are written out here: near a singular pose C
-/// turns by more than the limit of an axis, and X and Y follow it.
+/// The combined displacement of the tool by all axes is bounded, checked by independent kinematics: near a singular pose C turns by more
+/// than the limit of an axis, and X and Y follow.
 #[test]
 fn the_limit_holds_at_the_tool() {
     let machine = machine(LENGTH);

@@ -1,4 +1,4 @@
-//! O-words: what is corrected alike stays, what is corrected differently from time to time is written out.
+//! O-words: calls with equal corrections are copied, others are unrolled.
 
 use volcomp_test_support::cases;
 
@@ -37,13 +37,13 @@ M2
 fn without_errors_nothing_changes() {
     assert_eq!(text("", PROGRAM), PROGRAM);
     let constant = "[errors]\nEXX = { poly = [10.0] }\n";
-    // The same everywhere: every place is passed with one correction, so that the loop stays.
+    // Each position has one correction in every pass, so the loop is copied.
     let out = text(constant, "O1 repeat [3]\nG91 G0 X10\nO1 endrepeat\nM2\n");
     assert_eq!(out, "O1 repeat [3]\nG91 G0 X10\nO1 endrepeat\nM2\n");
 }
 
 #[test]
-fn what_is_corrected_differently_is_written_out() {
+fn calls_with_different_corrections_are_unrolled() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
     let out = text(scale, PROGRAM);
     assert_eq!(
@@ -96,12 +96,12 @@ M2
 }
 
 #[test]
-fn what_does_not_fit_together_says_so() {
+fn unbalanced_o_words_are_reported() {
     for [program, expected] in &cases(
         r"
 O1 while [1]\nG4 P1\nO1 endwhile\n | line 2: more than 1000000 blocks are executed (a loop without an end?); --max-blocks allows more
-O1 while [1]\n | line 1: what begins here does not end in the program
-O1 endif\n | line 1: o1 ends or goes on here what did not begin before, or what lies in it has not ended
+O1 while [1]\n | line 1: the block that begins here does not end in the program
+O1 endif\n | line 1: o1 ends or continues a block here that did not begin before or that contains an unfinished one
 O1 call\n | line 1: the subroutine o<1> is neither in this program nor as 1.ngc in a folder of --subroutines
 O1 sub\nO1 call\nO1 endsub\nO1 call\n | line 2: more than 100 subroutines call one another
 O1 if [#5061 GT 0]\nO1 endif\n | line 1: which lines are executed after this one is only known at the machine
@@ -114,7 +114,7 @@ O1 nothing\n | line 1: expected a word such as sub, call, while, if or repeat af
     }
 }
 
-/// Subprograms by number, as FANUC controls have them: main program first, subprograms behind its end.
+/// Numbered subprograms of FANUC controls: the main program first, subprograms after its end.
 const BY_NUMBER: &str = "\
 %
 O0001 (main)
@@ -131,14 +131,14 @@ M99
 ";
 
 #[test]
-fn subprograms_by_number_are_followed() {
+fn numbered_subprograms_are_executed() {
     assert_eq!(text("", BY_NUMBER), BY_NUMBER);
-    // A constant error: the first step takes the correction up where G0 has done so already, so that all are alike.
+    // A constant error: G0 has already applied the correction, so all calls are equal.
     let constant = "[errors]\nEXX = { poly = [10.0] }\n";
     let out = text(constant, BY_NUMBER);
     assert_eq!(out, BY_NUMBER.replace("G0 X100 Y0 Z0", "G0 X99.990 Y0 Z0"));
-    // An error that grows, 1e-4·x² µm: at X = 400 it is 16, at X = 600 36 µm. Each step of 100 mm is another one, and the calls are
-    // written out; what was called stays as it is behind the end.
+    // A growing error, 1e-4·x² µm: 16 at X = 400, 36 at X = 600. Each step of 100 mm differs, so the calls are unrolled; the subprogram
+    // stays after the end.
     let growing = "[errors]\nEXX = { poly = [0.0, 0.0, 1e-4] }\n";
     let out = text(growing, BY_NUMBER);
     let (main, behind) = out.split_once("M30\n").expect("an end");
@@ -160,7 +160,7 @@ fn subprograms_by_number_are_followed() {
 }
 
 #[test]
-fn subprograms_that_cannot_be_followed_are_refused() {
+fn invalid_subprograms_are_refused() {
     let refused = |program: &str| {
         let error = compensated("", program.as_bytes()).expect_err(program);
         error.to_string()
@@ -174,14 +174,14 @@ fn subprograms_that_cannot_be_followed_are_refused() {
         (
             "G0 X0\nM99\n",
             2,
-            "M99 in the main program would repeat it for ever",
+            "M99 in the main program would repeat it endlessly",
         ),
         ("M98 P7\nM30\nO7\nM98 P7\nM99\n", 4, "call one another"),
-        ("M98 P7\nM30\nO7\nM99\nO7\nM99\n", 5, "stands twice"),
+        ("M98 P7\nM30\nO7\nM99\nO7\nM99\n", 5, "is defined twice"),
         (
             "G0 X0 M98 P7\nM30\nO7\nM99\n",
             1,
-            "stand alone in their line",
+            "must be alone in their line",
         ),
     ] {
         let message = refused(program);
@@ -190,12 +190,12 @@ fn subprograms_that_cannot_be_followed_are_refused() {
             "{message}"
         );
     }
-    // Called no times, nothing of it is executed.
+    // Zero calls execute nothing.
     let none = "M98 P7 L0\nM30\nO7\nG1 X900\nM99\n";
     assert_eq!(text("", none), none);
 }
 
-/// A return out of a loop with a count ends that loop: the loop around the call goes on.
+/// A return from a counted loop ends that loop; the loop around the call continues.
 #[test]
 fn a_return_ends_the_loops_it_leaves() {
     let bent = "[errors]\nEXX = { poly = [0.0, 0.0, 0.001] }\n";
@@ -223,9 +223,8 @@ fn a_return_ends_the_loops_it_leaves() {
     has(&result, "X99.970");
 }
 
-/// A G69 may stand beside a motion.
 #[test]
-fn words_beside_g69_are_a_motion() {
+fn words_with_g69_are_a_motion() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
     assert_eq!(
         text(scale, "G0 X0 Y0\nG69 G1 X300 F1\nX100\n"),
@@ -237,9 +236,9 @@ fn words_beside_g69_are_a_motion() {
     assert!(error.starts_with("line 2: a cycle with K"), "{error}");
 }
 
-/// What LinuxCNC's interpreter makes of loops with `break` and `continue`; what one of them leaves behind for another loop is refused.
+/// Loops with `break` and `continue` as LinuxCNC's interpreter executes them; state that they leave for another loop is refused.
 #[test]
-fn loops_that_are_left() {
+fn loops_left_early() {
     let motions = |program: &str| {
         let done = compensated("", program.as_bytes());
         done.map(|(_, summary)| summary.counts.motions)
@@ -258,7 +257,7 @@ fn loops_that_are_left() {
         &format!("{while_left}{three}"),
         "line 10: LinuxCNC ends this loop here, whatever its condition is, since the break of line 3",
     );
-    // Also where the break is passed by only: the loop ends by its condition.
+    // Also if the break is not executed: the loop ends by its condition.
     let passed =
         "#5=0\no1 while [#5 lt 2]\n#5=[#5+1]\no2 if [#5 eq 9]\no1 break\no2 endif\no1 endwhile\n";
     says(
@@ -267,7 +266,7 @@ fn loops_that_are_left() {
     );
     let in_own = "o4 do\n#5=[#5+1]\nG0 Y1\no4 continue\no4 break\no4 while [#5 lt 3]\n";
     says(in_own, "line 6: LinuxCNC ends this loop here");
-    // One that is done once ends it.
+    // A loop with one pass ends it.
     let once = three.replace("lt 3", "lt 0").replace("o4", "o5");
     assert_eq!(motions(&format!("{while_left}{once}{three}")).ok(), Some(5));
     let broken = "o4 do\nG0 Y1\no4 break\nG0 Y2\no4 while [1 eq 1]\n";
@@ -275,19 +274,19 @@ fn loops_that_are_left() {
         motions(&format!("{broken}{three}").replacen("o4", "o6", 3)).ok(),
         Some(4)
     );
-    // A continue in a loop do … while: rs274 does the next loop with a count twice, and goes on with one that is left.
+    // A continue in do … while: rs274 executes the next counted loop twice, and continues one that was left.
     assert_eq!(motions(do_left).ok(), Some(2));
     says(
         &format!("{do_left}{twice}"),
-        "line 9: LinuxCNC does all passes of this loop once more, since the continue of line 4",
+        "line 9: LinuxCNC repeats all passes of this loop, since the continue of line 4",
     );
     says(
         &format!("{do_left}{while_left}"),
-        "line 9: LinuxCNC goes on with the loop here, since the continue of line 4",
+        "line 9: LinuxCNC continues the loop here, since the continue of line 4",
     );
     let no_more = "o7 while [0 eq 1]\nG0 X9\no7 endwhile\n";
     assert_eq!(motions(&format!("{do_left}{no_more}{twice}")).ok(), Some(4));
-    // A loop with a count that is left has so many passes less: one in the first call, and two, not three, in the second.
+    // A counted loop that was left has fewer passes: one in the first call, and two, not three, in the second.
     let sub = "o1 sub\no2 repeat [3]\nG0 X1\no3 if [#100 eq 0]\n#100=1\no1 return\no3 endif\no2 endrepeat\no1 endsub\n#100=0\no1 call\n";
     assert_eq!(motions(sub).ok(), Some(1));
     says(
@@ -301,7 +300,7 @@ fn loops_that_are_left() {
             "line 2: break and continue of a loop with a count (repeat), which LinuxCNC refuses",
         );
     }
-    // Counts go to the nearest whole number, halves to the even one.
+    // Counts are rounded to the nearest whole number, halves to even.
     for (times, done) in [("2.5", 2), ("1.5", 2), ("0.6", 1), ("0.5", 0), ("-2", 0)] {
         let program = format!("o2 repeat [{times}]\nG0 Z1\no2 endrepeat\n");
         assert_eq!(motions(&program).ok(), Some(done), "{times}");

@@ -1,4 +1,4 @@
-//! Shortest ways against another algorithm, plans against closed forms, rounding against the line itself.
+//! Shortest paths against another algorithm, plans against closed forms, joint rounding against the exact line.
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -26,7 +26,7 @@ fn by_relaxation(weights: &[Vec<f64>], from: usize) -> Vec<f64> {
 }
 
 #[test]
-fn all_pairs_are_those_of_relaxation() {
+fn all_pairs_equal_relaxation() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     for count in [1, 2, 5, 12, 30] {
         for edges in [0.1, 0.4, 1.0] {
@@ -44,7 +44,7 @@ fn all_pairs_are_those_of_relaxation() {
                 for (to, length) in lengths.into_iter().enumerate() {
                     let distance = found.distance(from, to);
                     assert!(distance == length || (distance - length).abs() < 1e-12);
-                    // The nodes of the way make up its length.
+                    // The nodes of the path give its length.
                     let path = found.path(from, to);
                     assert_eq!(path.is_some(), length.is_finite(), "{from} {to}");
                     let Some(path) = path else { continue };
@@ -58,7 +58,7 @@ fn all_pairs_are_those_of_relaxation() {
 }
 
 #[test]
-fn graphs_that_are_none_are_refused() {
+fn invalid_graphs_are_refused() {
     let seen = |_: usize, _: &[Vec<f64>]| ();
     let error = all_pairs(&[vec![0.0, 1.0], vec![0.0]], seen);
     assert_eq!(
@@ -86,9 +86,9 @@ fn graphs_that_are_none_are_refused() {
     assert_eq!(through(&[2, 2], |_, _, _| f64::INFINITY), None);
 }
 
-/// The way through layers is that of all pairs on the same graph, with a node before the first layer and one behind the last.
+/// The layered search finds the all-pairs path of the same graph with a source before the first layer and a sink after the last.
 #[test]
-fn through_layers_and_all_pairs_find_the_same_way() {
+fn layered_and_all_pairs_search_agree() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
     for _ in 0..40 {
         let counts: Vec<usize> = (0..random.random_range(2..7))
@@ -137,7 +137,7 @@ fn along_x(count: u32) -> Vec<Place> {
 }
 
 #[test]
-fn without_limits_nothing_is_left() {
+fn without_limits_the_deviation_is_zero() {
     let path: Vec<Place> = (0..30)
         .map(|k| [f64::from(k), 0.5 * f64::from(k), -0.2 * f64::from(k)])
         .collect();
@@ -154,11 +154,11 @@ fn without_limits_nothing_is_left() {
         ..Limits::default()
     };
     let found = plan(&path, actual, &limits).expect("a plan");
-    // Half-way between stations what the sine bends by stays: 0.02·0.3²/8.
+    // Half-way between stations the bend of the sine remains: 0.02·0.3²/8.
     assert!(found.max_mm < 2.3e-4, "{found:?}");
     let at_stations = path.iter().zip(&found.commands).map(|(at, to)| {
         let by: Place = std::array::from_fn(|i| actual(*to)[i] - at[i]);
-        // Along the path a command may be sooner or later.
+        // Along the path a command may be early or late.
         let along = (by[0] + 0.5 * by[1] - 0.2 * by[2]) / 1.29;
         [by[0] - along, by[1] - 0.5 * along, by[2] + 0.2 * along]
             .map(f64::abs)
@@ -168,10 +168,10 @@ fn without_limits_nothing_is_left() {
     assert!(at_stations.fold(0.0, f64::max) < 1.5e-4);
 }
 
-/// The error jumps by 10 µm, and a correction may change by 1 µm from a station to the next. One that follows the error is 10 µm
-/// off behind the jump; the best one begins before it and is off by 5 on both sides.
+/// The error jumps by 10 µm, and a correction may change by 1 µm between stations. A correction that follows the error is 10 µm off after
+/// the jump; the best one begins before it and is 5 µm off on both sides.
 #[test]
-fn a_jump_is_met_half_way_where_the_rate_is_limited() {
+fn a_rate_limit_centres_the_plan_on_a_jump() {
     let path = along_x(60);
     let actual = |at: Place| [at[0], at[1] + if at[0] < 29.5 { 0.0 } else { 0.010 }, at[2]];
     let limits = Limits {
@@ -192,7 +192,7 @@ fn a_jump_is_met_half_way_where_the_rate_is_limited() {
             .iter()
             .all(|c| (c[1] * 1e3 - (c[1] * 1e3).round()).abs() < 1e-9)
     );
-    // Following as fast as it may, from where the error appears.
+    // Following as fast as allowed, from where the error appears.
     let mut following = 0.0_f64;
     let mut worst_following = 0.0_f64;
     for at in &path {
@@ -206,9 +206,9 @@ fn a_jump_is_met_half_way_where_the_rate_is_limited() {
     );
 }
 
-/// An error that falls faster than the path rises would make the command go back: with play in the axis that is a jump.
+/// An error that falls faster than the path rises would reverse the command: with play that is a jump.
 #[test]
-fn an_axis_is_not_turned_where_it_must_not_be() {
+fn keeps_direction_forbids_reversals() {
     let path: Vec<Place> = (0..40)
         .map(|k| [f64::from(k), 0.002 * f64::from(k), 0.0])
         .collect();
@@ -231,12 +231,12 @@ fn an_axis_is_not_turned_where_it_must_not_be() {
 }
 
 #[test]
-fn what_is_no_path_has_no_plan() {
+fn invalid_paths_have_no_plan() {
     let limits = Limits::default();
     assert_eq!(plan(&[], |at| at, &limits), None);
     assert_eq!(plan(&along_x(1), |at| at, &limits), None);
     assert_eq!(plan(&[[f64::NAN; 3], [0.0; 3]], |at| at, &limits), None);
-    // All stations at one place: nothing is to be done, and nothing fails.
+    // All stations at one position: nothing to do, no failure.
     let still = plan(&[[1.0; 3]; 4], |at| at, &limits).expect("a plan");
     assert_eq!(still.max_mm, 0.0);
 }
@@ -260,7 +260,7 @@ fn compensated(program: &str, strategy: Strategy) -> String {
     String::from_utf8(result.expect("compensated").0).expect("text")
 }
 
-/// How far the tool is across the line from (20, 30) to (820, 530): the errors of the machine written out.
+/// Deviation of the tool perpendicular to the line from (20, 30) to (820, 530): the errors of the machine written out.
 fn across_um(program: &str) -> Vec<f64> {
     let (dx, dy) = (800.0_f64, 500.0_f64);
     let length = dx.hypot(dy);
@@ -288,7 +288,7 @@ fn across_um(program: &str) -> Vec<f64> {
 }
 
 #[test]
-fn a_line_rounded_together_is_nearer_to_itself() {
+fn joint_rounding_is_closer_to_the_line() {
     let program = "G21 G90 G0 X20 Y30\nG1 X820 Y530 F1000\nM2\n";
     let [plain, floyd] =
         [Strategy::Plain, Strategy::Floyd].map(|strategy| compensated(program, strategy));
@@ -304,7 +304,7 @@ fn a_line_rounded_together_is_nearer_to_itself() {
         rms(&by_floyd),
         max(&by_floyd)
     );
-    // Two words, each wrong by up to half a step: uniform over ±0.5 µm in each, 0.29 µm across.
+    // Two words, each uniformly off by up to half a step of 1 µm: 0.29 µm across.
     assert!((0.25..0.33).contains(&rms(&by_plain)), "{}", rms(&by_plain));
     assert!(
         rms(&by_floyd) < 0.6 * rms(&by_plain),
@@ -313,7 +313,7 @@ fn a_line_rounded_together_is_nearer_to_itself() {
         rms(&by_plain)
     );
     assert!(max(&by_floyd) <= max(&by_plain) + 1e-9);
-    // Where the line ends is where it ended before.
+    // The line ends where it ended before.
     let last = |program: &str| {
         program
             .lines()
@@ -324,7 +324,7 @@ fn a_line_rounded_together_is_nearer_to_itself() {
 }
 
 #[test]
-fn lines_of_one_part_are_the_same_either_way() {
+fn unsplit_lines_are_equal_with_either_strategy() {
     let program = "G21 G90 G0 X20 Y30\nG1 X20.5 Y30.4 F1000\nX21 Y31\nG91 X300 Y200\nG90 G2 X421 Y231 I50 J0\nM2\n";
     assert_eq!(
         compensated(program, Strategy::Plain),
@@ -336,7 +336,7 @@ fn lines_of_one_part_are_the_same_either_way() {
 mod example;
 
 #[test]
-fn the_example_prints_what_its_folder_says() {
+fn the_example_prints_its_recorded_output() {
     let printed =
         example::printed(include_str!("../../../../examples/mill.toml")).expect("printed");
     assert_eq!(
@@ -345,9 +345,9 @@ fn the_example_prints_what_its_folder_says() {
     );
 }
 
-/// The rounds D(0) … D(6) of the example by another algorithm: ways that pass only the first nodes.
+/// The rounds D(0) … D(6) of the example by another algorithm: paths that pass only the first nodes.
 #[test]
-fn each_round_holds_the_ways_over_the_first_nodes() {
+fn each_round_holds_the_paths_over_the_first_nodes() {
     let mut random = ChaCha8Rng::seed_from_u64(9);
     let count = 7;
     let weights: Vec<Vec<f64>> = (0..count)

@@ -1,4 +1,4 @@
-//! HEIDENHAIN conversational: the same paths as in RS-274, in several manners; what is written, and what is refused.
+//! HEIDENHAIN conversational: the same paths as in RS-274 in several notations; results and refusals.
 
 use std::fmt::Write as _;
 
@@ -7,11 +7,11 @@ use volcomp_nc::{Dialect, NcError};
 use volcomp_test_support::cases;
 
 use crate::{
-    drawn::{
-        Draw, Step, Way, come_out_as_they_are, is_taken_with_its_result, judged,
-        leads_to_the_same_places, path, same_places, worn,
-    },
     identity::{self, TRAVELS, begins, rows},
+    random_programs::{
+        Draw, Step, Way, accepts_with_result, assert_copied, assert_equal_paths,
+        assert_same_positions, judged, path, worn,
+    },
 };
 
 const SEEDS: u64 = 64;
@@ -35,7 +35,7 @@ fn is_numbered(text: &str) {
     }
 }
 
-/// The lines of a step to a place that these words say: in front of an arc its pole.
+/// The lines of a step to the position in these words: an arc is preceded by its pole.
 fn step_lines(draw: &mut Draw, step: &Step, words: &str) -> Vec<String> {
     match step.way {
         Way::Rapid => vec![format!("L {words} FMAX")],
@@ -58,7 +58,7 @@ fn step_lines(draw: &mut Draw, step: &Step, words: &str) -> Vec<String> {
 
 #[test]
 fn absolute_words() {
-    // X runs ahead, or its carriage lags.
+    // The carriage of X runs ahead, or lags.
     let machines = [6.0, -6.0].map(worn);
     for (machine, seed) in machines
         .iter()
@@ -76,7 +76,7 @@ fn absolute_words() {
             lines.extend(step_lines(draw, step, &words));
         }
         let text = program(&lines);
-        let result = leads_to_the_same_places(machine, &path, Dialect::Heidenhain, &text);
+        let result = assert_same_positions(machine, &path, Dialect::Heidenhain, &text);
         is_numbered(&result);
     }
 }
@@ -101,7 +101,7 @@ fn incremental_words_and_decimal_commas() {
             lines.extend(step_lines(draw, step, &words));
         }
         let text = program(&lines).replace('.', ",");
-        let result = leads_to_the_same_places(&machine, &path, Dialect::Heidenhain, &text);
+        let result = assert_same_positions(&machine, &path, Dialect::Heidenhain, &text);
         assert!(!result.contains('.'), "{result}");
     }
 }
@@ -166,7 +166,7 @@ fn shifts_of_the_datum() {
                 &format!("X{x:+.6} Y{y:+.6} Z{z:+.6}"),
             ));
         }
-        leads_to_the_same_places(&machine, &path, Dialect::Heidenhain, &program(&lines));
+        assert_same_positions(&machine, &path, Dialect::Heidenhain, &program(&lines));
     }
 }
 
@@ -189,14 +189,14 @@ fn q_parameters() {
             lines.push(format!("QL4 = {:.6}", -z));
             lines.extend(step_lines(draw, step, "X+Q2 Y+Q3 Z-QL4"));
         }
-        leads_to_the_same_places(&machine, &path, Dialect::Heidenhain, &program(&lines));
+        assert_same_positions(&machine, &path, Dialect::Heidenhain, &program(&lines));
     }
 }
 
-/// Lines and arcs about a pole, by angles.
+/// Lines and arcs about a pole, in polar coordinates.
 #[test]
 fn polar_coordinates() {
-    // An axis that polar coordinates move by the rounding of their words must not turn for that.
+    // The rounding of polar words must not reverse an axis.
     let machines = [0.0, -6.0].map(worn);
     for (machine, seed) in machines
         .iter()
@@ -240,7 +240,7 @@ fn polar_coordinates() {
             };
             lines.push(format!("LP {distance} {turned} Z{z:+.6} {feed}"));
         }
-        leads_to_the_same_places(machine, &path, Dialect::Heidenhain, &program(&lines));
+        assert_same_positions(machine, &path, Dialect::Heidenhain, &program(&lines));
     }
 }
 
@@ -304,7 +304,7 @@ fn m128_has_the_numbers_of_m428() {
             words.map(|word| word.replace('+', "")).collect()
         };
         assert_eq!(numbers(&found), numbers(&expected), "{seed}");
-        same_places(&of_heidenhain, &of_rs274, &in_heidenhain, &found);
+        assert_equal_paths(&of_heidenhain, &of_rs274, &in_heidenhain, &found);
     }
 }
 
@@ -321,9 +321,9 @@ fn written(
     identity::written(Dialect::Heidenhain, machine, setup, program)
 }
 
-/// X is 100 µm/m too long: each place is known on paper, and each word keeps its manner.
+/// X is 100 µm/m too long: each position in closed form, each word in its notation.
 #[test]
-fn words_keep_their_manner() {
+fn words_keep_their_notation() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
     for [program, expected] in rows(
         r"
@@ -332,7 +332,7 @@ L X100,0 F500\n | L X99,990 F500\n
 L X+0\nL IX+100 F100\nL IX-100\n | L X+0\nL IX+99.990 F100\nL IX-99.990\n
 Q1 = 50 * 2\nL X+Q1\n | Q1 = 50 * 2\nL X+99.990\n
 TRANS DATUM AXIS X+100\nL X+0\n | TRANS DATUM AXIS X+100\nL X-0.010\n
-// Two arcs about one pole: each has a pole of its own with its correction.
+// Two arcs about one pole: each gets its own pole with its correction.
 0 BEGIN PGM A MM\n1 L X+0 Y+0 FMAX\n2 CC X+10 Y+0\n3 C X+20 Y+0 DR-\n4 C X+0 Y+0 DR-\n5 END PGM A MM\n | 0 BEGIN PGM A MM\n1 L X+0 Y+0 FMAX\n2 CC X+10 Y+0\n3 CC X+9.999 Y+0.001\n4 C X+19.998 Y+0 DR-\n5 CC X+9.999 Y-0.001\n6 C X+0 Y+0 DR-\n7 END PGM A MM\n
 L X+0 Y+0\nCR X+20 Y+0 R+10 DR-\n | L X+0 Y+0\nCR X+19.998 Y+0 R+9.999 DR-\n
 CC X+0 Y+0\nLP PR+100 PA+0 F100 M8\n | CC X+0 Y+0\nL X+99.990 Y+0.000 F100 M8\n
@@ -349,8 +349,8 @@ L X+100 M91\nL X+100\n | L X+100 M91\nL X+99.990\n
     }
 }
 
-/// A bent guideway splits a line: added blocks have numbers, those behind them others, also behind the end of the program; what is
-/// done at the end of the motion is done at the end of the last block.
+/// A bent guideway splits a line: added blocks have numbers, later blocks are renumbered, also after the end of the program; stops move to
+/// the last block.
 #[test]
 fn added_blocks_have_the_next_numbers() {
     let bent = "[errors]\nEYX = { table = [[-1000, 0], [0, 0], [100, 20], [200, 0], [1000, 0]], interpolation = \"linear\" }\n";
@@ -395,9 +395,9 @@ fn tools_and_the_shorter_way() {
     assert!(error.to_string().contains("half a turn"), "{error}");
 }
 
-/// Cycles pass on with all their lines; where they leave the tool is not known.
+/// Cycles are copied with all their lines; the position after them is unknown.
 #[test]
-fn cycles_pass_on() {
+fn cycles_are_copied() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEZX = { poly = [0.0, 0.1] }\n";
     let program = "1 L X+100 Y+0 Z+50 FMAX\n2 CYCL DEF 200 DRILLING ~\n    Q200=2 ;SET-UP CLEARANCE ~\n    Q201=-20 ;DEPTH\n3 CYCL CALL M8\n4 L X+200 FMAX M99\n5 L Z+100 FMAX\n6 L X+300\n";
     let (text, notes) = compensated(errors, "", program).expect("taken");
@@ -410,50 +410,50 @@ fn cycles_pass_on() {
     assert!(
         notes
             .iter()
-            .any(|note| note.contains("motions of cycle 200 pass on")),
+            .any(|note| note.contains("motions of cycle 200 are copied")),
         "{notes:?}"
     );
 }
 
 #[test]
-fn what_is_not_followed_says_where_and_why() {
+fn unsupported_words_are_refused_with_position_and_reason() {
     for [line, expected] in &cases(
         "
-2 CALL LBL 1 REP 2 | column 3: CALL LBL is not followed: which lines are executed after it
-FN 9: IF +Q1 EQU +Q2 GOTO LBL 1 | column 1: FN is not followed
-CALL PGM OTHER.H | column 1: CALL PGM is not followed
-PLANE SPATIAL SPA+0 SPB+45 SPC+0 | column 1: PLANE is not followed: only shifts
-CYCL DEF 19.0 WORKING PLANE | column 1: CYCL DEF 19 is not followed: only shifts
-CYCL DEF 10.0 ROTATION | column 1: CYCL DEF 10 is not followed
-CYCL DEF 7.1 #5 | column 1: CYCL DEF 7 is not followed: a datum that only
-CYCL DEF 999 | column 1: CYCL DEF 999 is not followed
-CT X+1 Y+2 | column 1: CT is not followed: an arc by its tangent
-RND R5 | column 1: RND is not followed: a rounded
-CHF 2 | column 1: CHF is not followed: a bevelled
-APPR LT X+1 | column 1: APPR is not followed
-FL X+1 | column 1: FL is not followed: free contours
-LN X+1 NX+0 NY+0 NZ+1 | column 1: LN is not followed: directions
-FUNCTION TCPM F CONT AXIS SPAT PATHCTRL VECTOR | column 1: FUNCTION TCPM is not followed
-L X+1 R+ | column 7: R+ is not followed: the radius of the tool along one axis
-L X+1 FT2 | column 7: FT2 is not followed
-L X+1 M89 | column 7: M89 is not followed
-L X+1 M92 | column 7: M92 is not followed
-L X+1 M140 MB MAX | column 7: M140 is not followed
-CP IPA+720 IZ-5 DR+ | column 20: CP is not followed: a helix of more than one turn
+2 CALL LBL 1 REP 2 | column 3: CALL LBL is not supported: jumps and loops are not supported
+FN 9: IF +Q1 EQU +Q2 GOTO LBL 1 | column 1: FN is not supported
+CALL PGM OTHER.H | column 1: CALL PGM is not supported
+PLANE SPATIAL SPA+0 SPB+45 SPC+0 | column 1: PLANE is not supported: only shifts
+CYCL DEF 19.0 WORKING PLANE | column 1: CYCL DEF 19 is not supported: only shifts
+CYCL DEF 10.0 ROTATION | column 1: CYCL DEF 10 is not supported
+CYCL DEF 7.1 #5 | column 1: CYCL DEF 7 is not supported: a datum that only
+CYCL DEF 999 | column 1: CYCL DEF 999 is not supported
+CT X+1 Y+2 | column 1: CT is not supported: an arc by its tangent
+RND R5 | column 1: RND is not supported: a rounded
+CHF 2 | column 1: CHF is not supported: a chamfer
+APPR LT X+1 | column 1: APPR is not supported
+FL X+1 | column 1: FL is not supported: free contours
+LN X+1 NX+0 NY+0 NZ+1 | column 1: LN is not supported: tool directions
+FUNCTION TCPM F CONT AXIS SPAT PATHCTRL VECTOR | column 1: FUNCTION TCPM is not supported
+L X+1 R+ | column 7: R+ is not supported: the radius of the tool along one axis
+L X+1 FT2 | column 7: FT2 is not supported
+L X+1 M89 | column 7: M89 is not supported
+L X+1 M92 | column 7: M92 is not supported
+L X+1 M140 MB MAX | column 7: M140 is not supported
+CP IPA+720 IZ-5 DR+ | column 20: CP is not supported: a helix of more than one turn
 C X+1 Y+2 DR+ | an arc without a radius and without a pole (CC)
 LP PR+1 PA+2 | polar coordinates without a pole (CC)
 C X+1 Y+2 | column 10: expected DR+ or DR- in an arc
 CC X+1 | a pole CC with one coordinate
-CYCL CALL | a call of a cycle that is not defined
-CYCL CALL PAT F100 | column 1: CYCL CALL is not followed: holes at places of their own
+CYCL CALL | a call of a cycle that was not defined
+CYCL CALL PAT F100 | column 1: CYCL CALL is not supported: holes at positions in another file
 L X+Q9 | the value of X is only known at the machine
 Q1 = 1 / 0 | column 8: this calculation has no result
 L X | column 4: expected a number
 L X+1 ? | column 7: found '?'
-/ L X+1 | column 1: / is not followed
-L IX+1 M91 | machine coordinates (G53, G153, SUPA, M91) that are ways
-BLAH | column 1: BLAH is not followed: it is not known here
-TOOL CALL 5 X | column 1: TOOL CALL is not followed: another axis
+/ L X+1 | column 1: / is not supported
+L IX+1 M91 | incremental machine coordinates (G53, G153, SUPA, M91)
+BLAH | column 1: BLAH is not supported: it is unknown
+TOOL CALL 5 X | column 1: TOOL CALL is not supported: another axis
 ",
     ) {
         let error = compensated("", "", &format!("L X+0 Y+0 Z+0\n{line}\n")).expect_err(line);
@@ -464,7 +464,7 @@ TOOL CALL 5 X | column 1: TOOL CALL is not followed: another axis
 }
 
 #[test]
-fn odd_programs_come_out_byte_for_byte() {
+fn unusual_programs_are_copied_byte_for_byte() {
     let programs: [&[u8]; 8] = [
         b"",
         b"0  BEGIN PGM PART MM \r\n1  BLK FORM 0.1 Z X+0 Y+0 Z-20\r\n2  BLK FORM 0.2 X+100 Y+100 Z+0\r\n3  ; caf\xe9\r\n4  * - HEADING\r\n5  TOOL CALL 5 Z S3000 F500 DL+0.2 DR-0.1\r\n6  L  Z+100 R0 FMAX M3\r\n7  L X+10 Y+5,5 RL F AUTO M8\r\n8  END PGM PART MM\r\nrest",
@@ -475,13 +475,12 @@ fn odd_programs_come_out_byte_for_byte() {
         b"CYCL DEF 7.0 DATUM SHIFT\nCYCL DEF 7.1 X+60\nCYCL DEF 7.2 IY+40\nCYCL DEF 32.0 TOLERANCE\nCYCL DEF 32.1 T0.05\nCYCL DEF 200 DRILLING ~\nQ200=2 ;x ~\nQ201=-5\nL X+1 FMAX M99\nTRANS DATUM RESET\n",
         b"L X+1 Y+1 RL F100\nL X+5\nCC X+5 Y+2\nC X+6 Y+2 DR+\nL R0 X+0\nM30\n77 nonsense",
     ];
-    come_out_as_they_are(Dialect::Heidenhain, &programs);
+    assert_copied(Dialect::Heidenhain, &programs);
 }
 
-/// Lines that are put together at random: no panic; a machine without errors gives back what is taken, and what a worn machine
-/// writes is taken again.
+/// Random lines: no panic; a machine without errors returns accepted lines, and the result on a worn machine is accepted again.
 #[test]
-fn random_lines_come_out_byte_for_byte() {
+fn random_lines_are_copied_byte_for_byte() {
     const PIECES: &str = "L|C|CC|CR|LP|CP|X+10|Y-5,5|IZ+3|IX-2|Y+Q1|PR+20|PA+30|IPA+45|IPR-3|R+12|DR+|DR-|R0|RL|FMAX|F100|M8|\
         M30|M91|M99|M126|M128|Q1 = 5|FN 0: Q1 = +3|CYCL DEF 7.1|CYCL DEF 200|CYCL CALL|TOOL CALL 1 Z|\
         ; comment|~|LBL 1|BEGIN PGM A INCH|END PGM A MM|STOP|*|TRANS DATUM RESET|C+30|M5";
@@ -505,12 +504,12 @@ fn random_lines_come_out_byte_for_byte() {
             }
             text.push('\n');
         }
-        taken += usize::from(is_taken_with_its_result(Dialect::Heidenhain, &text));
+        taken += usize::from(accepts_with_result(Dialect::Heidenhain, &text));
     }
     assert!(taken > 300, "only {taken} were taken");
 }
 
-/// Numbers of blocks near 2^64 have no next one.
+/// Block numbers near 2^64 have no successor.
 #[test]
 fn block_numbers_without_a_next_one_are_refused() {
     let taken = |number: &str| {

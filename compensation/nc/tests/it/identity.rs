@@ -19,7 +19,7 @@ pub(crate) fn has(text: &str, expected: &str) {
     assert!(text.contains(expected), "{text}");
 }
 
-/// The rows of a table of cases (see [`cases`]) for as long as the tests run; lines that begin with `//` say something about the rows below them.
+/// The rows of a table of cases (see [`cases`]) with static lifetime; lines that begin with `//` are comments on the rows below them.
 pub(crate) fn rows<const CELLS: usize>(table: &str) -> Vec<[&'static str; CELLS]> {
     let rows = table.lines().filter(|row| !row.starts_with("//"));
     let rows = cases(&rows.collect::<Vec<_>>().join("\n"));
@@ -28,7 +28,7 @@ pub(crate) fn rows<const CELLS: usize>(table: &str) -> Vec<[&'static str; CELLS]
         .collect()
 }
 
-/// The result of compensating a program by a machine with these errors, 0.5 µm being the tolerance of splits.
+/// The result of compensating a program on a machine with these errors, split beyond 0.5 µm.
 pub(crate) fn compensated(errors: &str, program: &[u8]) -> Result<(Vec<u8>, Summary), NcError> {
     compensated_in(&SetUp::default(), errors, program)
 }
@@ -47,7 +47,7 @@ pub(crate) fn compensated_in(
     })
 }
 
-/// The result of a program on a machine with a tolerance of splits, mm; `wanted` is what differs from the job that most have.
+/// The result of a program on a machine that splits beyond a tolerance, mm; `wanted` changes the default job.
 pub(crate) fn result_of(
     (machine, tolerance_mm): (&Machine, f64),
     setup: &SetUp,
@@ -61,7 +61,7 @@ pub(crate) fn result_of(
     Ok((out, summary))
 }
 
-/// Where the tool of a machine with these errors is with a program and its result.
+/// Deviations of the tool on a machine with these errors, with a program and its result.
 pub(crate) fn verified_by(
     truth: &Machine,
     setup: &SetUp,
@@ -80,7 +80,7 @@ pub(crate) fn verified_by(
     verify(&mut program.as_bytes(), &mut result.as_bytes(), shares, of)
 }
 
-/// The result of a program in a language, and its notes with their lines; 1 µm is the tolerance of splits.
+/// The result of a program in a language, and its notes with their lines; split beyond 1 µm.
 pub(crate) fn written(
     dialect: Dialect,
     machine: &Machine,
@@ -100,7 +100,7 @@ pub(crate) fn written(
     Ok((String::from_utf8(out).expect("text"), notes))
 }
 
-/// The result of a program on a machine that knows itself, and where the tool of that machine is with both; 1 µm is the tolerance of splits.
+/// The result of a program and its verification on the same machine; split beyond 1 µm.
 pub(crate) fn verified_in(
     dialect: Dialect,
     [machine, setup, program]: [&str; 3],
@@ -122,7 +122,7 @@ pub(crate) fn verified_in(
 }
 
 #[test]
-fn odd_programs_come_out_byte_for_byte() {
+fn unusual_programs_are_copied_byte_for_byte() {
     let programs: [&[u8]; 12] = [
         b"",
         b"\n\n",
@@ -152,7 +152,7 @@ fn odd_programs_come_out_byte_for_byte() {
     }
 }
 
-/// An output that counts how often it is written to.
+/// An output that counts its writes.
 #[derive(Default)]
 struct Counted {
     bytes: Vec<u8>,
@@ -171,9 +171,9 @@ impl std::io::Write for Counted {
     }
 }
 
-/// A long program is written in large pieces, none of them lost, and up to the line that is refused.
+/// A long program is written in large pieces, completely, up to the refused line.
 #[test]
-fn a_long_program_is_written_in_pieces() {
+fn long_programs_are_streamed() {
     let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
     let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005).expect("compiles");
     let setup = SetUp::default();
@@ -195,7 +195,7 @@ fn a_long_program_is_written_in_pieces() {
 }
 
 #[test]
-fn what_cannot_be_read_says_where_and_why() {
+fn unreadable_lines_are_refused_with_position_and_reason() {
     let cases: [(&[u8], &str); 12] = [
         (
             b"G1 X1\nG1 X Y2\n",
@@ -219,20 +219,17 @@ fn what_cannot_be_read_says_where_and_why() {
         ),
         (
             b"G1 X1 X2\n",
-            "line 1: X stands beside X in one block, of which only one may",
+            "line 1: found X and X in one block, expected only one of them",
         ),
         (
             b"G0 G1 X1\n",
-            "line 1: G1 stands beside G0 in one block, of which only one may",
+            "line 1: found G1 and G0 in one block, expected only one of them",
         ),
         (
             b"G223 X1\n",
-            "line 1: G223 is not known here: it may move an axis, so that the program cannot be compensated",
+            "line 1: G223 is unknown: it may move an axis, so the program cannot be compensated",
         ),
-        (
-            b"X1\n",
-            "line 1: axis words without a motion that takes them",
-        ),
+        (b"X1\n", "line 1: axis words without a motion code"),
         (
             b"\x7fELF\x00",
             "line 1: byte 0x00 at column 5; this is no NC program",
@@ -255,9 +252,9 @@ fn what_cannot_be_read_says_where_and_why() {
     assert!(error.to_string().contains("longer than"), "{error}");
 }
 
-/// The inputs that fuzzing began with or found: a machine without errors changes none of those that are taken.
+/// Seeds and findings of fuzzing: a machine without errors changes none of the accepted ones.
 #[test]
-fn kept_inputs_come_out_byte_for_byte() {
+fn fuzz_inputs_are_copied_byte_for_byte() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fuzz/corpus/nc");
     let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
     let (mut taken, mut taken_in_others) = (0, 0);
@@ -265,7 +262,7 @@ fn kept_inputs_come_out_byte_for_byte() {
         let path = entry.expect("an entry").path();
         let program = std::fs::read(&path).expect("readable");
         for dialect in [Dialect::Siemens, Dialect::Heidenhain] {
-            let taken = crate::drawn::comes_out_as_it_is(&machine, dialect, &program);
+            let taken = crate::random_programs::copy_unchanged(&machine, dialect, &program);
             taken_in_others += usize::from(taken.is_ok());
         }
         if let Ok((out, _)) = compensated("", &program) {

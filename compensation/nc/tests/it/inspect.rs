@@ -1,4 +1,4 @@
-//! What a measuring machine would find of a part, against closed forms.
+//! What a measuring machine would find on a part, against closed forms.
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
@@ -9,7 +9,7 @@ use volcomp_test_support::cases;
 
 use crate::identity::has;
 
-/// Features of a part by name, before and after, on a machine that is taken for the real one.
+/// Features by name, before and after compensation, on a virtual machine.
 fn inspected(errors: &str, program: &str, part: &str) -> Vec<Inspected> {
     inspected_with([errors, errors], "", program, part).0
 }
@@ -72,10 +72,10 @@ fn near(found: Option<f64>, expected: f64, within: f64) {
     assert!((found - expected).abs() <= within, "{found} {expected}");
 }
 
-/// A squareness of 100 µrad makes of a circle of 50 mm an ellipse whose radii differ by 5 µm; a scale of 100 µm/m along X one whose radii
-/// differ by 5 µm, and moves its centre at X = 300 by 30 µm; a hole at X = 500 is 50 µm off.
+/// A squareness of 100 µrad turns a circle of 50 mm into an ellipse with radii 5 µm apart; a scale of 100 µm/m along X also moves its
+/// centre at X = 300 by 30 µm and a hole at X = 500 by 50 µm.
 #[test]
-fn circles_and_holes_are_those_of_the_closed_form() {
+fn circles_and_holes_equal_the_closed_form() {
     let program = "G21 G90 G17\nG0 X350 Y400 Z-10\nG3 X350 Y400 I-50 J0 F500\nG0 Z0\nG81 X500 Y400 Z-20 R-5\nG80\nM2\n";
     let part = "[[feature]]\nname = \"bore\"\nkind = \"circle\"\nplane = \"xy\"\nlines = [3, 3]\n[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [5, 5]\n";
     let square = inspected("EC0Y = 100.0", program, part);
@@ -95,12 +95,11 @@ fn circles_and_holes_are_those_of_the_closed_form() {
     assert_eq!(before.form_um, None);
 }
 
-/// A zero at X = 200 that was probed on a machine with a scale of 100 µm/m lies 20 µm beside what the control shows, and so does the part that is
-/// cut there: of the 50 µm at X = 500 it has 30. Where the model knows 90 µm/m of them, 18 µm are added to the work offset, and of the 5 µm
-/// that are left at X = 500 the part has the 3 that grow from its zero.
+/// A zero at X = 200 probed on a machine with a scale of 100 µm/m is 20 µm off, so the part has 30 of the 50 µm at X = 500. If the model
+/// knows 90 µm/m, 18 µm are added to the work offset, and the part has the 3 of the remaining 5 µm that grow from its zero.
 #[test]
-fn a_place_is_counted_from_the_zero_that_was_probed() {
-    // A motion without the tool's length, and a shift on top of the work offset, make no other zero.
+fn positions_are_relative_to_the_probed_zero() {
+    // A motion without tool length and a shift on the work offset do not change the zero.
     let program =
         "G21 G90 G17\nG0 X0 Y0\nG43 H1 Z-10\nG52 X10\nG81 X290 Y0 Z-20 R-5 F500\nG80\nM2\n";
     let part = "[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [5, 5]\n";
@@ -116,9 +115,9 @@ fn a_place_is_counted_from_the_zero_that_was_probed() {
     assert_eq!(notes.by_line(), [(5, &zero)]);
 }
 
-/// A zero that the program sets where the axes stand is not that of the work offset, which was probed: the part counts from machine zero.
+/// A zero set by the program is not the probed work offset: positions are relative to machine zero.
 #[test]
-fn an_own_zero_was_not_probed() {
+fn a_zero_set_by_the_program_was_not_probed() {
     let part = "[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [3, 3]\n";
     let scale = "EXX = { poly = [0.0, 0.1] }";
     let offset = "[work_offset.G54]\nX = 200.0\nY = 0.0\nZ = 0.0\n";
@@ -135,10 +134,10 @@ fn an_own_zero_was_not_probed() {
     }
 }
 
-/// The flank of a tool that is tilted by 40 µrad leaves a cylinder whose axis leans by as much, and is 40·10⁻⁶·60 mm = 2.4 µm further
-/// away at its upper end than at its lower one; its axis through the tip's circle is the datum of the second, which is coaxial to itself.
+/// The flank of a tool tilted by 40 µrad leaves a cylinder tilted by as much, 40·10⁻⁶·60 mm = 2.4 µm further away at its upper end; its
+/// axis is the datum of the second cylinder, coaxial with itself.
 #[test]
-fn a_flank_shows_the_direction_of_the_tool() {
+fn a_flank_shows_the_tool_direction() {
     let program =
         "G21 G90 G17\nG0 X350 Y400 Z-10\nG3 X350 Y400 I-50 J0 F500\nG3 X350 Y400 I-50 J0\nM2\n";
     let part = "[[feature]]\nname = \"one\"\nkind = \"cylinder\"\nlines = [3, 3]\nabove_mm = [0, 30, 60]\n[[feature]]\nname = \"two\"\nkind = \"cylinder\"\nlines = [4, 4]\nabove_mm = [0, 30, 60]\ndatum = \"one\"\n";
@@ -166,7 +165,7 @@ fn lines_have_the_straightness_of_the_machine() {
 }
 
 #[test]
-fn what_is_not_cut_is_said() {
+fn features_that_are_not_cut_are_reported() {
     let program = "G21 G90\nG0 X100 Y400 Z-10\nG1 X900 F500\nM2\n";
     let part = "[[feature]]\nname = \"a\"\nkind = \"hole\"\nlines = [3, 3]\n[[feature]]\nname = \"b\"\nkind = \"circle\"\nlines = [2, 3]\n[[feature]]\nname = \"c\"\nkind = \"line\"\nlines = [7, 9]\n";
     let found = inspected("EXX = 1.0", program, part);
@@ -182,14 +181,14 @@ fn what_is_not_cut_is_said() {
 }
 
 #[test]
-fn wrong_part_files_are_refused_with_their_place() {
+fn wrong_part_files_are_refused_with_their_position() {
     for [text, expected] in &cases(
         r#"
  | feature
 feature = []\n | found an empty list
 [[feature]]\nname = "a"\nkind = "plane"\nlines = [1, 2]\nabove_mm = [0, -20000]\n | above_mm[1]: found -20000, expected mm from -10000 to 10000
 [[feature]]\nname = "a"\nkind = "cube"\nlines = [1, 2]\n | cube
-[[feature]]\nname = "a"\nkind = "plane"\nplane = "xy"\nlines = [1, 2]\n | expected it for circles and lines only
+[[feature]]\nname = "a"\nkind = "plane"\nplane = "xy"\nlines = [1, 2]\n | expected only for circles and lines
 [[feature]]\nname = "a"\nkind = "plane"\nlines = [3, 2]\n | lines: found [3, 2], expected the numbers of the first and the last line
 [[feature]]\nname = "a"\nkind = "plane"\nlines = [0.5, 2]\n | the first and the last line
 [[feature]]\nname = "a"\nkind = "plane"\nlines = [1, 2]\nabove_mm = []\n | found 0 heights
@@ -204,10 +203,10 @@ feature = []\n | found an empty list
     }
 }
 
-/// All axes turned alike by 200 µrad and shifted by 30 µm is how the part lies: with its own alignment nothing is left of it. A squareness of
-/// 100 µrad stays: it is an error of form of the circle, and turns the edges against each other.
+/// Rotations of 200 µrad and shifts of 30 µm common to all axes vanish in the alignment. A squareness of 100 µrad remains as form error of
+/// the circle and angle between the edges.
 #[test]
-fn a_part_aligned_by_its_own_points_has_no_place_of_its_own() {
+fn a_part_aligned_by_its_points_has_no_position_error() {
     let program = "G21 G90 G17\nG0 X350 Y400 Z-10\nG3 X350 Y400 I-50 J0 F500\nG0 Z0\nG81 X500 Y400 Z-20 R-5\nG80\nG0 X100 Y100\nG1 X600\nY500\nM2\n";
     let features = "[[feature]]\nname = \"bore\"\nkind = \"circle\"\nplane = \"xy\"\nlines = [3, 3]\n[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [5, 5]\n\
         [[feature]]\nname = \"front\"\nkind = \"line\"\nplane = \"xy\"\nlines = [8, 8]\n[[feature]]\nname = \"side\"\nkind = \"line\"\nplane = \"xy\"\nlines = [9, 9]\n";

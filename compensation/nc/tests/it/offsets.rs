@@ -1,4 +1,4 @@
-//! Work offsets and shifts as LinuxCNC keeps them: what is expected here is what its interpreter (`rs274 -g`) makes of the programs.
+//! Work offsets and shifts on LinuxCNC: expected values are those of its interpreter (`rs274 -g`).
 
 use volcomp_nc::{Dialect, SetUp, Strategy, Verification};
 
@@ -16,7 +16,7 @@ fn verified(errors: &str, program: &str) -> (String, Verification) {
     (text, found)
 }
 
-/// Where the axes of a machine without errors are at the end of each motion, mm.
+/// Axis positions of a machine without errors at the end of each motion, mm.
 fn places(program: &str) -> Vec<[f64; 2]> {
     let (_, found) = verified("", program);
     let ends = found.path.iter().filter(|place| place.begins);
@@ -38,23 +38,23 @@ fn are_near(found: &[[f64; 2]], expected: &[[f64; 2]]) {
     }
 }
 
-/// The value that G10 L20 sets is a place in the coordinates of its own offset, which may be turned otherwise than those in force: the correction
-/// that the axes carry is turned, too.
+/// G10 L20 sets a position in the coordinates of its offset, whose rotation may differ from the active one: the applied correction is
+/// rotated, too.
 #[test]
-fn a_turned_offset_is_set_with_its_own_correction() {
+fn a_rotated_offset_is_set_with_its_own_correction() {
     let errors = "[errors]\nEXX = { poly = [-1000] }\n";
     let program = "G10 L2 P2 X0 Y0 Z0 R90\nG0 X10 Y20 Z0\nG10 L20 P2 X5 Y6\nG55\nG1 X7 Y6 F100\n";
     let (out, found) = verified(errors, program);
-    // 1 mm along X of the machine is 1 mm against Y of the turned offset.
+    // 1 mm along X of the machine is 1 mm against Y of the rotated offset.
     assert!(out.contains("G0 X11.000 Y20"), "{out}");
     assert!(out.contains("G10 L20 P2 X5 Y5"), "{out}");
     assert!(out.ends_with("G1 X7 Y5.000 F100\n"), "{out}");
     assert!(found.after.max_um < 0.1, "{:?}", found.after);
 }
 
-/// The tool stays where it is while the offset in force changes under a shift: ways go on from there, places count with both.
+/// The tool stays while the active offset changes under a shift: incremental motions continue from there, positions include both.
 #[test]
-fn an_offset_in_force_changes_under_a_shift() {
+fn the_active_offset_may_change_under_a_shift() {
     let program = "G90 G54\nG52 X5\nG10 L2 P1 X30\nG91 G0 X1\nG90 G0 X10\nG92 X3\nG10 L2 P1 X-20 Y7\nG91 G0 X1\nG90 G0 X2 Y1\nM2\n";
     // rs274: -34 + 5 + 30; 10 + 5 + 30; then a shift of 12: 54 + 12 - 20; 2 + 12 - 20.
     are_near(
@@ -63,14 +63,15 @@ fn an_offset_in_force_changes_under_a_shift() {
     );
 }
 
-/// Turned about its zero, the offset in force loses the shift in LinuxCNC's books: G91 X1 would go on from Y12.5 instead of Y15.
+/// LinuxCNC loses the shift if the active offset is rotated about its zero: G91 X1 would continue from Y12.5 instead of
+/// Y15.
 #[test]
-fn an_offset_in_force_does_not_turn_under_a_shift() {
+fn the_active_offset_may_not_rotate_under_a_shift() {
     for shift in ["G92 X5", "G52 Y-2"] {
         let turned = format!("G90 G54\n{shift}\nG10 L2 P1 X30 R30\nG91 G0 X1\nM2\n");
         let message = refused(&turned);
-        begins(&message, "line 3: G10 L2 with R, which turns");
-        // Neither where the shift is off, nor where another one is turned, nor where it stays as it was turned.
+        begins(&message, "line 3: G10 L2 with R, which rotates");
+        // Neither if the shift is off, nor if another offset is rotated, nor if the rotation is unchanged.
         for (from, to) in [
             (shift, "G92.2"),
             ("P1", "P2"),
@@ -91,9 +92,9 @@ fn an_offset_in_force_does_not_turn_under_a_shift() {
     );
 }
 
-/// G92.3 brings back what G92.2 has switched off, with the axes that were shifted since; what an earlier program has left is not known.
+/// G92.3 restores what G92.2 switched off, with later shifts; a shift from an earlier program is unknown.
 #[test]
-fn a_shift_comes_back() {
+fn g92_3_restores_the_shift() {
     let program = "G92 X10\nG0 X0\nG92.2\nG0 X1\nG92.3\nG0 X2\nG92.2\nG92 Y5\nG0 X3 Y3\nG92.2\nG10 L2 P1 X30\nG0 X4 Y4\nG92.3\nG0 X5 Y5\nG92.1\nG92.3\nG0 X6 Y6\nM2\n";
     let expected = [
         [-10.0, 0.0],
@@ -109,13 +110,12 @@ fn a_shift_comes_back() {
     begins(&message, "line 2: G92.3 before any G92, G52 or G92.1");
 }
 
-/// The corrected place at which an axis is set has more decimals than words have: none of what they lose stays in the offset, however often
-/// it is set.
+/// Setting a corrected position loses decimals of its word: no loss remains in the offset, however often it is set.
 #[test]
-fn a_zero_that_is_set_loses_nothing() {
+fn setting_a_zero_keeps_the_correction() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.01] }\nEYY = { poly = [0.0, 0.01] }\n";
     for set in ["G92 X0 Y0", "G10 L20 P1 X0 Y0"] {
-        // A third of 100 mm, and so on from there: 0.33 µm were lost each time, or all of what is less than half a step.
+        // A third of 100 mm each time: 0.33 µm would be lost each time, or everything below half a step.
         let step = format!("G0 X[100/3] Y[2/3]\n{set}\n");
         let program = format!("G90 G54\n{}G0 X10 Y10\nM2\n", step.repeat(9));
         let (text, found) = verified(errors, &program);
@@ -131,7 +131,7 @@ fn a_zero_that_is_set_loses_nothing() {
             "{text}{found:?}"
         );
     }
-    // Where the place has no more decimals, the word has none either.
+    // If the position has no more decimals, neither has the word.
     let (text, _) = verified(errors, "G0 X100\nG92 X0\nM2\n");
     assert_eq!(text, "G0 X99.999\nG92 X-0.001\nM2\n");
 }

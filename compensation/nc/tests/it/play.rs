@@ -1,4 +1,4 @@
-//! Play: a carriage that lags, as a virtual machine has it and as the result takes it up.
+//! Lost motion and directions of approach, on a virtual machine and in the result.
 
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, Strategy, Verification};
@@ -20,9 +20,9 @@ fn played(dialect: Dialect, texts: [&str; 3], strategy: Strategy) -> Verificatio
     found
 }
 
-/// A carriage that lags by 4 µm stands still where its drive goes back by 1 µm, and where that comes again: on paper.
+/// Closed form: a carriage that lags by 4 µm rests while its drive moves back and forth by 1 µm.
 #[test]
-fn a_carriage_stands_still_within_its_play() {
+fn a_carriage_rests_within_its_play() {
     let lags = format!("{TRAVELS}[errors]\nEXX = {{ mean = {{ poly = [0.0] }}, reversal = -4 }}\n");
     let program = "G90 G0 X0 Y0 Z0\nG1 F100 X100\nX99.999\nX100\nX99.990\n";
     let found = verified(&lags, "", program, Strategy::Plain);
@@ -31,7 +31,7 @@ fn a_carriage_stands_still_within_its_play() {
         let last = places.find(|place| place.line == line).expect("looked at");
         (last.before_um[0], last.after_um[0])
     };
-    // From the middle of its play: 2 µm behind, then the drive comes towards it, and from 4 µm on takes it along.
+    // From the middle of the play: 2 µm behind, then the drive approaches, and from 4 µm on moves the carriage.
     for (line, before) in [(2, -2.0), (3, -1.0), (4, -2.0), (5, 2.0)] {
         let (found, left) = last_of(line);
         assert!((found - before).abs() < 1e-6, "line {line}: {found} µm");
@@ -39,7 +39,7 @@ fn a_carriage_stands_still_within_its_play() {
     }
 }
 
-/// A rotary axis that goes on by the shorter way has another number, and its carriage stays at the flank where it is: on paper.
+/// Closed form: the shorter way changes the number of a rotary position, and its carriage stays at its flank.
 #[test]
 fn the_shorter_way_keeps_the_flank() {
     let travel = "travel = [-500, 500]\n";
@@ -51,7 +51,7 @@ fn the_shorter_way_keeps_the_flank() {
     let start = "[start]\nA = 0\n[work_offset.G500]\nA = 0\n";
     let found = played(Dialect::Siemens, [&lags, start, program], Strategy::Plain);
     let length = |um: [f64; 3]| um.iter().map(|um| um * um).sum::<f64>().sqrt();
-    // Which way the table is off: along the circle about its centre.
+    // Direction of the table deviation along the circle about its centre.
     let off: Vec<f64> = found
         .path
         .iter()
@@ -70,8 +70,8 @@ fn the_shorter_way_keeps_the_flank() {
     }
 }
 
-/// Five machines of different play, in all five axes, whose carriages lag or run ahead: a bore and a cone that is milled off the centre
-/// of the table are within 1.5 µm with words of 1 µm.
+/// Five machines with play in all five axes, lagging or running ahead: a bore and a cone milled off the table centre are within 1.5 µm with
+/// words of 1 µm.
 #[test]
 fn worn_machines_are_within_a_step_and_a_half() {
     for play in [-7.0, -3.5, -1.2, 2.0, 7.0] {
@@ -92,8 +92,8 @@ fn worn_machines_are_within_a_step_and_a_half() {
     }
 }
 
-/// Lost motion of 4 µm: forward an axis is 2 µm short, so that X80 is written as 80.002, and behind its turning point as 79.998. The line
-/// that takes this up is read before the codes of the arc, whatever these are.
+/// Lost motion of 4 µm: X80 is written as 80.002 forwards and as 79.998 after the reversal. The added line is read before the codes of the
+/// arc, whatever these are.
 #[test]
 fn play_is_taken_up_before_arcs_with_other_codes() {
     let machine = "[errors]\nEXX = { mean = { poly = [0.0] }, reversal = -4.0 }\n";
@@ -119,7 +119,7 @@ fn play_is_taken_up_before_arcs_with_other_codes() {
         assert_eq!(out.lines().nth(2), Some("G1 X80.002"), "{block}: {out}");
         assert_eq!(line, Some("G1 X79.998"), "{block}: {out}");
     }
-    // In ways, and in inches: 3 inch are 76.2 mm.
+    // Incremental, and in inches: 3 inch are 76.2 mm.
     let out = crate::flow::text(
         machine,
         "G0 X50 Y40 Z0 F400\nG0 X60\nG91 G1 X20\nG90 G3 X80 Y40 I-20 J0\nM2\n",
@@ -130,7 +130,7 @@ fn play_is_taken_up_before_arcs_with_other_codes() {
         "G20 G0 X1 Y2 Z0 F40\nG0 X2\nG1 X3\nG21 G3 X76.2 Y50.8 I-20 J0\nM2\n",
     );
     assert_eq!(out.lines().nth(3), Some("G1 X2.9999"), "{out}");
-    // The feed is that of the arc where no other has been said.
+    // The added line has the feed of the arc if there was no F before.
     let out = crate::flow::text(
         machine,
         "G0 X60 Y40 Z0\nG0 X80\nG0 Y50\nG17 G3 X80 Y50 I-20 J0 F250\nM2\n",

@@ -1,4 +1,4 @@
-//! Polar coordinates of LinuxCNC (@ and ^) and of FANUC controls (G16): the same paths as by X and Y.
+//! Polar coordinates of LinuxCNC (@ and ^) and FANUC controls (G16): the same paths as in X and Y.
 
 use std::fmt::Write as _;
 
@@ -6,9 +6,9 @@ use volcomp_nc::Dialect;
 use volcomp_test_support::cases;
 
 use crate::{
-    drawn::{Draw, Step, Way, comes_out_as_it_is, judged, leads_to_the_same_places, path, worn},
     flow::text,
     identity::{TRAVELS, compensated},
+    random_programs::{Draw, Step, Way, assert_same_positions, copy_unchanged, judged, path, worn},
 };
 
 fn distance([x, y, _]: [f64; 3]) -> f64 {
@@ -57,9 +57,9 @@ fn distances_and_angles_of_linuxcnc() {
             program += &text;
         }
         let machine = worn(play);
-        leads_to_the_same_places(&machine, &path, Dialect::Rs274, &(program.clone() + "M2\n"));
+        assert_same_positions(&machine, &path, Dialect::Rs274, &(program.clone() + "M2\n"));
         let perfect = volcomp_model::Machine::parse(TRAVELS, "m.toml").expect("a good machine");
-        comes_out_as_it_is(&perfect, Dialect::Rs274, program.as_bytes()).expect("taken");
+        copy_unchanged(&perfect, Dialect::Rs274, program.as_bytes()).expect("taken");
     }
 }
 
@@ -99,7 +99,7 @@ fn distances_and_angles_under_g16() {
                 _ => None,
             };
             if let Some((turns, radius)) = by_radius {
-                // A radius says where the centre is where the arc is neither flat nor near half a turn.
+                // A radius defines the centre only if the arc is neither flat nor near half a turn.
                 let is_plain =
                     (0.8..2.4).contains(&turns.abs()) || (3.9..5.5).contains(&turns.abs());
                 let code = if turns < 0.0 { 2 } else { 3 };
@@ -114,7 +114,7 @@ fn distances_and_angles_under_g16() {
                 continue;
             }
             if is_way {
-                // The distance stays said in G90, the angle is a way in G91.
+                // The distance persists in G90; the angle is incremental in G91.
                 let [x, y, z] = step.to;
                 let code = i32::from(step.way == Way::Line);
                 let radius = distance([x, y, z]);
@@ -146,13 +146,13 @@ fn distances_and_angles_under_g16() {
         let (result, _, found) = judged(&machine, setup, Dialect::Rs274, &program)
             .unwrap_or_else(|error| panic!("{error}\n{program}"));
         let (_, _, expected) = judged(&machine, setup, Dialect::Rs274, &cartesian).expect("taken");
-        crate::drawn::same_places(&found, &expected, &program, &result);
+        crate::random_programs::assert_equal_paths(&found, &expected, &program, &result);
         let perfect = volcomp_model::Machine::parse(TRAVELS, "m.toml").expect("a good machine");
-        comes_out_as_it_is(&perfect, Dialect::Rs274, program.as_bytes()).expect("taken");
+        copy_unchanged(&perfect, Dialect::Rs274, program.as_bytes()).expect("taken");
     }
 }
 
-/// Writes the X and Y words of a program under G16 as places, and leaves its lines where they are.
+/// Converts the X and Y words under G16 to positions; the lines keep their numbers.
 fn by_x_and_y(program: &str) -> String {
     let (mut is_on, mut is_way, mut radius, mut angle) = (false, false, 0.0, 0.0_f64);
     let mut result = String::new();
@@ -197,7 +197,7 @@ fn by_x_and_y(program: &str) -> String {
     result
 }
 
-/// A circle of holes, as programming manuals print it: the errors are X by a tenth of a micrometre for each mm.
+/// A bolt circle from programming manuals: X errors of a tenth of a micrometre per mm.
 #[test]
 fn a_circle_of_holes_under_g16() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
@@ -206,7 +206,7 @@ fn a_circle_of_holes_under_g16() {
         text(scale, program),
         "G17 G90 G16\nG81 Z-20.0 R5.0 F200 X86.594 Y50.000 G15\nX-86.594 Y50.000\nX0.000 Y-100.000\nG15 G80\nG0 X99.990 Y30.0\nM2\n"
     );
-    // Where nothing is corrected, G16 stays; a second G16 holds again.
+    // G16 stays if nothing is corrected; a second G16 is active again.
     let away =
         "[errors]\nEXX = { table = [[-1000, 0], [0, 0], [100, 10]], interpolation = \"linear\" }\n";
     let program =
@@ -217,7 +217,7 @@ fn a_circle_of_holes_under_g16() {
     );
 }
 
-/// Taking up play before an arc is a line of X and Y, too.
+/// A line that takes up play before an arc is in X and Y.
 #[test]
 fn a_line_before_an_arc_under_g16() {
     let play = "[errors]\nEXX = { mean = { poly = [0.0] }, reversal = -6.0 }\n";
@@ -232,20 +232,20 @@ fn a_line_before_an_arc_under_g16() {
 }
 
 #[test]
-fn what_controls_read_in_different_ways_is_refused() {
+fn ambiguous_words_are_refused() {
     for [program, expected] in &cases(
         r"
-G16 G1 X10 F1\n | line 1: polar coordinates under G16 before both the distance and the angle have been said
+G16 G1 X10 F1\n | line 1: polar coordinates under G16 before both the distance and the angle were programmed
 G16 G1 X10 Y0 F1\nG91 X5\n | line 2: a distance under G16 in G91
-G18 G16 G1 X10 Y0 F1\n | line 1: polar coordinates outside the plane
-G18 G16 G1 X10 Z0 F1\n | line 1: polar coordinates outside the plane
+G18 G16 G1 X10 Y0 F1\n | line 1: polar coordinates outside the XY plane
+G18 G16 G1 X10 Z0 F1\n | line 1: polar coordinates outside the XY plane
 G16 G1 X10 Y0 F1\nG2 X10 Y90 I-10\n | line 2: an arc with a centre under G16
-G1 F1 X0 Y0\n@10\n | line 2: polar coordinates whose angle counts from a tool at zero
-G1 F1 @10 ^5 X3\n | line 1: X or Y beside polar coordinates
-G1 F1 @10 @5\n | line 1: @ stands beside @
+G1 F1 X0 Y0\n@10\n | line 2: polar coordinates whose angle is relative to a tool position at zero
+G1 F1 @10 ^5 X3\n | line 1: X or Y with polar coordinates
+G1 F1 @10 @5\n | line 1: found @ and @
 G53 G1 F1 @10 ^5\n | line 1: polar coordinates that are machine coordinates
 G28 X1\n | 
-G16\nG28 X1\n | line 2: a place on the way home (G28, G30) under G16
+G16\nG28 X1\n | line 2: an intermediate point (G28, G30) under G16
 ",
     ) {
         match compensated("", program.as_bytes()) {

@@ -1,4 +1,4 @@
-//! Programs of printers: E words, commands of Klipper and Marlin, and settings of Grbl.
+//! Printer programs: E words, Klipper and Marlin commands, Grbl settings.
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -27,7 +27,7 @@ fn result(control: &str, errors: &str, program: &str) -> Result<String, String> 
         .map_err(|error| error.to_string())
 }
 
-/// The filament of a split motion is shared by its length; each line has its code, without which a printer does nothing.
+/// The filament of a split motion is divided by length; each line has its code, which printers require.
 #[test]
 fn filament_is_shared_over_the_parts() {
     let start = "G21\nG90\nG28\n";
@@ -35,9 +35,9 @@ fn filament_is_shared_over_the_parts() {
         r"
 M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 X100 Y100 E5.0 F1200\nG1 X0 Y100 E10.0\n | M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 X49.995 Y49.980 E2.5 F1200\nG1 X99.990 Y100.000 E5.0\nG1 X49.995 Y99.980 E7.5\nG1 X0.000 Y100.000 E10.0\n
 M83\nG0 X0 Y0 Z0.2\nG1 X100 Y100 E5.00001 ; comment\nG1 E-.8\nG1 X0\n | M83\nG0 X0 Y0 Z0.2\nG1 X49.995 Y49.980 E2.50000 ; comment\nG1 X99.990 Y100.000 E2.50001\nG1 E-.8\nG1 X49.995 Y99.980\nG1 X0.000 Y100.000\n
-// Ways, also of E.
+// Incremental, also E.
 M83\nG0 X0 Y0 Z0.2\nG91\nG1 X100 E4\n | M83\nG0 X0 Y0 Z0.2\nG91\nG1 X49.995 E2 Y-0.020\nG1 X49.995 Y0.020 E2\n
-// What does not move takes what it takes.
+// A motion without travel keeps its filament.
 M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X100 E5\n | M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X49.995 Y-0.020\nG1 X99.990 Y0.000\n
 ",
     ) {
@@ -67,8 +67,7 @@ fn numbers(text: &str, letter: char) -> Vec<i64> {
         .collect()
 }
 
-/// Random prints: by ways the filament of all parts of a motion comes to what its word said, to the last digit; by places each motion
-/// ends at its word, and E grows along it by the share of the way.
+/// Random prints: incremental parts add up to the E word to the last digit; absolute motions end at their word, and E grows with the path.
 #[test]
 fn no_filament_is_lost() {
     let mut draw = ChaCha8Rng::seed_from_u64(12);
@@ -114,7 +113,7 @@ fn no_filament_is_lost() {
             let said = numbers(&format!("G1 E{word}"), 'E')[0];
             if relative {
                 assert_eq!(parts.iter().sum::<i64>(), said, "{text}");
-                // No part goes the other way.
+                // No part retracts.
                 assert!(
                     parts.iter().all(|part| part.signum() * said.signum() >= 0),
                     "{text}"
@@ -137,9 +136,9 @@ fn no_filament_is_lost() {
     assert!(split > 500, "{split}");
 }
 
-/// How much of the way each part has, on a line of which half lies on either side of the bend, and on a half circle.
+/// Share of the path in each part: on a line halved by the bend, and on a half circle.
 #[test]
-fn filament_goes_with_the_way() {
+fn filament_follows_the_path_length() {
     for relative in [false, true] {
         let mode = ["M82", "M83"][usize::from(relative)];
         let program = format!("G90\n{mode}\nG0 X100 Y0 Z0.2\nG92 E0\nG3 X-100 Y0 I-100 J0 E4.25\n");
@@ -161,14 +160,14 @@ fn filament_goes_with_the_way() {
     }
 }
 
-/// Of which motions the filament is not known.
+/// Motions whose filament is unknown.
 #[test]
-fn unknown_filament_is_refused_where_it_has_to_be_shared() {
+fn unknown_filament_of_a_split_motion_is_refused() {
     let line = "G1 X100 Y0 E5\n";
     for [control, program, expected] in &cases(
         r"
-klipper | G90\nG0 X0 Y0 Z0\n | line 3: a motion that is split: the position of E before it is not known
-marlin | G90\nG0 X0 Y0 Z0\n | line 3: a motion that is split: the position of E before it is not known
+klipper | G90\nG0 X0 Y0 Z0\n | line 3: a motion that is split: the position of E before it is unknown
+marlin | G90\nG0 X0 Y0 Z0\n | line 3: a motion that is split: the position of E before it is unknown
 marlin | M83\nG90\nG0 X0 Y0 Z0\n | line 4: a motion that is split: versions of Marlin differ in whether its E
 marlin | G91\nM82\nG90\nG0 X0 Y0 Z0\nG91\nM82\n | line 7: a motion that is split: versions of Marlin differ
 klipper | G92\n | line 1: G92 without an axis
@@ -180,7 +179,7 @@ klipper | G92\n | line 1: G92 without an axis
     for (control, program) in [
         ("klipper", "M83\nG90\nG0 X0 Y0 Z0\n"),
         ("marlin", "G90\nM83\nG0 X0 Y0 Z0\n"),
-        // It is not split.
+        // Not split.
         ("marlin", "M83\nG90\nG0 X0 Y0 Z0\nG1 X10 E5\nM83\n"),
         ("klipper", "M82\nG0 X0 Y0 Z0\nG1 X1 E3\n"),
     ] {
@@ -189,7 +188,7 @@ klipper | G92\n | line 1: G92 without an axis
     }
 }
 
-/// Klipper does not know G53, and goes where the words lead without it; Marlin has machine coordinates.
+/// Klipper ignores G53 and moves in program coordinates; Marlin has machine coordinates.
 #[test]
 fn klipper_has_no_machine_coordinates() {
     let program = "G0 X0 Y0 Z0\nG53 G0 X10\n";
@@ -198,9 +197,9 @@ fn klipper_has_no_machine_coordinates() {
     assert_eq!(result("marlin", "", program).as_deref(), Ok(program));
 }
 
-/// Lines that are no coordinates come out as they are, whatever letters and numbers are in them; whether the axes are known afterwards.
+/// Commands are copied unchanged, whatever letters and numbers they have; whether positions are known afterwards.
 #[test]
-fn commands_of_printers_pass_on() {
+fn printer_commands_are_copied() {
     let harmless = [
         "M73 P0 R12",
         "M104 S215",
@@ -261,22 +260,22 @@ fn commands_of_printers_pass_on() {
             for line in lines {
                 let program = format!("G90\nG0 X0 Y100 Z0.2\n{line}\nG1 Y200\nG1 X20\n");
                 let (text, summary) = run(control, SKEW, &program).expect(line);
-                // Behind what may have moved X no word of it is added.
+                // After a possible motion of X no word of X is added.
                 let added = if known { " X0.200" } else { "" };
                 let expected =
                     format!("G90\nG0 X0.100 Y100 Z0.2\n{line}\nG1 Y200{added}\nG1 X20.200\n");
                 assert_eq!(text, expected, "{control}");
                 let elsewhere = summary.notes.by_line().iter().any(|(line, note)| {
-                    *line == 3 && note.to_string().contains("counts as unknown")
+                    *line == 3 && note.to_string().contains("unknown after it")
                 });
                 assert_eq!(elsewhere, !known, "{line} {:?}", summary.notes);
             }
         }
         for [line, expected] in &cases(
             r"
-G81 X1 Y1 Z1 R1 | line 1: column 1: G81 is not followed
-SET_GCODE_OFFSET X=10 | line 1: column 1: SET_GCODE_OFFSET is not followed
-RESTORE_GCODE_STATE NAME=a | line 1: column 1: RESTORE_GCODE_STATE is not followed
+G81 X1 Y1 Z1 R1 | line 1: column 1: G81 is not supported
+SET_GCODE_OFFSET X=10 | line 1: column 1: SET_GCODE_OFFSET is not supported
+RESTORE_GCODE_STATE NAME=a | line 1: column 1: RESTORE_GCODE_STATE is not supported
 G1 X0 Y0\nX10 | line 2: coordinates without a code
 G1 X0 Y0\nG92 X10\nG28 Y | line 3: G28 of some axes
 N3 G1 X10 Y5*71 | line 1: column 13: found '*'
@@ -291,9 +290,9 @@ N3 G1 X10 Y5*71 | line 1: column 13: found '*'
     assert!(result("linuxcnc", SKEW, "M117 Layer\n").is_err());
 }
 
-/// A way behind homing is not split, and a shift that homing ends is gone.
+/// An incremental motion after homing is not split, and homing ends a shift.
 #[test]
-fn homing_ends_what_was_known() {
+fn homing_makes_positions_unknown() {
     let text = result(
         "klipper",
         BENT,
@@ -318,7 +317,7 @@ fn homing_ends_what_was_known() {
 
 /// Settings and commands of Grbl.
 #[test]
-fn settings_of_grbl_pass_on() {
+fn grbl_settings_are_copied() {
     for (line, known) in [
         ("$X", true),
         ("$$", true),
@@ -336,9 +335,9 @@ fn settings_of_grbl_pass_on() {
             .notes
             .by_line()
             .iter()
-            .any(|(_, note)| note.to_string().contains("counts as unknown"));
+            .any(|(_, note)| note.to_string().contains("unknown after it"));
         assert_eq!(elsewhere, !known, "{line}");
     }
     let error = result("grbl", SKEW, "$J=G91 X10 F100\n").expect_err("a jog");
-    begins(&error, "line 1: column 1: $J is not followed");
+    begins(&error, "line 1: column 1: $J is not supported");
 }

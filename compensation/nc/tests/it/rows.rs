@@ -1,20 +1,20 @@
-//! Rows of holes by L in G91: each hole is where it is without the row.
+//! Rows of holes (L in G91): each hole equals the single hole.
 
 use std::fmt::Write as _;
 
 use volcomp_nc::Dialect;
 
 use crate::{
-    drawn::{Draw, judged, worn},
     flow::text,
     identity::rows,
+    random_programs::{Draw, judged, worn},
 };
 
 const SETUP: &str = "[start]\nX = 0.0\nY = 0.0\nZ = 0.0\n";
 
-/// A row by ways of X and Y, or by polar coordinates, against its holes one by one in G90.
+/// A row in incremental X and Y, or in polar coordinates, against its holes one by one in G90.
 #[test]
-fn each_hole_is_where_it_is_alone() {
+fn holes_of_a_row_equal_single_holes() {
     for seed in 0..96 {
         let draw = &mut Draw::new(5000 + seed);
         let number = |draw: &mut Draw, most: f64| draw.thousandths(-most, most);
@@ -67,17 +67,17 @@ fn each_hole_is_where_it_is_alone() {
 }
 
 #[test]
-fn a_row_is_written_out_where_its_holes_need_different_corrections() {
+fn a_row_is_unrolled_if_its_corrections_differ() {
     let program = "G0 X0 Y0 Z10\nG91 G81 X100 R-5 Z-5 L3 F100 (a row)\nG80\nM2\n";
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
     assert_eq!(
         text(scale, program),
         "G0 X0 Y0 Z10\n(G91 G81 X100 R-5 Z-5 L3 F100 a row)\nG91 G81 X99.990 R-5 Z-5 F100 (a row)\nX99.990\nX99.990\nG80\nM2\n"
     );
-    // The axes carry the same correction before: the row stays.
+    // The axes already have the correction: the row stays.
     let constant = "[errors]\nEXX = { poly = [10.0] }\n";
     assert_eq!(text(constant, program), program.replace("X0", "X-0.010"));
-    // The first hole is where the correction begins: its way alone differs.
+    // The first hole applies the correction: only its increment differs.
     let step = "[errors]\nEXX = { table = [[0, 0], [100, -10], [1000, -10]], interpolation = \"linear\" }\n";
     assert_eq!(
         text(step, program),
@@ -91,9 +91,9 @@ fn a_row_is_written_out_where_its_holes_need_different_corrections() {
     );
 }
 
-/// The tool is a little beside where the row begins: its ways by angles are those of the program, not those of the first hole.
+/// The tool starts slightly off the row: its polar increments are those of the program, not those of the first hole.
 #[test]
-fn a_row_by_angles_begins_beside_its_circle() {
+fn a_polar_row_may_start_off_its_circle() {
     let slight = "[errors]\nEXX = { poly = [0.3] }\n";
     let program = "G0 X100.0005 Y0 Z10\nG91 G81 ^30 R-5 Z-5 L3 F100\nG80\nM2\n";
     let result = text(slight, program);
@@ -119,18 +119,18 @@ fn a_row_by_angles_begins_beside_its_circle() {
 
 /// Depth and plane R each have the correction of their own height: the scale of Z is 50 µm/m, and a hole 200 mm deep.
 #[test]
-fn depth_and_plane_have_the_correction_of_their_height() {
+fn depth_and_plane_r_have_the_correction_at_their_height() {
     let scale = "[errors]\nEZZ = { poly = [0.0, 0.05] }\n";
     for [program, expected] in rows(
         r"
 G0 X0 Y0 Z20\nG81 X10 R0 Z-200 F100\nX20\nX30 Z-100\nX40 R-40\nG80\nM2\n | G0 X0 Y0 Z19.999\nG81 X10 R0 Z-199.990 F100\nX20\nX30 Z-99.995\nX40 R-39.998\nG80\nM2\n
-// In G91 R counts from where the tool is, which has 1 µm, and the depth from R.
+// In G91 R counts from the tool, which has 1 µm, and the depth from R.
 G0 X0 Y0 Z20\nG91 G81 X10 R-20 Z-200 L2 F100\nX10 Z-100\nG80\nM2\n | G0 X0 Y0 Z19.999\n(G91 G81 X10 R-20 Z-200 L2 F100)\nG91 G81 X10 R-19.999 Z-199.990 F100\nX10.000\nX10 Z-99.995\nG80\nM2\n
 ",
     ) {
         assert_eq!(text(scale, program), expected);
     }
-    // Only the side of the hole differs with the depth: the hole is where it belongs half-way down.
+    // Only the side of the hole differs with the depth: the hole is exact half-way down.
     let tilt = "[errors]\nEXZ = { poly = [0.0, 0.05] }\n";
     assert_eq!(
         text(tilt, "G0 X0 Y0 Z20\nG81 X10 R0 Z-200 F100\nG80\nM2\n"),
@@ -138,9 +138,9 @@ G0 X0 Y0 Z20\nG91 G81 X10 R-20 Z-200 L2 F100\nX10 Z-100\nG80\nM2\n | G0 X0 Y0 Z1
     );
 }
 
-/// A row at one place, of which each hole gets a line: a line without a word would be no hole.
+/// Each hole of a row at one position gets a line, which needs a word to be a hole.
 #[test]
-fn each_hole_of_a_row_at_one_place_has_a_word() {
+fn repeated_holes_at_one_position_have_a_word() {
     let tilt = "[errors]\nEYZ = { poly = [0.0, 0.4] }\n";
     assert_eq!(
         text(

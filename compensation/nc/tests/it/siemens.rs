@@ -1,4 +1,4 @@
-//! SINUMERIK: the same paths as in RS-274, in several manners; what is written, and what is refused.
+//! SINUMERIK: the same paths as in RS-274 in several notations; results and refusals.
 
 use std::fmt::Write as _;
 
@@ -7,11 +7,11 @@ use volcomp_nc::{Dialect, NcError};
 use volcomp_test_support::cases;
 
 use crate::{
-    drawn::{
-        Draw, Step, Way, come_out_as_they_are, is_taken_with_its_result, judged,
-        leads_to_the_same_places, path, same_places, worn,
-    },
     identity::{self, TRAVELS, rows},
+    random_programs::{
+        Draw, Step, Way, accepts_with_result, assert_copied, assert_equal_paths,
+        assert_same_positions, judged, path, worn,
+    },
 };
 
 const SEEDS: u64 = 64;
@@ -20,13 +20,13 @@ fn header() -> String {
     "%_N_DRAWN_MPF\nG71 G90 G54 G17 ; as RS-274\nF1000\n".to_owned()
 }
 
-/// The words of the circle of an arc, in the manner of a number that is drawn.
+/// The words of the circle of an arc, in a random notation.
 fn circle(draw: &mut Draw, step: &Step, centre: [f64; 2], turns: f64) -> String {
     let [i, j] = [centre[0] - step.from[0], centre[1] - step.from[1]];
     match draw.below(3) {
         0 => format!("I{i:.6} J={j:.6}"),
         1 => format!("I=AC({:.6}) J=AC({:.6})", centre[0], centre[1]),
-        // A radius says where the centre is where the arc is neither flat nor near half a turn.
+        // A radius defines the centre only if the arc is neither flat nor near half a turn.
         _ if (0.8..2.4).contains(&turns.abs()) => format!("CR={:.6}", i.hypot(j)),
         _ => format!("J=IC({j:.6}) I{i:.6}"),
     }
@@ -43,7 +43,7 @@ fn code(way: Way) -> u32 {
 
 #[test]
 fn absolute_words() {
-    // X runs ahead, or its carriage lags.
+    // The carriage of X runs ahead, or lags.
     let machines = [6.0, -6.0].map(worn);
     for (machine, seed) in machines
         .iter()
@@ -62,7 +62,7 @@ fn absolute_words() {
             writeln!(text, "N{place}0 G{code} X{x:.6}Y={y:.6} {circle} ; {place}")
                 .expect("a string");
         }
-        leads_to_the_same_places(machine, &path, Dialect::Siemens, &(text + "M30\n"));
+        assert_same_positions(machine, &path, Dialect::Siemens, &(text + "M30\n"));
     }
 }
 
@@ -92,11 +92,11 @@ fn incremental_words() {
             };
             writeln!(text, "{modal}\nG{} {x} {y} {rest}", code(step.way)).expect("a string");
         }
-        leads_to_the_same_places(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
+        assert_same_positions(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
     }
 }
 
-/// A frame of the plane, as mathematics has it: turned, then shifted.
+/// A plane frame: rotated, then shifted.
 #[derive(Clone, Copy)]
 struct Frame {
     angle: f64,
@@ -118,7 +118,7 @@ impl Frame {
         }
     }
 
-    /// A place of the workpiece in this frame.
+    /// Workpiece position of a position in this frame.
     fn inside(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         let [x, y] = Self::turn(-self.angle, [x - self.by[0], y - self.by[1]]);
         [x, y, z - self.by[2]]
@@ -131,7 +131,7 @@ fn frames_in_their_order() {
         angle: 0.0,
         by: [0.0; 3],
     };
-    // An axis that a turned frame moves by the rounding of its words must not turn for that.
+    // The rounding of words in a rotated frame must not reverse an axis.
     let machine = worn(0.0);
     for seed in 0..SEEDS {
         let draw = &mut Draw::new(2000 + seed);
@@ -179,7 +179,7 @@ fn frames_in_their_order() {
             };
             writeln!(text, "G{} X{x:.6} Y{y:.6} Z{z:.6} {rest}", code(step.way)).expect("a string");
         }
-        leads_to_the_same_places(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
+        assert_same_positions(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
     }
 }
 
@@ -206,7 +206,7 @@ fn r_parameters() {
             )
             .expect("a string");
         }
-        leads_to_the_same_places(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
+        assert_same_positions(&machine, &path, Dialect::Siemens, &(text + "M30\n"));
     }
 }
 
@@ -250,7 +250,7 @@ fn traori_has_the_numbers_of_m428() {
             .replace("M428", "TRAORI(1)")
             .replace("M429", "TRAFOOF");
         assert_eq!(found, expected, "{seed}");
-        same_places(&of_siemens, &of_rs274, &in_siemens, &found);
+        assert_equal_paths(&of_siemens, &of_rs274, &in_siemens, &found);
     }
 }
 
@@ -267,9 +267,9 @@ fn written(
     identity::written(Dialect::Siemens, machine, setup, program)
 }
 
-/// X is 100 µm/m too long: each place is known on paper, and each word keeps its manner.
+/// X is 100 µm/m too long: each position in closed form, each word in its notation.
 #[test]
-fn words_keep_their_manner() {
+fn words_keep_their_notation() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
     for [program, expected] in &cases(
         r"
@@ -277,7 +277,7 @@ G90 G0 X100\n | G90 G0 X99.990\n
 G0 X=100 ; there\n | G0 X=99.990 ; there\n
 N10 G1 X=AC( 100 ) F=R9\n | N10 G1 X=AC( 99.990 ) F=R9\n
 G0 X0\nX=IC(100)\nX=IC(-100.0)\n | G0 X0\nX=IC(99.990)\nX=IC(-99.990)\n
-G0 X0\nG91 X100\nX=AC(200) X=AC(200)\n | line 3: X stands beside X in one block, of which only one may
+G0 X0\nG91 X100\nX=AC(200) X=AC(200)\n | line 3: found X and X in one block, expected only one of them
 G0 X0\nG91 X100\nX=AC(200)\nX100\n | G0 X0\nG91 X99.990\nX=AC(199.980)\nX99.990\n
 R1=40 R2=60\nG0 X=R1+R2\n | R1=40 R2=60\nG0 X=99.990\n
 DEF REAL LENGTH=50\nG0X=LENGTH*2\n | DEF REAL LENGTH=50\nG0X=99.990\n
@@ -299,9 +299,9 @@ STAGE: G0 X100\n | STAGE: G0 X99.990\n
     }
 }
 
-/// A bent guideway splits a line: the added lines have the manner of the words, the mark of a skipped block, and the stop at their end.
+/// A bent guideway splits a line: added lines have the notation of the words, the slash of a skippable block, and the stop at their end.
 #[test]
-fn added_lines_keep_the_manner() {
+fn added_lines_keep_the_notation() {
     let bent = "[errors]\nEYX = { table = [[-1000, 0], [0, 0], [100, 20], [200, 0], [1000, 0]], interpolation = \"linear\" }\n";
     let program = "G0 X0 Y0 Z0\n/1 N10 G1 X=IC(200) Y=AC(0) F500 M0\n";
     let (text, _) = compensated(bent, "", program).expect("taken");
@@ -316,7 +316,7 @@ fn added_lines_keep_the_manner() {
     );
 }
 
-/// DC goes by the shorter way, whatever whole turns the axis has made, and stays within one turn.
+/// DC takes the shorter way after any number of turns, and stays within one turn.
 #[test]
 fn the_shorter_way() {
     let machine_text = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-360, 360]\n[errors]\nEAA = { poly = [104.719755] }\n";
@@ -331,7 +331,7 @@ fn the_shorter_way() {
     let error = written(&machine, "", "G0 X0 Y0 Z0 A0\nA=DC(180)\n").expect_err("refused");
     assert!(error.to_string().contains("half a turn"), "{error}");
     let error = written(&machine, "", "G0 X=DC(5)\n").expect_err("refused");
-    assert!(error.to_string().contains("does not turn"), "{error}");
+    assert!(error.to_string().contains("is not rotary"), "{error}");
     let swivel = machine_text.replace("[-360, 360]", "[-120, 120]");
     let swivel = Machine::parse(&swivel, "m.toml").expect("a good machine");
     let error = written(&swivel, "", "G0 X0 Y0 Z0 A-100\nA=DC(100)\n").expect_err("refused");
@@ -339,9 +339,9 @@ fn the_shorter_way() {
         error.to_string().contains("over the end of a travel"),
         "{error}"
     );
-    // What holds for one block would hold for the first part of it.
+    // Words for one block would apply to the first part only.
     let error = written(&machine, "", "G0 X0 Y0 Z0\nG1 X50 F100 FB=50\n").expect_err("refused");
-    assert!(error.to_string().contains("FB is not followed"), "{error}");
+    assert!(error.to_string().contains("FB is not supported"), "{error}");
 }
 
 #[test]
@@ -362,12 +362,12 @@ T=3\nD1\nG0 Z0 X0\n | T=3\nD1\nG0 Z0 X-0.020\n
         assert_eq!(text, expected, "{notes:?}");
     }
     let (_, notes) = compensated(scale, setup, "T=\"DRILL\" M6\nG0 X1\n").expect("taken");
-    assert!(notes[0].contains("by their numbers"), "{notes:?}");
+    assert!(notes[0].contains("by number only"), "{notes:?}");
 }
 
-/// Cycles pass on; where they leave the tool the next motion finds it.
+/// Cycles are copied; the next motion starts where they leave the tool.
 #[test]
-fn cycles_pass_on() {
+fn cycles_are_copied() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEZX = { poly = [0.0, 0.1] }\n";
     let program = "G0 X100 Y0 Z50\nCYCLE81(20, 0, 2, -10)\nX200\nMCALL CYCLE82(30,0,2,-5,,1)\nG1 X300 F100\nX400\nMCALL\nPOCKET3(50,0,2,-5,40,30,5,0,0,0)\nX100\n";
     let (text, notes) = compensated(errors, "", program).expect("taken");
@@ -378,7 +378,7 @@ fn cycles_pass_on() {
     let passed = |name: &str| {
         notes
             .iter()
-            .any(|note| note.contains(&format!("motions of {name} pass on")))
+            .any(|note| note.contains(&format!("motions of {name} are copied")))
     };
     assert!(
         passed("CYCLE81") && passed("CYCLE82") && passed("POCKET3"),
@@ -387,41 +387,41 @@ fn cycles_pass_on() {
 }
 
 #[test]
-fn what_is_not_followed_says_where_and_why() {
+fn unsupported_words_are_refused_with_position_and_reason() {
     for [line, expected] in &cases(
         r#"
-IF R1>5 GOTOF END | column 1: IF is not followed: which lines are executed after it
-N10 GOTOB START | column 5: GOTOB is not followed
-WHILE R1<5 | column 1: WHILE is not followed
-REPEAT L1 P=3 | column 1: REPEAT is not followed
-L100 | column 1: L100 is not followed: it may be a subprogram
-G0 X1 CONTOUR | column 7: CONTOUR is not followed
-CONTOUR(5) | column 1: CONTOUR is not followed: it may be a subprogram
-CYCLE800(1,"T") | column 1: CYCLE800 is not followed: frames other than
-ROT X30 | column 5: X is not followed: only rotations about Z
-SCALE X2 | column 1: SCALE is not followed
-MIRROR X0 | column 1: MIRROR is not followed
-BSPLINE X1 | column 1: BSPLINE is not followed: a curve
-G1 X1 RND=2 | column 7: RND is not followed: a rounded
-G1 X1 CHF=2 | column 7: CHF is not followed
-G2 X1 I1 TURN=2 | column 10: TURN is not followed
-CIP X1 Y1 I1=5 J1=3 | column 1: CIP is not followed
-G1 A3=0 B3=0 C3=1 | column 4: A3 is not followed: directions
-G0 C=ACP(10) | column 6: ACP is not followed: a rotary axis that comes from one side
-G0 C=ACN(10) | column 6: ACN is not followed
-ORIWKS | column 1: ORIWKS is not followed: orientations
-G1 AP=30 RP=5 | column 4: AP is not followed: polar
-G111 X1 | column 1: G111 is not followed: polar
-TRANSMIT | column 1: TRANSMIT is not followed
-TRAORI(2) | column 1: TRAORI is not followed
-G0 X1=5 | column 4: X1 is not followed: an axis
-G0 Q1=5 | column 4: Q1 is not followed: an axis
-G33 Z5 K1 | column 1: G33 is not followed: it moves axes by a rule of its own
-G75 Z0 | column 1: G75 is not followed
-G123 | column 1: G123 is not followed: it is not known here
-POS[X]=5 | column 1: POS is not followed
-$P_UIFR[1]=CTRANS(X,5) | column 1: $ is not followed
-G0 G1 X1 | G1 stands beside G0
+IF R1>5 GOTOF END | column 1: IF is not supported: jumps and loops are not supported
+N10 GOTOB START | column 5: GOTOB is not supported
+WHILE R1<5 | column 1: WHILE is not supported
+REPEAT L1 P=3 | column 1: REPEAT is not supported
+L100 | column 1: L100 is not supported: it may be a subprogram
+G0 X1 CONTOUR | column 7: CONTOUR is not supported
+CONTOUR(5) | column 1: CONTOUR is not supported: it may be a subprogram
+CYCLE800(1,"T") | column 1: CYCLE800 is not supported: frames other than
+ROT X30 | column 5: X is not supported: only rotations about Z
+SCALE X2 | column 1: SCALE is not supported
+MIRROR X0 | column 1: MIRROR is not supported
+BSPLINE X1 | column 1: BSPLINE is not supported: a curve
+G1 X1 RND=2 | column 7: RND is not supported: a rounded
+G1 X1 CHF=2 | column 7: CHF is not supported
+G2 X1 I1 TURN=2 | column 10: TURN is not supported
+CIP X1 Y1 I1=5 J1=3 | column 1: CIP is not supported
+G1 A3=0 B3=0 C3=1 | column 4: A3 is not supported: tool directions
+G0 C=ACP(10) | column 6: ACP is not supported: a rotary axis that approaches from one side
+G0 C=ACN(10) | column 6: ACN is not supported
+ORIWKS | column 1: ORIWKS is not supported: tool orientations
+G1 AP=30 RP=5 | column 4: AP is not supported: polar
+G111 X1 | column 1: G111 is not supported: polar
+TRANSMIT | column 1: TRANSMIT is not supported
+TRAORI(2) | column 1: TRAORI is not supported
+G0 X1=5 | column 4: X1 is not supported: an unknown axis
+G0 Q1=5 | column 4: Q1 is not supported: an unknown axis
+G33 Z5 K1 | column 1: G33 is not supported: its motions are not supported
+G75 Z0 | column 1: G75 is not supported
+G123 | column 1: G123 is not supported: it is unknown
+POS[X]=5 | column 1: POS is not supported
+$P_UIFR[1]=CTRANS(X,5) | column 1: $ is not supported
+G0 G1 X1 | found G1 and G0
 G0 X | column 4: expected a number
 G0 X=R1+ | column 8: expected a number, a parameter or a function after this operator
 G0 X=R77 | the value of X is only known at the machine
@@ -429,10 +429,10 @@ G0 X=$AA_IW[X] | the value of X is only known at the machine
 G0 X=1/0 | column 7: this calculation has no result
 R1=5 X=R1 | column 8: a parameter that the same block sets before
 G2 X10 | an arc without a centre and without a radius
-G91 SUPA G0 X0 | machine coordinates (G53, G153, SUPA, M91) that are ways
+G91 SUPA G0 X0 | incremental machine coordinates (G53, G153, SUPA, M91)
 G0 X1 & | column 7: found '&'
 D2 | a cutting edge other than D0 and D1
-EX | column 1: EX is not followed
+EX | column 1: EX is not supported
 "#,
     ) {
         let error = compensated("", "", &format!("G0 X0 Y0 Z0\n{line}\n")).expect_err(line);
@@ -443,7 +443,7 @@ EX | column 1: EX is not followed
 }
 
 #[test]
-fn odd_programs_come_out_byte_for_byte() {
+fn unusual_programs_are_copied_byte_for_byte() {
     let programs: [&[u8]; 10] = [
         b"",
         b"%_N_PART_MPF\r\n;$PATH=/_N_WKS_DIR/_N_PART_WPD\r\nN10 G71 G90\r\nn20 g1 x10y=20f100 ; caf\xe9 IF GOTO\r\n",
@@ -456,13 +456,12 @@ fn odd_programs_come_out_byte_for_byte() {
         b"R1=5*(3+SIN(30))/2 R[2]=POT(3) R3=1.5EX-3\nR4=ATAN2(3,4) DIV 2 MOD 3\nG0 X=R1 Y=-R3 Z=MINVAL(R2,5)\n",
         b"G93 G1 X5 F2\nG94 F100\nG95 F0.1\nG4 F2\nG25 S100\nWORKPIECE(,,,\"BOX\",0)\nMCALL CYCLE83(50,0,2,-20)\nX5 Y5\nMCALL",
     ];
-    come_out_as_they_are(Dialect::Siemens, &programs);
+    assert_copied(Dialect::Siemens, &programs);
 }
 
-/// Lines that are put together at random: no panic; a machine without errors gives back what is taken, and what a worn machine
-/// writes is taken again.
+/// Random lines: no panic; a machine without errors returns accepted lines, and the result on a worn machine is accepted again.
 #[test]
-fn random_lines_come_out_byte_for_byte() {
+fn random_lines_are_copied_byte_for_byte() {
     const PIECES: &str = "G0|G1|G2|G3|G90|G91|X10|Y-5.5|Z=IC(3)|X=AC(7)|I5|J=AC(2)|CR=12|F100|M8|M30|TRANS|ATRANS|ROT RPL=30|\
         AROT Z=15|G54|G505|G500|SUPA|R1=5|X=R1*2|T1|D1|D0|M6|; comment|N10|/|G17|G18|G70|G71|G41|G40|\
         CYCLE81(10,0,2,-5)|MCALL CYCLE82(5,0,2,-5)|MCALL|STAGE:|G4 F2|G93|MSG(\"X\")|C=DC(5)|\"";
@@ -478,15 +477,14 @@ fn random_lines_come_out_byte_for_byte() {
             }
             text.push('\n');
         }
-        taken += usize::from(is_taken_with_its_result(Dialect::Siemens, &text));
+        taken += usize::from(accepts_with_result(Dialect::Siemens, &text));
     }
     assert!(taken > 300, "only {taken} were taken");
 }
 
-/// Every byte that is no changed coordinate comes out, also the blanks behind a value that becomes a number; and brackets nested without
-/// an end are refused.
+/// Unchanged bytes are copied, also blanks after a value that becomes a number; endlessly nested brackets are refused.
 #[test]
-fn blanks_behind_computed_words_stay() {
+fn blanks_after_computed_words_stay() {
     let taken = |program: &str| {
         compensated("[errors]\nEXX = { poly = [11] }\n", "", program).map(|(text, _)| text)
     };

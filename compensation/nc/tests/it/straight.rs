@@ -1,4 +1,4 @@
-//! Straight motions, against corrections that are known on paper.
+//! Straight motions against closed-form corrections.
 
 use crate::identity::compensated;
 
@@ -8,9 +8,9 @@ fn lines(errors: &str, program: &str) -> Vec<String> {
     text.lines().map(str::to_owned).collect()
 }
 
-/// 100 µm/m too long: every coordinate is commanded 100 µm/m shorter, and the words in G91 by their differences.
+/// 100 µm/m too long: every coordinate is 100 µm/m shorter, and G91 words by their differences.
 #[test]
-fn a_scale_error_is_taken_from_every_coordinate() {
+fn a_scale_error_is_subtracted_from_every_coordinate() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
     assert_eq!(
         lines(
@@ -35,9 +35,9 @@ fn a_scale_error_is_taken_from_every_coordinate() {
     assert_eq!(lines(scale, "G0 Y0 Z0\nX100.12345\n")[1], "X100.11344");
 }
 
-/// Squareness: X goes with Y, also where a block does not name X; before X is known it is left out.
+/// Squareness: X follows Y, also in blocks without X; it is omitted until X is known.
 #[test]
-fn an_axis_that_a_block_does_not_name_is_added() {
+fn words_are_added_for_unnamed_axes() {
     let square = "[errors]\nEC0Y = 50.0\n";
     let (out, summary) =
         compensated(square, b"G90\nG1 F100 Y200\nX0 Y200\nY100\nG91 Y100\n").expect("compensated");
@@ -54,20 +54,20 @@ fn an_axis_that_a_block_does_not_name_is_added() {
     assert_eq!(
         notes,
         [
-            "2: corrections of X are left out until the program names that axis, since it is not known where it stands",
-            "3: work offset G54 is not in the set-up: zero was taken"
+            "2: corrections of X are omitted until the program names that axis, because its position is unknown",
+            "3: the set-up file has no work offset G54: zero is assumed"
         ]
     );
 }
 
-/// A straightness curve of X: a long line along X is split where the curve needs it, a line along Y is not.
+/// A straightness error of X splits a long line along X, not one along Y.
 #[test]
 fn lines_are_split_where_the_correction_bends() {
     let bent = "[errors]\nEYX = { poly = [0.0, 0.0, 0.0001] }\n";
     let out = lines(bent, "G90 G0 X0 Y0 Z0\nG1 F100 X400 (along)\nY50\n");
     assert!(out.len() > 6 && out[1].ends_with("(along)"), "{out:?}");
     assert_eq!(out.last().map(String::as_str), Some("Y49.984"));
-    // Each corner is on the corrected curve to half a step, and between them the chord is within 0.5 µm and rounding.
+    // Corners are on the corrected curve to half a step; chords are within 0.5 µm and rounding.
     let mut before = (0.0, 0.0);
     for line in &out[1..out.len() - 1] {
         let word = |letter: char| {
@@ -92,7 +92,7 @@ fn lines_are_split_where_the_correction_bends() {
     assert_eq!(before.0, 400.0);
 }
 
-/// G92 says where the axes stand: with the correction that is in them.
+/// G92 defines the position of the axes, including their correction.
 #[test]
 fn offsets_are_set_with_the_correction_in_the_axes() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
@@ -111,9 +111,9 @@ fn offsets_are_set_with_the_correction_in_the_axes() {
     );
 }
 
-/// The axis that turns has its play taken up before it goes on (4 µm: 2 µm too far on its way up, 2 µm short on its way down); it costs a line only where the play is beyond the tolerance.
+/// Play of 4 µm (±2 µm) is taken up where the axis reverses; a line is added only if the play exceeds the tolerance.
 #[test]
-fn play_is_taken_up_before_an_axis_goes_back() {
+fn play_is_taken_up_before_an_axis_reverses() {
     let play =
         |um: f64| format!("[errors]\nEXX = {{ mean = {{ poly = [0.0] }}, reversal = {um} }}\n");
     let program = "G90 G0 X0 Y0 Z0\nG1 F100 X100\nX40\nG93 G1 X90 F2\n";
@@ -132,9 +132,9 @@ fn play_is_taken_up_before_an_axis_goes_back() {
     assert_eq!(lines(&play(0.4), program).len(), 4);
 }
 
-/// A line along X whose Y is off in its middle only: where it ends Y must be back, although its word says what it said before.
+/// A line along X whose Y error is only in its middle: Y returns at the end, although its word is unchanged.
 #[test]
-fn an_axis_that_stands_still_comes_back_at_the_end_of_a_split_line() {
+fn a_resting_axis_returns_at_the_end_of_a_split_line() {
     let bent = "[errors]\nEYX = { table = [[-1000, 0], [0, 0], [100, 20], [200, 0], [1000, 0]], interpolation = \"linear\" }\n";
     let (out, _) =
         crate::identity::compensated(bent, b"G0 X0 Y0 Z0\nG1 F100 X200 Y0\n").expect("taken");

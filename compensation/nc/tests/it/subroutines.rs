@@ -1,4 +1,4 @@
-//! Subroutines in files of their own: called as they are, or written out where they are corrected.
+//! Subroutines in separate files: called, or unrolled if they are corrected.
 
 use std::{fs, path::PathBuf};
 
@@ -30,7 +30,7 @@ const SQUARE: &str =
 const PROGRAM: &str = "G90 G0 X0 Y0 Z0\no<square> call [100]\nG0 X50\no<Square> call [10]\nM2\n";
 
 #[test]
-fn a_call_stays_where_nothing_is_corrected() {
+fn an_uncorrected_call_is_copied() {
     let files = folder("stays", &[("square.ngc", SQUARE)]);
     assert_eq!(
         compensated("", PROGRAM, vec![files]).expect("taken"),
@@ -38,9 +38,9 @@ fn a_call_stays_where_nothing_is_corrected() {
     );
 }
 
-/// What is written out is what the same subroutine becomes where it stands in the program itself.
+/// An unrolled subroutine equals the same subroutine inside the program.
 #[test]
-fn a_call_that_is_corrected_is_written_out() {
+fn a_corrected_call_is_unrolled() {
     let files = folder("written", &[("square.ngc", SQUARE)]);
     let result = compensated(SCALE, PROGRAM, vec![files]).expect("taken");
     let inside = flow::text(
@@ -54,7 +54,7 @@ fn a_call_that_is_corrected_is_written_out() {
 }
 
 #[test]
-fn files_call_one_another_and_have_subroutines_of_their_own() {
+fn files_call_each_other_and_have_local_subroutines() {
     let outer = "o<outer> sub\no1 call [#1]\no<inner> call [#1]\no<outer> endsub\no1 sub\nG1 X#1 F1\no1 endsub\n";
     let inner = "o<inner> sub\no1 call\no<inner> endsub\no1 sub\nG1 Y1\no1 endsub\n";
     let first = folder("first", &[("outer.ngc", outer)]);
@@ -76,7 +76,7 @@ fn files_call_one_another_and_have_subroutines_of_their_own() {
 }
 
 #[test]
-fn programs_by_their_number() {
+fn files_of_numbered_programs() {
     let text = "%\nO1000 (holes)\nG91 G1 X100 F100\nG90\nM99\n%\n";
     let program = "G0 X0 Y0\nM98 P1000 L2\nM98 P2\nM30\n";
     for name in ["O1000", "o1000.NC", "1000.ngc"] {
@@ -93,18 +93,18 @@ fn programs_by_their_number() {
 }
 
 #[test]
-fn what_is_wrong_names_the_file_and_its_line() {
+fn errors_name_the_file_and_line() {
     let files = |text: &str| folder("wrong", &[("a.ngc", text), ("O0007", text)]);
     let cases = [
         (
             "o<a> sub\nG1 X1 X2\no<a> endsub\n",
             "o<a> call\n",
-            "a.ngc: line 2: X stands beside X in one block, of which only one may",
+            "a.ngc: line 2: found X and X in one block, expected only one of them",
         ),
         (
             "o<a> sub\nG1 X1\n",
             "o<a> call\n",
-            "a.ngc: line 1: what begins here does not end in the program",
+            "a.ngc: line 1: the block that begins here does not end in the program",
         ),
         (
             "o<b> sub\no<b> endsub\n",

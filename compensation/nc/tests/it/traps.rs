@@ -1,5 +1,4 @@
-//! Programs with which small corrections could do great harm: what a control would make of the result is worked out by hand, or by
-//! LinuxCNC's interpreter.
+//! Programs in which small corrections could do great harm: control behaviour worked out by hand or by LinuxCNC's interpreter.
 
 use volcomp_nc::{Dialect, NcError, Note, Strategy, Summary};
 use volcomp_test_support::cases;
@@ -9,7 +8,7 @@ use crate::identity::{begins, compensated, rows, verified_in};
 const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n[errors]\n";
 const START: &str = "[work_offset.G54]\nX = 0\n[start]\nX = 0\nY = 0\nZ = 0\n";
 
-/// The result, and by how much the tool is off with it (µm).
+/// The result, and the maximum deviation of the tool with it, µm.
 fn verified(errors: &str, program: &str) -> Result<(String, Summary, f64), NcError> {
     let machine = format!("{LINEAR}{errors}");
     let texts = [&machine, START, program];
@@ -30,10 +29,10 @@ fn result(errors: &str, program: &str) -> String {
     run(errors, program).expect("compensated").0
 }
 
-/// Arcs of all sizes, from some steps of their words to nearly straight ones, as written and executed again: tolerance and
-/// rounding are all that is left, with a centre and by R, on a machine with play and with bent errors.
+/// Arcs from a few steps to nearly straight, by centre and by R, on a machine with play and curved errors: only tolerance and rounding
+/// remain.
 #[test]
-fn random_arcs_stay_themselves() {
+fn random_arcs_are_within_the_tolerance() {
     let errors = "EXX = { mean = { poly = [3, 0.05] }, reversal = 4 }\nEYX = { poly = [0, 0, 0.0001] }\nEYY = { mean = { poly = [-2, -0.08] }, reversal = 2 }\nEZX = { poly = [1, 0.02] }\n";
     let mut seed = 2_026_u64;
     let mut random = |low: f64, high: f64| {
@@ -46,7 +45,7 @@ fn random_arcs_stay_themselves() {
         let radius = 10_f64.powf(random(-2.0, 3.5));
         let turns = match if radius > 300.0 { 1 } else { case % 4 } {
             0 => random(0.01, 6.2),
-            // So that the chord is some hundredths of a mm.
+            // The chord is some hundredths of a mm.
             1 => (random(0.005, 0.5) / radius).min(6.0),
             2 => std::f64::consts::PI + random(-0.01, 0.01),
             _ => std::f64::consts::TAU - random(0.003, 0.2),
@@ -84,12 +83,12 @@ fn random_arcs_stay_themselves() {
         }
         let program = format!("G0 X{x:.4} Y{y:.4} Z0\nG{code} X{to_x:.4} Y{to_y:.4} {circle}\n");
         let (out, _, off_um) = verified(errors, &program).expect("compensated");
-        // The tolerance, the rounding of the centre, and play that is taken up on the way.
+        // The tolerance, the rounding of the centre, and play taken up during the arc.
         assert!(off_um < 5.5, "{program}{out}{off_um} µm");
     }
 }
 
-/// A sag of 0.2 nm: the rounding of the ends must not turn the arc over.
+/// A sag of 0.2 nm: rounding the ends must not flip the arc.
 #[test]
 fn shallow_arcs_keep_their_side() {
     let constant = "EYY = { poly = [-0.45] }\n";
@@ -100,13 +99,13 @@ fn shallow_arcs_keep_their_side() {
     ] {
         assert_eq!(result(constant, program), program);
     }
-    // The correction bends by more than the arc, and the other way: it still is none of the other side.
+    // The correction bends by more than the arc, in the opposite direction: the arc keeps its side.
     let bent = "EYX = { table = [[-10, 0], [0, 4], [10, 0]], interpolation = \"linear\" }\n";
     let out = result(bent, "G0 X-1 Y0 Z0\nG3 X1 Y0 R20000\nG2 X-1 R20000\n");
     assert!(!out.contains("R-") && !out.contains("J-"), "{out}");
 }
 
-/// An arc that begins just before a quarter, where an axis turns: no part of it may round to nothing.
+/// An arc that begins just before a quadrant, where an axis reverses: no part may round to zero.
 #[test]
 fn no_part_of_an_arc_is_shorter_than_a_reversal() {
     let play = "EXX = { mean = { poly = [0, 0] }, reversal = 3 }\n";
@@ -116,7 +115,7 @@ fn no_part_of_an_arc_is_shorter_than_a_reversal() {
     );
 }
 
-/// Half the chord is rounded to more than R: a centre says what R cannot.
+/// Half the chord is rounded to more than R: a centre is written instead.
 #[test]
 fn half_circles_by_radius_get_a_centre() {
     let scale = "EXX = { poly = [0, -0.09] }\nEYY = { poly = [0, -0.09] }\n";
@@ -131,7 +130,7 @@ fn half_circles_by_radius_get_a_centre() {
     );
 }
 
-/// The end of a full circle is its beginning, also where that lacks a correction of less than the tolerance.
+/// A full circle ends at its start, also if the start lacks a correction below the tolerance.
 #[test]
 fn full_circles_stay_closed() {
     let constant = "EXX = { poly = [0.8] }\nEYY = { poly = [0.8] }\n";
@@ -144,9 +143,8 @@ fn full_circles_stay_closed() {
     );
 }
 
-/// Eight turns of a helix in parts are eight turns.
 #[test]
-fn the_parts_of_several_turns_make_all_of_them() {
+fn the_parts_of_several_turns_add_up() {
     let bent = "EZZ = { poly = [0, 0, 0.00005] }\n";
     let out = result(bent, "G0 X0 Y0 Z0\nG2 X0 I-5 J0 Z-400 P8\n");
     let turns: f64 = out
@@ -172,9 +170,8 @@ fn the_parts_of_several_turns_make_all_of_them() {
     assert!(out.contains('P'), "{out}");
 }
 
-/// What stops the program stops it behind the last part of the motion.
 #[test]
-fn stops_come_behind_the_last_part() {
+fn stops_follow_the_last_part() {
     let bent = "EXX = { poly = [0.0, 0.1] }\nEYX = { poly = [0.0, 0.0, 0.00002] }\n";
     for stop in ["M0", "M1", "M2", "M30", "M60"] {
         let out = result(bent, &format!("G0 X0 Y0 Z0\nG1 X400 {stop} (wait)\n"));
@@ -193,8 +190,7 @@ fn stops_come_behind_the_last_part() {
     let out = result(bent, "G0 X0 Y0 Z0\nG3 X400 Y0 R2000M2\n");
     assert_eq!(out.matches('M').count(), 1, "{out}");
     assert!(out.ends_with("M2\n"), "{out}");
-    // The spindle and the coolant stop where LinuxCNC stops them, before the motion, or where FANUC and Haas controls do, behind it; an exact stop is
-    // meant for the end.
+    // Spindle and coolant stop before the motion on LinuxCNC, after it on FANUC and Haas controls; an exact stop applies to the end.
     for (control, word, is_last) in [
         ("linuxcnc", "M5", false),
         ("linuxcnc", "M9", false),
@@ -221,7 +217,7 @@ fn stops_come_behind_the_last_part() {
         assert_eq!(at, Some(expected), "{control}: {out}");
         assert_eq!(out.matches(word).count(), 1, "{out}");
     }
-    // What is done before the motion stays where it is.
+    // Codes executed before the motion stay in the first part.
     let out = result(bent, "G0 X0 Y0 Z0\nG1 M3 S100 X400 M8\n");
     assert!(
         out.lines()
@@ -231,7 +227,7 @@ fn stops_come_behind_the_last_part() {
     );
 }
 
-/// As LinuxCNC does: what G92.2 switched off does not come back with a shift of another axis.
+/// As on LinuxCNC: a shift switched off by G92.2 does not return with a shift of another axis.
 #[test]
 fn shifts_that_were_switched_off_stay_off() {
     let errors = "EXX = { poly = [0, 0.1] }\nEC0Y = 100\n";
@@ -252,9 +248,9 @@ fn shifts_that_were_switched_off_stay_off() {
     }
 }
 
-/// The control has the corrected place of an axis; the program means the other one.
+/// The control has the corrected position of an axis; the program expects the nominal one.
 #[test]
-fn places_that_are_read_are_written_as_numbers() {
+fn positions_read_by_the_program_are_written_as_numbers() {
     let errors = "EXX = { poly = [-10, 0.1] }\n";
     for [program, expected] in rows(
         r"
@@ -271,17 +267,17 @@ G0 X600 Y0 Z0\n#2=[#<_x>-500]\nG1 X#2\n | G0 X599.950 Y0 Z0\n#2=100\nG1 X#2\n
     let message = refused
         .expect_err("the count of the loop would change")
         .to_string();
-    begins(&message, "line 2: the place of an axis is read here");
+    begins(&message, "line 2: the position of an axis is read here");
 }
 
-/// In G91 a cycle counts R from where the tool was before the first hole, and the depth from R: as LinuxCNC does it.
+/// As on LinuxCNC: in G91 R counts from the tool before the first hole, and the depth from R.
 #[test]
-fn holes_in_g91_are_as_deep_as_they_are_to_be() {
+fn incremental_holes_have_their_depth() {
     let errors = "EZX = { poly = [0, 0.1] }\n";
     for [program, expected] in rows(
         r"
 G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8 Z-5\nX100\nX100 R-1\nX100 Z-7\nG98 X100\nG80\nG90\nG0 Z1\n | G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8.010 Z-5\nX100 R-8.020\nX100 R-1.030\nX100 Z-7 R-1.040\nG98 X100 Z-7.010\nG80\nG90\nG0 Z0.950\n
-// A word that is named anew does not leave the other one with an old correction.
+// A new word of one does not leave an outdated correction in the other.
 G0 X500 Y0 Z10\nG81 X500 R2 Z-5\nX0 R3\nX0 Z-5\nG80\n | G0 X500 Y0 Z9.950\nG81 X500 R1.950 Z-5.050\nX0 R3 Z-5.000\nX0 Z-5\nG80\n
 ",
     ) {
@@ -289,9 +285,9 @@ G0 X500 Y0 Z10\nG81 X500 R2 Z-5\nX0 R3\nX0 Z-5\nG80\n | G0 X500 Y0 Z9.950\nG81 X
     }
 }
 
-/// A call that is written out returns nothing to the control.
+/// An unrolled call returns nothing to the control.
 #[test]
-fn what_a_call_returned_is_written_as_a_number() {
+fn return_values_are_written_as_numbers() {
     let errors = "EXX = { poly = [0, 0.1] }\n";
     let program = "o<f> sub\nG0 X[#1*100]\no<f> endsub [#1*7]\nG0 X0 Y0 Z0\no<f> call [1]\no<f> call [2]\nG0 Y[#<_value>]\n#1=[#<_value>+1]\nG0 Y#1\n";
     let out = result(errors, program);
@@ -301,11 +297,11 @@ fn what_a_call_returned_is_written_as_a_number() {
     begins(&message, "line 6: #<_value> is read here");
 }
 
-/// With the radius of the tool compensated the motion that begins it stays one, and nothing is put before it; also where G41 or G40 stands
-/// in a line of its own, and a motion along Z comes in between.
+/// With cutter radius compensation the entry motion is not split and no line precedes it; also if G41 or G40 is in a separate line and a Z
+/// motion follows.
 #[test]
 fn entry_moves_stay_whole() {
-    // 16 µm of bend over 400 mm: without the code such a motion is split.
+    // 16 µm of bend over 400 mm: without the code the motion is split.
     let bent = "EXX = { mean = { poly = [0, 0, 0.0001] }, reversal = 10 }\nEYX = { poly = [0, 0, 0.0001] }\n";
     let split = result(bent, "G0 X-400 Y-20 Z0\nG1 X0 Y-10\n");
     assert!(split.lines().count() > 3, "{split}");
@@ -318,7 +314,7 @@ fn entry_moves_stay_whole() {
         let out = result(bent, &program);
         assert_eq!(out.lines().count(), program.lines().count(), "{out}");
     }
-    // Behind the exit it is as before.
+    // After the exit motions are split again.
     let out = result(
         bent,
         "G0 X-400 Y-20 Z0\nG41.1 D6\nG1 X0 Y-10\nG40\nG1 X1\nG1 X400\n",
@@ -326,9 +322,9 @@ fn entry_moves_stay_whole() {
     assert!(out.lines().count() > 8, "{out}");
 }
 
-/// By LinuxCNC the second cycle begins at the height that the axes have then: R is -1 from there, and the hole 5 deeper.
+/// On LinuxCNC the second cycle begins at the current height: R is 1 below it, and the hole 5 deeper.
 #[test]
-fn a_row_behind_g80_begins_anew() {
+fn a_row_after_g80_starts_anew() {
     let errors = "EZX = { poly = [0, 0.1] }\n";
     let program = "G0 X0 Y0 Z10\nG99 G81 X500 R2 Z-5\nG80\nG91 G81 X-500 R-1 Z-5\nG80\nM2\n";
     // 50 µm at X500, none at X0: from 1.950 to R at 1 and from there to -4.
@@ -350,15 +346,15 @@ fn cycles_along_a_diameter() {
     );
 }
 
-/// Parts would need an F of their own, or there would be thousands of them; a cycle with R alone drills at some controls.
+/// Parts would need their own F, or there would be thousands; a cycle with R alone drills on some controls.
 #[test]
-fn what_cannot_be_split_is_refused() {
+fn motions_that_cannot_be_split_are_refused() {
     let bent = "EYX = { poly = [0, 0, 0.0001] }\n";
     for [program, expected] in rows(
         r"
-G0 X0 Y0 Z0\nG93 G1 X1000 F#5399\n | line 2: a motion that is split, with an F of inverse time
-G0 X0 Y0 Z0\nG93 G3 X1000 Y0 R2000 F#5399\n | line 2: a motion that is split, with an F of inverse time
-G0 X0 Y0 Z10\nG81 X10 Z-5 R2\nR5\nX20\n | line 3: R alone while a cycle holds
+G0 X0 Y0 Z0\nG93 G1 X1000 F#5399\n | line 2: a motion that is split, with an inverse-time F
+G0 X0 Y0 Z0\nG93 G3 X1000 Y0 R2000 F#5399\n | line 2: a motion that is split, with an inverse-time F
+G0 X0 Y0 Z10\nG81 X10 Z-5 R2\nR5\nX20\n | line 3: R alone while a cycle is active
 ",
     ) {
         let message = run(bent, program).expect_err(program).to_string();
@@ -367,13 +363,13 @@ G0 X0 Y0 Z10\nG81 X10 Z-5 R2\nR5\nX20\n | line 3: R alone while a cycle holds
     // The sag of a part, 100 µm/mm² × (its length)² / 4, is 1 µm for 0.2 mm: 5000 parts.
     let error = run("EYX = { poly = [0, 0, 100] }\n", "G0 X0 Y0 Z10\nG1 X1000\n");
     let message = error.expect_err("refused").to_string();
-    let expected = "line 2: a motion that would be split into more than 4096 parts";
+    let expected = "line 2: a motion that needs more than 4096 parts";
     assert!(message.starts_with(expected), "{message}");
 }
 
-/// G28.1 stores the corrected place: what goes there has that correction.
+/// G28.1 stores the corrected position, so a motion to it contains that correction.
 #[test]
-fn a_place_that_was_stored_is_corrected_once() {
+fn a_stored_position_is_corrected_once() {
     let errors = "EXX = { poly = [0, 0.1] }\n";
     let (out, summary) = run(
         errors,
@@ -405,7 +401,7 @@ fn lines_that_get_too_long_are_noted() {
 
 /// FANUC programs end cycles in the block of the next motion; two other motions in a block stay refused.
 #[test]
-fn g80_may_stand_beside_the_next_motion() {
+fn g80_with_the_next_motion() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
     for (block, expected) in [
         ("G80 G0 X50", "G80 G0 X49.995"),
@@ -421,12 +417,12 @@ fn g80_may_stand_beside_the_next_motion() {
     }
     let error = compensated(scale, b"G0 X1\nG81 G80 X1 Z-5 R2\n").expect_err("refused");
     assert!(
-        error.to_string().contains("of which only one may"),
+        error.to_string().contains("expected only one of them"),
         "{error}"
     );
 }
 
-/// A percent sign ends a program with O-words, too; and lines that are added end as those of the program do.
+/// A percent sign ends a program with O-words, too; added lines have the line ends of the program.
 #[test]
 fn percent_signs_and_ends_of_lines() {
     let bent = "EXX = { poly = [0.0, 0.1] }\nEYX = { poly = [0.0, 0.0, 0.00002] }\n";
@@ -441,9 +437,9 @@ fn percent_signs_and_ends_of_lines() {
 }
 
 #[test]
-fn what_is_no_coordinate_of_a_machine_tool_is_refused() {
+fn implausible_coordinates_are_refused() {
     for (word, line) in [("Y2e100", 1), ("X1e9", 1)] {
-        // There is no exponent in RS-274: so many zeros.
+        // RS-274 has no exponents.
         let (letter, exponent) = word.split_once('e').expect("an exponent");
         let zeros = "0".repeat(exponent.parse().expect("a number"));
         let program = format!("G0 X0 {letter}{zeros}1 Z0\n");
@@ -458,13 +454,12 @@ fn what_is_no_coordinate_of_a_machine_tool_is_refused() {
     }
 }
 
-/// What would be taken for something else than the control takes it for.
 #[test]
-fn what_the_control_would_take_otherwise_is_refused() {
+fn words_that_the_control_reads_differently_are_refused() {
     for [program, expected] in &cases(
         r"
-G1 X1 F1\nM70\n | line 2: M70, which is not followed
-M198 P1000\n | line 1: M198, which is not followed
+G1 X1 F1\nM70\n | line 2: M70, which is not supported
+M198 P1000\n | line 1: M198, which is not supported
 G0 X100\nG04 X1.5\nY50\n | line 2: a dwell (G4) with the word of an axis
 G1 F100 X[#501+100]\n | line 1: the value of X is only known at the machine
 G1 F100 X#5041\n | line 1: the value of X is only known at the machine
@@ -477,9 +472,9 @@ G1 F100 X#5041\n | line 1: the value of X is only known at the machine
         .expect("what the program sets, and what is its own");
 }
 
-/// Behind a probing motion no block leads the probe on to where it did not get.
+/// After a probing motion no block may move the probe on to its unreached target.
 #[test]
-fn nothing_stands_between_a_probe_and_its_retract() {
+fn no_line_is_added_between_a_probe_and_its_retract() {
     let errors = "EXX = { poly = [0.0, 0.04] }\nEYX = { poly = [0.0, 0.1] }\n";
     let program = "G0 X0 Y0 Z10\nG1 Z5 F100\nG38.2 X100 F100\nG1 X-5\nM2\n";
     let errors = format!("[errors]\n{errors}");
@@ -496,9 +491,9 @@ fn nothing_stands_between_a_probe_and_its_retract() {
     );
 }
 
-/// Behind the first O-word lines are executed, not streamed: what no program has is refused there, too.
+/// Lines after the first O-word are executed, not streamed: the same bytes are refused there.
 #[test]
-fn zero_bytes_and_endless_lines_are_refused_behind_an_o_word() {
+fn zero_bytes_and_endless_lines_are_refused_after_an_o_word() {
     let long = "(".to_owned() + &"x".repeat(1 << 20) + ")";
     for (line, expected) in [
         ("G1 X1 F1 \0", "line 3: byte 0x00 at column 10"),
@@ -510,7 +505,7 @@ fn zero_bytes_and_endless_lines_are_refused_behind_an_o_word() {
     }
 }
 
-/// A percent sign ends a program, with O-words and without them.
+/// A percent sign ends a program, with and without O-words.
 #[test]
 fn a_program_ends_by_its_second_percent_sign() {
     for (program, ends) in [
@@ -528,16 +523,16 @@ fn a_program_ends_by_its_second_percent_sign() {
     }
 }
 
-/// A control that compensates the radius of the tool takes 1 µm in the plane for an element of the contour, and turns the tool about its
-/// corner: a motion along Z, or of nothing, moves nothing in the plane, wherever its correction belongs; also before G41 or G40 has taken effect.
+/// With cutter radius compensation a control treats 1 µm in the plane as a contour element and moves around its corner: a Z motion or none
+/// moves nothing in the plane; also before G41 or G40 takes effect.
 #[test]
-fn a_plunge_beside_a_contour_stays_one() {
+fn a_plunge_during_radius_compensation_stays_vertical() {
     let errors = "EB0Z = -100\nEA0Z = 60\n";
     let program = "G0 X-20 Y40 Z5\nG41.1 D20\nG1 Z0\nX0 Y0\nX100 Y0\nZ-20\nX100 Z-40\nX100 Y100\nG91 Z-20\nG90 Z0\nY0\nG40\nZ20\nX50 Y50\n";
     let out = result(errors, program);
     let [before, after] = [program, &out].map(|text| text.lines().collect::<Vec<_>>());
     assert_eq!(before.len(), after.len(), "{out}");
-    // Corrections belong to the places behind the ways in the plane: X -0.1 µm and Y -0.06 µm for each mm of Z.
+    // Corrections at the ends of motions in the plane: X -0.1 µm and Y -0.06 µm for each mm of Z.
     for (place, line) in after.iter().enumerate() {
         let changes = matches!(place, 7 | 10 | 13);
         assert_eq!(
@@ -549,8 +544,7 @@ fn a_plunge_beside_a_contour_stays_one() {
     assert!(out.contains("X99.996 Y99.998"), "{out}");
 }
 
-/// Parts of a contour may be shorter than what the control takes off at an inside corner, and a depth that is reached on the way would be
-/// another one there.
+/// Parts of a contour may be shorter than the cut at an inside corner, which would also change a depth reached on the way.
 #[test]
 fn elements_of_a_contour_are_not_split() {
     let bent = "EXX = { poly = [0, 0, 0.0001] }\nEYX = { poly = [0, 0, 0.0001] }\n";
@@ -568,27 +562,27 @@ fn elements_of_a_contour_are_not_split() {
     assert!(out.lines().count() > on.lines().count() + 3, "{out}");
 }
 
-/// Where the tool stands in R, LinuxCNC lifts it to the plane of G98 before it goes to the next hole, and not where it stands above it.
+/// If the tool is in R, LinuxCNC lifts it to the G98 plane before the next hole, but not if it is above R.
 #[test]
 fn the_plane_r_does_not_go_below_the_tool_before_it_is_lifted() {
     let program = "G0 X0 Y0 Z50\nG99 G81 X100 Z-5 R2\nX600 G98\nX700\n";
     let out = result("EZX = { poly = [0, 0.05] }\n", program);
-    // The tool stands at 1.995, R would be at 1.970.
+    // The tool is at 1.995, R would be at 1.970.
     assert!(out.contains("X600 G98 Z-5.030\n"), "{out}");
     let out = result("EZX = { poly = [0, -0.05] }\n", program);
     assert!(out.contains("X600 G98 Z-4.970 R2.030\n"), "{out}");
 }
 
-/// LinuxCNC keeps the number of a tool length where the unit changes; an arc whose ends are on two circles is none.
+/// LinuxCNC keeps the number of a tool length if the unit changes; an arc with ends on two circles is invalid.
 #[test]
-fn what_controls_read_otherwise_is_refused() {
+fn words_that_other_controls_read_differently_are_refused() {
     let message = |program: &str| run("", program).expect_err("refused").to_string();
     let found = message("G21 G43.1 Z20\nG0 Z5\nG20\nG49\nG0 X1\n");
     begins(&found, "line 4: a tool length that ends in another unit");
     assert!(run("", "G21 G43.1 Z20\nG49\nG20\nG43.1 Z1\n").is_ok());
     let found = message("G0 X0 Y10\nG2 X60 Y40 I20 J0\n");
     assert!(
-        found.contains("a radius of 20.000 mm where it begins and of 50.000 mm where it ends"),
+        found.contains("a radius of 20.000 mm at its start and of 50.000 mm at its end"),
         "{found}"
     );
     assert!(run("", "G0 X0 Y10\nG2 X40.1 Y10 I20 J0\n").is_ok());

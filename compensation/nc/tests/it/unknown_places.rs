@@ -1,11 +1,15 @@
-//! Places that only the control knows: what is not stated is taken as zero, but no word may lead an axis to a place that was made up. What
-//! a control does is worked out by hand, and for LinuxCNC by its interpreter (`rs274 -g`).
+//! Positions that only the control knows: unstated values are assumed to be zero, but no word may move an axis to an assumed position.
+//! Control behaviour is worked out by hand, for LinuxCNC by its interpreter (`rs274 -g`).
+//! Skippable blocks (/) leave unknown positions, too: the result is right whether the operator skips them or not.
 
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, NcError, SetUp, Summary};
 use volcomp_test_support::cases;
 
-use crate::identity::{TRAVELS, begins, compensated_in, has, rows, written};
+use crate::{
+    flow::text,
+    identity::{TRAVELS, begins, compensated, compensated_in, has, rows, written},
+};
 
 /// Z goes down by 0.1 µm for each mm of X: 40 µm at 400 mm.
 const SLOPE: &str = "[errors]\nEZX = { poly = [0.0, 0.1] }\n";
@@ -31,9 +35,9 @@ fn notes(setup: &str, program: &str) -> String {
     notes.collect()
 }
 
-/// Z would go by the difference of two offsets, from machine zero to the zero of the part, or by a length: all unknown.
+/// Z would move by the difference of two offsets, from machine zero to part zero, or by a tool length: all unknown.
 #[test]
-fn no_word_leads_to_a_place_that_was_made_up() {
+fn no_word_is_added_at_an_assumed_position() {
     for begins in [
         "G54 G0 X0 Y0 Z50\nG55\n",
         "G0 X0 Y0 Z50\nG53 G0 Z0\n",
@@ -50,17 +54,16 @@ fn no_word_leads_to_a_place_that_was_made_up() {
         assert_eq!(out, program);
         let notes = format!("{:?}", summary.notes);
         assert!(notes.contains("LeftOut('Z')"), "{begins}{notes}");
-        // Named again, it is corrected again.
+        // Once named, it is corrected again.
         let program = format!("{program}G0 Z20\nG0 X300\n");
         let out = result("", &program);
         assert!(out.ends_with("G0 Z19.960\nG0 X300 Z19.970\n"), "{out}");
     }
 }
 
-/// Where the set-up states what is needed, and within one offset without any, the word is added: 50 mm under G54 at −310 are
-/// 60 under G55 at −320.
+/// If the set-up states the values, and within one unstated offset, the word is added: 50 mm under G54 at −310 are 60 under G55 at −320.
 #[test]
-fn places_that_are_stated_stay_known() {
+fn stated_positions_stay_known() {
     let stated = "[work_offset.G54]\nZ = -310\n[work_offset.G55]\nZ = -320\n[tool.7]\nZ = 80\n[home.G28]\nZ = 0\n";
     for (begins, z) in [
         ("G54 G0 X0 Y0 Z50\nG55\n", "59.960"),
@@ -81,13 +84,13 @@ fn places_that_are_stated_stay_known() {
         let out = result("", &format!("{begins}G0 X400\n"));
         assert_eq!(out, format!("{begins}G0 X400 Z49.960\n"));
     }
-    // Ways lead nowhere else.
+    // Incremental words have the correction under any offset.
     let out = result("", "G54 G0 X0 Y0 Z50\nG55\nG91 G0 X400\n");
     assert!(out.ends_with("G91 G0 X400 Z-0.040\n"), "{out}");
 }
 
 #[test]
-fn no_part_of_a_line_is_on_a_way_that_was_made_up() {
+fn motions_from_an_assumed_position_are_not_split() {
     let bent = "[errors]\nEZX = { poly = [0.0, 0.0, 0.0005] }\n";
     let run = |program: &str| {
         let (out, summary) =
@@ -114,18 +117,17 @@ fn heidenhain_machine_coordinates_and_tools() {
     }
 }
 
-/// G28.1 at a place that nobody knows stores a place that nobody knows.
 #[test]
-fn an_unknown_place_that_was_stored_stays_unknown() {
+fn a_stored_unknown_position_stays_unknown() {
     let program = "G28.1\nG28\nG0 X400\n";
     assert_eq!(result("", program), program);
     let program = "G0 X0 Y0 Z50\nG28.1\nG0 Z70\nG28\nG0 X400\n";
     assert!(result("", program).ends_with("G0 X400 Z49.960\n"));
 }
 
-/// Nobody knows where the axes are: machine coordinates would be made up, and with them every correction.
+/// The axis positions are unknown: machine coordinates, and with them every correction, would be arbitrary.
 #[test]
-fn coordinates_that_are_set_at_an_unknown_place_are_not_corrected() {
+fn coordinates_set_at_an_unknown_position_are_not_corrected() {
     for set in ["G92 X0 Y0 Z0", "G10 L20 P1 X0 Y0 Z0"] {
         let program = format!("{set}\nG0 X400 Z5\nG1 X200 F100\n");
         let (out, summary) = run("", &program).expect(set);
@@ -144,9 +146,9 @@ fn coordinates_that_are_set_at_an_unknown_place_are_not_corrected() {
     }
 }
 
-/// `rs274`: with #5223 = −50, `G0 Z[#5223+40]` goes to −10.
+/// `rs274`: with #5223 = −50, `G0 Z[#5223+40]` moves to −10.
 #[test]
-fn what_the_control_keeps_in_parameters_is_not_set() {
+fn assignments_to_control_parameters_are_refused() {
     for number in ["5161", "5223", "5220", "5390", "5403", "5420"] {
         let message = refusal(&format!("G0 X0\n#{number}=-50\n"));
         begins(&message, &format!("line 2: a value for #{number}, "));
@@ -154,9 +156,9 @@ fn what_the_control_keeps_in_parameters_is_not_set() {
     result("", "#5391=2\n#5160=1\n#5399=1\n");
 }
 
-/// `rs274` begins with G99: behind the cycle it goes on at Z2, not at Z50.
+/// `rs274` begins with G99: after the cycle it continues at Z2, not at Z50.
 #[test]
-fn behind_a_cycle_the_plane_is_known_only_by_g98_or_g99() {
+fn the_height_after_a_cycle_is_known_only_with_g98_or_g99() {
     let hole = |said: &str| format!("{said}G0 X0 Y0 Z50\nG81 X0 R2 Z-5 F100\nG80\nG1 X300\n");
     let last = |said: &str| {
         let out = result("", &hole(said));
@@ -169,10 +171,10 @@ fn behind_a_cycle_the_plane_is_known_only_by_g98_or_g99() {
     assert!(notes.contains("2: a cycle before G98 or G99"), "{notes}");
 }
 
-/// (20, 0) turned by 90° about (10, 5): the matrix takes (10, −5) to (5, 10), that is to (15, 15).
+/// (20, 0) rotated by 90° about (10, 5): (10, −5) becomes (5, 10), so the position is (15, 15).
 #[test]
 fn a_rotation_turns_about_its_centre() {
-    // Along X and Y the correction is that of the machine's place, turned back.
+    // Along X and Y the correction at the machine position, rotated back.
     let errors = "[errors]\nEXX = { poly = [0.0, 0.2] }\nEYY = { poly = [0.0, 0.4] }\n";
     let program = b"G0 X0 Y0 Z0\nG68 X10 Y5 R90\nG0 X20 Y0\nG69\n";
     let (out, _) = compensated_in(&SetUp::default(), errors, program).expect("compensated");
@@ -191,7 +193,7 @@ fn a_rotation_turns_about_its_centre() {
         r"
 G0 X0 Y0\nG68 X10 R90\n | line 2: G68 without X and Y
 G0 X0 Y0\nG52 X5\nG68 X10 Y5 R90\n | line 3: G68 while a shift
-G0 X0 Y0\nG68 X10 Y5 R90\nG91 G0 X5\n | line 3: a way (G91) behind G68
+G0 X0 Y0\nG68 X10 Y5 R90\nG91 G0 X5\n | line 3: an incremental motion (G91) after G68
 ",
     ) {
         let message = refusal(program);
@@ -201,7 +203,7 @@ G0 X0 Y0\nG68 X10 Y5 R90\nG91 G0 X5\n | line 3: a way (G91) behind G68
 }
 
 #[test]
-fn what_controls_read_in_different_ways_is_refused() {
+fn ambiguous_words_are_refused() {
     for [program, why] in &cases(
         r"
 o100 sub\no100 endsub\n/o100 call\n | line 3: an O-word in a block that may be skipped
@@ -214,13 +216,13 @@ G91 G10 L2 P1 X5\n | line 1: G10 L2 in G91
 G10 L2 P0 X5\n | line 1: G10 L2 without a P from 1 to 9
 G91 G53 G0 X5\n | line 1: G53 in G91
 G43 H1\nG0 X0\nH2\n | line 3: H without G43
-G15 H1\n | line 1: H beside G15, G16 or G54 to G59
-G0 X0 Y0\nG16 H0\nX300 Y200\n | line 2: H beside G15
-G56 Z50 H5\n | line 1: H beside G15
-G43 H1\nG1 G42 H19 X5 F1\n | line 2: H beside G41 or G42
-G1 G41 H19 X5 F1\n | line 1: H beside G41 or G42
-M428\nG1 X1 A5 F1\n | line 2: a motion of A, which the machine file does not have
-G43.4 H1\nG1 X1 B5 F1\n | line 2: a motion of B, which the machine file does not have
+G15 H1\n | line 1: H with G15, G16 or G54 to G59
+G0 X0 Y0\nG16 H0\nX300 Y200\n | line 2: H with G15
+G56 Z50 H5\n | line 1: H with G15
+G43 H1\nG1 G42 H19 X5 F1\n | line 2: H with G41 or G42
+G1 G41 H19 X5 F1\n | line 1: H with G41 or G42
+M428\nG1 X1 A5 F1\n | line 2: a motion of A, which the machine file lacks
+G43.4 H1\nG1 X1 B5 F1\n | line 2: a motion of B, which the machine file lacks
 ",
     ) {
         let message = refusal(program);
@@ -235,7 +237,7 @@ G43.4 H1\nG1 X1 B5 F1\n | line 2: a motion of B, which the machine file does not
     ] {
         assert_eq!(result("", good), good);
     }
-    // G05.1 Q1 moves nothing: X goes on with G1.
+    // G05.1 Q1 moves nothing: X continues with G1.
     assert_eq!(
         result(
             "",
@@ -245,28 +247,27 @@ G43.4 H1\nG1 X1 B5 F1\n | line 2: a motion of B, which the machine file does not
     );
 }
 
-/// A rigid tapping cycle comes back to where it began, with the correction that is there.
 #[test]
-fn tapping_comes_back_with_its_correction() {
+fn tapping_returns_with_its_correction() {
     let tap = "G90 G33.1 Z-20 K1\nG91 G1 X0.5 F100\n";
     let out = result("", &format!("G90 G0 X400 Y0 Z10\n{}", tap.repeat(3)));
     assert_eq!(out, format!("G90 G0 X400 Y0 Z9.960\n{}", tap.repeat(3)));
 }
 
 #[test]
-fn what_is_taken_as_zero_or_passes_is_noted() {
+fn assumed_zeros_and_uncorrected_motions_are_noted() {
     let program = "G0 X400 Y0 Z0\nG53 G0 Z0\nG28 Z0\n";
     let found = notes("", program);
     assert_eq!(
         found,
-        "1: work offset G54 is not in the set-up: zero was taken\n2: motions in machine coordinates (G53, G28, G30, SUPA, M91) pass on without a correction\n3: the place of G28 is not in the set-up ([home.G28]): machine zero was taken\n"
+        "1: the set-up file has no work offset G54: zero is assumed\n2: motions in machine coordinates (G53, G28, G30, SUPA, M91) are copied without correction\n3: the set-up file has no position of G28 ([home.G28]): machine zero is assumed\n"
     );
     let stated = "[work_offset.G54]\nX = 0\n[home.G28]\nX = 0\nY = 0\nZ = 0\n";
     assert_eq!(notes(stated, program).lines().count(), 1);
 }
 
 #[test]
-fn other_languages_are_named() {
+fn other_languages_are_recognised() {
     for (line, why) in [
         ("IF [#1 EQ 1] GOTO 10", "macro language of FANUC"),
         ("N10 WHILE [#1 LT 5] DO1", "macro language of FANUC"),
@@ -286,9 +287,9 @@ fn other_languages_are_named() {
     assert!(!message.contains("G560"), "{message}");
 }
 
-/// With G98 the tool goes back up to where it was before the first hole: where nobody knows that, no word leads there.
+/// With G98 the tool returns to its height before the first hole: if that is unknown, no word leads there.
 #[test]
-fn behind_a_hole_from_an_unknown_height_no_height_is_known() {
+fn a_hole_from_an_unknown_height_leaves_an_unknown_height() {
     let without_start = |program: &str| {
         let (out, summary) = run("[work_offset.G54]\nX = 0\n", program).expect("taken");
         let notes: Vec<String> = (summary.notes.by_line().iter())
@@ -301,21 +302,21 @@ fn behind_a_hole_from_an_unknown_height_no_height_is_known() {
         out,
         "G98\nG81 X100 Y0 Z-10.010 R4.990\nX200 Z-10.020\nG80\nG0 X300\nG0 X400 Z8.960\n"
     );
-    assert!(notes.contains("corrections of Z are left out"), "{notes}");
-    // In the plane R the height is known.
+    assert!(notes.contains("corrections of Z are omitted"), "{notes}");
+    // In plane R the height is known.
     let (out, _) = without_start("G99\nG81 X100 Y0 Z-10 R5\nG80\nG0 X300\n");
     assert_eq!(
         out,
         "G99\nG81 X100 Y0 Z-10.010 R4.990\nG80\nG0 X300 Z4.970\n"
     );
-    // A block that may be skipped leaves the height open, and so does the hole behind it.
+    // After a skippable block the height is unknown, and so it is after the next hole.
     let (out, _) = without_start("G98\nG0 X0 Y0 Z150\n/G0 Z30\nG81 X100 Z-10 R5\nG80\nG0 X300\n");
     assert!(out.ends_with("G80\nG0 X300\n"), "{out}");
 }
 
-/// Many machines move to change a tool.
+/// Many machines move the axes for a tool change.
 #[test]
-fn behind_a_tool_change_no_place_is_known() {
+fn positions_are_unknown_after_a_tool_change() {
     let setup = "[work_offset.G54]\nX = 0\n[tool.1]\nZ = 0.0\n[tool.2]\nZ = 0.0\n[start]\nX = 0\nY = 0\nZ = 0\n";
     assert_eq!(
         result(setup, "G0 X100 Y0 Z5\nT2 M6\nG0 X200\nG0 Z5\nX300\n"),
@@ -323,16 +324,16 @@ fn behind_a_tool_change_no_place_is_known() {
     );
 }
 
-/// Beginning, end and centre of an arc that cannot be corrected go by one and the same correction: X is 0.05 mm in each metre too long.
+/// Start, end and centre of an uncorrectable arc have one correction: X is 0.05 mm per metre too long.
 #[test]
-fn an_arc_of_which_one_axis_is_unknown_goes_as_a_whole() {
+fn an_arc_with_one_unknown_axis_is_not_split() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.05] }\n";
     let result = |program: &str| {
         let (out, _) =
             compensated_in(&SetUp::default(), errors, program.as_bytes()).expect(program);
         String::from_utf8(out).expect("text")
     };
-    // The place of Y is not known until it is named: X is known, and carries -0.020 at 400 mm.
+    // Y is unknown until it is named; X is known and carries -0.020 at 400 mm.
     for (arc, expected) in [
         ("G2 X420 I10 J0 F100", "G2 X419.980 I10 J0 F100"),
         ("G3 X420 R10 F100", "G3 X419.980 R10 F100"),
@@ -351,7 +352,7 @@ fn an_arc_of_which_one_axis_is_unknown_goes_as_a_whole() {
     // In every plane.
     let out = result("G0 X400\nG18 G2 X420 I10 K0 F100\n");
     assert_eq!(out, "G0 X399.980\nG18 G2 X419.980 I10 K0 F100\n");
-    // Behind it each axis that is known is corrected again.
+    // After it each known axis is corrected again.
     let out = result("G0 X400\nG2 X420 Y0 I10 J0 F100\nG1 X500 Y1\n");
     assert!(
         out.ends_with("G2 X419.980 Y0 I10 J0 F100\nG1 X499.975 Y1\n"),
@@ -359,10 +360,10 @@ fn an_arc_of_which_one_axis_is_unknown_goes_as_a_whole() {
     );
 }
 
-/// Steps for each mm, accelerations, the arguments of a macro: nobody says that they are coordinates, so none of them changes, and where
-/// the axes are behind them nobody knows. X needs 1 µm for each mm of Y.
+/// Steps per mm, accelerations, macro arguments: they may not be coordinates, so none changes, and the positions are unknown after them. X
+/// needs 1 µm for each mm of Y.
 #[test]
-fn words_that_no_code_claims_are_no_coordinates() {
+fn words_of_unknown_codes_are_not_coordinates() {
     let skew = "[errors]\nEC0Y = 1000.0\n";
     let run = |control: &str, program: &str| {
         let control = match control {
@@ -397,10 +398,10 @@ fn words_that_no_code_claims_are_no_coordinates() {
             let expected = format!("{begins}{block}\n{behind}");
             assert_eq!(out, expected, "{control} {block}");
             let name = block.split_whitespace().find(|word| word.starts_with('M'));
-            let expected = format!("2: {} passes on as it is", name.expect("an M code"));
+            let expected = format!("2: {} is copied unchanged", name.expect("an M code"));
             assert!(notes.contains(&expected), "{control} {block}: {notes}");
         }
-        // What is known, or has a motion of its own, moves the axes; so does an unknown one without words of axes.
+        // Known codes, and blocks with a motion code, move the axes; so do unknown codes without axis words.
         for block in ["M8 X50.", "X50. M3 S100", "G1 M205 X50.", "M19 X50."] {
             let program = format!("G90 G1 X0. Y100. Z0. F100\n{block}\nY200.\n");
             let (out, _) = run(control, &program).expect(block);
@@ -409,46 +410,46 @@ fn words_that_no_code_claims_are_no_coordinates() {
         }
         let (out, _) = run(control, "G1 X0. Y100. Z0. F100\nM205\nY200.\n").expect("taken");
         assert_eq!(out, "G1 X0.100 Y100. Z0. F100\nM205\nY200. X0.200\n");
-        // An arc may begin with the correction or without.
+        // An arc could begin with or without the correction.
         let arc = "G90 G1 X0. Y100. F100\nX10. M205\nG2 X20. I5.\n";
         let message = run(control, arc).expect_err(arc);
         begins(&message, "line 3: an arc after an unknown M code");
         let named = "G90 G1 X0. Y100. F100\nX10. M205\nG1 X10.\nG2 X20. I5.\n";
         run(control, named).expect(named);
-        // Ways are as they are until the place is named.
+        // Incremental words are copied until the position is named.
         let ways = "G90 G1 X0. Y100. F100\nM205 X1. Y1.\nG91 X5. Y5.\n";
         let (out, _) = run(control, ways).expect(ways);
         assert!(out.ends_with("M205 X1. Y1.\nG91 X5. Y5.\n"), "{out}");
     }
-    // Programs of the user of LinuxCNC have P and Q: coordinates beside them are a motion.
+    // User programs of LinuxCNC take P and Q: coordinates in the same block are a motion.
     let (out, _) = run("linuxcnc", "G1 X0 Y100 F100\nM101 P1 Q2 X50\n").expect("taken");
     assert!(out.ends_with("M101 P1 Q2 X50.100\n"), "{out}");
     let (out, _) = run("", "G1 X0 Y100 F100\nM101 P1 Q2 X50\n").expect("taken");
     assert!(out.ends_with("M101 P1 Q2 X50\n"), "{out}");
-    // Numbers of an M code count for no manner of writing coordinates.
+    // Numbers of an M code do not count as coordinates without a point.
     for control in ["fanuc", "haas", "mazak"] {
         let (out, _) = run(control, "G1 X0. Y100. F100.\nM92 X80 Y80\nX50.\n").expect("taken");
         assert!(out.ends_with("M92 X80 Y80\nX50.100\n"), "{out}");
     }
 }
 
-/// What `rs274` says of each: "R word with no g code that uses it" and such.
+/// As the messages of `rs274`: "R word with no g code that uses it" and such.
 #[test]
-fn words_beside_a_motion_that_does_not_use_them_are_refused() {
+fn words_that_a_motion_does_not_use_are_refused() {
     for [line, why] in &cases(
         "
-G1 X1 E1 | E beside G1, which is the filament of a printer
-G0 X1 E1 | E beside G0, which is
-G2 X1 I.5 E1 | E beside G2, which is
-G1 X1 R1 | R beside G1, with which some controls round a corner
-X1 R1 | R beside G1
-G1 R5 | R beside G1
-G53 G1 X1 R1 | R beside G1
-G1 X1 Q1 | Q beside G1, which no code of the block uses
-G3 X1 I.5 Q1 | Q beside G3
-G1 X1 K1 | K beside G1
-G2 X1 I.5 K1 | K beside G2, which is no part of the centre
-G1 X1 M8 R5 | R beside G1
+G1 X1 E1 | E with G1, which is the filament of a printer
+G0 X1 E1 | E with G0, which is
+G2 X1 I.5 E1 | E with G2, which is
+G1 X1 R1 | R with G1, which rounds a corner on some controls
+X1 R1 | R with G1
+G1 R5 | R with G1
+G53 G1 X1 R1 | R with G1
+G1 X1 Q1 | Q with G1, which no code of the block uses
+G3 X1 I.5 Q1 | Q with G3
+G1 X1 K1 | K with G1
+G2 X1 I.5 K1 | K with G2, which is not a centre coordinate
+G1 X1 M8 R5 | R with G1
 ",
     ) {
         for control in ["", "linuxcnc", "fanuc", "haas", "mazak", "grbl"] {
@@ -482,14 +483,14 @@ G1 X1 M8 R5 | R beside G1
         let setup = format!("control = \"{control}\"\n");
         run(&setup, "M83\nG1 X1 E1\n").expect("filament");
         let message = run(&setup, "G1 X1 Q1\n").expect_err("refused").to_string();
-        assert!(message.starts_with("line 1: Q beside G1"), "{message}");
+        assert!(message.starts_with("line 1: Q with G1"), "{message}");
     }
 }
 
-/// The other points of a spline are ways from its ends, so that its end goes by the correction with which it begins: X is 0.05 mm in each metre
-/// too long, 20 µm at 400 mm.
+/// The other points of a spline are relative to its ends, so its end keeps the correction of its start: X is 0.05 mm per metre too long, 20
+/// µm at 400 mm.
 #[test]
-fn a_spline_goes_as_a_whole() {
+fn a_spline_is_not_split() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.05] }\n";
     for (spline, expected) in [
         ("G5 I0 J3 P0 Q-3 X500 Y50", "G5 I0 J3 P0 Q-3 X499.980 Y50"),
@@ -515,7 +516,7 @@ fn a_spline_goes_as_a_whole() {
     }
 }
 
-/// In each language an axis whose place is unknown gets no word, and the others are corrected, also in cycles and about poles. At 400 mm X
+/// In each language an axis at an unknown position gets no word, and the others are corrected, also in cycles and about poles. At 400 mm X
 /// needs −20 µm, Y −80 µm, Z −40 µm.
 #[test]
 fn unknown_axes_in_cycles_and_in_each_language() {
@@ -529,10 +530,10 @@ fn unknown_axes_in_cycles_and_in_each_language() {
     };
     for [language, program, expected] in rows(
         r"
-// Holes have heights of their own; behind G98 the height is that of before.
+// Holes have their own heights; with G98 the height is the one before.
 rs274 | G0 X400 Y0 Z50\nT2 M6\nG98 G81 X300 Y10 Z-5 R2 F100\nX200\nG80\nG0 X100\nG0 Z9\n | G0 X399.980 Y-0.080 Z49.960\nT2 M6\nG98 G81 X299.985 Y9.940 Z-5.030 R1.970 F100\nX199.990 Z-5.020 R1.980 Y9.960\nG80\nG0 X99.995 Y9.980\nG0 Z8.990\n
 rs274 | G0 X400 Y0 Z50\nM205 X1 Y1\nG99 G81 X300 Z-5 R2 F100\nY5\nX100 Y10\nG80\nG0 X200\n | G0 X399.980 Y-0.080 Z49.960\nM205 X1 Y1\nG99 G81 X299.985 Z-5.030 R1.970 F100\nY4.940\nX99.995 Y9.980 Z-5.010 R1.990\nG80\nG0 X199.990 Y9.960 Z1.980\n
-// Both polar coordinates are a place of X and Y.
+// Both polar coordinates define X and Y.
 rs274 | G0 X400 Y0 Z50\nT2 M6\nG16\nG0 X300 Y45\nG15\nG0 X100\n | G0 X399.980 Y-0.080 Z49.960\nT2 M6\nG16\nG0 X212.121 Y212.090 G15\nG15\nG0 X99.995 Y212.112\n
 rs274 | G0 X400 Y0 Z50\nM205 X1 Y1\nG0 @300 ^45\nG0 X100\n | G0 X399.980 Y-0.080 Z49.960\nM205 X1 Y1\nG0 X212.121 Y212.090\nG0 X99.995 Y212.112\n
 siemens | G0 X400\nG2 X420 I10 J0 F100\nG2 X440 Y0 CR=10\nG1 X500 Y1\n | G0 X399.980\nG2 X419.980 I10 J0 F100\nG2 X439.980 Y0 CR=10\nG1 X499.975 Y0.900\n
@@ -548,16 +549,106 @@ heidenhain | L X+400 FMAX\nCR X+420 Y+0 R+10 DR+ F100\nL X+100\n | L X+399.980 F
         };
         assert_eq!(run(dialect, program).as_deref(), Ok(expected), "{program}");
     }
-    // A pole relative to a place that is unknown is none.
+    // A pole relative to an unknown position is invalid.
     for [line, expected] in rows(
         r"
-C X+420 Y+0 DR+ F100 | line 3: an arc without a radius and without a pole (CC) whose place is known: name X and Y before
-LP PR+50 PA+45 | line 3: polar coordinates without a pole (CC) whose place is known: name X and Y before
+C X+420 Y+0 DR+ F100 | line 3: an arc without a radius and without a pole (CC) at a known position: program X and Y before
+LP PR+50 PA+45 | line 3: polar coordinates without a pole (CC) at a known position: program X and Y before
 ",
     ) {
         let program = |begins: &str| format!("{begins}\nCC IX+10 IY+0\n{line}\n");
         let error = run(Dialect::Heidenhain, &program("L X+400 FMAX")).expect_err(line);
         assert!(error.starts_with(expected), "{error}");
         run(Dialect::Heidenhain, &program("L X+400 Y+0 FMAX")).expect(line);
+    }
+}
+
+/// End position of a program of plain words, with its slash blocks executed or skipped.
+fn ends(program: &str, skips: bool) -> [f64; 3] {
+    let mut at = [0.0; 3];
+    for line in program
+        .lines()
+        .filter(|line| !(skips && line.starts_with('/')))
+    {
+        for word in line.trim_start_matches('/').split(' ') {
+            let axis = "XYZ".find(|letter| word.starts_with(letter));
+            if let Some(axis) = axis {
+                at[axis] = word[1..].parse().expect("a number");
+            }
+        }
+    }
+    at
+}
+
+#[test]
+fn no_word_relies_on_a_skippable_block() {
+    let square = "[errors]\nEC0Y = 200.0\nEZX = { poly = [0.0, 0.1] }\n";
+    for program in [
+        "G0 X10 Y10 Z5\nG1 Z-5 F100\n/Z-25\nX120 Y60\n",
+        "G0 X10 Y10 Z5\n/G1 X100 F100\nG1 Y50 F100\n",
+        "G0 X10 Y10 Z5\nG81 X20 Z-5 R2 F10\n/X40\nY30\n",
+        "G0 X10 Y10 Z5\n/Z50\n/X200\nY0\nX0 Z1\nY100\n",
+    ] {
+        let result = text(square, program);
+        for skips in [false, true] {
+            let (wanted, found) = (ends(program, skips), ends(&result, skips));
+            for axis in 0..3 {
+                assert!(
+                    (wanted[axis] - found[axis]).abs() < 0.1,
+                    "{program}{result}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn motions_after_a_skippable_block_are_not_split() {
+    let bent = "[errors]\nEYX = { poly = [0.0, 0.0, 0.001] }\n";
+    let result = text(bent, "G0 X0 Y0 Z0\n/X500\nG1 X-500 F100\nX500\n");
+    let lines: Vec<&str> = result.lines().collect();
+    assert!(lines[2].starts_with("G1 X-500"), "{result}");
+    assert!(
+        !lines[3].starts_with("X500"),
+        "the way back is split: {result}"
+    );
+    // Also if the program does not state its start.
+    let result = text(bent, "G0 Z0\nG1 X-500 Y0 F100\nX500\n");
+    let second = result.lines().nth(1).expect("a line");
+    assert!(second.starts_with("G1 X-500 Y"), "{result}");
+    assert!(result.lines().count() > 3, "{result}");
+}
+
+#[test]
+fn modal_codes_in_skippable_blocks_are_refused() {
+    for (block, line) in [
+        ("/G91", 2),
+        ("/G54", 2),
+        ("/G20", 2),
+        ("/G18 X1", 2),
+        ("/G92 X0", 2),
+        ("/#1=5", 2),
+        ("/M30", 2),
+        ("/G43 H1", 2),
+        ("/G0 X5", 3),
+    ] {
+        let program = format!("G1 X0 Y0 Z0 F1\n{block}\nX10\n");
+        let error = compensated("", program.as_bytes())
+            .expect_err(block)
+            .to_string();
+        begins(&error, &format!("line {line}: a "));
+        has(&error, "(/)");
+    }
+    for good in [
+        "/M8",
+        "/G4 P1",
+        "/X5 F100",
+        "/G1 X5",
+        "/(nothing)",
+        "/G0 Z5\nG1",
+    ] {
+        let program = format!("G1 X0 Y0 Z0 F1\n{good}\nG1 X10\n");
+        let (out, _) = compensated("", program.as_bytes()).expect(good);
+        assert_eq!(String::from_utf8_lossy(&out), program);
     }
 }

@@ -1,4 +1,4 @@
-//! A program and its result on a virtual machine, against deviations that are known on paper.
+//! A program and its result on a virtual machine, against closed-form deviations.
 
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, Job, NcError, SetUp, Verification, picture};
@@ -20,9 +20,9 @@ fn verified(model: &str, truth: &str, program: &str) -> Result<Verification, NcE
     verified_by(&truth, &setup, Dialect::Rs274, texts, &summary.shares)
 }
 
-/// The model knows 80 of 100 µm/m: of 10 µm at 100 mm 2 are left.
+/// The model has 80 of 100 µm/m: of 10 µm at 100 mm 2 µm remain.
 #[test]
-fn what_the_model_does_not_know_is_left() {
+fn unmodelled_errors_remain() {
     let program =
         "G90 G0 X0 Y0 Z0\nG1 F100 X100\nG53 G0 X0\nO1 repeat [2]\nG91 G1 X-50\nO1 endrepeat\nM2\n";
     let errors = |scale: f64| format!("[errors]\nEXX = {{ poly = [0.0, {scale}] }}\n");
@@ -30,7 +30,7 @@ fn what_the_model_does_not_know_is_left() {
     assert!((found.before.max_um - 10.0).abs() < 0.01, "{found:?}");
     assert_eq!((found.before.line, found.before.tip_mm[0]), (2, 100.0));
     assert!((found.after.max_um - 2.0).abs() < 0.51, "{found:?}");
-    // One way from 0 to 100, two from 0 to -50 and on to -100, at eight places each, and the rapid motion's end.
+    // One length from 0 to 100, two from 0 to -50 and on to -100, eight positions each, and the end of the rapid motion.
     assert_eq!((found.motions, found.places), (4, 25));
     let eighths: f64 = (1..=8).map(|i| f64::from(i * i) / 64.0).sum();
     let halves: f64 = (1..=16).map(|i| f64::from(i * i) / 256.0).sum();
@@ -38,9 +38,9 @@ fn what_the_model_does_not_know_is_left() {
     assert!((found.before.rms_um - rms).abs() < 0.01, "{found:?}");
 }
 
-/// Long lines and arcs that are written in parts stay within the tolerance and the rounding of their words.
+/// Long lines and arcs in parts stay within the tolerance and the rounding of their words.
 #[test]
-fn what_the_model_knows_is_gone() {
+fn modelled_errors_are_removed() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYX = { poly = [0.0, 0.0, 0.0004] }\nEXY = { table = [[-1000, 0], [0, 30], [1000, 0]], interpolation = \"linear\" }\nEC0Y = 60.0\n";
     let program = "G90 G0 X-300 Y-200 Z0\nG1 F100 X300 Y250\nG2 X100 Y50 R220\nG3 I-40 J30\nG81 X10 Y20 Z-5 R1\nX30 L2\n";
     let found = verified(errors, errors, program).expect("verified");
@@ -49,7 +49,7 @@ fn what_the_model_knows_is_gone() {
     let svg = picture(&found);
     assert!(svg.contains("without compensation: at most"), "{svg}");
     assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
-    // Nothing moves: still a picture.
+    // No motion: still a picture.
     let empty = verified(errors, errors, "G90\n").expect("verified");
     assert!(picture(&empty).ends_with("</svg>\n"));
 }
@@ -60,11 +60,11 @@ fn a_result_of_another_program_is_refused() {
     let (setup, texts) = (SetUp::default(), ["G0 X1\nG0 X2\n", "G0 X1\n"]);
     let error = verified_by(&truth, &setup, Dialect::Rs274, texts, &[1.0, 1.0]);
     let message = error.expect_err("one motion is missing").to_string();
-    let expected = "line 2: the result does not make";
+    let expected = "line 2: the result has other motions";
     assert!(message.starts_with(expected), "{message}");
 }
 
-/// A program and a result of it that is written here, on a machine with these errors.
+/// A program and a hand-written result on a machine with these errors.
 fn compared(
     truth: &str,
     setup: &SetUp,
@@ -77,10 +77,10 @@ fn compared(
     found.expect("verified")
 }
 
-/// A scale error is along a line of its axis and across one of another: along X 10 µm at 100 mm, and as much across along Y there. On a
-/// circle about the zero of both scales it is across alone, and a turn about that zero is along it alone.
+/// A scale error is along a line of its axis and across one of another: 10 µm at 100 mm along X, as much across along Y there. On a circle
+/// about the zero of both scales it is purely across, and a rotation about that zero is purely along.
 #[test]
-fn what_is_along_the_path_is_not_across() {
+fn deviations_along_the_path_are_not_across() {
     let ways = |truth: &str, program: &str| {
         let setup = SetUp::default();
         let shares = vec![1.0; program.lines().count()];
@@ -109,12 +109,12 @@ fn what_is_along_the_path_is_not_across() {
     let diagonal = ways(scale, "G1 F100 X100 Y100\n");
     let half = 10.0 / 2_f64.sqrt();
     assert!((diagonal.across_max_um - half).abs() < 1e-5, "{diagonal:?}");
-    // A circle of 50 mm, begun where the rapid motion ends: 5 µm all around, whichever of the two.
+    // A circle of 50 mm from the end of the rapid motion: 5 µm all around for both.
     let circle = "G1 F100 X50\nG3 I-50\n";
     let both = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYY = { poly = [0.0, 0.1] }\n";
     let radial = ways(both, circle);
     assert!((radial.across_max_um - 5.0).abs() < 1e-3, "{radial:?}");
-    // Two lengths of 100 mm and more are 32 places; on the way to it nothing is across.
+    // Two lengths of more than 100 mm are 32 positions; nothing is across on the way.
     let of_circle = 5.0 * (32.0_f64 / 40.0).sqrt();
     assert!(
         (radial.across_rms_um - of_circle).abs() < 1e-3,
@@ -122,7 +122,7 @@ fn what_is_along_the_path_is_not_across() {
     );
     let turned = "[errors]\nEYX = { poly = [0.0, 0.1] }\nEXY = { poly = [0.0, -0.1] }\n";
     let tangential = ways(turned, "G0 X50\nG3 F100 I-50\nG3 I-50\n");
-    // The end of the rapid motion has no direction, so that its 5 µm count.
+    // The end of the rapid motion has no direction, so its 5 µm count.
     assert!((tangential.max_um - 5.0).abs() < 1e-3, "{tangential:?}");
     let of_end = 5.0 / 65_f64.sqrt();
     assert!(
@@ -131,10 +131,9 @@ fn what_is_along_the_path_is_not_across() {
     );
 }
 
-/// Where places are looked at is a matter of the program: a result that is split, and one that is not, are compared with the same
-/// numbers before. The play of an axis is no exception.
+/// Evaluated positions depend on the program only: split and unsplit results have the same deviation before, also with play.
 #[test]
-fn before_does_not_depend_on_the_result() {
+fn the_deviation_before_is_independent_of_the_result() {
     let truth = "[errors]\nEXX = { mean = { poly = [0.0, 0.05, 0.0002] }, reversal = -3 }\nEYX = { poly = [0.0, 0.1, 0.001] }\n";
     let program = "G1 F100 X300 Y40\nG3 X200 Y60 R80\n";
     let setup = SetUp::default();
@@ -150,9 +149,9 @@ fn before_does_not_depend_on_the_result() {
     assert_ne!(parts.after, parts.before);
 }
 
-/// Of three motions one ends 2 µm off with the result instead of 1 µm, one is better and one as it was.
+/// One motion ends 2 µm off with the result instead of 1 µm, one is better and one unchanged.
 #[test]
-fn motions_that_are_further_off_are_counted() {
+fn worsened_motions_are_counted() {
     let truth = "[errors]\nEXX = { poly = [0.0, 0.01] }\n";
     let setup = SetUp::default();
     let program = "G1 F100 X100\nX200\nX200 Y50\n";

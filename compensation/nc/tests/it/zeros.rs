@@ -1,4 +1,4 @@
-//! How far the machine is off at a zero that was probed without the correction: what the note says, against errors that are known on paper.
+//! The note on the error at a zero probed without correction, against closed forms.
 
 use volcomp_model::Machine;
 use volcomp_nc::Dialect;
@@ -9,10 +9,10 @@ use crate::identity::{TRAVELS, written};
 const CONSTANT: &str = "[errors]\nEXX = 10.0\nEYY = 20.0\nEZZ = 30.0\n";
 const OFF: &str = "G54 the machine is off by X 10.0 Y 20.0 Z 30.0 µm";
 const START: &str = "[work_offset.G54]\nX = 200\nY = 150\nZ = -100\n[start]\nX = 0\nY = 0\nZ = 0\n";
-/// A table that turns.
+/// A rotary table.
 const TABLE: &str = "structure = \"w C' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.C]\ntravel = [-360, 360]\ndirection = [0, 0, -1]\n[tool]\ngauge = [0, 0, 0]\nlength = 100\n[errors]\nEYY = 10.0\n";
 
-/// The line of the note, and what it says up to its colon.
+/// The line of the note, and its text up to the colon.
 fn note(dialect: Dialect, machine: &str, setup: &str, program: &str) -> Option<String> {
     let machine = Machine::parse(machine, "m.toml").expect("a machine");
     let (_, notes) = written(dialect, &machine, setup, program).expect(program);
@@ -24,7 +24,6 @@ fn note(dialect: Dialect, machine: &str, setup: &str, program: &str) -> Option<S
     Some(what.replace("at the zero of ", ""))
 }
 
-/// Where the program first cuts, whatever cuts there.
 #[test]
 fn the_first_cut_is_noted() {
     let machine = format!("{TRAVELS}{CONSTANT}");
@@ -53,9 +52,9 @@ fn the_first_cut_is_noted() {
     }
 }
 
-/// Only what corrects is added to a work offset: the others are off with the correction as they were without.
+/// Only corrected axes are added to a work offset: the others deviate as without correction.
 #[test]
-fn axes_that_do_not_correct_are_left_out() {
+fn uncorrected_axes_are_omitted() {
     for (correct, expected) in [
         ("", "X 10.0 Y 20.0 Z 30.0"),
         ("correct = [\"X\", \"Y\"]", "X 10.0 Y 20.0 Z 0.0"),
@@ -74,10 +73,10 @@ fn axes_that_do_not_correct_are_left_out() {
     assert_eq!(note(Dialect::Rs274, &machine, START, program), None);
 }
 
-/// 10 µm along Y of the bed are 10 µm along X of a table that is turned by 90°, in whose coordinates the work offset is while the control moves the
-/// centre point of the tool.
+/// 10 µm along Y of the bed are 10 µm along X of a table turned by 90°, in whose coordinates the work offset is with tool centre point
+/// control.
 #[test]
-fn a_work_offset_of_the_centre_point_is_one_of_the_table() {
+fn a_centre_point_offset_is_an_offset_of_the_table() {
     let setup = |on: &str, c: &str| {
         format!(
             "{on}[work_offset.G54]\nX = 100\nY = 0\nZ = 0\nC = {c}\n[start]\nX = 0\nY = 100\nZ = 0\nC = 0\n"
@@ -111,7 +110,6 @@ fn a_work_offset_of_the_centre_point_is_one_of_the_table() {
     }
 }
 
-/// A zero that the program sets itself is none that the set-up states.
 #[test]
 fn own_zeros_of_the_program_are_not_noted() {
     let machine = format!("{TRAVELS}{CONSTANT}");
@@ -124,12 +122,12 @@ fn own_zeros_of_the_program_are_not_noted() {
         ("G0 X0 Y0 Z0\nG53 G0 X0\nG92 X0\n", None),
         // The zero of a second shift is there, too.
         ("G92 X0 Y0 Z0\nG0 X5 Y5 Z5\nG92 X0 Y0 Z0\n", None),
-        // Places that count from the offset that is stated, another offset, and a shift that has ended.
+        // Positions relative to the stated offset, another offset, and an ended shift.
         ("G0 X0 Y0 Z0\nG92 X5 Y5 Z5\n", Some(4)),
         ("G52 X5 Y5 Z5\n", Some(3)),
         ("G10 L2 P2 X5\n", Some(3)),
         ("G92 X0 Y0 Z0\nG1 X1 F100\nG92.1\n", Some(5)),
-        // Behind an own zero the one that is stated holds again.
+        // After a zero set by the program the stated one is active again.
         ("G10 L2 P2 X5\nG55 G1 X0 Y0 Z0 F100\nG54\n", Some(5)),
     ] {
         let program = format!("G90 G54\n{begins}{cuts}");

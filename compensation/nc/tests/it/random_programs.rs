@@ -1,4 +1,4 @@
-//! Programs that are drawn at random, the same path in several languages, and where the tool gets with each of them.
+//! Random programs: the same path in several languages, and the tool positions with each.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use volcomp_nc::{Decimals, Dialect, Job, NcError, Place, SetUp, Summary, Verific
 
 use crate::identity::{TRAVELS, result_of, verified_by, written};
 
-/// Seeded numbers, and what is made of them.
+/// Seeded random numbers.
 pub(crate) struct Draw(u64);
 
 impl Draw {
@@ -38,7 +38,7 @@ impl Draw {
     }
 }
 
-/// How a step goes to its place.
+/// How a step reaches its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Way {
     Rapid,
@@ -57,7 +57,7 @@ pub(crate) struct Step {
 
 /// A path in a box of 400 mm, the first step of which is rapid.
 pub(crate) fn path(draw: &mut Draw, steps: usize) -> Vec<Step> {
-    // Where the axes stand at the beginning, as the work offset has it.
+    // Start position of the axes, equal to the work offset.
     let mut at = [-40.0, 30.0, -20.0];
     let mut path = Vec::new();
     for place in 0..steps {
@@ -118,7 +118,7 @@ const SETUP: &str =
     "[work_offset.G54]\nX = 40.0\nY = -30.0\nZ = 20.0\n[start]\nX = 0.0\nY = 0.0\nZ = 0.0\n";
 const ERRORS: &str = "[errors]\nEXX = { mean = { poly = [0.0, 0.1] }, reversal = 6.0 }\nEYX = { poly = [0.0, 0.0, 0.0004] }\nEYY = { table = [[-1000, 0], [0, 30], [1000, -20]], interpolation = \"linear\" }\nEZX = { poly = [0.0, 0.05, 0.0002] }\nEC0Y = 60.0\n";
 
-/// The machine on which the drawn programs run, with this play of X, µm.
+/// The machine of the random programs, with this reversal value of X, µm.
 pub(crate) fn worn(reversal_um: f64) -> Machine {
     let errors = ERRORS.replace("6.0", &reversal_um.to_string());
     let text = format!("{TRAVELS}{errors}");
@@ -150,8 +150,8 @@ pub(crate) fn judged(
     Ok((text, summary, found))
 }
 
-/// Judges the path in RS-274 and in another language: with both the tool is to get to the same places.
-pub(crate) fn leads_to_the_same_places(
+/// Compensates the path in RS-274 and in another language: the tool must reach the same positions.
+pub(crate) fn assert_same_positions(
     machine: &Machine,
     path: &[Step],
     dialect: Dialect,
@@ -163,18 +163,18 @@ pub(crate) fn leads_to_the_same_places(
         .unwrap_or_else(|error| panic!("{error}\n{program}"));
     assert!(summary.counts.changed > 0, "{program}");
     assert_eq!(found.motions, expected.motions, "{program}");
-    same_places(&found, &expected, program, &text);
+    assert_equal_paths(&found, &expected, program, &text);
     text
 }
 
-/// The same places, and the tool as far from them; both to the rounding of words with five decimals.
-pub(crate) fn same_places(
+/// Equal tool positions and deviations, to the rounding of words with five decimals.
+pub(crate) fn assert_equal_paths(
     found: &Verification,
     expected: &Verification,
     program: &str,
     result: &str,
 ) {
-    // In a turned frame a motion may be split elsewhere: its end is the same.
+    // In a rotated frame a motion may be split elsewhere; its end is equal.
     let ends = |of: &Verification| -> Vec<Place> {
         let path = of.path.iter();
         let is_last = |(at, place): &(usize, &Place)| {
@@ -199,7 +199,7 @@ pub(crate) fn same_places(
             assert!(off_um < 0.1, "{found:?} {expected:?}\n{program}\n{result}");
         }
     }
-    // The tolerance of splits, and that of a turned frame.
+    // The tolerance of splits, and that of a rotated frame.
     let most_um = expected.after.max_um.max(1.0) + 0.1;
     assert!(found.after.max_um < most_um, "{found:?}\n{program}");
     assert!(
@@ -208,8 +208,8 @@ pub(crate) fn same_places(
     );
 }
 
-/// A machine without errors gives back every byte; `Err` says why the program is not taken.
-pub(crate) fn comes_out_as_it_is(
+/// A machine without errors returns every byte; `Err`: the reason why the program is refused.
+pub(crate) fn copy_unchanged(
     machine: &Machine,
     dialect: Dialect,
     program: &[u8],
@@ -228,19 +228,19 @@ pub(crate) fn comes_out_as_it_is(
     Ok(())
 }
 
-pub(crate) fn come_out_as_they_are(dialect: Dialect, programs: &[&[u8]]) {
+pub(crate) fn assert_copied(dialect: Dialect, programs: &[&[u8]]) {
     let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
     for program in programs {
         let text = String::from_utf8_lossy(program);
-        comes_out_as_it_is(&machine, dialect, program)
+        copy_unchanged(&machine, dialect, program)
             .unwrap_or_else(|error| panic!("{error}\n{text}"));
     }
 }
 
-/// Whether a machine without errors takes a program, and gives it back; what a worn machine writes is then taken again.
-pub(crate) fn is_taken_with_its_result(dialect: Dialect, program: &str) -> bool {
+/// True if a machine without errors accepts a program and returns it; the result on a worn machine must then be accepted, too.
+pub(crate) fn accepts_with_result(dialect: Dialect, program: &str) -> bool {
     let ideal = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
-    if comes_out_as_it_is(&ideal, dialect, program.as_bytes()).is_err() {
+    if copy_unchanged(&ideal, dialect, program.as_bytes()).is_err() {
         return false;
     }
     if let Ok((result, _)) = written(dialect, &worn(6.0), "", program)

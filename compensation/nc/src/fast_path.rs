@@ -14,8 +14,8 @@ use crate::{
     line::{NewWord, Script},
     modal::{Code, Modal},
     number::{Number, plain},
-    rewrite::{Computed, LONGEST, Rewriter, Settled},
-    straight::{AxisWay, Written},
+    rewrite::{AppliedCorrection, Computed, MAX_LINE_BYTES, Rewriter},
+    straight::{AxisWay, OriginalWord},
 };
 
 /// A word of an axis: its value and byte range.
@@ -35,7 +35,7 @@ impl AxisWord {
 
 /// A line of G0, G1 or neither, and axis words.
 #[derive(Clone, Copy, Debug, Default)]
-struct UsualLine {
+struct PlainLine {
     code: Option<Code>,
     words: Axes<AxisWord>,
     order: Axes<u8>,
@@ -45,12 +45,15 @@ struct UsualLine {
     end: usize,
 }
 
-impl UsualLine {
+impl PlainLine {
     /// `None` if the line is not a usual one.
-    #[expect(clippy::cast_possible_truncation, reason = "said beside them")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the line is shorter than 256 bytes"
+    )]
     #[inline]
     fn read(text: &[u8], needs_points: bool) -> Option<Self> {
-        if text.len() > LONGEST {
+        if text.len() > MAX_LINE_BYTES {
             return None;
         }
         let mut line = Self::default();
@@ -142,7 +145,7 @@ fn without_blanks(mut text: &[u8]) -> &[u8] {
 impl Interpreter {
     /// True if axis words alone are absolute positions, and all axes of the machine are at known positions. All modal fields are named one
     /// by one: a new field must be classified here.
-    fn takes_usual(&self) -> bool {
+    fn allows_fast_path(&self) -> bool {
         let Self {
             modal,
             dialect,
@@ -207,27 +210,27 @@ impl Interpreter {
 
 impl Rewriter {
     /// Compensates a usual line, without its end; `None`: not a usual line, nothing was changed.
-    pub(crate) fn usual(&mut self, text: &[u8], out: &mut Vec<u8>) -> Option<()> {
-        let is_settled = self.settled == Settled::Yes
+    pub(crate) fn fast_line(&mut self, text: &[u8], out: &mut Vec<u8>) -> Option<()> {
+        let is_settled = self.applied_correction == AppliedCorrection::Current
             && self.computed == Computed::Kept
             && self.carried_at_initial.is_none()
             && !self.switches_radius;
         let is_plain = is_settled
-            && self.interpreter.takes_usual()
+            && self.interpreter.allows_fast_path()
             && !self.corrector.bidirectional
-            && self.tells.is_none()
-            && (self.corrector.axes()).all(|axis| self.interpreter.says_place(axis));
+            && self.motion_receiver.is_none()
+            && (self.corrector.axes()).all(|axis| self.interpreter.knows_program_position(axis));
         if !is_plain {
             return None;
         }
-        let line = UsualLine::read(text, self.interpreter.points.means_increments)?;
+        let line = PlainLine::read(text, self.interpreter.points.means_increments)?;
         if line.code.is_none() && self.interpreter.is_printer() {
             return None;
         }
         let code = line.code.or(self.interpreter.modal.motion);
         let code = code.filter(|code| matches!(code, 0 | 10))?;
         // The first motion that cuts with a work offset may need a note.
-        if code == 10 && !self.is_zero_noted() {
+        if code == 10 && !self.zero_needs_no_note() {
             return None;
         }
         let (interpreter, corrector) = (&self.interpreter, &self.corrector);
@@ -254,7 +257,7 @@ impl Rewriter {
         }
         let after = frame.to_program(&to);
         // F applies to the rotary axes, and must stay so.
-        if code != 0 && self.turns_alone(&[before, after]) {
+        if code != 0 && self.moves_rotary_axes_only(&[before, after]) {
             return None;
         }
         let (ends, ends_in_program) = ([&from, &to], [&before, &after]);
@@ -278,7 +281,7 @@ impl Rewriter {
                     incremental: false,
                     manner: Manner::Modal,
                     keeps: false,
-                    written: is_named.then(|| Written {
+                    written: is_named.then(|| OriginalWord {
                         decimals: line.words[axis].decimals,
                         anew: false,
                     }),
@@ -294,7 +297,7 @@ impl Rewriter {
         }
         let begins = out.len();
         line.write(text, &numbers, Script::default(), out);
-        if out.len() - begins > LONGEST {
+        if out.len() - begins > MAX_LINE_BYTES {
             out.truncate(begins);
             return None;
         }
@@ -303,13 +306,13 @@ impl Rewriter {
         }
         self.interpreter.position = to;
         for axis in line.order() {
-            self.interpreter.is_named(axis);
+            self.interpreter.mark_named(axis);
         }
         self.carried = (self.interpreter.frame).moved_in_machine(&after, &carried);
         self.counts.lines += 1;
         self.counts.motions += 1;
         self.counts.changed += u64::from(numbers.iter().any(Option::is_some));
-        self.ends_part(1.0);
+        self.record_part_end(1.0);
         Some(())
     }
 }
