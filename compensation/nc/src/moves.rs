@@ -68,8 +68,7 @@ impl Interpreter {
         }
         let path = match code {
             // Arcs and cycles are built below, once their ends are known.
-            0 => Path::Rapid,
-            _ if is_cycle(code) => Path::Rapid,
+            _ if code == 0 || is_cycle(code) => Path::Rapid,
             10 | 20 | 30 => Path::Line,
             50..=52 => {
                 self.notes.add(Note::GoesWhole(code_text(code)), given.line);
@@ -83,8 +82,7 @@ impl Interpreter {
         let manner = |axis: usize| given.word(axis).map_or(Manner::Modal, |word| word.manner);
         let incremental: Axes<bool> = each(|axis| match manner(axis) {
             Manner::Modal => !self.modal.absolute && !codes.in_machine,
-            Manner::Incremental => true,
-            Manner::Absolute | Manner::Shortest => false,
+            manner => manner == Manner::Incremental,
         });
         self.check_rotation(given, &incremental)?;
         let mut motion = Move {
