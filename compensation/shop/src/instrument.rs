@@ -2,6 +2,7 @@
 
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
+use volcomp_document::{InputError, Section, Value};
 use volcomp_metrology::{DeviationUnit, Measurement, Reading};
 use volcomp_vocabulary::{Direction, Um, Urad};
 
@@ -199,5 +200,78 @@ fn rounded(value: f64, step: f64) -> f64 {
         (value / step).round() * step
     } else {
         value
+    }
+}
+
+/// The keys of an instrument, in its own table and overridden in a `[[measurement]]`.
+pub(crate) const INSTRUMENT_KEYS: [&str; 12] = [
+    "noise_um",
+    "noise_urad",
+    "resolution_um",
+    "resolution_urad",
+    "drift_um",
+    "drift_urad",
+    "reversal_um",
+    "reversal_urad",
+    "alignment_urad",
+    "targets",
+    "runs",
+    "both_directions",
+];
+
+/// The instrument of a section, whose keys override those of `base`.
+pub(crate) fn decode_instrument(
+    section: &Section<'_>,
+    base: &Instrument,
+) -> Result<Instrument, InputError> {
+    let number =
+        |key: &str, default: f64| section.get(key).map_or(Ok(default), |value| value.number());
+    let positive = |key: &str, default: f64| {
+        section
+            .get(key)
+            .map_or(Ok(default), |value| not_negative(&value))
+    };
+    let count = |key: &str, least: usize, default: usize| {
+        section
+            .get(key)
+            .map_or(Ok(default), |value| match value.count(MAX_TARGETS)? {
+                count if count >= least => Ok(count),
+                count => Err(value.error(format!("found {count}, expected at least {least}"))),
+            })
+    };
+    let runs = count("runs", 1, base.runs as usize)?;
+    let targets = count("targets", 2, base.targets)?;
+    if targets * runs > MAX_READINGS {
+        return Err(section.error(format!(
+            "found {targets} targets in {runs} runs, expected at most {MAX_READINGS} readings"
+        )));
+    }
+    let (length, angle) = (&base.length, &base.angle);
+    Ok(Instrument {
+        length: Imperfections {
+            noise: Um(positive("noise_um", length.noise.0)?),
+            resolution: Um(positive("resolution_um", length.resolution.0)?),
+            drift: Um(number("drift_um", length.drift.0)?),
+            reversal: Um(number("reversal_um", length.reversal.0)?),
+        },
+        angle: Imperfections {
+            noise: Urad(positive("noise_urad", angle.noise.0)?),
+            resolution: Urad(positive("resolution_urad", angle.resolution.0)?),
+            drift: Urad(number("drift_urad", angle.drift.0)?),
+            reversal: Urad(number("reversal_urad", angle.reversal.0)?),
+        },
+        alignment: Urad(positive("alignment_urad", base.alignment.0)?),
+        targets,
+        runs: u32::try_from(runs).unwrap_or(base.runs),
+        both_directions: section
+            .get("both_directions")
+            .map_or(Ok(base.both_directions), |value| value.truth())?,
+    })
+}
+
+fn not_negative(value: &Value<'_>) -> Result<f64, InputError> {
+    match value.number()? {
+        number if number >= 0.0 => Ok(number),
+        number => Err(value.error(format!("found {number}, expected 0 or more"))),
     }
 }

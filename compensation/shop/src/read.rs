@@ -6,16 +6,16 @@ use volcomp_calibrate::{
     CurveChoice, HOLDS_LOCATION, Method, Setup, decode_holds_location, decode_location_errors,
     decode_motion, is_square,
 };
-use volcomp_document::{Document, FileKind, InputError, Section, Value};
+use volcomp_document::{Document, FileKind, InputError, Section};
 use volcomp_metrology::{TiltReading, squareness_parts, tilt_sign};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, Um, Urad};
+use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, Urad};
 
 use crate::{
     error::ShopError,
-    instrument::{Imperfections, Instrument, MAX_READINGS, MAX_TARGETS, bridge_targets},
+    instrument::{INSTRUMENT_KEYS, Instrument, MAX_TARGETS, bridge_targets, decode_instrument},
     read_observation::decode_observations,
-    shop::{Format, Header, Shop, ShopLine, ShopLocation},
+    shop::{Format, Header, Shop, ShopLine, ShopLocation, TAKEN, decode_file_name},
 };
 
 const TOP_KEYS: [&str; 10] = [
@@ -275,19 +275,6 @@ fn decode_measurement(
     Ok(())
 }
 
-/// File names that every shop may write.
-pub(crate) const TAKEN: [&str; 4] = ["machine", "calibration", "observations", "calibrated"];
-
-/// A file name in the folder of the shop's files.
-pub(crate) fn decode_file_name(value: &Value<'_>) -> Result<String, InputError> {
-    let name = value.text()?;
-    if name.is_empty() || name.contains(['/', '\\']) {
-        let expected = "expected a name without a folder";
-        return Err(value.error(format!("found {name:?}, {expected}")));
-    }
-    Ok(name.to_owned())
-}
-
 /// `eyy`, then `eyy-2`, …
 fn free_name(error: ErrorName, lines: &[ShopLine]) -> String {
     let base = error.to_string().to_lowercase();
@@ -295,78 +282,5 @@ fn free_name(error: ErrorName, lines: &[ShopLine]) -> String {
     match before.count() {
         0 => base,
         count => format!("{base}-{}", count + 1),
-    }
-}
-
-/// The keys of an instrument, in its own table and overridden in a `[[measurement]]`.
-const INSTRUMENT_KEYS: [&str; 12] = [
-    "noise_um",
-    "noise_urad",
-    "resolution_um",
-    "resolution_urad",
-    "drift_um",
-    "drift_urad",
-    "reversal_um",
-    "reversal_urad",
-    "alignment_urad",
-    "targets",
-    "runs",
-    "both_directions",
-];
-
-/// The instrument of a section, whose keys override those of `base`.
-pub(crate) fn decode_instrument(
-    section: &Section<'_>,
-    base: &Instrument,
-) -> Result<Instrument, InputError> {
-    let number =
-        |key: &str, default: f64| section.get(key).map_or(Ok(default), |value| value.number());
-    let positive = |key: &str, default: f64| {
-        section
-            .get(key)
-            .map_or(Ok(default), |value| not_negative(&value))
-    };
-    let count = |key: &str, least: usize, default: usize| {
-        section
-            .get(key)
-            .map_or(Ok(default), |value| match value.count(MAX_TARGETS)? {
-                count if count >= least => Ok(count),
-                count => Err(value.error(format!("found {count}, expected at least {least}"))),
-            })
-    };
-    let runs = count("runs", 1, base.runs as usize)?;
-    let targets = count("targets", 2, base.targets)?;
-    if targets * runs > MAX_READINGS {
-        return Err(section.error(format!(
-            "found {targets} targets in {runs} runs, expected at most {MAX_READINGS} readings"
-        )));
-    }
-    let (length, angle) = (&base.length, &base.angle);
-    Ok(Instrument {
-        length: Imperfections {
-            noise: Um(positive("noise_um", length.noise.0)?),
-            resolution: Um(positive("resolution_um", length.resolution.0)?),
-            drift: Um(number("drift_um", length.drift.0)?),
-            reversal: Um(number("reversal_um", length.reversal.0)?),
-        },
-        angle: Imperfections {
-            noise: Urad(positive("noise_urad", angle.noise.0)?),
-            resolution: Urad(positive("resolution_urad", angle.resolution.0)?),
-            drift: Urad(number("drift_urad", angle.drift.0)?),
-            reversal: Urad(number("reversal_urad", angle.reversal.0)?),
-        },
-        alignment: Urad(positive("alignment_urad", base.alignment.0)?),
-        targets,
-        runs: u32::try_from(runs).unwrap_or(base.runs),
-        both_directions: section
-            .get("both_directions")
-            .map_or(Ok(base.both_directions), |value| value.truth())?,
-    })
-}
-
-fn not_negative(value: &Value<'_>) -> Result<f64, InputError> {
-    match value.number()? {
-        number if number >= 0.0 => Ok(number),
-        number => Err(value.error(format!("found {number}, expected 0 or more"))),
     }
 }

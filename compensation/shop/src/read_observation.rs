@@ -8,11 +8,10 @@ use volcomp_model::{BODY_DIAGONALS, Machine};
 use volcomp_vocabulary::{AxisName, Um};
 
 use crate::{
-    instrument::Instrument,
+    instrument::{Instrument, decode_instrument},
     observation::{Bar, MOST_MARKS, Poses, Reads, Setting, ShopObservation},
     plan::{MOST_POSES, read_plan},
-    read::{TAKEN, decode_file_name, decode_instrument},
-    shop::ShopLine,
+    shop::{ShopLine, TAKEN, decode_file_name},
 };
 
 /// Default number of poses of an observation.

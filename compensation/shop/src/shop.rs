@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use volcomp_calibrate::{CurveChoice, Setup};
+use volcomp_document::{InputError, Value};
 use volcomp_identify::Unknown;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{ErrorName, Urad};
@@ -94,4 +95,17 @@ pub struct ShopLine {
     pub name: String,
     /// The format of the measurement file.
     pub format: Format,
+}
+
+/// File names that every shop may write.
+pub(crate) const TAKEN: [&str; 4] = ["machine", "calibration", "observations", "calibrated"];
+
+/// A file name in the folder of the shop's files.
+pub(crate) fn decode_file_name(value: &Value<'_>) -> Result<String, InputError> {
+    let name = value.text()?;
+    if name.is_empty() || name.contains(['/', '\\']) {
+        let expected = "expected a name without a folder";
+        return Err(value.error(format!("found {name:?}, {expected}")));
+    }
+    Ok(name.to_owned())
 }

@@ -3,13 +3,11 @@
 use std::path::Path;
 
 use volcomp_document::{Column, CsvTable, quoted, read_text, split_head, split_unit};
+use volcomp_fit::JudgedThermal;
 use volcomp_model::axis_of_head;
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 
-use super::{
-    checks::{implausible, never_cold},
-    is_angular,
-};
+use super::temperatures::{implausible, never_cold};
 use crate::failure::Failure;
 
 /// Time, temperatures and displacements; all columns have one entry per row.
@@ -25,6 +23,31 @@ pub(super) struct Columns {
     pub(super) position: Option<(Option<AxisName>, Vec<f64>)>,
     /// Notes on how the file was interpreted.
     pub(super) notes: Vec<String>,
+}
+
+/// A displacement and its fitted terms.
+pub(super) struct Channel {
+    pub(super) name: String,
+    /// The measured error; `None` if the call does not state it.
+    pub(super) error: Option<ErrorName>,
+    pub(super) judged: JudgedThermal,
+}
+
+impl Channel {
+    /// True for a rotation in µrad, false for a translation in µm.
+    pub(super) fn is_angular(&self) -> bool {
+        is_angular(&self.name)
+    }
+
+    /// The unit symbol.
+    pub(super) fn symbol(&self) -> &'static str {
+        if self.is_angular() { "µrad" } else { "µm" }
+    }
+}
+
+/// True if a column is a rotation in µrad, false for a translation in µm.
+pub(super) fn is_angular(column: &str) -> bool {
+    column.ends_with("_urad")
 }
 
 /// The content of a column, from its header.

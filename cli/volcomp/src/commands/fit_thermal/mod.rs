@@ -2,6 +2,7 @@
 
 mod checks;
 mod columns;
+mod temperatures;
 
 use std::{collections::BTreeMap, fmt::Write as _, path::PathBuf};
 
@@ -9,14 +10,14 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_document::{toml_key, toml_string};
 use volcomp_fit::{
-    FitError, JudgedThermal, ThermalEffect, ThermalNumber, ThermalPrediction, ThermalRecord,
-    ThermalRun, ThermalSearch, ThermalSize, ThermalTerms, ThermalVerdict, judge_thermal_rows,
+    FitError, ThermalEffect, ThermalNumber, ThermalPrediction, ThermalRecord, ThermalRun,
+    ThermalSearch, ThermalSize, ThermalTerms, ThermalVerdict, judge_thermal_rows,
     judge_thermal_runs, search_thermal,
 };
 use volcomp_metrology::DeviationUnit;
 use volcomp_vocabulary::{ErrorName, bounds::PLAUSIBLE_DEGC};
 
-use self::columns::{Columns, Errors, may_expand};
+use self::columns::{Channel, Columns, Errors, may_expand};
 use super::{Answer, fixed, same_file, table, table_text};
 use crate::{failure::Failure, table::folded};
 
@@ -67,31 +68,6 @@ pub(crate) struct FitThermalArguments {
     /// Maximum number of time constants; 0 counts as one
     #[arg(long, default_value_t = 3)]
     most_lags: usize,
-}
-
-/// A displacement and its fitted terms.
-struct Channel {
-    name: String,
-    /// The measured error; `None` if the call does not state it.
-    error: Option<ErrorName>,
-    judged: JudgedThermal,
-}
-
-impl Channel {
-    /// True for a rotation in µrad, false for a translation in µm.
-    fn is_angular(&self) -> bool {
-        is_angular(&self.name)
-    }
-
-    /// The unit symbol.
-    fn symbol(&self) -> &'static str {
-        if self.is_angular() { "µrad" } else { "µm" }
-    }
-}
-
-/// True if a column is a rotation in µrad, false for a translation in µm.
-fn is_angular(column: &str) -> bool {
-    column.ends_with("_urad")
 }
 
 /// Rejects duplicate files: a test must not be predicted from itself.

@@ -2,9 +2,9 @@
 
 use std::{fmt::Write, path::Path};
 
+use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::MapGrid;
 
-use super::Node;
 use crate::{failure::Failure, output::OutputFile};
 
 /// Arrays of a node in a file in addition to its position, names with units: errors (µm, µrad) and their standard uncertainties, each six
@@ -32,6 +32,37 @@ const COLUMNS: [[&str; 6]; 2] = [
         "uncertainty_c_urad",
     ],
 ];
+
+/// One node of the map: its position, and the tool error in workpiece axes, mm and rad.
+#[derive(Clone, Copy)]
+pub(super) struct Node {
+    /// Coordinates along the axes of the grid, mm.
+    pub(super) at_mm: [f64; 3],
+    /// The ideal tip in workpiece axes, mm.
+    pub(super) tip_mm: Vector3<f64>,
+    /// Position (mm) and rotation (rad) error.
+    pub(super) error: [f64; 6],
+    /// Standard uncertainty of the six values, if requested.
+    pub(super) uncertainty: Option<[f64; 6]>,
+}
+
+impl Node {
+    /// The error in the units of the files: three of position in µm, three of rotation in µrad.
+    pub(super) fn in_file_units(&self) -> [f64; 6] {
+        in_file_units(&self.error)
+    }
+
+    /// The standard uncertainty in the units of the files; zero if not requested.
+    pub(super) fn uncertainty_in_file_units(&self) -> [f64; 6] {
+        in_file_units(&self.uncertainty.unwrap_or_default())
+    }
+}
+
+/// Three lengths in mm and three angles in rad, as µm and µrad.
+fn in_file_units(six: &[f64; 6]) -> [f64; 6] {
+    let [x, y, z, a, b, c] = six;
+    [x * 1e3, y * 1e3, z * 1e3, a * 1e6, b * 1e6, c * 1e6]
+}
 
 /// A field being written.
 pub(super) enum Field {

@@ -15,7 +15,7 @@ use volcomp_model::{
     UNCERTAINTY_POSES, poses_of_all_axes, volumetric,
 };
 
-use self::field::{Field, TextFormat};
+use self::field::{Field, Node, TextFormat};
 use super::{
     Answer, ByAxis, fixed, machine_notes,
     not_counted::{NotCounted, all_over, words},
@@ -422,37 +422,6 @@ impl Model {
             }
         }
     }
-}
-
-/// One node of the map: its position, and the tool error in workpiece axes, mm and rad.
-#[derive(Clone, Copy)]
-struct Node {
-    /// Coordinates along the axes of the grid, mm.
-    at_mm: [f64; 3],
-    /// The ideal tip in workpiece axes, mm.
-    tip_mm: Vector3<f64>,
-    /// Position (mm) and rotation (rad) error.
-    error: [f64; 6],
-    /// Standard uncertainty of the six values, if requested.
-    uncertainty: Option<[f64; 6]>,
-}
-
-impl Node {
-    /// The error in the units of the files: three of position in µm, three of rotation in µrad.
-    fn in_file_units(&self) -> [f64; 6] {
-        in_file_units(&self.error)
-    }
-
-    /// The standard uncertainty in the units of the files; zero if not requested.
-    fn uncertainty_in_file_units(&self) -> [f64; 6] {
-        in_file_units(&self.uncertainty.unwrap_or_default())
-    }
-}
-
-/// Three lengths in mm and three angles in rad, as µm and µrad.
-fn in_file_units(six: &[f64; 6]) -> [f64; 6] {
-    let [x, y, z, a, b, c] = six;
-    [x * 1e3, y * 1e3, z * 1e3, a * 1e6, b * 1e6, c * 1e6]
 }
 
 /// Number of nodes that one core takes at a time.

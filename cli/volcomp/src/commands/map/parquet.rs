@@ -11,7 +11,7 @@ use parquet::{
 };
 use volcomp_model::MapGrid;
 
-use super::Node;
+use super::field::Node;
 use crate::{failure::Failure, output::OutputFile};
 
 pub(super) struct ParquetField {
