@@ -7,7 +7,7 @@ use volcomp_guard::{Reasons, protocol::Layout};
 use volcomp_kinematics::State;
 use volcomp_model::ModelError;
 use volcomp_port::Description;
-use volcomp_runtime::{LeftOut, PathPlan, ReaderPlan, WhyLeftOut};
+use volcomp_runtime::{PathPlan, ReaderPlan, UncorrectedAxis, UncorrectedReason};
 use volcomp_vocabulary::{AxisName, Displacement, PerAxis};
 
 use crate::{
@@ -227,9 +227,9 @@ fn notes(plan: &Plan, controllers: &[ControllerPlan], sensors: &[SensorPlan]) ->
     }
     for path in plan.paths() {
         notes.extend(
-            path.left_out
+            path.uncorrected
                 .iter()
-                .map(|left_out| of_left_out(path, *left_out)),
+                .map(|axis| of_uncorrected(path, *axis)),
         );
         notes.extend(linear_near_singular(plan, path));
     }
@@ -291,13 +291,13 @@ fn of_fleet(plan: &Plan) -> Vec<String> {
 }
 
 /// A rotary axis that could correct but does not.
-fn of_left_out(path: &PathPlan, LeftOut { axis, why }: LeftOut) -> String {
+fn of_uncorrected(path: &PathPlan, UncorrectedAxis { axis, why }: UncorrectedAxis) -> String {
     let device = &path.description.device;
     match why {
-        WhyLeftOut::Uncatchable => format!(
+        UncorrectedReason::Uncatchable => format!(
             "{device}: axis {axis} is not corrected: the linear axes that correct do not reach every direction, so they cannot compensate the motion of the tool tip by {axis}"
         ),
-        WhyLeftOut::Coarse(error) => format!(
+        UncorrectedReason::Coarse(error) => format!(
             "{device}: axis {axis} is not corrected: half a step of it moves the tool tip by up to {} µm in the work space, and {} µm are allowed (rotary_step_um); a finer step (resolution_urad) corrects it",
             round(error.to_um().0),
             round(path.rotary_step.to_um().0)
