@@ -8,7 +8,7 @@ use std::{
 
 use serde::Deserialize;
 use volcomp_document::{Document, Mistakes};
-use volcomp_fleet::{ADDRESSES, Keeping, ServerTls, wrong_address};
+use volcomp_fleet::{ADDRESSES, Keeping, ServerTls, first_port, wrong_address};
 
 use crate::{Error, rollout::Rules, store::Keep};
 
@@ -92,7 +92,8 @@ impl Default for KeysConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct ServerConfig {
     pub name: String,
-    pub listen: String,
+    /// Address for clients. Default: the port of `nats.url` on the loopback interface.
+    listen: Option<String>,
     /// Folder of the JetStream data.
     pub store: PathBuf,
     certificate: Option<PathBuf>,
@@ -106,7 +107,7 @@ impl Default for ServerConfig {
     fn default() -> Self {
         Self {
             name: "centre".to_owned(),
-            listen: "127.0.0.1:4222".to_owned(),
+            listen: None,
             store: "streams".into(),
             certificate: None,
             key: None,
@@ -173,6 +174,14 @@ impl Config {
             *path = folder.join(&*path);
         }
         Ok(mistakes.none_or(config)?)
+    }
+
+    /// Address on which the NATS server listens for clients.
+    pub fn server_listen(&self) -> String {
+        self.server.listen.clone().unwrap_or_else(|| {
+            let port = first_port(&self.nats.url).unwrap_or_default();
+            format!("127.0.0.1:{port}")
+        })
     }
 
     fn paths(&mut self) -> impl Iterator<Item = &mut PathBuf> {

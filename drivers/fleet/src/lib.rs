@@ -19,7 +19,7 @@ mod spool;
 mod streams;
 mod subjects;
 
-pub use address::{ADDRESSES, addresses, in_the_clear, wrong_address};
+pub use address::{ADDRESSES, addresses, first_port, in_the_clear, wrong_address};
 #[cfg(feature = "nats")]
 pub use collect::{Batch, Collection, Received};
 #[cfg(feature = "nats")]

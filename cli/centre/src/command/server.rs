@@ -72,7 +72,7 @@ pub(super) fn settings(config: &Config) -> Result<ServerSettings, Error> {
     let server = &config.server;
     Ok(ServerSettings {
         name: server.name.clone(),
-        listen: server.listen.clone(),
+        listen: config.server_listen(),
         store: server.store.clone(),
         tls: server.tls(),
         cluster: server.cluster.as_ref().map(|name| Cluster {

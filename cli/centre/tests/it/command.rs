@@ -271,8 +271,8 @@ fn what_is_empty_or_there_already_is_told_in_a_sentence() {
     assert_eq!(records[0]["action"], "rollout.start", "{records}");
 }
 
-/// docs/src/fleet.md: "A stolen nkey is taken out by `machine remove` or by a new one (`machine add … --new-nkey`)". A machine that a
-/// person has disabled stays so, and what is not named stays as it is.
+/// docs/src/fleet.md: "**A stolen nkey:** run `machine remove`, or issue a new one (`machine add … --new-nkey`)". The machine stays disabled,
+/// and unstated fields keep their values.
 #[test]
 fn a_machine_that_is_added_again_keeps_what_is_not_named() {
     let folder = tempfile::tempdir().unwrap();

@@ -54,6 +54,21 @@ fn the_book_shows_every_key_with_its_default() {
     }
 }
 
+/// `nats-config` writes a server that the centre reaches at its `url`.
+#[test]
+fn the_nats_server_listens_on_the_port_of_the_url() {
+    for (url, server, listen) in [
+        ("nats://127.0.0.1:4300", "", "127.0.0.1:4300"),
+        ("tls://a:4300,tls://b:4301", "", "127.0.0.1:4300"),
+        ("nats://127.0.0.1", "", "127.0.0.1:4222"),
+        // A stated address stays: behind a proxy the port differs.
+        ("tls://a:443", "listen = \"0.0.0.0:4222\"", "0.0.0.0:4222"),
+    ] {
+        let config = read(&format!("[nats]\nurl = {url:?}\n[server]\n{server}\n"));
+        assert_eq!(config.unwrap().server_listen(), listen, "{url}");
+    }
+}
+
 #[test]
 fn mistakes_are_named_with_their_place() {
     let nats = "[nats]\nurl = \"nats://a:1\"\n";
