@@ -4,7 +4,7 @@
 use std::{net::SocketAddr, path::PathBuf};
 
 use serde::{Deserialize, Serialize};
-use volcomp_fleet::{Identity, UnknownId, VerifyingKey, trusted_key};
+use volcomp_fleet::{IdError, Identity, VerifyingKey, trusted_key};
 use volcomp_runtime::Realtime;
 
 /// The table `[dashboard]`: its address and access control.
@@ -117,7 +117,7 @@ impl FleetConfig {
     ///
     /// # Errors
     /// A name is not valid in a message subject; this cannot occur in a configuration that was read from a file.
-    pub fn identity(&self) -> Result<Identity, UnknownId> {
+    pub fn identity(&self) -> Result<Identity, IdError> {
         Ok(Identity {
             site: self.site.parse()?,
             machine: self.machine.parse()?,
