@@ -37,10 +37,10 @@ pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(),
             print(&lines)?;
         }
         UserCommand::Add { name, role } => {
-            store.add_user(&name, role, &read_password()?, by, ORIGIN)?
+            store.add_user(&name, role, &read_password()?, by, ORIGIN)?;
         }
         UserCommand::Password { name } => {
-            store.set_password(&name, &read_password()?, by, ORIGIN)?
+            store.set_password(&name, &read_password()?, by, ORIGIN)?;
         }
         UserCommand::Change {
             name,

@@ -82,7 +82,7 @@ pub(super) async fn probe(
             "reading its state needs a token".clone_into(&mut device.note);
         }
         Ok(answer) => {
-            device.note = format!("it does not report its state (HTTP {})", answer.status)
+            device.note = format!("it does not report its state (HTTP {})", answer.status);
         }
         Err(_) => "it does not report its state".clone_into(&mut device.note),
     }
