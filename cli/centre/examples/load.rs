@@ -5,7 +5,7 @@
 //!
 //! 1. the bytes of the fleet through the bare server (published, stored, consumed, acknowledged), and through the centre
 //!    (the same, and stored in its database), by the same publishers, in turns;
-//! 2. so many gateways, each with a connection and an nkey of its own, a condition a second and a whole state every ten: how
+//! 2. many gateways, each with its own connection and nkey, a condition per second and full telemetry every ten seconds: how
 //!    long a roll-out to all takes, and the memory of the centre over the minutes.
 
 #![allow(
@@ -38,26 +38,26 @@ use volcomp_centre::{
     store::Store,
 };
 use volcomp_fleet::{
-    Condition, Envelope, Hub, Identity, Keeping, Kind, LinkSettings, MachineUser, ServerSettings,
-    Subjects, server::Server,
+    Condition, Envelope, Hub, Identity, Kind, LinkSettings, MachineUser, ServerSettings,
+    StreamRetention, Subjects, server::Server,
 };
 
-/// The state of a gateway as it tells it.
+/// Telemetry of a gateway.
 const STATE: &str = include_str!("state.json");
 const MODEL: &str = include_str!("../../../examples/gantry.toml");
 
 #[derive(Parser)]
 struct Arguments {
-    /// So many gateways
+    /// Number of gateways
     #[arg(long, default_value_t = 1000)]
     machines: usize,
-    /// They run for so long
+    /// Duration of the run
     #[arg(long, default_value_t = 5)]
     minutes: u64,
-    /// So many messages for each measurement of the throughput
+    /// Number of messages for each throughput measurement
     #[arg(long, default_value_t = 100_000)]
     messages: u64,
-    /// So often in turns
+    /// Number of repetitions
     #[arg(long, default_value_t = 3)]
     rounds: u32,
 }
@@ -231,13 +231,13 @@ fn message(instance: &str, number: u64) -> (Kind, Vec<u8>) {
     }
 }
 
-/// Publishes so many messages of all machines of a site, with so many under way, each acknowledged by the stream.
+/// Publishes messages of all machines of a site, with a bounded number in flight, each acknowledged by the stream.
 async fn publish(hub: &Hub, site: &str, machines: usize, messages: u64, run: u32) -> u64 {
-    const UNDER_WAY: usize = 500;
+    const MAX_IN_FLIGHT: usize = 500;
     let bytes = AtomicU64::new(0);
     let count = machines as u64;
     futures_util::stream::iter(0..messages)
-        .for_each_concurrent(UNDER_WAY, |place| {
+        .for_each_concurrent(MAX_IN_FLIGHT, |place| {
             let bytes = &bytes;
             async move {
                 let machine = place % count;
@@ -275,7 +275,9 @@ async fn acknowledged(hub: &Hub, stream: &str) {
 async fn throughput(bench: &Bench, arguments: &Arguments) {
     let hub = bench.hub().await;
     let bare: [volcomp_fleet::SiteId; 1] = ["bare".parse().unwrap()];
-    hub.prepare(&bare, Keeping::default()).await.unwrap();
+    hub.prepare(&bare, StreamRetention::default())
+        .await
+        .unwrap();
     let mut ratios = Vec::new();
     // One for all rounds: what a second one asks for would be sent to the first for a while.
     let [mut collection, _] = hub.collections(&bare[0]);
@@ -347,7 +349,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
     let centre = bench.start_centre();
     let state: Arc<serde_json::value::RawValue> =
         Arc::from(serde_json::value::RawValue::from_string(STATE.trim().to_owned()).unwrap());
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     let mut tasks = tokio::task::JoinSet::new();
     let start = Instant::now();
     for (machine, key) in &bench.machines {
@@ -363,20 +365,21 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
             telemetry: Arc::clone(&state),
             residual_um: Arc::new(Mutex::new(0.7)),
         };
-        let seen = gateway::Told::default();
-        told.push(seen.clone());
+        let seen = gateway::GatewayState::default();
+        reported.push(seen.clone());
         tasks.spawn(gateway::run(plan, seen));
         // They do not all start at one moment.
         tokio::time::sleep(Duration::from_millis(2)).await;
     }
     let all = || {
-        told.iter()
+        reported
+            .iter()
             .map(|one| one.all.load(Ordering::Relaxed))
             .sum::<u64>()
     };
     println!(
         "{} gateways are connected after {:.1} s",
-        told.len(),
+        reported.len(),
         start.elapsed().as_secs_f64()
     );
     let mut number = 1;
@@ -386,7 +389,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
     let mut rolls = Vec::new();
     while Instant::now() < end {
         // It waits for a database.
-        let took_s = tokio::task::block_in_place(|| roll_out(bench, &told, number));
+        let took_s = tokio::task::block_in_place(|| roll_out(bench, &reported, number));
         rolls.push(took_s);
         number += 1;
         tokio::time::sleep(Duration::from_secs(30)).await;
@@ -407,7 +410,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
     rolls.sort_by(f64::total_cmp);
     println!(
         "roll-out to {} machines: median {:.1} s, longest {:.1} s",
-        told.len(),
+        reported.len(),
         rolls[rolls.len() / 2],
         rolls[rolls.len() - 1]
     );
@@ -422,7 +425,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
 }
 
 /// A roll-out to all machines: until each has answered, and the centre has closed it.
-fn roll_out(bench: &Bench, told: &[gateway::Told], number: u32) -> f64 {
+fn roll_out(bench: &Bench, reported: &[gateway::GatewayState], number: u32) -> f64 {
     let new = model(number);
     bench.store.add_model(&new.model, &new.text).unwrap();
     let machines: Vec<_> = (bench.machines.iter())
@@ -450,7 +453,7 @@ fn roll_out(bench: &Bench, told: &[gateway::Told], number: u32) -> f64 {
     }
     let took_s = start.elapsed().as_secs_f64();
     let version = u64::from(number);
-    let all = told
+    let all = reported
         .iter()
         .all(|one| one.version.load(Ordering::Relaxed) == version);
     assert!(all, "each has it");

@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_time_is_told_as_date_tells_it() {
+    fn times_are_formatted_as_date_does() {
         // `date -u -d @951782400 '+%F %T'` and so on.
         for (at_s, text) in [
             (0.0, "1970-01-01 00:00:00"),

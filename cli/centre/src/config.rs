@@ -8,9 +8,9 @@ use std::{
 
 use serde::Deserialize;
 use volcomp_document::{Document, Mistakes};
-use volcomp_fleet::{ADDRESSES, Keeping, ServerTls, wrong_address};
+use volcomp_fleet::{ADDRESSES, ServerTls, StreamRetention, first_port, wrong_address};
 
-use crate::{Error, rollout::Rules, store::Keep};
+use crate::{Error, rollout::Rules, store::Retention};
 
 /// The table `[store]`.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
@@ -43,25 +43,25 @@ pub struct NatsConfig {
 
 impl Default for NatsConfig {
     fn default() -> Self {
-        let keeping = Keeping::default();
+        let stream_retention = StreamRetention::default();
         let days = |duration: Duration| duration.as_secs_f64() / 86_400.0;
         Self {
             url: String::new(),
             nkey_file: "centre.nkey".into(),
             ca: None,
-            replicas: keeping.replicas,
-            telemetry_d: days(keeping.telemetry),
-            telemetry_gib: keeping.telemetry_bytes >> 30,
-            audit_d: days(keeping.audit),
+            replicas: stream_retention.replicas,
+            telemetry_d: days(stream_retention.telemetry),
+            telemetry_gib: stream_retention.telemetry_bytes >> 30,
+            audit_d: days(stream_retention.audit),
         }
     }
 }
 
 impl NatsConfig {
     /// Retention limits of the server, by age and size.
-    pub fn keeping(&self) -> Keeping {
+    pub fn stream_retention(&self) -> StreamRetention {
         let days = |days: f64| Duration::from_secs_f64(days * 86_400.0);
-        Keeping {
+        StreamRetention {
             replicas: self.replicas,
             telemetry: days(self.telemetry_d),
             telemetry_bytes: self.telemetry_gib << 30,
@@ -92,7 +92,8 @@ impl Default for KeysConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct ServerConfig {
     pub name: String,
-    pub listen: String,
+    /// Address for clients. Default: the port of `nats.url` on the loopback interface.
+    listen: Option<String>,
     /// Folder of the JetStream data.
     pub store: PathBuf,
     certificate: Option<PathBuf>,
@@ -106,7 +107,7 @@ impl Default for ServerConfig {
     fn default() -> Self {
         Self {
             name: "centre".to_owned(),
-            listen: "127.0.0.1:4222".to_owned(),
+            listen: None,
             store: "streams".into(),
             certificate: None,
             key: None,
@@ -148,7 +149,7 @@ impl PageConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
     pub store: StoreConfig,
-    pub keep: Keep,
+    pub keep: Retention,
     pub nats: NatsConfig,
     pub keys: KeysConfig,
     /// Default roll-out rules.
@@ -173,6 +174,14 @@ impl Config {
             *path = folder.join(&*path);
         }
         Ok(mistakes.none_or(config)?)
+    }
+
+    /// Address on which the NATS server listens for clients.
+    pub fn server_listen(&self) -> String {
+        self.server.listen.clone().unwrap_or_else(|| {
+            let port = first_port(&self.nats.url).unwrap_or_default();
+            format!("127.0.0.1:{port}")
+        })
     }
 
     fn paths(&mut self) -> impl Iterator<Item = &mut PathBuf> {
@@ -206,7 +215,10 @@ impl Config {
         if mistakes.states("nats") {
             mistakes.require("nats", "url");
         } else {
-            mistakes.add("nats", "found no [nats], expected the table with its url");
+            mistakes.add(
+                "nats",
+                "found no table [nats], expected it with the key url",
+            );
         }
         if let Some(found) = wrong_address(&nats.url).filter(|_| mistakes.states("nats.url")) {
             mistakes.add("nats.url", format!("found {found:?}, expected {ADDRESSES}"));
@@ -252,7 +264,7 @@ impl Config {
         } else if page.tls_key.is_none() && !page.listen.ip().is_loopback() {
             mistakes.add(
                 "page.listen",
-                "others can reach this address, expected tls_certificate and tls_key (volcomp-centre tls-init makes a pair)",
+                "this address is reachable from other computers, expected tls_certificate and tls_key (create them with volcomp-centre tls-init)",
             );
         }
     }

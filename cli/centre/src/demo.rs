@@ -14,11 +14,11 @@ use std::{
 use tempfile::TempDir;
 use tokio::task::JoinHandle;
 use volcomp_fleet::{
-    Identity, Keeping, LinkSettings, MachineId, MachineUser, ServerSettings, server::Server,
+    Identity, LinkSettings, MachineId, MachineUser, ServerSettings, StreamRetention, server::Server,
 };
 use volcomp_model::Machine as ModelMachine;
 
-use self::machine::Simulated;
+use self::machine::SimulatedMachine;
 use crate::{
     Error,
     engine::{Engine, Running, Settings},
@@ -26,8 +26,8 @@ use crate::{
     keys::Key,
     models::NewModel,
     records::{Machine, Origin},
-    rollout::{Rules, Step, Wish},
-    store::{Keep, Store},
+    rollout::{Rules, Step, UserRequest},
+    store::{Retention, Store},
     users::{Password, Role, Token, hash},
 };
 
@@ -55,8 +55,8 @@ const MACHINES: [(&str, &str, &str, &str); 3] = [
 const SITE: &str = "demo";
 const ADMIN: &str = "demo";
 
-fn drawn() -> Result<Token, Error> {
-    Token::draw().map_err(key)
+fn random_password() -> Result<Token, Error> {
+    Token::generate().map_err(key)
 }
 
 fn io(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> Error {
@@ -131,8 +131,8 @@ impl Demo {
         let trusted = key.key.verifying_key();
         let settings = Settings {
             link: link(seed(&centre)?),
-            keeping: Keeping::default(),
-            keep: Keep::default(),
+            stream_retention: StreamRetention::default(),
+            keep: Retention::default(),
             own: vec![key.clone()],
             key,
         };
@@ -140,8 +140,8 @@ impl Demo {
         let mut tasks = Vec::new();
         for (machine, user, model) in &machines {
             let truth = ModelMachine::parse(model, "built-in")?;
-            let instance: String = drawn()?.text().chars().take(16).collect();
-            let simulated = Simulated::new(machine, truth, instance, trusted);
+            let instance: String = random_password()?.text().chars().take(16).collect();
+            let simulated = SimulatedMachine::new(machine, truth, instance, trusted);
             tasks.push(tokio::spawn(simulated.run(link(seed(user)?))));
         }
         let page = PageState::new(
@@ -194,8 +194,8 @@ impl Demo {
 fn notice() -> String {
     format!(
         "Demonstration: simulated machines, invented models, and nothing is kept. A model that moves the axes far waits for \
-         Confirm under Roll-outs, as on a real machine; after {} s the demonstration confirms it by itself.",
-        CONFIRMS_AFTER.as_secs()
+         Confirm under Roll-outs, as on a real machine; after {} s the demonstration confirms it automatically.",
+        AUTO_CONFIRM_DELAY.as_secs()
     )
 }
 
@@ -239,7 +239,7 @@ fn prepared(
 ) -> Result<(Arc<Store>, String), Error> {
     let store = Store::open(&folder.join("centre.sqlite"))?;
     // 80 bits, in groups that are easy to type.
-    let letters: Vec<char> = drawn()?.text().chars().take(20).collect();
+    let letters: Vec<char> = random_password()?.text().chars().take(20).collect();
     let groups: Vec<String> = letters
         .chunks(5)
         .map(|group| group.iter().collect())
@@ -268,29 +268,29 @@ fn prepared(
 }
 
 /// Time the operator has to confirm a change before the demonstration confirms it.
-pub const CONFIRMS_AFTER: Duration = Duration::from_secs(20);
+pub const AUTO_CONFIRM_DELAY: Duration = Duration::from_secs(20);
 /// User name of automatic confirmations in the audit log.
-const BY: &str = "demonstration";
+const CONFIRMED_BY: &str = "demonstration";
 
 /// A pending confirmation: the roll-out, the machine and its hash.
-type Waiting = (u64, MachineId, String);
+type PendingConfirmation = (u64, MachineId, String);
 
-/// Confirms changes that have waited for [`CONFIRMS_AFTER`], until the runtime ends.
+/// Confirms changes that have waited for [`AUTO_CONFIRM_DELAY`], until the runtime ends.
 async fn confirm(store: Arc<Store>) {
-    let mut since: HashMap<Waiting, Instant> = HashMap::new();
+    let mut since: HashMap<PendingConfirmation, Instant> = HashMap::new();
     let mut ticks = tokio::time::interval(Duration::from_secs(1));
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         ticks.tick().await;
         let store = Arc::clone(&store);
-        let looked = tokio::task::spawn_blocking(move || {
-            let looked = look(&store, &mut since);
-            (looked, since)
+        let pass = tokio::task::spawn_blocking(move || {
+            let result = confirm_due(&store, &mut since);
+            (result, since)
         });
-        match looked.await {
-            Ok((looked, kept)) => {
+        match pass.await {
+            Ok((result, kept)) => {
                 since = kept;
-                if let Err(error) = looked {
+                if let Err(error) = result {
                     tracing::warn!("demo: {error}");
                 }
             }
@@ -302,7 +302,10 @@ async fn confirm(store: Arc<Store>) {
     }
 }
 
-fn look(store: &Store, since: &mut HashMap<Waiting, Instant>) -> Result<(), Error> {
+fn confirm_due(
+    store: &Store,
+    since: &mut HashMap<PendingConfirmation, Instant>,
+) -> Result<(), Error> {
     let mut waiting = Vec::new();
     for id in store.open_rollouts()? {
         let Some(rollout) = store.rollout(id)? else {
@@ -317,9 +320,13 @@ fn look(store: &Store, since: &mut HashMap<Waiting, Instant>) -> Result<(), Erro
     since.retain(|known, _| waiting.contains(known));
     for one in waiting {
         let begun = *since.entry(one.clone()).or_insert_with(Instant::now);
-        if begun.elapsed() >= CONFIRMS_AFTER {
+        if begun.elapsed() >= AUTO_CONFIRM_DELAY {
             let (id, machine, hash) = one.clone();
-            match store.wish(id, &Wish::Confirm { machine, hash }, BY) {
+            match store.request_rollout_change(
+                id,
+                &UserRequest::Confirm { machine, hash },
+                CONFIRMED_BY,
+            ) {
                 // It was resumed or stopped since it was read.
                 Ok(()) | Err(Error::NotConfirmed(_)) => {}
                 Err(error) => return Err(error),

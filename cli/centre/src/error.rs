@@ -3,27 +3,25 @@
 use std::io;
 
 use volcomp_document::{InputErrors, PrivateError, ReadError};
-use volcomp_fleet::{LinkError, MachineId, NoConfiguration, NotADesired};
+use volcomp_fleet::{DesiredError, LinkError, MachineId, ServerConfigError};
 use volcomp_model::ModelError;
 use volcomp_web::TlsError;
 
-/// Every error of the centre except that of a [subnet](crate::discover::NotSearched).
+/// Every error of the centre except that of a [subnet](crate::discover::SubnetError).
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     #[error("the database: {0}")]
     Sqlite(#[from] rusqlite::Error),
     /// The database file cannot be created, or its permissions cannot be restricted.
-    #[error(
-        "the database: {file}: {why}; expected a file that this program can keep to its owner (mode 600)"
-    )]
+    #[error("the database: {file}: {why}; expected a file that can be created with mode 600")]
     Database { file: String, why: io::Error },
     /// A document in the database was not written by this program.
     #[error("a document in the database: {0}")]
     Document(#[from] serde_json::Error),
     /// A newer program has changed the database schema.
     #[error(
-        "the database has {found} steps of its schema, this program knows {known}: expected a program as new as the one that wrote it"
+        "the database has schema version {found}, this program supports up to {known}: use a newer program"
     )]
     Newer { found: u64, known: u64 },
     /// The change contradicts what is stored.
@@ -40,10 +38,10 @@ pub enum Error {
     #[error("{machine} has no model yet: expected a roll-out first")]
     NoModelYet { machine: MachineId },
     /// The machine does not exist, or has had only one model.
-    #[error("{machine}: found no model that it has had in force before the one that it has now")]
+    #[error("{machine}: found no model that was active before the current one")]
     NoWayBack { machine: MachineId },
     #[error(transparent)]
-    Manifest(#[from] NotADesired),
+    Manifest(#[from] DesiredError),
     #[error(transparent)]
     Model(#[from] ModelError),
     #[error(transparent)]
@@ -60,7 +58,7 @@ pub enum Error {
     Random(getrandom::Error),
     /// The server configuration cannot be written.
     #[error(transparent)]
-    Server(#[from] NoConfiguration),
+    Server(#[from] ServerConfigError),
     #[error(transparent)]
     Tls(#[from] TlsError),
     #[error("the server: {0}")]
@@ -68,7 +66,7 @@ pub enum Error {
     #[error("a thread: {0}")]
     Thread(io::Error),
     #[error(
-        "{0} has ended by itself, which it never should: see the log; what was not acknowledged comes again after a start"
+        "{0} has ended unexpectedly: see the log; unacknowledged messages are redelivered after a restart"
     )]
     Ended(&'static str),
     #[error(transparent)]

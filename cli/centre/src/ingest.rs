@@ -13,30 +13,30 @@ use volcomp_fleet::{Acknowledgement, Condition, Envelope, Kind, MachineId, Recei
 use crate::{
     Error,
     instance::{Header, Instances},
-    records::{Live, Made, Point},
+    records::{CreationTime, Live, Point},
     rollout::Observation,
     store::{Store, history, machines::put_live, models},
 };
 
 /// Maximum length of a gateway's instance identifier, bytes; the database indexes it.
-const LONGEST_INSTANCE: usize = 256;
+const MAX_INSTANCE_BYTES: usize = 256;
 
 /// Maximum plausible residual, µm (1 km); larger values are discarded.
-const LARGEST_UM: f64 = 1e9;
+const MAX_RESIDUAL_UM: f64 = 1e9;
 
 /// Reception state of a machine.
 #[derive(Clone, Debug, Default)]
-pub struct Heard {
+pub struct Reception {
     /// Its last received state.
     pub live: Option<Live>,
     pub instances: Instances,
     /// Events since the last pass.
-    pub since: Since,
+    pub events: NewEvents,
     /// When the last unreadable message arrived, and why it was unreadable.
     pub unreadable: Option<(Instant, String)>,
     /// When the newest condition was created, by a monotonic clock; `None` if none was received since the program started. Other messages do not
     /// show the current state of the machine.
-    pub told: Option<Instant>,
+    pub condition_at: Option<Instant>,
 }
 
 fn corrects(condition: &Condition) -> bool {
@@ -45,7 +45,7 @@ fn corrects(condition: &Condition) -> bool {
 
 /// Events received since the last pass.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Since {
+pub struct NewEvents {
     pub conditions: u64,
     /// The guard faulted: its reasons.
     pub faulted: Option<String>,
@@ -53,7 +53,7 @@ pub struct Since {
     pub residual: (f64, u64),
 }
 
-impl Since {
+impl NewEvents {
     /// Adds earlier events.
     fn add(&mut self, before: Self) {
         self.conditions += before.conditions;
@@ -67,14 +67,14 @@ impl Since {
 
 /// Results of a batch in addition to the stored rows.
 #[derive(Debug, Default)]
-pub struct Taken {
+pub struct BatchCounts {
     pub stored: u64,
     /// Number of duplicate messages.
-    pub twice: u64,
+    pub duplicates: u64,
 }
 
 pub struct Ingest {
-    machines: BTreeMap<MachineId, Heard>,
+    machines: BTreeMap<MachineId, Reception>,
     /// Machines whose last state is not yet stored.
     changed: BTreeSet<MachineId>,
     start: Instant,
@@ -83,13 +83,13 @@ pub struct Ingest {
 impl Ingest {
     /// Loads the state from the store.
     pub fn of(store: &Store) -> Result<Self, Error> {
-        let mut machines: BTreeMap<MachineId, Heard> = BTreeMap::new();
+        let mut machines: BTreeMap<MachineId, Reception> = BTreeMap::new();
         for (machine, live) in store.live()? {
             machines.entry(machine).or_default().live = Some(live);
         }
         for (machine, instance) in store.instances()? {
-            let heard = machines.entry(machine).or_default();
-            heard.instances.each.push(instance);
+            let reception = machines.entry(machine).or_default();
+            reception.instances.each.push(instance);
         }
         Ok(Self {
             machines,
@@ -102,24 +102,24 @@ impl Ingest {
     ///
     /// # Errors
     /// The database rejects the change (full disk, locked by another program); then nothing is changed. The same batch may be passed again.
-    pub fn take(&mut self, store: &Store, batch: &[Received]) -> Result<Taken, Error> {
-        let mut changed: BTreeMap<MachineId, Heard> = BTreeMap::new();
+    pub fn take(&mut self, store: &Store, batch: &[Received]) -> Result<BatchCounts, Error> {
+        let mut changed: BTreeMap<MachineId, Reception> = BTreeMap::new();
         let taken = store.write(|database| {
-            let mut taken = Taken::default();
+            let mut taken = BatchCounts::default();
             for message in batch {
                 let name = &message.identity.machine;
                 if !changed.contains_key(name) {
-                    let heard = self.machines.get(name).cloned().unwrap_or_default();
-                    changed.insert(name.clone(), heard);
+                    let reception = self.machines.get(name).cloned().unwrap_or_default();
+                    changed.insert(name.clone(), reception);
                 }
                 // The entry was inserted just above.
-                if let Some(heard) = changed.get_mut(name) {
-                    one(database, &mut taken, heard, message)?;
+                if let Some(reception) = changed.get_mut(name) {
+                    store_message(database, &mut taken, reception, message)?;
                 }
             }
-            for (machine, heard) in &changed {
+            for (machine, reception) in &changed {
                 let before = self.machines.get(machine);
-                for instance in &heard.instances.each {
+                for instance in &reception.instances.each {
                     let same =
                         before.is_some_and(|before| before.instances.each.contains(instance));
                     if !same {
@@ -127,7 +127,7 @@ impl Ingest {
                     }
                 }
                 for gone in before.iter().flat_map(|before| &before.instances.each) {
-                    let mut kept = heard.instances.each.iter();
+                    let mut kept = reception.instances.each.iter();
                     if !kept.any(|one| one.instance == gone.instance) {
                         history::remove_instance(database, machine, &gone.instance)?;
                     }
@@ -147,9 +147,9 @@ impl Ingest {
             return Ok(());
         }
         store.write(|database| {
-            let heard = self.changed.iter();
-            let heard = heard.filter_map(|name| self.machines.get(name)?.live.as_ref());
-            for live in heard {
+            let reception = self.changed.iter();
+            let reception = reception.filter_map(|name| self.machines.get(name)?.live.as_ref());
+            for live in reception {
                 put_live(database, live)?;
             }
             Ok(())
@@ -159,32 +159,38 @@ impl Ingest {
     }
 
     /// Every machine from which a message was ever received.
-    pub fn machines(&self) -> impl Iterator<Item = (&MachineId, &Heard)> {
+    pub fn machines(&self) -> impl Iterator<Item = (&MachineId, &Reception)> {
         self.machines.iter()
     }
 
-    pub fn machine(&self, machine: &MachineId) -> Option<&Heard> {
+    pub fn machine(&self, machine: &MachineId) -> Option<&Reception> {
         self.machines.get(machine)
     }
 
     /// Age of a machine's last condition, s; before the first one, the time since the program started.
-    pub fn quiet_s(&self, machine: &MachineId) -> f64 {
-        let told = self.machines.get(machine).and_then(|heard| heard.told);
-        told.unwrap_or(self.start).elapsed().as_secs_f64()
+    pub fn silence_s(&self, machine: &MachineId) -> f64 {
+        let condition_at = self
+            .machines
+            .get(machine)
+            .and_then(|reception| reception.condition_at);
+        condition_at.unwrap_or(self.start).elapsed().as_secs_f64()
     }
 
-    /// Returns each machine's observation for roll-outs and its events since the last pass, and resets the events. `heard` is true if the last
+    /// Returns each machine's observation for roll-outs and its events since the last pass, and resets the events. `reachable` is true if the last
     /// condition is at most `fresh_s` old.
-    pub fn look(
+    pub fn take_observations(
         &mut self,
         fresh_s: impl Fn(&MachineId) -> f64,
-    ) -> (BTreeMap<MachineId, Observation>, BTreeMap<MachineId, Since>) {
-        let look = |(machine, heard): (&MachineId, &mut Heard)| {
-            let since = std::mem::take(&mut heard.since);
+    ) -> (
+        BTreeMap<MachineId, Observation>,
+        BTreeMap<MachineId, NewEvents>,
+    ) {
+        let look = |(machine, reception): (&MachineId, &mut Reception)| {
+            let since = std::mem::take(&mut reception.events);
             let (sum, count) = since.residual;
-            let live = heard.live.as_ref();
+            let live = reception.live.as_ref();
             let seen = Observation {
-                heard: (heard.told)
+                reachable: (reception.condition_at)
                     .is_some_and(|at| at.elapsed().as_secs_f64() <= fresh_s(machine)),
                 version: live.map_or(0, |live| live.version),
                 corrects: (live.and_then(|live| live.condition.as_ref())).is_some_and(corrects),
@@ -198,28 +204,28 @@ impl Ingest {
 
     /// Counts the messages that are lost for good. Call once a minute.
     pub fn count_missing(&mut self) {
-        for heard in self.machines.values_mut() {
-            let missing = heard.instances.count_missing();
-            if let Some(live) = &mut heard.live {
+        for reception in self.machines.values_mut() {
+            let missing = reception.instances.count_missing();
+            if let Some(live) = &mut reception.live {
                 live.lost = missing;
             }
         }
     }
 
     /// Returns events of a pass that failed, so that the next pass processes them.
-    pub fn put_back(&mut self, looked: BTreeMap<MachineId, Since>) {
+    pub fn restore_events(&mut self, looked: BTreeMap<MachineId, NewEvents>) {
         for (machine, before) in looked {
-            if let Some(heard) = self.machines.get_mut(&machine) {
-                heard.since.add(before);
+            if let Some(reception) = self.machines.get_mut(&machine) {
+                reception.events.add(before);
             }
         }
     }
 }
 
-fn one(
+fn store_message(
     database: &rusqlite::Connection,
-    taken: &mut Taken,
-    heard: &mut Heard,
+    taken: &mut BatchCounts,
+    reception: &mut Reception,
     message: &Received,
 ) -> Result<(), Error> {
     let machine = &message.identity.machine;
@@ -234,7 +240,7 @@ fn one(
         Err(error) => {
             // Unreadable messages are stored unchanged for inspection.
             let why = format!("{}: {error}", message.kind.name());
-            heard.unreadable = Some((Instant::now(), why));
+            reception.unreadable = Some((Instant::now(), why));
             let text = String::from_utf8_lossy(&message.bytes);
             let text: String = text.chars().take(1000).collect();
             let document = serde_json::json!({ "unreadable": text, "why": error.to_string() });
@@ -247,13 +253,13 @@ fn one(
         }
     };
     let header = body.header(message);
-    let Some(made) = heard.instances.take(&header) else {
-        taken.twice += 1;
+    let Some(made) = reception.instances.take(&header) else {
+        taken.duplicates += 1;
         return Ok(());
     };
     let at_s = made.at_s;
     taken.stored += 1;
-    let live = heard
+    let live = reception
         .live
         .get_or_insert_with(|| Live::new(machine.clone(), message.stored_s, 0));
     live.heard_s = live.heard_s.max(message.stored_s);
@@ -262,14 +268,14 @@ fn one(
             let condition = envelope.body;
             let text = serde_json::to_string(&Point::of(&condition, at_s))?;
             history::add_recent(database, machine, at_s, &text)?;
-            heard.since.conditions += 1;
+            reception.events.conditions += 1;
             if condition.state == "faulted" {
-                heard.since.faulted = Some(condition.reasons.join("; "));
+                reception.events.faulted = Some(condition.reasons.join("; "));
             }
             let residual_um = condition.residual_um.filter(|_| corrects(&condition));
-            if let Some(um) = residual_um.filter(|um| um.abs() < LARGEST_UM) {
-                heard.since.residual.0 += um;
-                heard.since.residual.1 += 1;
+            if let Some(um) = residual_um.filter(|um| um.abs() < MAX_RESIDUAL_UM) {
+                reception.events.residual.0 += um;
+                reception.events.residual.1 += 1;
             }
             live.instance = envelope.instance;
             live.version = envelope.version;
@@ -278,8 +284,8 @@ fn one(
             // A message that waited at the gateway shows an earlier state. There is no `Instant` before this computer's start.
             let waited = Duration::try_from_secs_f64(made.late_s).unwrap_or_default();
             let made_at = Instant::now().checked_sub(waited);
-            heard.told = heard.told.max(made_at);
-            live.made = Some(Made {
+            reception.condition_at = reception.condition_at.max(made_at);
+            live.made = Some(CreationTime {
                 at_s: message.stored_s - made.late_s,
                 late_s: made.late_s,
             });
@@ -307,9 +313,9 @@ fn one(
 fn read<T: DeserializeOwned>(message: &Received) -> Result<Envelope<T>, serde_json::Error> {
     let envelope: Envelope<T> = serde_json::from_slice(&message.bytes)?;
     let length = envelope.instance.len();
-    if length > LONGEST_INSTANCE {
+    if length > MAX_INSTANCE_BYTES {
         return Err(serde::de::Error::custom(format!(
-            "found an instance of {length} bytes, expected at most {LONGEST_INSTANCE}"
+            "found an instance of {length} bytes, expected at most {MAX_INSTANCE_BYTES}"
         )));
     }
     Ok(envelope)

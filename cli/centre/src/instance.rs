@@ -2,20 +2,20 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::records::Made;
+use crate::records::CreationTime;
 
 /// Maximum number of remembered gateway instances of a machine. Instances active within a day of the newest are kept beyond it, so that a
 /// redelivered batch is recognized whatever the number of restarts, …
-const MOST: usize = 16;
+const MAX_INSTANCES: usize = 16;
 const REMEMBERED_S: f64 = 86_400.0;
 /// … up to this number, which is the number of messages in a batch.
-const MOST_OF_A_DAY: usize = 2048;
+const MAX_INSTANCES_OF_A_DAY: usize = 2048;
 /// Window over which the start time of a gateway is measured again, s: clocks drift, and the server's clock may be set.
 const WINDOW_S: f64 = 300.0;
 /// Maximum plausible time since start, s.
-const LONGEST_S: f64 = 1e9;
+const MAX_UPTIME_S: f64 = 1e9;
 /// Maximum age of a message on arrival, s: no gateway keeps one longer.
-const OLDEST_S: f64 = 32.0 * 86_400.0;
+const MAX_AGE_S: f64 = 32.0 * 86_400.0;
 
 /// One run of a gateway, from its start to its end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -105,15 +105,15 @@ impl Instances {
     ///
     /// The creation time is counted from the gateway's start, so a wrong gateway clock has no effect, and messages delayed by a lost connection get
     /// their true time.
-    pub fn take(&mut self, message: &Header<'_>) -> Option<Made> {
-        let uptime_s = Some(message.uptime_s).filter(|s| (0.0..LONGEST_S).contains(s));
+    pub fn take(&mut self, message: &Header<'_>) -> Option<CreationTime> {
+        let uptime_s = Some(message.uptime_s).filter(|s| (0.0..MAX_UPTIME_S).contains(s));
         let start_s = message.stored_s - uptime_s.unwrap_or(0.0);
         let known = self
             .each
             .iter()
             .position(|one| one.instance == message.instance);
         let place = known.unwrap_or_else(|| {
-            while self.each.len() >= MOST {
+            while self.each.len() >= MAX_INSTANCES {
                 let silent = (0..self.each.len()).min_by(|one, other| {
                     self.each[*one]
                         .heard_s
@@ -121,7 +121,7 @@ impl Instances {
                 });
                 let Some(place) = silent else { break };
                 let since_s = message.stored_s - self.each[place].heard_s;
-                if since_s < REMEMBERED_S && self.each.len() < MOST_OF_A_DAY {
+                if since_s < REMEMBERED_S && self.each.len() < MAX_INSTANCES_OF_A_DAY {
                     break;
                 }
                 self.each.remove(place);
@@ -165,9 +165,9 @@ impl Instances {
                 self.cloned_s = Some(message.stored_s);
             }
         }
-        Some(Made {
-            at_s: made_s.clamp(message.stored_s - OLDEST_S, message.stored_s),
-            late_s: late_s.min(OLDEST_S),
+        Some(CreationTime {
+            at_s: made_s.clamp(message.stored_s - MAX_AGE_S, message.stored_s),
+            late_s: late_s.min(MAX_AGE_S),
         })
     }
 
@@ -175,15 +175,15 @@ impl Instances {
     pub fn count_missing(&mut self) -> u64 {
         let mut missing = 0_u64;
         for one in &mut self.each {
-            let of_one = one.stored.missing_below(one.counted_to);
-            missing = of_one.saturating_add(missing);
+            let missing_of_one = one.stored.missing_below(one.counted_to);
+            missing = missing_of_one.saturating_add(missing);
             one.counted_to = one.stored.highest().unwrap_or(0);
         }
         missing
     }
 
     /// Instances with messages after `since_s`.
-    pub fn heard_since(&self, since_s: f64) -> impl Iterator<Item = &Instance> {
+    pub fn active_since(&self, since_s: f64) -> impl Iterator<Item = &Instance> {
         self.each.iter().filter(move |one| one.heard_s >= since_s)
     }
 }
@@ -285,7 +285,7 @@ mod tests {
     proptest! {
         /// Against a plain set, up to the number of intervals that are remembered.
         #[test]
-        fn it_is_a_set(numbers in proptest::collection::vec(prop_oneof![0_u64..60, u64::MAX - 5..=u64::MAX], 0..120), below in 0_u64..70) {
+        fn intervals_match_a_set(numbers in proptest::collection::vec(prop_oneof![0_u64..60, u64::MAX - 5..=u64::MAX], 0..120), below in 0_u64..70) {
             let mut set = BTreeSet::new();
             let mut intervals = Intervals::default();
             for number in numbers {
@@ -301,7 +301,7 @@ mod tests {
         }
 
         #[test]
-        fn any_text_is_told_or_read(text in "[0-9,-]{0,20}") {
+        fn any_text_is_rejected_or_parsed(text in "[0-9,-]{0,20}") {
             if let Ok(mut intervals) = Intervals::try_from(text) {
                 intervals.insert(3);
                 let text = String::from(intervals.clone());
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_forgotten_counts_as_not_seen() {
+    fn dropped_intervals_count_as_unseen() {
         let mut intervals = Intervals::default();
         for number in 0..300 {
             assert!(intervals.insert(2 * number));
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn a_backlog_stands_where_it_was_made() {
+    fn a_backlog_gets_its_creation_times() {
         let mut instances = Instances::default();
         let mut made = |message: &Header<'_>| instances.take(message).map(|made| made.at_s);
         assert_eq!(made(&message("a", 5, 105.0, 1)), Some(105.0));
@@ -351,7 +351,7 @@ mod tests {
 
     /// A gateway that is cut off for an hour and sends what waited; then a clock that drifts, and one that is set.
     #[test]
-    fn a_message_that_waited_is_late_and_a_clock_that_is_wrong_makes_none_late() {
+    fn a_delayed_message_is_late_and_clock_errors_are_not() {
         let mut instances = Instances::default();
         let mut number = 0;
         let mut late = |made_s: f64, stored_s: f64| {
@@ -371,37 +371,40 @@ mod tests {
         // A thousand in each second of what waited for an hour: the first is late by an hour, the last by nothing.
         for second in 1000..4600_u32 {
             let stored_s = 9600.0 + f64::from((second - 1000) / 1000);
-            let told = late(second.into(), stored_s);
-            assert_eq!(told, Some(stored_s - 5000.0 - f64::from(second)));
+            let reported = late(second.into(), stored_s);
+            assert_eq!(reported, Some(stored_s - 5000.0 - f64::from(second)));
         }
         // 100 ppm for ten days, in which the start seems to move by 86 s.
         for minute in 1..14_400 {
             let made_s = 4600.0 + 60.0 * f64::from(minute);
-            let told = late(made_s, 9604.0 + 60.006 * f64::from(minute));
-            assert!(told.is_some_and(|late_s| late_s < 4.5), "{told:?}");
+            let reported = late(made_s, 9604.0 + 60.006 * f64::from(minute));
+            assert!(reported.is_some_and(|late_s| late_s < 4.5), "{reported:?}");
         }
-        // Somebody sets the clock of the server by an hour: after two times five minutes it is as it was.
+        // The clock of the server is set by an hour: after two windows of five minutes delays are correct again.
         for minute in 14_400..14_420 {
             let made_s = 4600.0 + 60.0 * f64::from(minute);
-            let told = late(made_s, 13_204.0 + 60.006 * f64::from(minute));
-            assert!(minute < 14_411 || told < Some(0.5), "{minute}: {told:?}");
+            let reported = late(made_s, 13_204.0 + 60.006 * f64::from(minute));
+            assert!(
+                minute < 14_411 || reported < Some(0.5),
+                "{minute}: {reported:?}"
+            );
         }
     }
 
     #[test]
-    fn gateways_are_forgotten_after_a_day_and_never_grow_without_end() {
+    fn remembered_instances_are_bounded() {
         let mut instances = Instances::default();
         for start in 0..3000_u32 {
             let name = start.to_string();
             instances.take(&message(&name, 1, f64::from(start), start.into()));
         }
-        assert_eq!(instances.each.len(), MOST_OF_A_DAY);
+        assert_eq!(instances.each.len(), MAX_INSTANCES_OF_A_DAY);
         instances.take(&message("later", 1, 200_000.0, 4000));
-        assert_eq!(instances.each.len(), MOST);
+        assert_eq!(instances.each.len(), MAX_INSTANCES);
     }
 
     #[test]
-    fn a_restart_is_no_clone_and_two_at_a_time_are() {
+    fn a_restart_is_no_clone_but_simultaneous_instances_are() {
         let mut instances = Instances::default();
         for number in 1..10 {
             instances.take(&message("a", number, 100.0, number));
@@ -423,7 +426,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_counted_at_the_second_look() {
+    fn missing_messages_are_counted_at_the_second_count() {
         let mut instances = Instances::default();
         for number in [1, 2, 5] {
             instances.take(&message("a", number, 1.0, number));
@@ -435,7 +438,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_none_break_nothing() {
+    fn invalid_times_are_ignored() {
         let mut instances = Instances::default();
         for uptime_s in [f64::NAN, f64::INFINITY, -1.0, 1e300] {
             let made = instances.take(&Header {

@@ -11,14 +11,14 @@ use crate::{
     models::fits,
     records::{Machine, Model, Version},
     store::{
-        Issued, Store,
+        SignedValue, Store,
         machines::{live_of, machine_named},
         models::{
             add_version, change_version, clear_desired, model_of, newest, newest_version,
             next_version, text_of, versions_of,
         },
     },
-    versions::{in_force, may_be_in_force},
+    versions::{active_version, may_be_active},
 };
 
 /// A manifest to issue.
@@ -33,7 +33,11 @@ pub struct Order<'a> {
 }
 
 /// Issues a manifest within a transaction.
-pub(crate) fn issue(database: &Connection, key: &Key, order: &Order<'_>) -> Result<Issued, Error> {
+pub(crate) fn issue(
+    database: &Connection,
+    key: &Key,
+    order: &Order<'_>,
+) -> Result<SignedValue, Error> {
     let Order { machine, model, .. } = order;
     fits(model, machine)?;
     let name = &machine.identity.machine;
@@ -70,7 +74,7 @@ pub(crate) fn issue(database: &Connection, key: &Key, order: &Order<'_>) -> Resu
     // The value is JSON, hence valid UTF-8.
     let value = String::from_utf8_lossy(&value).into_owned();
     add_version(database, &version, &value)?;
-    Ok(Issued {
+    Ok(SignedValue {
         machine: name.clone(),
         version: version.version,
         model: version.model,
@@ -85,21 +89,21 @@ fn reissue(
     key: &Key,
     machine: &MachineId,
     by: &str,
-) -> Result<Issued, Error> {
+) -> Result<SignedValue, Error> {
     // The settings are sent with the model under the machine's key if that is pending or active. A model that was rejected or waits for
     // confirmation is not resent this way: then, and if there is nothing under the key, the settings go with the active model. The version stays
     // part of its roll-out, because a change of settings does not validate its model.
     let under_key = newest(database, machine)?;
     let newest = newest_version(database, machine)?;
     let version = match newest {
-        Some(newest) if may_be_in_force(&newest) => Some(Version {
+        Some(newest) if may_be_active(&newest) => Some(Version {
             model: under_key.map_or_else(|| newest.model.clone(), |issued| issued.model),
             ..newest
         }),
         newest => {
             let versions = versions_of(database, machine)?;
             let live = live_of(database, machine)?;
-            in_force(&versions, live.as_ref()).cloned().or(newest)
+            active_version(&versions, live.as_ref()).cloned().or(newest)
         }
     };
     let version = version.ok_or_else(|| Error::NoModelYet {
@@ -116,7 +120,7 @@ fn issue_again(
     sha256: &str,
     rollout: Option<u64>,
     by: &str,
-) -> Result<Issued, Error> {
+) -> Result<SignedValue, Error> {
     let known = machine_named(database, name)?;
     let known = known.ok_or_else(|| Error::missing("machine", name))?;
     let model = model_of(database, sha256)?.ok_or_else(|| Error::missing("model", sha256))?;
@@ -139,14 +143,15 @@ pub(crate) fn withdraw(
     machine: &MachineId,
     rollout: u64,
 ) -> Result<(), Error> {
-    let of_it = |version: &Version| version.rollout == Some(rollout);
+    let is_of_rollout = |version: &Version| version.rollout == Some(rollout);
     let newest = newest_version(database, machine)?;
-    let is_to_be = |newest: &Version| of_it(newest) && newest.outcome != Some(Outcome::Activated);
-    if !newest.as_ref().is_some_and(is_to_be) {
+    let must_withdraw =
+        |newest: &Version| is_of_rollout(newest) && newest.outcome != Some(Outcome::Activated);
+    if !newest.as_ref().is_some_and(must_withdraw) {
         return Ok(());
     }
     let versions = versions_of(database, machine)?;
-    for version in versions.iter().filter(|version| of_it(version)) {
+    for version in versions.iter().filter(|version| is_of_rollout(version)) {
         let withdrawn = Version {
             withdrawn: true,
             ..version.clone()
@@ -155,10 +160,10 @@ pub(crate) fn withdraw(
     }
     // Exclude versions that were rejected or wait for confirmation.
     let before: Vec<Version> = (versions.into_iter())
-        .filter(|version| !of_it(version) && may_be_in_force(version))
+        .filter(|version| !is_of_rollout(version) && may_be_active(version))
         .collect();
     let live = live_of(database, machine)?;
-    let issued = match in_force(&before, live.as_ref()).or(before.first()) {
+    let issued = match active_version(&before, live.as_ref()).or(before.first()) {
         Some(before) => {
             let (model, rollout) = (&before.model, before.rollout);
             issue_again(database, key, machine, model, rollout, "centre")
@@ -187,7 +192,7 @@ pub fn settle(
     key: &Key,
     machine: &MachineId,
     by: &str,
-) -> Result<Option<Issued>, Error> {
+) -> Result<Option<SignedValue>, Error> {
     store.write(|database| {
         let known = machine_named(database, machine)?;
         let known = known.ok_or_else(|| Error::missing("machine", machine))?;
@@ -196,7 +201,7 @@ pub fn settle(
             Some(newest)
         } else {
             let versions = versions_of(database, machine)?;
-            in_force(&versions, live_of(database, machine)?.as_ref()).cloned()
+            active_version(&versions, live_of(database, machine)?.as_ref()).cloned()
         };
         let newest = newest.ok_or_else(|| Error::NoModelYet {
             machine: machine.clone(),
@@ -209,7 +214,7 @@ pub fn settle(
 }
 
 #[cfg(test)]
-pub(crate) use tests::Place;
+pub(crate) use tests::Fixture;
 
 #[cfg(test)]
 mod tests {
@@ -224,14 +229,14 @@ mod tests {
     };
 
     /// A store with a machine and a key.
-    pub(crate) struct Place {
+    pub(crate) struct Fixture {
         _folder: tempfile::TempDir,
         pub(crate) store: Store,
         key: Key,
         machine: Machine,
     }
 
-    impl Place {
+    impl Fixture {
         pub(crate) fn new() -> Self {
             let folder = tempfile::tempdir().expect("writable");
             let store = Store::open(&folder.path().join("centre.db")).expect("a store");
@@ -258,10 +263,10 @@ mod tests {
             &self.machine.identity.machine
         }
 
-        /// Issues the model of this number, and writes what became of it.
+        /// Issues the model of this number, and stores its outcome.
         #[expect(
             clippy::needless_pass_by_value,
-            reason = "what became of it is built where it is told"
+            reason = "tests build the outcome in the call"
         )]
         pub(crate) fn issue(&self, number: u32, rollout: u64, outcome: Option<Outcome>) -> String {
             let text = format!(
@@ -313,14 +318,14 @@ mod tests {
     }
 
     #[test]
-    fn what_was_refused_does_not_come_back_with_what_is_taken_back() {
-        let place = Place::new();
-        let old = place.issue(1, 1, Some(Outcome::Activated));
-        place.issue(2, 2, Some(refused()));
-        place.issue(3, 3, None);
-        place.withdraw(3);
-        assert_eq!(place.under_key(), Some((4, old)));
-        let other = Place::new();
+    fn a_rejected_model_does_not_return_on_withdrawal() {
+        let fixture = Fixture::new();
+        let old = fixture.issue(1, 1, Some(Outcome::Activated));
+        fixture.issue(2, 2, Some(refused()));
+        fixture.issue(3, 3, None);
+        fixture.withdraw(3);
+        assert_eq!(fixture.under_key(), Some((4, old)));
+        let other = Fixture::new();
         other.issue(1, 1, Some(refused()));
         other.issue(2, 2, None);
         other.withdraw(2);
@@ -328,34 +333,37 @@ mod tests {
     }
 
     #[test]
-    fn settings_go_with_the_model_that_is_brought_back() {
-        let place = Place::new();
-        let old = place.issue(1, 1, Some(Outcome::Activated));
-        place.issue(2, 2, None);
-        place.withdraw(2);
-        // It has taken the new one meanwhile, and not the old one again yet.
-        let live = Live::new(place.name().clone(), 1.0, 2);
-        place.store.put_live(&[live]).expect("stored");
-        let again = |database: &Connection| reissue(database, &place.key, place.name(), "anna");
-        let issued = place.store.write(again).expect("issued");
+    fn settings_are_sent_with_the_restored_model() {
+        let fixture = Fixture::new();
+        let old = fixture.issue(1, 1, Some(Outcome::Activated));
+        fixture.issue(2, 2, None);
+        fixture.withdraw(2);
+        // It has activated the new one meanwhile, and not the old one again yet.
+        let live = Live::new(fixture.name().clone(), 1.0, 2);
+        fixture.store.put_live(&[live]).expect("stored");
+        let again = |database: &Connection| reissue(database, &fixture.key, fixture.name(), "anna");
+        let issued = fixture.store.write(again).expect("issued");
         assert_eq!((issued.version, issued.model), (4, old));
     }
 
-    /// Nothing is under its key, and it goes on with what was taken back: other settings reach it.
+    /// There is no value under its key, and the withdrawn version is active: changed settings still reach it.
     #[test]
-    fn a_machine_under_whose_key_nothing_is_can_be_disabled() {
-        let place = Place::new();
-        let settle = || settle(&place.store, &place.key, place.name(), "anna");
-        let new = place.issue(1, 1, None);
-        place.withdraw(1);
+    fn a_machine_without_a_value_can_be_disabled() {
+        let fixture = Fixture::new();
+        let settle = || settle(&fixture.store, &fixture.key, fixture.name(), "anna");
+        let new = fixture.issue(1, 1, None);
+        fixture.withdraw(1);
         let disabled = Machine {
             enable: false,
-            ..place.machine.clone()
+            ..fixture.machine.clone()
         };
-        place.store.put_machine(&disabled, "anna").expect("stored");
+        fixture
+            .store
+            .put_machine(&disabled, "anna")
+            .expect("stored");
         assert!(matches!(settle(), Err(Error::NoModelYet { .. })));
-        let live = Live::new(place.name().clone(), 1.0, 1);
-        place.store.put_live(&[live]).expect("stored");
+        let live = Live::new(fixture.name().clone(), 1.0, 1);
+        fixture.store.put_live(&[live]).expect("stored");
         let issued = settle().expect("issued").expect("other settings");
         assert_eq!((issued.version, issued.model), (2, new));
         assert!(settle().expect("a store").is_none());

@@ -125,7 +125,7 @@ pub fn write_secret(file: &Path, text: &str) -> Result<(), Error> {
     write().map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => {
             // A secret is never overwritten.
-            Error::Wrong(format!("{}: there already, kept", file.display()))
+            Error::Wrong(format!("{}: exists and is not replaced", file.display()))
         }
         _ => failed(file)(error),
     })

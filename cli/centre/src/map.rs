@@ -9,9 +9,9 @@ use volcomp_model::{
 use volcomp_vocabulary::AxisName;
 
 /// Nodes along each axis of a section.
-const NODES: usize = 21;
+const SECTION_NODES: usize = 21;
 /// Nodes along each axis of the work space, including its corners, over which the largest error is searched.
-const SOUGHT: usize = 11;
+const SEARCH_NODES: usize = 11;
 /// Resolution of corrections, as in most controls: mm and rad.
 const STEP_MM: f64 = 1e-3;
 const STEP_RAD: f64 = 1e-4 / 180.0 * std::f64::consts::PI;
@@ -122,7 +122,7 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
         reference_temperature: true,
     };
     // A section through the middle does not cover the corners.
-    let space = MapGrid::over_travels(machine, [SOUGHT; 3], &others)?;
+    let space = MapGrid::over_travels(machine, [SEARCH_NODES; 3], &others)?;
     let whole: Vec<[f64; 2]> = (0..space.len())
         .map(|index| lengths_um(&space.node(machine, index).1))
         .collect();
@@ -140,7 +140,7 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
         for axis in [across, up] {
             let letters = [AxisName::X, AxisName::Y, AxisName::Z];
             if let Some(place) = letters.iter().position(|name| *name == grid.axes[axis]) {
-                counts[place] = NODES;
+                counts[place] = SECTION_NODES;
             }
         }
         let plane = MapGrid::over_travels(machine, counts, &others)?;
@@ -150,7 +150,7 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
             .collect();
         larger(&mut map.largest_um, &both);
         let rows = |place: usize| {
-            let rows = both.chunks(NODES);
+            let rows = both.chunks(SECTION_NODES);
             rows.map(|row| row.iter().map(|values| values[place]).collect())
                 .collect()
         };

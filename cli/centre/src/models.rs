@@ -106,10 +106,10 @@ pub fn compare(one: &str, other: &str) -> Result<String, Error> {
 
 /// Summary of a machine file.
 #[derive(Clone, Debug, Serialize)]
-pub struct Described {
+pub struct ModelDescription {
     pub text: String,
     pub structure: String,
-    /// Type numbers of the linear and the rotary axes; `None` if the machine is none of the sixteen types.
+    /// Type numbers of the linear and the rotary axes; `None` if the structure has none of the sixteen types.
     pub type_numbers: Option<[u8; 2]>,
     /// First-order volumetric error as formulas: displacement along X, Y, Z and rotation about them (mm, rad).
     pub formula: Vec<String>,
@@ -117,7 +117,7 @@ pub struct Described {
     pub tool_mm: [f64; 3],
 }
 
-impl Described {
+impl ModelDescription {
     /// Describes a machine; `text` is its machine file.
     pub fn new(machine: &ModelMachine, text: &str) -> Self {
         let stated: Vec<_> = machine.locations().keys().copied().collect();
@@ -141,7 +141,7 @@ pub fn beyond_every_guard(map: &ErrorMap) -> Option<String> {
     let Mm(most_mm) = volcomp_guard::ceiling::LIMIT;
     (largest_mm > most_mm).then(|| {
         format!(
-            "The error is up to {largest_mm:.1} mm in the work space. No guard corrects an axis by more than {most_mm} mm, and machines have some hundredths: check the numbers and their units."
+            "The error is up to {largest_mm:.1} mm in the work space. No guard corrects an axis by more than {most_mm} mm, and typical errors are some hundredths: check the numbers and their units."
         )
     })
 }

@@ -99,7 +99,7 @@ impl Machine {
         })?;
         if structure.axes() != self.axes {
             let expected = letters(structure.axes());
-            let expected = format!("those of the structure in its order, {expected}");
+            let expected = format!("the axes of the structure in its order, {expected}");
             return Err(invalid("axes", letters(&self.axes), expected));
         }
         if self.serial.trim().is_empty() {
@@ -475,12 +475,12 @@ pub struct Live {
     pub lost: u64,
     /// When the last condition was created; `None` if there is none, or it was stored by an older program.
     #[serde(default)]
-    pub made: Option<Made>,
+    pub made: Option<CreationTime>,
 }
 
 /// Creation time of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Made {
+pub struct CreationTime {
     /// s by the server's clock.
     pub at_s: f64,
     /// Delay until the server stored it, waiting and transit, s; 0 if unknown.
@@ -503,8 +503,8 @@ impl Live {
     }
 
     /// When the last condition was created. For data of an older program: when the last message was stored.
-    pub fn made(&self) -> Option<Made> {
-        let stored = Made {
+    pub fn made(&self) -> Option<CreationTime> {
+        let stored = CreationTime {
             at_s: self.heard_s,
             late_s: 0.0,
         };

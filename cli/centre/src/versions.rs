@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// True if the version may be active: it was neither rejected nor withdrawn, and does not wait for confirmation.
-pub(crate) fn may_be_in_force(version: &Version) -> bool {
+pub(crate) fn may_be_active(version: &Version) -> bool {
     !version.withdrawn
         && !matches!(
             version.outcome,
@@ -21,46 +21,46 @@ pub(crate) fn may_be_in_force(version: &Version) -> bool {
         )
 }
 
-/// The active version by [`in_force`], for a machine whose `newest` version is known; no other version is read if the machine reports that one.
-pub(crate) fn version_in_force(
+/// The active version by [`active_version`], for a machine whose `newest` version is known; no other version is read if the machine reports that one.
+pub(crate) fn load_active_version(
     store: &Store,
     machine: &MachineId,
     newest: Option<&Version>,
     live: Option<&Live>,
 ) -> Result<Option<Version>, Error> {
-    let told = live.map_or(0, |live| live.version);
+    let reported = live.map_or(0, |live| live.version);
     match newest {
-        Some(newest) if newest.version == told => Ok(Some(newest.clone())),
-        None if told == 0 => Ok(None),
-        _ => Ok(in_force(&store.versions(machine)?, live).cloned()),
+        Some(newest) if newest.version == reported => Ok(Some(newest.clone())),
+        None if reported == 0 => Ok(None),
+        _ => Ok(active_version(&store.versions(machine)?, live).cloned()),
     }
 }
 
 /// The active version: the one the machine reports. If the reported version is unknown, or a later outcome says that a newer version is active, the
 /// newest version that was activated and not withdrawn. `versions` begins with the newest.
-pub fn in_force<'a>(versions: &'a [Version], live: Option<&Live>) -> Option<&'a Version> {
-    let told = live.and_then(|live| {
+pub fn active_version<'a>(versions: &'a [Version], live: Option<&Live>) -> Option<&'a Version> {
+    let reported = live.and_then(|live| {
         let mut each = versions.iter();
         each.find(|version| version.version == live.version)
     });
     let told_s = live.and_then(Live::made).map(|made| made.at_s);
     let is_active = |version: &&Version| {
-        let is_newer = told.is_none_or(|told| {
+        let is_newer = reported.is_none_or(|reported| {
             // Conditions may be rarer than outcomes.
             let is_later = version
                 .answered_s
                 .zip(told_s)
-                .is_some_and(|(at, told)| at > told);
-            version.version > told.version && is_later
+                .is_some_and(|(at, reported)| at > reported);
+            version.version > reported.version && is_later
         });
         is_newer && !version.withdrawn && version.outcome == Some(Outcome::Activated)
     };
-    versions.iter().find(is_active).or(told)
+    versions.iter().find(is_active).or(reported)
 }
 
 /// Checksum of the active model, if the newest version is known; older versions are read only when needed. Without any report, it is that of the
 /// newest version that may be active.
-fn model_in_force(
+fn load_active_model(
     store: &Store,
     newest: &Version,
     live: Option<&Live>,
@@ -69,8 +69,8 @@ fn model_in_force(
         return Ok(Some(newest.model.clone()));
     }
     let versions = store.versions(&newest.machine)?;
-    let may_be = || versions.iter().find(|version| may_be_in_force(version));
-    let version = in_force(&versions, live).or_else(may_be);
+    let may_be = || versions.iter().find(|version| may_be_active(version));
+    let version = active_version(&versions, live).or_else(may_be);
     Ok(version.map(|version| version.model.clone()))
 }
 
@@ -87,7 +87,7 @@ pub(crate) fn overdue_days(
     let Some(newest) = newest.filter(|_| machine.due_days.is_some()) else {
         return Ok(None);
     };
-    let Some(sha256) = model_in_force(store, newest, live)? else {
+    let Some(sha256) = load_active_model(store, newest, live)? else {
         return Ok(None);
     };
     if let Some(model) = models.get(&sha256) {
@@ -106,7 +106,7 @@ fn before<'a>(
     live: Option<&Live>,
     broken_off: &BTreeSet<u64>,
 ) -> Option<&'a Version> {
-    let now = in_force(versions, live)?;
+    let now = active_version(versions, live)?;
     versions.iter().find(|version| {
         version.version < now.version
             && version.outcome == Some(Outcome::Activated)
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_taken_back_is_no_way_back() {
+    fn a_withdrawn_version_is_no_way_back() {
         let versions = [
             version(3, "M0", 1, false),
             version(2, "M1", 2, true),
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_broken_off_is_no_way_back_unless_it_is_kept() {
+    fn a_broken_off_version_is_no_way_back_unless_kept() {
         let versions = [
             version(3, "M2", 3, false),
             version(2, "M1", 2, false),
@@ -224,17 +224,17 @@ mod tests {
     }
 
     #[test]
-    fn what_the_machine_tells_is_in_force() {
+    fn the_reported_version_is_active() {
         let versions = [
             version(3, "M0", 1, false),
             version(2, "M1", 2, true),
             version(1, "M0", 1, false),
         ];
-        let number = |live: Option<&Live>| in_force(&versions, live).map(|one| one.version);
+        let number = |live: Option<&Live>| active_version(&versions, live).map(|one| one.version);
         assert_eq!(number(Some(&live(2))), Some(2));
         assert_eq!(number(Some(&live(0))), Some(3));
         assert_eq!(number(None), Some(3));
-        let taken_back = in_force(&versions[1..], None).map(|one| one.version);
+        let taken_back = active_version(&versions[1..], None).map(|one| one.version);
         assert_eq!(taken_back, Some(1));
     }
 }

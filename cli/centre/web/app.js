@@ -1,5 +1,5 @@
 "use strict";
-// Which page is shown, who is logged in, and what is asked again and again.
+// Navigation, login, and periodic requests.
 
 /** Hash, tab or none, role, page. */
 const PAGES = [
@@ -18,7 +18,7 @@ const PAGES = [
 ];
 let endPage = null, shownPages = 0;
 
-/** Does something now and again and again, and tells the first failure of several; returns what ends it. */
+/** Runs `work` now and periodically, and shows errors; returns the function that ends it. */
 function repeat(work, every, lost) {
   const of = shownPages;
   let ended = false;
@@ -130,7 +130,7 @@ element("logout").addEventListener("click", async () => {
   askForLogin();
 });
 window.addEventListener("hashchange", showPage);
-// What was drawn has the colours and the width of before.
+// Canvases keep the colours and the width of their last drawing.
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redrawAll);
 window.addEventListener("resize", redrawAll);
 begin();

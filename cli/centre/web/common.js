@@ -1,5 +1,5 @@
 "use strict";
-// What every page of the centre uses: the interface, elements, words for what is not known.
+// Common to all pages: requests, elements, formatting, maps.
 
 const LETTERS = "XYZABCUVW";
 const ROLES = ["viewer", "engineer", "admin"];
@@ -34,7 +34,7 @@ class Refused extends Error {
   }
 }
 
-/** Asks the centre. A refusal is thrown in the centre's words. */
+/** Sends a request to the centre. Throws its error message. */
 async function call(method, path, body) {
   let response;
   try {
@@ -60,14 +60,14 @@ async function call(method, path, body) {
 const get = (path) => call("GET", path);
 const post = (path, body = {}) => call("POST", path, body);
 
-/** Says what went wrong on top of the page, or takes it away. */
+/** Shows an error at the top of the page, or hides it. */
 function trouble(why) {
   const place = element("trouble");
   place.hidden = !why;
   setText(place, why || "");
 }
 
-/** Does something for a button, and says in `said` what became of it. */
+/** Runs the action of a button, and shows the result in `said`. */
 async function act(button, said, work, done) {
   button.disabled = true;
   said.className = "said";
@@ -146,16 +146,16 @@ function facts(pairs) {
   }));
 }
 
-/** What a map is: none is a measurement. Of a machine by what is known of the model there. */
+/** Origin of a map, by the state of the model on the machine. No map is a measurement. */
 const ORIGINS = {
   model: "Computed from the model, not measured.",
-  active: "Computed from the model that this machine has in force, not measured.",
-  silent: "Computed from the model that this machine had in force when it was last heard, not measured.",
-  sent: "Computed from the model that was sent last, not measured. This machine has not told that it is in force.",
-  never: "Computed from the model that was sent, not measured. This machine was never heard: nothing says that it corrects, or that the model is there.",
+  active: "Computed from the active model of this machine, not measured.",
+  silent: "Computed from the last known active model of this machine, not measured.",
+  sent: "Computed from the model that was sent last, not measured. This machine has not reported it as active.",
+  never: "Computed from the model that was sent, not measured. This machine was never heard: it is unknown whether it has the model or corrects.",
 };
 
-/** Which of these a machine is. */
+/** The origin for a machine. */
 function originOf({ live, silent, versions }) {
   if (!live) return "never";
   if (!versions.some((one) => one.version === live.version)) return "sent";
@@ -202,7 +202,7 @@ function drawScale(canvas, largest) {
 /** Three sections of the map, before and after the correction, to one scale. */
 function drawSections(place, map, origin = "model") {
   place.replaceChildren(make("p", { class: origin === "never" ? "bad origin" : "origin", textContent: ORIGINS[origin] }));
-  // One scale for both, which ends at a round number: what the correction leaves is seen to be less.
+  // One scale for both maps, with a round maximum, so that the improvement is visible.
   const scale = roundUp(Math.max(...map.largest_um, 0.1), [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10]);
   const key = make("canvas", { class: "scale", role: "img", ariaLabel: `Colour scale of both maps: 0 to ${scale} µm` });
   place.append(make("p", { class: "soft", textContent: "Length of the position error, one scale for both maps:" }), key);
@@ -221,13 +221,13 @@ function drawSections(place, map, origin = "model") {
     }
   }
   const others = map.others.map(([name, at]) => `${name} = ${fixed(at, 0)}`).join(", ");
-  place.append(make("p", { class: "soft", textContent: `At the reference temperature of the model${others ? `, with ${others}` : ""}. What is really left is shown by a measurement only.` }));
+  place.append(make("p", { class: "soft", textContent: `At the reference temperature of the model${others ? `, with ${others}` : ""}. Only a measurement shows the true residual error.` }));
   if (map.diagonals_um.length) {
     place.append(table(["body diagonal", "range before, µm", "range after, µm"], map.diagonals_um.map(([name, [before, after]]) => make("tr", {}, cell(name), cell(fixed(before, 1)), cell(fixed(after, 1)))), "narrow"));
   }
 }
 
-/** Numbers between blanks or semicolons. A comma is none of both: whoever writes 0,035 would get two numbers. */
+/** Numbers separated by blanks or semicolons, not by commas: 0,035 would become two numbers. */
 const numbersIn = (text) => text.split(/[\s;]+/).filter(Boolean).map((word) => {
   if (word.includes(",")) throw new Refused(0, `found ${JSON.stringify(word)}, expected a point as the decimal sign, and blanks or semicolons between numbers: no comma`);
   const number = Number(word.replace("−", "-"));

@@ -1,8 +1,8 @@
 "use strict";
-// One machine in depth: what it is doing, its history, its model and versions, its alarms, its registration.
+// One machine: state, history, models and versions, alarms, registration.
 
 const MACHINE_EVERY_MS = 2000, HISTORY_EVERY_MS = 15000;
-// They can be told apart without seeing red and green, on light and on dark.
+// Distinguishable without red-green vision, on light and on dark backgrounds.
 const COLOURS = ["#d55e00", "#009e73", "#3b8fd6", "#dd9500", "#cc79a7", "#56b4e9", "#a0743c", "#8a8f00", "#7b8794"];
 const STATE_COLOURS = { compensating: "#009e73", arming: "#3b8fd6", "ramping-out": "#3b8fd6", holding: "#c77700", faulted: "#b3261e", disarmed: "#7b8794" };
 const SPANS = [["raw", 0.25, "15 min"], ["raw", 2, "2 h"], ["minute", 24, "day"], ["minute", 168, "week"], ["hour", 2160, "90 days"]];
@@ -40,7 +40,7 @@ function drawHistory(canvas, from, to, series, gap) {
   if (values.length === 0) {
     context.fillStyle = soft;
     context.textAlign = "center";
-    context.fillText("nothing was told in this time", width / 2, height / 2);
+    context.fillText("no data in this period", width / 2, height / 2);
     return;
   }
   let [low, high] = [Math.min(...values), Math.max(...values)];
@@ -98,7 +98,7 @@ function drawTimes(context, marks, x, top, bottom, width) {
   }
 }
 
-/** The states over time as a ribbon; where nothing was heard it is empty. */
+/** The states over time as a ribbon, empty where no condition was received. */
 function drawRibbon(canvas, from, to, points, gap) {
   const { context, width, height } = surface(canvas);
   const x = (at) => 52 + (width - 60) * (at - from) / (to - from);
@@ -160,17 +160,17 @@ function showHistory(place, { now_s: to, together, points }, [resolution, hours]
   for (const [canvas, draw] of drawn) drawOn(canvas, draw);
 }
 
-function outcomeOf(version, heard) {
+function outcomeOf(version, isKnown) {
   const { outcome } = version;
-  if (!outcome) return [badge("sent", "not answered"), heard ? "" : "sent, and never heard of"];
+  if (!outcome) return [badge("sent", "not answered"), isKnown ? "" : "sent; no message from the machine yet"];
   if (outcome.outcome === "activated") return [badge("activated"), clock(version.answered_s)];
   if (outcome.outcome === "refused") return [badge("refused"), outcome.why];
-  return [badge("needs-confirmation", "needs confirmation"), `It would move the axes by up to ${movesOf(outcome)}: a person must confirm it in its roll-out.`];
+  return [badge("needs-confirmation", "needs confirmation"), `It would move the axes by up to ${movesOf(outcome)}: a user must confirm it in its roll-out.`];
 }
 
 function alarmRow(alarm, withMachine) {
   const seen = make("span", { class: "said", textContent: alarm.seen_by ? `seen by ${alarm.seen_by}` : "" });
-  const button = may("engineer") && !alarm.seen_by ? make("button", { class: "quiet", textContent: "I have seen it", onclick: () => act(button, seen, () => post(`/api/alarms/${alarm.id}/seen`), () => {
+  const button = may("engineer") && !alarm.seen_by ? make("button", { class: "quiet", textContent: "Acknowledge", onclick: () => act(button, seen, () => post(`/api/alarms/${alarm.id}/seen`), () => {
     button.remove();
     return `seen by ${me.name}`;
   }) }) : null;
@@ -209,7 +209,7 @@ function machinePage(page, name) {
     }
   };
   const endHistory = repeat(history, HISTORY_EVERY_MS);
-  const told = repeat(async () => {
+  const endState = repeat(async () => {
     const answer = await get(`/api/machines/${encodeURIComponent(id)}`);
     showMachine(id, answer);
     if (!changeShown) {
@@ -231,29 +231,29 @@ function machinePage(page, name) {
   });
   return () => {
     endHistory();
-    told();
+    endState();
   };
 }
 
 function showMachine(id, { machine, live, age_s: age, silent, versions, telemetry, alarms, records }) {
   const condition = live && !silent ? live.condition : null;
   const state = condition ? condition.state : live ? "unknown" : "never heard";
-  const heard = age === null || age === undefined ? "" : `, condition of ${lasting(age)} ago`;
-  element("machine-head").replaceChildren(make("div", { class: "head" }, make("h1", { textContent: id }), badge(state), make("span", { class: "soft", textContent: `${machine.site}, ${machine.structure}${heard}` }), machine.enable ? null : make("span", { class: "bad", textContent: "must not be corrected" })));
+  const conditionAge = age === null || age === undefined ? "" : `, condition of ${lasting(age)} ago`;
+  element("machine-head").replaceChildren(make("div", { class: "head" }, make("h1", { textContent: id }), badge(state), make("span", { class: "soft", textContent: `${machine.site}, ${machine.structure}${conditionAge}` }), machine.enable ? null : make("span", { class: "bad", textContent: "correction disabled" })));
   const corrections = condition ? [...Object.entries(condition.correction_um).map(([axis, um]) => [axis, `${signed(um, 1)} µm`]), ...Object.entries(condition.correction_urad || {}).map(([axis, urad]) => [axis, `${signed(urad, 1)} µrad`])] : [];
-  const told = telemetry && telemetry.state ? telemetry.state.body || telemetry.state : {};
-  // A gateway knows what its model leaves, never the true error: that only a simulated machine can tell.
-  const truth = !silent && told.simulated && Array.isArray(told.true_residual_um) ? Math.hypot(...told.true_residual_um) : null;
+  const report = telemetry && telemetry.state ? telemetry.state.body || telemetry.state : {};
+  // A gateway knows the residual of its model; only a simulated machine can report its true error.
+  const truth = !silent && report.simulated && Array.isArray(report.true_residual_um) ? Math.hypot(...report.true_residual_um) : null;
   if (!live) {
-    element("machine-now").replaceChildren(panel("Now", make("p", { class: "unknown", textContent: "Never heard: its gateway has told nothing yet, so nothing is known of what the machine does. Its gateway needs the nkey file of this machine, the address of the server and the public key of the centre in its table [fleet]; the server needs a configuration that names the machine (nats-config)." })));
+    element("machine-now").replaceChildren(panel("Now", make("p", { class: "unknown", textContent: "Never heard: no message from its gateway yet, so the state of the machine is unknown. Its gateway needs the nkey file of this machine, the address of the server and the public key of the centre in its table [fleet]; the server needs a configuration that names the machine (nats-config)." })));
   } else element("machine-now").replaceChildren(panel("Now", facts([
     ["state", state],
     ["why", condition ? condition.reasons.join(", ") : live && live.condition ? `silent; last: ${live.condition.state}` : ""],
     ["armed", condition ? (condition.armed ? "yes" : "no") : "unknown"],
-    ["residual", condition && isNumber(condition.residual_um) ? `${fixed(condition.residual_um, 1)} µm: the error that the model leaves here` : "unknown"],
-    ...(isNumber(truth) ? [["true error", `${fixed(truth, 1)} µm, known in this simulation only; told ${lasting(telemetry.age_s)} ago`]] : []),
+    ["residual", condition && isNumber(condition.residual_um) ? `${fixed(condition.residual_um, 1)} µm: error after correction at this position, by the model` : "unknown"],
+    ...(isNumber(truth) ? [["true error", `${fixed(truth, 1)} µm, known in this simulation only; ${lasting(telemetry.age_s)} ago`]] : []),
     ...(corrections.length ? inOrder(corrections.map(([axis]) => axis)).map((axis) => [`correction ${axis}`, corrections.find(([one]) => one === axis)[1]]) : [["correction", "unknown"]]),
-    ["version", live && !silent ? `${live.version || "none"}${versions.length && versions[0].version !== live.version ? `, ${versions[0].version} wanted` : ""}` : "unknown"],
+    ["version", live && !silent ? `${live.version || "none"}${versions.length && versions[0].version !== live.version ? `, ${versions[0].version} desired` : ""}` : "unknown"],
     ["overruns, faults", condition ? `${condition.overruns}, ${condition.faults}` : "unknown"],
     ["messages lost", live ? String(live.lost) : "unknown"],
   ])));
@@ -265,9 +265,9 @@ function showMachine(id, { machine, live, age_s: age, silent, versions, telemetr
     ["key", machine.nkey ? short(machine.nkey) + "…" : "none: it cannot reach the server"], ["first in roll-outs", machine.canary ? "yes" : "no"],
     ["calibration due", machine.due_days ? `${machine.due_days} d after the last one` : "never"], ["note", machine.note],
   ])));
-  element("machine-versions").replaceChildren(panel("Models and versions", versions.length === 0 ? make("p", { class: "soft", textContent: "Nothing was sent to it yet." }) : table(["version", "model", "issued", "answer", ""], versions.slice(0, 20).map((version) => {
+  element("machine-versions").replaceChildren(panel("Models and versions", versions.length === 0 ? make("p", { class: "soft", textContent: "No version was sent yet." }) : table(["version", "model", "issued", "answer", ""], versions.slice(0, 20).map((version) => {
     const [shown, why] = outcomeOf(version, Boolean(live));
-    return make("tr", {}, cell(`${version.version}${live && live.version === version.version ? " (in force)" : ""}`), cell(make("a", { href: `#model/${version.model}`, textContent: short(version.model) })), cell(`${clock(version.issued_s)}, ${version.by}`), cell(shown), cell(why, { class: "text" }));
+    return make("tr", {}, cell(`${version.version}${live && live.version === version.version ? " (active)" : ""}`), cell(make("a", { href: `#model/${version.model}`, textContent: short(version.model) })), cell(`${clock(version.issued_s)}, ${version.by}`), cell(shown), cell(why, { class: "text" }));
   }))));
   element("machine-alarms").replaceChildren(panel("Alarms", alarms.length === 0 ? make("p", { class: "soft", textContent: "none" }) : table(["", "what", "when", ""], alarms.slice(0, 20).map((alarm) => alarmRow(alarm, false)))));
   const open = element("machine-records").querySelector("details")?.open || false;
@@ -278,29 +278,29 @@ function showCycle(telemetry, otherwise) {
   const place = element("machine-cycle");
   const cycle = telemetry && telemetry.state && (telemetry.state.body || telemetry.state).cycle;
   if (!cycle || !Array.isArray(cycle.histogram_us)) {
-    place.replaceChildren(panel("Time of a cycle, µs", make("p", { class: "soft", textContent: otherwise || "not told yet" })));
+    place.replaceChildren(panel("Cycle time, µs", make("p", { class: "soft", textContent: otherwise || "no data yet" })));
     return;
   }
-  if (!place.querySelector("canvas")) place.replaceChildren(panel("Time of a cycle, µs", make("canvas", { role: "img", ariaLabel: "How many cycles took how long" }), make("p", {})));
+  if (!place.querySelector("canvas")) place.replaceChildren(panel("Cycle time, µs", make("canvas", { role: "img", ariaLabel: "Histogram of cycle times" }), make("p", {})));
   const canvas = place.querySelector("canvas");
   drawOn(canvas, () => drawBars(canvas, cycle.histogram_us));
-  setText(place.querySelector("p"), `99 % within ${fixed(cycle.p99_us, 0)} µs; ${cycle.count} cycles, ${cycle.overruns} overruns; told ${lasting(telemetry.age_s)} ago`);
+  setText(place.querySelector("p"), `p99 ${fixed(cycle.p99_us, 0)} µs; ${cycle.count} cycles, ${cycle.overruns} overruns; ${lasting(telemetry.age_s)} ago`);
 }
 
-/** What each field of a registration is. */
+/** Label and hint of each field of a registration. */
 const REGISTRATION = {
   machine: ["Name", "Lower-case letters, digits and hyphens, such as mill-1. Its gateway has the same name in machine of [fleet]."],
-  site: ["Site", "Where it stands: lower-case letters, digits and hyphens, such as berlin. Its gateway has the same in site of [fleet]."],
-  serial: ["Serial number of the machine tool", "As on its name plate and in serial of [fleet], such as 4711. A gateway refuses a model for another one."],
+  site: ["Site", "Location: lower-case letters, digits and hyphens, such as berlin. Its gateway has the same in site of [fleet]."],
+  serial: ["Serial number of the machine tool", "As on its name plate and in serial of [fleet], such as 4711. A gateway rejects a model for another one."],
   structure: ["Structure code", "The axes from the workpiece (w) over the bed (b) to the tool (t), such as w X' b Y Z t; a dash ' marks an axis that carries the workpiece."],
-  control: ["Control", "Make and type as on its name plate, such as SINUMERIK ONE; for people, nothing depends on it."],
-  address: ["Address of the control", "Host and port, such as 192.0.2.17:4840; for people."],
-  nkey: ["Public key of its gateway", "Begins with U: what volcomp-centre key nkey prints. Empty: it cannot reach the server yet."],
-  due_days: ["Next calibration due after, days", "An alarm is raised so many days after the last one, such as 365. Empty: never."],
-  note: ["Note", "Anything that people should know of it."],
+  control: ["Control", "Make and type as on its name plate, such as SINUMERIK ONE; for display only."],
+  address: ["Address of the control", "Host and port, such as 192.0.2.17:4840; for display only."],
+  nkey: ["Public key of its gateway", "Begins with U, as printed by volcomp-centre key nkey. Empty: it cannot reach the server yet."],
+  due_days: ["Next calibration due after, days", "Days after the last calibration until an alarm is raised, such as 365. Empty: never."],
+  note: ["Note", "Free text, for display."],
 };
 
-/** The registration of a machine: a new one, or one that is there. */
+/** The registration form of a new or a known machine. */
 function machineForm(machine, isNew) {
   const input = (value, properties = {}) => make("input", { value: value ?? "", ...properties });
   const inputs = {
@@ -319,7 +319,7 @@ function machineForm(machine, isNew) {
   const said = make("p", { class: "said" });
   const button = make("button", { class: "main", textContent: isNew ? "Register" : "Save" });
   const remove = isNew ? null : make("button", { class: "stop", type: "button", textContent: "Remove the machine", onclick: () => {
-    if (window.confirm(`Remove ${machine.machine}? Its gateway goes on with the model that it has.`)) {
+    if (window.confirm(`Remove ${machine.machine}? Its gateway continues with its active model.`)) {
       act(remove, said, () => post(`/api/machines/${encodeURIComponent(machine.machine)}/remove`), () => {
         location.hash = "#shop";
       });
@@ -339,8 +339,8 @@ function machineForm(machine, isNew) {
       return "saved";
     });
   } },
-  make("div", { class: "fields" }, ...Object.keys(inputs).map((key) => field(REGISTRATION[key][0], inputs[key], key === "control" && isNew && machine.address && !machine.control ? "The search could not read it: enter make and type as on its name plate, such as SINUMERIK ONE." : REGISTRATION[key][1]))),
-  make("div", { class: "fields" }, make("label", { class: "row" }, enable, "It may be corrected"), make("label", { class: "row" }, canary, "It is among the first machines of each roll-out (canary)")),
+  make("div", { class: "fields" }, ...Object.keys(inputs).map((key) => field(REGISTRATION[key][0], inputs[key], key === "control" && isNew && machine.address && !machine.control ? "The search could not determine it: enter make and type as on its name plate, such as SINUMERIK ONE." : REGISTRATION[key][1]))),
+  make("div", { class: "fields" }, make("label", { class: "row" }, enable, "Correction enabled"), make("label", { class: "row" }, canary, "Canary: among the first machines of each roll-out")),
   make("div", { class: "buttons" }, button, remove, said));
 }
 
@@ -355,7 +355,7 @@ function registerPage(page) {
   const { proposals, ...machine } = known;
   const form = machineForm({ enable: true, canary: false, control: "", address: "", note: "", ...machine }, true);
   const structure = form.querySelectorAll("input")[3];
-  const candidates = proposals && proposals.length ? field("How its axes may be stacked: choose one, and compare it with the machine", choose([["", "–"], ...proposals.map((one) => [one.structure, `${one.structure}: ${one.design}`])], structure.value)) : null;
+  const candidates = proposals && proposals.length ? field("Possible structures: choose one, and compare it with the machine", choose([["", "–"], ...proposals.map((one) => [one.structure, `${one.structure}: ${one.design}`])], structure.value)) : null;
   if (candidates) candidates.querySelector("select").addEventListener("change", (event) => {
     structure.value = event.target.value;
   });

@@ -4,7 +4,7 @@
 function alarmsPage(page) {
   const all = make("input", { type: "checkbox", onchange: () => show() });
   const place = make("div", { class: "panel" });
-  page.replaceChildren(make("div", { class: "head" }, make("h1", { textContent: "Alarms" }), make("label", { class: "row" }, all, "those that are over, too")), place);
+  page.replaceChildren(make("div", { class: "head" }, make("h1", { textContent: "Alarms" }), make("label", { class: "row" }, all, "include closed alarms")), place);
   let before = "";
   const show = async () => {
     const alarms = await get(`/api/alarms?all=${all.checked}`);
@@ -31,13 +31,13 @@ function networkPage(page) {
       event.preventDefault();
       act(button, said, () => post("/api/discovery", { subnets: subnets.value.split(/[\s,;]+/).filter(Boolean), mine: mine.checked, per_second: pace.valueAsNumber }), "");
     } },
-    make("p", { class: "soft", textContent: "Finds gateways, FANUC controls (FOCAS), OPC UA servers and Modbus modules in the subnets that are stated here, and in no others. Nothing is written to any of them; what is found is a proposal." }),
-    make("div", { class: "fields" }, field("Subnets or addresses, one in each line", subnets, "Such as 192.168.10.0/24 or 192.168.10.17; at most 65 536 addresses each."), field("New connections in a second", pace, "1 to 1000, such as 50. Controls on a busy network are asked slowly."), make("label", { class: "row" }, mine, "Public addresses among them belong to us: search them, too.")),
+    make("p", { class: "soft", textContent: "Finds gateways, FANUC controls (FOCAS), OPC UA servers and Modbus modules in the stated subnets only. Nothing is written to them; the results are proposals." }),
+    make("div", { class: "fields" }, field("Subnets or addresses, one per line", subnets, "Such as 192.168.10.0/24 or 192.168.10.17; at most 65 536 addresses each."), field("New connections per second", pace, "1 to 1000, such as 50. Use a low rate on a busy network."), make("label", { class: "row" }, mine, "The public addresses among them belong to us: search them too.")),
     make("div", { class: "buttons" }, button, said)), make("section", { class: "panel" }, state, place));
   let before = "";
   return repeat(async () => {
     const latest = await get("/api/discovery");
-    setText(state, latest.subnets.length === 0 ? "Nothing was searched yet." : `${latest.subnets.join(", ")}: ${latest.done} of ${latest.of} addresses${latest.running ? "…" : `, ${latest.devices.length} found`}`);
+    setText(state, latest.subnets.length === 0 ? "No search yet." : `${latest.subnets.join(", ")}: ${latest.done} of ${latest.of} addresses${latest.running ? "…" : `, ${latest.devices.length} found`}`);
     const key = JSON.stringify(latest.devices);
     if (key === before) return;
     before = key;

@@ -1,5 +1,5 @@
 "use strict";
-// The shop at a glance: a row for each machine, kept up to date, in an order that the reader chooses.
+// The overview: one row for each machine, updated and sorted.
 
 const SHOP_EVERY_MS = 2000;
 const WORST = ["faulted", "unknown", "never heard", "ramping-out", "holding", "arming", "disarmed", "compensating"];
@@ -38,7 +38,7 @@ const COLUMNS = [
   ["site", "site", "tertiary", (row) => row.site, (row) => row.site],
   ["state", "state", "", (row) => row.state, badness],
   ["why", "why", "text tertiary", (row) => (row.silent && row.was ? `last: ${row.was}` : row.reasons.join(", ")), (row) => row.reasons.join()],
-  ["age", "heard ago", "number", (row) => (row.age_s === null ? (isNeverHeard(row) ? "never" : "unknown") : lasting(row.age_s)), (row) => row.age_s ?? Infinity],
+  ["age", "age", "number", (row) => (row.age_s === null ? (isNeverHeard(row) ? "never" : "unknown") : lasting(row.age_s)), (row) => row.age_s ?? Infinity],
   ["version", "version", "number tertiary", versionOf, (row) => row.version ?? -1],
   ["correction", "correction, µm", "number secondary", (row) => known(row, fixed(row.correction_um, 1)), (row) => row.correction_um ?? -1],
   ["residual", "residual, µm", "number secondary", (row) => known(row, fixed(row.residual_um, 1)), (row) => row.residual_um ?? -1],

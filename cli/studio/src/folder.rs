@@ -27,7 +27,7 @@ pub const MAX_FILES: usize = 200;
 /// Maximum number of results listed in the web page.
 const MAX_RESULTS: usize = 10_000;
 /// Maximum size of an uploaded file, bytes.
-pub const LARGEST_FILE: usize = 8 * 1024 * 1024;
+pub const MAX_FILE_BYTES: usize = 8 * 1024 * 1024;
 
 pub(crate) const MACHINE: &str = "machine.toml";
 pub(crate) const CALIBRATION: &str = "calibration.toml";
@@ -41,7 +41,7 @@ pub(crate) const FITTED: &str = "result/machine.toml";
 pub(crate) const TABLES: &str = "result/tables";
 pub(crate) const PROGRAMS: &str = "result/nc";
 /// Prefix of the folders of earlier tables and programs; a number follows.
-const BEFORE: &str = "result/before-";
+const EARLIER_PREFIX: &str = "result/before-";
 /// Hashes of the inputs of the result.
 pub(crate) const INPUTS: &str = "result/.inputs.sha256";
 
@@ -130,7 +130,7 @@ impl Folder {
         // Reading a pipe would block forever.
         let of_its_own = [MACHINE, SETUP, CALIBRATION, ANSWERS, INPUTS, FITTED];
         for name in of_its_own {
-            if fs::metadata(path.join(name)).is_ok_and(|there| !there.is_file()) {
+            if fs::metadata(path.join(name)).is_ok_and(|metadata| !metadata.is_file()) {
                 let no_file = "found a pipe, folder or device, expected a file";
                 return Err(StudioError::disk(name)(io::Error::other(no_file)));
             }
@@ -280,7 +280,7 @@ impl Folder {
         let text = fs::read_to_string(path).map_err(StudioError::disk(ANSWERS))?;
         serde_json::from_str(&text).map_err(|e| StudioError::Upload {
             name: ANSWERS.to_owned(),
-            why: format!("{e}; expected the answers as this page writes them, or no such file"),
+            why: format!("{e}; expected the answers as written by this page, or no such file"),
         })
     }
 
@@ -300,7 +300,7 @@ impl Folder {
         if self.is_by_hand() {
             return Err(StudioError::Upload {
                 name: CALIBRATION.to_owned(),
-                why: "found a file that this page has not written or that was changed since, and does not replace it; move it away to answer questions here".to_owned(),
+                why: "found a file that this page did not write, or that was changed since; it is not replaced: move it away to answer questions here".to_owned(),
             });
         }
         self.write(CALIBRATION, whole.text.as_bytes())?;
@@ -325,16 +325,14 @@ impl Folder {
             name: name.clone(),
             why,
         };
-        if bytes.len() > LARGEST_FILE {
-            let mib = LARGEST_FILE / 1024 / 1024;
-            return Err(wrong(format!(
-                "larger than {mib} MiB, the most that is taken"
-            )));
+        if bytes.len() > MAX_FILE_BYTES {
+            let mib = MAX_FILE_BYTES / 1024 / 1024;
+            return Err(wrong(format!("larger than the maximum of {mib} MiB")));
         }
         let ending = Path::new(&name).extension().unwrap_or_default();
         if ending.eq_ignore_ascii_case("toml") {
             let text = std::str::from_utf8(bytes);
-            let text = text.map_err(|e| wrong(format!("{e}; expected a text in UTF-8")))?;
+            let text = text.map_err(|e| wrong(format!("{e}; expected UTF-8 text")))?;
             if name.eq_ignore_ascii_case(SETUP) {
                 SetUp::parse(text, SETUP).map_err(|e| wrong(e.to_string()))?;
                 return self.write(SETUP, bytes);
@@ -343,13 +341,13 @@ impl Folder {
         }
         if name.eq_ignore_ascii_case(ANSWERS) || name.eq_ignore_ascii_case(RESULT) {
             return Err(wrong(
-                "a name of the studio itself; rename the file".to_owned(),
+                "a reserved name of the studio; rename the file".to_owned(),
             ));
         }
         let path = self.at(&name);
         if path.exists() {
-            let same = fs::read(&path).is_ok_and(|there| there == bytes);
-            let other = "is in the folder with another content; rename one of them";
+            let same = fs::read(&path).is_ok_and(|present| present == bytes);
+            let other = "is in the folder with different content; rename one of them";
             return if same {
                 Ok(())
             } else {
@@ -358,7 +356,7 @@ impl Folder {
         }
         if self.measurement_files()?.len() >= MAX_FILES {
             return Err(wrong(format!(
-                "the folder holds {MAX_FILES} files, the most that are taken"
+                "the folder contains the maximum of {MAX_FILES} files"
             )));
         }
         self.write(&name, bytes)
@@ -392,15 +390,15 @@ impl Folder {
 
     /// Moves the tables and programs of the previous result to another folder: next to a new machine file they would be mistaken for its own.
     pub(crate) fn set_outputs_aside(&self) -> Result<(), StudioError> {
-        let there = [TABLES, PROGRAMS].map(|name| self.at(name));
-        if !there.iter().any(|path| path.is_dir()) {
+        let output_folders = [TABLES, PROGRAMS].map(|name| self.at(name));
+        if !output_folders.iter().any(|path| path.is_dir()) {
             return Ok(());
         }
-        let mut folders = (1_u64..).map(|number| self.at(&format!("{BEFORE}{number}")));
+        let mut folders = (1_u64..).map(|number| self.at(&format!("{EARLIER_PREFIX}{number}")));
         let aside = folders.find(|path| !path.exists()).unwrap_or_default();
         let moved = || {
             fs::create_dir(&aside)?;
-            for path in there.iter().filter(|path| path.is_dir()) {
+            for path in output_folders.iter().filter(|path| path.is_dir()) {
                 fs::rename(path, aside.join(path.file_name().unwrap_or_default()))?;
             }
             Ok(())
@@ -416,7 +414,7 @@ impl Folder {
         }
         let inside = fs::read_dir(&result).map_err(StudioError::disk(RESULT))?;
         let inside = inside.flatten().map(|entry| entry.path());
-        let before = self.at(BEFORE).display().to_string();
+        let before = self.at(EARLIER_PREFIX).display().to_string();
         let earlier: Vec<PathBuf> = inside
             .filter(|path| path.display().to_string().starts_with(&before))
             .collect();

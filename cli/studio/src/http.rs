@@ -24,14 +24,14 @@ use volcomp_web::{headers, hosts, is_of_another_page};
 use crate::{
     error::StudioError,
     fit::REPORT,
-    folder::{Folder, LARGEST_FILE},
+    folder::{Folder, MAX_FILE_BYTES},
     outputs::TableRequest,
     questions::TypedAnswer,
     send::Target,
 };
 
 /// Maximum size of an NC program, bytes.
-const LARGEST_PROGRAM: usize = 64 * 1024 * 1024;
+const MAX_PROGRAM_BYTES: usize = 64 * 1024 * 1024;
 
 /// The report contains its styles and its script. As a sandboxed document it cannot send requests to the studio.
 const REPORT_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox allow-scripts allow-modals";
@@ -151,10 +151,10 @@ fn router(token: &str, folder: Folder) -> Router {
         .route(&at("api/tables"), post(tables))
         .route(&at("api/send"), post(send))
         // One byte more, so that the handler can reject a file that is too large by its name.
-        .layer(DefaultBodyLimit::max(LARGEST_FILE + 1))
+        .layer(DefaultBodyLimit::max(MAX_FILE_BYTES + 1))
         .route(
             &at("api/nc"),
-            post(nc).layer(DefaultBodyLimit::max(LARGEST_PROGRAM)),
+            post(nc).layer(DefaultBodyLimit::max(MAX_PROGRAM_BYTES)),
         )
         .fallback(|| async {
             let why = "there is no such page: open the address that `volcomp studio` prints";
@@ -217,7 +217,7 @@ async fn work<T: Send + 'static>(
         }
         Err(_) => Err(refuse(
             StatusCode::INTERNAL_SERVER_ERROR,
-            "a fault of the program; details are on standard error",
+            "internal error: see standard error",
         )),
     }
 }

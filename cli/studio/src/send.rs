@@ -116,7 +116,7 @@ fn to_gateway(server: &Server, token: &str, text: &str) -> Result<Delivery, Stud
     let result = &candidate["result"];
     let refusal = result["refusal"].as_str().map(ToOwned::to_owned);
     Ok(Delivery {
-        said: "The gateway has the machine file and has compared it with its model. An engineer puts it in force on the gateway's page Model.".to_owned(),
+        said: "The gateway has the machine file and has compared it with its model. An engineer activates it on the gateway's page Model.".to_owned(),
         warnings: refusal.into_iter().chain(texts(&result["warnings"])).collect(),
         page: server.url("/model"),
     })
@@ -142,7 +142,7 @@ fn to_centre(
     let answer = answer?.accepted(server)?;
     let model = &answer["model"];
     let said = match answer["added"].as_bool() {
-        Some(false) => "The centre had this machine file already.",
+        Some(false) => "The centre already has this machine file.",
         _ => "The centre has the machine file. An engineer rolls it out there.",
     };
     Ok(Delivery {
@@ -282,9 +282,7 @@ impl Answer {
             return Ok(document);
         }
         if self.status == 200 {
-            return Err(
-                server.failed(&"answers, but not as a gateway or centre does: check the address")
-            );
+            return Err(server.failed(&"is neither a gateway nor a centre: check the address"));
         }
         let why = document["error"].as_str();
         let why = why.map_or_else(|| self.body.trim().to_owned(), ToOwned::to_owned);
@@ -297,7 +295,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_answer_is_read_with_its_headers() {
+    fn a_response_is_parsed_with_its_headers() {
         let text = "HTTP/1.1 409 Conflict\r\nSet-Cookie: a=b; Path=/\r\n\r\n{\"error\":\"busy\"}";
         let answer = Answer::read(text).expect("HTTP");
         assert_eq!(answer.header("set-cookie"), Some("a=b; Path=/"));
@@ -311,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_that_are_none_are_refused() {
+    fn invalid_addresses_are_rejected() {
         for wrong in ["", "192.0.2.7:8080", "ftp://192.0.2.7", "https://192.0.2.7"] {
             assert!(Server::new(wrong, "").is_err(), "{wrong}");
         }

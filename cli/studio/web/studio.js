@@ -20,7 +20,7 @@ function make(tag, name, parent, said) {
   return made;
 }
 
-function tell(said) {
+function showMessage(said) {
   element("answer").hidden = !said;
   element("answer").textContent = said || "";
 }
@@ -36,10 +36,10 @@ async function ask(path, body) {
     let answer = { error: `${said} (status ${response.status})` };
     // What is refused before the studio reads it, a body that is too large, is no document.
     try { answer = JSON.parse(said); } catch { /* said as it is */ }
-    tell(response.ok ? "" : answer.error);
+    showMessage(response.ok ? "" : answer.error);
     return response.ok ? answer : null;
   } catch {
-    tell("The studio does not answer: look at the window in which `volcomp studio` runs.");
+    showMessage("The studio does not answer: check the terminal in which `volcomp studio` runs.");
     return null;
   } finally {
     busy = false;
@@ -80,8 +80,8 @@ function showFiles() {
   const target = element("files");
   target.replaceChildren();
   for (const file of state.files) {
-    const line = make("li", file.not_used ? "not-used" : file.error || !state.machine ? "" : "asked", target, file.name);
-    const what = file.not_used ? `not used: ${file.not_used}` : [file.error || (state.machine ? "which error is asked below" : ""), ...file.said].filter(Boolean).join("; ");
+    const line = make("li", file.not_used ? "not-used" : file.error || !state.machine ? "" : "open-question", target, file.name);
+    const what = file.not_used ? `not used: ${file.not_used}` : [file.error || (state.machine ? "its error is one of the questions below" : ""), ...file.said].filter(Boolean).join("; ");
     if (what) make("small", "", line, what);
   }
   if (state.files.length === 0) make("li", "not-used", target, "no files yet");
@@ -259,7 +259,7 @@ async function save() {
 async function fit() {
   if (!await save()) return;
   if (state.draft && state.draft.open) {
-    tell(`${state.draft.open} questions are open: answer them, take their defaults, or leave the measurement out.`);
+    showMessage(`${state.draft.open} questions are open: answer them, take their defaults, or leave the measurement out.`);
     const first = element("questions").querySelector("fieldset:not(.left-out) .open-field");
     if (first) first.scrollIntoView({ block: "center" });
     return;
@@ -276,7 +276,7 @@ async function fit() {
   list("warnings", fitted.warnings);
   element("report").src = `report.html?${fitted.machine.slice(-12)}${Date.now()}`;
   show(await ask("api/state"));
-  // Answered, the questions are out of the way of the result.
+  // Hide answered questions, so that the result is visible.
   element("questions-fold").open = false;
   element("fit-panel").scrollIntoView();
 }
@@ -293,7 +293,7 @@ async function upload(files) {
     if (now) show(now);
     else refused.push(element("answer").textContent);
   }
-  tell(refused.join("; "));
+  showMessage(refused.join("; "));
 }
 
 function saved(parent, files) {
@@ -309,7 +309,7 @@ async function tables(event) {
   const at = {};
   for (const field of element("places").querySelectorAll("input")) {
     // An empty field is no position.
-    if (field.value.trim() === "") return tell(`${field.dataset.axis}: the position is missing`);
+    if (field.value.trim() === "") return showMessage(`${field.dataset.axis}: the position is missing`);
     at[field.dataset.axis] = Number(field.value);
   }
   const number = (id) => Number(element(id).value);
@@ -331,7 +331,7 @@ async function tables(event) {
 async function nc(event) {
   event.preventDefault();
   const [program] = element("program").files;
-  if (!program) return tell("Choose a program first.");
+  if (!program) return showMessage("Choose a program first.");
   const done = await ask(`api/nc?name=${encodeURIComponent(program.name)}&tolerance_um=${encodeURIComponent(element("nc-tolerance").value)}`, program);
   const target = element("nc-done");
   target.replaceChildren();

@@ -1,10 +1,13 @@
 //! Server addresses in configurations.
 
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv6Addr};
 
 /// Expected form of an address, for messages.
 pub const ADDRESSES: &str =
     "nats://HOST:PORT or tls://HOST:PORT, several of them separated by commas";
+
+/// Port of a server whose address has none.
+const DEFAULT_PORT: u16 = 4222;
 
 /// Splits a comma-separated list of addresses.
 pub fn addresses(text: &str) -> impl Iterator<Item = &str> {
@@ -13,56 +16,61 @@ pub fn addresses(text: &str) -> impl Iterator<Item = &str> {
 
 /// The first invalid server address. An address without a scheme, of a WebSocket, or with a user is invalid: users are identified by their nkeys.
 pub fn wrong_address(text: &str) -> Option<&str> {
-    addresses(text).find(|one| !is_address(one))
+    addresses(text).find(|one| parse(one).is_none())
 }
 
 /// Addresses reached over a network without TLS, where the traffic can be read. Loopback addresses are excluded.
 pub fn in_the_clear(text: &str) -> impl Iterator<Item = &str> {
-    addresses(text).filter(|one| one.strip_prefix("nats://").is_some_and(|at| !is_here(at)))
+    addresses(text).filter(|one| {
+        one.starts_with("nats://") && !parse(one).is_some_and(|(host, _)| is_loopback(host))
+    })
 }
 
-/// True if the host of `HOST[:PORT]` is this computer.
-fn is_here(place: &str) -> bool {
-    let host = match place.strip_prefix('[') {
-        Some(rest) => rest.split(']').next(),
-        None => place.split(':').next(),
-    };
-    let host = host.unwrap_or_default();
+/// Port of the first address in a list, 4222 if it has none. `None`: the address is invalid.
+pub fn first_port(text: &str) -> Option<u16> {
+    let (_, port) = parse(addresses(text).next()?)?;
+    Some(port.unwrap_or(DEFAULT_PORT))
+}
+
+fn is_loopback(host: &str) -> bool {
     host == "localhost"
         || host
             .parse()
             .is_ok_and(|address: IpAddr| address.is_loopback())
 }
 
-fn is_address(text: &str) -> bool {
-    let place = text
+/// Host and port of an address; an IPv6 host without its brackets. `None`: the address is invalid.
+fn parse(text: &str) -> Option<(&str, Option<u16>)> {
+    let address = text
         .strip_prefix("nats://")
-        .or_else(|| text.strip_prefix("tls://"));
-    let Some(place) = place else { return false };
-    // The port is optional.
-    if let Some(rest) = place.strip_prefix('[') {
-        let Some((host, port)) = rest.split_once(']') else {
-            return false;
+        .or_else(|| text.strip_prefix("tls://"))?;
+    let (host, port) = if let Some(rest) = address.strip_prefix('[') {
+        let (host, port) = rest.split_once(']')?;
+        host.parse::<Ipv6Addr>().ok()?;
+        match port {
+            "" => (host, None),
+            port => (host, Some(port.strip_prefix(':')?)),
+        }
+    } else {
+        let (host, port) = match address.split_once(':') {
+            Some((host, port)) => (host, Some(port)),
+            None => (address, None),
         };
-        let port = match port {
-            "" => None,
-            port => match port.strip_prefix(':') {
-                Some(port) => Some(port),
-                None => return false,
-            },
-        };
-        return host.parse::<std::net::Ipv6Addr>().is_ok() && port.is_none_or(is_port);
-    }
-    let (host, port) = match place.split_once(':') {
-        Some((host, port)) => (host, Some(port)),
-        None => (place, None),
+        let fits = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'.' | b'_');
+        if host.is_empty() || !host.bytes().all(fits) {
+            return None;
+        }
+        (host, port)
     };
-    let fits = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'.' | b'_');
-    !host.is_empty() && host.bytes().all(fits) && port.is_none_or(is_port)
+    match port {
+        None => Some((host, None)),
+        Some(port) => Some((host, Some(parse_port(port)?))),
+    }
 }
 
-fn is_port(text: &str) -> bool {
-    text.bytes().all(|byte| byte.is_ascii_digit()) && text.parse::<u16>().is_ok_and(|port| port > 0)
+fn parse_port(text: &str) -> Option<u16> {
+    let digits = text.bytes().all(|byte| byte.is_ascii_digit());
+    text.parse().ok().filter(|port| digits && *port > 0)
 }
 
 #[cfg(test)]
@@ -70,10 +78,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_stays_on_this_computer_or_has_tls_is_not_in_the_clear() {
+    fn loopback_and_tls_addresses_are_not_in_the_clear() {
         let none = "nats://127.0.0.1:4222, nats://localhost, nats://[::1]:4222, nats://127.8.0.1, tls://nats.shop.lan";
         assert_eq!(in_the_clear(none).count(), 0);
-        // One of several without TLS, and names that only begin like this computer.
+        // One of several without TLS, and names that only begin like a loopback address.
         for (text, found) in [
             ("tls://a:4222,nats://b:4222", "nats://b:4222"),
             (
@@ -85,6 +93,22 @@ mod tests {
             ("nats://192.0.2.1:4222", "nats://192.0.2.1:4222"),
         ] {
             assert_eq!(in_the_clear(text).collect::<Vec<_>>(), [found], "{text}");
+        }
+    }
+
+    #[test]
+    fn the_first_address_gives_the_port() {
+        for (text, port) in [
+            ("nats://127.0.0.1:4300, nats://b:4301", Some(4300)),
+            ("tls://[::1]:4300", Some(4300)),
+            ("nats://[::1]", Some(4222)),
+            ("tls://nats.shop.lan", Some(4222)),
+            ("nats://a:0", None),
+            ("nats://a:+1", None),
+            ("nats://[::1]x", None),
+            ("http://a:80", None),
+        ] {
+            assert_eq!(first_port(text), port, "{text}");
         }
     }
 }

@@ -10,20 +10,20 @@ use bytes::Bytes;
 use futures_util::stream::BoxStream;
 use tokio_stream::StreamExt;
 
-use crate::{Identity, Kind, LinkError, link::failed};
+use crate::{Identity, Kind, LinkError, link::nats_error};
 
 /// Name of the centre's durable consumer in each stream.
 const CONSUMER: &str = "centre";
 /// Redelivery interval for messages that are not acknowledged.
-const AGAIN_AFTER: Duration = Duration::from_secs(30);
+const REDELIVERY_INTERVAL: Duration = Duration::from_secs(30);
 /// Maximum number of unacknowledged messages in flight.
-const UNDER_WAY: i64 = 20_000;
+const MAX_UNACKNOWLEDGED: i64 = 20_000;
 /// Maximum number of messages in a batch.
-const BATCH: usize = 2_000;
+const MAX_BATCH: usize = 2_000;
 /// Time a batch waits for more messages after its first one; each batch costs one disk write.
-const GATHERED_FOR: Duration = Duration::from_millis(20);
+const GATHER_TIME: Duration = Duration::from_millis(20);
 /// Retry interval after a failure.
-const PAUSE: Duration = Duration::from_millis(500);
+const RETRY_INTERVAL: Duration = Duration::from_millis(500);
 
 /// A machine message as stored in the stream.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,7 +41,7 @@ pub struct Received {
 pub struct Batch {
     /// The messages in the order of the stream.
     pub messages: Vec<Received>,
-    taken: Vec<Message>,
+    unacknowledged: Vec<Message>,
 }
 
 impl Batch {
@@ -50,8 +50,8 @@ impl Batch {
     /// # Errors
     /// The connection is closed.
     pub async fn acknowledge(self) -> Result<(), LinkError> {
-        for message in self.taken {
-            message.ack().await.map_err(failed("acknowledging"))?;
+        for message in self.unacknowledged {
+            message.ack().await.map_err(nats_error("acknowledging"))?;
         }
         Ok(())
     }
@@ -72,7 +72,7 @@ impl Collection {
         Self {
             context,
             stream,
-            again_after: AGAIN_AFTER,
+            again_after: REDELIVERY_INTERVAL,
             messages: None,
         }
     }
@@ -96,18 +96,18 @@ impl Collection {
     pub async fn next(&mut self) -> Result<Batch, LinkError> {
         let next = match self.messages.take() {
             Some(messages) => Ok(messages),
-            None => begin(&self.context, &self.stream, self.again_after).await,
+            None => subscribe(&self.context, &self.stream, self.again_after).await,
         };
         let mut messages = match next {
             Ok(messages) => messages,
             Err(error) => {
-                tokio::time::sleep(PAUSE).await;
+                tokio::time::sleep(RETRY_INTERVAL).await;
                 return Err(error);
             }
         };
         let mut batch = Batch {
             messages: Vec::new(),
-            taken: Vec::new(),
+            unacknowledged: Vec::new(),
         };
         let mut failure = None;
         for message in messages.next().await.unwrap_or_default() {
@@ -115,7 +115,7 @@ impl Collection {
                 Ok(message) => match received(&message) {
                     Some(received) => {
                         batch.messages.push(received);
-                        batch.taken.push(message);
+                        batch.unacknowledged.push(message);
                     }
                     // A subject on which no machine may publish: never redeliver it.
                     None => {
@@ -128,7 +128,7 @@ impl Collection {
         match failure {
             // Messages received before the failure are complete. Anything in flight will be redelivered.
             Some(error) if batch.messages.is_empty() => {
-                tokio::time::sleep(PAUSE).await;
+                tokio::time::sleep(RETRY_INTERVAL).await;
                 Err(error)
             }
             Some(_) => Ok(batch),
@@ -143,7 +143,7 @@ impl Collection {
     }
 }
 
-async fn begin(
+async fn subscribe(
     context: &Context,
     stream: &str,
     again_after: Duration,
@@ -155,24 +155,24 @@ async fn begin(
                 ack_policy: AckPolicy::Explicit,
                 ack_wait: again_after,
                 deliver_policy: DeliverPolicy::All,
-                max_ack_pending: UNDER_WAY,
+                max_ack_pending: MAX_UNACKNOWLEDGED,
                 max_deliver: -1,
                 ..Default::default()
             },
             stream,
         )
         .await
-        .map_err(failed("making a consumer"))?;
+        .map_err(nats_error("making a consumer"))?;
     let messages = consumer
         .stream()
-        .max_messages_per_batch(BATCH)
+        .max_messages_per_batch(MAX_BATCH)
         .heartbeat(Duration::from_secs(5))
         .expires(Duration::from_secs(30))
         .messages()
         .await
-        .map_err(failed("collecting"))?;
-    let messages = messages.map(|message| message.map_err(failed("collecting")));
-    Ok(Box::pin(messages.chunks_timeout(BATCH, GATHERED_FOR)))
+        .map_err(nats_error("collecting"))?;
+    let messages = messages.map(|message| message.map_err(nats_error("collecting")));
+    Ok(Box::pin(messages.chunks_timeout(MAX_BATCH, GATHER_TIME)))
 }
 
 fn received(message: &Message) -> Option<Received> {

@@ -11,8 +11,8 @@ use futures_util::StreamExt;
 use tokio::{sync::Notify, time::timeout};
 
 use crate::{
-    Collection, Keeping, LinkError, LinkSettings, MachineId, SiteId,
-    link::{ANSWER_WITHIN, failed, is_connected, stored},
+    Collection, LinkError, LinkSettings, MachineId, SiteId, StreamRetention,
+    link::{RESPONSE_TIMEOUT, is_connected, nats_error, stored},
     prepare, put_model,
     streams::streams_of,
     subjects::{desired_subject, latest_desired_subject},
@@ -24,21 +24,21 @@ pub struct Hub {
     client: Client,
     context: Context,
     /// Notified on every (re)connection.
-    again: Arc<Notify>,
+    reconnected: Arc<Notify>,
 }
 
 /// The value under the key of a machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Found {
+pub struct DesiredValue {
     pub machine: MachineId,
     /// The value; empty if it was deleted.
     pub value: Bytes,
 }
 
 /// Events on the keys of the machines.
-pub enum Heard {
+pub enum DesiredEvent {
     /// A value was put, by this centre or by another client.
-    Put(Found),
+    Put(DesiredValue),
     /// The connection was established or restored; values put while disconnected were not received.
     Connected,
 }
@@ -46,7 +46,7 @@ pub enum Heard {
 /// Watches the values under the keys of the machines.
 pub struct DesiredWatch {
     puts: async_nats::Subscriber,
-    again: Arc<Notify>,
+    reconnected: Arc<Notify>,
 }
 
 impl Hub {
@@ -55,19 +55,19 @@ impl Hub {
     /// # Errors
     /// An invalid seed or address.
     pub async fn connect(settings: &LinkSettings) -> Result<Self, LinkError> {
-        let again = Arc::new(Notify::new());
+        let reconnected = Arc::new(Notify::new());
         let client = settings
-            .options(&again)?
+            .options(&reconnected)?
             .name("volcomp-centre")
             .connect(settings.servers())
             .await
-            .map_err(failed("connecting"))?;
+            .map_err(nats_error("connecting"))?;
         let mut context = jetstream::new(client.clone());
-        context.set_timeout(ANSWER_WITHIN);
+        context.set_timeout(RESPONSE_TIMEOUT);
         Ok(Self {
             client,
             context,
-            again,
+            reconnected,
         })
     }
 
@@ -85,8 +85,12 @@ impl Hub {
     ///
     /// # Errors
     /// The server does not respond or denies permission.
-    pub async fn prepare(&self, sites: &[SiteId], keeping: Keeping) -> Result<(), LinkError> {
-        prepare(&self.context, sites, keeping).await
+    pub async fn prepare(
+        &self,
+        sites: &[SiteId],
+        retention: StreamRetention,
+    ) -> Result<(), LinkError> {
+        prepare(&self.context, sites, retention).await
     }
 
     /// Puts a value under the key of a machine, and waits until it is stored.
@@ -105,14 +109,14 @@ impl Hub {
     /// The server does not respond.
     pub async fn desired(&self, machine: &MachineId) -> Result<Option<Bytes>, LinkError> {
         let subject = latest_desired_subject(machine);
-        let answer = timeout(ANSWER_WITHIN, self.client.request(subject, Bytes::new()));
+        let answer = timeout(RESPONSE_TIMEOUT, self.client.request(subject, Bytes::new()));
         let message = answer
             .await
             .map_err(|_| LinkError::Late {
-                what: "asking for a manifest",
-                within: ANSWER_WITHIN,
+                what: "requesting a manifest",
+                within: RESPONSE_TIMEOUT,
             })?
-            .map_err(failed("asking for a manifest"))?;
+            .map_err(nats_error("requesting a manifest"))?;
         // A status means "no such message"; a deletion is a value without bytes.
         Ok((message.status.is_none() && !message.payload.is_empty()).then_some(message.payload))
     }
@@ -140,10 +144,10 @@ impl Hub {
             .client
             .subscribe(desired_subject("*"))
             .await
-            .map_err(failed("listening to manifests"))?;
+            .map_err(nats_error("listening to manifests"))?;
         Ok(DesiredWatch {
             puts,
-            again: Arc::clone(&self.again),
+            reconnected: Arc::clone(&self.reconnected),
         })
     }
 
@@ -155,7 +159,7 @@ impl Hub {
 
 impl DesiredWatch {
     /// The next event; `None` if the connection was closed permanently. Cancel safe.
-    pub async fn next(&mut self) -> Option<Heard> {
+    pub async fn next(&mut self) -> Option<DesiredEvent> {
         loop {
             tokio::select! {
                 message = self.puts.next() => {
@@ -163,10 +167,10 @@ impl DesiredWatch {
                     let machine = message.subject.as_str().rsplit('.').next().map(str::parse);
                     // Ignore keys that are not machine names.
                     if let Some(Ok(machine)) = machine {
-                        return Some(Heard::Put(Found { machine, value: message.payload }));
+                        return Some(DesiredEvent::Put(DesiredValue { machine, value: message.payload }));
                     }
                 }
-                () = self.again.notified() => return Some(Heard::Connected),
+                () = self.reconnected.notified() => return Some(DesiredEvent::Connected),
             }
         }
     }

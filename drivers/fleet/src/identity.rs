@@ -5,28 +5,28 @@ use std::{fmt, str::FromStr};
 use serde::{Deserialize, Serialize};
 
 /// Maximum length of a name, bytes.
-const LONGEST: usize = 64;
+const MAX_ID_BYTES: usize = 64;
 
 /// A name that is invalid in a subject.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "found {found:?}, expected 1 to 64 lower-case letters, digits and hyphens, a letter or a digit first"
 )]
-pub struct UnknownId {
+pub struct IdError {
     pub found: String,
 }
 
-fn check(text: &str) -> Result<(), UnknownId> {
+fn check(text: &str) -> Result<(), IdError> {
     let first = text.bytes().next();
     let fits = first.is_some_and(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit())
-        && text.len() <= LONGEST
+        && text.len() <= MAX_ID_BYTES
         && text
             .bytes()
             .all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-');
     if fits {
         Ok(())
     } else {
-        Err(UnknownId {
+        Err(IdError {
             found: text.to_owned(),
         })
     }
@@ -47,17 +47,17 @@ macro_rules! id {
         }
 
         impl FromStr for $name {
-            type Err = UnknownId;
+            type Err = IdError;
 
-            fn from_str(text: &str) -> Result<Self, UnknownId> {
+            fn from_str(text: &str) -> Result<Self, IdError> {
                 check(text).map(|()| Self(text.to_owned()))
             }
         }
 
         impl TryFrom<String> for $name {
-            type Error = UnknownId;
+            type Error = IdError;
 
-            fn try_from(text: String) -> Result<Self, UnknownId> {
+            fn try_from(text: String) -> Result<Self, IdError> {
                 check(&text).map(|()| Self(text))
             }
         }

@@ -19,24 +19,24 @@ mod spool;
 mod streams;
 mod subjects;
 
-pub use address::{ADDRESSES, addresses, in_the_clear, wrong_address};
+pub use address::{ADDRESSES, addresses, first_port, in_the_clear, wrong_address};
 #[cfg(feature = "nats")]
 pub use collect::{Batch, Collection, Received};
 #[cfg(feature = "nats")]
-pub use hub::{DesiredWatch, Found, Heard, Hub};
-pub use identity::{Identity, MachineId, SiteId, UnknownId};
+pub use hub::{DesiredEvent, DesiredValue, DesiredWatch, Hub};
+pub use identity::{IdError, Identity, MachineId, SiteId};
 #[cfg(feature = "nats")]
 pub use link::{LinkError, LinkSettings, MachineLink, MachineSender};
 pub use manifest::{
-    Accepted, Desired, INLINE_LIMIT, Manifest, ModelRef, NotADesired, NotAccepted, SigningKey,
-    Trust, VerifyingKey, trusted_key,
+    Accepted, Desired, DesiredError, INLINE_LIMIT, Manifest, ManifestRejection, ModelRef,
+    SigningKey, Trust, VerifyingKey, trusted_key,
 };
 pub use permissions::{
-    Cluster, MachineUser, NoConfiguration, Permissions, RoutePassword, ServerSettings, ServerTls,
+    Cluster, MachineUser, Permissions, RoutePassword, ServerConfigError, ServerSettings, ServerTls,
     is_public_nkey,
 };
 pub use report::{Acknowledgement, AuditLine, Condition, Envelope, Outcome, largest_moves};
 pub use spool::{Lane, Spool, SpoolLimits, Waiting};
 #[cfg(feature = "nats")]
-pub use streams::{Keeping, prepare, put_model};
+pub use streams::{StreamRetention, prepare, put_model};
 pub use subjects::{Kind, Subjects};

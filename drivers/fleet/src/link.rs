@@ -20,15 +20,15 @@ use crate::{
 };
 
 /// Interval at which the value is requested even without a notification of a change.
-const ASK_EVERY: Duration = Duration::from_secs(60);
+const REQUEST_INTERVAL: Duration = Duration::from_secs(60);
 /// Request timeout.
-pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+pub(crate) const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Maximum size of a fetched model, bytes.
-const LARGEST_MODEL: u64 = 4 << 20;
+const MAX_MODEL_BYTES: u64 = 4 << 20;
 /// Maximum delay between two connection attempts.
-const LONGEST_PAUSE: Duration = Duration::from_secs(10);
+const MAX_RECONNECT_DELAY: Duration = Duration::from_secs(10);
 /// Maximum number of queued values; beyond it, the latest value is requested later.
-const VALUES_WAITING: usize = 8;
+const MAX_QUEUED_VALUES: usize = 8;
 
 /// Errors of the connection. A later retry is useful for all except `Seed`.
 #[derive(Debug, thiserror::Error)]
@@ -52,7 +52,7 @@ pub enum LinkError {
     Model { sha256: String, found: String },
 }
 
-pub(crate) fn failed<E: Into<Box<dyn std::error::Error + Send + Sync>>>(
+pub(crate) fn nats_error<E: Into<Box<dyn std::error::Error + Send + Sync>>>(
     what: &'static str,
 ) -> impl FnOnce(E) -> LinkError {
     move |source| LinkError::Nats {
@@ -97,20 +97,20 @@ impl LinkSettings {
     }
 
     /// Connection options with unlimited reconnection attempts.
-    pub(crate) fn options(&self, again: &Arc<Notify>) -> Result<ConnectOptions, LinkError> {
+    pub(crate) fn options(&self, reconnected: &Arc<Notify>) -> Result<ConnectOptions, LinkError> {
         self.public_key()?;
-        let again = Arc::clone(again);
+        let reconnected = Arc::clone(reconnected);
         let mut options = ConnectOptions::with_nkey(self.seed.clone())
             .retry_on_initial_connect()
             .max_reconnects(None)
             .reconnect_delay_callback(|tries| {
                 let tries = u32::try_from(tries.min(8)).unwrap_or(8);
-                (Duration::from_millis(50) * 2_u32.pow(tries)).min(LONGEST_PAUSE)
+                (Duration::from_millis(50) * 2_u32.pow(tries)).min(MAX_RECONNECT_DELAY)
             })
             .ping_interval(Duration::from_secs(10))
             .event_callback(move |event| {
                 if matches!(event, async_nats::Event::Connected) {
-                    again.notify_one();
+                    reconnected.notify_one();
                 }
                 async {}
             });
@@ -145,9 +145,9 @@ pub struct MachineLink {
     sender: MachineSender,
     desired: Subscriber,
     /// Notified on every (re)connection: values published while disconnected were not received.
-    again: Arc<Notify>,
+    reconnected: Arc<Notify>,
     /// Timer of the periodic request of the value.
-    ask_every: tokio::time::Interval,
+    request_timer: tokio::time::Interval,
     /// The value must be requested, or no response has arrived yet.
     due: bool,
     /// SHA-256 of the last value returned.
@@ -160,26 +160,28 @@ impl MachineLink {
     /// # Errors
     /// An invalid seed or address.
     pub async fn connect(settings: &LinkSettings, identity: &Identity) -> Result<Self, LinkError> {
-        let again = Arc::new(Notify::new());
+        let reconnected = Arc::new(Notify::new());
         let subjects = Subjects::of(identity);
         let options = settings
-            .options(&again)?
+            .options(&reconnected)?
             .name(identity.machine.as_str())
             .custom_inbox_prefix(&subjects.inbox)
-            .subscription_capacity(VALUES_WAITING);
+            .subscription_capacity(MAX_QUEUED_VALUES);
         let client = options
             .connect(settings.servers())
             .await
-            .map_err(failed("connecting"))?;
+            .map_err(nats_error("connecting"))?;
         let desired = client
             .subscribe(subjects.desired.clone())
             .await
-            .map_err(failed("subscribing"))?;
-        let mut ask_every =
-            tokio::time::interval_at(tokio::time::Instant::now() + ASK_EVERY, ASK_EVERY);
-        ask_every.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+            .map_err(nats_error("subscribing"))?;
+        let mut request_timer = tokio::time::interval_at(
+            tokio::time::Instant::now() + REQUEST_INTERVAL,
+            REQUEST_INTERVAL,
+        );
+        request_timer.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         Ok(Self {
-            ask_every,
+            request_timer,
             due: true,
             sender: MachineSender {
                 context: jetstream::new(client.clone()),
@@ -189,7 +191,7 @@ impl MachineLink {
                 models: models_bucket(&identity.machine),
             },
             desired,
-            again,
+            reconnected,
             last: None,
         })
     }
@@ -205,17 +207,17 @@ impl MachineLink {
             // A change received while the response is pending is returned by the next call. If an older value arrives after a newer one, its
             // version shows it.
             let value = if self.due {
-                let answer = self.sender.ask().await;
+                let answer = self.sender.request_value().await;
                 self.due = false;
                 answer
             } else {
                 tokio::select! {
-                    heard = self.desired.next() => match heard {
+                    received = self.desired.next() => match received {
                         Some(message) => Some(message.payload),
                         None => std::future::pending().await,
                     },
-                    () = self.again.notified() => { self.due = true; None }
-                    _ = self.ask_every.tick() => { self.due = true; None }
+                    () = self.reconnected.notified() => { self.due = true; None }
+                    _ = self.request_timer.tick() => { self.due = true; None }
                 }
             };
             if let Some(value) = value.filter(|value| !value.is_empty()) {
@@ -251,11 +253,11 @@ impl MachineLink {
 
 impl MachineSender {
     /// The current value; `None` if there is none or the request timed out, in which case it is repeated later.
-    async fn ask(&self) -> Option<Bytes> {
-        let asked = self
+    async fn request_value(&self) -> Option<Bytes> {
+        let request = self
             .client
             .request(self.latest_desired.clone(), Bytes::new());
-        let answer = timeout(ANSWER_WITHIN, asked).await;
+        let answer = timeout(RESPONSE_TIMEOUT, request).await;
         let message = answer.ok()?.ok()?;
         message.status.is_none().then_some(message.payload)
     }
@@ -269,7 +271,7 @@ impl MachineSender {
             sha256: model.sha256.clone(),
             found: found.to_owned(),
         };
-        if model.bytes > LARGEST_MODEL {
+        if model.bytes > MAX_MODEL_BYTES {
             return Err(wrong("larger than 4 MiB"));
         }
         // Direct requests, because permission to create consumers would let a machine have messages sent to any subject.
@@ -277,12 +279,12 @@ impl MachineSender {
             .context
             .get_stream_no_info(format!("OBJ_{}", self.models))
             .await
-            .map_err(failed("the object store"))?;
+            .map_err(nats_error("the object store"))?;
         let name = encoded(&model.sha256);
         let meta = stream
             .direct_get_last_for_subject(format!("$O.{}.M.{name}", self.models))
             .await
-            .map_err(failed("the object store"))?;
+            .map_err(nats_error("the object store"))?;
         let meta: ObjectMeta =
             serde_json::from_slice(&meta.payload).map_err(|_| wrong("not described"))?;
         let chunks = format!("$O.{}.C.{}", self.models, meta.nuid);
@@ -292,15 +294,15 @@ impl MachineSender {
             let chunk = stream
                 .direct_get_next_for_subject(chunks.clone(), after)
                 .await
-                .map_err(failed("the object store"))?;
+                .map_err(nats_error("the object store"))?;
             after = Some(chunk.sequence + 1);
             bytes.extend_from_slice(&chunk.payload);
             if bytes.len() as u64 > model.bytes {
-                return Err(wrong("longer than its manifest says"));
+                return Err(wrong("longer than stated in its manifest"));
             }
         }
         if !model.is(&bytes) {
-            return Err(wrong("its checksum is another one"));
+            return Err(wrong("its checksum differs"));
         }
         String::from_utf8(bytes).map_err(|_| wrong("it is no text"))
     }
@@ -327,7 +329,7 @@ pub(crate) fn is_connected(client: &Client) -> bool {
     client.connection_state() == async_nats::connection::State::Connected
 }
 
-/// Publishes and waits until the stream has stored the message, at most [`ANSWER_WITHIN`]. `what` describes the operation in messages.
+/// Publishes and waits until the stream has stored the message, at most [`RESPONSE_TIMEOUT`]. `what` describes the operation in messages.
 pub(crate) async fn stored(
     what: &'static str,
     context: &Context,
@@ -337,14 +339,14 @@ pub(crate) async fn stored(
 ) -> Result<(), LinkError> {
     let stored = async {
         let published = context.publish_with_headers(subject, headers, bytes).await;
-        let answered = published.map_err(failed(what))?;
-        answered.await.map_err(failed(what)).map(|_| ())
+        let answered = published.map_err(nats_error(what))?;
+        answered.await.map_err(nats_error(what)).map(|_| ())
     };
     let late = LinkError::Late {
         what,
-        within: ANSWER_WITHIN,
+        within: RESPONSE_TIMEOUT,
     };
-    timeout(ANSWER_WITHIN, stored).await.unwrap_or(Err(late))
+    timeout(RESPONSE_TIMEOUT, stored).await.unwrap_or(Err(late))
 }
 
 /// Metadata of an object in the object store, as far as needed here.

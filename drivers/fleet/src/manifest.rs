@@ -86,15 +86,15 @@ pub struct Desired {
 
 /// A malformed value of a key.
 #[derive(Debug, thiserror::Error)]
-pub enum NotADesired {
+pub enum DesiredError {
     /// Invalid JSON, or unexpected keys.
     #[error("the document of the manifest: {0}")]
     Json(#[from] serde_json::Error),
     /// The key or the signature is not base64 of the right length.
     #[error("{what}: expected base64 of {bytes} bytes")]
     Base64 { what: &'static str, bytes: usize },
-    /// The public key is not a point of the curve, or is weak: anybody can forge its signatures.
-    #[error("key: expected a public key of Ed25519 that only its owner can sign for")]
+    /// The public key is not a point of the curve, or is weak: anyone can forge its signatures.
+    #[error("key: expected an Ed25519 public key of large order")]
     WeakKey,
 }
 
@@ -103,7 +103,7 @@ impl Desired {
     ///
     /// # Errors
     /// None in practice: the manifest is plain data that JSON can represent.
-    pub fn sign(manifest: &Manifest, model: &str, key: &SigningKey) -> Result<Self, NotADesired> {
+    pub fn sign(manifest: &Manifest, model: &str, key: &SigningKey) -> Result<Self, DesiredError> {
         let manifest = serde_json::to_string(manifest)?;
         let signature = key.sign(&signed_bytes(&manifest));
         Ok(Self {
@@ -118,7 +118,7 @@ impl Desired {
     ///
     /// # Errors
     /// The bytes are not such a document.
-    pub fn parse(bytes: &[u8]) -> Result<Self, NotADesired> {
+    pub fn parse(bytes: &[u8]) -> Result<Self, DesiredError> {
         Ok(serde_json::from_slice(bytes)?)
     }
 
@@ -126,7 +126,7 @@ impl Desired {
     ///
     /// # Errors
     /// None in practice: it is plain data that JSON can represent.
-    pub fn bytes(&self) -> Result<Vec<u8>, NotADesired> {
+    pub fn bytes(&self) -> Result<Vec<u8>, DesiredError> {
         Ok(serde_json::to_vec(self)?)
     }
 
@@ -134,7 +134,7 @@ impl Desired {
     ///
     /// # Errors
     /// The key or the signature is not base64 of its length.
-    pub fn signer(&self) -> Result<Option<VerifyingKey>, NotADesired> {
+    pub fn signer(&self) -> Result<Option<VerifyingKey>, DesiredError> {
         let key: [u8; 32] = decode(&self.key, "key", 32)?;
         let signature: [u8; 64] = decode(&self.signature, "signature", 64)?;
         let signature = ed25519_dalek::Signature::from_bytes(&signature);
@@ -150,10 +150,11 @@ impl Desired {
 ///
 /// # Errors
 /// Not base64 of 32 bytes, or a weak key whose signatures can be forged.
-pub fn trusted_key(text: &str) -> Result<VerifyingKey, NotADesired> {
+pub fn trusted_key(text: &str) -> Result<VerifyingKey, DesiredError> {
     let bytes: [u8; 32] = decode(text, "key", 32)?;
     let key = VerifyingKey::from_bytes(&bytes).ok();
-    key.filter(|key| !key.is_weak()).ok_or(NotADesired::WeakKey)
+    key.filter(|key| !key.is_weak())
+        .ok_or(DesiredError::WeakKey)
 }
 
 /// Identity and trusted keys of a machine.
@@ -178,14 +179,14 @@ pub struct Accepted {
 
 /// Why a manifest is rejected. A rejected manifest changes nothing.
 #[derive(Debug, thiserror::Error)]
-pub enum NotAccepted {
+pub enum ManifestRejection {
     /// The value is malformed.
     #[error(transparent)]
-    Document(#[from] NotADesired),
-    #[error("the signature does not fit the manifest")]
+    Document(#[from] DesiredError),
+    #[error("the signature does not match the manifest")]
     Signature,
     /// The signing key is not trusted.
-    #[error("it was signed by a key that is not trusted here: {key}")]
+    #[error("signed by an untrusted key: {key}")]
     Key { key: String },
     #[error("it is meant for the machine {found}, this is {expected}")]
     Machine {
@@ -203,7 +204,7 @@ pub enum NotAccepted {
     #[error("its version is {found}, and {highest} has been accepted before")]
     Version { found: u64, highest: u64 },
     /// The machine file is not the one that the manifest names.
-    #[error("the machine file does not fit the checksum in the manifest")]
+    #[error("the machine file does not match the checksum in the manifest")]
     Model,
 }
 
@@ -212,35 +213,35 @@ impl Trust {
     ///
     /// # Errors
     /// Why it is rejected.
-    pub fn accept(&self, desired: &Desired) -> Result<Accepted, NotAccepted> {
-        let signer = desired.signer()?.ok_or(NotAccepted::Signature)?;
+    pub fn accept(&self, desired: &Desired) -> Result<Accepted, ManifestRejection> {
+        let signer = desired.signer()?.ok_or(ManifestRejection::Signature)?;
         if !self.keys.contains(&signer) {
-            return Err(NotAccepted::Key {
+            return Err(ManifestRejection::Key {
                 key: desired.key.clone(),
             });
         }
         let manifest: Manifest =
-            serde_json::from_str(&desired.manifest).map_err(NotADesired::from)?;
+            serde_json::from_str(&desired.manifest).map_err(DesiredError::from)?;
         if manifest.machine != self.machine {
-            return Err(NotAccepted::Machine {
+            return Err(ManifestRejection::Machine {
                 found: manifest.machine,
                 expected: self.machine.clone(),
             });
         }
         if manifest.serial != self.serial {
-            return Err(NotAccepted::Serial {
+            return Err(ManifestRejection::Serial {
                 found: manifest.serial,
                 expected: self.serial.clone(),
             });
         }
         if manifest.axes != self.axes {
-            return Err(NotAccepted::Axes {
+            return Err(ManifestRejection::Axes {
                 found: manifest.axes,
                 expected: self.axes.clone(),
             });
         }
         if manifest.version <= self.highest {
-            return Err(NotAccepted::Version {
+            return Err(ManifestRejection::Version {
                 found: manifest.version,
                 highest: self.highest,
             });
@@ -250,7 +251,7 @@ impl Trust {
             .as_ref()
             .is_some_and(|text| !manifest.model.is(text.as_bytes()))
         {
-            return Err(NotAccepted::Model);
+            return Err(ManifestRejection::Model);
         }
         Ok(Accepted { manifest, model })
     }
@@ -260,11 +261,11 @@ fn decode<const N: usize>(
     text: &str,
     what: &'static str,
     bytes: usize,
-) -> Result<[u8; N], NotADesired> {
+) -> Result<[u8; N], DesiredError> {
     let found = BASE64.decode(text).ok();
     found
         .and_then(|found| found.try_into().ok())
-        .ok_or(NotADesired::Base64 { what, bytes })
+        .ok_or(DesiredError::Base64 { what, bytes })
 }
 
 fn signed_bytes(manifest: &str) -> Vec<u8> {

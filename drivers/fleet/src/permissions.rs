@@ -37,7 +37,7 @@ impl Permissions {
                 subjects.telemetry,
                 subjects.audit,
                 subjects.ack,
-                // The latest value of its own key, and nothing else of that stream.
+                // The latest value under its key, and nothing else of that stream.
                 latest_desired_subject(&identity.machine),
                 // Its own object store, message by message. No consumer, because a consumer could send messages to any subject.
                 format!("$JS.API.DIRECT.GET.OBJ_{models}.>"),
@@ -89,7 +89,7 @@ pub struct ServerSettings {
 
 /// Why a configuration cannot be written.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NoConfiguration {
+pub enum ServerConfigError {
     /// The text cannot be quoted safely.
     #[error(
         "{what}: found {found:?}, expected a text without quotation marks, backslashes and control characters"
@@ -104,7 +104,7 @@ pub enum NoConfiguration {
     )]
     Nkey { found: String },
     /// Two users have the same key, so the server could not distinguish them.
-    #[error("the key {found} stands for two users, expected one of its own for each")]
+    #[error("the key {found} is used for two users, expected a separate key for each")]
     Twice { found: String },
 }
 
@@ -114,7 +114,7 @@ impl ServerSettings {
     ///
     /// # Errors
     /// A text or a key that the configuration cannot represent.
-    pub fn text(&self) -> Result<String, NoConfiguration> {
+    pub fn text(&self) -> Result<String, ServerConfigError> {
         let store = self.store.display().to_string();
         let mut text = String::new();
         // Writing to a string never fails.
@@ -144,7 +144,7 @@ impl ServerSettings {
         for (nkey, permissions) in centres.chain(machines) {
             check_nkey(nkey)?;
             if !seen.insert(nkey) {
-                return Err(NoConfiguration::Twice {
+                return Err(ServerConfigError::Twice {
                     found: nkey.clone(),
                 });
             }
@@ -177,20 +177,20 @@ pub fn is_public_nkey(text: &str) -> bool {
             .all(|byte| byte.is_ascii_uppercase() || (b'2'..=b'7').contains(&byte))
 }
 
-fn check_nkey(nkey: &str) -> Result<(), NoConfiguration> {
+fn check_nkey(nkey: &str) -> Result<(), ServerConfigError> {
     if is_public_nkey(nkey) {
         Ok(())
     } else {
-        Err(NoConfiguration::Nkey {
+        Err(ServerConfigError::Nkey {
             found: nkey.to_owned(),
         })
     }
 }
 
-fn quoted(what: &'static str, text: &str) -> Result<String, NoConfiguration> {
+fn quoted(what: &'static str, text: &str) -> Result<String, ServerConfigError> {
     let breaks_out = |c: char| c == '"' || c == '\\' || c.is_control();
     if text.contains(breaks_out) {
-        return Err(NoConfiguration::Text {
+        return Err(ServerConfigError::Text {
             what,
             found: text.to_owned(),
         });
@@ -238,9 +238,9 @@ pub struct Cluster {
 
 impl Cluster {
     /// The table `cluster` of the server's configuration, with a line end.
-    fn text(&self, tls: Option<&ServerTls>) -> Result<String, NoConfiguration> {
+    fn text(&self, tls: Option<&ServerTls>) -> Result<String, ServerConfigError> {
         let password = &self.password.0;
-        let routes: Result<Vec<String>, NoConfiguration> = (self.routes.iter())
+        let routes: Result<Vec<String>, ServerConfigError> = (self.routes.iter())
             .map(|route| quoted("routes", &self.with_password(route)?))
             .collect();
         let mut text = String::new();
@@ -270,16 +270,16 @@ impl Cluster {
     }
 
     /// Inserts the cluster password into a server's address.
-    fn with_password(&self, route: &str) -> Result<String, NoConfiguration> {
+    fn with_password(&self, route: &str) -> Result<String, ServerConfigError> {
         match route.strip_prefix("nats://") {
             Some(address) if !address.is_empty() && !address.contains(['@', '/']) => {
                 Ok(format!("nats://{USER}:{}@{address}", self.password.0))
             }
             // The address contains a foreign password, which messages must not repeat.
-            Some(address) if address.contains('@') => Err(NoConfiguration::Route {
+            Some(address) if address.contains('@') => Err(ServerConfigError::Route {
                 found: "an address with a user".to_owned(),
             }),
-            _ => Err(NoConfiguration::Route {
+            _ => Err(ServerConfigError::Route {
                 found: format!("{route:?}"),
             }),
         }

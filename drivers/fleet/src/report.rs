@@ -104,7 +104,7 @@ mod tests {
 
     /// No sentence ends with a unit that has no number.
     #[test]
-    fn what_is_not_told_is_left_out() {
+    fn unknown_values_are_omitted() {
         assert_eq!(largest_moves("75.0", ""), "75.0 µm");
         assert_eq!(largest_moves("", "20.0"), "20.0 µrad");
         assert_eq!(largest_moves("75.0", "20.0"), "75.0 µm and 20.0 µrad");

@@ -10,26 +10,26 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::{NoConfiguration, ServerSettings};
+use crate::{ServerConfigError, ServerSettings};
 
 /// Path of the server on Debian, which is not in every user's `PATH`.
-const ON_DEBIAN: &str = "/usr/sbin/nats-server";
+const DEBIAN_PATH: &str = "/usr/sbin/nats-server";
 /// Start timeout.
-const READY_WITHIN: Duration = Duration::from_secs(30);
+const START_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Why a server does not run.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
     /// The settings do not make a valid configuration.
     #[error(transparent)]
-    Configuration(#[from] NoConfiguration),
+    Configuration(#[from] ServerConfigError),
     #[error("nats-server is not installed: on Debian `apt install nats-server`")]
     NotInstalled,
     /// A file or process operation failed.
     #[error("nats-server: {0}")]
     Io(#[from] io::Error),
     /// The server exited or does not listen.
-    #[error("nats-server does not listen on {listen}; what it says stands in {log}")]
+    #[error("nats-server does not listen on {listen}; see its log {log}")]
     NotReady { listen: String, log: String },
 }
 
@@ -46,7 +46,7 @@ pub fn program() -> Option<PathBuf> {
     let path = std::env::var_os("PATH").unwrap_or_default();
     let folders = std::env::split_paths(&path).map(|folder| folder.join("nats-server"));
     folders
-        .chain([PathBuf::from(ON_DEBIAN)])
+        .chain([PathBuf::from(DEBIAN_PATH)])
         .find(|file| file.is_file())
 }
 
@@ -56,10 +56,10 @@ pub fn program() -> Option<PathBuf> {
 /// # Errors
 /// The file cannot be written.
 pub fn write_private(file: &Path, text: &str) -> io::Result<()> {
-    let mut beside = file.as_os_str().to_owned();
-    beside.push(".new");
-    let beside = PathBuf::from(beside);
-    match std::fs::remove_file(&beside) {
+    let mut new_file = file.as_os_str().to_owned();
+    new_file.push(".new");
+    let new_file = PathBuf::from(new_file);
+    match std::fs::remove_file(&new_file) {
         Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
         _ => {}
     }
@@ -67,13 +67,13 @@ pub fn write_private(file: &Path, text: &str) -> io::Result<()> {
         .write(true)
         .create_new(true)
         .mode(0o600)
-        .open(&beside)?;
+        .open(&new_file)?;
     if let Ok(before) = std::fs::metadata(file) {
         fchown(&written, Some(before.uid()), Some(before.gid()))?;
     }
     written.write_all(text.as_bytes())?;
     written.sync_all()?;
-    std::fs::rename(&beside, file)
+    std::fs::rename(&new_file, file)
 }
 
 impl Server {
@@ -109,7 +109,7 @@ impl Server {
     }
 
     fn ready(mut self, folder: &Path) -> Result<Self, ServerError> {
-        let end = Instant::now() + READY_WITHIN;
+        let end = Instant::now() + START_TIMEOUT;
         while TcpStream::connect(&self.listen).is_err() {
             if Instant::now() > end || self.child.try_wait()?.is_some() {
                 return Err(ServerError::NotReady {
@@ -138,16 +138,16 @@ impl Server {
     pub fn reload(&self, settings: &ServerSettings) -> Result<(), ServerError> {
         let program = program().ok_or(ServerError::NotInstalled)?;
         write_private(&self.configuration, &settings.text()?)?;
-        let told = Command::new(program)
+        let reload = Command::new(program)
             .arg("--signal")
             .arg(format!("reload={}", self.child.id()))
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .status()?;
-        if told.success() {
+        if reload.success() {
             Ok(())
         } else {
-            Err(io::Error::other("it does not take the signal to reload").into())
+            Err(io::Error::other("it rejected the reload signal").into())
         }
     }
 }

@@ -14,9 +14,9 @@ use sha2::{Digest, Sha256};
 use crate::Kind;
 
 /// Maximum number of messages of a lane in memory before they are written to disk: a reachable server causes no disk writes.
-const IN_MEMORY: usize = 64;
+const MAX_IN_MEMORY: usize = 64;
 /// Maximum number of messages of a lane in memory while the disk rejects writes; beyond it the oldest are dropped.
-const WITHOUT_DISK: usize = 1024;
+const MAX_WITHOUT_DISK: usize = 1024;
 /// Maximum size of a file on disk, bytes (except for a single larger message).
 const FILE: usize = 256 * 1024;
 
@@ -225,10 +225,10 @@ impl Queue {
     fn push(&mut self, message: Waiting) {
         self.memory.push_back(message);
         // After a disk failure, every message that does not fit triggers a retry.
-        if self.memory.len() > IN_MEMORY {
+        if self.memory.len() > MAX_IN_MEMORY {
             self.spill();
         }
-        while self.memory.len() > WITHOUT_DISK {
+        while self.memory.len() > MAX_WITHOUT_DISK {
             self.memory.pop_front();
             self.dropped += 1;
         }
@@ -429,7 +429,7 @@ mod tests {
     proptest! {
         /// Cut at any byte, or with any byte changed: what comes out is what went in, up to there.
         #[test]
-        fn a_torn_or_damaged_file_gives_its_whole_records(
+        fn a_damaged_file_yields_its_complete_records(
             messages in proptest::collection::vec(("[a-z]{0,9}", ".{0,20}", proptest::collection::vec(any::<u8>(), 0..40)), 0..8),
             at in any::<proptest::sample::Index>(),
             change in proptest::option::of(1_u8..),

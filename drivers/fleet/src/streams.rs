@@ -9,7 +9,7 @@ use async_nats::jetstream::{Context, object_store, stream};
 
 use crate::{
     LinkError, MachineId, SiteId,
-    link::failed,
+    link::nats_error,
     subjects::{DESIRED_BUCKET, Kind, desired_subject, models_bucket},
 };
 
@@ -20,11 +20,11 @@ const AUDIT_PREFIX: &str = "audit-";
 /// Number of values kept for each key.
 const HISTORY: i64 = 8;
 /// Deduplication window: messages with the same id within it are stored once.
-const TWICE_WITHIN: Duration = Duration::from_secs(120);
+const DUPLICATE_WINDOW: Duration = Duration::from_secs(120);
 
 /// Retention limits of the streams, by age and size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Keeping {
+pub struct StreamRetention {
     /// How many servers of the cluster hold each stream: 1, 3 or 5.
     pub replicas: usize,
     /// Retention time of conditions and telemetry.
@@ -35,7 +35,7 @@ pub struct Keeping {
     pub audit: Duration,
 }
 
-impl Default for Keeping {
+impl Default for StreamRetention {
     /// One server; telemetry for a week up to 4 GiB for each site; audit records for a year.
     fn default() -> Self {
         const DAY: Duration = Duration::from_secs(86_400);
@@ -74,7 +74,7 @@ pub(crate) fn streams_of(site: &SiteId) -> [(String, Vec<String>); 2] {
 pub async fn prepare(
     context: &Context,
     sites: &[SiteId],
-    keeping: Keeping,
+    retention: StreamRetention,
 ) -> Result<(), LinkError> {
     let desired = stream::Config {
         name: format!("KV_{DESIRED_BUCKET}"),
@@ -87,7 +87,7 @@ pub async fn prepare(
         allow_rollup: true,
         deny_delete: true,
         allow_direct: true,
-        num_replicas: keeping.replicas,
+        num_replicas: retention.replicas,
         ..Default::default()
     };
     create(context, desired).await?;
@@ -102,15 +102,15 @@ pub async fn prepare(
                 max_bytes: if is_audit {
                     -1
                 } else {
-                    keeping.telemetry_bytes
+                    retention.telemetry_bytes
                 },
                 max_age: if is_audit {
-                    keeping.audit
+                    retention.audit
                 } else {
-                    keeping.telemetry
+                    retention.telemetry
                 },
-                duplicate_window: TWICE_WITHIN,
-                num_replicas: keeping.replicas,
+                duplicate_window: DUPLICATE_WINDOW,
+                num_replicas: retention.replicas,
                 deny_delete: is_audit,
                 deny_purge: is_audit,
                 ..Default::default()
@@ -123,7 +123,7 @@ pub async fn prepare(
 
 async fn create(context: &Context, config: stream::Config) -> Result<(), LinkError> {
     let made = context.create_or_update_stream(config).await;
-    made.map(|_| ()).map_err(failed("making a stream"))
+    made.map(|_| ()).map_err(nats_error("making a stream"))
 }
 
 /// Puts a model that is too large for its manifest into a machine's object store under its checksum.
@@ -147,12 +147,12 @@ pub async fn put_model(
                 ..Default::default()
             })
             .await
-            .map_err(failed("making an object store"))?,
+            .map_err(nats_error("making an object store"))?,
     };
     let mut bytes = model;
     store
         .put(sha256, &mut bytes)
         .await
         .map(|_| ())
-        .map_err(failed("storing a model"))
+        .map_err(nats_error("storing a model"))
 }

@@ -1,6 +1,6 @@
 //! The names of the fleet's subjects, buckets and streams.
 //!
-//! A machine publishes on its own four subjects, one for each [`Kind`] of message, and reads only the key of its own name.
+//! A machine publishes on its own four subjects, one for each [`Kind`] of message, and reads only the key with its name.
 
 use crate::{Identity, MachineId};
 

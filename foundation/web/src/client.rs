@@ -15,7 +15,7 @@ use tokio_rustls::rustls::{
 use crate::CertificateError;
 
 /// Maximum size of a response, bytes.
-const LARGEST_ANSWER: u64 = 4 * 1024 * 1024;
+const MAX_RESPONSE_BYTES: u64 = 4 * 1024 * 1024;
 
 /// Sends a request, which must contain `Connection: close`, and reads the response to its end. The caller sets the timeouts of the stream.
 ///
@@ -24,7 +24,7 @@ const LARGEST_ANSWER: u64 = 4 * 1024 * 1024;
 pub fn exchange(mut stream: impl Read + Write, request: &str) -> std::io::Result<String> {
     stream.write_all(request.as_bytes())?;
     let mut text = Vec::new();
-    match stream.take(LARGEST_ANSWER).read_to_end(&mut text) {
+    match stream.take(MAX_RESPONSE_BYTES).read_to_end(&mut text) {
         Ok(_) => {}
         // Some servers end TLS without the closing alert.
         Err(e) if e.kind() == ErrorKind::UnexpectedEof && !text.is_empty() => {}

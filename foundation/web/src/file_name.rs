@@ -1,7 +1,7 @@
 //! Names of files sent by a browser.
 
 /// Maximum length of a name, bytes.
-const LONGEST_NAME: usize = 120;
+const MAX_NAME_BYTES: usize = 120;
 
 /// Converts a name to a safe component of a path: the last part of the file name from the browser, reduced to letters, digits, blanks and `-_.+`, at
 /// most 120 bytes. It is never hidden and never leads out of a folder. `None` for a name without a letter or a digit.
@@ -13,13 +13,13 @@ pub fn sanitised(name: &str) -> Option<String> {
         .map(|c| if is_plain(c) { c } else { '_' })
         .collect();
     let mut plain = plain.trim_matches(['.', ' ']).to_owned();
-    if plain.len() > LONGEST_NAME {
+    if plain.len() > MAX_NAME_BYTES {
         // Keep the extension, which determines how the file is read.
         let (stem, ending) = plain.rsplit_once('.').unwrap_or((&plain, ""));
         let ending: String = ending.chars().take(10).collect();
         let mut short = String::new();
         for c in stem.chars() {
-            if short.len() + c.len_utf8() + ending.len() + 1 > LONGEST_NAME {
+            if short.len() + c.len_utf8() + ending.len() + 1 > MAX_NAME_BYTES {
                 break;
             }
             short.push(c);
@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_lead_nowhere_else() {
+    fn names_cannot_leave_the_folder() {
         for (given, found) in [
             ("exx.rtl", "exx.rtl"),
             ("../x", "x"),
@@ -59,9 +59,9 @@ mod tests {
     proptest! {
         /// Whatever a browser sends: one name in this folder, not hidden, which every file system takes.
         #[test]
-        fn a_name_is_one_part_of_a_path(given in "\\PC{0,300}|.{0,300}") {
+        fn a_name_is_one_path_component(given in "\\PC{0,300}|.{0,300}") {
             if let Some(name) = sanitised(&given) {
-                prop_assert!(!name.starts_with('.') && name.len() <= LONGEST_NAME, "{name}");
+                prop_assert!(!name.starts_with('.') && name.len() <= MAX_NAME_BYTES, "{name}");
                 let path = Path::new("/folder").join(&name);
                 prop_assert_eq!(path.parent(), Some(Path::new("/folder")));
                 prop_assert_eq!(path.components().count(), 3);

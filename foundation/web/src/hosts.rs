@@ -29,7 +29,7 @@ mod tests {
     use super::is_known;
 
     #[test]
-    fn foreign_names_are_not_known() {
+    fn foreign_host_names_are_rejected() {
         let known = ["gateway.shop.lan".to_owned()];
         for host in [
             "127.0.0.1:8080",

@@ -21,7 +21,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_own_page_is_no_other() {
+    fn only_the_own_origin_is_accepted() {
         let host = ("host", "mill.lan:8080");
         for (said, is_another) in [
             (&[host][..], false),

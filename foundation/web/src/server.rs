@@ -26,13 +26,13 @@ use crate::Tls;
 /// others.
 const MAX_CONNECTIONS: usize = 64;
 /// Maximum number of connections of all servers of the program together, which leaves file descriptors for its other tasks.
-const MAX_OF_ALL: usize = 256;
+const MAX_TOTAL_CONNECTIONS: usize = 256;
 /// Connections of all servers of the program, the oldest first.
-static OF_ALL: Mutex<VecDeque<AbortHandle>> = Mutex::new(VecDeque::new());
+static ALL_CONNECTIONS: Mutex<VecDeque<AbortHandle>> = Mutex::new(VecDeque::new());
 /// Timeout for receiving the complete header of a request, and idle timeout between requests.
-const HEADER_WITHIN: Duration = Duration::from_secs(5);
+const HEADER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Timeout for the TLS handshake.
-const HANDSHAKE_WITHIN: Duration = Duration::from_secs(5);
+const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Serves until the runtime ends. Every request has the address of its client as an `Extension<SocketAddr>`.
 pub async fn serve(listener: TcpListener, tls: Option<Tls>, router: Router) {
@@ -51,8 +51,10 @@ pub async fn serve(listener: TcpListener, tls: Option<Tls>, router: Router) {
         let (router, tls) = (router.clone().layer(Extension(from)), tls.clone());
         let served = tokio::spawn(connection(stream, from, tls, router).in_current_span());
         open.push_back(served.abort_handle());
-        let mut all = OF_ALL.lock().unwrap_or_else(PoisonError::into_inner);
-        make_place(&mut all, MAX_OF_ALL);
+        let mut all = ALL_CONNECTIONS
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        make_place(&mut all, MAX_TOTAL_CONNECTIONS);
         all.push_back(served.abort_handle());
     }
 }
@@ -71,7 +73,7 @@ async fn connection(stream: TcpStream, from: SocketAddr, tls: Option<Tls>, route
     let _ = stream.set_nodelay(true);
     match tls {
         None => exchange(stream, router).await,
-        Some(tls) => match tokio::time::timeout(HANDSHAKE_WITHIN, tls.accept(stream)).await {
+        Some(tls) => match tokio::time::timeout(HANDSHAKE_TIMEOUT, tls.accept(stream)).await {
             Ok(Ok(stream)) => exchange(stream, router).await,
             Ok(Err(e)) => tracing::debug!("page: {from}: {e}"),
             Err(_) => tracing::debug!("page: {from}: no TLS handshake"),
@@ -82,7 +84,7 @@ async fn connection(stream: TcpStream, from: SocketAddr, tls: Option<Tls>, route
 async fn exchange(stream: impl AsyncRead + AsyncWrite + Unpin, router: Router) {
     let served = http1::Builder::new()
         .timer(TokioTimer::new())
-        .header_read_timeout(HEADER_WITHIN)
+        .header_read_timeout(HEADER_TIMEOUT)
         .max_headers(64)
         .max_buf_size(64 * 1024)
         .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))

@@ -43,7 +43,7 @@ pub enum TlsError {
         source: rcgen::Error,
     },
     /// A file that exists already: it is never overwritten.
-    #[error("{}: there already, kept; expected another folder, or that it is moved away first", file.display())]
+    #[error("{}: exists and is not replaced; name another folder, or move it away first", file.display())]
     There {
         /// Path of the file.
         file: PathBuf,

@@ -5,7 +5,7 @@ use std::{net::SocketAddr, path::PathBuf};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::{
-    discover::{FASTEST_PER_SECOND, PER_SECOND, Subnet},
+    discover::{MAX_PER_SECOND, PER_SECOND, Subnet},
     users::{Role, UserName},
 };
 
@@ -25,10 +25,10 @@ const EXAMPLES: &str = "Examples:
 #[derive(Parser)]
 #[command(name = "volcomp-centre", version, after_help = EXAMPLES, max_term_width = 80)]
 pub struct Arguments {
-    /// The TOML file of the configuration
+    /// Configuration file, TOML
     #[arg(long, global = true, default_value = "centre.toml")]
     pub(super) config: PathBuf,
-    /// Who does it, for the audit log; without it the user of the operating system
+    /// Author for the audit log [default: user of the operating system]
     #[arg(long, global = true, value_name = "NAME")]
     pub(super) by: Option<String>,
     #[command(subcommand)]
@@ -37,9 +37,9 @@ pub struct Arguments {
 
 #[derive(Subcommand)]
 pub(super) enum Command {
-    /// Run the centre until it is told to end
+    /// Run the centre until it receives SIGTERM or SIGINT
     Run {
-        /// The form of the log on standard error
+        /// Format of the log on standard error
         #[arg(long, value_enum, default_value_t = LogForm::Text)]
         log: LogForm,
     },
@@ -51,41 +51,41 @@ pub(super) enum Command {
     /// Models: add, list, compare
     #[command(subcommand)]
     Model(ModelCommand),
-    /// Roll-outs: start, watch, hold, confirm, end
+    /// Roll-outs: start, watch, pause, confirm, stop
     #[command(subcommand)]
     Rollout(RolloutCommand),
-    /// Keys that sign, and nkeys of users of the server
+    /// Signing keys, and nkeys of the server's users
     #[command(subcommand)]
     Key(KeyCommand),
-    /// Users of the page: add, list, change, remove
+    /// Users of the web interface: add, list, change, remove
     #[command(subcommand)]
     User(UserCommand),
-    /// Make a self-signed certificate and its key for the page
+    /// Create a self-signed certificate and its key for the web interface
     TlsInit {
-        /// Host names and addresses under which browsers will ask for it
+        /// Host names and addresses that browsers will use
         #[arg(required = true)]
         names: Vec<String>,
-        /// The folder for certificate.pem and key.pem
+        /// Folder for certificate.pem and key.pem
         #[arg(long, short, default_value = ".")]
         output: PathBuf,
     },
     /// Find controls, modules and gateways in stated subnets; nothing is written to them
     Discover(DiscoverArguments),
-    /// Show it: a server, three simulated machines and the page; nothing is kept
+    /// Run a demonstration: a server, three simulated machines and the web interface; no data are kept
     Demo {
-        /// The address and port of the page
+        /// Address and port of the web interface
         #[arg(long, default_value = "127.0.0.1:8460")]
         listen: SocketAddr,
     },
     /// Print the configuration of the NATS server, with every machine that has an nkey
     NatsConfig {
-        /// Write it into this file, which only its owner can read; the one before is replaced
+        /// Write it to this file, readable only by its owner; an existing file is replaced
         #[arg(long, short, value_name = "FILE")]
         output: Option<PathBuf>,
     },
-    /// Print what is wrong
+    /// Print the open alarms
     Alarms {
-        /// Those that are over, too
+        /// Include closed alarms
         #[arg(long)]
         all: bool,
         /// Print one JSON document
@@ -94,7 +94,7 @@ pub(super) enum Command {
     },
     /// Check the chain of the audit log, and print its last records
     Audit {
-        /// So many records
+        /// Number of records
         #[arg(long, default_value_t = 20)]
         count: u32,
         /// Print one JSON document
@@ -111,25 +111,25 @@ pub(super) enum LogForm {
 
 #[derive(Subcommand)]
 pub(super) enum MachineCommand {
-    /// Register a machine, or change what is known of it
+    /// Register a machine, or change its record
     Add(Box<AddMachine>),
-    /// List the machines with what is known of each now
+    /// List the machines with their current states
     List {
         /// Print one JSON document
         #[arg(long)]
         json: bool,
     },
-    /// Forget a machine; its versions and its history stay
+    /// Remove a machine; its versions and history are kept
     Remove {
         /// Its name
         machine: String,
     },
-    /// Let a machine be corrected
+    /// Permit the correction of a machine
     Enable {
         /// Its name
         machine: String,
     },
-    /// Have a machine ramp its correction out, and forbid it to arm
+    /// Ramp the correction of a machine out, and forbid arming
     Disable {
         /// Its name
         machine: String,
@@ -140,10 +140,10 @@ pub(super) enum MachineCommand {
 pub(super) struct AddMachine {
     /// Its name: lower-case letters, digits and hyphens
     pub(super) machine: String,
-    /// The site where it stands
+    /// Site of the machine
     #[arg(long)]
     pub(super) site: String,
-    /// The serial number of the machine tool, as its gateway has it
+    /// Serial number of the machine tool, as configured in its gateway
     #[arg(long)]
     pub(super) serial: String,
     /// A machine file with its structure and axes
@@ -152,10 +152,10 @@ pub(super) struct AddMachine {
     /// The public nkey of its gateway
     #[arg(long, conflicts_with = "new_nkey")]
     pub(super) nkey: Option<String>,
-    /// Draw an nkey for its gateway, and write the seed into this new file
+    /// Generate an nkey for its gateway, and write the seed to this new file
     #[arg(long, value_name = "FILE")]
     pub(super) new_nkey: Option<PathBuf>,
-    /// It is among the first of a roll-out
+    /// It is a canary: one of the first machines of a roll-out
     #[arg(long)]
     pub(super) canary: bool,
     /// It may not be corrected yet
@@ -164,19 +164,19 @@ pub(super) struct AddMachine {
     /// Days after a calibration until the next one is due
     #[arg(long, value_name = "DAYS")]
     pub(super) due_days: Option<u32>,
-    /// Seconds between two conditions; without it 1
+    /// Seconds between two conditions [default: 1]
     #[arg(long, value_name = "S")]
     pub(super) condition_s: Option<u32>,
-    /// Seconds between two whole states; without it 10
+    /// Seconds between two full telemetry messages [default: 10]
     #[arg(long, value_name = "S")]
     pub(super) telemetry_s: Option<u32>,
-    /// Where its control was found, for people
+    /// Network address of its control, for display
     #[arg(long)]
     pub(super) address: Option<String>,
-    /// The make of its control, for people
+    /// Make of its control, for display
     #[arg(long)]
     pub(super) control: Option<String>,
-    /// What else is to be known
+    /// Note, for display
     #[arg(long)]
     pub(super) note: Option<String>,
 }
@@ -191,14 +191,14 @@ pub(super) enum ModelCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Print what is known of a model
+    /// Print the record of a model
     Show {
-        /// The beginning of its checksum
+        /// Beginning of its checksum
         model: String,
     },
-    /// Write the machine file of a model into a new file, byte by byte as it is signed
+    /// Write the machine file of a model to a new file, exactly as signed
     Download {
-        /// The beginning of its checksum
+        /// Beginning of its checksum
         model: String,
         /// The new file
         #[arg(long, short, value_name = "FILE")]
@@ -206,12 +206,12 @@ pub(super) enum ModelCommand {
     },
     /// Compare two models line by line
     Diff {
-        /// The beginning of the checksum of one
+        /// Beginning of the first checksum
         one: String,
-        /// The beginning of the checksum of the other
+        /// Beginning of the second checksum
         other: String,
     },
-    /// Roll out to a machine the model that it has had in force before the one that it has now
+    /// Roll the previously active model of a machine out to it again
     Back {
         /// The name of the machine
         machine: String,
@@ -236,15 +236,15 @@ pub(super) struct AddModel {
 pub(super) enum RolloutCommand {
     /// Start a roll-out of a model
     Start(StartRollout),
-    /// Print where roll-outs stand
+    /// Print the progress of roll-outs
     Status {
-        /// The number of one; without it all that are not over, and the last ones
+        /// Number of the roll-out [default: all open ones, and the latest]
         id: Option<u64>,
         /// Print one JSON document
         #[arg(long)]
         json: bool,
     },
-    /// Say that a machine keeps the model of a roll-out that stopped or was ended
+    /// Keep the model of a stopped or aborted roll-out on a machine
     Keep {
         /// The number of the roll-out
         id: u64,
@@ -252,27 +252,27 @@ pub(super) enum RolloutCommand {
         machine: String,
     },
     #[command(flatten)]
-    Wish(WishCommand),
+    Request(RequestCommand),
 }
 
 #[derive(Subcommand)]
-pub(super) enum WishCommand {
-    /// Hold a roll-out: nothing more is sent
+pub(super) enum RequestCommand {
+    /// Pause a roll-out: nothing more is sent
     Pause {
         /// Its number
         id: u64,
     },
-    /// Let a roll-out go on, in spite of what it has stopped for
+    /// Resume a roll-out, in spite of the reason for its stop
     Resume {
         /// Its number
         id: u64,
     },
-    /// End a roll-out; what was sent stays sent
+    /// Abort a roll-out; active versions remain
     Stop {
         /// Its number
         id: u64,
     },
-    /// Confirm that a model moves the axes of a machine far
+    /// Confirm a large change of the axis positions of a machine
     Confirm {
         /// The number of the roll-out
         id: u64,
@@ -285,7 +285,7 @@ pub(super) enum WishCommand {
 
 #[derive(Args)]
 pub(super) struct StartRollout {
-    /// The beginning of the checksum of the model
+    /// Beginning of the checksum of the model
     #[arg(long)]
     pub(super) model: String,
     /// A machine; may be given several times
@@ -294,27 +294,27 @@ pub(super) struct StartRollout {
     /// Every machine with the structure and the axes of the model
     #[arg(long, conflicts_with = "machine")]
     pub(super) all: bool,
-    /// The machines shall have one model, although a model is measured on one of them
+    /// Send all machines the same model, although it was measured on one of them
     #[arg(long, requires = "all")]
     pub(super) same_model: bool,
-    /// A machine is watched for so long before the next ones, s
+    /// Observation time of a machine before the next ones, s
     #[arg(long, value_name = "S")]
     pub(super) soak_s: Option<f64>,
-    /// So many machines after the first may stay out
+    /// Maximum number of machines after the canaries that may drop out
     #[arg(long, value_name = "N")]
     pub(super) tolerate: Option<u32>,
 }
 
 #[derive(Subcommand)]
 pub(super) enum KeyCommand {
-    /// Draw a key that signs, and print the public key, which the machines must trust
+    /// Generate a signing key, and print the public key, which the machines must trust
     New {
         /// Its name
         name: String,
     },
-    /// List the keys that sign, with their public keys
+    /// List the signing keys with their public keys
     List,
-    /// Draw an nkey of a user of the server, write its seed into a new file, and print the public nkey
+    /// Generate an nkey of a server user, write its seed to a new file, and print the public nkey
     Nkey {
         /// The new file of the seed
         file: PathBuf,
@@ -323,7 +323,7 @@ pub(super) enum KeyCommand {
 
 #[derive(Subcommand)]
 pub(super) enum UserCommand {
-    /// Add a user; the password is asked for, or read from standard input
+    /// Add a user; the password is prompted for, or read from standard input
     Add {
         /// The name: lower-case letters, digits, dots, hyphens and underscores
         name: UserName,
@@ -337,7 +337,7 @@ pub(super) enum UserCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Set the password of a user, who is logged out everywhere
+    /// Set the password of a user, and log the user out everywhere
     Password {
         /// The name
         name: UserName,
@@ -368,7 +368,7 @@ pub(super) struct DiscoverArguments {
     /// Subnets or addresses, such as 192.0.2.0/24
     #[arg(required = true)]
     pub(super) subnets: Vec<Subnet>,
-    /// Search ranges that are not private, too: they belong to you
+    /// Search public ranges too: they belong to you
     #[arg(long)]
     pub(super) yes_these_are_mine: bool,
     /// New connections a second over all addresses, 1 to 1000
@@ -393,9 +393,9 @@ pub(super) struct DiscoverArguments {
 
 fn rate(text: &str) -> Result<f64, String> {
     let found: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
-    if (1.0..=FASTEST_PER_SECOND).contains(&found) {
+    if (1.0..=MAX_PER_SECOND).contains(&found) {
         Ok(found)
     } else {
-        Err(format!("expected 1 to {FASTEST_PER_SECOND}"))
+        Err(format!("expected 1 to {MAX_PER_SECOND}"))
     }
 }

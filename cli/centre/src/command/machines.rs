@@ -7,9 +7,9 @@ use volcomp_fleet::{Identity, MachineId};
 use super::{
     arguments::AddMachine,
     machine_named, open, print, print_json,
-    server::draw_nkey,
+    server::generate_nkey,
     shown, signing_key,
-    text::{self, Named, Shown},
+    text::{self, MachineModel, MachineView},
 };
 use crate::{
     Error,
@@ -18,7 +18,7 @@ use crate::{
     issue::settle,
     models::NewModel,
     records::{Live, Machine, Model, Version},
-    versions::version_in_force,
+    versions::load_active_version,
 };
 
 pub(super) fn add(config: &Config, add: &AddMachine, by: &str) -> Result<(), Error> {
@@ -33,19 +33,19 @@ pub(super) fn add(config: &Config, add: &AddMachine, by: &str) -> Result<(), Err
         let mut machine = named(before, &identity, add, like);
         machine.check()?;
         if let Some(file) = &add.new_nkey {
-            machine.nkey = Some(draw_nkey(file)?);
+            machine.nkey = Some(generate_nkey(file)?);
         }
         Ok(machine)
     })?;
-    let mut said = format!("{name} is registered\n");
+    let mut report = format!("{name} is registered\n");
     if let Some(file) = &add.new_nkey {
         let _ = writeln!(
-            said,
-            "the seed of its nkey is in {}: copy it to the gateway, and take the server's new configuration into use (nats-config)",
+            report,
+            "the seed of its nkey is in {}: copy it to the gateway, and reload the server with its new configuration (nats-config)",
             shown(file)
         );
     }
-    print(&said)
+    print(&report)
 }
 
 /// Builds the machine record from the arguments. Options that are not given keep the value in `before`. Only `machine enable` enables a machine.
@@ -78,7 +78,7 @@ pub(super) fn list(config: &Config, json: bool) -> Result<(), Error> {
     let models: BTreeMap<String, String> = (store.models()?.into_iter())
         .map(|model| (model.sha256, model.name))
         .collect();
-    let named = |version: &Version| Named {
+    let named = |version: &Version| MachineModel {
         version: version.version,
         model: version.model.clone(),
         name: models.get(&version.model).cloned().unwrap_or_default(),
@@ -89,11 +89,11 @@ pub(super) fn list(config: &Config, json: bool) -> Result<(), Error> {
         let name = &machine.identity.machine;
         let (live, version) = (live.remove(name), versions.remove(name));
         let in_force = match &live {
-            Some(live) => version_in_force(&store, name, version.as_ref(), Some(live))?,
+            Some(live) => load_active_version(&store, name, version.as_ref(), Some(live))?,
             None => None,
         };
         let made = live.as_ref().and_then(Live::made);
-        shown.push(Shown {
+        shown.push(MachineView {
             age_s: made.map(|made| (now_s - made.at_s).max(made.late_s)),
             live,
             wanted: version.as_ref().map(named),
@@ -113,7 +113,7 @@ pub(super) fn remove(config: &Config, machine: &str, by: &str) -> Result<(), Err
     let name = machine_named(machine)?;
     if open(config)?.remove_machine(&name, by)? {
         print(&format!(
-            "{name} is forgotten; take the server's new configuration into use (nats-config), so that its nkey opens nothing\n"
+            "{name} is removed; reload the server with its new configuration (nats-config), which revokes its nkey\n"
         ))
     } else {
         Err(no_machine(&name))
@@ -134,13 +134,13 @@ pub(super) fn enable(config: &Config, machine: &str, enable: bool, by: &str) -> 
             issued.version
         )),
         Ok(None) => print(
-            "its newest manifest says so already; the running centre sends it where it is not sent yet\n",
+            "its newest manifest contains this setting already; the running centre sends it if necessary\n",
         ),
         // Its first manifest will contain this setting.
         Err(Error::NoModelYet { .. }) => {
             let may = if enable { "may" } else { "must not" };
             print(&format!(
-                "it is noted that {name} {may} be corrected; it has no model yet, and is told with its first one\n"
+                "recorded: {name} {may} be corrected; it has no model yet, and receives this setting with its first one\n"
             ))
         }
         Err(other) => Err(Error::Failed(other.to_string())),

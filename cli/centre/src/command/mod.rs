@@ -4,7 +4,6 @@ mod arguments;
 mod discover;
 mod machines;
 mod models;
-mod page;
 mod rollouts;
 mod run;
 mod server;
@@ -23,7 +22,7 @@ impl Arguments {
     /// Runs the command.
     pub fn act(self) -> Result<(), Error> {
         let config = || Config::read(&self.config);
-        let by = self.by.clone().unwrap_or_else(who);
+        let by = self.by.clone().unwrap_or_else(os_user);
         match self.command {
             Command::Run { log } => run::run(&config()?, log),
             Command::Demo { listen } => run::demo(listen),
@@ -77,13 +76,15 @@ impl Arguments {
             Command::Rollout(RolloutCommand::Keep { id, machine }) => {
                 rollouts::keep(&config()?, id, &machine, &by)
             }
-            Command::Rollout(RolloutCommand::Wish(wish)) => rollouts::wish(&config()?, wish, &by),
+            Command::Rollout(RolloutCommand::Request(request)) => {
+                rollouts::request(&config()?, request, &by)
+            }
         }
     }
 }
 
 /// The user of the operating system according to the environment.
-fn who() -> String {
+fn os_user() -> String {
     let named = ["SUDO_USER", "USER", "LOGNAME"].iter();
     let mut named = named.filter_map(|key| std::env::var(key).ok());
     named

@@ -15,17 +15,17 @@ pub(super) fn add(config: &Config, add: &AddModel, by: &str) -> Result<(), Error
     let day = add.measured.as_deref().unwrap_or_default();
     let new = NewModel::of_file(&add.file, by)?.with_day_and_note(day)?;
     let is_new = open(config)?.add_model(&new.model, &new.text)?;
-    let mut said = String::new();
+    let mut report = String::new();
     for note in &new.model.notes {
-        let _ = writeln!(said, "note: {note}");
+        let _ = writeln!(report, "note: {note}");
     }
-    let there = match &add.measured {
+    let duplicate = match &add.measured {
         _ if is_new => String::new(),
-        Some(day) => format!(" (it was there already; measured on {day})"),
-        None => " (it was there already)".to_owned(),
+        Some(day) => format!(" (already stored; measured on {day})"),
+        None => " (already stored)".to_owned(),
     };
-    let _ = writeln!(said, "{} {}{there}", new.model.sha256, new.model.name);
-    print(&said)
+    let _ = writeln!(report, "{} {}{duplicate}", new.model.sha256, new.model.name);
+    print(&report)
 }
 
 pub(super) fn list(config: &Config, json: bool) -> Result<(), Error> {
@@ -69,7 +69,7 @@ pub(super) fn download(config: &Config, beginning: &str, output: &Path) -> Resul
     written.map_err(|error| {
         let why = match error.kind() {
             std::io::ErrorKind::AlreadyExists => {
-                "is there already, and is not replaced: name a new file".to_owned()
+                "exists and is not replaced: name a new file".to_owned()
             }
             _ => format!("cannot be written: {error}"),
         };
@@ -106,9 +106,7 @@ pub(super) fn drift(config: &Config, machine: &str) -> Result<(), Error> {
         }
     }
     if stages.is_empty() {
-        return print(&format!(
-            "{name} has had no model yet: there is nothing to compare\n"
-        ));
+        return print(&format!("{name} has had no model yet\n"));
     }
     print(&text::drift(&stages))
 }

@@ -3,7 +3,7 @@
 use volcomp_fleet::MachineId;
 
 use super::{
-    arguments::{StartRollout, WishCommand},
+    arguments::{RequestCommand, StartRollout},
     machine_named,
     models::named,
     open, print, print_json, text,
@@ -13,7 +13,7 @@ use crate::{
     config::Config,
     models::fits,
     records::Machine,
-    rollout::{Rules, Wish},
+    rollout::{Rules, UserRequest},
     versions,
 };
 
@@ -49,7 +49,7 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
     }
     if start.all && chosen.len() > 1 && !start.same_model {
         return Err(Error::Wrong(format!(
-            "--all: found {} with the structure and the axes of the model {}, expected one: a model is measured on one machine and true for that one; `--machine NAME` names it, and `--same-model` gives it to all",
+            "--all: found {} with the structure and the axes of the model {}, expected one: a model is valid for the machine on which it was measured; name it with `--machine NAME`, or send the model to all with `--same-model`",
             text::counted(chosen.len()),
             model.name
         )));
@@ -70,13 +70,13 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
         .check()
         .map_err(|(key, why)| Error::Wrong(format!("{key}: {why}")))?;
     let rollout = store.begin_rollout(&model.sha256, &machines, rules, by)?;
-    let mut said = text::started(&rollout, &model);
+    let mut report = text::started(&rollout, &model);
     if rollout.targets.len() > 1 {
-        said.push_str(
-            "note: they get one model: it is true for the machine on which it was measured\n",
+        report.push_str(
+            "note: all receive the same model: it is valid for the machine on which it was measured\n",
         );
     }
-    print(&said)
+    print(&report)
 }
 
 pub(super) fn back(config: &Config, machine: &str, by: &str) -> Result<(), Error> {
@@ -91,16 +91,16 @@ pub(super) fn keep(config: &Config, id: u64, machine: &str, by: &str) -> Result<
     let name = machine_named(machine)?;
     open(config)?.keep_model(id, &name, by)?;
     print(&format!(
-        "it is noted that {name} keeps the model of roll-out {id}\n"
+        "recorded: {name} keeps the model of roll-out {id}\n"
     ))
 }
 
 pub(super) fn status(config: &Config, id: Option<u64>, json: bool) -> Result<(), Error> {
-    const LAST: u32 = 10;
+    const MAX_LISTED: u32 = 10;
     let store = open(config)?;
     let rollouts = match id {
         Some(id) => vec![(store.rollout(id)?).ok_or_else(|| Error::missing("roll-out", &id))?],
-        None => store.rollouts(LAST)?,
+        None => store.rollouts(MAX_LISTED)?,
     };
     if json {
         print_json(&rollouts)
@@ -111,17 +111,17 @@ pub(super) fn status(config: &Config, id: Option<u64>, json: bool) -> Result<(),
     }
 }
 
-pub(super) fn wish(config: &Config, wish: WishCommand, by: &str) -> Result<(), Error> {
+pub(super) fn request(config: &Config, request: RequestCommand, by: &str) -> Result<(), Error> {
     let store = open(config)?;
-    let (id, wish) = match wish {
-        WishCommand::Pause { id } => (id, Wish::Pause),
-        WishCommand::Resume { id } => (id, Wish::Resume),
-        WishCommand::Stop { id } => (id, Wish::Abort),
-        WishCommand::Confirm { id, machine, hash } => {
+    let (id, request) = match request {
+        RequestCommand::Pause { id } => (id, UserRequest::Pause),
+        RequestCommand::Resume { id } => (id, UserRequest::Resume),
+        RequestCommand::Stop { id } => (id, UserRequest::Abort),
+        RequestCommand::Confirm { id, machine, hash } => {
             let machine = machine_named(&machine)?;
-            (id, Wish::Confirm { machine, hash })
+            (id, UserRequest::Confirm { machine, hash })
         }
     };
-    store.wish(id, &wish, by)?;
-    print("it is written down; the running centre takes it up\n")
+    store.request_rollout_change(id, &request, by)?;
+    print("recorded; the running centre applies it\n")
 }

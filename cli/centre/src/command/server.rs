@@ -39,7 +39,7 @@ pub(super) fn list_keys(config: &Config) -> Result<(), Error> {
 }
 
 /// Generates an nkey, writes its seed to a new file and returns the public nkey.
-pub(super) fn draw_nkey(file: &Path) -> Result<String, Error> {
+pub(super) fn generate_nkey(file: &Path) -> Result<String, Error> {
     let pair = KeyPair::new_user();
     let seed = pair
         .seed()
@@ -49,7 +49,7 @@ pub(super) fn draw_nkey(file: &Path) -> Result<String, Error> {
 }
 
 pub(super) fn new_nkey(file: &Path) -> Result<(), Error> {
-    print(&format!("{}\n", draw_nkey(file)?))
+    print(&format!("{}\n", generate_nkey(file)?))
 }
 
 /// Connection settings for the NATS server, and the centre's public nkey.
@@ -72,7 +72,7 @@ pub(super) fn settings(config: &Config) -> Result<ServerSettings, Error> {
     let server = &config.server;
     Ok(ServerSettings {
         name: server.name.clone(),
-        listen: server.listen.clone(),
+        listen: config.server_listen(),
         store: server.store.clone(),
         tls: server.tls(),
         cluster: server.cluster.as_ref().map(|name| Cluster {
@@ -101,17 +101,17 @@ pub(super) fn nats_config(config: &Config, output: Option<&Path>) -> Result<(), 
         return write_private(file, &text).map_err(failed(file));
     }
     if settings.cluster.is_some()
-        && let Some(mode) = printed_for_others()?
+        && let Some(mode) = readable_output_mode()?
     {
         return Err(Error::Wrong(format!(
-            "the configuration holds the password of the cluster, and the mode of the file that it is printed into is {mode:03o}, expected `nats-config --output FILE`, which makes one that only its owner can read"
+            "the configuration contains the password of the cluster: found an output file of mode {mode:03o}, expected `nats-config --output FILE`, which creates a file of mode 600"
         )));
     }
     print(&text)
 }
 
 /// Mode of the file that standard output is redirected to, if other users can read that file.
-fn printed_for_others() -> Result<Option<u32>, Error> {
+fn readable_output_mode() -> Result<Option<u32>, Error> {
     let printed = std::io::stdout().as_fd().try_clone_to_owned()?;
     let printed = std::fs::File::from(printed).metadata()?;
     let mode = printed.permissions().mode() & 0o777;
@@ -126,15 +126,15 @@ pub(super) fn audit(config: &Config, count: u32, json: bool) -> Result<(), Error
     } else {
         print(&text::audit(&records))?;
     }
-    chain_holds(&store)
+    check_audit_chain(&store)
 }
 
 /// Fails if a record of the audit log was changed or removed.
-pub(super) fn chain_holds(store: &Store) -> Result<(), Error> {
+pub(super) fn check_audit_chain(store: &Store) -> Result<(), Error> {
     match store.broken_audit()? {
         None => Ok(()),
         Some(number) => Err(Error::Failed(format!(
-            "the audit log: record {number} does not follow from the one before: it, or one before it, was changed"
+            "audit log: record {number} does not match its predecessor: it or an earlier one was changed"
         ))),
     }
 }

@@ -15,7 +15,7 @@ use crate::{
 
 /// A machine with its current state.
 #[derive(Serialize)]
-pub(super) struct Shown {
+pub(super) struct MachineView {
     #[serde(flatten)]
     pub(super) machine: Machine,
     pub(super) live: Option<Live>,
@@ -23,14 +23,14 @@ pub(super) struct Shown {
     pub(super) age_s: Option<f64>,
     /// The newest version issued to it.
     pub(super) version: Option<Version>,
-    pub(super) wanted: Option<Named>,
+    pub(super) wanted: Option<MachineModel>,
     /// The active model; `None` if it has none or never reported one.
-    pub(super) in_force: Option<Named>,
+    pub(super) in_force: Option<MachineModel>,
 }
 
 /// A model of a machine: version, checksum and name.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(super) struct Named {
+pub(super) struct MachineModel {
     pub(super) version: u64,
     pub(super) model: String,
     pub(super) name: String,
@@ -62,7 +62,7 @@ fn age(age_s: f64) -> String {
 
 pub(super) fn started(rollout: &Rollout, model: &Model) -> String {
     format!(
-        "roll-out {} of {} {} to {} is started; the running centre moves it on\n",
+        "roll-out {} of {} {} to {} is started; the running centre advances it\n",
         rollout.id,
         short(&model.sha256),
         model.name,
@@ -70,7 +70,7 @@ pub(super) fn started(rollout: &Rollout, model: &Model) -> String {
     )
 }
 
-pub(super) fn machines(shown: &[Shown]) -> String {
+pub(super) fn machines(shown: &[MachineView]) -> String {
     let mut rows = vec![row(&[
         "machine",
         "site",
@@ -91,7 +91,7 @@ pub(super) fn machines(shown: &[Shown]) -> String {
         };
         let residual = condition.and_then(|condition| condition.residual_um);
         let residual = residual.filter(|_| !is_old);
-        let of_machine = |model: &Option<Named>| {
+        let cell = |model: &Option<MachineModel>| {
             model.as_ref().map_or("-".to_owned(), |model| {
                 let words = format!("{}: {} {}", model.version, short(&model.model), model.name);
                 words.trim_end().to_owned()
@@ -100,12 +100,12 @@ pub(super) fn machines(shown: &[Shown]) -> String {
         let shall_have = if one.wanted.is_some() && one.wanted == one.in_force {
             "the same".to_owned()
         } else {
-            of_machine(&one.wanted)
+            cell(&one.wanted)
         };
         // Version 0: no version of the centre is active.
         let corrects_by = match (&one.in_force, &one.live) {
             (None, Some(live)) if live.version == 0 => "its own file".to_owned(),
-            (in_force, _) => of_machine(in_force),
+            (in_force, _) => cell(in_force),
         };
         rows.push(row(&[
             one.machine.identity.machine.as_str(),
@@ -196,8 +196,8 @@ pub(super) fn audit(records: &[AuditRecord]) -> String {
 
 fn phase(phase: &Phase) -> String {
     match phase {
-        Phase::Running => "goes on".to_owned(),
-        Phase::Paused { by } => format!("is held by {by}"),
+        Phase::Running => "is running".to_owned(),
+        Phase::Paused { by } => format!("is paused by {by}"),
         Phase::Stopped { why } => format!("has stopped: {why}"),
         Phase::Aborted { by } => format!("was ended by {by}"),
         Phase::Done => "is done".to_owned(),
@@ -232,11 +232,15 @@ fn step(step: &Step) -> String {
             } else {
                 String::new()
             };
-            format!("version {version} is in force, watched for {soaked_s:.0} s{waits}")
+            format!("version {version} is active, observed for {soaked_s:.0} s{waits}")
         }
-        Step::Done { version } => format!("version {version} is in force"),
+        Step::Done { version } => format!("version {version} is active"),
         Step::Out { why, excused, .. } => {
-            let excused = if *excused { " (let go on)" } else { "" };
+            let excused = if *excused {
+                " (ignored by the user)"
+            } else {
+                ""
+            };
             format!("out: {why}{excused}")
         }
     }
@@ -309,22 +313,22 @@ pub(super) fn drift(stages: &[Stage]) -> String {
 mod tests {
     use super::*;
 
-    /// The model in force and the one that is wanted are two, and each stands beside its own version.
+    /// The active and the desired model differ; each is listed with its version.
     #[test]
-    fn a_machine_is_listed_with_the_model_that_it_has_and_the_one_that_it_shall_have() {
+    fn a_machine_is_listed_with_its_active_and_desired_model() {
         let identity = volcomp_fleet::Identity {
             site: "berlin".parse().expect("a name"),
             machine: "mill-1".parse().expect("a name"),
         };
         let machine = Machine::new(identity.clone(), "1".into(), "w X' b t".into(), Vec::new());
         let named = |version: u64, model: &str, name: &str| {
-            Some(Named {
+            Some(MachineModel {
                 version,
                 model: model.repeat(64),
                 name: name.to_owned(),
             })
         };
-        let mut shown = Shown {
+        let mut shown = MachineView {
             live: Some(Live::new(identity.machine, 0.0, 3)),
             age_s: None,
             version: None,
@@ -332,7 +336,7 @@ mod tests {
             in_force: named(3, "a", "of spring"),
             machine,
         };
-        let line = |shown: &Shown| {
+        let line = |shown: &MachineView| {
             let text = machines(std::slice::from_ref(shown));
             text.lines().last().unwrap_or_default().to_owned()
         };

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// Origin of a change in the audit log.
-const HERE: &str = "command line";
+const ORIGIN: &str = "command line";
 
 pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(), Error> {
     let store = open(config)?;
@@ -36,8 +36,12 @@ pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(),
             }
             print(&lines)?;
         }
-        UserCommand::Add { name, role } => store.add_user(&name, role, &asked()?, by, HERE)?,
-        UserCommand::Password { name } => store.set_password(&name, &asked()?, by, HERE)?,
+        UserCommand::Add { name, role } => {
+            store.add_user(&name, role, &read_password()?, by, ORIGIN)?;
+        }
+        UserCommand::Password { name } => {
+            store.set_password(&name, &read_password()?, by, ORIGIN)?;
+        }
         UserCommand::Change {
             name,
             role,
@@ -47,16 +51,16 @@ pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(),
             let (user, _) = (store.user(&name)?).ok_or_else(|| Error::missing("user", &name))?;
             let role = role.unwrap_or(user.role);
             let disabled = !enable && (disable || user.disabled);
-            store.change_user(&name, role, disabled, by, HERE)?;
+            store.change_user(&name, role, disabled, by, ORIGIN)?;
         }
-        UserCommand::Remove { name } => store.remove_user(&name, by, HERE)?,
+        UserCommand::Remove { name } => store.remove_user(&name, by, ORIGIN)?,
     }
     Ok(())
 }
 
 /// Reads a password: twice without echo at a terminal, otherwise the first line of standard input. It is never an argument, because every user of
 /// the computer can see arguments.
-fn asked() -> Result<String, Error> {
+fn read_password() -> Result<String, Error> {
     let text = if std::io::stdin().is_terminal() {
         let text = rpassword::prompt_password("Password: ")?;
         if text != rpassword::prompt_password("Once more: ")? {

@@ -28,11 +28,11 @@ const CONFIRM_UM: f64 = 10.0;
 /// The same for rotary axes, µrad: `confirm_urad`.
 const CONFIRM_URAD: f64 = 10.0;
 /// Nodes along each axis of the grid on which a change is checked.
-const JUDGED: usize = 5;
+const CHECK_NODES: usize = 5;
 /// Factor by which the errors of the machine exceed those of its model.
-const WORSE: f64 = 1.08;
+const ERROR_FACTOR: f64 = 1.08;
 
-pub(super) struct Simulated {
+pub(super) struct SimulatedMachine {
     machine: Machine,
     /// The real machine, whose errors are slightly larger.
     truth: Model,
@@ -50,7 +50,7 @@ pub(super) struct Simulated {
     cycles: u64,
 }
 
-impl Simulated {
+impl SimulatedMachine {
     pub(super) fn new(
         machine: &Machine,
         truth: Model,
@@ -130,7 +130,7 @@ impl Simulated {
         let (version, outcome) = match taken {
             Ok((manifest, model)) => {
                 self.trust.highest = manifest.version;
-                (manifest.version, self.judged(&manifest, model))
+                (manifest.version, self.largest_change(&manifest, model))
             }
             Err(why) => (0, Outcome::Refused { why }),
         };
@@ -142,7 +142,7 @@ impl Simulated {
     }
 
     /// Outcome for an authenticated manifest (rule 13 of the guard).
-    fn judged(&mut self, manifest: &Manifest, model: Model) -> Outcome {
+    fn largest_change(&mut self, manifest: &Manifest, model: Model) -> Outcome {
         // Disabling takes effect immediately, whatever the outcome for the model.
         if !manifest.enable {
             self.disabled = true;
@@ -187,7 +187,7 @@ impl Simulated {
         ] {
             let rotary = (new.axes().iter()).filter(|axis| axis.name.kind() == AxisKind::Rotary);
             let at: Vec<(AxisName, f64)> = rotary.map(|axis| (axis.name, stand(axis))).collect();
-            let Ok(grid) = MapGrid::over_travels(new, [JUDGED; 3], &at) else {
+            let Ok(grid) = MapGrid::over_travels(new, [CHECK_NODES; 3], &at) else {
                 return [f64::INFINITY; 2];
             };
             for index in 0..grid.len() {
@@ -276,7 +276,7 @@ impl Simulated {
         let reasons = if self.disabled {
             vec!["disabled by the centre".to_owned()]
         } else if self.active.is_none() && self.trust.highest > 0 {
-            vec!["the first model waits to be confirmed".to_owned()]
+            vec!["the first model waits for confirmation".to_owned()]
         } else if self.active.is_none() {
             vec!["no model was sent yet".to_owned()]
         } else {
@@ -324,8 +324,8 @@ impl Simulated {
         let none = PerAxis::ZERO;
         json!({
             "simulated": true,
-            "true_error_um": left_um(&self.truth, WORSE, &state, &none),
-            "true_residual_um": left_um(&self.truth, WORSE, &state, &self.applied(&state)),
+            "true_error_um": left_um(&self.truth, ERROR_FACTOR, &state, &none),
+            "true_residual_um": left_um(&self.truth, ERROR_FACTOR, &state, &self.applied(&state)),
             "positions_mm": positions_mm,
             "positions_deg": positions_deg,
             "cycle": { "period_us": 2000.0, "count": self.cycles, "overruns": 0, "p99_us": 2090.0, "histogram_us": histogram },

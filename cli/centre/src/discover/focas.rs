@@ -7,7 +7,7 @@ use volcomp_focas::{Client, FocasError};
 use super::{Device, Kind, clean};
 
 /// Queries the control on a blocking thread; each request has the timeout `at_most`.
-pub(super) async fn ask(at: SocketAddr, at_most: Duration) -> Device {
+pub(super) async fn probe(at: SocketAddr, at_most: Duration) -> Device {
     let asked = tokio::task::spawn_blocking(move || questions(at, at_most)).await;
     match asked {
         Ok(Ok(device)) => device,

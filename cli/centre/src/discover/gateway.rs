@@ -17,10 +17,10 @@ use tokio_rustls::{
     },
 };
 
-use super::{Device, Kind, Pace, clean};
+use super::{Device, Kind, RateLimiter, clean};
 
 /// Maximum size of a response, bytes.
-const LONGEST: u64 = 256 * 1024;
+const MAX_RESPONSE_BYTES: u64 = 256 * 1024;
 /// Title of a gateway's web page.
 const TITLE: &str = "<title>volcomp gateway</title>";
 
@@ -44,13 +44,13 @@ struct Machine {
     axes: Vec<String>,
 }
 
-pub(super) async fn ask(
+pub(super) async fn probe(
     at: SocketAddr,
     stream: TcpStream,
-    pace: &Pace,
+    pace: &RateLimiter,
     within: Duration,
 ) -> Device {
-    let with = Ways { at, pace, within };
+    let with = Connector { at, pace, within };
     let plain = get(stream, at, "/").await;
     let (page, tls) = match plain {
         Ok(page) => (Ok(page), false),
@@ -76,27 +76,29 @@ pub(super) async fn ask(
                 let simulated = if state.simulated { ", simulated" } else { "" };
                 device.note = clean(&format!("{}{simulated}", state.of_guard));
             }
-            Err(_) => "its state is none of this program".clone_into(&mut device.note),
+            Err(_) => "its state is not in the format of this program".clone_into(&mut device.note),
         },
         Ok(answer) if answer.status == 401 => {
             "reading its state needs a token".clone_into(&mut device.note);
         }
-        Ok(answer) => device.note = format!("its state is not told (HTTP {})", answer.status),
-        Err(_) => "its state is not told".clone_into(&mut device.note),
+        Ok(answer) => {
+            device.note = format!("it does not report its state (HTTP {})", answer.status);
+        }
+        Err(_) => "it does not report its state".clone_into(&mut device.note),
     }
     device
 }
 
 /// How to repeat a request to the gateway.
-struct Ways<'a> {
+struct Connector<'a> {
     at: SocketAddr,
-    pace: &'a Pace,
+    pace: &'a RateLimiter,
     within: Duration,
 }
 
-impl Ways<'_> {
-    async fn get(&self, path: &str, tls: bool) -> io::Result<Answer> {
-        self.pace.turn().await;
+impl Connector<'_> {
+    async fn get(&self, path: &str, tls: bool) -> io::Result<HttpResponse> {
+        self.pace.wait().await;
         let connected = tokio::time::timeout(self.within, TcpStream::connect(self.at)).await;
         let stream = connected.map_err(|_| io::Error::from(io::ErrorKind::TimedOut))??;
         if !tls {
@@ -108,7 +110,7 @@ impl Ways<'_> {
     }
 }
 
-struct Answer {
+struct HttpResponse {
     status: u16,
     body: String,
 }
@@ -117,12 +119,16 @@ async fn get(
     mut stream: impl AsyncRead + AsyncWrite + Unpin,
     at: SocketAddr,
     path: &str,
-) -> io::Result<Answer> {
+) -> io::Result<HttpResponse> {
     let request =
         format!("GET {path} HTTP/1.1\r\nHost: {at}\r\nConnection: close\r\nAccept: */*\r\n\r\n");
     stream.write_all(request.as_bytes()).await?;
     let mut bytes = Vec::new();
-    match stream.take(LONGEST).read_to_end(&mut bytes).await {
+    match stream
+        .take(MAX_RESPONSE_BYTES)
+        .read_to_end(&mut bytes)
+        .await
+    {
         // Some servers close TLS without the closing alert.
         Err(_) if !bytes.is_empty() => {}
         other => other.map(|_| ())?,
@@ -138,7 +144,7 @@ async fn get(
     let chunked = head
         .to_ascii_lowercase()
         .contains("transfer-encoding: chunked");
-    Ok(Answer {
+    Ok(HttpResponse {
         status: status.ok_or_else(no_http)?,
         body: if chunked {
             unchunked(body)

@@ -25,10 +25,10 @@ use tokio::{
 
 pub use modbus::{Identification, parse_identification};
 pub use propose::{Proposal, proposals};
-pub use targets::{NotSearched, Subnet};
+pub use targets::{Subnet, SubnetError};
 
 /// Maximum number of addresses probed at one time.
-const AT_ONCE: usize = 64;
+const MAX_CONCURRENT: usize = 64;
 
 /// Kind of a device, by the protocol that it answers in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -135,7 +135,7 @@ pub const PORTS: [(Kind, u16); 5] = [
 /// Default number of new connections per second.
 pub const PER_SECOND: f64 = 50.0;
 /// Maximum number of new connections per second.
-pub const FASTEST_PER_SECOND: f64 = 1000.0;
+pub const MAX_PER_SECOND: f64 = 1000.0;
 
 impl Search {
     /// A search with the usual ports and times.
@@ -159,15 +159,15 @@ impl Search {
         self.addresses() * self.ports.len()
     }
 
-    /// Runs the search; calls `told` with the number of completed addresses. Devices are sorted by address and port.
-    pub async fn run(&self, mut told: impl FnMut(usize)) -> Vec<Device> {
-        let pace = Arc::new(Pace::new(self.per_second));
-        let places = Arc::new(Semaphore::new(AT_ONCE));
+    /// Runs the search; calls `progress` with the number of completed addresses. Devices are sorted by address and port.
+    pub async fn run(&self, mut progress: impl FnMut(usize)) -> Vec<Device> {
+        let pace = Arc::new(RateLimiter::new(self.per_second));
+        let places = Arc::new(Semaphore::new(MAX_CONCURRENT));
         let mut tasks: JoinSet<Vec<Device>> = JoinSet::new();
         let (mut found, mut done) = (Vec::new(), 0);
         let mut take = |joined: Result<Vec<Device>, tokio::task::JoinError>| {
             done += 1;
-            told(done);
+            progress(done);
             // A task that panicked contributes no devices.
             found.extend(joined.unwrap_or_default());
         };
@@ -194,7 +194,7 @@ impl Search {
     }
 
     /// Probes every port of one address.
-    async fn one(&self, address: IpAddr, pace: &Pace) -> Vec<Device> {
+    async fn one(&self, address: IpAddr, pace: &RateLimiter) -> Vec<Device> {
         let mut found = Vec::new();
         for &(kind, port) in &self.ports {
             let at = SocketAddr::new(address, port);
@@ -202,29 +202,31 @@ impl Search {
                 continue;
             };
             let deadline = Instant::now() + self.answer_within;
-            let asked = async {
+            let probe = async {
                 match kind {
-                    Kind::Gateway => gateway::ask(at, stream, pace, self.connect_within).await,
+                    Kind::Gateway => gateway::probe(at, stream, pace, self.connect_within).await,
                     Kind::Focas => {
                         // The client opens its own connection.
                         drop(stream);
-                        pace.turn().await;
-                        focas::ask(at, self.answer_within / 2).await
+                        pace.wait().await;
+                        focas::probe(at, self.answer_within / 2).await
                     }
                     Kind::OpcUa => Device {
-                        note: "its port is open; it was asked nothing".to_owned(),
+                        note: "its port is open; it was not queried".to_owned(),
                         ..Device::at(at, kind)
                     },
-                    Kind::Modbus => modbus::ask(at, stream).await,
+                    Kind::Modbus => modbus::probe(at, stream).await,
                 }
             };
-            let device = timeout_at(deadline, asked).await;
+            let device = timeout_at(deadline, probe).await;
             let mut device = device.unwrap_or_else(|_| {
                 let within = self.answer_within.as_secs_f64();
                 Device::other(
                     at,
                     kind,
-                    format!("accepts a connection, but gives no whole answer within {within} s"),
+                    format!(
+                        "accepts a connection, but sends no complete response within {within} s"
+                    ),
                 )
             });
             device.proposals = proposals(&device.axes);
@@ -233,8 +235,8 @@ impl Search {
         found
     }
 
-    async fn connect(&self, at: SocketAddr, pace: &Pace) -> Option<TcpStream> {
-        pace.turn().await;
+    async fn connect(&self, at: SocketAddr, pace: &RateLimiter) -> Option<TcpStream> {
+        pace.wait().await;
         let connected = tokio::time::timeout(self.connect_within, TcpStream::connect(at)).await;
         let stream = connected.ok()?.ok()?;
         // Without any listener, a TCP connection to oneself can succeed on a free port (simultaneous open).
@@ -244,12 +246,12 @@ impl Search {
 
 /// A rate limiter that spaces turns evenly, first come, first served.
 #[derive(Debug)]
-pub struct Pace {
+pub struct RateLimiter {
     every: Duration,
     next: Mutex<Instant>,
 }
 
-impl Pace {
+impl RateLimiter {
     /// `per_second` turns per second, clamped to 0.1 to 10 000.
     pub fn new(per_second: f64) -> Self {
         let per_second = if per_second.is_finite() {
@@ -264,7 +266,7 @@ impl Pace {
     }
 
     /// Waits for a turn. Unused turns are not saved up: there is no burst after a pause.
-    pub async fn turn(&self) {
+    pub async fn wait(&self) {
         let at = {
             let mut next = self.next.lock().await;
             let at = (*next).max(Instant::now());
@@ -345,24 +347,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_moves_a_terminal() {
+    fn control_characters_are_removed() {
         assert_eq!(clean("  31i\u{1b}[2J\r\n B\0 "), "31i [2J B");
         assert_eq!(clean("a\u{202e}b"), "a b");
         assert_eq!(clean(&"ä".repeat(500)).chars().count(), 100);
     }
 
     #[tokio::test(start_paused = true)]
-    async fn turns_come_evenly_and_are_not_saved_up() {
-        let pace = Pace::new(10.0);
+    async fn turns_are_evenly_spaced_without_bursts() {
+        let pace = RateLimiter::new(10.0);
         let begun = Instant::now();
         for _ in 0..11 {
-            pace.turn().await;
+            pace.wait().await;
         }
         assert_eq!(begun.elapsed().as_millis(), 1000);
         tokio::time::sleep(Duration::from_secs(60)).await;
         let begun = Instant::now();
         for _ in 0..11 {
-            pace.turn().await;
+            pace.wait().await;
         }
         assert_eq!(begun.elapsed().as_millis(), 1000);
     }

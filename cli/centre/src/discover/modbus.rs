@@ -10,11 +10,11 @@ use tokio::{
 use super::{Device, Kind, clean};
 
 /// Unit identifiers to query: the module itself, then the first one behind a converter.
-const UNITS: [u8; 2] = [255, 1];
+const UNIT_IDS: [u8; 2] = [255, 1];
 /// Function 43 and its MEI type 14.
 const FUNCTION: [u8; 2] = [0x2b, 0x0e];
 /// Maximum length of a Modbus TCP frame after its length field, bytes.
-const LONGEST: usize = 254;
+const MAX_FRAME_BYTES: usize = 254;
 
 /// Response to an identification request.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,9 +51,9 @@ pub fn parse_identification(pdu: &[u8]) -> Option<Identification> {
     }
 }
 
-pub(super) async fn ask(at: SocketAddr, mut stream: TcpStream) -> Device {
+pub(super) async fn probe(at: SocketAddr, mut stream: TcpStream) -> Device {
     let mut device = Device::at(at, Kind::Modbus);
-    for (number, unit) in UNITS.into_iter().enumerate() {
+    for (number, unit) in UNIT_IDS.into_iter().enumerate() {
         let transaction = 0x5643 + u16::try_from(number).unwrap_or(0);
         match question(&mut stream, transaction, unit).await {
             Ok(Some(Identification::Objects([vendor, product, revision]))) => {
@@ -65,9 +65,9 @@ pub(super) async fn ask(at: SocketAddr, mut stream: TcpStream) -> Device {
                 return device;
             }
             Ok(Some(Identification::Refused(code))) => {
-                device.note = format!("it does not tell its type (exception {code})");
+                device.note = format!("it does not report its type (exception {code})");
             }
-            Ok(None) => return Device::other(at, Kind::Modbus, "its answer is no Modbus frame"),
+            Ok(None) => return Device::other(at, Kind::Modbus, "its response is no Modbus frame"),
             Err(error) if device.note.is_empty() => {
                 return Device::other(at, Kind::Modbus, error.to_string());
             }
@@ -92,7 +92,7 @@ async fn question(
     stream.read_exact(&mut head).await?;
     let length = usize::from(u16::from_be_bytes([head[4], head[5]]));
     let is_ours = head[..4] == [high, low, 0, 0];
-    if !is_ours || !(2..=LONGEST).contains(&length) {
+    if !is_ours || !(2..=MAX_FRAME_BYTES).contains(&length) {
         return Ok(None);
     }
     let mut pdu = vec![0; length - 1];

@@ -24,7 +24,7 @@ pub struct Proposal {
 
 /// Number of linear axes that carry the workpiece, the most common first: for milling machines a table that moves in one or two directions, then a
 /// gantry, then a knee.
-const USUAL: [u8; 4] = [2, 1, 0, 3];
+const WORKPIECE_AXES_BY_FREQUENCY: [u8; 4] = [2, 1, 0, 3];
 
 /// Possible structures for a control's axis letters; other letters are ignored. Empty unless X, Y and Z are all present with no or two rotary axes:
 /// the type numbers cover no other machine, so its structure must be stated by hand.
@@ -60,7 +60,7 @@ pub fn proposals(letters: &[char]) -> Vec<Proposal> {
         _ => Vec::new(),
     };
     let proposed = orders.iter().flat_map(|(number, order)| {
-        USUAL
+        WORKPIECE_AXES_BY_FREQUENCY
             .iter()
             .filter_map(move |translational| proposal(*translational, *number, order))
     });

@@ -18,7 +18,7 @@ pub struct Subnet {
 
 /// Why a subnet is not searched.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NotSearched {
+pub enum SubnetError {
     /// It cannot be read.
     #[error(
         "found {found:?}, expected an address or a subnet of IPv4, such as 192.0.2.17 or 192.0.2.0/24"
@@ -42,19 +42,19 @@ pub enum NotSearched {
     },
     /// The range is public and may belong to others.
     #[error(
-        "{found} is not a private range: others' computers may be there. If it is yours say --yes-these-are-mine"
+        "{found} is not a private range: it may contain computers of others. If it is yours, add --yes-these-are-mine"
     )]
     Public { found: Subnet },
     /// A range without individual hosts, such as multicast.
-    #[error("{found} holds no single computers: it is multicast, broadcast or reserved")]
+    #[error("{found} contains no hosts: it is multicast, broadcast or reserved")]
     Reserved { found: Subnet },
 }
 
 impl FromStr for Subnet {
-    type Err = NotSearched;
+    type Err = SubnetError;
 
-    fn from_str(text: &str) -> Result<Self, NotSearched> {
-        let unreadable = || NotSearched::Unreadable {
+    fn from_str(text: &str) -> Result<Self, SubnetError> {
+        let unreadable = || SubnetError::Unreadable {
             found: text.to_owned(),
         };
         let (address, prefix) = match text.split_once('/') {
@@ -72,7 +72,7 @@ impl FromStr for Subnet {
         if first == address {
             Ok(subnet)
         } else {
-            Err(NotSearched::Bits {
+            Err(SubnetError::Bits {
                 found: text.to_owned(),
                 expected: subnet,
             })
@@ -98,17 +98,17 @@ impl Subnet {
     }
 
     /// Checks whether it may be searched; `mine` confirms that a public range belongs to the user.
-    pub fn check(&self, mine: bool) -> Result<(), NotSearched> {
+    pub fn check(&self, mine: bool) -> Result<(), SubnetError> {
         let addresses = u64::from(self.last() - u32::from(self.first)) + 1;
         if self.prefix < SHORTEST_PREFIX {
-            return Err(NotSearched::TooLarge {
+            return Err(SubnetError::TooLarge {
                 found: *self,
                 addresses,
             });
         }
         let [a, ..] = self.first.octets();
         if a == 0 || a >= 224 {
-            return Err(NotSearched::Reserved { found: *self });
+            return Err(SubnetError::Reserved { found: *self });
         }
         let private = PRIVATE.iter().any(|(range, prefix)| {
             u32::from(self.first) & mask(*prefix) == u32::from(*range) && self.prefix >= *prefix
@@ -116,7 +116,7 @@ impl Subnet {
         if private || mine {
             Ok(())
         } else {
-            Err(NotSearched::Public { found: *self })
+            Err(SubnetError::Public { found: *self })
         }
     }
 

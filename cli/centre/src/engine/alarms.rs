@@ -1,25 +1,29 @@
-//! Alarms: compares current causes with open alarms and stores the difference.
+//! Alarms: an alarm is open exactly while its cause is present. The causes of a machine are a pure function of its state.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use volcomp_fleet::MachineId;
+use volcomp_fleet::{MachineId, Outcome, largest_moves};
 
-use super::{
-    Engine,
-    causes::{self, Suspect},
-    lock,
-};
+use super::{Engine, lock};
 use crate::{
     Error,
     clock::now_s,
-    records::{Alarm, AlarmKind, Live, Machine, Version},
+    ingest::Reception,
+    records::{Alarm, AlarmKind, Live, Machine, Model, Version},
     rollout::{Phase, Rollout, Step},
     store::alarms,
-    versions::{overdue_days, version_in_force, way_back},
+    versions::{load_active_version, overdue_days, way_back},
 };
 
 /// The text of an open alarm changes no more often than this, s: it may contain an age.
 const CHANGE_INTERVAL_S: f64 = 60.0;
+
+/// Time an alarm for two simultaneous gateways stays open after the last detection, s.
+const CLONE_ALARM_S: f64 = 60.0;
+/// Time an alarm for a momentary event stays open, s.
+const EVENT_ALARM_S: f64 = 600.0;
+/// Maximum time until a machine has applied its newest version, s.
+const ACTIVATION_TIMEOUT_S: f64 = 600.0;
 
 type Key = (Option<MachineId>, AlarmKind);
 
@@ -33,7 +37,7 @@ pub(super) struct State {
 }
 
 /// Raises, closes and updates alarms.
-pub(super) fn look(
+pub(super) fn update(
     engine: &Engine,
     state: &mut State,
     machines: &[Machine],
@@ -44,12 +48,12 @@ pub(super) fn look(
         let ingest = lock(&engine.ingest);
         let lives = ingest.machines();
         lives
-            .filter_map(|(name, heard)| Some((name.clone(), heard.live.clone()?)))
+            .filter_map(|(name, reception)| Some((name.clone(), reception.live.clone()?)))
             .collect()
     };
     let suspects = suspects(engine, state, machines, versions, &lives)?;
-    let mut causes = of_machines(engine, machines, versions, &suspects, &lives)?;
-    let over = of_centre(engine, &mut causes)?;
+    let mut causes = machine_causes(engine, machines, versions, &suspects, &lives)?;
+    let over = add_centre_causes(engine, &mut causes)?;
     let open: BTreeMap<Key, Alarm> = (engine.store.open_alarms()?.into_iter())
         .map(|alarm| ((alarm.machine.clone(), alarm.kind), alarm))
         .collect();
@@ -74,7 +78,7 @@ pub(super) fn look(
                 alarms::clear(database, *id, now)?;
             }
             for (id, text) in &changed {
-                alarms::say(database, *id, text)?;
+                alarms::set_text(database, *id, text)?;
             }
             for ((machine, kind), text) in &raised {
                 alarms::raise(database, machine.as_ref(), *kind, text, now)?;
@@ -87,7 +91,7 @@ pub(super) fn look(
         state.changed_s.retain(|id, _| !gone.contains(id));
     }
     // Remove failures that are over and whose alarm has been stored.
-    lock(&engine.troubles).retain(|kind, trouble| !(trouble.over && over.contains(kind)));
+    lock(&engine.failures).retain(|kind, failure| !(failure.over && over.contains(kind)));
     Ok(())
 }
 
@@ -110,7 +114,8 @@ fn suspects(
     let mut by_rollout: BTreeMap<u64, Vec<&MachineId>> = BTreeMap::new();
     for machine in machines {
         let name = &machine.identity.machine;
-        let version = version_in_force(&engine.store, name, versions.get(name), lives.get(name))?;
+        let version =
+            load_active_version(&engine.store, name, versions.get(name), lives.get(name))?;
         if let Some(rollout) = version.and_then(|version| version.rollout)
             && !state.done.contains(&rollout)
         {
@@ -137,7 +142,7 @@ fn suspects(
                 let suspect = Suspect {
                     rollout: id,
                     what: what.clone(),
-                    may_go_on: !rollout.phase.is_over(),
+                    can_resume: !rollout.phase.is_over(),
                     has_way_back: way_back.is_some(),
                 };
                 suspects.insert(machine.clone(), suspect);
@@ -147,7 +152,7 @@ fn suspects(
     Ok(suspects)
 }
 
-fn of_machines(
+fn machine_causes(
     engine: &Engine,
     machines: &[Machine],
     versions: &BTreeMap<MachineId, Version>,
@@ -169,10 +174,10 @@ fn of_machines(
     for machine in machines {
         let name = &machine.identity.machine;
         let version = versions.get(name);
-        let causes = causes::of(&causes::Known {
+        let causes = causes_of(&MachineState {
             machine,
-            heard: ingest.machine(name),
-            quiet_s: ingest.quiet_s(name),
+            reception: ingest.machine(name),
+            silence_s: ingest.silence_s(name),
             version,
             model: version.and_then(|version| models.get(&version.model)),
             suspect: suspects.get(name),
@@ -188,11 +193,14 @@ fn of_machines(
 }
 
 /// Adds the centre's own failures and what its roll-outs wait for; returns the kinds of failures that are over.
-fn of_centre(engine: &Engine, causes: &mut BTreeMap<Key, String>) -> Result<Vec<AlarmKind>, Error> {
+fn add_centre_causes(
+    engine: &Engine,
+    causes: &mut BTreeMap<Key, String>,
+) -> Result<Vec<AlarmKind>, Error> {
     let mut over = Vec::new();
-    for (kind, trouble) in lock(&engine.troubles).iter() {
-        causes.insert((None, *kind), trouble.text.clone());
-        if trouble.over {
+    for (kind, failure) in lock(&engine.failures).iter() {
+        causes.insert((None, *kind), failure.text.clone());
+        if failure.over {
             over.push(*kind);
         }
     }
@@ -229,14 +237,14 @@ fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
                 ..
             } => (
                 AlarmKind::NeedsConfirmation,
-                causes::needs_confirmation(*version, worst_um, worst_urad),
+                needs_confirmation(*version, worst_um, worst_urad),
             ),
             Step::Soaking {
                 version, idle_s, ..
             } if *idle_s > rollout.rules.answer_s && rollout.phase == Phase::Running => (
                 AlarmKind::Idle,
                 format!(
-                    "It has version {version} of roll-out {id} in force and has not compensated for {idle_s:.0} s: the roll-out waits until it does. Arm it, or end the roll-out with `rollout stop {id}`.",
+                    "Version {version} of roll-out {id} is active, but the machine has not compensated for {idle_s:.0} s: the roll-out waits until it does. Arm it, or end the roll-out with `rollout stop {id}`.",
                     id = rollout.id
                 ),
             ),
@@ -247,14 +255,214 @@ fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
     }
 }
 
+/// State of one machine.
+struct MachineState<'a> {
+    machine: &'a Machine,
+    reception: Option<&'a Reception>,
+    /// Time since its last condition by a monotonic clock, s.
+    silence_s: f64,
+    version: Option<&'a Version>,
+    model: Option<&'a Model>,
+    /// The roll-out of the active version, if it stopped or was aborted.
+    suspect: Option<&'a Suspect>,
+    /// Time since a foreign value was found under its key, s.
+    clobbered_s: Option<f64>,
+    /// Days since a calibration became due.
+    due_days: Option<f64>,
+    now_s: f64,
+}
+
+/// A stopped or aborted roll-out whose model is active on a machine.
+#[derive(Clone, Debug, PartialEq)]
+struct Suspect {
+    rollout: u64,
+    what: String,
+    /// True if it can still be resumed: its machines are in no other roll-out.
+    can_resume: bool,
+    /// True if there is an earlier model to return to.
+    has_way_back: bool,
+}
+
+impl Suspect {
+    /// Alarm text for a machine, with the available remedies.
+    fn text(&self, name: &MachineId) -> String {
+        let Self { rollout, what, .. } = self;
+        let stop = if self.can_resume {
+            format!("after `rollout stop {rollout}` ")
+        } else {
+            String::new()
+        };
+        let back = if self.has_way_back {
+            format!("{stop}`model back {name}` restores the previous model")
+        } else {
+            format!(
+                "there is no previous model to restore; `machine disable {name}` ends its correction"
+            )
+        };
+        format!(
+            "It corrects with the model of roll-out {rollout}, which {what}: {back}; `rollout keep {rollout} {name}` keeps the model."
+        )
+    }
+}
+
+fn causes_of(known: &MachineState<'_>) -> BTreeMap<AlarmKind, String> {
+    let mut causes = BTreeMap::new();
+    if let Some(ago_s) = known.clobbered_s.filter(|ago_s| *ago_s < EVENT_ALARM_S) {
+        causes.insert(
+            AlarmKind::Clobbered,
+            format!(
+                "A foreign value was found under its key {ago_s:.0} s ago and replaced. The machine rejects foreign values, but an unauthorised client has access to the server."
+            ),
+        );
+    }
+    let unreadable = known
+        .reception
+        .and_then(|reception| reception.unreadable.as_ref());
+    let unreadable = unreadable.map(|(at, why)| (at.elapsed().as_secs_f64(), why));
+    if let Some((ago_s, why)) = unreadable.filter(|(ago_s, _)| *ago_s < EVENT_ALARM_S) {
+        causes.insert(
+            AlarmKind::Unreadable,
+            format!("A message could not be read {ago_s:.0} s ago: {why}."),
+        );
+    }
+    if let Some(days) = known.due_days.filter(|days| *days >= 0.0) {
+        causes.insert(
+            AlarmKind::Due,
+            format!("The calibration has been due for {days:.0} days."),
+        );
+    }
+    if let Some(suspect) = known.suspect {
+        let text = suspect.text(&known.machine.identity.machine);
+        causes.insert(AlarmKind::Suspect, text);
+    }
+    add_version_causes(known, &mut causes);
+    add_reception_causes(known, &mut causes);
+    causes
+}
+
+/// Alarm text for a change that the operator must confirm.
+fn needs_confirmation(version: u64, worst_um: &str, worst_urad: &str) -> String {
+    format!(
+        "Version {version} moves the axes by up to {}: a user must confirm it.",
+        largest_moves(worst_um, worst_urad)
+    )
+}
+
+fn add_version_causes(known: &MachineState<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
+    let Some(version) = known.version else { return };
+    match &version.outcome {
+        Some(Outcome::Refused { why }) => {
+            causes.insert(
+                AlarmKind::Refused,
+                format!("It has rejected version {}: {why}.", version.version),
+            );
+        }
+        Some(Outcome::NeedsConfirmation {
+            worst_um,
+            worst_urad,
+            ..
+        }) => {
+            causes.insert(
+                AlarmKind::NeedsConfirmation,
+                needs_confirmation(version.version, worst_um, worst_urad),
+            );
+        }
+        Some(Outcome::Activated) | None => {}
+    }
+    let live = known
+        .reception
+        .and_then(|reception| reception.live.as_ref());
+    let Some(live) = live else {
+        return;
+    };
+    let other = if live.version == version.version {
+        let shall = known.model.map(|model| &model.checksum);
+        (live.condition.is_some() && shall.is_some_and(|shall| *shall != live.model))
+            .then(|| format!("its active model is {}", live.model))
+    } else {
+        let waits = version.outcome.is_none() || version.outcome == Some(Outcome::Activated);
+        (waits && known.now_s - version.issued_s > ACTIVATION_TIMEOUT_S)
+            .then(|| format!("version {} is active", live.version))
+    };
+    if let Some(other) = other {
+        causes.insert(
+            AlarmKind::OtherModel,
+            format!(
+                "Its desired version is {} of {}, but {other}.",
+                version.version,
+                known.model.map_or("a model", |model| &model.name)
+            ),
+        );
+    }
+}
+
+fn add_reception_causes(known: &MachineState<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
+    let Some(reception) = known.reception else {
+        return;
+    };
+    let Some(live) = &reception.live else { return };
+    if known.machine.is_silent(known.silence_s) {
+        causes.insert(
+            AlarmKind::Silent,
+            "No condition is received from it. It continues with its active model.".to_owned(),
+        );
+    }
+    if reception
+        .instances
+        .cloned_s
+        .is_some_and(|at_s| live.heard_s - at_s < CLONE_ALARM_S)
+    {
+        let names: Vec<&str> = (reception
+            .instances
+            .active_since(live.heard_s - CLONE_ALARM_S))
+        .map(|one| one.instance.as_str())
+        .collect();
+        causes.insert(
+            AlarmKind::Clone,
+            format!(
+                "Gateways {} use its identity at the same time: one of them is a copy.",
+                names.join(" and ")
+            ),
+        );
+    }
+    if live.lost > 0 {
+        causes.insert(
+            AlarmKind::Gap,
+            format!(
+                "{} messages are missing: it dropped them because its storage was full, or another gateway sent them.",
+                live.lost
+            ),
+        );
+    }
+    let Some(condition) = &live.condition else {
+        return;
+    };
+    if condition.state == "faulted" {
+        causes.insert(
+            AlarmKind::Faulted,
+            format!("Its guard is faulted: {}.", condition.reasons.join("; ")),
+        );
+    }
+    let broken: Vec<&str> = (condition.temperatures_degc.iter())
+        .filter(|(_, degc)| degc.is_none())
+        .map(|(name, _)| name.as_str())
+        .collect();
+    if !broken.is_empty() {
+        causes.insert(
+            AlarmKind::Sensor,
+            format!("Temperatures are not used: {}.", broken.join(", ")),
+        );
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::rollout::{Event, Observation, Rules};
 
-    /// The canary has the model in force and never compensates: the roll-out waits, and an alarm says for what.
+    /// The canary has activated the model and never compensates: the roll-out waits, and an alarm states why.
     #[test]
-    fn a_roll_out_that_waits_for_a_correction_raises_an_alarm() {
+    fn a_rollout_that_waits_for_compensation_raises_an_alarm() {
         let name: MachineId = "mill-1".parse().expect("a name");
         let machines = [(name.clone(), true)];
         let mut rollout = Rollout::new(7, "ab", &machines, Rules::default(), "anna", 0.0);
@@ -263,15 +471,15 @@ mod tests {
             version: 3,
             before_um: None,
         });
-        let mut look = |corrects: bool, looks: u32| {
-            for _ in 0..looks {
+        let mut look = |corrects: bool, passes: u32| {
+            for _ in 0..passes {
                 let seen = Observation {
-                    heard: true,
+                    reachable: true,
                     version: 3,
                     corrects,
                     ..Observation::default()
                 };
-                rollout.step(Event::Looked {
+                rollout.step(Event::Pass {
                     elapsed_s: 10.0,
                     seen: BTreeMap::from([(name.clone(), seen)]),
                 });
@@ -283,10 +491,35 @@ mod tests {
         assert_eq!(look(false, 31), None, "it may take 300 s");
         let text = look(false, 1).expect("an alarm");
         assert!(
-            text.contains("version 3 of roll-out 7") && text.contains("for 310 s"),
+            text.contains("Version 3 of roll-out 7") && text.contains("for 310 s"),
             "{text}"
         );
         assert_eq!(look(true, 1), None, "it compensates");
         assert_eq!(look(false, 2), None, "it is counted anew");
+    }
+
+    #[test]
+    fn a_suspect_alarm_names_only_available_remedies() {
+        let name = "mill-1".parse().expect("a name");
+        let mut suspect = Suspect {
+            rollout: 3,
+            what: "was ended by anna before it was done".to_owned(),
+            can_resume: false,
+            has_way_back: true,
+        };
+        assert_eq!(
+            suspect.text(&name),
+            "It corrects with the model of roll-out 3, which was ended by anna before it was done: `model back mill-1` restores the previous model; `rollout keep 3 mill-1` keeps the model."
+        );
+        suspect.can_resume = true;
+        assert!(
+            suspect
+                .text(&name)
+                .contains("after `rollout stop 3` `model back mill-1`")
+        );
+        suspect.has_way_back = false;
+        let reported = suspect.text(&name);
+        assert!(!reported.contains("model back"), "{reported}");
+        assert!(reported.contains("`machine disable mill-1`"), "{reported}");
     }
 }

@@ -4,33 +4,33 @@ use std::{collections::BTreeMap, sync::Arc, time::Duration, time::Instant};
 
 use bytes::Bytes;
 use futures_util::StreamExt;
-use volcomp_fleet::{Desired, DesiredWatch, Found, Heard, MachineId, ModelRef};
+use volcomp_fleet::{Desired, DesiredEvent, DesiredValue, DesiredWatch, MachineId, ModelRef};
 
 use super::{Engine, blocking, lock};
-use crate::{Error, records::AlarmKind, store::Issued};
+use crate::{Error, records::AlarmKind, store::SignedValue};
 
 /// Maximum number of concurrent puts.
-const AT_A_TIME: usize = 64;
+const MAX_CONCURRENT: usize = 64;
 /// Delay before a foreign value is checked again: it may already have been replaced by the next one.
-const LOOK_AGAIN: Duration = Duration::from_millis(200);
+const RECHECK_DELAY: Duration = Duration::from_millis(200);
 /// Retry interval after a connection failure.
-const AGAIN: Duration = Duration::from_secs(1);
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Puts every value that was issued but not yet put. Failures are retried at the next pass; the last one is returned.
 pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
     if !engine.is_connected() {
         return Ok(());
     }
-    let of_store = Arc::clone(engine);
-    let due = match blocking(move || due(&of_store)).await {
+    let engine_clone = Arc::clone(engine);
+    let due = match blocking(move || due(&engine_clone)).await {
         Ok(due) => due,
         Err(error) => {
-            engine.trouble(AlarmKind::Store, Some(error.to_string()));
+            engine.set_failure(AlarmKind::Store, Some(error.to_string()));
             return Ok(());
         }
     };
     let puts = due.into_iter().map(|issued| put(engine, issued));
-    let mut puts = futures_util::stream::iter(puts).buffer_unordered(AT_A_TIME);
+    let mut puts = futures_util::stream::iter(puts).buffer_unordered(MAX_CONCURRENT);
     let mut result = Ok(());
     while let Some(done) = puts.next().await {
         if let Err(error) = done {
@@ -41,8 +41,8 @@ pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
 }
 
 /// Values issued here or by another program that are not yet known to be under their key.
-fn due(engine: &Engine) -> Result<Vec<Issued>, Error> {
-    let wanted = engine.store.wanted()?;
+fn due(engine: &Engine) -> Result<Vec<SignedValue>, Error> {
+    let wanted = engine.store.desired_versions()?;
     let put = lock(&engine.put).clone();
     let is_put = |machine: &MachineId, version: u64, has_value: bool| {
         put.get(machine)
@@ -56,7 +56,7 @@ fn due(engine: &Engine) -> Result<Vec<Issued>, Error> {
         if has_value {
             due.extend(engine.store.issued(&machine)?);
         } else {
-            due.push(Issued {
+            due.push(SignedValue {
                 machine,
                 version,
                 model: String::new(),
@@ -68,11 +68,11 @@ fn due(engine: &Engine) -> Result<Vec<Issued>, Error> {
 }
 
 /// The value under a key; an empty value is a deletion.
-fn standing(value: Option<&Bytes>) -> Option<&Bytes> {
+fn non_empty(value: Option<&Bytes>) -> Option<&Bytes> {
     value.filter(|value| !value.is_empty())
 }
 
-async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::LinkError> {
+async fn put(engine: &Arc<Engine>, issued: SignedValue) -> Result<(), volcomp_fleet::LinkError> {
     let value = Bytes::from(issued.value);
     // Put the model first: a machine requests it as soon as it reads the manifest.
     let inline =
@@ -80,12 +80,12 @@ async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::
     let text = if inline {
         None
     } else {
-        let (of_store, model) = (Arc::clone(engine), issued.model.clone());
-        match blocking(move || of_store.store.model_text(&model)).await {
+        let (engine_clone, model) = (Arc::clone(engine), issued.model.clone());
+        match blocking(move || engine_clone.store.model_text(&model)).await {
             Ok(text) => text,
             Err(error) => {
                 // The manifest and its model wait for the next pass.
-                engine.trouble(AlarmKind::Store, Some(error.to_string()));
+                engine.set_failure(AlarmKind::Store, Some(error.to_string()));
                 return Ok(());
             }
         }
@@ -97,18 +97,18 @@ async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::
                 &issued.machine,
                 &issued.model,
                 text.as_bytes(),
-                engine.settings.keeping.replicas,
+                engine.settings.stream_retention.replicas,
             )
             .await?;
     }
     // After a restart the value may already be there; putting it again would notify the machine needlessly.
     let found = engine.hub.desired(&issued.machine).await?;
-    if standing(found.as_ref()) != standing(Some(&value)) {
+    if non_empty(found.as_ref()) != non_empty(Some(&value)) {
         if let Some(found) = found
             && !is_own(engine, &found)
             && !was_issued(engine, &issued.machine, &found).await
         {
-            foreign(engine, &issued.machine);
+            report_foreign_value(engine, &issued.machine);
         }
         engine
             .hub
@@ -123,28 +123,28 @@ async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::
 pub(super) async fn watch(engine: Arc<Engine>) {
     loop {
         match engine.hub.watch_desired().await {
-            Ok(watch) => listen(&engine, watch).await,
+            Ok(watch) => restore_on_change(&engine, watch).await,
             Err(error) => tracing::warn!("listening to the keys: {error}"),
         }
-        tokio::time::sleep(AGAIN).await;
+        tokio::time::sleep(RETRY_INTERVAL).await;
     }
 }
 
-async fn listen(engine: &Engine, mut watch: DesiredWatch) {
+async fn restore_on_change(engine: &Engine, mut watch: DesiredWatch) {
     while let Some(heard) = watch.next().await {
         match heard {
-            Heard::Put(Found { machine, value }) => {
+            DesiredEvent::Put(DesiredValue { machine, value }) => {
                 if is_other(engine, &machine, Some(&value)) {
-                    tokio::time::sleep(LOOK_AGAIN).await;
+                    tokio::time::sleep(RECHECK_DELAY).await;
                     restore(engine, &machine).await;
                 }
             }
-            Heard::Connected => {
+            DesiredEvent::Connected => {
                 let machines: Vec<MachineId> = lock(&engine.put).keys().cloned().collect();
-                let mut looks = futures_util::stream::iter(machines)
+                let mut checks = futures_util::stream::iter(machines)
                     .map(|machine| async move { restore(engine, &machine).await })
-                    .buffer_unordered(AT_A_TIME);
-                while looks.next().await.is_some() {}
+                    .buffer_unordered(MAX_CONCURRENT);
+                while checks.next().await.is_some() {}
             }
         }
     }
@@ -155,7 +155,7 @@ fn is_other(engine: &Engine, machine: &MachineId, value: Option<&Bytes>) -> bool
     let put = lock(&engine.put);
     let own: &BTreeMap<MachineId, (u64, Bytes)> = &put;
     own.get(machine)
-        .is_some_and(|(_, own)| standing(Some(own)) != standing(value))
+        .is_some_and(|(_, own)| non_empty(Some(own)) != non_empty(value))
 }
 
 /// Checks the value under a key, and restores the centre's value if another one is there.
@@ -168,7 +168,7 @@ async fn restore(engine: &Engine, machine: &MachineId) {
         let own = lock(&engine.put).get(machine).map(|(_, own)| own.clone());
         let Some(own) = own else { return Ok(()) };
         if value.as_ref().is_none_or(|value| !is_own(engine, value)) {
-            foreign(engine, machine);
+            report_foreign_value(engine, machine);
         }
         engine.hub.put_desired(machine, own).await
     };
@@ -179,20 +179,20 @@ async fn restore(engine: &Engine, machine: &MachineId) {
 }
 
 /// Logs that a foreign value is being replaced.
-fn foreign(engine: &Engine, machine: &MachineId) {
-    tracing::error!("{machine}: a foreign value stood under its key, and is replaced");
+fn report_foreign_value(engine: &Engine, machine: &MachineId) {
+    tracing::error!("{machine}: a foreign value under its key is replaced");
     lock(&engine.clobbered).insert(machine.clone(), Instant::now());
 }
 
 /// True if this value was signed by one of our revoked keys; also true (and logged) if the store is unreadable.
 async fn was_issued(engine: &Arc<Engine>, machine: &MachineId, value: &[u8]) -> bool {
     let sha256 = ModelRef::of(value).sha256;
-    let (of_store, machine) = (Arc::clone(engine), machine.clone());
-    let versions = blocking(move || of_store.store.versions(&machine)).await;
+    let (engine_clone, machine) = (Arc::clone(engine), machine.clone());
+    let versions = blocking(move || engine_clone.store.versions(&machine)).await;
     match versions {
         Ok(versions) => versions.iter().any(|one| one.value_sha256 == sha256),
         Err(error) => {
-            engine.trouble(AlarmKind::Store, Some(error.to_string()));
+            engine.set_failure(AlarmKind::Store, Some(error.to_string()));
             true
         }
     }

@@ -4,10 +4,9 @@
 //! engine reads them once a second. Only the latest received state is held in memory.
 
 mod alarms;
-mod causes;
 mod desired;
-mod look;
-mod moving;
+mod pass;
+mod rollouts;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -20,31 +19,31 @@ use std::{
 };
 
 use tokio::sync::oneshot;
-use volcomp_fleet::{Hub, Keeping, LinkSettings, MachineId, Received, SiteId};
+use volcomp_fleet::{Hub, LinkSettings, MachineId, Received, SiteId, StreamRetention};
 
 use crate::{
     Error,
     ingest::Ingest,
     keys::Key,
     records::AlarmKind,
-    store::{Keep, Store},
+    store::{Retention, Store},
 };
 
 /// Interval between passes.
-const LOOK_EVERY: Duration = Duration::from_secs(1);
+const PASS_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum number of batches queued for the writer thread.
-const MAX_WAITING: usize = 64;
+const MAX_QUEUED_BATCHES: usize = 64;
 /// Maximum number of messages in a transaction.
-const MAX_MESSAGES: usize = 8_000;
+const MAX_MESSAGES_PER_WRITE: usize = 8_000;
 /// Retry interval if the database rejects a write. Until then the messages stay at the server.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 pub struct Settings {
     pub link: LinkSettings,
     /// Retention limits of the server, by age and size.
-    pub keeping: Keeping,
+    pub stream_retention: StreamRetention,
     /// Retention limits of the store.
-    pub keep: Keep,
+    pub keep: Retention,
     /// The key that signs manifests.
     pub key: Key,
     /// Every key of this centre: values signed by any of them are its own.
@@ -52,7 +51,7 @@ pub struct Settings {
 }
 
 /// A failure of the centre itself.
-struct Trouble {
+struct Failure {
     text: String,
     /// The failure is over. The entry is kept until its alarm is stored, because a database that rejects writes cannot store an alarm either.
     over: bool,
@@ -68,7 +67,7 @@ pub struct Engine {
     /// When a foreign value was last found under each key.
     clobbered: Mutex<BTreeMap<MachineId, Instant>>,
     /// Current failures of the centre itself.
-    troubles: Mutex<BTreeMap<AlarmKind, Trouble>>,
+    failures: Mutex<BTreeMap<AlarmKind, Failure>>,
     ending: AtomicBool,
 }
 
@@ -105,8 +104,8 @@ impl Engine {
     /// Starts the engine on the runtime of the caller. If the server cannot be reached it keeps retrying.
     pub async fn start(store: Arc<Store>, settings: Settings) -> Result<Running, Error> {
         let hub = Hub::connect(&settings.link).await?;
-        let of_store = Arc::clone(&store);
-        let ingest = blocking(move || Ingest::of(&of_store)).await?;
+        let store_clone = Arc::clone(&store);
+        let ingest = blocking(move || Ingest::of(&store_clone)).await?;
         let engine = Arc::new(Self {
             store,
             hub,
@@ -114,18 +113,18 @@ impl Engine {
             ingest: Mutex::new(ingest),
             put: Mutex::default(),
             clobbered: Mutex::default(),
-            troubles: Mutex::default(),
+            failures: Mutex::default(),
             ending: AtomicBool::new(false),
         });
-        let (send, jobs) = mpsc::sync_channel(MAX_WAITING);
-        let of_thread = Arc::clone(&engine);
+        let (send, jobs) = mpsc::sync_channel(MAX_QUEUED_BATCHES);
+        let writer_engine = Arc::clone(&engine);
         let (alive, writer) = oneshot::channel::<()>();
         std::thread::Builder::new()
             .name("writer".to_owned())
             .spawn(move || {
                 // Dropped when the thread ends for any reason.
                 let _alive = alive;
-                write(&of_thread, &jobs);
+                write(&writer_engine, &jobs);
             })?;
         let tasks = tokio::spawn(run(Arc::clone(&engine), send));
         Ok(Running {
@@ -149,18 +148,18 @@ impl Engine {
     }
 
     /// Records a failure of the centre itself (`Some`), or its end (`None`).
-    fn trouble(&self, kind: AlarmKind, text: Option<String>) {
-        let mut troubles = lock(&self.troubles);
+    fn set_failure(&self, kind: AlarmKind, text: Option<String>) {
+        let mut failures = lock(&self.failures);
         match text {
             Some(text) => {
-                let told = troubles.get(&kind).filter(|known| !known.over);
-                if told.is_none_or(|known| known.text != text) {
+                let reported = failures.get(&kind).filter(|known| !known.over);
+                if reported.is_none_or(|known| known.text != text) {
                     tracing::error!("{}: {text}", kind.name());
                 }
-                troubles.insert(kind, Trouble { text, over: false });
+                failures.insert(kind, Failure { text, over: false });
             }
             None => {
-                if let Some(known) = troubles.get_mut(&kind).filter(|known| !known.over) {
+                if let Some(known) = failures.get_mut(&kind).filter(|known| !known.over) {
                     known.over = true;
                     tracing::info!("{}: it works again", kind.name());
                 }
@@ -182,21 +181,21 @@ async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) 
 }
 
 /// Runs the pass once a second, the collections of the sites, and the watch on the keys.
-async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<Job>) {
+async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<WriteJob>) {
     let mut tasks = tokio::task::JoinSet::new();
     tasks.spawn(desired::watch(Arc::clone(&engine)));
     let mut sites = BTreeSet::new();
-    let mut looks = tokio::time::interval(LOOK_EVERY);
-    looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-    let mut state = look::State::new();
+    let mut passes = tokio::time::interval(PASS_INTERVAL);
+    passes.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut state = pass::State::new();
     while !engine.is_ending() {
-        looks.tick().await;
+        passes.tick().await;
         // None of these tasks should end: without one, a site or the keys would be unattended, so the engine restarts.
         if tasks.try_join_next().is_some() {
             tracing::error!("a part of the engine has ended");
             return;
         }
-        for site in look::sites(&engine).await {
+        for site in pass::sites(&engine).await {
             // Without a server this is reported once, by the alarm.
             let is_new = !sites.contains(&site) && engine.is_connected();
             if is_new && prepared(&engine, &site).await {
@@ -206,16 +205,16 @@ async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<Job>) {
                 sites.insert(site);
             }
         }
-        state = look::look(&engine, state).await;
+        state = pass::run(&engine, state).await;
         let sent = desired::send(&engine).await;
-        let trouble = match sent {
+        let failure = match sent {
             _ if !engine.is_connected() => Some(format!(
-                "the server is not reached: found nothing at {} that takes the nkey of this centre, expected a nats-server with the configuration of `nats-config`",
+                "the NATS server cannot be reached: found none at {} that accepts the nkey of this centre, expected a nats-server with the configuration of `nats-config`",
                 engine.settings.link.url
             )),
             sent => sent.err(),
         };
-        engine.trouble(AlarmKind::Server, trouble);
+        engine.set_failure(AlarmKind::Server, failure);
     }
     tasks.shutdown().await;
 }
@@ -223,7 +222,7 @@ async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<Job>) {
 async fn prepared(engine: &Engine, site: &SiteId) -> bool {
     let made = engine
         .hub
-        .prepare(std::slice::from_ref(site), engine.settings.keeping)
+        .prepare(std::slice::from_ref(site), engine.settings.stream_retention)
         .await;
     if let Err(error) = &made {
         tracing::warn!("the streams of {site}: {error}");
@@ -233,7 +232,7 @@ async fn prepared(engine: &Engine, site: &SiteId) -> bool {
 
 /// Receives the messages of a site's machines and acknowledges them when they are on disk. The next batches are received while one is written; the
 /// server limits the number in flight.
-async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSender<Job>) {
+async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSender<WriteJob>) {
     let mut written = tokio::task::JoinSet::new();
     loop {
         while written.try_join_next().is_some() {}
@@ -248,7 +247,7 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
             continue;
         }
         let (stored, waits) = oneshot::channel();
-        let mut job = Job {
+        let mut job = WriteJob {
             messages: std::mem::take(&mut batch.messages),
             stored,
         };
@@ -275,30 +274,30 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
 }
 
 /// Messages to store, and the task that waits for it.
-struct Job {
+struct WriteJob {
     messages: Vec<Received>,
     stored: oneshot::Sender<()>,
 }
 
 /// Stores messages on the writer thread until the queue is closed. All queued jobs go into one transaction, so that many sites cost one commit.
-fn write(engine: &Arc<Engine>, jobs: &mpsc::Receiver<Job>) {
+fn write(engine: &Arc<Engine>, jobs: &mpsc::Receiver<WriteJob>) {
     while let Ok(first) = jobs.recv() {
         let mut waiting = vec![first];
         let mut count = waiting[0].messages.len();
-        while count < MAX_MESSAGES
+        while count < MAX_MESSAGES_PER_WRITE
             && let Ok(next) = jobs.try_recv()
         {
             count += next.messages.len();
             waiting.push(next);
         }
         let mut all = Vec::with_capacity(count);
-        let mut who = Vec::with_capacity(waiting.len());
+        let mut waiting_tasks = Vec::with_capacity(waiting.len());
         for job in waiting {
             all.extend(job.messages);
-            who.push(job.stored);
+            waiting_tasks.push(job.stored);
         }
         if store(engine, &all) {
-            for stored in who {
+            for stored in waiting_tasks {
                 // The waiting task has ended: the messages will be redelivered and recognized as duplicates.
                 let _ = stored.send(());
             }
@@ -309,14 +308,14 @@ fn write(engine: &Arc<Engine>, jobs: &mpsc::Receiver<Job>) {
 /// Returns true when everything is on disk; false if the centre is shutting down first, in which case nothing may be acknowledged.
 fn store(engine: &Engine, messages: &[Received]) -> bool {
     loop {
-        let taken = lock(&engine.ingest).take(&engine.store, messages);
-        match taken {
+        let result = lock(&engine.ingest).take(&engine.store, messages);
+        match result {
             Ok(_) => {
-                engine.trouble(AlarmKind::Store, None);
+                engine.set_failure(AlarmKind::Store, None);
                 return true;
             }
             Err(error) => {
-                engine.trouble(AlarmKind::Store, Some(error.to_string()));
+                engine.set_failure(AlarmKind::Store, Some(error.to_string()));
                 if engine.is_ending() {
                     return false;
                 }
@@ -340,31 +339,30 @@ mod tests {
         let key = Key::create(folder, "main").expect("writable");
         Settings {
             link: LinkSettings {
-                // Nobody is there, which ends nothing.
+                // No server listens there; the engine keeps trying.
                 url: "nats://127.0.0.1:1".to_owned(),
                 seed: nkeys::KeyPair::new_user().seed().expect("a seed"),
                 roots: None,
             },
-            keeping: Keeping::default(),
-            keep: Keep::default(),
+            stream_retention: StreamRetention::default(),
+            keep: Retention::default(),
             own: vec![],
             key,
         }
     }
 
-    /// A fault of the program at a look, and a thread that writes no more: each is told by its name, for which the program
-    /// ends with status 1.
+    /// A panic in a pass and an ended writer thread are reported by name; the program ends with status 1.
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_part_that_ends_by_itself_is_named() {
+    async fn an_ended_part_is_named() {
         let folder = tempfile::tempdir().expect("writable");
         let at = folder.path().join("centre.db");
         let store = Arc::new(Store::open(&at).expect("writable"));
         let started = Engine::start(store.clone(), settings(folder.path())).await;
-        let mut running = started.expect("it goes on trying to reach a server");
+        let mut running = started.expect("started");
         let within = Duration::from_millis(1500);
         let early = tokio::time::timeout(within, running.ended()).await;
         assert!(early.is_err(), "it runs");
-        store.break_down();
+        store.inject_fault();
         let ended = tokio::time::timeout(Duration::from_secs(60), running.ended()).await;
         // Both use the store: which of them meets the fault first is a matter of chance.
         let ended = ended.expect("it ends");

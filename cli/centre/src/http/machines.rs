@@ -11,60 +11,60 @@ use serde_json::json;
 use volcomp_fleet::MachineId;
 
 use super::{
-    answer::{Answer, Refused, document, done, json_bytes, read},
+    response::{ApiError, ApiResult, document, done, json_bytes, read},
     state::Shared,
 };
 use crate::{
     clock::now_s,
     records::{Machine, Point, Resolution},
     users::User,
-    versions::in_force,
+    versions::active_version,
 };
 
 /// Maximum number of history points in a response. Beyond it, consecutive points are averaged.
-const POINTS: usize = 2000;
+const MAX_POINTS: usize = 2000;
 /// Maximum number of history points read, the newest: more than two hours of conditions and a week of minutes.
-const READ: u32 = 20_000;
+const MAX_POINTS_READ: u32 = 20_000;
 /// Maximum number of alarms and of audit records in the details of a machine.
-const RECORDS: u32 = 50;
+const MAX_RECORDS: u32 = 50;
 
-pub(super) async fn overview(State(page): Shared) -> Answer {
+pub(super) async fn overview(State(page): Shared) -> ApiResult {
     let overview = page.overview();
     if let Some(age) = overview.too_old() {
         let why = format!(
-            "the centre could not look at its machines for {} s: what they do now is not known, and its log says why",
+            "the overview is {} s old: the current states are unknown; see the log of the centre",
             age.as_secs()
         );
-        return Err(Refused::new(StatusCode::SERVICE_UNAVAILABLE, why));
+        return Err(ApiError::new(StatusCode::SERVICE_UNAVAILABLE, why));
     }
     let document = overview.document.clone();
     if document.is_empty() {
-        let why = "the overview is not made yet: ask again in a second";
-        return Err(Refused::new(StatusCode::SERVICE_UNAVAILABLE, why));
+        let why = "the overview is not ready: repeat the request in a second";
+        return Err(ApiError::new(StatusCode::SERVICE_UNAVAILABLE, why));
     }
     Ok(json_bytes(document))
 }
 
 /// Machine name in a path; an invalid name is reported as an unknown machine.
-pub(super) fn named(name: &str) -> Result<MachineId, Refused> {
+pub(super) fn named(name: &str) -> Result<MachineId, ApiError> {
     name.parse()
-        .map_err(|_| Refused::missing("there is no such machine"))
+        .map_err(|_| ApiError::missing("there is no such machine"))
 }
 
-pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> Answer {
+pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> ApiResult {
     let id = named(&name)?;
     let age_s = page.overview().age_s(&id);
     let found = page
-        .ask(move |store| {
+        .query(move |store| {
             let Some(machine) = store.machine(&id)? else {
                 return Ok(None);
             };
             let live = store.live_of(&id)?;
             let versions = store.versions(&id)?;
             let telemetry = store.telemetry(&id)?;
-            let alarms = store.alarms(Some(&id), RECORDS)?;
-            let records = store.machine_records(&id, RECORDS)?;
-            let model = in_force(&versions, live.as_ref())
+            let alarms = store.alarms(Some(&id), MAX_RECORDS)?;
+            let records = store.machine_records(&id, MAX_RECORDS)?;
+            let model = active_version(&versions, live.as_ref())
                 .or(versions.first())
                 .map(|version| version.model.clone());
             // A machine of unknown age counts as silent.
@@ -93,12 +93,12 @@ pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> An
         .await?;
     match found {
         Some(found) => document(&found),
-        None => Err(Refused::missing("there is no such machine")),
+        None => Err(ApiError::missing("there is no such machine")),
     }
 }
 
 #[derive(Deserialize)]
-pub(super) struct Range {
+pub(super) struct HistoryQuery {
     resolution: Resolution,
     /// Length of the history, hours back from now.
     hours: f64,
@@ -107,38 +107,38 @@ pub(super) struct Range {
 pub(super) async fn history(
     State(page): Shared,
     Path(name): Path<String>,
-    Query(range): Query<Range>,
-) -> Answer {
+    Query(range): Query<HistoryQuery>,
+) -> ApiResult {
     let id = named(&name)?;
     if !(0.001..=1e6).contains(&range.hours) {
-        return Err(Refused::wrong("hours: expected a number above 0"));
+        return Err(ApiError::wrong("hours: expected a number above 0"));
     }
     let points = page
-        .ask(move |store| {
+        .query(move |store| {
             let to_s = now_s();
             let from_s = to_s - range.hours * 3600.0;
-            store.history(&id, range.resolution, from_s, to_s + 60.0, READ)
+            store.history(&id, range.resolution, from_s, to_s + 60.0, MAX_POINTS_READ)
         })
         .await?;
-    let together = points.len().div_ceil(POINTS).max(1);
+    let together = points.len().div_ceil(MAX_POINTS).max(1);
     let means = points
         .chunks(together)
         .filter_map(|some| Point::mean(some, some.first()?.at_s));
-    let told: Vec<Point> = means.collect();
+    let means: Vec<Point> = means.collect();
     // `together`: number of points averaged into one.
-    document(&json!({ "now_s": now_s(), "together": together, "points": told }))
+    document(&json!({ "now_s": now_s(), "together": together, "points": means }))
 }
 
 pub(super) async fn put_machine(
     State(page): Shared,
     Extension(user): Extension<User>,
     body: Bytes,
-) -> Answer {
+) -> ApiResult {
     let machine: Machine = read(&body)?;
     machine
         .check()
-        .map_err(|error| Refused::wrong(error.to_string()))?;
-    page.ask(move |store| store.put_machine(&machine, user.name.as_str()))
+        .map_err(|error| ApiError::wrong(error.to_string()))?;
+    page.query(move |store| store.put_machine(&machine, user.name.as_str()))
         .await?;
     done()
 }
@@ -147,15 +147,15 @@ pub(super) async fn remove_machine(
     State(page): Shared,
     Extension(user): Extension<User>,
     Path(name): Path<String>,
-) -> Answer {
+) -> ApiResult {
     let id = named(&name)?;
     let removed = page
-        .ask(move |store| store.remove_machine(&id, user.name.as_str()))
+        .query(move |store| store.remove_machine(&id, user.name.as_str()))
         .await?;
     if removed {
         done()
     } else {
-        Err(Refused::missing("there is no such machine"))
+        Err(ApiError::missing("there is no such machine"))
     }
 }
 
@@ -165,14 +165,14 @@ const MAX_ALARMS: u32 = 500;
 const MAX_AUDIT: u32 = 200;
 
 #[derive(Deserialize)]
-pub(super) struct Which {
+pub(super) struct AlarmQuery {
     /// Include closed alarms.
     #[serde(default)]
     all: bool,
 }
 
-pub(super) async fn alarms(State(page): Shared, Query(which): Query<Which>) -> Answer {
-    let alarms = page.ask(move |store| {
+pub(super) async fn alarms(State(page): Shared, Query(which): Query<AlarmQuery>) -> ApiResult {
+    let alarms = page.query(move |store| {
         if which.all {
             store.alarms(None, MAX_ALARMS)
         } else {
@@ -182,31 +182,31 @@ pub(super) async fn alarms(State(page): Shared, Query(which): Query<Which>) -> A
     document(&alarms.await?)
 }
 
-pub(super) async fn see_alarm(
+pub(super) async fn acknowledge_alarm(
     State(page): Shared,
     Extension(user): Extension<User>,
     Path(id): Path<u64>,
-) -> Answer {
+) -> ApiResult {
     let seen = page
-        .ask(move |store| store.see_alarm(id, user.name.as_str()))
+        .query(move |store| store.acknowledge_alarm(id, user.name.as_str()))
         .await?;
     if seen {
         done()
     } else {
-        Err(Refused::missing("there is no such alarm"))
+        Err(ApiError::missing("there is no such alarm"))
     }
 }
 
 #[derive(Deserialize)]
-pub(super) struct Before {
+pub(super) struct AuditQuery {
     /// Return records with smaller numbers.
     before: Option<u64>,
 }
 
-pub(super) async fn audit(State(page): Shared, Query(range): Query<Before>) -> Answer {
+pub(super) async fn audit(State(page): Shared, Query(range): Query<AuditQuery>) -> ApiResult {
     document(
         &page
-            .ask(move |store| store.audit_records(range.before, MAX_AUDIT))
+            .query(move |store| store.audit_records(range.before, MAX_AUDIT))
             .await?,
     )
 }

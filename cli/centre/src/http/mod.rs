@@ -1,17 +1,17 @@
 //! The web interface and its HTTP API: authorization, requests and responses. All data are read from and written to the store; the running centre
 //! acts on the stored state.
 
-mod answer;
+mod access;
 mod discovery;
 mod machines;
 mod models;
 mod overview;
-mod people;
+mod response;
 mod rollouts;
 mod routes;
 mod state;
 mod tables;
-mod who;
+mod users;
 
 pub use routes::{ROUTES, Route, router};
 pub use state::{PageSettings, PageState};

@@ -12,27 +12,27 @@ use serde_json::json;
 use volcomp_model::Machine;
 
 use super::{
-    answer::{Answer, Refused, document, json_bytes, read},
+    response::{ApiError, ApiResult, document, json_bytes, read},
     state::{PageState, Shared},
 };
 use crate::{
     map::error_map,
-    models::{Described, NewModel},
+    models::{ModelDescription, NewModel},
     records::{Model, Origin},
     store::Store,
     users::User,
 };
 
-pub(super) async fn models(State(page): Shared) -> Answer {
-    document(&page.ask(Store::models).await?)
+pub(super) async fn models(State(page): Shared) -> ApiResult {
+    document(&page.query(Store::models).await?)
 }
 
 /// Finds a model with its text by its checksum or the beginning of it.
 pub(super) async fn found(
     page: &Arc<PageState>,
     checksum: String,
-) -> Result<(Model, String), Refused> {
-    let found = page.ask(move |store| {
+) -> Result<(Model, String), ApiError> {
+    let found = page.query(move |store| {
         let Some(model) = store.model(&checksum)? else {
             return Ok(None);
         };
@@ -41,21 +41,21 @@ pub(super) async fn found(
     });
     found
         .await?
-        .ok_or_else(|| Refused::missing("there is no such model"))
+        .ok_or_else(|| ApiError::missing("there is no such model"))
 }
 
-pub(super) async fn model(State(page): Shared, Path(checksum): Path<String>) -> Answer {
+pub(super) async fn model(State(page): Shared, Path(checksum): Path<String>) -> ApiResult {
     let (model, text) = found(&page, checksum).await?;
     let described = page
         .work(move || {
-            Machine::parse(&text, "the model").map(|machine| Described::new(&machine, &text))
+            Machine::parse(&text, "the model").map(|machine| ModelDescription::new(&machine, &text))
         })
         .await?
-        .map_err(Refused::inside)?;
+        .map_err(ApiError::inside)?;
     document(&json!({ "model": model, "described": described }))
 }
 
-pub(super) async fn map(State(page): Shared, Path(checksum): Path<String>) -> Answer {
+pub(super) async fn map(State(page): Shared, Path(checksum): Path<String>) -> ApiResult {
     let (model, text) = found(&page, checksum).await?;
     if let Some(kept) = page.kept_map(&model.sha256) {
         return Ok(json_bytes(kept));
@@ -63,15 +63,15 @@ pub(super) async fn map(State(page): Shared, Path(checksum): Path<String>) -> An
     let map = page
         .work(move || Machine::parse(&text, "the model").and_then(|machine| error_map(&machine)))
         .await?
-        .map_err(Refused::inside)?;
-    let bytes: Bytes = serde_json::to_vec(&map).map_err(Refused::inside)?.into();
+        .map_err(ApiError::inside)?;
+    let bytes: Bytes = serde_json::to_vec(&map).map_err(ApiError::inside)?.into();
     page.keep_map(&model.sha256, bytes.clone());
     Ok(json_bytes(bytes))
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Add {
+struct NewModelRequest {
     /// The text of a machine file.
     text: String,
     /// Day of the measurements, `2026-11-25`; empty if unknown.
@@ -86,14 +86,14 @@ pub(super) async fn add(
     State(page): Shared,
     Extension(user): Extension<User>,
     body: Bytes,
-) -> Answer {
-    let Add {
+) -> ApiResult {
+    let NewModelRequest {
         text,
         measured,
         file: name,
     } = read(&body)?;
     if name.chars().count() > 1000 {
-        return Err(Refused::wrong("file: expected at most 1000 characters"));
+        return Err(ApiError::wrong("file: expected at most 1000 characters"));
     }
     let by = user.name.to_string();
     let made = page.work(move || {
@@ -101,10 +101,10 @@ pub(super) async fn add(
             .with_day_and_note(&measured)
     });
     let NewModel { model, text } =
-        (made.await?).map_err(|error| Refused::wrong(error.to_string()))?;
+        (made.await?).map_err(|error| ApiError::wrong(error.to_string()))?;
     let answer = model.clone();
     let added = page
-        .ask(move |store| store.add_model(&model, &text))
+        .query(move |store| store.add_model(&model, &text))
         .await?;
     // `added`: false if the model was already stored.
     document(&json!({ "model": answer, "added": added }))

@@ -12,14 +12,14 @@ use volcomp_fleet::MachineId;
 use crate::{
     Error,
     clock::now_s,
-    records::{Alarm, AlarmKind, Live, Made, Severity},
+    records::{Alarm, AlarmKind, CreationTime, Live, Severity},
     store::Store,
     versions::overdue_days,
 };
 
-/// Maximum age of an overview that is presented as current. Three times its build time is added, but at most [`MOST_OF_TAKING`].
-const OLD: Duration = Duration::from_secs(5);
-const MOST_OF_TAKING: Duration = Duration::from_secs(25);
+/// Maximum age of an overview that is presented as current. Three times its build time is added, but at most [`MAX_BUILD_MARGIN`].
+const MAX_AGE: Duration = Duration::from_secs(5);
+const MAX_BUILD_MARGIN: Duration = Duration::from_secs(25);
 
 /// The overview that the web interface polls every second, serialized.
 #[derive(Default)]
@@ -80,16 +80,16 @@ impl Overview {
         let machines = store.machines()?;
         let live = store.live()?;
         let alarms = store.open_alarms()?;
-        let mut of_machines: HashMap<&MachineId, Vec<&Alarm>> = HashMap::new();
+        let mut alarms_by_machine: HashMap<&MachineId, Vec<&Alarm>> = HashMap::new();
         let mut centre = Vec::new();
         for alarm in &alarms {
             match &alarm.machine {
-                Some(machine) => of_machines.entry(machine).or_default().push(alarm),
+                Some(machine) => alarms_by_machine.entry(machine).or_default().push(alarm),
                 None => centre.push(alarm),
             }
         }
-        let hangs = store.hangs_for().map(hangs);
-        centre.extend(&hangs);
+        let hang = store.hang_duration().map(hang_alarm);
+        centre.extend(&hang);
         let issued = store.newest_versions()?;
         let (now_s, now) = (now_s(), Instant::now());
         let models = store.newest_models()?;
@@ -112,14 +112,14 @@ impl Overview {
                     ages_s.insert(id.clone(), age_s);
                 }
                 let silent = age_s.is_none_or(|age_s| machine.is_silent(age_s));
-                let told = heard.and_then(|live| live.condition.as_ref());
-                let condition = told.filter(|_| !silent);
+                let reported = heard.and_then(|live| live.condition.as_ref());
+                let condition = reported.filter(|_| !silent);
                 let state = match condition {
                     Some(condition) => condition.state.as_str(),
                     None if heard.is_some() => "unknown",
                     None => "never heard",
                 };
-                let alarms = of_machines.get(id).map_or(&[][..], Vec::as_slice);
+                let alarms = alarms_by_machine.get(id).map_or(&[][..], Vec::as_slice);
                 let degc: Vec<Option<f64>> = condition
                     .map(|it| it.temperatures_degc.values().copied().collect())
                     .unwrap_or_default();
@@ -131,7 +131,7 @@ impl Overview {
                     structure: &machine.structure,
                     control: &machine.control,
                     state,
-                    was: told.filter(|_| silent).map(|it| it.state.as_str()),
+                    was: reported.filter(|_| silent).map(|it| it.state.as_str()),
                     reasons: condition.map_or(&[][..], |it| it.reasons.as_slice()),
                     age_s: age_s.map(|age_s| (age_s * 10.0).round() / 10.0),
                     silent,
@@ -168,7 +168,7 @@ impl Overview {
     pub(super) fn too_old(&self) -> Option<Duration> {
         let (at, took) = self.made?;
         let age = at.elapsed();
-        (age > OLD + (3 * took).min(MOST_OF_TAKING)).then_some(age)
+        (age > MAX_AGE + (3 * took).min(MAX_BUILD_MARGIN)).then_some(age)
     }
 
     /// Current age of a machine's last condition, s.
@@ -179,7 +179,7 @@ impl Overview {
 }
 
 /// Alarm for a database that does not respond, which therefore cannot store it.
-fn hangs(for_long: Duration) -> Alarm {
+fn hang_alarm(for_long: Duration) -> Alarm {
     let s = for_long.as_secs();
     Alarm {
         id: 0,
@@ -187,7 +187,7 @@ fn hangs(for_long: Duration) -> Alarm {
         kind: AlarmKind::Store,
         severity: AlarmKind::Store.severity(),
         text: format!(
-            "the database has not answered a change for {s} s: its disk hangs, or its server; machines work on, what they tell waits at the NATS server, and nothing that is changed here is stored"
+            "the database has not completed a change for {s} s: its disk hangs; the machines keep working, their messages wait at the NATS server, and changes made here are not stored"
         ),
         since_s: now_s() - for_long.as_secs_f64(),
         until_s: None,
@@ -207,7 +207,7 @@ fn largest<K>(values: &BTreeMap<K, f64>) -> Option<f64> {
 pub(super) struct Ages(HashMap<MachineId, LastCondition>);
 
 struct LastCondition {
-    made: Made,
+    made: CreationTime,
     at: Instant,
     /// Its age when it was first seen, s.
     then_s: f64,
@@ -218,7 +218,7 @@ impl Ages {
     pub(super) fn age_s(
         &mut self,
         machine: &MachineId,
-        made: Made,
+        made: CreationTime,
         now_s: f64,
         now: Instant,
     ) -> f64 {
@@ -254,12 +254,12 @@ mod tests {
     use std::time::{Duration, Instant};
 
     use super::Ages;
-    use crate::records::Made;
+    use crate::records::CreationTime;
 
     #[test]
-    fn a_server_whose_clock_is_ahead_or_behind_changes_nothing() {
+    fn a_server_clock_offset_does_not_change_ages() {
         let machine = "mill-1".parse().unwrap();
-        let made = |at_s| Made { at_s, late_s: 0.0 };
+        let made = |at_s| CreationTime { at_s, late_s: 0.0 };
         for ahead_s in [-3600.0, 0.0, 3600.0] {
             let mut ages = Ages::default();
             let start = Instant::now();
@@ -274,7 +274,7 @@ mod tests {
                 ages.age_s(&machine, made(1001.0 + ahead_s), 1010.0, at(10)),
                 9.0
             );
-            // Somebody sets the clock of this computer back.
+            // The clock of this computer is set back.
             assert_eq!(
                 ages.age_s(&machine, made(1001.0 + ahead_s), 5.0, at(20)),
                 19.0

@@ -11,52 +11,52 @@ use serde::{Deserialize, Serialize};
 use volcomp_fleet::MachineId;
 
 use super::{
-    answer::{Answer, Refused, document, done, read},
     machines::named,
+    response::{ApiError, ApiResult, document, done, read},
     state::Shared,
 };
 use crate::{
     Error,
     models::fits,
-    rollout::{Rollout, Rules, Wish},
+    rollout::{Rollout, Rules, UserRequest},
     store::Store,
     users::User,
-    versions::{start_way_back, version_in_force},
+    versions::{load_active_version, start_way_back},
 };
 
 /// Maximum number of roll-outs in a response.
-const ROLLOUTS: u32 = 20;
+const MAX_ROLLOUTS: u32 = 20;
 
 /// A roll-out as sent to the web interface.
 #[derive(Serialize)]
-struct Shown {
+struct RolloutView {
     #[serde(flatten)]
     rollout: Rollout,
     /// For a stopped or aborted roll-out: machines on which its model is active now. The user must decide about them.
     in_force_on: Vec<MachineId>,
 }
 
-pub(super) async fn rollouts(State(page): Shared) -> Answer {
-    document(&page.ask(shown).await?)
+pub(super) async fn rollouts(State(page): Shared) -> ApiResult {
+    document(&page.query(views).await?)
 }
 
-fn shown(store: &Store) -> Result<Vec<Shown>, Error> {
-    let rollouts = store.rollouts(ROLLOUTS)?;
+fn views(store: &Store) -> Result<Vec<RolloutView>, Error> {
+    let rollouts = store.rollouts(MAX_ROLLOUTS)?;
     let has_broken_off = (rollouts.iter()).any(|rollout| rollout.phase.is_broken_off());
     let in_force = if has_broken_off {
         rollouts_in_force(store, &rollouts)?
     } else {
         BTreeMap::new()
     };
-    let shown = rollouts.into_iter().map(|rollout| {
+    let views = rollouts.into_iter().map(|rollout| {
         let targets = rollout.targets.iter().map(|target| &target.machine);
         let in_force_on = targets.filter(|name| in_force.get(name) == Some(&rollout.id));
-        Shown {
+        RolloutView {
             in_force_on: in_force_on.cloned().collect(),
             rollout,
         }
     });
-    Ok(shown.collect())
+    Ok(views.collect())
 }
 
 /// For each machine of a stopped or aborted roll-out, the roll-out whose model is active.
@@ -71,7 +71,7 @@ fn rollouts_in_force(
         .collect();
     let mut found = BTreeMap::new();
     for name in machines {
-        let version = version_in_force(store, name, newest.get(name), lives.get(name))?;
+        let version = load_active_version(store, name, newest.get(name), lives.get(name))?;
         if let Some(rollout) = version.and_then(|version| version.rollout) {
             found.insert(name.clone(), rollout);
         }
@@ -81,7 +81,7 @@ fn rollouts_in_force(
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Start {
+struct StartRequest {
     /// Checksum of the model, or the beginning of it.
     model: String,
     /// The machines that receive the model.
@@ -95,7 +95,7 @@ struct Start {
 }
 
 /// The default roll-out rules.
-pub(super) async fn rules(State(page): Shared) -> Answer {
+pub(super) async fn rules(State(page): Shared) -> ApiResult {
     document(&page.settings.rules)
 }
 
@@ -103,31 +103,36 @@ pub(super) async fn start_rollout(
     State(page): Shared,
     Extension(user): Extension<User>,
     body: Bytes,
-) -> Answer {
-    let start: Start = read(&body)?;
+) -> ApiResult {
+    let start: StartRequest = read(&body)?;
     let rules = start.rules.clone();
     let rules = rules.unwrap_or_else(|| page.settings.rules.clone());
     let checked = rules.check();
-    checked.map_err(|(key, why)| Refused::wrong(format!("rules.{key}: {why}")))?;
+    checked.map_err(|(key, why)| ApiError::wrong(format!("rules.{key}: {why}")))?;
     let started = page
-        .ask(move |store| Ok(begin(store, &start, rules, &user)))
+        .query(move |store| Ok(begin(store, &start, rules, &user)))
         .await??;
     document(&started)
 }
 
-fn begin(store: &Store, start: &Start, rules: Rules, user: &User) -> Result<Rollout, Refused> {
+fn begin(
+    store: &Store,
+    start: &StartRequest,
+    rules: Rules,
+    user: &User,
+) -> Result<Rollout, ApiError> {
     let model = store
         .model(&start.model)?
-        .ok_or_else(|| Refused::missing("there is no such model"))?;
+        .ok_or_else(|| ApiError::missing("there is no such model"))?;
     if start.machines.is_empty() {
-        return Err(Refused::wrong("machines: expected at least one"));
+        return Err(ApiError::wrong("machines: expected at least one"));
     }
     let mut chosen: Vec<(MachineId, bool)> = Vec::new();
     for id in &start.machines {
         let machine = store
             .machine(id)?
-            .ok_or_else(|| Refused::missing(format!("there is no machine {id}")))?;
-        fits(&model, &machine).map_err(|error| Refused::conflict(error.to_string()))?;
+            .ok_or_else(|| ApiError::missing(format!("there is no machine {id}")))?;
+        fits(&model, &machine).map_err(|error| ApiError::conflict(error.to_string()))?;
         if !chosen.iter().any(|(known, _)| known == id) {
             chosen.push((id.clone(), machine.canary || start.canaries.contains(id)));
         }
@@ -135,21 +140,21 @@ fn begin(store: &Store, start: &Start, rules: Rules, user: &User) -> Result<Roll
     Ok(store.begin_rollout(&model.sha256, &chosen, rules, user.name.as_str())?)
 }
 
-pub(super) async fn wish(
+pub(super) async fn request(
     State(page): Shared,
     Extension(user): Extension<User>,
     Path(id): Path<u64>,
     body: Bytes,
-) -> Answer {
-    let wish: Wish = read(&body)?;
-    page.ask(move |store| store.wish(id, &wish, user.name.as_str()))
+) -> ApiResult {
+    let request: UserRequest = read(&body)?;
+    page.query(move |store| store.request_rollout_change(id, &request, user.name.as_str()))
         .await?;
     done()
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keep {
+struct KeepRequest {
     machine: MachineId,
 }
 
@@ -158,9 +163,9 @@ pub(super) async fn keep(
     Extension(user): Extension<User>,
     Path(id): Path<u64>,
     body: Bytes,
-) -> Answer {
-    let Keep { machine } = read(&body)?;
-    page.ask(move |store| store.keep_model(id, &machine, user.name.as_str()))
+) -> ApiResult {
+    let KeepRequest { machine } = read(&body)?;
+    page.query(move |store| store.keep_model(id, &machine, user.name.as_str()))
         .await?;
     done()
 }
@@ -169,11 +174,11 @@ pub(super) async fn back(
     State(page): Shared,
     Extension(user): Extension<User>,
     Path(name): Path<String>,
-) -> Answer {
+) -> ApiResult {
     let machine = named(&name)?;
     let rules = page.settings.rules.clone();
     let (rollout, _) = page
-        .ask(move |store| start_way_back(store, &machine, rules, user.name.as_str()))
+        .query(move |store| start_way_back(store, &machine, rules, user.name.as_str()))
         .await?;
     document(&rollout)
 }
@@ -182,30 +187,35 @@ pub(super) async fn back(
 mod tests {
     use super::*;
     use crate::{
-        issue::Place,
+        issue::Fixture,
         records::Live,
         rollout::{Phase, Step},
     };
 
-    /// A machine took the model of a roll-out, and its answer was lost: the roll-out has it as one that was sent nothing. What the
-    /// machine tells counts, so that somebody can decide.
+    /// A machine activated the model of a roll-out, and its acknowledgement was lost: the roll-out lists it as waiting. The version that
+    /// the machine reports counts, so that the user can decide.
     #[test]
-    fn a_machine_that_tells_the_model_is_among_those_that_have_it() {
-        let place = Place::new();
-        let machines = [(place.name().clone(), true)];
-        let started = place.store.start_rollout(|id| {
+    fn a_machine_that_reports_the_model_is_listed_as_having_it() {
+        let fixture = Fixture::new();
+        let machines = [(fixture.name().clone(), true)];
+        let started = fixture.store.start_rollout(|id| {
             let mut rollout = Rollout::new(id, "ab", &machines, Rules::default(), "anna", 0.0);
             rollout.phase = Phase::Aborted { by: "anna".into() };
             rollout
         });
         let id = started.expect("stored").id;
-        place.issue(1, id, None);
-        let in_force_on = || shown(&place.store).expect("a store").remove(0).in_force_on;
-        assert!(in_force_on().is_empty(), "it was not heard");
-        let live = Live::new(place.name().clone(), 1.0, 1);
-        place.store.put_live(&[live]).expect("stored");
-        assert_eq!(in_force_on(), [place.name().clone()]);
-        let rollout = place.store.rollout(id).expect("a store").expect("there");
+        fixture.issue(1, id, None);
+        let in_force_on = || {
+            views(&fixture.store)
+                .expect("a store")
+                .remove(0)
+                .in_force_on
+        };
+        assert!(in_force_on().is_empty(), "no message yet");
+        let live = Live::new(fixture.name().clone(), 1.0, 1);
+        fixture.store.put_live(&[live]).expect("stored");
+        assert_eq!(in_force_on(), [fixture.name().clone()]);
+        let rollout = fixture.store.rollout(id).expect("a store").expect("there");
         assert_eq!(rollout.targets[0].step, Step::Waiting);
     }
 }

@@ -13,14 +13,15 @@ use axum::{
 use volcomp_web::{headers, hosts};
 
 use super::{
-    answer::Refused, discovery, machines, models, people, rollouts, state::PageState, tables, who,
+    access, discovery, machines, models, response::ApiError, rollouts, state::PageState, tables,
+    users,
 };
 use crate::users::Role;
 
 /// Maximum size of a request body, bytes.
 const MAX_BODY: usize = 2 * 1024 * 1024;
 /// Request timeout.
-const AT_MOST: Duration = Duration::from_secs(60);
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A route: method, path and required role.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,10 +50,10 @@ const ENGINEER: Option<Role> = Some(Role::Engineer);
 const ADMIN: Option<Role> = Some(Role::Admin);
 
 routes! {
-    "POST" "/api/login" ALL => post(people::login);
-    "GET" "/api/me" VIEWER => get(people::me);
-    "POST" "/api/logout" VIEWER => post(people::logout);
-    "POST" "/api/password" VIEWER => post(people::password);
+    "POST" "/api/login" ALL => post(users::login);
+    "GET" "/api/me" VIEWER => get(users::me);
+    "POST" "/api/logout" VIEWER => post(users::logout);
+    "POST" "/api/password" VIEWER => post(users::password);
     "GET" "/api/overview" VIEWER => get(machines::overview);
     "GET" "/api/machines/{machine}" VIEWER => get(machines::machine);
     "GET" "/api/machines/{machine}/history" VIEWER => get(machines::history);
@@ -70,17 +71,17 @@ routes! {
     "POST" "/api/machines/{machine}/remove" ENGINEER => post(machines::remove_machine);
     "POST" "/api/models" ENGINEER => post(models::add);
     "POST" "/api/rollouts" ENGINEER => post(rollouts::start_rollout);
-    "POST" "/api/rollouts/{rollout}" ENGINEER => post(rollouts::wish);
+    "POST" "/api/rollouts/{rollout}" ENGINEER => post(rollouts::request);
     "POST" "/api/rollouts/{rollout}/keep" ENGINEER => post(rollouts::keep);
     "POST" "/api/machines/{machine}/back" ENGINEER => post(rollouts::back);
-    "POST" "/api/alarms/{alarm}/seen" ENGINEER => post(machines::see_alarm);
+    "POST" "/api/alarms/{alarm}/seen" ENGINEER => post(machines::acknowledge_alarm);
     "GET" "/api/discovery" ENGINEER => get(discovery::latest);
     "POST" "/api/discovery" ENGINEER => post(discovery::search);
     "GET" "/api/audit" ADMIN => get(machines::audit);
-    "GET" "/api/users" ADMIN => get(people::users);
-    "POST" "/api/users" ADMIN => post(people::add_user);
-    "POST" "/api/users/{user}" ADMIN => post(people::change_user);
-    "POST" "/api/users/{user}/remove" ADMIN => post(people::remove_user);
+    "GET" "/api/users" ADMIN => get(users::users);
+    "POST" "/api/users" ADMIN => post(users::add_user);
+    "POST" "/api/users/{user}" ADMIN => post(users::change_user);
+    "POST" "/api/users/{user}/remove" ADMIN => post(users::remove_user);
 }
 
 /// Files of the web interface: path, content type and content.
@@ -130,7 +131,7 @@ pub fn router(page: &Arc<PageState>) -> Router {
     let mut router = Router::new();
     for (route, handler) in ROUTES.iter().zip(HANDLERS) {
         let state = (Arc::clone(page), route.need);
-        let handler = handler().route_layer(from_fn_with_state(state, who::admit));
+        let handler = handler().route_layer(from_fn_with_state(state, access::admit));
         router = router.route(route.path, handler);
     }
     for &(path, kind, text) in &PAGES {
@@ -148,8 +149,8 @@ async fn file(kind: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
-async fn nothing() -> Refused {
-    Refused::missing("there is no such page")
+async fn nothing() -> ApiError {
+    ApiError::missing("there is no such page")
 }
 
 /// Host check, timeout and response headers of every request.
@@ -164,18 +165,18 @@ async fn every_request(
         .and_then(|host| host.to_str().ok());
     let mut response = match host {
         Some(host) if hosts::is_known(host, &page.settings.hosts) => {
-            match tokio::time::timeout(AT_MOST, next.run(request)).await {
+            match tokio::time::timeout(REQUEST_TIMEOUT, next.run(request)).await {
                 Ok(response) => response,
-                Err(_) => Refused::new(StatusCode::REQUEST_TIMEOUT, "the request took too long")
+                Err(_) => ApiError::new(StatusCode::REQUEST_TIMEOUT, "the request took too long")
                     .into_response(),
             }
         }
-        Some(_) => Refused::new(
+        Some(_) => ApiError::new(
             StatusCode::MISDIRECTED_REQUEST,
-            "this name is not configured: add it to the hosts of the page",
+            "this host name is not configured: add it to `hosts` of [page]",
         )
         .into_response(),
-        None => Refused::wrong("no Host header").into_response(),
+        None => ApiError::wrong("no Host header").into_response(),
     };
     headers::put(response.headers_mut());
     response

@@ -16,8 +16,8 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::{
-    answer::Refused,
     overview::{Ages, Overview},
+    response::ApiError,
 };
 use crate::{
     Error,
@@ -28,9 +28,9 @@ use crate::{
 };
 
 /// Interval at which the overview is rebuilt.
-const REFRESHED: Duration = Duration::from_secs(1);
+const REFRESH_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum number of cached error maps.
-const MAPS: usize = 64;
+const MAX_MAPS: usize = 64;
 
 /// Settings of the web interface.
 #[derive(Clone, Debug, Default)]
@@ -95,7 +95,7 @@ impl PageState {
     /// Rebuilds the overview periodically until the runtime ends.
     pub async fn refresh(self: Arc<Self>) {
         let mut ages = Ages::default();
-        let mut ticks = tokio::time::interval(REFRESHED);
+        let mut ticks = tokio::time::interval(REFRESH_INTERVAL);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             ticks.tick().await;
@@ -136,14 +136,14 @@ impl PageState {
     }
 
     /// Queries the store on a blocking thread.
-    pub(super) async fn ask<T: Send + 'static>(
+    pub(super) async fn query<T: Send + 'static>(
         self: &Arc<Self>,
         work: impl FnOnce(&Store) -> Result<T, Error> + Send + 'static,
-    ) -> Result<T, Refused> {
+    ) -> Result<T, ApiError> {
         let store = Arc::clone(&self.store);
         let done = tokio::task::spawn_blocking(move || work(&store)).await;
-        done.map_err(|_| Refused::inside("the work ended before its time"))?
-            .map_err(Refused::from)
+        done.map_err(|_| ApiError::inside("a computation was cancelled"))?
+            .map_err(ApiError::from)
     }
 
     /// Writes a rejection to the audit log: immediately, or combined with similar ones of the same minute.
@@ -176,7 +176,7 @@ impl PageState {
     ) {
         let by = by.to_owned();
         let written = self
-            .ask(move |store| store.audit(&by, action, &object, details))
+            .query(move |store| store.audit(&by, action, &object, details))
             .await;
         if written.is_err() {
             tracing::error!("page: {action} could not be written into the audit log");
@@ -187,11 +187,11 @@ impl PageState {
     pub(super) async fn work<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
-    ) -> Result<T, Refused> {
+    ) -> Result<T, ApiError> {
         let place = self.works.acquire().await;
         let done = tokio::task::spawn_blocking(work).await;
         drop(place);
-        done.map_err(|_| Refused::inside("the work ended before its time"))
+        done.map_err(|_| ApiError::inside("a computation was cancelled"))
     }
 
     pub(super) fn kept_map(&self, sha256: &str) -> Option<Bytes> {
@@ -201,7 +201,7 @@ impl PageState {
 
     pub(super) fn keep_map(&self, sha256: &str, map: Bytes) {
         let mut maps = self.maps.lock().unwrap_or_else(PoisonError::into_inner);
-        if maps.len() >= MAPS {
+        if maps.len() >= MAX_MAPS {
             maps.clear();
         }
         maps.insert(sha256.to_owned(), map);

@@ -17,8 +17,8 @@ use volcomp_tables::axis_table::{
 use volcomp_vocabulary::AxisName;
 
 use super::{
-    answer::{Answer, Refused, document},
     models::found,
+    response::{ApiError, ApiResult, document},
     state::{PageState, Shared},
 };
 use crate::records::Model;
@@ -38,14 +38,14 @@ pub(super) struct TableQuery {
 }
 
 /// The available table formats.
-pub(super) async fn formats() -> Answer {
+pub(super) async fn formats() -> ApiResult {
     let formats =
         Format::ALL.map(|format| json!({ "format": format.name(), "trust": format.trust() }));
     document(&formats.as_slice())
 }
 
 /// The machine file as it is signed and sent.
-pub(super) async fn file(State(page): Shared, Path(checksum): Path<String>) -> Answer {
+pub(super) async fn file(State(page): Shared, Path(checksum): Path<String>) -> ApiResult {
     let (model, text) = found(&page, checksum).await?;
     attachment(&file_name(&model), "application/toml", text)
 }
@@ -54,7 +54,7 @@ pub(super) async fn tables(
     State(page): Shared,
     Path(checksum): Path<String>,
     Query(query): Query<TableQuery>,
-) -> Answer {
+) -> ApiResult {
     let (format, at, written) = made(&page, checksum, query).await?;
     let files: Vec<&str> = (written.files.iter())
         .map(|file| file.name.as_str())
@@ -75,12 +75,12 @@ pub(super) async fn table(
     State(page): Shared,
     Path((checksum, name)): Path<(String, String)>,
     Query(query): Query<TableQuery>,
-) -> Answer {
+) -> ApiResult {
     let (_, _, written) = made(&page, checksum, query).await?;
     let mut files = written.files.into_iter();
     let file = files
         .find(|file| file.name == name)
-        .ok_or_else(|| Refused::missing("the format has no such file"))?;
+        .ok_or_else(|| ApiError::missing("the format has no such file"))?;
     attachment(&name, "text/plain; charset=utf-8", file.text)
 }
 
@@ -89,12 +89,12 @@ async fn made(
     page: &Arc<PageState>,
     checksum: String,
     query: TableQuery,
-) -> Result<(Format, Vec<(AxisName, f64)>, Written), Refused> {
+) -> Result<(Format, Vec<(AxisName, f64)>, Written), ApiError> {
     let format: Format = (query.format.parse())
-        .map_err(|error: UnknownFormat| Refused::wrong(format!("format: {error}")))?;
+        .map_err(|error: UnknownFormat| ApiError::wrong(format!("format: {error}")))?;
     let (_, text) = found(page, checksum).await?;
     page.work(move || {
-        let machine = Machine::parse(&text, "the model").map_err(Refused::inside)?;
+        let machine = Machine::parse(&text, "the model").map_err(ApiError::inside)?;
         let usual = TableOptions::default();
         let options = TableOptions {
             step_mm: query.step_mm.unwrap_or(usual.step_mm),
@@ -118,21 +118,21 @@ async fn made(
 }
 
 /// Rejection of an export, naming the fields of the web interface.
-fn refused(error: &ExchangeError) -> Refused {
+fn refused(error: &ExchangeError) -> ApiError {
     let ExchangeError::InvalidOption {
         what,
         found,
         expected,
     } = error
     else {
-        return Refused::wrong(error.to_string());
+        return ApiError::wrong(error.to_string());
     };
     let field = match what.as_str() {
         "--step" => "Step along linear axes",
         "--step-deg" => "Step along rotary axes",
         other => other,
     };
-    Refused::wrong(format!("{field}: found {found}, expected {expected}"))
+    ApiError::wrong(format!("{field}: found {found}, expected {expected}"))
 }
 
 /// File name for a model; characters of its name that could form a path are replaced.
@@ -146,9 +146,9 @@ fn file_name(model: &Model) -> String {
     format!("{name}-{}.toml", model.sha256.get(..10).unwrap_or_default())
 }
 
-fn attachment(name: &str, kind: &'static str, text: String) -> Answer {
+fn attachment(name: &str, kind: &'static str, text: String) -> ApiResult {
     let disposition = HeaderValue::from_str(&format!("attachment; filename=\"{name}\""))
-        .map_err(Refused::inside)?;
+        .map_err(ApiError::inside)?;
     let head = [
         (header::CONTENT_TYPE, HeaderValue::from_static(kind)),
         (header::CONTENT_DISPOSITION, disposition),

@@ -49,7 +49,7 @@ pub(crate) fn clear(database: &Connection, id: u64, at_s: f64) -> Result<(), Err
     execute(database, sql, params![id, at_s]).map(|_| ())
 }
 
-pub(crate) fn say(database: &Connection, id: u64, text: &str) -> Result<(), Error> {
+pub(crate) fn set_text(database: &Connection, id: u64, text: &str) -> Result<(), Error> {
     let sql = "UPDATE alarms SET text = ?2 WHERE id = ?1";
     execute(database, sql, params![id, text]).map(|_| ())
 }
@@ -76,7 +76,7 @@ impl Store {
     }
 
     /// Records who has acknowledged an alarm. `false` if the alarm does not exist.
-    pub fn see_alarm(&self, id: u64, by: &str) -> Result<bool, Error> {
+    pub fn acknowledge_alarm(&self, id: u64, by: &str) -> Result<bool, Error> {
         self.write(|database| {
             let sql = "UPDATE alarms SET seen_by = ?2 WHERE id = ?1";
             let is_there = execute(database, sql, params![id, by])? > 0;

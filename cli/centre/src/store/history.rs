@@ -25,7 +25,7 @@ const DAY_S: f64 = 86_400.0;
 /// The table `[keep]`: retention times of the history. One-hour means are kept indefinitely.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
-pub struct Keep {
+pub struct Retention {
     /// Every condition, hours.
     pub raw_h: f64,
     /// One-minute means, days.
@@ -36,7 +36,7 @@ pub struct Keep {
     pub telemetry_hourly_d: f64,
 }
 
-impl Default for Keep {
+impl Default for Retention {
     fn default() -> Self {
         Self {
             raw_h: 24.0,
@@ -48,7 +48,7 @@ impl Default for Keep {
 }
 
 /// Maximum number of machines whose minutes are closed in one transaction.
-const MAX_TOGETHER: usize = 32;
+const MAX_MACHINES_PER_WRITE: usize = 32;
 
 /// Index of the minute or hour that contains a time.
 #[expect(
@@ -69,7 +69,7 @@ impl Store {
         let machines: Vec<String> =
             self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))?;
         let mut count = 0;
-        for together in machines.chunks(MAX_TOGETHER) {
+        for together in machines.chunks(MAX_MACHINES_PER_WRITE) {
             loop {
                 let closed = self.write(|database| {
                     together.iter().try_fold(0, |closed, machine| {
@@ -156,7 +156,7 @@ impl Store {
     }
 
     /// Deletes expired data, machine by machine in separate transactions to keep lock times short.
-    pub fn forget(&self, keep: Keep, now_s: f64) -> Result<(), Error> {
+    pub fn delete_expired(&self, keep: Retention, now_s: f64) -> Result<(), Error> {
         let sql = "SELECT machine FROM live";
         let machines: Vec<String> =
             self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))?;
@@ -283,7 +283,7 @@ fn readable<T: DeserializeOwned>(
     let documents = rows(database, sql, values, |row| Ok(json(row, 0)))?;
     let read = |document: Result<T, Error>| {
         let warn = |error: &Error| {
-            tracing::warn!("{machine}: a row of the table {table} is left out: {error}");
+            tracing::warn!("{machine}: an unreadable row of the table {table} is skipped: {error}");
         };
         document.inspect_err(warn).ok()
     };

@@ -33,11 +33,11 @@ pub(super) fn refuse_in_open_rollout<'a>(
     let sql = "SELECT state FROM rollouts WHERE finished = 0";
     let open: Vec<Rollout> = documents(database, sql, [])?;
     for machine in machines {
-        let of_it =
+        let has_machine =
             |open: &&Rollout| (open.targets.iter()).any(|target| target.machine == *machine);
-        if let Some(other) = open.iter().find(of_it) {
+        if let Some(other) = open.iter().find(has_machine) {
             return Err(Error::Conflict(format!(
-                "{machine} has its turn in roll-out {}, which is not over: expected that one done or aborted first",
+                "{machine} is in roll-out {}, which is not over: wait until it is done, or abort it first",
                 other.id
             )));
         }

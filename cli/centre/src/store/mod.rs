@@ -13,7 +13,6 @@ pub(crate) mod history;
 pub(crate) mod machines;
 pub(crate) mod models;
 pub(crate) mod rollouts;
-mod schema;
 mod users;
 
 use std::{
@@ -25,11 +24,11 @@ use std::{
 use rusqlite::{Connection, TransactionBehavior};
 
 use crate::Error;
-pub use history::Keep;
-pub use models::Issued;
+pub use history::Retention;
+pub use models::SignedValue;
 
 /// Time after which a change counts as hanging: a commit waits only for the disk.
-const HANGS_AFTER: Duration = Duration::from_secs(5);
+const HANG_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Persistent data of the centre.
 pub struct Store {
@@ -55,7 +54,7 @@ impl Store {
     /// Opens a SQLite file, creating it if it does not exist.
     pub fn open(path: &Path) -> Result<Self, Error> {
         let mut writer = database::open(path)?;
-        schema::bring_up(&mut writer)?;
+        database::migrate(&mut writer)?;
         Ok(Self {
             writer: Mutex::new(writer),
             reader: Mutex::new(database::open(path)?),
@@ -67,7 +66,7 @@ impl Store {
 
     /// Makes every later use panic.
     #[cfg(test)]
-    pub(crate) fn break_down(&self) {
+    pub(crate) fn inject_fault(&self) {
         self.is_faulty
             .store(true, std::sync::atomic::Ordering::Relaxed);
     }
@@ -113,11 +112,11 @@ impl Store {
     }
 
     /// How long a change has been blocked, if that is long enough to mean a hanging disk. Nothing else can be written meanwhile, not even an alarm.
-    pub fn hangs_for(&self) -> Option<Duration> {
+    pub fn hang_duration(&self) -> Option<Duration> {
         let since = *lock(&self.writing);
         since
             .map(|since| since.elapsed())
-            .filter(|for_long| *for_long > HANGS_AFTER)
+            .filter(|for_long| *for_long > HANG_TIMEOUT)
     }
 }
 

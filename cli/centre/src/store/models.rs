@@ -23,7 +23,7 @@ const NEWEST_VERSIONS: &str = "SELECT versions.document FROM desired JOIN versio
 
 /// The newest signed value of a machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Issued {
+pub struct SignedValue {
     pub machine: MachineId,
     pub version: u64,
     /// Checksum of its model.
@@ -47,10 +47,10 @@ impl Store {
                 return Ok(true);
             }
             let known = model_of(database, &model.sha256)?;
-            let is_other = |known: &Model| {
+            let has_other_day = |known: &Model| {
                 !model.measured.is_empty() && known.measured != model.measured
             };
-            if let Some(known) = known.filter(is_other) {
+            if let Some(known) = known.filter(has_other_day) {
                 let details = json!({ "before": known.measured, "measured": model.measured });
                 let dated = Model {
                     measured: model.measured.clone(),
@@ -116,12 +116,12 @@ impl Store {
     }
 
     /// Desired state of a machine: its newest signed value.
-    pub fn issued(&self, machine: &MachineId) -> Result<Option<Issued>, Error> {
+    pub fn issued(&self, machine: &MachineId) -> Result<Option<SignedValue>, Error> {
         self.read(|database| newest(database, machine))
     }
 
     /// Desired version of every machine, without the signed values, which are large; `false`: it was withdrawn, and its key must be empty.
-    pub fn wanted(&self) -> Result<HashMap<MachineId, (u64, bool)>, Error> {
+    pub fn desired_versions(&self) -> Result<HashMap<MachineId, (u64, bool)>, Error> {
         let sql = "SELECT machine, version, value <> '' FROM desired";
         let wanted = self.read(|database| {
             rows(database, sql, [], |row| {
@@ -163,11 +163,11 @@ pub(crate) fn newest_version(
 }
 
 /// Desired state of a machine, read in a transaction.
-pub(crate) fn newest(database: &Connection, of: &MachineId) -> Result<Option<Issued>, Error> {
+pub(crate) fn newest(database: &Connection, of: &MachineId) -> Result<Option<SignedValue>, Error> {
     let sql =
         "SELECT machine, version, model, value FROM desired WHERE machine = ?1 AND value <> ''";
     first(database, sql, [of.as_str()], |row| {
-        Ok(Issued {
+        Ok(SignedValue {
             machine: machine(row, 0)?,
             version: row.get(1)?,
             model: row.get(2)?,

@@ -13,8 +13,8 @@ use super::{
 use crate::{
     Error,
     clock::now_s,
-    rollout::{Phase, Rollout, Rules, Step, Wish},
-    versions::in_force,
+    rollout::{Phase, Rollout, Rules, Step, UserRequest},
+    versions::active_version,
 };
 
 impl Store {
@@ -71,13 +71,20 @@ impl Store {
     ///
     /// # Errors
     /// The roll-out does not exist, or the confirmed change does not wait for a confirmation.
-    pub fn wish(&self, id: u64, wish: &Wish, by: &str) -> Result<(), Error> {
+    pub fn request_rollout_change(
+        &self,
+        id: u64,
+        request: &UserRequest,
+        by: &str,
+    ) -> Result<(), Error> {
         self.write(|database| {
             let rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", &id))?;
-            if let Wish::Confirm { machine, hash } = wish {
+            if let UserRequest::Confirm { machine, hash } = request {
                 // Reject requests without effect now, because the user would not see the running centre discard them.
-                let waiting = waiting_wishes(database, id)?;
-                let is_ending = waiting.iter().any(|(wish, _)| *wish == Wish::Abort);
+                let waiting = pending_requests(database, id)?;
+                let is_ending = waiting
+                    .iter()
+                    .any(|(request, _)| *request == UserRequest::Abort);
                 let checked = rollout.may_confirm(machine, hash, is_ending);
                 checked.map_err(Error::NotConfirmed)?;
             }
@@ -85,9 +92,15 @@ impl Store {
                 database,
                 "INSERT INTO wishes (rollout, number, document)
                  SELECT ?1, coalesce(max(number), 0) + 1, ?2 FROM wishes WHERE rollout = ?1",
-                params![id, serde_json::to_string(&(wish, by))?],
+                params![id, serde_json::to_string(&(request, by))?],
             )?;
-            audit::append(database, by, "rollout.wish", &id.to_string(), json!(wish))
+            audit::append(
+                database,
+                by,
+                "rollout.wish",
+                &id.to_string(),
+                json!(request),
+            )
         })
     }
 
@@ -100,7 +113,7 @@ impl Store {
             let mut rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", &id))?;
             if !rollout.phase.is_broken_off() {
                 return Err(Error::Conflict(format!(
-                    "roll-out {id} goes on or is done: expected one that has stopped or was ended before it was done"
+                    "roll-out {id} is running or done: expected a stopped or aborted one"
                 )));
             }
             let mut targets = rollout.targets.iter_mut();
@@ -108,12 +121,12 @@ impl Store {
             let target =
                 target.ok_or_else(|| Error::missing("machine of that roll-out", machine))?;
             let versions = versions_of(database, machine)?;
-            let has = in_force(&versions, live_of(database, machine)?.as_ref());
+            let has = active_version(&versions, live_of(database, machine)?.as_ref());
             // If the active version is unknown, use the progress of the target.
             let seen = matches!(target.step, Step::Done { .. } | Step::Soaking { .. });
             if !has.map_or(seen, |version| version.rollout == Some(id)) {
                 return Err(Error::Conflict(format!(
-                    "{machine} does not have the model of roll-out {id} in force: expected a machine that corrects with it"
+                    "the model of roll-out {id} is not active on {machine}: expected a machine that corrects with it"
                 )));
             }
             target.kept_by = Some(by.to_owned());
@@ -130,10 +143,10 @@ fn rollout(database: &Connection, id: u64) -> Result<Option<Rollout>, Error> {
 }
 
 /// A request and its author.
-type WishBy = (Wish, String);
+type RequestBy = (UserRequest, String);
 
 /// Pending requests of a roll-out, in order.
-fn waiting_wishes(database: &Connection, id: u64) -> Result<Vec<WishBy>, Error> {
+fn pending_requests(database: &Connection, id: u64) -> Result<Vec<RequestBy>, Error> {
     let sql = "SELECT document FROM wishes WHERE rollout = ?1 ORDER BY number";
     documents(database, sql, [id])
 }
@@ -142,19 +155,22 @@ fn waiting_wishes(database: &Connection, id: u64) -> Result<Vec<WishBy>, Error> 
 pub(crate) fn take(
     database: &Connection,
     id: u64,
-) -> Result<Option<(Rollout, Vec<WishBy>)>, Error> {
+) -> Result<Option<(Rollout, Vec<RequestBy>)>, Error> {
     let Some(rollout) = rollout(database, id)? else {
         return Ok(None);
     };
-    let mut wishes = waiting_wishes(database, id)?;
-    if wishes.is_empty() {
-        return Ok(Some((rollout, wishes)));
+    let mut requests = pending_requests(database, id)?;
+    if requests.is_empty() {
+        return Ok(Some((rollout, requests)));
     }
-    if let Some(end) = wishes.iter().position(|(wish, _)| *wish == Wish::Abort) {
-        wishes = vec![wishes.swap_remove(end)];
+    if let Some(end) = requests
+        .iter()
+        .position(|(request, _)| *request == UserRequest::Abort)
+    {
+        requests = vec![requests.swap_remove(end)];
     }
     execute(database, "DELETE FROM wishes WHERE rollout = ?1", [id])?;
-    Ok(Some((rollout, wishes)))
+    Ok(Some((rollout, requests)))
 }
 
 /// Stores the state of a roll-out. A change of its phase is written to the audit log.

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     Error,
     clock::now_s,
-    users::{Moment, Role, Session, Token, User, UserName},
+    users::{BootTime, Role, Session, Token, User, UserName},
 };
 
 const COLUMNS: &str = "name, role, disabled, document, password";
@@ -26,14 +26,14 @@ fn user(row: &Row<'_>) -> Result<User, Error> {
     })
 }
 
-/// Fails if no other admin may log in: then nobody could manage users any more.
+/// Fails if no other admin may log in: then no one could manage users any more.
 fn check_other_admin(database: &Connection, name: &UserName) -> Result<(), Error> {
     let sql = "SELECT count(*) FROM users WHERE role = 'admin' AND disabled = 0 AND name <> ?1";
     if number(database, sql, [name.as_str()])? > 0 {
         return Ok(());
     }
     Err(Error::Conflict(format!(
-        "{name} is the last admin who may log in: make another one first"
+        "{name} is the last admin who may log in: add another one first"
     )))
 }
 
@@ -192,7 +192,7 @@ impl Store {
                     token.hash(),
                     user,
                     session.since.since_boot_s,
-                    session.since.later(Session::LONGEST).since_boot_s,
+                    session.since.later(Session::MAX_DURATION).since_boot_s,
                     document,
                 ],
             )?;
@@ -201,14 +201,14 @@ impl Store {
     }
 
     /// The user of a session, while it is valid and the user may log in. Updates the time of its last use.
-    pub fn session(&self, token: &Token, now: &Moment) -> Result<Option<User>, Error> {
+    pub fn session(&self, token: &Token, now: &BootTime) -> Result<Option<User>, Error> {
         let hash = token.hash();
         let sql = "SELECT document FROM sessions WHERE token_sha256 = ?1";
         let found: Option<Session> = self.read(|database| document(database, sql, [&hash]))?;
         let Some(mut session) = found.filter(|session| session.is_alive(now)) else {
             return Ok(None);
         };
-        if session.is_to_be_noted(now) {
+        if session.needs_last_use_update(now) {
             session.used = now.clone();
             let document = serde_json::to_string(&session)?;
             let sql = "UPDATE sessions SET document = ?2 WHERE token_sha256 = ?1";

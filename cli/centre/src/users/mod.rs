@@ -1,16 +1,17 @@
-//! Users: roles, passwords and sessions, as plain data and rules. `store::users` stores them.
+//! Users: roles, passwords (Argon2id) and sessions, as plain data and rules. `store::users` stores them.
+//!
+//! A session is a random token in the browser and its hash in the store. Its times count from the boot of the computer and are valid only until the
+//! next boot, so setting back the wall clock does not extend a session.
 
-mod password;
-mod session;
 mod throttle;
 
-use std::{fmt, str::FromStr};
+use std::{fmt, str::FromStr, sync::LazyLock, time::Duration};
 
+use argon2::{Argon2, PasswordHasher, PasswordVerifier};
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
 use crate::Error;
-pub use password::{Password, hash, is_right};
-pub use session::{Moment, Session, Token};
 pub use throttle::{Attempt, Throttle};
 pub(crate) use throttle::{REFUSAL_WINDOW, Refusal, Refusals};
 
@@ -117,4 +118,248 @@ pub struct User {
     pub disabled: bool,
     pub added_s: f64,
     pub added_by: String,
+}
+
+/// Minimum length of a password, characters.
+const MIN_CHARACTERS: usize = 12;
+/// Maximum length of a password, bytes: a longer one only costs time.
+const MAX_BYTES: usize = 1024;
+
+/// A password as entered. It is never displayed, not even by `Debug`.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Password(String);
+
+impl Password {
+    /// Validates a newly chosen password.
+    pub fn chosen(text: String) -> Result<Self, Error> {
+        let found = text.chars().count();
+        if found < MIN_CHARACTERS {
+            return Err(Error::Wrong(format!(
+                "the password has {found} characters, expected at least {MIN_CHARACTERS}"
+            )));
+        }
+        Self::entered(text)
+    }
+
+    /// Wraps a password entered at login.
+    pub fn entered(text: String) -> Result<Self, Error> {
+        if text.len() > MAX_BYTES {
+            return Err(Error::Wrong(format!(
+                "the password has {} bytes, expected at most {MAX_BYTES}",
+                text.len()
+            )));
+        }
+        Ok(Self(text))
+    }
+}
+
+impl fmt::Debug for Password {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Password(..)")
+    }
+}
+
+/// Hashes a password with a random salt, in the form `$argon2id$v=19$…` (19 MiB, two passes).
+pub fn hash(password: &Password) -> Result<String, Error> {
+    let hash = Argon2::default().hash_password(password.0.as_bytes());
+    hash.map(|hash| hash.to_string())
+        .map_err(|_| Error::Wrong("the password could not be hashed".to_owned()))
+}
+
+/// Verifies a password. Without a stored hash (unknown user) it takes the same time and returns `false`.
+pub fn is_right(password: &Password, stored: Option<&str>) -> bool {
+    static DUMMY_HASH: LazyLock<Option<String>> =
+        LazyLock::new(|| hash(&Password("of no user".to_owned())).ok());
+    let Some(compared) = stored.or(DUMMY_HASH.as_deref()) else {
+        return false;
+    };
+    let argon2 = Argon2::default();
+    let equal = argon2.verify_password(password.0.as_bytes(), compared);
+    equal.is_ok() && stored.is_some()
+}
+
+/// A time within one boot of the computer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BootTime {
+    /// Boot id of the kernel.
+    pub boot: String,
+    /// Seconds since boot, standby included.
+    pub since_boot_s: f64,
+}
+
+impl BootTime {
+    pub fn now() -> Self {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
+        // Without a boot id only the time counts; it restarts with each boot.
+        let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
+        Self {
+            boot: boot.trim().to_owned(),
+            since_boot_s: time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9,
+        }
+    }
+
+    /// A later time of the same boot.
+    #[must_use]
+    pub fn later(&self, by: Duration) -> Self {
+        Self {
+            boot: self.boot.clone(),
+            since_boot_s: self.since_boot_s + by.as_secs_f64(),
+        }
+    }
+
+    /// Seconds since an earlier time; `None` if that was in another boot, or is not earlier.
+    pub fn since(&self, earlier: &Self) -> Option<f64> {
+        let seconds = self.since_boot_s - earlier.since_boot_s;
+        (self.boot == earlier.boot && seconds >= 0.0).then_some(seconds)
+    }
+}
+
+/// A session of a user.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Session {
+    pub user: UserName,
+    pub since: BootTime,
+    /// Last use, to the minute.
+    pub used: BootTime,
+    /// Address from which the user logged in, for display.
+    pub from: String,
+}
+
+impl Session {
+    /// Idle timeout.
+    pub const IDLE_TIMEOUT: Duration = Duration::from_secs(30 * 60);
+    /// Maximum duration of a session: a working day.
+    pub const MAX_DURATION: Duration = Duration::from_secs(12 * 3600);
+    /// Interval at which the time of its last use is stored.
+    pub const LAST_USE_INTERVAL: Duration = Duration::from_secs(60);
+
+    /// True until a timeout has passed.
+    pub fn is_alive(&self, now: &BootTime) -> bool {
+        let within = |earlier: &BootTime, limit: Duration| {
+            now.since(earlier)
+                .is_some_and(|seconds| seconds <= limit.as_secs_f64())
+        };
+        within(&self.since, Self::MAX_DURATION) && within(&self.used, Self::IDLE_TIMEOUT)
+    }
+
+    /// True if the time of its last use must be stored again.
+    pub fn needs_last_use_update(&self, now: &BootTime) -> bool {
+        now.since(&self.used)
+            .is_some_and(|seconds| seconds >= Self::LAST_USE_INTERVAL.as_secs_f64())
+    }
+}
+
+/// Session token of a browser: 256 random bits. Only its hash is stored.
+#[derive(Clone)]
+pub struct Token(String);
+
+impl Token {
+    /// Generates a token from the random generator of the operating system.
+    pub fn generate() -> Result<Self, getrandom::Error> {
+        let mut bytes = [0; 32];
+        getrandom::fill(&mut bytes)?;
+        Ok(Self(crate::hex(&bytes)))
+    }
+
+    /// Parses a token received from a browser; `None` if it is malformed.
+    pub fn parse(text: &str) -> Option<Self> {
+        let fits = text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+        fits.then(|| Self(text.to_owned()))
+    }
+
+    pub fn text(&self) -> &str {
+        &self.0
+    }
+
+    /// Hash of the token, under which the session is stored. A timing attack on the look-up by hash may reveal part of a hash, but nothing of the
+    /// token.
+    pub fn hash(&self) -> String {
+        crate::hex(&Sha256::digest(self.0.as_bytes()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_same_password_matches() {
+        let of = |text: &str| Password::entered(text.to_owned()).unwrap();
+        let stored = hash(&of("correct horse battery")).unwrap();
+        assert!(
+            stored.starts_with("$argon2id$v=19$m=19456,t=2,p=1$"),
+            "{stored}"
+        );
+        assert!(is_right(&of("correct horse battery"), Some(&stored)));
+        assert!(!is_right(&of("correct horse batterz"), Some(&stored)));
+        assert!(!is_right(&of(""), Some(&stored)));
+        assert!(!is_right(&of("of no user"), None));
+        assert!(!is_right(&of("x"), Some("no hash")));
+        // Another salt each time.
+        assert_ne!(stored, hash(&of("correct horse battery")).unwrap());
+        assert_eq!(format!("{:?}", of("secret")), "Password(..)");
+    }
+
+    #[test]
+    fn too_short_and_too_long_passwords_are_rejected() {
+        let refused = |made: Result<Password, Error>| made.unwrap_err().to_string();
+        let short = refused(Password::chosen("ä".repeat(11)));
+        assert_eq!(
+            short,
+            "the password has 11 characters, expected at least 12"
+        );
+        assert!(Password::chosen("ä".repeat(12)).is_ok());
+        let long = refused(Password::entered("a".repeat(1025)));
+        assert_eq!(long, "the password has 1025 bytes, expected at most 1024");
+    }
+
+    fn session() -> (Session, BootTime) {
+        let now = BootTime {
+            boot: "a".to_owned(),
+            since_boot_s: 1000.0,
+        };
+        let session = Session {
+            user: "anna".parse().unwrap(),
+            since: now.clone(),
+            used: now.clone(),
+            from: String::new(),
+        };
+        (session, now)
+    }
+
+    #[test]
+    fn a_session_ends_idle_after_a_day_and_with_the_boot() {
+        let (mut session, start) = session();
+        let after = |s: u64| start.later(Duration::from_secs(s));
+        assert!(session.is_alive(&after(1800)));
+        assert!(!session.is_alive(&after(1801)));
+        session.used = after(43_000);
+        assert!(session.is_alive(&after(43_200)));
+        assert!(!session.is_alive(&after(43_201)));
+        let other = BootTime {
+            boot: "b".to_owned(),
+            ..after(10)
+        };
+        assert!(!session.is_alive(&other));
+        // A time before the session's start is not of this boot.
+        let before = BootTime {
+            since_boot_s: 999.0,
+            ..start.clone()
+        };
+        assert!(!session.is_alive(&before));
+        let (session, _) = self::session();
+        assert!(
+            !session.needs_last_use_update(&after(59)) && session.needs_last_use_update(&after(60))
+        );
+    }
+
+    #[test]
+    fn tokens_are_random_and_stored_as_hashes() {
+        let [one, other] = [Token::generate().unwrap(), Token::generate().unwrap()];
+        assert_ne!(one.text(), other.text());
+        assert_eq!(one.text().len(), 64);
+        assert_ne!(one.hash(), one.text());
+        assert!(Token::parse(one.text()).is_some());
+        assert!(Token::parse("..").is_none() && Token::parse(&"g".repeat(64)).is_none());
+    }
 }

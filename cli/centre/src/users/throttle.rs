@@ -14,9 +14,9 @@ use std::{
 use serde::Serialize;
 
 /// Wrong passwords for one account from one address within [`WINDOW`] before attempts are delayed.
-const MAX_OF_PAIR: u32 = 5;
+const MAX_WRONG_OF_PAIR: u32 = 5;
 /// The same from one address for any accounts, and for one account from any addresses.
-const MAX_OF_ONE: u32 = 50;
+const MAX_WRONG_OF_ONE: u32 = 50;
 const WINDOW: Duration = Duration::from_secs(60);
 const DELAY: Duration = Duration::from_secs(2);
 /// Maximum number of delayed attempts for one account from one address.
@@ -43,8 +43,8 @@ impl Key {
 
     fn max(&self) -> u32 {
         match self {
-            Self::Pair(..) => MAX_OF_PAIR,
-            Self::Address(_) | Self::Account(_) => MAX_OF_ONE,
+            Self::Pair(..) => MAX_WRONG_OF_PAIR,
+            Self::Address(_) | Self::Account(_) => MAX_WRONG_OF_ONE,
         }
     }
 }
@@ -192,7 +192,7 @@ impl Refusal {
 /// Rejections not yet in the audit log. The first of a kind from an address is recorded immediately, further ones within a minute as one record
 /// with their number.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub(crate) struct Further {
+pub(crate) struct SuppressedRefusals {
     /// Number of rejections.
     pub(crate) count: u64,
     /// Some of the names or paths that were tried.
@@ -203,7 +203,7 @@ type RefusalKey = (Refusal, Option<IpAddr>);
 
 /// Rejections of the current minute. An entry exists exactly while its minute lasts.
 #[derive(Default)]
-pub(crate) struct Refusals(Mutex<HashMap<RefusalKey, Further>>);
+pub(crate) struct Refusals(Mutex<HashMap<RefusalKey, SuppressedRefusals>>);
 
 impl Refusals {
     /// Counts a rejection. Returns a key if it is the first of its minute: then it must be recorded immediately, and further ones by [`Self::take`]
@@ -214,22 +214,24 @@ impl Refusals {
         if counts.len() >= MAX_KEYS && !counts.contains_key(&key) {
             key.1 = None;
         }
-        if let Some(further) = counts.get_mut(&key) {
-            further.count += 1;
-            if further.tried.len() < MAX_OBJECTS {
-                further.tried.insert(object.to_owned());
+        if let Some(suppressed) = counts.get_mut(&key) {
+            suppressed.count += 1;
+            if suppressed.tried.len() < MAX_OBJECTS {
+                suppressed.tried.insert(object.to_owned());
             }
             None
         } else {
-            counts.insert(key, Further::default());
+            counts.insert(key, SuppressedRefusals::default());
             Some(key)
         }
     }
 
     /// Ends a window: the rejections after the first one, if any.
-    pub(crate) fn take(&self, key: RefusalKey) -> Option<Further> {
+    pub(crate) fn take(&self, key: RefusalKey) -> Option<SuppressedRefusals> {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        counts.remove(&key).filter(|further| further.count > 0)
+        counts
+            .remove(&key)
+            .filter(|suppressed| suppressed.count > 0)
     }
 }
 
@@ -283,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_is_recorded_and_the_others_are_counted() {
+    fn the_first_refusal_is_recorded_and_further_ones_counted() {
         let refusals = Refusals::default();
         let [one, other] = ["192.0.2.1", "192.0.2.2"].map(|text| text.parse().unwrap());
         let key = refusals.count(Refusal::Login, one, "anna").unwrap();
@@ -297,8 +299,8 @@ mod tests {
                 .count(Refusal::Forbidden, one, "/api/users")
                 .is_some()
         );
-        let further = refusals.take(key).unwrap();
-        assert_eq!((further.count, further.tried.len()), (59, 8));
+        let suppressed = refusals.take(key).unwrap();
+        assert_eq!((suppressed.count, suppressed.tried.len()), (59, 8));
         assert_eq!(refusals.take(quiet), None);
         assert!(refusals.count(Refusal::Login, one, "anna").is_some());
     }

@@ -30,7 +30,7 @@ with sync_playwright() as playwright:
     page.on("dialog", lambda dialog: errors.append(f"a dialog: {dialog.message}"))
     page.goto(url)
     page.wait_for_selector("#login:not([hidden])")
-    # Nobody is logged in: the browser tells of 401 by itself.
+    # Before login the browser logs the status 401.
     assert all("401" in error for error in errors), errors
     shot(page, "login")
     page.fill("input[name=name]", "engineer")
@@ -54,7 +54,7 @@ with sync_playwright() as playwright:
         assert silent.locator(f"[data-key={key}]").inner_text() == "unknown", key
     page.wait_for_function("document.querySelector('tr[data-machine=mill-0] [data-key=state]').textContent === 'compensating'")
     assert page.locator("tr[data-machine=mill-0] [data-key=correction]").inner_text() == "12.5"
-    # It is sorted by what a person asks for.
+    # Sorting by a column.
     page.click("th[data-key=correction] button")
     page.click("th[data-key=correction] button")
     assert page.get_attribute("th[data-key=correction]", "aria-sort") == "descending"
@@ -78,7 +78,7 @@ with sync_playwright() as playwright:
     assert "12.5" in page.inner_text("#machine-now")
     degc = page.inner_text("#machine-degc")
     assert "<b>spindle</b>" in degc and "broken" in degc, degc
-    # The history says from when to when it goes.
+    # The history shows its period.
     page.wait_for_selector(".period")
     period = page.inner_text(".period")
     assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d to (\d{4}-\d\d-\d\d )?\d\d:\d\d, by the clock of this computer \(UTC.*\)", period), period
@@ -117,7 +117,7 @@ with sync_playwright() as playwright:
         assert all(one - other > 3 for one, other in zip(light, light[1:])), light
         assert "<script>" in page.inner_text("h1")
         assert "dX = " in page.inner_text("#formula")
-        # It can be taken out of the centre: as it is signed, and as tables of a control.
+        # Downloads: the machine file as signed, and tables for a control.
         with page.expect_download() as coming:
             page.click("text=Download the machine file")
         assert "EC0Y = 15.0" in open(coming.value.path()).read()
@@ -149,7 +149,7 @@ with sync_playwright() as playwright:
         page.wait_for_selector(".said.bad:has-text('private'):has-text('tick the box')")
         shot(page, "network")
         errors[:] = [error for error in errors if "400" not in error]
-        # What a server tells of itself is no control: where the make is not known the field is empty, and says what to enter.
+        # An OPC UA server that does not name its control: the field is empty, with a hint.
         devices = [{"address": "192.0.2.17", "port": 4840, "kind": "opc-ua", "answers": True, "control": "", "name": "server", "axes": [], "note": "product urn:server", "proposals": []}]
         latest = {"running": False, "by": "", "subnets": ["192.0.2.17"], "done": 1, "of": 1, "devices": devices}
         page.route("**/api/discovery", lambda route: route.fulfill(json=latest))

@@ -56,8 +56,8 @@ pub(crate) fn run(script: &str, arguments: &[&str]) {
 
 const MODEL: &str = "name = \"mill <script>document.title='hit'</script>\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\n[errors]\nEXX = { poly = [0.0, 0.03] }\nEC0Y = 15.0\n";
 
-/// What a machine says, with texts that would be a script if they were part of the page.
-fn told(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
+/// A machine and its state, with texts that would run as scripts if they became part of the page.
+fn reported(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
     let name = format!("mill-{number}");
     let hostile = "<img src=x onerror=\"document.title='hit'\">".to_owned();
     let machine: Machine = serde_json::from_value(serde_json::json!({
@@ -94,7 +94,7 @@ fn told(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
     (machine, live)
 }
 
-/// A page with so many machines, the last of which is silent; all others go on talking until the flag is set.
+/// A page with `count` machines. The last one is silent; the others send until the flag is set.
 fn shop(count: usize) -> (Page, Arc<AtomicBool>, std::thread::JoinHandle<()>) {
     let page = Page::start();
     let new = NewModel::of_text(
@@ -108,7 +108,7 @@ fn shop(count: usize) -> (Page, Arc<AtomicBool>, std::thread::JoinHandle<()>) {
     .expect("a model");
     page.store.add_model(&new.model, &new.text).expect("stored");
     let lives: Vec<Live> = (0..count)
-        .map(|number| told(&page, number, number + 1 == count).1)
+        .map(|number| reported(&page, number, number + 1 == count).1)
         .collect();
     page.store.put_live(&lives).expect("stored");
     let ends = Arc::new(AtomicBool::new(false));
@@ -135,9 +135,9 @@ fn in_the_browser(count: usize) {
     talks.join().expect("it ended");
 }
 
-/// A roll-out that has stopped by itself says what that means, which machine has what, and how it can go on.
+/// A stopped roll-out shows the consequences, the state of each machine, and the options.
 #[test]
-fn a_roll_out_that_has_stopped_leads_on() {
+fn the_page_of_a_stopped_rollout_shows_machine_states_and_options() {
     let (page, ends, talks) = shop(4);
     let model = page.store.models().expect("read").remove(0);
     let machines: Vec<_> = (0..4)
@@ -171,11 +171,11 @@ fn a_roll_out_that_has_stopped_leads_on() {
 }
 
 #[test]
-fn a_person_sees_three_machines() {
+fn the_page_shows_three_machines() {
     in_the_browser(3);
 }
 
 #[test]
-fn a_person_sees_a_thousand_machines() {
+fn the_page_shows_a_thousand_machines() {
     in_the_browser(1000);
 }

@@ -18,24 +18,24 @@ with sync_playwright() as playwright:
     page.fill("input[name=password]", password)
     page.click("#login button")
     page.wait_for_selector("#shop-table tbody tr")
-    # What it confirms by itself it says.
-    assert "confirms it by itself" in page.inner_text("#notice"), page.inner_text("#notice")
+    # The notice announces automatic confirmations.
+    assert "confirms it automatically" in page.inner_text("#notice"), page.inner_text("#notice")
     shot(page, folder, "demo-shop")
     page.click("tr[data-machine=five-1] a")
     page.wait_for_selector("#machine-now:has-text('known in this simulation only')")
     now = page.inner_text("#machine-now")
-    assert "the error that the model leaves here" in now, now
+    assert "error after correction at this position" in now, now
     page.wait_for_selector("#machine-map canvas.map")
-    assert "has in force, not measured" in page.inner_text("#machine-map .origin")
-    told = """(version) => originOf({ live: version === null ? null : { version }, silent: false, versions: [{ version: 2 }, { version: 1 }] })"""
-    assert [page.evaluate(told, version) for version in (None, 0, 2)] == ["never", "sent", "active"]
+    assert "Computed from the active model of this machine, not measured" in page.inner_text("#machine-map .origin")
+    origins = """(version) => originOf({ live: version === null ? null : { version }, silent: false, versions: [{ version: 2 }, { version: 1 }] })"""
+    assert [page.evaluate(origins, version) for version in (None, 0, 2)] == ["never", "sent", "active"]
     shot(page, folder, "demo-machine")
     page.click("#tabs a[href='#rollouts']")
     page.wait_for_selector("section[data-rollout='3']")
     shot(page, folder, "demo-rollouts")
     page.click("section[data-rollout='1'] a[href^='#model/']")
     page.wait_for_selector("text=nothing was measured")
-    # A machine that was never heard says so; what is drawn of it comes from the model that was sent, and is called so.
+    # A machine without messages is marked; its map is labelled as computed from the sent model.
     model = page.evaluate("location.hash").split("/")[1]
     ask = """async ([path, body]) => {
         const headers = { "X-Volcomp": "1", "Content-Type": "application/json" };

@@ -1,4 +1,4 @@
-//! The command line, without a server: what it prints, and its exit status.
+//! The command line without a server: output and exit status.
 
 use std::{
     io::{BufRead, BufReader},
@@ -35,45 +35,48 @@ pub(crate) fn call(folder: &Path, arguments: &str) -> Called {
     }
 }
 
-/// What a call prints that does what it is asked.
+/// Standard output of a successful call.
 pub(crate) fn done(folder: &Path, arguments: &str) -> String {
     let called = call(folder, arguments);
     assert_eq!(called.status, 0, "{arguments}: {}", called.err);
     called.out
 }
 
-/// A configuration of a centre, whose server nobody asks.
+/// Writes a configuration whose server is never contacted.
 fn configured(folder: &Path) {
-    let text = "[nats]\nurl = \"nats://127.0.0.1:4222\"\n";
+    let text = "[nats]\nurl = \"nats://127.0.0.1:4300\"\n";
     std::fs::write(folder.join("centre.toml"), text).unwrap();
 }
 
-/// Has a call refused as a wrong one, with these words.
-fn wrong(folder: &Path, arguments: &str, told: &str) {
+/// Checks that a call fails with status 2 and this message.
+fn wrong(folder: &Path, arguments: &str, reported: &str) {
     let called = call(folder, arguments);
     assert_eq!(
         called.status, 2,
         "{arguments}: {}{}",
         called.out, called.err
     );
-    assert!(called.err.contains(told), "{arguments}: {}", called.err);
+    assert!(called.err.contains(reported), "{arguments}: {}", called.err);
 }
 
 #[test]
-fn from_nothing_to_a_roll_out() {
+fn keys_machines_models_and_a_rollout_by_command() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let done = |arguments: &str| done(folder, arguments);
-    let wrong = |arguments: &str, told: &str| wrong(folder, arguments, told);
+    let wrong = |arguments: &str, reported: &str| wrong(folder, arguments, reported);
     wrong("check", "centre.toml");
     configured(folder);
     wrong("check", "main.key");
     let public = done("key new main");
     assert!(done("key list").starts_with(public.trim_end()));
-    wrong("key new main", "main.key: there already, kept");
+    wrong("key new main", "main.key: exists and is not replaced");
     wrong("key new ../main", "expected letters");
     done("key nkey centre.nkey");
-    wrong("key nkey centre.nkey", "centre.nkey: there already, kept");
+    wrong(
+        "key nkey centre.nkey",
+        "centre.nkey: exists and is not replaced",
+    );
     let gantry = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/gantry.toml");
     let gantry = gantry.display();
     let add = format!("--site berlin --serial 4711 --like {gantry}");
@@ -90,12 +93,14 @@ fn from_nothing_to_a_roll_out() {
     let checked = done("check");
     assert!(checked.contains("note: mill-2 has no nkey"), "{checked}");
     let server = done("nats-config");
-    assert!(
-        server.contains("volcomp.berlin.mill-1.condition"),
-        "{server}"
-    );
+    for part in [
+        "listen: \"127.0.0.1:4300\"",
+        "volcomp.berlin.mill-1.condition",
+    ] {
+        assert!(server.contains(part), "{part}: {server}");
+    }
     assert!(!server.contains("mill-2"), "{server}");
-    // What a seed is worth to others: nothing that is printed holds one.
+    // The output must not contain a seed.
     let seed = std::fs::read_to_string(folder.join("mill-1.nkey")).unwrap();
     assert!(!server.contains(seed.trim()));
     models_and_roll_outs(folder, &gantry.to_string());
@@ -103,7 +108,7 @@ fn from_nothing_to_a_roll_out() {
 
 fn models_and_roll_outs(folder: &Path, gantry: &str) {
     let done = |arguments: &str| done(folder, arguments);
-    let wrong = |arguments: &str, told: &str| wrong(folder, arguments, told);
+    let wrong = |arguments: &str, reported: &str| wrong(folder, arguments, reported);
     let added = done(&format!("model add {gantry} --measured 2026-11-20"));
     let model = added
         .lines()
@@ -123,13 +128,13 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
         "expected a day",
     );
     assert!(done("model list").contains("2026-11-20"));
-    // The day of a model that is there is put right.
+    // The measurement day of a stored model is corrected.
     let again = done(&format!("model add {gantry} --measured 2026-11-21"));
     assert!(
-        again.contains("it was there already; measured on 2026-11-21"),
+        again.contains("already stored; measured on 2026-11-21"),
         "{again}"
     );
-    assert!(done(&format!("model add {gantry}")).contains("(it was there already)"));
+    assert!(done(&format!("model add {gantry}")).contains("(already stored)"));
     let listed = done("model list");
     assert!(
         listed.contains("2026-11-21") && !listed.contains("2026-11-20"),
@@ -144,24 +149,24 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
         &format!("rollout start --model {short} --machine mill-9"),
         "found no machine",
     );
-    // A model is measured on one machine: that all get it is said in so many words.
+    // A model is measured on one machine: `--all` must be confirmed explicitly.
     wrong(
         &format!("rollout start --model {short} --all"),
         "found 2 machines with the structure and the axes",
     );
     let started = done(&format!("rollout start --model {short} --all --same-model"));
     assert!(started.contains("roll-out 1"), "{started}");
-    assert!(started.contains("note: they get one model"), "{started}");
+    assert!(
+        started.contains("note: all receive the same model"),
+        "{started}"
+    );
     wrong(
         &format!("rollout start --model {short} --machine mill-1"),
         "roll-out 1",
     );
-    wrong("rollout keep 1 mill-1", "roll-out 1 goes on or is done");
+    wrong("rollout keep 1 mill-1", "roll-out 1 is running or done");
     wrong("rollout keep 7 mill-1", "found no roll-out 7");
-    wrong(
-        "model back mill-1",
-        "found no model that it has had in force before",
-    );
+    wrong("model back mill-1", "found no model that was active before");
     wrong("model back mill-7", "mill-7: found no model");
     let status = done("rollout status 1");
     assert!(
@@ -177,16 +182,15 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
     );
     done("machine remove mill-2");
     wrong("machine remove mill-2", "found no machine");
-    // A secret that others can read is none.
+    // A secret that other users can read is rejected.
     let open = std::fs::Permissions::from_mode(0o644);
     std::fs::set_permissions(folder.join("keys/main.key"), open).unwrap();
     wrong("check", "expected 600");
 }
 
-/// A roll-out that has stopped, or is over, sends no confirmed change: before, the call said that it was taken up, and nothing
-/// came of it.
+/// A stopped or finished roll-out sends no confirmed change, so the call must fail.
 #[test]
-fn a_confirmation_that_would_come_to_nothing_is_refused() {
+fn a_confirmation_without_effect_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     configured(folder);
@@ -218,12 +222,12 @@ fn a_confirmation_that_would_come_to_nothing_is_refused() {
         assert!(called.err.contains(words), "{}", called.err);
     };
     refused(stopped, "mill-1", "abcd", "`rollout resume 1`");
-    refused(ended, "mill-2", "abcd", "is over, and nothing more is sent");
+    refused(ended, "mill-2", "abcd", "is over and sends nothing");
     refused(
         running,
         "mill-1",
         "abcd",
-        "mill-1 has no turn in roll-out 3",
+        "mill-1 is not a machine of roll-out 3",
     );
     refused(
         running,
@@ -231,21 +235,14 @@ fn a_confirmation_that_would_come_to_nothing_is_refused() {
         "abce",
         "found the hash abce, expected abcd",
     );
-    assert!(
-        done(folder, &format!("rollout confirm {running} mill-3 abcd")).contains("takes it up")
-    );
+    assert!(done(folder, &format!("rollout confirm {running} mill-3 abcd")).contains("applies it"));
     done(folder, &format!("rollout stop {running}"));
-    refused(
-        running,
-        "mill-3",
-        "abcd",
-        "is over, and nothing more is sent",
-    );
+    refused(running, "mill-3", "abcd", "is over and sends nothing");
 }
 
-/// What there is nothing of, what was there before, and one of something.
+/// Empty lists, existing files and singular forms.
 #[test]
-fn what_is_empty_or_there_already_is_told_in_a_sentence() {
+fn empty_lists_and_existing_files_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let done = |arguments: &str| done(folder, arguments);
@@ -253,17 +250,21 @@ fn what_is_empty_or_there_already_is_told_in_a_sentence() {
     std::fs::write(folder.join("mill.toml"), crate::support::model_text(7)).unwrap();
     done("key new main");
     done("tls-init localhost");
-    wrong(folder, "tls-init localhost", "key.pem: there already, kept");
+    wrong(
+        folder,
+        "tls-init localhost",
+        "key.pem: exists and is not replaced",
+    );
     assert_eq!(done("rollout status"), "there is no roll-out yet\n");
     done("machine add mill-1 --site berlin --serial 1 --like mill.toml");
     let drift = done("model drift mill-1");
-    let told = "mill-1 has had no model yet: there is nothing to compare\n";
-    assert_eq!(drift, told);
+    let reported = "mill-1 has had no model yet\n";
+    assert_eq!(drift, reported);
     let model = done("model add mill.toml");
     let model = &model.lines().last().unwrap()[..8];
     let started = done(&format!("rollout start --model {model} --all"));
     assert!(started.contains("to 1 machine is started"), "{started}");
-    // Times as dates, and one document for programs.
+    // Dates in the text output; one JSON document.
     let year = &volcomp_centre::clock::date(volcomp_centre::clock::now_s())[..5];
     let log = done("audit");
     assert!(log.contains(&format!("  {year}")), "{log}");
@@ -271,10 +272,10 @@ fn what_is_empty_or_there_already_is_told_in_a_sentence() {
     assert_eq!(records[0]["action"], "rollout.start", "{records}");
 }
 
-/// docs/src/fleet.md: "A stolen nkey is taken out by `machine remove` or by a new one (`machine add … --new-nkey`)". A machine that a
-/// person has disabled stays so, and what is not named stays as it is.
+/// docs/src/fleet.md: "**A stolen nkey:** run `machine remove`, or issue a new one (`machine add … --new-nkey`)". The machine stays disabled,
+/// and unstated fields keep their values.
 #[test]
-fn a_machine_that_is_added_again_keeps_what_is_not_named() {
+fn adding_a_machine_again_keeps_unstated_fields() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let done = |arguments: &str| done(folder, arguments);
@@ -286,7 +287,10 @@ fn a_machine_that_is_added_again_keeps_what_is_not_named() {
         "{add} --new-nkey one.nkey --due-days 365 --condition-s 10 --canary --note old --address 10.0.0.7"
     ));
     let noted = done("machine disable mill-1");
-    assert!(noted.contains("it is noted"), "{noted}");
+    assert!(
+        noted.contains("recorded: mill-1 must not be corrected"),
+        "{noted}"
+    );
     let machine = || -> serde_json::Value {
         serde_json::from_str::<Vec<serde_json::Value>>(&done("machine list --json")).unwrap()[0]
             .take()
@@ -294,7 +298,7 @@ fn a_machine_that_is_added_again_keeps_what_is_not_named() {
     let before = machine();
     done(&format!("{add} --new-nkey two.nkey --note new"));
     let after = machine();
-    assert_eq!(after["enable"], false, "a person had disabled it");
+    assert_eq!(after["enable"], false, "the user had disabled it");
     assert_ne!(after["nkey"], before["nkey"]);
     assert_eq!(after["note"], "new");
     for key in ["due_days", "condition_s", "canary", "address", "serial"] {
@@ -302,9 +306,9 @@ fn a_machine_that_is_added_again_keeps_what_is_not_named() {
     }
 }
 
-/// What the page refuses, the command line does, and a seed in place of the public nkey is not said again.
+/// The command line rejects the same records as the web interface, and does not print a seed given instead of a public nkey.
 #[test]
-fn a_machine_that_makes_no_sense_is_not_registered() {
+fn invalid_machines_are_rejected_without_showing_a_seed() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     configured(folder);
@@ -328,12 +332,12 @@ fn a_machine_that_makes_no_sense_is_not_registered() {
     );
 }
 
-/// A centre without a server says so once, with its address; a second one says whose place is taken.
+/// A centre without a server reports its address once; a second centre reports that the port is in use.
 #[test]
-fn what_is_in_the_way_of_running_is_told_once_with_its_address() {
+fn an_unreachable_server_and_a_used_port_are_reported_once() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    // Of two ports that are taken nobody answers on the first: it is closed again.
+    // A free port: it is closed again, so connections are refused.
     let free = TcpListener::bind("127.0.0.1:0").unwrap();
     let server = free.local_addr().unwrap();
     drop(free);
@@ -354,14 +358,14 @@ fn what_is_in_the_way_of_running_is_told_once_with_its_address() {
         .spawn()
         .unwrap();
     let mut lines = BufReader::new(running.stderr.take().unwrap()).lines();
-    let told = format!("the server is not reached: found nothing at nats://{server}");
-    let first = lines.find(|line| line.as_ref().unwrap().contains(&told));
+    let reported = format!("the NATS server cannot be reached: found none at nats://{server}");
+    let first = lines.find(|line| line.as_ref().unwrap().contains(&reported));
     std::thread::sleep(Duration::from_secs(3));
     running.kill().unwrap();
     running.wait().unwrap();
     let others: Vec<String> = lines.map(Result::unwrap).collect();
     assert!(first.is_some(), "{others:?}");
-    let again = |line: &String| line.contains("not reached") || line.contains("IO error");
+    let again = |line: &String| line.contains("cannot be reached") || line.contains("IO error");
     assert!(!others.iter().any(again), "{others:?}");
 
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -370,12 +374,12 @@ fn what_is_in_the_way_of_running_is_told_once_with_its_address() {
     std::fs::write(folder.join("centre.toml"), config).unwrap();
     let called = call(folder, "run");
     assert_eq!(called.status, 1, "{}", called.err);
-    let told = format!("the page cannot be served on {page}: another program has it");
-    assert!(called.err.contains(&told), "{}", called.err);
+    let reported = format!("the web interface cannot listen on {page}: another program uses it");
+    assert!(called.err.contains(&reported), "{}", called.err);
 }
 
 #[test]
-fn two_models_are_compared() {
+fn model_diff_prints_the_changed_lines() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     configured(folder);
@@ -387,14 +391,14 @@ fn two_models_are_compared() {
     };
     let (one, other) = (add(7), add(9));
     let diff = done(folder, &format!("model diff {one} {other}"));
-    // Before it stands the checksum of each.
+    // The first two lines are the checksums.
     assert_eq!(diff.lines().count(), 4, "{diff}");
     assert!(diff.ends_with("\n- EC0Y = 7.0\n+ EC0Y = 9.0\n"), "{diff}");
 }
 
-/// A model leaves the centre byte by byte as it came, and no file is replaced by it.
+/// A downloaded model equals the added file, and no existing file is replaced.
 #[test]
-fn a_model_is_shown_and_downloaded() {
+fn model_show_and_model_download() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     configured(path);
@@ -422,14 +426,14 @@ fn a_model_is_shown_and_downloaded() {
     wrong(
         path,
         &format!("model download {sha256} -o m.toml"),
-        "m.toml: is there already",
+        "m.toml: exists",
     );
     assert_eq!(std::fs::read_to_string(path.join("m.toml")).unwrap(), text);
 }
 
-/// The first hour of the book names the model of the example by the beginning of its checksum.
+/// The book names the example model by the beginning of its checksum.
 #[test]
-fn the_first_hour_names_the_model_of_the_example() {
+fn the_book_quotes_the_checksum_of_the_example_model() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let root = volcomp_test_support::root();

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use volcomp_centre::{config::Config, rollout::Rules, store::Keep};
+use volcomp_centre::{config::Config, rollout::Rules, store::Retention};
 
 fn read(text: &str) -> Result<Config, String> {
     let folder = tempfile::tempdir().unwrap();
@@ -12,8 +12,8 @@ fn read(text: &str) -> Result<Config, String> {
     Config::read(&file).map_err(|e| strip(e.to_string()))
 }
 
-/// The block of the book with every key.
-fn of_the_book() -> String {
+/// The configuration example of the book with every key.
+fn book_example() -> String {
     let book = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/src/fleet.md");
     let book = std::fs::read_to_string(book).unwrap();
     let blocks = book.split("```toml\n").skip(1);
@@ -24,40 +24,55 @@ fn of_the_book() -> String {
 
 #[test]
 fn the_book_shows_every_key_with_its_default() {
-    let shown = read(&of_the_book()).unwrap();
+    let shown = read(&book_example()).unwrap();
     let bare = read("[nats]\nurl = \"nats://127.0.0.1:4222\"\n").unwrap();
-    assert_eq!(shown.keep, Keep::default());
+    assert_eq!(shown.keep, Retention::default());
     assert_eq!(shown.keep, bare.keep);
     assert_eq!(shown.rollout, Rules::default());
     assert_eq!(shown.rollout, bare.rollout);
-    assert_eq!(shown.nats.keeping(), bare.nats.keeping());
+    assert_eq!(shown.nats.stream_retention(), bare.nats.stream_retention());
     assert_eq!(shown.nats.url, bare.nats.url);
     assert_eq!(shown.keys.sign_with, bare.keys.sign_with);
     assert!(shown.store.file.ends_with("centre.db"));
     assert_eq!(shown.store.file.file_name(), bare.store.file.file_name());
-    // Every key that the program names where one is unknown stands in the book.
+    // The book lists every key that the program accepts.
     for table in ["nats", "store", "keep", "keys", "rollout", "server"] {
         let text = format!("[nats]\nurl = \"nats://a:1\"\n[{table}]\n").replace(
             "[nats]\nurl = \"nats://a:1\"\n[nats]\n",
             "[nats]\nurl = \"nats://a:1\"\n",
         );
-        let told = read(&format!("{text}zzzzzzzz = 1\n")).unwrap_err();
-        let expected = told.split("expected").nth(1).unwrap();
-        let block = of_the_book();
+        let reported = read(&format!("{text}zzzzzzzz = 1\n")).unwrap_err();
+        let expected = reported.split("expected").nth(1).unwrap();
+        let block = book_example();
         let section = block.split(&format!("[{table}]")).nth(1).unwrap();
         let section = section.split("\n[").next().unwrap();
         for key in expected.split(|c: char| !c.is_ascii_lowercase() && c != '_') {
             if key.len() > 1 && key != "one" && key != "of" && key != "or" && key != "and" {
-                assert!(section.contains(key), "{table}.{key}: {told}");
+                assert!(section.contains(key), "{table}.{key}: {reported}");
             }
         }
     }
 }
 
+/// `nats-config` writes a server that the centre reaches at its `url`.
 #[test]
-fn mistakes_are_named_with_their_place() {
+fn the_nats_server_listens_on_the_port_of_the_url() {
+    for (url, server, listen) in [
+        ("nats://127.0.0.1:4300", "", "127.0.0.1:4300"),
+        ("tls://a:4300,tls://b:4301", "", "127.0.0.1:4300"),
+        ("nats://127.0.0.1", "", "127.0.0.1:4222"),
+        // A stated address stays: behind a proxy the port differs.
+        ("tls://a:443", "listen = \"0.0.0.0:4222\"", "0.0.0.0:4222"),
+    ] {
+        let config = read(&format!("[nats]\nurl = {url:?}\n[server]\n{server}\n"));
+        assert_eq!(config.unwrap().server_listen(), listen, "{url}");
+    }
+}
+
+#[test]
+fn configuration_errors_name_line_and_key() {
     let nats = "[nats]\nurl = \"nats://a:1\"\n";
-    for (text, told) in [
+    for (text, reported) in [
         ("", "centre.toml"),
         (
             "[nats]\nreplicas = 2\nurl = \"nats://a:1\"\n",
@@ -69,11 +84,11 @@ fn mistakes_are_named_with_their_place() {
         ),
         (
             "[rollout]\nwaves = [50, 20]\n[nats]\nurl = \"nats://a:1\"\n",
-            "centre.toml:2: rollout.waves: found [50, 20], expected percentages from 1 on that rise to 100",
+            "centre.toml:2: rollout.waves: found [50, 20], expected percentages from 1, ascending to 100",
         ),
         (
             "[rollout]\nwaves = [50]\n[nats]\nurl = \"nats://a:1\"\n",
-            "rise to 100",
+            "ascending to 100",
         ),
         (
             "[server]\nkey = \"a\"\n[nats]\nurl = \"nats://a:1\"\n",
@@ -89,7 +104,7 @@ fn mistakes_are_named_with_their_place() {
         ),
     ] {
         let found = read(text).unwrap_err();
-        assert!(found.contains(told), "{text}: {found}");
+        assert!(found.contains(reported), "{text}: {found}");
     }
     assert!(read(nats).is_ok());
 }

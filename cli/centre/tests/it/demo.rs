@@ -1,4 +1,4 @@
-//! The demonstration: it shows three machines that correct, and leaves nothing behind.
+//! The demonstration: three simulated machines compensate, and its folder is removed at the end.
 
 use std::{
     io::{Read, Write},
@@ -13,7 +13,7 @@ use volcomp_test_support::{peers, until};
 
 use crate::browser;
 
-/// What a person sees of it.
+/// State as shown to the user.
 fn in_the_browser(url: &str, password: &str) {
     browser::run("browser_demo.py", &[url, password]);
 }
@@ -27,7 +27,7 @@ fn ask(address: SocketAddr, request: &str) -> String {
 }
 
 #[test]
-fn three_machines_correct_and_nothing_is_left() {
+fn the_demonstration_corrects_three_machines_and_removes_its_folder() {
     if server::program().is_none() {
         peers::not_run("nats-server");
         return;
@@ -62,7 +62,7 @@ fn three_machines_correct_and_nothing_is_left() {
         let (_, body) = answer.split_once("\r\n\r\n").unwrap_or_default();
         serde_json::from_str::<serde_json::Value>(body).unwrap_or_default()
     };
-    // As on real machines: a first model moves the axes far, and corrects nothing before somebody has confirmed it.
+    // As on real machines: a first model moves the axes far, and must be confirmed before it corrects.
     until("three models wait", Duration::from_secs(180), || {
         let rollouts = get("/api/rollouts");
         let rollouts = rollouts.as_array().cloned().unwrap_or_default();
@@ -84,11 +84,16 @@ fn three_machines_correct_and_nothing_is_left() {
     // The model knows of no error but half a step of 1 µm an axis; the machine has 8 % more than its model, which only the
     // simulation knows.
     let mut machine = serde_json::Value::Null;
-    until("the true error is told", Duration::from_secs(60), || {
-        machine = get("/api/machines/mill-1");
-        let told = machine["live"]["condition"]["residual_um"].as_f64();
-        machine["live"]["condition"]["state"] == "compensating" && told.is_some_and(|um| um < 1.0)
-    });
+    until(
+        "the true error is reported",
+        Duration::from_secs(60),
+        || {
+            machine = get("/api/machines/mill-1");
+            let reported = machine["live"]["condition"]["residual_um"].as_f64();
+            machine["live"]["condition"]["state"] == "compensating"
+                && reported.is_some_and(|um| um < 1.0)
+        },
+    );
     let truth = &machine["telemetry"]["state"]["body"];
     let truth = if truth.is_null() {
         &machine["telemetry"]["state"]

@@ -15,7 +15,7 @@ use std::{
 
 use proptest::prelude::*;
 use volcomp_centre::discover::{
-    Device, Kind, NotSearched, Search, Subnet, parse_identification, proposals, table,
+    Device, Kind, Search, Subnet, SubnetError, parse_identification, proposals, table,
 };
 use volcomp_focas::simulator::{Options, Simulator, World};
 
@@ -43,7 +43,7 @@ impl Peer {
         Self { address, ends }
     }
 
-    /// One that sends this, whatever it is told.
+    /// A service that sends these bytes, whatever it receives.
     fn says(bytes: &'static [u8]) -> Self {
         Self::start(move |mut stream| {
             let mut some = [0; 64];
@@ -86,7 +86,7 @@ fn search(ports: &[(Kind, u16)], answer_within: Duration) -> Vec<Device> {
 const LONG: Duration = Duration::from_secs(60);
 
 #[test]
-fn a_control_tells_its_axes_and_they_are_a_proposal() {
+fn a_control_with_axes_yields_structure_proposals() {
     let world = World::new(&['X', 'Y', 'Z', 'A', 'C']);
     let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("a port");
     let found = search(&[(Kind::Focas, control.address().port())], LONG);
@@ -95,7 +95,7 @@ fn a_control_tells_its_axes_and_they_are_a_proposal() {
     assert!(device.answers, "{device:?}");
     assert!(device.control.starts_with("FANUC"), "{device:?}");
     assert_eq!(device.axes, ['X', 'Y', 'Z', 'A', 'C']);
-    // Twenty-four types have these axes; several of them are told, and none is taken.
+    // Twenty-four types have these axes; several are proposed, and none is chosen.
     assert_eq!(device.proposals.len(), 24);
     assert_eq!(device.structure, None);
     let text = table(&found);
@@ -105,11 +105,11 @@ fn a_control_tells_its_axes_and_they_are_a_proposal() {
     );
     let json = serde_json::to_value(&found).expect("JSON");
     assert_eq!(json[0]["kind"], "focas");
-    // Nothing was written.
+    // No write function was requested.
     assert!(control.world().shifts().iter().all(|shift| *shift == 0.0));
 }
 
-/// A Modbus server that answers read device identification, and remembers every function that it was asked for.
+/// A Modbus server that answers read device identification, and records every requested function.
 fn modbus(functions: Arc<Mutex<Vec<u8>>>) -> Peer {
     Peer::start(move |mut stream| {
         let mut request = [0; 11];
@@ -126,14 +126,14 @@ fn modbus(functions: Arc<Mutex<Vec<u8>>>) -> Peer {
 }
 
 #[test]
-fn a_module_tells_its_type_and_is_only_read() {
+fn a_modbus_module_is_identified_by_reads_only() {
     let functions = Arc::default();
     let module = modbus(Arc::clone(&functions));
     let found = search(&[(Kind::Modbus, module.port())], LONG);
     assert_eq!(found[0].control, "Vendor PT-8");
     assert_eq!(found[0].note, "revision 1.2");
     assert_eq!(*functions.lock().expect("ours"), [0x2b]);
-    // One that does not have the function is a module all the same.
+    // A module without the function is still a module.
     let plain = Peer::start(|mut stream| {
         let mut request = [0; 11];
         while stream.read_exact(&mut request).is_ok() {
@@ -148,9 +148,9 @@ fn a_module_tells_its_type_and_is_only_read() {
     );
 }
 
-/// Things that hang, lie, or answer garbage on every port: each is told as something else, in bounded time, with harmless text.
+/// Services that hang, lie, or send garbage: each is reported as another service, in bounded time, with sanitized text.
 #[test]
-fn what_hangs_lies_or_answers_garbage_is_told_as_such() {
+fn hanging_and_garbage_services_are_reported_as_other_services() {
     let silent = Peer::start(|stream| {
         let _ = stream.set_read_timeout(Some(LONG));
         let mut stream = stream;
@@ -179,7 +179,7 @@ fn what_hangs_lies_or_answers_garbage_is_told_as_such() {
 }
 
 #[test]
-fn where_nobody_listens_nothing_is_found() {
+fn closed_ports_yield_no_devices() {
     let port = volcomp_test_support::free_port();
     assert!(search(&[(Kind::Focas, port)], LONG).is_empty());
     assert_eq!(table(&[]), "Nothing was found.\n");
@@ -187,7 +187,7 @@ fn where_nobody_listens_nothing_is_found() {
 
 /// A server of OPC UA is found by its port alone.
 #[test]
-fn an_open_port_of_opc_ua_is_asked_nothing() {
+fn an_open_opc_ua_port_is_not_queried() {
     let (sends, received) = mpsc::channel();
     let sends = Mutex::new(sends);
     let server = Peer::start(move |mut stream| {
@@ -196,14 +196,14 @@ fn an_open_port_of_opc_ua_is_asked_nothing() {
     });
     let found = search(&[(Kind::OpcUa, server.port())], LONG);
     let device = &found[0];
-    assert_eq!(device.note, "its port is open; it was asked nothing");
+    assert_eq!(device.note, "its port is open; it was not queried");
     assert_eq!(received.recv_timeout(LONG), Ok(0));
     assert!(device.axes.is_empty() && device.proposals.is_empty());
 }
 
-/// A gateway as it answers on its port: the page, then the state of its machine.
+/// A simulated gateway: serves the page, then the state of its machine.
 #[test]
-fn a_gateway_tells_its_machine_or_that_it_needs_a_token() {
+fn a_gateway_reports_its_machine_or_requires_a_token() {
     let answers = |state: &'static str| {
         Peer::start(move |mut stream| {
             let mut request = [0; 2048];
@@ -262,20 +262,20 @@ fn only_stated_private_subnets_are_searched() {
         "192.0.3.0/24",
     ] {
         assert!(
-            matches!(check(public, false), Err(NotSearched::Public { .. })),
+            matches!(check(public, false), Err(SubnetError::Public { .. })),
             "{public}"
         );
         assert_eq!(check(public, true), Ok(()), "{public}");
     }
     for large in ["10.0.0.0/8", "192.168.0.0/15", "0.0.0.0/0"] {
         assert!(
-            matches!(check(large, true), Err(NotSearched::TooLarge { .. })),
+            matches!(check(large, true), Err(SubnetError::TooLarge { .. })),
             "{large}"
         );
     }
     for reserved in ["224.0.0.1", "255.255.255.255", "0.0.0.0/24", "240.0.0.0/16"] {
         assert!(
-            matches!(check(reserved, true), Err(NotSearched::Reserved { .. })),
+            matches!(check(reserved, true), Err(SubnetError::Reserved { .. })),
             "{reserved}"
         );
     }
@@ -290,7 +290,7 @@ fn only_stated_private_subnets_are_searched() {
         "192.168.1.0/24/1",
     ] {
         assert!(
-            matches!(wrong.parse::<Subnet>(), Err(NotSearched::Unreadable { .. })),
+            matches!(wrong.parse::<Subnet>(), Err(SubnetError::Unreadable { .. })),
             "{wrong}"
         );
     }
@@ -316,7 +316,7 @@ fn only_stated_private_subnets_are_searched() {
 }
 
 #[test]
-fn axes_are_proposals_and_never_more_than_they_say() {
+fn axis_names_yield_structure_proposals() {
     let three = proposals(&['X', 'Y', 'Z']);
     assert_eq!(three.len(), 4);
     assert!(three.iter().any(|one| one.structure == "w X' b Y Z t"));
@@ -324,7 +324,7 @@ fn axes_are_proposals_and_never_more_than_they_say() {
     assert_eq!(proposals(&['Z', 'Y', 'X', 'X', 'S', '?']), three);
     assert!(
         proposals(&['X', 'Z']).is_empty(),
-        "a lathe is none of the types"
+        "a lathe has none of the types"
     );
     assert!(proposals(&['X', 'Y', 'Z', 'C']).is_empty());
     assert!(proposals(&['X', 'Y', 'Z', 'A', 'B', 'C']).is_empty());
@@ -341,7 +341,7 @@ fn axes_are_proposals_and_never_more_than_they_say() {
 proptest! {
     /// Bytes from the wire never make the decoder panic.
     #[test]
-    fn the_decoder_takes_any_bytes(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
+    fn the_identification_decoder_accepts_any_bytes(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
         let _ = parse_identification(&bytes);
     }
 }

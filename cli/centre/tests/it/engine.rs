@@ -1,4 +1,4 @@
-//! The whole: a centre, a real `nats-server`, gateways; and what happens when parts of it fail.
+//! End to end: a centre, a real `nats-server` and gateways, and failures of each.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -7,14 +7,14 @@ use std::{
 
 use volcomp_centre::{
     records::AlarmKind,
-    rollout::{Phase, Rules, Wish},
+    rollout::{Phase, Rules, Step, UserRequest},
 };
-use volcomp_fleet::Kind;
+use volcomp_fleet::{Acknowledgement, Kind, ModelRef, Outcome};
 
 use crate::{
-    gateway::{self, Told},
+    gateway::{self, GatewayState},
     shop::{LONG, Shop, Wire, soak, stored, until},
-    support::{condition, envelope, received, tell},
+    support::{condition, envelope, model, received, tell},
 };
 
 fn quick() -> Rules {
@@ -27,34 +27,37 @@ fn quick() -> Rules {
 }
 
 /// Every condition that the server has acknowledged to a gateway is stored, once.
-async fn all_is_stored(shop: &Shop, gateways: Vec<(Told, tokio::task::JoinHandle<()>)>) {
-    for (place, (told, task)) in gateways.into_iter().enumerate() {
-        // One that is under way may be stored although nobody was told.
+async fn all_is_stored(shop: &Shop, gateways: Vec<(GatewayState, tokio::task::JoinHandle<()>)>) {
+    for (place, (reported, task)) in gateways.into_iter().enumerate() {
+        // A message in flight may be stored although its acknowledgement was not received.
         task.abort();
         let _ = task.await;
-        let told = told.conditions();
+        let reported = reported.conditions();
         let machine = format!("mill-{place}");
         until("everything is stored", || {
-            stored(shop.folder.path(), &machine) >= told
+            stored(shop.folder.path(), &machine) >= reported
         })
         .await;
         let stored = stored(shop.folder.path(), &machine);
-        assert!(stored <= told + 1, "{machine}: {stored} stored of {told}");
+        assert!(
+            stored <= reported + 1,
+            "{machine}: {stored} stored of {reported}"
+        );
     }
 }
 
 #[test]
-fn a_model_is_rolled_out_and_what_machines_say_is_stored() {
+fn a_rollout_completes_and_all_messages_are_stored() {
     Shop::run(1, 4, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let gateways: Vec<_> = (0..4).map(|place| shop.gateway(place)).collect();
         let id = shop.roll_out(7, quick());
         shop.until_done(id).await;
-        for (told, _) in &gateways {
-            assert_eq!(told.version(), 1);
-            assert_eq!(told.refused.load(Ordering::Relaxed), 0);
+        for (reported, _) in &gateways {
+            assert_eq!(reported.version(), 1);
+            assert_eq!(reported.refused.load(Ordering::Relaxed), 0);
         }
-        until("each answer stands at its version", || {
+        until("each outcome is stored", || {
             let versions = shop.store.newest_versions().unwrap();
             versions
                 .values()
@@ -63,7 +66,7 @@ fn a_model_is_rolled_out_and_what_machines_say_is_stored() {
                 == 4
         })
         .await;
-        until("each whole state is there", || {
+        until("each telemetry is stored", || {
             let mut machines = shop.machines.iter();
             machines.all(|(machine, _)| {
                 let telemetry = shop.store.telemetry(&machine.identity.machine);
@@ -74,14 +77,17 @@ fn a_model_is_rolled_out_and_what_machines_say_is_stored() {
         })
         .await;
         all_is_stored(shop, gateways).await;
-        until("silence is told", || shop.is_open(AlarmKind::Silent)).await;
+        until("silence raises an alarm", || {
+            shop.is_open(AlarmKind::Silent)
+        })
+        .await;
         centre.end().await;
     });
 }
 
-/// The centre is ended in the middle of a roll-out and started again: it goes on from the store.
+/// The centre is restarted during a roll-out and continues from the store.
 #[test]
-fn a_centre_that_is_started_again_goes_on() {
+fn a_restarted_centre_continues_the_rollout() {
     Shop::run(1, 4, async |shop| {
         let gateways: Vec<_> = (0..4).map(|place| shop.gateway(place)).collect();
         let centre = shop.centre(&shop.url()).await;
@@ -90,24 +96,28 @@ fn a_centre_that_is_started_again_goes_on() {
         until("the first has it", || gateways[0].0.version() == 1).await;
         centre.end().await;
         assert_eq!(state().phase, Phase::Running);
-        let told = |place: usize| gateways[place].0.version();
-        assert_eq!(told(3), 0, "not all of them");
-        // What the machines say while there is no centre waits at the server.
+        let reported = |place: usize| gateways[place].0.version();
+        assert_eq!(reported(3), 0, "not all of them");
+        // Messages sent while the centre is down wait at the server.
         let before = gateways[1].0.conditions();
-        until("they go on telling", || {
+        until("they keep sending", || {
             gateways[1].0.conditions() > before + 10
         })
         .await;
         let centre = shop.centre(&shop.url()).await;
         until("the roll-out is done", || state().phase == Phase::Done).await;
-        assert_eq!((0..4).map(told).collect::<Vec<_>>(), [1; 4], "each once");
+        assert_eq!(
+            (0..4).map(reported).collect::<Vec<_>>(),
+            [1; 4],
+            "each once"
+        );
         all_is_stored(shop, gateways).await;
         centre.end().await;
     });
 }
 
 #[test]
-fn a_rise_of_the_residual_stops_the_roll_out_by_itself() {
+fn a_risen_residual_stops_the_rollout() {
     Shop::run(1, 3, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let mut gateways = Vec::new();
@@ -115,23 +125,26 @@ fn a_rise_of_the_residual_stops_the_roll_out_by_itself() {
         for place in 0..3 {
             let plan = shop.plan(place, &format!("run-{place}"));
             residuals.push(Arc::clone(&plan.residual_um));
-            let told = Told::default();
-            gateways.push((told.clone(), tokio::spawn(gateway::run(plan, told))));
+            let reported = GatewayState::default();
+            gateways.push((reported.clone(), tokio::spawn(gateway::run(plan, reported))));
         }
-        until("all are heard", || shop.store.live().unwrap().len() == 3).await;
+        until("all have sent a condition", || {
+            shop.store.live().unwrap().len() == 3
+        })
+        .await;
         let id = shop.roll_out(7, soak(600.0));
         until("the first has it", || gateways[0].0.version() == 1).await;
         *residuals[0].lock().unwrap() = 40.0;
         shop.until_stopped(id, "residual").await;
-        until("a person is told", || shop.is_open(AlarmKind::Rollout)).await;
+        until("an alarm is raised", || shop.is_open(AlarmKind::Rollout)).await;
         assert_eq!(gateways[1].0.version(), 0);
         all_is_stored(shop, gateways).await;
         centre.end().await;
     });
 }
 
-/// A thief of the credentials of one machine has an answer of the server stored under another's key: the machine refuses it,
-/// and the centre puts its own value back.
+/// A thief of one machine's credentials gets a server response stored under another machine's key: the machine rejects it, and the
+/// centre restores its own value.
 #[test]
 fn a_foreign_value_is_replaced() {
     Shop::run(1, 2, async |shop| {
@@ -155,16 +168,16 @@ fn a_foreign_value_is_replaced() {
     });
 }
 
-/// The same identity twice: both are heard, and a person is told.
+/// Two gateways with one identity: messages of both are stored, and an alarm is raised.
 #[test]
-fn a_clone_is_seen() {
+fn a_cloned_gateway_raises_an_alarm() {
     Shop::run(1, 1, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let one = shop.gateway(0);
-        let told = Told::default();
+        let reported = GatewayState::default();
         let plan = shop.plan(0, "the copy");
-        let copy = tokio::spawn(gateway::run(plan, told.clone()));
-        until("it is told", || shop.is_open(AlarmKind::Clone)).await;
+        let copy = tokio::spawn(gateway::run(plan, reported.clone()));
+        until("an alarm is raised", || shop.is_open(AlarmKind::Clone)).await;
         copy.abort();
         one.1.abort();
         centre.end().await;
@@ -173,7 +186,7 @@ fn a_clone_is_seen() {
 
 /// The centre is cut off from the server for longer than every time-out, while machines go on telling; then the wire heals.
 #[test]
-fn nothing_is_lost_when_the_centre_was_cut_off() {
+fn no_message_is_lost_while_the_centre_is_disconnected() {
     Shop::run(1, 3, async |shop| {
         let wire = Wire::to(&shop.settings[0].listen).await;
         let centre = shop.centre(&wire.url).await;
@@ -191,41 +204,44 @@ fn nothing_is_lost_when_the_centre_was_cut_off() {
     });
 }
 
-/// A node of the cluster is killed, and one more connection with it: what was acknowledged to a gateway is stored.
+/// A server of the cluster is killed, with one more connection: every acknowledged message is stored.
 #[test]
-fn a_node_of_the_cluster_is_killed() {
+fn a_killed_cluster_server_loses_no_message() {
     Shop::run(3, 2, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let gateways: Vec<_> = (0..2).map(|place| shop.gateway(place)).collect();
-        let told = |place: usize| gateways[place].0.conditions();
-        until("they tell", || told(0) > 5 && told(1) > 5).await;
+        let reported = |place: usize| gateways[place].0.conditions();
+        until("both send", || reported(0) > 5 && reported(1) > 5).await;
         let id = shop.roll_out(7, quick());
         until("the first has it", || gateways[0].0.version() == 1).await;
         shop.servers[0] = None;
-        let before = (told(0), told(1));
-        until("they go on telling", || {
-            told(0) > before.0 + 5 && told(1) > before.1 + 5
+        let before = (reported(0), reported(1));
+        until("they keep sending", || {
+            reported(0) > before.0 + 5 && reported(1) > before.1 + 5
         })
         .await;
         shop.until_done(id).await;
         shop.start_server(0);
-        let before = told(0);
-        until("with all nodes again", || told(0) > before + 5).await;
+        let before = reported(0);
+        until("with all nodes again", || reported(0) > before + 5).await;
         all_is_stored(shop, gateways).await;
         centre.end().await;
     });
 }
 
-/// The disk of the centre is full: nothing is acknowledged; there is room again: everything is stored.
+/// While the disk of the centre is full, nothing is acknowledged; afterwards everything is stored.
 #[test]
-fn a_full_disk_loses_nothing() {
+fn a_full_disk_loses_no_message() {
     Shop::run(1, 2, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let gateways: Vec<_> = (0..2).map(|place| shop.gateway(place)).collect();
-        until("both are heard", || shop.store.live().unwrap().len() == 2).await;
+        until("both have sent a condition", || {
+            shop.store.live().unwrap().len() == 2
+        })
+        .await;
         shop.store.limit_pages(1).unwrap();
         let before = gateways[0].0.conditions();
-        until("they go on telling", || {
+        until("they keep sending", || {
             gateways[0].0.conditions() > before + 30
         })
         .await;
@@ -235,13 +251,13 @@ fn a_full_disk_loses_nothing() {
     });
 }
 
-/// One machine (or a thief of its nkey) tells that a huge version is in force: it gets versions all the same, and so does every other.
+/// A machine (or a thief of its nkey) reports a huge active version: versions are still issued to it and to every other machine.
 #[test]
-fn a_huge_version_of_one_machine_stops_nobody_else() {
-    for told in [u64::MAX >> 1, u64::MAX] {
+fn a_huge_version_of_one_machine_does_not_block_others() {
+    for reported in [u64::MAX >> 1, u64::MAX] {
         Shop::run(1, 2, async |shop| {
             let mut one = envelope("thief", 1, condition(4.0));
-            one.version = told;
+            one.version = reported;
             let message = received("mill-0", Kind::Condition, 1, 1_800_000_000.0, &one);
             tell(&shop.store, &[message]);
             let centre = shop.centre(&shop.url()).await;
@@ -249,7 +265,9 @@ fn a_huge_version_of_one_machine_stops_nobody_else() {
             for (number, version_of_it) in [(7, 1), (8, 2)] {
                 let id = shop.roll_out_to(number, &[0], quick());
                 until("it is issued", || version(0) == Some(version_of_it)).await;
-                shop.store.wish(id, &Wish::Abort, "anna").unwrap();
+                shop.store
+                    .request_rollout_change(id, &UserRequest::Abort, "anna")
+                    .unwrap();
                 until("it is over", || shop.rollout(id).phase.is_over()).await;
             }
             shop.roll_out_to(9, &[1], quick());
@@ -259,9 +277,9 @@ fn a_huge_version_of_one_machine_stops_nobody_else() {
     }
 }
 
-/// A roll-out whose stored state cannot be read, or whose versions have come to their end, is told, and holds up no other.
+/// A roll-out that is unreadable, or whose version numbers are exhausted, raises an alarm and does not block others.
 #[test]
-fn a_roll_out_that_cannot_go_on_holds_up_no_other() {
+fn a_broken_rollout_does_not_block_others() {
     Shop::run(1, 2, async |shop| {
         shop.roll_out_to(7, &[0], quick());
         shop.raw()
@@ -273,12 +291,132 @@ fn a_roll_out_that_cannot_go_on_holds_up_no_other() {
         shop.roll_out_to(8, &[1], quick());
         let centre = shop.centre(&shop.url()).await;
         until("the other goes on", || shop.issued(1).is_some()).await;
-        until("it is told", || {
+        until("an alarm is raised", || {
             let open = shop.store.open_alarms().unwrap();
-            let mut told = open.iter().filter(|one| one.kind == AlarmKind::Rollout);
-            told.any(|one| one.text.contains("Roll-out 1 cannot go on"))
+            let mut reported = open.iter().filter(|one| one.kind == AlarmKind::Rollout);
+            reported.any(|one| one.text.contains("Roll-out 1 cannot proceed"))
         })
         .await;
+        centre.end().await;
+    });
+}
+
+/// With one condition in five seconds, four passes of five have no residual: the last known one counts as that before the change.
+#[test]
+fn a_risen_residual_is_detected_with_rare_conditions() {
+    Shop::run(1, 1, async |shop| {
+        let centre = shop.centre(&shop.url()).await;
+        let mut plan = shop.plan(0, "run-0");
+        plan.condition_every = Duration::from_secs(5);
+        let residual = plan.residual_um.clone();
+        let reported = GatewayState::default();
+        let task = tokio::spawn(gateway::run(plan, reported.clone()));
+        until("three conditions were sent", || reported.conditions() == 3).await;
+        // It has reported 4 µm three times. The roll-out starts between two conditions.
+        tokio::time::sleep(Duration::from_millis(2200)).await;
+        let rules = soak(40.0);
+        let id = shop.roll_out(7, rules);
+        until("it has it", || reported.version() == 1).await;
+        *residual.lock().unwrap() = 40.0;
+        let rollout = || shop.rollout(id);
+        until("it is over", || rollout().phase != Phase::Running).await;
+        task.abort();
+        centre.end().await;
+        assert!(
+            matches!(rollout().phase, Phase::Stopped { .. }),
+            "the residual has risen from 4 to 40 µm: {:?}, before {:?}",
+            rollout().phase,
+            rollout().targets[0].before_um
+        );
+    });
+}
+
+/// What renews a date is tested at the interface, which goes by the same rule.
+#[test]
+fn an_overdue_calibration_raises_an_alarm() {
+    Shop::run(1, 1, async |shop| {
+        let mut machine = shop.machines[0].0.clone();
+        machine.due_days = Some(30);
+        shop.store.put_machine(&machine, "anna").unwrap();
+        let mut old = model(7);
+        old.model.measured = "2020-01-01".into();
+        shop.store.add_model(&old.model, &old.text).unwrap();
+        let centre = shop.centre(&shop.url()).await;
+        shop.roll_out(7, soak(0.0));
+        until("it is due", || shop.is_open(AlarmKind::Due)).await;
+        centre.end().await;
+    });
+}
+
+/// A machine rejects the model. Its outcome is stored and acknowledged, and the centre is killed before its next pass: after the restart
+/// the roll-out processes it.
+#[test]
+fn an_acknowledged_rejection_survives_a_kill() {
+    Shop::run(1, 3, async |shop| {
+        let rules = Rules {
+            waves: vec![50, 100],
+            soak_s: 0.0,
+            answer_s: 8.0,
+            tolerate: 1,
+            ..Rules::default()
+        };
+        let centre = shop.centre(&shop.url()).await;
+        let canary = shop.gateway(0);
+        let id = shop.roll_out(7, rules);
+        until("the second is sent", || {
+            matches!(shop.rollout(id).targets[1].step, Step::Sent { .. })
+        })
+        .await;
+        centre.end().await;
+        // The writer thread stores the outcome before the kill.
+        let issued = shop.issued(1).unwrap();
+        let answer = Acknowledgement {
+            version: issued.version,
+            value_sha256: ModelRef::of(issued.value.as_bytes()).sha256,
+            outcome: Outcome::Refused {
+                why: "it has other axes".into(),
+            },
+        };
+        let message = received(
+            "mill-1",
+            Kind::Ack,
+            1,
+            1_800_000_000.0,
+            &envelope("b", 1, answer),
+        );
+        tell(&shop.store, &[message]);
+        let centre = shop.centre(&shop.url()).await;
+        until("it stops or goes on", || {
+            matches!(shop.rollout(id).phase, Phase::Stopped { .. }) || shop.issued(2).is_some()
+        })
+        .await;
+        canary.1.abort();
+        centre.end().await;
+        assert!(
+            matches!(shop.rollout(id).phase, Phase::Stopped { .. }),
+            "mill-1 has rejected it, but it was sent to mill-2: {:#?}",
+            shop.rollout(id)
+        );
+    });
+}
+
+/// A foreign value is put under a key while the centre is down.
+#[test]
+fn a_foreign_value_put_while_the_centre_was_down_raises_an_alarm() {
+    Shop::run(1, 2, async |shop| {
+        let centre = shop.centre(&shop.url()).await;
+        let gateways: Vec<_> = (0..2).map(|place| shop.gateway(place)).collect();
+        let rules = soak(0.0);
+        let id = shop.roll_out(7, rules);
+        shop.until_done(id).await;
+        centre.end().await;
+        shop.forge().await;
+        until("it has reached the machine", || {
+            gateways[1].0.refused.load(Ordering::Relaxed) > 0
+        })
+        .await;
+        let centre = shop.centre(&shop.url()).await;
+        until("an alarm is raised", || shop.is_open(AlarmKind::Clobbered)).await;
         centre.end().await;
     });
 }

@@ -1,5 +1,4 @@
-//! A gateway as the centre sees it, without a machine: it accepts what it trusts, answers, and tells its condition. The load
-//! program uses it, too.
+//! A simulated gateway without a machine: it accepts trusted values, acknowledges, and sends conditions. The load program uses it too.
 
 use std::{
     collections::BTreeMap,
@@ -16,7 +15,7 @@ use volcomp_fleet::{
 };
 use volcomp_vocabulary::AxisName;
 
-/// What a simulated gateway is and does.
+/// Configuration of a simulated gateway.
 #[derive(Clone)]
 pub(crate) struct Plan {
     pub(crate) link: LinkSettings,
@@ -26,36 +25,36 @@ pub(crate) struct Plan {
     pub(crate) instance: String,
     pub(crate) condition_every: Duration,
     pub(crate) telemetry_every: Duration,
-    /// The body of its telemetry; empty: it sends none.
+    /// Body of its telemetry; empty: none is sent.
     pub(crate) telemetry: Arc<serde_json::value::RawValue>,
-    /// The residual that it tells.
+    /// The reported residual.
     pub(crate) residual_um: Arc<Mutex<f64>>,
 }
 
-/// What is seen of it from outside.
+/// Observable state of a simulated gateway.
 #[derive(Clone, Default)]
-pub(crate) struct Told {
-    /// The version that is in force.
+pub(crate) struct GatewayState {
+    /// The active version.
     pub(crate) version: Arc<AtomicU64>,
     /// Conditions that the server has acknowledged to it.
     pub(crate) conditions: Arc<AtomicU64>,
     /// All messages that the server has acknowledged.
     pub(crate) all: Arc<AtomicU64>,
-    /// Values that it did not accept, beyond old versions.
+    /// Rejected values, except old versions.
     pub(crate) refused: Arc<AtomicU64>,
 }
 
 struct Gateway {
     plan: Plan,
-    told: Told,
+    reported: GatewayState,
     start: Instant,
     number: u64,
     trust: Trust,
     model: String,
 }
 
-/// Runs for ever.
-pub(crate) async fn run(plan: Plan, told: Told) {
+/// Runs until the task is aborted.
+pub(crate) async fn run(plan: Plan, reported: GatewayState) {
     let mut link = MachineLink::connect(&plan.link, &plan.identity)
         .await
         .unwrap();
@@ -67,7 +66,7 @@ pub(crate) async fn run(plan: Plan, told: Told) {
             axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
             highest: 0,
         },
-        told,
+        reported,
         start: Instant::now(),
         number: 0,
         model: String::new(),
@@ -92,7 +91,7 @@ pub(crate) async fn run(plan: Plan, told: Told) {
 }
 
 impl Gateway {
-    /// Sends until the server has it: nothing is made while one message is under way, as with a real spool that is full.
+    /// Sends until the server has stored it; no other message is created meanwhile, as with a full spool.
     async fn send<T: serde::Serialize>(&mut self, link: &MachineLink, kind: Kind, body: T) {
         self.number += 1;
         let envelope = Envelope {
@@ -100,7 +99,7 @@ impl Gateway {
             number: self.number,
             uptime_s: self.start.elapsed().as_secs_f64(),
             wall_s: 0.0,
-            version: self.told.version.load(Ordering::Relaxed),
+            version: self.reported.version.load(Ordering::Relaxed),
             model: self.model.clone(),
             body,
         };
@@ -109,9 +108,9 @@ impl Gateway {
         while link.publish(kind, &id, bytes.clone()).await.is_err() {
             tokio::time::sleep(Duration::from_millis(200)).await;
         }
-        self.told.all.fetch_add(1, Ordering::Relaxed);
+        self.reported.all.fetch_add(1, Ordering::Relaxed);
         if kind == Kind::Condition {
-            self.told.conditions.fetch_add(1, Ordering::Relaxed);
+            self.reported.conditions.fetch_add(1, Ordering::Relaxed);
         }
     }
 
@@ -136,7 +135,7 @@ impl Gateway {
 
     async fn desired(&mut self, link: &MachineLink, value: &[u8]) {
         let Ok(desired) = Desired::parse(value) else {
-            self.told.refused.fetch_add(1, Ordering::Relaxed);
+            self.reported.refused.fetch_add(1, Ordering::Relaxed);
             return;
         };
         let (version, outcome) = match self.trust.accept(&desired) {
@@ -149,12 +148,12 @@ impl Gateway {
                 let machine = volcomp_model::Machine::parse(&text, "model").unwrap();
                 self.model = machine.checksum();
                 self.trust.highest = version;
-                self.told.version.store(version, Ordering::Relaxed);
+                self.reported.version.store(version, Ordering::Relaxed);
                 (version, Outcome::Activated)
             }
-            Err(volcomp_fleet::NotAccepted::Version { .. }) => return,
+            Err(volcomp_fleet::ManifestRejection::Version { .. }) => return,
             Err(error) => {
-                self.told.refused.fetch_add(1, Ordering::Relaxed);
+                self.reported.refused.fetch_add(1, Ordering::Relaxed);
                 let why = error.to_string();
                 (0, Outcome::Refused { why })
             }

@@ -1,19 +1,26 @@
-//! Who may ask what, and what is refused.
+//! The HTTP interface: permissions, rejected requests, responses, and limits on password attempts.
 
 use std::time::Duration;
 
 use serde_json::json;
 use volcomp_centre::{
-    http::ROUTES,
+    clock::now_s,
+    http::{PageSettings, ROUTES},
     models::NewModel,
     records::{Origin, Version},
-    users::{Moment, Role, Session},
+    rollout::Rules,
+    users::{BootTime, Role, Session},
 };
-use volcomp_fleet::Outcome;
+use volcomp_fleet::{Kind, Outcome};
+use volcomp_test_support::until;
 
-use crate::page::{PASSWORD, Page};
+use crate::{
+    page::{PASSWORD, Page},
+    shop::LONG,
+    support::{condition, envelope, machine, model, received, tell},
+};
 
-/// Every role, and nobody, on every route: what is not allowed is refused before anything else is looked at.
+/// Every role, and no user, on every route: forbidden requests are rejected before anything else is checked.
 #[test]
 fn every_role_on_every_route() {
     let page = Page::start();
@@ -32,7 +39,7 @@ fn every_role_on_every_route() {
             .replace("{file}", "x.csv")
             .replace("{rollout}", "9")
             .replace("{alarm}", "9")
-            .replace("{user}", "nobody");
+            .replace("{user}", "unknown-user");
         for (role, cookie) in &people {
             let answer = match route.method {
                 "GET" => page.get(&path, cookie),
@@ -57,7 +64,7 @@ fn every_role_on_every_route() {
 }
 
 #[test]
-fn logging_in_gives_a_session_that_ends() {
+fn login_creates_a_session_that_ends() {
     let page = Page::start();
     let login = |password: &str| {
         page.post(
@@ -91,7 +98,7 @@ fn logging_in_gives_a_session_that_ends() {
             "the name or the password is wrong"
         );
     }
-    for name in ["nobody", "<script>alert(1)</script>"] {
+    for name in ["unknown-user", "<script>alert(1)</script>"] {
         let body = json!({ "name": name, "password": "x" });
         let answer = page.post("/api/login", "", &body);
         assert_eq!(answer.status, 401);
@@ -99,7 +106,7 @@ fn logging_in_gives_a_session_that_ends() {
     }
     // The right password is accepted, although wrong ones came from the same address.
     assert_eq!(login(PASSWORD).status, 200);
-    // What was tried stands in the audit log, with where it came from.
+    // The attempts are in the audit log, with their origin.
     let admin = page.session(Role::Admin);
     let audit = page.get("/api/audit", &admin).body;
     assert!(
@@ -109,7 +116,7 @@ fn logging_in_gives_a_session_that_ends() {
     assert!(!audit.contains(PASSWORD) && !audit.contains(&token));
 }
 
-/// Attempts to do what the role does not permit, and changes by a page of another origin, are in the audit log.
+/// Requests not permitted by the role, and cross-site changes, are in the audit log.
 #[test]
 fn forbidden_requests_are_recorded() {
     let page = Page::start();
@@ -124,21 +131,24 @@ fn forbidden_requests_are_recorded() {
 }
 
 #[test]
-fn sessions_that_are_over_are_nobody() {
+fn expired_sessions_are_rejected() {
     let page = Page::start();
-    let now = Moment::now();
-    let ago = |by: Duration| Moment {
+    let now = BootTime::now();
+    let ago = |by: Duration| BootTime {
         since_boot_s: now.since_boot_s - by.as_secs_f64(),
         ..now.clone()
     };
     let alive = page.cookie_of(
         Role::Admin,
-        &ago(Session::IDLE.saturating_sub(Duration::from_secs(60))),
+        &ago(Session::IDLE_TIMEOUT.saturating_sub(Duration::from_secs(60))),
     );
     assert_eq!(page.get("/api/me", &alive).status, 200);
-    let idle = page.cookie_of(Role::Admin, &ago(Session::IDLE + Duration::from_secs(1)));
+    let idle = page.cookie_of(
+        Role::Admin,
+        &ago(Session::IDLE_TIMEOUT + Duration::from_secs(1)),
+    );
     assert_eq!(page.get("/api/me", &idle).status, 401);
-    let other_boot = Moment {
+    let other_boot = BootTime {
         boot: "another".to_owned(),
         ..now.clone()
     };
@@ -156,9 +166,9 @@ fn sessions_that_are_over_are_nobody() {
     assert_eq!(page.get("/api/me", &cookie).status, 401);
 }
 
-/// A page of somebody else makes the browser send the cookie (were it not for SameSite): the change is refused.
+/// A page of another origin makes the browser send the cookie (were it not for SameSite): the change is rejected.
 #[test]
-fn changes_that_another_page_makes_are_refused() {
+fn cross_site_changes_are_rejected() {
     let page = Page::start();
     let cookie = format!("Cookie: {}", page.session(Role::Admin));
     let ours = "X-Volcomp: 1".to_owned();
@@ -182,7 +192,7 @@ fn changes_that_another_page_makes_are_refused() {
         let lines = [cookie.clone(), ours.clone(), other.to_owned()];
         assert_eq!(post(&lines), 403, "{other}");
     }
-    // Nor can another page ask for permission, or read: no answer allows another origin anything.
+    // No response permits another origin to send changes or to read.
     let asked = page.request(
         "OPTIONS",
         "/api/machines",
@@ -199,7 +209,7 @@ fn changes_that_another_page_makes_are_refused() {
 }
 
 #[test]
-fn garbage_and_paths_are_refused() {
+fn malformed_requests_and_paths_are_rejected() {
     let page = Page::start();
     let admin = page.session(Role::Admin);
     let lines = [format!("Cookie: {admin}"), "X-Volcomp: 1".to_owned()];
@@ -256,7 +266,7 @@ fn garbage_and_paths_are_refused() {
 }
 
 #[test]
-fn the_page_loads_nothing_from_elsewhere_and_says_so() {
+fn the_page_loads_nothing_from_other_origins() {
     let page = Page::start();
     let html = page.get("/", "");
     assert_eq!(html.status, 200);
@@ -283,9 +293,9 @@ fn the_page_loads_nothing_from_elsewhere_and_says_so() {
     assert!(!html.body.contains("http://") && !html.body.contains("https://"));
 }
 
-/// The last admin stays one, and a user who loses a role loses the session.
+/// The last admin cannot be demoted or removed, and a user who loses a role loses the session.
 #[test]
-fn somebody_can_always_say_who_may_do_what() {
+fn the_last_admin_cannot_be_removed() {
     let page = Page::start();
     let admin = page.session(Role::Admin);
     for body in [
@@ -307,7 +317,7 @@ fn somebody_can_always_say_who_may_do_what() {
 }
 
 #[test]
-fn a_machine_is_registered_and_shown_with_what_is_not_known() {
+fn a_registered_machine_is_shown_with_unknown_values() {
     let page = Page::start();
     let engineer = page.session(Role::Engineer);
     let machine = |structure: &str, axes: &[&str], note: &str| {
@@ -351,7 +361,7 @@ fn a_machine_is_registered_and_shown_with_what_is_not_known() {
         let path = format!("/api/machines/mill-1/history?{range}");
         assert_eq!(page.get(&path, &viewer).status, 400, "{range}");
     }
-    // What was done stands in the audit log, with who and from where.
+    // The actions are in the audit log, with user and origin.
     let admin = page.session(Role::Admin);
     let audit = page.get("/api/audit", &admin).json();
     let records = audit.as_array().expect("a list");
@@ -403,18 +413,18 @@ fn a_machine_file_is_added_and_rolled_out() {
     page.posts("/api/rollouts", &engineer, &rules, 400);
     page.posts("/api/rollouts", &engineer, &start, 200);
     page.posts("/api/rollouts", &engineer, &start, 409);
-    let wish = json!({ "wish": "pause" });
-    page.posts("/api/rollouts/1", &engineer, &wish, 200);
-    page.posts("/api/rollouts/2", &engineer, &wish, 404);
+    let request = json!({ "wish": "pause" });
+    page.posts("/api/rollouts/1", &engineer, &request, 200);
+    page.posts("/api/rollouts/2", &engineer, &request, 404);
     assert_eq!(
         page.get("/api/rollouts", &viewer).json()[0]["turns"][0]["machine"],
         "mill-1"
     );
 }
 
-/// A model can be taken out of the centre: byte by byte as it is signed, and as tables of a control.
+/// Downloads of a model: exactly as signed, and as tables for a control.
 #[test]
-fn a_model_is_taken_away_as_it_is_signed_and_as_tables() {
+fn a_model_is_downloaded_as_signed_and_as_tables() {
     let page = Page::start();
     let text = "name = \"../a \\\"b\\\"\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\n# a comment stays\nEXX = { poly = [0.0, 0.03] }\n";
     let new = NewModel::of_text(
@@ -434,22 +444,22 @@ fn a_model_is_taken_away_as_it_is_signed_and_as_tables() {
     let name = format!("filename=\"a--b-{}.toml\"", &sha256[..10]);
     assert!(file.head.contains(&name), "{}", file.head);
     let path = format!("/api/models/{sha256}/tables");
-    let told = page
+    let reported = page
         .get(&format!("{path}?format=csv&step_mm=100"), &viewer)
         .json();
     assert!(
-        told["trust"]
+        reported["trust"]
             .as_str()
             .is_some_and(|text| text.starts_with("Sign proven")),
-        "{told}"
+        "{reported}"
     );
-    let name = told["files"][0].as_str().expect("a file").to_owned();
+    let name = reported["files"][0].as_str().expect("a file").to_owned();
     let table = page.get(&format!("{path}/{name}?format=csv&step_mm=100"), &viewer);
     // 0.03 µm/mm of X are 15 µm at 500 mm.
     let row = (table.body.lines()).find_map(|line| line.strip_prefix("X,X,500,"));
-    let told = row.and_then(|row| row.split(',').next()?.parse::<f64>().ok());
+    let reported = row.and_then(|row| row.split(',').next()?.parse::<f64>().ok());
     assert!(
-        told.is_some_and(|um| (um - 15.0).abs() < 0.01),
+        reported.is_some_and(|um| (um - 15.0).abs() < 0.01),
         "{}",
         table.body
     );
@@ -461,11 +471,11 @@ fn a_model_is_taken_away_as_it_is_signed_and_as_tables() {
         .expect("formats")
     {
         let format = format["format"].as_str().expect("a name");
-        let told = page
+        let reported = page
             .get(&format!("{path}?format={format}&step_mm=50"), &viewer)
             .json();
-        let files = told["files"].as_array().map_or(0, Vec::len);
-        assert!(files > 0, "{format}: {told}");
+        let files = reported["files"].as_array().map_or(0, Vec::len);
+        assert!(files > 0, "{format}: {reported}");
     }
     let wrong = page.get(&format!("{path}?format=csv&step_mm=0"), &viewer);
     assert_eq!(wrong.status, 400);
@@ -482,13 +492,13 @@ fn a_model_is_taken_away_as_it_is_signed_and_as_tables() {
     );
 }
 
-/// The page and the alarm go by one rule: a calibration that was refused, or that waits for a person, renews no date. And the way
-/// back, and the decision to keep a model, are refused where there is nothing to decide.
+/// As for the alarm, a rejected or unconfirmed model does not renew the due date. Return to an earlier model and keeping a model are
+/// rejected where they do not apply.
 #[test]
-fn a_refused_model_renews_no_date_on_the_page() {
+fn a_rejected_model_does_not_renew_the_due_date() {
     let page = Page::start();
     let engineer = page.session(Role::Engineer);
-    let mut machine = crate::support::machine("mill-1");
+    let mut machine = machine("mill-1");
     machine.due_days = Some(30);
     page.store.put_machine(&machine, "anna").expect("stored");
     let raw = rusqlite::Connection::open(page.folder.path().join("centre.db")).expect("open");
@@ -497,7 +507,7 @@ fn a_refused_model_renews_no_date_on_the_page() {
         (1_u32, "2020-01-01", Outcome::Activated),
         (2, "9999-01-01", Outcome::Refused { why: "no".into() }),
     ] {
-        let mut new = crate::support::model(number);
+        let mut new = model(number);
         new.model.measured = measured.to_owned();
         page.store.add_model(&new.model, &new.text).expect("stored");
         let version = Version {
@@ -536,7 +546,176 @@ fn a_refused_model_renews_no_date_on_the_page() {
     page.posts("/api/machines/mill-1/back", &engineer, &json!({}), 409);
     let keep = json!({ "machine": "mill-1" });
     page.posts("/api/rollouts/9/keep", &engineer, &keep, 404);
-    let body = json!({ "model": crate::support::model(1).model.sha256, "machines": ["mill-1"] });
+    let body = json!({ "model": model(1).model.sha256, "machines": ["mill-1"] });
     page.posts("/api/rollouts", &engineer, &body, 200);
     page.posts("/api/rollouts/1/keep", &engineer, &keep, 409);
+}
+
+/// More conditions than points in a response: the points span all of them, each condition is in one, and the newest is included.
+#[test]
+fn a_long_history_is_averaged_over_its_whole_span() {
+    const COUNT: u32 = 7000;
+    let page = Page::start();
+    // They end shortly before now, so that all stay within the two hours while the test runs.
+    let from_s = now_s().floor() - 7100.0;
+    let batch: Vec<_> = (1..=COUNT)
+        .map(|number| {
+            let reported = envelope("a", number.into(), condition(1.0));
+            let at_s = from_s + f64::from(number);
+            received("mill-1", Kind::Condition, number.into(), at_s, &reported)
+        })
+        .collect();
+    tell(&page.store, &batch);
+    page.store.close_minutes(now_s()).expect("stored");
+    let viewer = page.session(Role::Viewer);
+    let path = "/api/machines/mill-1/history?resolution=raw&hours=2";
+    let reported = page.get(path, &viewer).json();
+    let points = reported["points"].as_array().expect("a list");
+    assert!((1000..=2000).contains(&points.len()), "{}", points.len());
+    let number = |point: &serde_json::Value, key: &str| point[key].as_f64().expect("a number");
+    let counted: f64 = points.iter().map(|point| number(point, "count")).sum();
+    assert_eq!(counted, f64::from(COUNT));
+    let together = number(&reported, "together");
+    let [first, last] = [points.first(), points.last()].map(|point| number(point.unwrap(), "at_s"));
+    assert_eq!(first, from_s + 1.0);
+    assert!(last > from_s + f64::from(COUNT) - together, "{last}");
+}
+
+/// A roll-out that states no rules goes by those of the configuration, which the page shows, and invalid rules start
+/// none.
+#[test]
+fn a_rollout_from_the_page_uses_the_configured_rules() {
+    let rules = Rules {
+        soak_s: 42.0,
+        waves: vec![10, 100],
+        ..Rules::default()
+    };
+    let page = Page::start_with(PageSettings {
+        rules: rules.clone(),
+        ..PageSettings::default()
+    });
+    let new = model(1);
+    page.store.add_model(&new.model, &new.text).expect("stored");
+    let mill = machine("mill-1");
+    page.store.put_machine(&mill, "anna").expect("stored");
+    let engineer = page.session(Role::Engineer);
+    assert_eq!(page.get("/api/rules", &engineer).json()["soak_s"], 42.0);
+    let mut start = json!({ "model": new.model.sha256, "machines": ["mill-1"] });
+    for (wrong, key) in [
+        (json!({ "waves": [0, 100] }), "waves"),
+        (json!({ "waves": [50, 50, 100] }), "waves"),
+        (json!({ "waves": [50] }), "waves"),
+        (json!({ "soak_s": -1.0 }), "soak_s"),
+        (json!({ "answer_s": 0.0 }), "answer_s"),
+        (json!({ "residual_ratio": 0.5 }), "residual_ratio"),
+        (json!({ "residual_um": 1e6 }), "residual_um"),
+    ] {
+        start["rules"] = wrong;
+        let answer = page.posts("/api/rollouts", &engineer, &start, 400);
+        assert!(
+            answer.body.contains(&format!("rules.{key}: found")),
+            "{}",
+            answer.body
+        );
+    }
+    start["rules"] = json!(null);
+    page.posts("/api/rollouts", &engineer, &start, 200);
+    assert_eq!(page.store.rollouts(1).expect("a store")[0].rules, rules);
+}
+
+/// Concurrent requests do not evade the limit: at most one more than the limit is processed.
+#[test]
+fn concurrent_wrong_passwords_are_counted() {
+    let page = Page::start();
+    let body = json!({ "name": "admin", "password": "wrong" });
+    let statuses: Vec<u16> = std::thread::scope(|scope| {
+        let asked: Vec<_> = (0..20)
+            .map(|_| scope.spawn(|| page.post("/api/login", "", &body).status))
+            .collect();
+        asked.into_iter().map(|one| one.join().unwrap()).collect()
+    });
+    let looked_at = statuses.iter().filter(|status| **status == 401).count();
+    let turned_away = statuses.iter().filter(|status| **status == 429).count();
+    // Five at once, one concurrent with the fifth, and the two that may wait for their delay.
+    assert!((7..=8).contains(&looked_at), "{statuses:?}");
+    assert_eq!(looked_at + turned_away, statuses.len(), "{statuses:?}");
+}
+
+/// A machine was cut off for an hour. Now it is connected again and sends what waited: audit records first, then conditions one after the
+/// other: one of an hour ago is no one of this second. An audit record does not make the condition newer.
+#[test]
+fn a_condition_of_an_hour_ago_is_not_current() {
+    let page = Page::start();
+    page.store.put_machine(&machine("mill-a"), "anna").unwrap();
+    let now = now_s();
+    let mut first = envelope("a", 1, condition(4.0));
+    first.uptime_s = 1.0;
+    let mut second = envelope("a", 2, condition(4.0));
+    second.uptime_s = 2.0;
+    let record = envelope("a", 3, json!({ "checksum": "ab", "record": "{}" }));
+    let batch = [
+        received("mill-a", Kind::Condition, 1, now - 3600.0, &first),
+        // Made a second later, and an hour on the disk of the gateway.
+        received("mill-a", Kind::Condition, 2, now, &second),
+        received("mill-a", Kind::Audit, 1, now, &record),
+    ];
+    tell(&page.store, &batch);
+    let cookie = page.session(Role::Viewer);
+    let overview = page.overview(&cookie);
+    let row = &overview["machines"][0];
+    assert!(
+        row["state"] == "unknown" || row["age_s"].as_f64().unwrap() > 3000.0,
+        "state {}, armed {}, {} s old; it was made an hour ago",
+        row["state"],
+        row["armed"],
+        row["age_s"]
+    );
+}
+
+/// The database cannot be read any more (another program, a failing disk): the last overview is not served as current.
+#[test]
+fn an_outdated_overview_is_not_served() {
+    let page = Page::start();
+    page.store.put_machine(&machine("mill-a"), "anna").unwrap();
+    let one = envelope("a", 1, condition(4.0));
+    let one = received("mill-a", Kind::Condition, 1, now_s(), &one);
+    tell(&page.store, &[one]);
+    let cookie = page.session(Role::Viewer);
+    page.overview(&cookie);
+    let raw = rusqlite::Connection::open(page.folder.path().join("centre.db")).unwrap();
+    raw.execute_batch("ALTER TABLE live RENAME TO gone")
+        .unwrap();
+    let mut answer = page.get("/api/overview", &cookie);
+    until("it is no longer served", LONG, || {
+        answer = page.get("/api/overview", &cookie);
+        answer.status != 200
+    });
+    assert_eq!(answer.status, 503, "{}", answer.body);
+    let why = answer.json()["error"].as_str().unwrap().to_owned();
+    assert!(why.contains("the current states are unknown"), "{why}");
+    raw.execute_batch("ALTER TABLE gone RENAME TO live")
+        .unwrap();
+    let reported = page.overview(&cookie);
+    let made_s = reported["made_s"].as_f64().unwrap();
+    assert!((now_s() - made_s).abs() < 5.0, "{made_s}");
+}
+
+/// Telemetry and records are stored unchanged. A number that cannot be parsed must not close the page of the machine.
+#[test]
+fn an_unreadable_document_does_not_close_the_machine_page() {
+    for (kind, body) in [
+        (Kind::Telemetry, "1e999"),
+        (Kind::Audit, "{\"checksum\":\"\",\"record\":\"\\ud800\"}"),
+    ] {
+        let page = Page::start();
+        page.store.put_machine(&machine("mill-a"), "anna").unwrap();
+        let mut message = received("mill-a", kind, 1, now_s(), &envelope("a", 1, ()));
+        let text = String::from_utf8(message.bytes.to_vec()).unwrap();
+        message.bytes = text.replace("null", body).into();
+        tell(&page.store, &[message]);
+        let cookie = page.session(Role::Viewer);
+        page.overview(&cookie);
+        let answer = page.get("/api/machines/mill-a", &cookie);
+        assert_eq!(answer.status, 200, "{kind:?} {body}: {}", answer.body);
+    }
 }

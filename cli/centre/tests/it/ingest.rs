@@ -1,4 +1,4 @@
-//! What machines say: a message that is none spoils nothing, and one that comes again counts once.
+//! Ingestion: an unreadable message does no harm, and a redelivered one counts once.
 
 use std::{
     path::Path,
@@ -6,7 +6,9 @@ use std::{
 };
 
 use volcomp_centre::{ingest::Ingest, records::Resolution, store::Store};
-use volcomp_fleet::{Acknowledgement, AuditLine, Keeping, Kind, MachineId, Outcome, Received};
+use volcomp_fleet::{
+    Acknowledgement, AuditLine, Kind, MachineId, Outcome, Received, StreamRetention,
+};
 
 use crate::{
     shop::{Shop, until},
@@ -19,9 +21,9 @@ fn store(folder: &Path) -> Store {
     Store::open(&folder.join("centre.db")).unwrap()
 }
 
-/// A number that JSON holds and that becomes infinite when it is rounded to three digits, and a row that is none.
+/// A number that JSON can hold but that becomes infinite when rounded to three digits, and a row that is not JSON.
 #[test]
-fn a_number_that_is_large_and_a_row_that_is_none_stop_no_history() {
+fn large_numbers_and_broken_rows_do_not_stop_the_history() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(folder.path());
     let mut ingest = Ingest::of(&store).unwrap();
@@ -50,19 +52,19 @@ fn a_number_that_is_large_and_a_row_that_is_none_stop_no_history() {
     for machine in ["mill-a", "mill-b"] {
         for resolution in [Resolution::Raw, Resolution::Minute, Resolution::Hour] {
             let machine = &identity(machine).machine;
-            let told = store
+            let reported = store
                 .history(machine, resolution, FROM_S - 60.0, FROM_S + 120.0, 10)
                 .unwrap();
-            assert_eq!(told.len(), 1, "{machine} {resolution:?}");
-            assert!(!told[0].temperatures_degc.contains_key("bed"));
+            assert_eq!(reported.len(), 1, "{machine} {resolution:?}");
+            assert!(!reported[0].temperatures_degc.contains_key("bed"));
         }
     }
 }
 
-/// A gateway that was started seventeen times while it was cut off sends what waited; the centre is killed between its commit and its
-/// acknowledgement, so the same batch comes again.
+/// A gateway restarted seventeen times while offline sends its queue; the centre is killed between commit and acknowledgement, so the
+/// batch is redelivered.
 #[test]
-fn a_batch_of_many_starts_that_comes_again_is_stored_once() {
+fn a_redelivered_batch_of_many_instances_is_stored_once() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(folder.path());
     let mut ingest = Ingest::of(&store).unwrap();
@@ -81,13 +83,13 @@ fn a_batch_of_many_starts_that_comes_again_is_stored_once() {
     assert_eq!(ingest.take(&store, &batch).unwrap().stored, 17);
     let mut again = Ingest::of(&store).unwrap();
     let taken = again.take(&store, &batch).unwrap();
-    assert_eq!((taken.stored, taken.twice), (0, 17));
+    assert_eq!((taken.stored, taken.duplicates), (0, 17));
 }
 
 /// A gateway is killed after the server has stored a record and before it has written its cursor (every five seconds), and is started
 /// again after more than the two minutes for which the server knows an id. The record has the same id and the same checksum, and another number.
 #[test]
-fn an_audit_record_that_is_sent_again_after_a_restart_is_stored_once() {
+fn an_audit_record_resent_after_a_restart_is_stored_once() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(folder.path());
     let mut ingest = Ingest::of(&store).unwrap();
@@ -113,9 +115,9 @@ fn an_audit_record_that_is_sent_again_after_a_restart_is_stored_once() {
     assert_eq!(kept.unwrap().len(), 1);
 }
 
-/// Of a history that is longer than what is asked for the newest points are told.
+/// A history longer than the limit returns its newest points.
 #[test]
-fn a_history_that_is_too_long_keeps_its_newest_points() {
+fn a_limited_history_returns_its_newest_points() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(folder.path());
     let mut ingest = Ingest::of(&store).unwrap();
@@ -155,9 +157,9 @@ fn a_history_that_is_too_long_keeps_its_newest_points() {
     );
 }
 
-/// Numbers are a machine's to tell, up to the largest.
+/// A machine may send any message number, up to the maximum.
 #[test]
-fn numbers_at_the_end_of_their_range_can_be_counted() {
+fn message_numbers_up_to_the_maximum_are_counted() {
     let mut instances = volcomp_centre::instance::Instances::default();
     for instance in ["a", "b"] {
         for number in [0, u64::MAX] {
@@ -177,12 +179,15 @@ fn numbers_at_the_end_of_their_range_can_be_counted() {
 /// A gateway is killed after the server has stored a record of its log and before it has written its cursor, and started again at once. It sends the
 /// record again under the id and the number of its new start: no number is missing, and the record is there once.
 #[test]
-fn a_record_that_is_sent_again_after_a_kill_is_no_gap() {
+fn a_record_resent_after_a_kill_is_no_gap() {
     Shop::run(1, 1, async |shop| {
         let hub = shop.hub().await;
         let identity = &shop.machines[0].0.identity;
         while hub
-            .prepare(std::slice::from_ref(&identity.site), Keeping::default())
+            .prepare(
+                std::slice::from_ref(&identity.site),
+                StreamRetention::default(),
+            )
             .await
             .is_err()
         {
@@ -195,14 +200,14 @@ fn a_record_that_is_sent_again_after_a_kill_is_no_gap() {
             record: "{}".into(),
         };
         let record = |start| serde_json::to_vec(&envelope(start, 2, line.clone())).unwrap();
-        let told =
+        let reported =
             |start, number| serde_json::to_vec(&envelope(start, number, condition(4.0))).unwrap();
         for (kind, id, bytes) in [
-            (Kind::Condition, "one-1", told("one", 1)),
+            (Kind::Condition, "one-1", reported("one", 1)),
             (Kind::Audit, "one-2", record("one")),
-            (Kind::Condition, "two-1", told("two", 1)),
+            (Kind::Condition, "two-1", reported("two", 1)),
             (Kind::Audit, "two-2", record("two")),
-            (Kind::Condition, "two-3", told("two", 3)),
+            (Kind::Condition, "two-3", reported("two", 3)),
         ] {
             link.publish(kind, id, bytes.into()).await.unwrap();
         }
@@ -231,10 +236,10 @@ fn a_record_that_is_sent_again_after_a_kill_is_no_gap() {
     });
 }
 
-/// docs/src/fleet.md: "no condition for five of its intervals, at least 15 s". A machine is heard by its conditions alone, by when
+/// docs/src/fleet.md: "no condition for five of its intervals, at least 15 s". Only conditions count, by when
 /// they were made, and by its own interval: at 60 s a condition of 20 s ago is a fresh one.
 #[test]
-fn a_machine_is_heard_by_its_conditions_and_its_own_interval() {
+fn a_machine_is_silent_by_its_conditions_and_interval() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(folder.path());
     let mut ingest = Ingest::of(&store).unwrap();
@@ -245,9 +250,10 @@ fn a_machine_is_heard_by_its_conditions_and_its_own_interval() {
         machine.silent_after_s()
     };
     assert_eq!([None, Some(2), Some(60)].map(limit), [15.0, 15.0, 300.0]);
-    let heard =
-        |ingest: &mut Ingest, condition_s| ingest.look(|_| limit(condition_s)).0[&name].heard;
-    // Other messages say nothing of how it is.
+    let heard = |ingest: &mut Ingest, condition_s| {
+        ingest.take_observations(|_| limit(condition_s)).0[&name].reachable
+    };
+    // Other messages do not show the current state.
     let answer = envelope(
         "a",
         1,
@@ -262,7 +268,7 @@ fn a_machine_is_heard_by_its_conditions_and_its_own_interval() {
         .take(&store, &[received("mill-1", Kind::Ack, 1, at_s, &answer)])
         .unwrap();
     assert!(!heard(&mut ingest, Some(60)));
-    let told = |number, stored_s| {
+    let reported = |number, stored_s| {
         received(
             "mill-1",
             Kind::Condition,
@@ -271,13 +277,13 @@ fn a_machine_is_heard_by_its_conditions_and_its_own_interval() {
             &envelope("a", number, condition(4.0)),
         )
     };
-    ingest.take(&store, &[told(2, at_s + 2.0)]).unwrap();
+    ingest.take(&store, &[reported(2, at_s + 2.0)]).unwrap();
     assert!(heard(&mut ingest, None));
     let mut ingest = Ingest::of(&store).unwrap();
     // It was made at 3 s, and waited for 20 s.
-    ingest.take(&store, &[told(3, at_s + 23.0)]).unwrap();
+    ingest.take(&store, &[reported(3, at_s + 23.0)]).unwrap();
     assert!(!heard(&mut ingest, None));
     assert!(heard(&mut ingest, Some(60)));
-    let quiet_s = ingest.quiet_s(&name);
-    assert!((20.0..60.0).contains(&quiet_s), "{quiet_s}");
+    let silence_s = ingest.silence_s(&name);
+    assert!((20.0..60.0).contains(&silence_s), "{silence_s}");
 }

@@ -1,4 +1,4 @@
-//! Tests of the centre: its rules by themselves, its store, and the whole against a real `nats-server`.
+//! Tests of the centre: its rules, its store, and end to end against a real `nats-server`.
 
 #![allow(
     clippy::unwrap_used,
@@ -12,9 +12,7 @@ mod config;
 mod demo;
 mod discover;
 mod engine;
-mod engine_killed;
-mod engine_together;
-mod engine_watching;
+mod engine_rollouts;
 mod gateway;
 mod http;
 mod ingest;
@@ -25,5 +23,3 @@ mod servers;
 mod shop;
 mod store;
 mod support;
-mod told;
-mod withdrawn;

@@ -2,7 +2,7 @@
 
 use volcomp_centre::{
     map::{ErrorMap, error_map},
-    models::{Described, beyond_every_guard},
+    models::{ModelDescription, beyond_every_guard},
 };
 use volcomp_model::Machine;
 
@@ -20,7 +20,7 @@ fn map(errors: &str) -> ErrorMap {
 
 /// 5 µm at one target between the nodes of any grid.
 #[test]
-fn the_largest_error_is_seen_between_the_nodes_of_the_map() {
+fn the_largest_error_includes_points_between_map_nodes() {
     let map = map("EYX = { table = [[0, 0], [111, 0], [112, 5], [113, 0], [500, 0]] }");
     assert!(
         (map.largest_um[0] - 5.0).abs() < 0.01,
@@ -30,14 +30,14 @@ fn the_largest_error_is_seen_between_the_nodes_of_the_map() {
 }
 
 #[test]
-fn a_squareness_takes_the_diagonals_apart_and_the_correction_takes_it_away() {
+fn a_squareness_error_appears_in_the_diagonals_before_correction_only() {
     let machine = machine("EC0Y = 20.0");
     let map = error_map(&machine).expect("within the travels");
-    let described = Described::new(&machine, &machine.to_toml());
+    let described = ModelDescription::new(&machine, &machine.to_toml());
     assert_eq!(described.structure, "w b X Y Z t");
     assert_eq!(described.type_numbers, Some([0, 0]));
     assert!(described.formula[0].starts_with("dX = "));
-    // 20 µrad over 400 mm of Y; what is left is half a step of 1 µm in one axis.
+    // 20 µrad over 400 mm of Y; the remainder is half a step of 1 µm in one axis.
     assert!(
         (map.largest_um[0] - 8.0).abs() < 0.01 && map.largest_um[1] <= 0.51,
         "{:?}",
@@ -68,7 +68,7 @@ fn a_squareness_takes_the_diagonals_apart_and_the_correction_takes_it_away() {
 
 /// "Largest before and after" of the page, against the corner of the work space, where a scale error along three axes is largest.
 #[test]
-fn the_largest_error_of_the_map_is_that_of_the_work_space() {
+fn the_largest_error_covers_the_whole_work_space() {
     let scale = "{ poly = [0.0, 0.1] }";
     let map = map(&format!("EXX = {scale}\nEYY = {scale}\nEZZ = {scale}"));
     // 100 µm/m along 500, 400 and 300 mm.
@@ -80,9 +80,9 @@ fn the_largest_error_of_the_map_is_that_of_the_work_space() {
     );
 }
 
-/// A comma in the wrong place makes metres of micrometres: above what a guard corrects at most, a note says so.
+/// A misplaced decimal separator turns micrometres into metres: beyond the limit of any guard, the model gets a note.
 #[test]
-fn an_error_beyond_what_a_guard_corrects_has_a_note() {
+fn an_error_beyond_guard_limits_gets_a_note() {
     // 500 mm of X: 1.9 mm and 2.1 mm at its end.
     for (slope, is_beyond) in [(3.8, false), (4.2, true)] {
         let map = map(&format!("EXX = {{ poly = [0.0, {slope}] }}"));

@@ -1,4 +1,4 @@
-//! A page on a store of its own, and a client for it.
+//! A web interface with its own store, and a client.
 
 use std::{
     io::{Read, Write},
@@ -11,7 +11,7 @@ use volcomp_centre::{
     clock::now_s,
     http::{PageSettings, PageState, router},
     store::Store,
-    users::{Moment, Password, Role, Session, Token, hash},
+    users::{BootTime, Password, Role, Session, Token, hash},
 };
 use volcomp_test_support::until;
 
@@ -41,7 +41,7 @@ impl Answer {
         serde_json::from_str(&self.body).unwrap_or_else(|e| panic!("{e}: {}", self.body))
     }
 
-    /// The cookie that the browser is told to keep, without its attributes.
+    /// The cookie of a response, without its attributes.
     pub(crate) fn cookie(&self) -> Option<String> {
         let line = self
             .head
@@ -90,8 +90,8 @@ impl Page {
     }
 
     /// The cookie of a new session of a user, made in the store: logging in costs a hash.
-    pub(crate) fn cookie_of(&self, role: Role, now: &Moment) -> String {
-        let token = Token::draw().expect("random numbers");
+    pub(crate) fn cookie_of(&self, role: Role, now: &BootTime) -> String {
+        let token = Token::generate().expect("random numbers");
         let session = Session {
             user: role.name().parse().expect("a name"),
             since: now.clone(),
@@ -103,10 +103,10 @@ impl Page {
     }
 
     pub(crate) fn session(&self, role: Role) -> String {
-        self.cookie_of(role, &Moment::now())
+        self.cookie_of(role, &BootTime::now())
     }
 
-    /// Sends bytes, and takes what comes until the end.
+    /// Sends bytes, and reads until the connection closes.
     pub(crate) fn raw(&self, bytes: &[u8]) -> Answer {
         let mut stream = TcpStream::connect(self.address).expect("it listens");
         stream
@@ -147,20 +147,20 @@ impl Page {
         self.request("GET", path, &[format!("Cookie: {cookie}")], "")
     }
 
-    /// The overview of what is stored by now: the second that is made from now on, since the first may have been begun before.
+    /// The overview of the current store: the second one built from now on, since the first may have been started before.
     pub(crate) fn overview(&self, cookie: &str) -> serde_json::Value {
-        let (mut told, mut made_s) = (serde_json::Value::Null, now_s());
+        let (mut reported, mut made_s) = (serde_json::Value::Null, now_s());
         for _ in 0..2 {
             until("an overview is made", LONG, || {
                 let answer = self.get("/api/overview", cookie);
                 if answer.status == 200 {
-                    told = answer.json();
+                    reported = answer.json();
                 }
-                told["made_s"].as_f64() > Some(made_s)
+                reported["made_s"].as_f64() > Some(made_s)
             });
-            made_s = told["made_s"].as_f64().expect("a time");
+            made_s = reported["made_s"].as_f64().expect("a time");
         }
-        told
+        reported
     }
 
     /// A change that is answered with this status.
@@ -176,7 +176,7 @@ impl Page {
         answer
     }
 
-    /// A change as our own page makes it.
+    /// A change as sent by the web interface.
     pub(crate) fn post(&self, path: &str, cookie: &str, body: &serde_json::Value) -> Answer {
         let lines = [
             format!("Cookie: {cookie}"),

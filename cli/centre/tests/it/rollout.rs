@@ -1,9 +1,11 @@
-//! The state machine of roll-outs: what it does in the plain case, and what it never does whatever happens.
+//! The state machine of roll-outs: scenarios, and invariants over random event sequences.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use proptest::prelude::*;
-use volcomp_centre::rollout::{Action, Event, Observation, Phase, Rollout, Rules, Step, Wish};
+use volcomp_centre::rollout::{
+    Action, Event, Observation, Phase, Rollout, Rules, Step, UserRequest,
+};
 use volcomp_fleet::{MachineId, Outcome};
 
 fn name(place: usize) -> MachineId {
@@ -36,7 +38,7 @@ fn issued(actions: &[Action]) -> Vec<MachineId> {
     machines.collect()
 }
 
-/// What is taken back.
+/// Machines of the withdraw actions.
 fn withdrawn(actions: &[Action]) -> Vec<MachineId> {
     let machines = actions.iter().filter_map(|action| match action {
         Action::Withdraw { machine } => Some(machine.clone()),
@@ -45,11 +47,11 @@ fn withdrawn(actions: &[Action]) -> Vec<MachineId> {
     machines.collect()
 }
 
-/// Looks, with these residuals of machines that run a version.
+/// A pass with these machines, their versions and residuals.
 fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
     let seen = seen.iter().map(|(place, version, residual)| {
         let seen = Observation {
-            heard: true,
+            reachable: true,
             version: *version,
             corrects: true,
             faulted: None,
@@ -57,27 +59,27 @@ fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
         };
         (name(*place), seen)
     });
-    Event::Looked {
+    Event::Pass {
         elapsed_s,
         seen: seen.collect(),
     }
 }
 
-/// A machine that runs the model and does not correct shows nothing of it: its soak stands still.
+/// The model of a machine that does not compensate cannot be judged: its soak time stops.
 #[test]
-fn a_machine_that_is_disarmed_is_not_watched() {
+fn a_disarmed_machine_does_not_soak() {
     let mut rollout = rollout(2, &[0], rules());
     let actions = rollout.step(looked(1.0, &[]));
     assert_eq!(issue(&mut rollout, &actions), [name(0)]);
     rollout.step(answered(0, 1, Outcome::Activated));
     for _ in 0..100 {
         let disarmed = Observation {
-            heard: true,
+            reachable: true,
             version: 1,
             residual_um: Some(90.0),
             ..Observation::default()
         };
-        let event = Event::Looked {
+        let event = Event::Pass {
             elapsed_s: 10.0,
             seen: BTreeMap::from([(name(0), disarmed)]),
         };
@@ -93,15 +95,15 @@ fn a_machine_that_is_disarmed_is_not_watched() {
     assert_eq!(issue(&mut rollout, &actions), [name(1)]);
 }
 
-/// A look at the first machine, whose guard has faulted.
+/// A pass in which the guard of the first machine is faulted.
 fn faulted(version: u64, why: &str) -> Event {
     let seen = Observation {
-        heard: true,
+        reachable: true,
         version,
         faulted: Some(why.to_owned()),
         ..Observation::default()
     };
-    Event::Looked {
+    Event::Pass {
         elapsed_s: 1.0,
         seen: BTreeMap::from([(name(0), seen)]),
     }
@@ -115,13 +117,13 @@ fn needs() -> Outcome {
     }
 }
 
-fn wished(wish: Wish) -> Event {
+fn requested(request: UserRequest) -> Event {
     let by = "bert".to_owned();
-    Event::Wished { wish, by }
+    Event::Requested { request, by }
 }
 
 fn confirm(hash: &str) -> Event {
-    wished(Wish::Confirm {
+    requested(UserRequest::Confirm {
         machine: name(0),
         hash: hash.to_owned(),
     })
@@ -142,7 +144,7 @@ fn answered(place: usize, version: u64, outcome: Outcome) -> Event {
     }
 }
 
-/// Issues what is asked, each machine with version 1 and a residual of 4 µm before.
+/// Executes the issue actions, each with version 1 and a residual of 4 µm before.
 fn issue(rollout: &mut Rollout, actions: &[Action]) -> Vec<MachineId> {
     let machines = issued(actions);
     for machine in &machines {
@@ -182,7 +184,7 @@ fn canaries_then_waves_then_done() {
     assert!(rollout.step(looked(10.0, &both)).is_empty());
     let actions = rollout.step(looked(10.0, &both));
     assert_eq!(issue(&mut rollout, &actions), [name(2), name(4)]);
-    // An acknowledgement that was lost: the condition tells the version that is in force.
+    // A lost acknowledgement: the condition reports the active version.
     let rest = [(2, 1, 4.0), (4, 1, 4.0)];
     for _ in 0..3 {
         rollout.step(looked(10.0, &rest));
@@ -191,12 +193,12 @@ fn canaries_then_waves_then_done() {
 }
 
 #[test]
-fn a_gap_in_the_watching_shortens_no_soak() {
+fn an_observation_gap_does_not_shorten_the_soak() {
     let mut rollout = rollout(2, &[0], rules());
     let actions = rollout.step(looked(1.0, &[]));
     issue(&mut rollout, &actions);
     rollout.step(answered(0, 1, Outcome::Activated));
-    // The centre was away for a day, or its clock jumped; the machine was silent for an hour.
+    // The centre was down for a day, or its clock jumped; the machine was silent for an hour.
     for event in [
         looked(86_400.0, &[(0, 1, 4.0)]),
         looked(3600.0, &[]),
@@ -209,7 +211,7 @@ fn a_gap_in_the_watching_shortens_no_soak() {
 }
 
 #[test]
-fn it_stops_for_what_speaks_against_the_model() {
+fn rejection_timeout_fault_and_residual_stop_the_rollout() {
     let start = || {
         let mut rollout = rollout(4, &[0], rules());
         let actions = rollout.step(looked(1.0, &[]));
@@ -223,14 +225,14 @@ fn it_stops_for_what_speaks_against_the_model() {
             .step(answered(0, 1, Outcome::Refused { why }))
             .is_empty()
     );
-    stopped(&refused, "m0: it has refused it: its serial number");
+    stopped(&refused, "m0: it has rejected the model: its serial number");
 
     let mut silent = start();
     for _ in 0..6 {
         assert!(silent.step(looked(10.0, &[])).is_empty());
     }
     assert_eq!(withdrawn(&silent.step(looked(10.0, &[]))), [name(0)]);
-    stopped(&silent, "it has not answered");
+    stopped(&silent, "no answer in time");
 
     let mut broken = start();
     broken.step(answered(0, 1, Outcome::Activated));
@@ -251,12 +253,12 @@ fn it_stops_for_what_speaks_against_the_model() {
 }
 
 #[test]
-fn a_person_confirms_holds_and_lets_go_on() {
+fn confirm_pause_and_resume() {
     let mut rollout = rollout(2, &[0], rules());
     let actions = rollout.step(looked(1.0, &[]));
     issue(&mut rollout, &actions);
     assert!(rollout.step(answered(0, 1, needs())).is_empty());
-    // It waits for the person, however long.
+    // It waits for the user without a timeout.
     for _ in 0..100 {
         assert!(rollout.step(looked(10.0, &[])).is_empty());
     }
@@ -275,26 +277,26 @@ fn a_person_confirms_holds_and_lets_go_on() {
         before_um: Some(99.0),
     });
     assert_eq!(rollout.targets[0].before_um, Some(4.0));
-    // The answer to the first version comes again, late.
+    // A late duplicate of the first outcome.
     let why = "its version".to_owned();
     rollout.step(answered(0, 1, Outcome::Refused { why: why.clone() }));
     assert_eq!(rollout.phase, Phase::Running);
-    rollout.step(wished(Wish::Pause));
+    rollout.step(requested(UserRequest::Pause));
     rollout.step(answered(0, 2, Outcome::Activated));
     for _ in 0..2 {
         assert!(rollout.step(looked(10.0, &[(0, 2, 4.0)])).is_empty());
     }
     assert!(matches!(step_of(&rollout, 0), Step::Done { version: 2 }));
-    let actions = rollout.step(wished(Wish::Resume));
+    let actions = rollout.step(requested(UserRequest::Resume));
     assert_eq!(issue(&mut rollout, &actions), [name(1)]);
     rollout.step(answered(1, 1, Outcome::Refused { why }));
     assert!(matches!(rollout.phase, Phase::Stopped { .. }));
-    rollout.step(wished(Wish::Resume));
-    assert_eq!(rollout.phase, Phase::Done, "the one that is out is let go");
+    rollout.step(requested(UserRequest::Resume));
+    assert_eq!(rollout.phase, Phase::Done, "the dropout is excused");
 }
 
 #[test]
-fn some_may_stay_out_behind_the_canaries() {
+fn tolerated_dropouts_do_not_stop_the_rollout() {
     let mut rules = rules();
     rules.soak_s = 0.0;
     rules.waves = vec![100];
@@ -316,7 +318,7 @@ fn some_may_stay_out_behind_the_canaries() {
 enum Happens {
     Look(u16, Vec<(u8, u8, u8)>),
     Answer(u8, u8, u8),
-    Wish(u8, u8),
+    UserRequest(u8, u8),
     Fails(u8),
 }
 
@@ -325,7 +327,7 @@ fn happens() -> impl Strategy<Value = Happens> {
         4 => (0_u16..20, proptest::collection::vec((any::<u8>(), 0_u8..4, any::<u8>()), 0..6))
             .prop_map(|(s, seen)| Happens::Look(s, seen)),
         4 => (any::<u8>(), 0_u8..4, any::<u8>()).prop_map(|(m, v, o)| Happens::Answer(m, v, o)),
-        1 => (any::<u8>(), any::<u8>()).prop_map(|(w, m)| Happens::Wish(w, m)),
+        1 => (any::<u8>(), any::<u8>()).prop_map(|(w, m)| Happens::UserRequest(w, m)),
         1 => any::<u8>().prop_map(Happens::Fails),
     ]
 }
@@ -333,12 +335,12 @@ fn happens() -> impl Strategy<Value = Happens> {
 fn event(happens: &Happens, machines: usize) -> Event {
     let machine = |place: u8| name(usize::from(place) % machines);
     match happens {
-        Happens::Look(s, seen) => Event::Looked {
+        Happens::Look(s, seen) => Event::Pass {
             elapsed_s: f64::from(*s),
             seen: (seen.iter())
                 .map(|(place, version, odd)| {
                     let seen = Observation {
-                        heard: odd % 8 > 0,
+                        reachable: odd % 8 > 0,
                         version: u64::from(*version),
                         corrects: odd % 5 > 0,
                         faulted: (odd % 16 == 9).then(|| "fault".to_owned()),
@@ -363,12 +365,12 @@ fn event(happens: &Happens, machines: usize) -> Event {
                 _ => Outcome::Activated,
             },
         },
-        Happens::Wish(wish, place) => Event::Wished {
-            wish: match wish % 8 {
-                0 => Wish::Pause,
-                1 => Wish::Abort,
-                2..5 => Wish::Resume,
-                _ => Wish::Confirm {
+        Happens::UserRequest(request, place) => Event::Requested {
+            request: match request % 8 {
+                0 => UserRequest::Pause,
+                1 => UserRequest::Abort,
+                2..5 => UserRequest::Resume,
+                _ => UserRequest::Confirm {
                     machine: machine(*place),
                     hash: "h".to_owned(),
                 },
@@ -383,9 +385,9 @@ fn event(happens: &Happens, machines: usize) -> Event {
 }
 
 proptest! {
-    /// Whatever happens, in whatever order, with restarts between any two events.
+    /// Random events in any order, with a restart between any two.
     #[test]
-    fn whatever_happens(
+    fn invariants_hold_for_any_event_sequence(
         machines in 1_usize..8,
         canaries in proptest::collection::vec(0_usize..8, 0..3),
         waves in proptest::collection::vec(1_u32..=100, 0..4),
@@ -400,7 +402,7 @@ proptest! {
         let mut version = 0;
         for happens in &story {
             let before = rollout.clone();
-            // A centre that is started again goes on from what it has stored.
+            // A restarted centre continues from the stored state.
             let text = serde_json::to_string(&rollout).unwrap();
             rollout = serde_json::from_str(&text).unwrap();
             prop_assert_eq!(&rollout.phase, &before.phase);
@@ -412,7 +414,7 @@ proptest! {
             for action in actions {
                 let (machine, confirm) = match action {
                     Action::Issue { machine, confirm } => (machine, confirm),
-                    // Only what was sent is taken back, and only when it is broken off.
+                    // Only sent versions are withdrawn, and only when the roll-out stops or is aborted.
                     Action::Withdraw { machine } => {
                         prop_assert!(rollout.phase.is_broken_off());
                         prop_assert!(rollout.phase.is_over() || !before.phase.is_broken_off());
@@ -433,16 +435,16 @@ proptest! {
                     // Never while it is held or has stopped, and never twice.
                     prop_assert_eq!(&rollout.phase, &Phase::Running);
                     prop_assert!(sent.insert(machine.clone()), "{} twice", machine);
-                    // Never before everything of the waves before is over.
+                    // Not before all machines of earlier waves are done or out.
                     for other in rollout.targets.iter().filter(|other| other.wave < target.wave) {
                         let over = matches!(other.step, Step::Done { .. } | Step::Out { .. });
                         prop_assert!(over, "{:?} before {:?}", target, other);
-                        // A canary that is out was let go by a person.
+                        // The user excused a canary that dropped out.
                         if let Step::Out { excused, .. } = other.step {
                             prop_assert!(excused || other.wave > 0);
                         }
                     }
-                    // Nothing that speaks against the model is passed over, nor more silent ones than may be.
+                    // No machine against the model is ignored, nor more dropouts than tolerated.
                     let out: Vec<bool> = rollout.targets.iter().filter_map(|target| match target.step {
                         Step::Out { against, excused: false, .. } => Some(against),
                         _ => None,
@@ -470,7 +472,7 @@ proptest! {
     }
 }
 
-/// A roll-out to two machines whose canary, m0, has version 1 in force.
+/// A roll-out to two machines whose canary, m0, has activated version 1.
 fn with_a_canary_that_has_it() -> Rollout {
     let mut rollout = rollout(2, &[0], rules());
     let actions = rollout.step(looked(1.0, &[]));
@@ -479,9 +481,9 @@ fn with_a_canary_that_has_it() -> Rollout {
     rollout
 }
 
-/// docs/src/fleet.md: it stops by itself when "the guard of a machine that has it faults". The canary has it after its soak, too.
+/// docs/src/fleet.md: it stops when "the guard of a machine that has it faults". The canary has it after its soak, too.
 #[test]
-fn a_canary_that_faults_after_its_soak_stops_the_roll_out() {
+fn a_canary_fault_after_its_soak_stops_the_rollout() {
     let mut rollout = with_a_canary_that_has_it();
     let mut actions = Vec::new();
     for _ in 0..2 {
@@ -496,18 +498,18 @@ fn a_canary_that_faults_after_its_soak_stops_the_roll_out() {
     stopped(&rollout, "m0: its guard has faulted: thermal runaway");
 }
 
-/// A machine that tells that an older version is in force (its folder was restored, its gateway exchanged) is not watched with
-/// the model, and it stays out where it goes on so.
+/// A machine that reports an older active version (its folder was restored, its gateway replaced) is not observed with
+/// the model, and drops out if this continues.
 #[test]
-fn a_machine_that_runs_another_version_is_not_soaked() {
+fn a_machine_with_another_version_does_not_soak() {
     let mut rollout = with_a_canary_that_has_it();
     for _ in 0..6 {
         rollout.step(looked(10.0, &[(0, 0, 4.0)]));
         assert!(matches!(step_of(&rollout, 0), Step::Soaking { soaked_s, .. } if soaked_s == 0.0));
     }
-    // It has been told for an answer's time: a canary that stays out stops it.
+    // After the answer timeout the canary drops out, which stops the roll-out.
     rollout.step(looked(10.0, &[(0, 0, 4.0)]));
-    stopped(&rollout, "m0: it has version 0 in force again");
+    stopped(&rollout, "m0: version 0 is active again");
     // The condition with the version may come after the answer.
     let mut rollout = with_a_canary_that_has_it();
     rollout.step(looked(10.0, &[(0, 0, 4.0)]));
@@ -517,26 +519,26 @@ fn a_machine_that_runs_another_version_is_not_soaked() {
     assert!(matches!(step_of(&rollout, 0), Step::Done { .. }));
 }
 
-/// What was sent and is not in force when a roll-out stops is taken back, and sent again when a person lets it go on. One that
-/// has not answered in time stays out: its model of before stands under its key.
+/// Sent but inactive versions are withdrawn when a roll-out stops, and sent again when the user resumes it. One that
+/// has not answered in time stays out: its previous model is under its key.
 #[test]
-fn what_is_not_in_force_is_taken_back_when_it_stops() {
+fn inactive_versions_are_withdrawn_when_the_rollout_stops() {
     let mut rollout = rollout(4, &[0, 1, 2], rules());
     let actions = rollout.step(looked(1.0, &[]));
     assert_eq!(issue(&mut rollout, &actions).len(), 3);
     rollout.step(answered(0, 1, Outcome::Activated));
     rollout.step(answered(1, 1, needs()));
-    // The first has it, the second waits for a person, the third was away.
+    // The first has activated it, the second waits for confirmation, the third was offline.
     let actions = rollout.step(looked(10.0, &[(0, 1, 40.0)]));
     assert!(matches!(rollout.phase, Phase::Stopped { .. }));
     assert_eq!(withdrawn(&actions), [name(2)]);
     assert_eq!(step_of(&rollout, 2), Step::Waiting);
     assert!(rollout.step(looked(10.0, &[])).is_empty(), "once");
     let mut ended = rollout.clone();
-    let actions = ended.step(wished(Wish::Abort));
-    // The first is out for its residual: whether it has it in force is seen by its answer.
+    let actions = ended.step(requested(UserRequest::Abort));
+    // The first dropped out for its residual: its outcome shows whether the version is active.
     assert_eq!(withdrawn(&actions), [name(0), name(1)]);
-    let actions = rollout.step(wished(Wish::Resume));
+    let actions = rollout.step(requested(UserRequest::Resume));
     assert_eq!(issue(&mut rollout, &actions), [name(2)]);
     let mut last = Vec::new();
     for _ in 0..7 {
@@ -544,7 +546,7 @@ fn what_is_not_in_force_is_taken_back_when_it_stops() {
     }
     assert!(matches!(rollout.phase, Phase::Stopped { .. }));
     assert_eq!(withdrawn(&last), [name(2)]);
-    let actions = rollout.step(wished(Wish::Resume));
+    let actions = rollout.step(requested(UserRequest::Resume));
     assert!(actions.is_empty(), "it stays out: {actions:?}");
     assert!(rollout.step(looked(10.0, &[(2, 1, 4.0)])).is_empty());
     assert!(matches!(
@@ -553,10 +555,10 @@ fn what_is_not_in_force_is_taken_back_when_it_stops() {
     ));
 }
 
-/// A roll-out that has stopped sends nothing, although a person confirms a change; held, or let go on, it does. What a person
-/// has kept is to be decided anew when it goes on.
+/// A stopped roll-out ignores confirmations; a paused or resumed one sends confirmed changes. Decisions to keep the model are reset on
+/// resume.
 #[test]
-fn a_stopped_roll_out_takes_no_confirmation() {
+fn a_stopped_rollout_ignores_confirmations() {
     let mut rollout = rollout(2, &[0, 1], rules());
     let actions = rollout.step(looked(1.0, &[]));
     assert_eq!(issue(&mut rollout, &actions).len(), 2);
@@ -567,14 +569,14 @@ fn a_stopped_roll_out_takes_no_confirmation() {
         confirm: Some("abc".to_owned()),
     }];
     let mut held = rollout.clone();
-    held.step(wished(Wish::Pause));
+    held.step(requested(UserRequest::Pause));
     assert_eq!(held.step(confirm()), sent);
     let why = "its axes".to_owned();
     rollout.step(answered(1, 1, Outcome::Refused { why }));
     assert!(matches!(rollout.phase, Phase::Stopped { .. }));
     assert!(rollout.step(confirm()).is_empty());
     rollout.targets[0].kept_by = Some("anna".to_owned());
-    rollout.step(wished(Wish::Resume));
+    rollout.step(requested(UserRequest::Resume));
     assert_eq!(rollout.targets[0].kept_by, None);
     assert_eq!(rollout.step(confirm()), sent);
 }

@@ -36,7 +36,7 @@ impl Drop for Running {
     }
 }
 
-/// A folder with what a centre needs, and a certificate for this computer.
+/// A folder with the files of a centre, and a certificate for this computer.
 fn centre() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     configure(folder.path(), "alone", "127.0.0.1:4222", None);
@@ -106,12 +106,12 @@ fn three_servers_of_one_centre_join_with_tls() {
     volcomp_test_support::until("they join", LONG, || {
         monitors.iter().all(|monitor| joined(monitor) == Some(2))
     });
-    // Between them is TLS, and who has no certificate is sent away.
+    // The servers use TLS among each other and reject connections without a certificate.
     let greeted = shop::runtime().block_on(greeted(&addresses[0], &folder.join("certificate.pem")));
     assert!(greeted.is_err(), "{greeted:?}");
 }
 
-/// Speaks TLS with the port of a cluster, without a certificate of one's own: what is heard then.
+/// Connects to a cluster port with TLS but no client certificate, and returns the received bytes.
 async fn greeted(address: &str, trusted: &Path) -> std::io::Result<usize> {
     let mut roots = RootCertStore::empty();
     roots
@@ -129,7 +129,7 @@ async fn greeted(address: &str, trusted: &Path) -> std::io::Result<usize> {
     stream.read(&mut [0; 64]).await
 }
 
-/// The password of a cluster is not printed into a file that others can read; one that is written anew stays private.
+/// The cluster password is not printed to a file that others can read; a replaced file stays private.
 #[test]
 fn the_password_of_a_cluster_stays_private() {
     let folder = centre();
@@ -151,8 +151,11 @@ fn the_password_of_a_cluster_stays_private() {
     configure(folder, "one", "127.0.0.1:4222", Some((0, &addresses)));
     let refused = print_into("open.conf", 0o644);
     assert_eq!(refused.status.code(), Some(2));
-    let told = String::from_utf8(refused.stderr).unwrap();
-    assert!(told.contains("644") && told.contains("--output"), "{told}");
+    let reported = String::from_utf8(refused.stderr).unwrap();
+    assert!(
+        reported.contains("644") && reported.contains("--output"),
+        "{reported}"
+    );
     assert_eq!(
         std::fs::read_to_string(folder.join("open.conf")).unwrap(),
         ""

@@ -1,4 +1,4 @@
-//! A server, a centre and gateways, for the tests of the whole.
+//! A server, a centre and gateways, for end-to-end tests.
 
 use std::{
     io,
@@ -17,23 +17,23 @@ use volcomp_centre::{
     keys::Key,
     records::{AlarmKind, Machine},
     rollout::{Phase, Rollout, Rules},
-    store::{Issued, Keep, Store},
+    store::{Retention, SignedValue, Store},
 };
 use volcomp_fleet::{
-    Desired, Hub, Keeping, Kind, LinkSettings, MachineId, MachineLink, MachineUser, Manifest,
-    ServerSettings, SigningKey, Subjects,
+    Desired, Hub, Kind, LinkSettings, MachineId, MachineLink, MachineUser, Manifest,
+    ServerSettings, SigningKey, StreamRetention, Subjects,
     server::{Server, program},
 };
 
 use crate::{
-    gateway::{self, Plan, Told},
+    gateway::{self, GatewayState, Plan},
     support::{machine, model},
 };
 
-/// Everything that is waited for comes within this time, on the slowest machine.
+/// Timeout of every wait.
 pub(crate) const LONG: Duration = Duration::from_secs(120);
 
-impl Told {
+impl GatewayState {
     pub(crate) fn version(&self) -> u64 {
         self.version.load(Ordering::Relaxed)
     }
@@ -54,8 +54,7 @@ pub(crate) struct Shop {
 }
 
 impl Shop {
-    /// Runs a test with so many servers in a cluster, and so many machines; where the server is not installed it is not run,
-    /// which fails under CI.
+    /// Runs a test with a cluster of `servers` and with `machines`. Skipped without an installed server, which fails in CI.
     pub(crate) fn run(servers: usize, machines: usize, test: impl AsyncFnOnce(&mut Self)) {
         if let Some(mut shop) = Self::new(servers, machines) {
             runtime().block_on(test(&mut shop));
@@ -148,11 +147,11 @@ impl Shop {
                 url: url.to_owned(),
                 ..self.link_of(&self.centre)
             },
-            keeping: Keeping {
+            stream_retention: StreamRetention {
                 replicas: self.settings.len(),
-                ..Keeping::default()
+                ..StreamRetention::default()
             },
-            keep: Keep::default(),
+            keep: Retention::default(),
             key: self.key.clone(),
             own: vec![self.key.clone()],
         };
@@ -179,13 +178,13 @@ impl Shop {
     }
 
     /// Starts the gateway of a machine.
-    pub(crate) fn gateway(&self, place: usize) -> (Told, tokio::task::JoinHandle<()>) {
-        let told = Told::default();
+    pub(crate) fn gateway(&self, place: usize) -> (GatewayState, tokio::task::JoinHandle<()>) {
+        let reported = GatewayState::default();
         let plan = self.plan(place, &format!("run-{place}"));
-        (told.clone(), tokio::spawn(gateway::run(plan, told)))
+        (reported.clone(), tokio::spawn(gateway::run(plan, reported)))
     }
 
-    /// Waits until this version stands under the key of a machine; 0: nothing.
+    /// Waits until this version is under the key of a machine; 0: no value.
     pub(crate) async fn until_under_key(&self, place: usize, version: u64) {
         let hub = self.hub().await;
         let end = Instant::now() + LONG;
@@ -232,7 +231,7 @@ impl Shop {
         }
     }
 
-    /// A thief of the credentials of the first machine has an answer of the server stored under the key of the second.
+    /// A thief of the first machine's credentials gets a server response stored under the key of the second.
     pub(crate) async fn forge(&self) {
         let (thief, key) = &self.machines[0];
         let client = async_nats::ConnectOptions::with_nkey(key.seed().unwrap())
@@ -263,7 +262,7 @@ impl Shop {
         self.store.rollout(id).unwrap().unwrap()
     }
 
-    pub(crate) fn issued(&self, place: usize) -> Option<Issued> {
+    pub(crate) fn issued(&self, place: usize) -> Option<SignedValue> {
         self.store.issued(self.name(place)).unwrap()
     }
 
@@ -316,7 +315,7 @@ pub(crate) fn soak(soak_s: f64) -> Rules {
     }
 }
 
-/// What a signed value holds.
+/// The manifest of a signed value.
 pub(crate) fn manifest(value: &[u8]) -> Manifest {
     let desired = Desired::parse(value).unwrap();
     serde_json::from_str(&desired.manifest).unwrap()
@@ -339,7 +338,7 @@ pub(crate) async fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// A wire between a client and a server that can be cut: nothing passes any more, and nobody is told.
+/// A connection between client and server that can be cut: packets are lost without an error.
 pub(crate) struct Wire {
     pub(crate) url: String,
     cut: Arc<AtomicBool>,
@@ -350,15 +349,15 @@ impl Wire {
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("nats://{}", listener.local_addr().unwrap());
         let cut = Arc::new(AtomicBool::new(false));
-        let of_task = Arc::clone(&cut);
+        let task_cut = Arc::clone(&cut);
         let server = server.to_owned();
         tokio::spawn(async move {
             while let Ok((near, _)) = listener.accept().await {
                 let far = tokio::net::TcpStream::connect(&server).await.unwrap();
                 let (near_read, near_write) = near.into_split();
                 let (far_read, far_write) = far.into_split();
-                tokio::spawn(pass(near_read, far_write, Arc::clone(&of_task)));
-                tokio::spawn(pass(far_read, near_write, Arc::clone(&of_task)));
+                tokio::spawn(pass(near_read, far_write, Arc::clone(&task_cut)));
+                tokio::spawn(pass(far_read, near_write, Arc::clone(&task_cut)));
             }
         });
         Self { url, cut }
@@ -369,8 +368,8 @@ impl Wire {
     }
 }
 
-/// Passes bytes on. While the wire is cut they are held, as by a network that loses every packet: what is sent again arrives
-/// when it heals.
+/// Forwards bytes. While the connection is cut they are held, as by a network that loses every packet: retransmissions arrive
+/// afterwards.
 async fn pass(
     from: tokio::net::tcp::OwnedReadHalf,
     mut to: tokio::net::tcp::OwnedWriteHalf,

@@ -1,21 +1,21 @@
-//! The store and what goes into it.
+//! The store and ingestion into it.
 
 use serde_json::json;
 use volcomp_centre::{
     Error,
     ingest::Ingest,
     records::Resolution,
-    rollout::{Rules, Wish},
-    store::{Keep, Store},
+    rollout::{Rules, UserRequest},
+    store::{Retention, Store},
 };
 use volcomp_fleet::{Kind, MachineId, Received};
 
 use crate::support::{condition, envelope, identity, machine, model, model_text, received};
 
-/// A file that is opened several times, as by several programs.
-struct Place(tempfile::TempDir);
+/// A database file, opened several times as by several programs.
+struct DatabaseFile(tempfile::TempDir);
 
-impl Place {
+impl DatabaseFile {
     fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
@@ -24,15 +24,15 @@ impl Place {
         Store::open(&self.0.path().join("centre.db"))
     }
 
-    /// Executes a statement past the store, as a thief or another program does.
+    /// Executes a statement on a separate connection, as another program or an attacker would.
     fn execute(&self, sql: &str) {
         let other = rusqlite::Connection::open(self.0.path().join("centre.db")).unwrap();
         other.execute(sql, []).unwrap();
     }
 }
 
-fn opened() -> (Place, Store) {
-    let place = Place::new();
+fn opened() -> (DatabaseFile, Store) {
+    let place = DatabaseFile::new();
     let store = place.open().unwrap();
     (place, store)
 }
@@ -52,7 +52,7 @@ fn conditions(numbers: std::ops::Range<u64>, from_s: f64) -> Vec<Received> {
 }
 
 #[test]
-fn machines_models_and_the_log_of_changes() {
+fn changes_of_machines_and_models_are_logged() {
     let (place, store) = opened();
     let mut mill = machine("mill-a");
     store.put_machine(&mill, "anna").unwrap();
@@ -81,12 +81,12 @@ fn machines_models_and_the_log_of_changes() {
     );
     assert!(store.machines().unwrap().is_empty());
     let log = store.audit_records(None, 10).unwrap();
-    let told: Vec<(&str, &str)> = log
+    let reported: Vec<(&str, &str)> = log
         .iter()
         .map(|record| (record.by.as_str(), record.action.as_str()))
         .collect();
     assert_eq!(
-        told,
+        reported,
         [
             ("carl", "machine.remove"),
             ("anna", "model.add"),
@@ -97,9 +97,9 @@ fn machines_models_and_the_log_of_changes() {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
-/// Another program that reads the file, as a viewer or a backup does, leaves the log in place that the centre writes.
+/// Another reader, such as a viewer or a backup, does not remove the centre's write-ahead log.
 #[test]
-fn another_program_that_reads_loses_nothing() {
+fn a_concurrent_reader_loses_no_rows() {
     let (place, store) = opened();
     store.put_machine(&machine("mill-a"), "anna").unwrap();
     let file = place.0.path().join("centre.db");
@@ -115,11 +115,11 @@ fn another_program_that_reads_loses_nothing() {
     assert_eq!(place.open().unwrap().machines().unwrap().len(), 2);
 }
 
-/// A slip in the path changes the rights of no other file.
+/// A wrong path does not change the permissions of another file.
 #[test]
-fn what_is_no_database_keeps_its_rights() {
+fn a_file_that_is_no_database_keeps_its_permissions() {
     use std::os::unix::fs::PermissionsExt;
-    let place = Place::new();
+    let place = DatabaseFile::new();
     let notes = place.0.path().join("centre.db");
     std::fs::write(
         &notes,
@@ -137,9 +137,9 @@ fn what_is_no_database_keeps_its_rights() {
     assert!(device.contains("no regular file"), "{device}");
 }
 
-/// A model is true for the tool that it was measured on: no other one takes over its turn by taking its name.
+/// A model is valid for the measured machine: no other machine can take its place in a roll-out by taking its name.
 #[test]
-fn no_other_tool_takes_the_name_of_one_in_a_rollout() {
+fn the_serial_number_is_fixed_during_a_rollout() {
     let (_place, store) = opened();
     let mill = machine("mill-a");
     let mut other = mill.clone();
@@ -149,11 +149,11 @@ fn no_other_tool_takes_the_name_of_one_in_a_rollout() {
     store
         .begin_rollout("ab", &machines, Rules::default(), "anna")
         .unwrap();
-    // What else is known of it may change; its serial number may not, neither at once nor by way of removing it.
+    // Other fields may change; the serial number may not, neither directly nor by removing the machine first.
     store.put_machine(&mill, "anna").unwrap();
     let refused = |found: Result<(), Error>| {
         let said = found.unwrap_err().to_string();
-        assert!(said.contains("mill-a has its turn in roll-out 1"), "{said}");
+        assert!(said.contains("mill-a is in roll-out 1"), "{said}");
     };
     refused(store.put_machine(&other, "anna"));
     store
@@ -163,8 +163,8 @@ fn no_other_tool_takes_the_name_of_one_in_a_rollout() {
 }
 
 #[test]
-fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen() {
-    let place = &Place::new();
+fn a_changed_or_removed_audit_record_is_detected() {
+    let place = &DatabaseFile::new();
     for (change, seen) in [
         (
             "UPDATE audit SET document = replace(document, 'anna', 'bert') WHERE number = 2",
@@ -186,24 +186,24 @@ fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen() {
 }
 
 #[test]
-fn each_message_is_stored_once_and_the_history_has_its_means() {
+fn messages_are_stored_once_and_averaged() {
     let (place, store) = opened();
     let mut ingest = Ingest::of(&store).unwrap();
     // From the beginning of an hour on.
     let from_s = 1_800_000_000.0;
     let batch = conditions(0..90, from_s);
     let taken = ingest.take(&store, &batch[..50]).unwrap();
-    assert_eq!((taken.stored, taken.twice), (50, 0));
-    // A part comes again, as after a lost acknowledgement, and as after a restart of the centre.
+    assert_eq!((taken.stored, taken.duplicates), (50, 0));
+    // Redelivery of a part, after a lost acknowledgement and after a restart of the centre.
     let taken = ingest.take(&store, &batch[40..60]).unwrap();
-    assert_eq!((taken.stored, taken.twice), (10, 10));
+    assert_eq!((taken.stored, taken.duplicates), (10, 10));
     let store = {
         drop(store);
         place.open().unwrap()
     };
     let mut ingest = Ingest::of(&store).unwrap();
     let taken = ingest.take(&store, &batch).unwrap();
-    assert_eq!((taken.stored, taken.twice), (30, 60));
+    assert_eq!((taken.stored, taken.duplicates), (30, 60));
     let history = |resolution| {
         store
             .history(&mill(), resolution, from_s, from_s + 7200.0, 1000)
@@ -233,7 +233,7 @@ fn each_message_is_stored_once_and_the_history_has_its_means() {
 }
 
 #[test]
-fn what_is_old_is_forgotten_and_hours_stay() {
+fn expired_rows_are_deleted_and_hours_kept() {
     let (_place, store) = opened();
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;
@@ -249,27 +249,29 @@ fn what_is_old_is_forgotten_and_hours_stay() {
     ingest.store_live(&store).unwrap();
     assert_eq!(store.telemetry(&mill()).unwrap().unwrap().1["number"], 69);
     store.close_minutes(from_s + 60.0).unwrap();
-    let keep = Keep::default();
+    let keep = Retention::default();
     let points = |resolution| {
         let points = store.history(&mill(), resolution, from_s, from_s + 60.0, 1000);
         points.unwrap().len()
     };
-    store.forget(keep, from_s + 3600.0).unwrap();
+    store.delete_expired(keep, from_s + 3600.0).unwrap();
     assert_eq!(points(Resolution::Raw), 60);
-    store.forget(keep, from_s + 2.0 * 86_400.0).unwrap();
+    store.delete_expired(keep, from_s + 2.0 * 86_400.0).unwrap();
     assert_eq!(points(Resolution::Raw), 0);
     assert_eq!(points(Resolution::Minute), 1);
     // The first whole state of the hour is kept longer.
     assert_eq!(store.telemetry(&mill()).unwrap().unwrap().1["number"], 60);
-    store.forget(keep, from_s + 40.0 * 86_400.0).unwrap();
+    store
+        .delete_expired(keep, from_s + 40.0 * 86_400.0)
+        .unwrap();
     assert_eq!(points(Resolution::Minute), 0);
     assert_eq!(points(Resolution::Hour), 1);
     assert_eq!(store.telemetry(&mill()).unwrap(), None);
 }
 
-/// A disk that is full: nothing of a batch is stored, nothing is forgotten of what was known, and it can be given again.
+/// Full disk: no part of a batch is stored, the state is unchanged, and the batch can be passed again.
 #[test]
-fn a_batch_that_does_not_fit_is_stored_not_at_all() {
+fn a_rejected_batch_is_not_stored_in_part() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(&folder.path().join("centre.db")).unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
@@ -287,13 +289,13 @@ fn a_batch_that_does_not_fit_is_stored_not_at_all() {
     assert_eq!(count(), 10);
     full(u32::MAX - 1);
     let taken = ingest.take(&store, &large).unwrap();
-    assert_eq!((taken.stored, taken.twice), (1990, 0));
+    assert_eq!((taken.stored, taken.duplicates), (1990, 0));
     assert_eq!(count(), 2000);
     drop(folder);
 }
 
 #[test]
-fn what_cannot_be_read_is_kept_for_a_person() {
+fn unreadable_messages_are_kept() {
     let (_place, store) = opened();
     let mut ingest = Ingest::of(&store).unwrap();
     for (sequence, bytes) in [&b"no JSON"[..], b"{}", b"\xff\xfe", b"[1e999]"]
@@ -326,7 +328,7 @@ fn what_cannot_be_read_is_kept_for_a_person() {
 }
 
 #[test]
-fn a_machine_has_its_turn_in_one_roll_out_at_a_time() {
+fn a_machine_is_in_one_open_rollout() {
     let (_place, store) = opened();
     let start = |names: &[&str]| {
         let machines: Vec<(MachineId, bool)> = (names.iter())
@@ -336,22 +338,21 @@ fn a_machine_has_its_turn_in_one_roll_out_at_a_time() {
     };
     assert_eq!(start(&["a", "b"]).unwrap().id, 1);
     let refused = start(&["b", "c"]).unwrap_err().to_string();
-    assert!(
-        refused.starts_with("b has its turn in roll-out 1"),
-        "{refused}"
-    );
+    assert!(refused.starts_with("b is in roll-out 1"), "{refused}");
     assert_eq!(start(&["c"]).unwrap().id, 2);
     assert_eq!(store.open_rollouts().unwrap(), [1, 2]);
-    store.wish(1, &Wish::Abort, "anna").unwrap();
+    store
+        .request_rollout_change(1, &UserRequest::Abort, "anna")
+        .unwrap();
     assert!(matches!(
-        store.wish(3, &Wish::Abort, "anna"),
+        store.request_rollout_change(3, &UserRequest::Abort, "anna"),
         Err(Error::Missing { .. })
     ));
 }
 
-/// What fails in the middle of a transaction leaves nothing behind, and what comes after it works.
+/// A failed transaction leaves no changes, and later ones succeed.
 #[test]
-fn what_fails_in_the_middle_leaves_nothing() {
+fn a_failed_transaction_is_rolled_back() {
     let (place, store) = opened();
     store.put_machine(&machine("mill-a"), "anna").unwrap();
     // The record of the log is the second of the two statements.
@@ -365,14 +366,14 @@ fn what_fails_in_the_middle_leaves_nothing() {
 }
 
 #[test]
-fn a_database_of_a_newer_program_is_left_alone() {
-    let place = &Place::new();
+fn a_database_of_a_newer_program_is_rejected() {
+    let place = &DatabaseFile::new();
     drop(place.open().unwrap());
     place.execute("UPDATE schema SET steps = 99");
     assert!(matches!(place.open(), Err(Error::Newer { found: 99, .. })));
 }
 
-/// Minutes of many machines, some of which come late or in no order: each machine has its own means, whatever the others have.
+/// Minutes of many machines, some late or out of order: the means of each machine are independent of the others.
 #[test]
 fn minutes_are_closed_machine_by_machine() {
     const MACHINES: u64 = 70;
@@ -380,7 +381,7 @@ fn minutes_are_closed_machine_by_machine() {
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;
     let name = |machine: u64| format!("mill-{machine}");
-    // Machine m tells the residual 1000 m + n at second n, in three minutes; every third is silent in the second one.
+    // Machine m reports the residual 1000 m + n at second n, in three minutes; every third is silent in the second one.
     let tells =
         |machine: u64, second: u64| !(machine.is_multiple_of(3) && (60..120).contains(&second));
     let batch: Vec<Received> = (0..180)
@@ -430,20 +431,20 @@ fn minutes_are_closed_machine_by_machine() {
             (12, base + 55.0)
         };
         assert_eq!((hour.count, hour.residual_um), (of_hour.0, Some(of_hour.1)));
-        let told: Vec<f64> = (history(Resolution::Raw).iter())
+        let reported: Vec<f64> = (history(Resolution::Raw).iter())
             .map(|point| point.at_s - from_s)
             .collect();
         let expected = (0..180)
             .step_by(10)
             .filter(|second| tells(machine, *second));
         let expected: Vec<f64> = expected.map(|second| second as f64).collect();
-        assert_eq!(told, expected, "{id}");
+        assert_eq!(reported, expected, "{id}");
     }
 }
 
-/// A thread that ends in the middle of a change leaves nothing of it behind, and others go on.
+/// A panic during a change leaves no changes, and later ones succeed.
 #[test]
-fn a_thread_that_ends_in_the_middle_leaves_nothing() {
+fn a_panic_in_a_transaction_is_rolled_back() {
     let (place, store) = opened();
     store.put_machine(&machine("mill-a"), "anna").unwrap();
     let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
@@ -457,9 +458,9 @@ fn a_thread_that_ends_in_the_middle_leaves_nothing() {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
-/// A database as the first program left it is brought to the newest schema, with what is in it.
+/// A database of the first schema version is migrated with its content.
 #[test]
-fn a_database_of_an_older_program_is_brought_up() {
+fn an_older_database_is_migrated() {
     let (place, store) = opened();
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;
@@ -471,7 +472,7 @@ fn a_database_of_an_older_program_is_brought_up() {
         .unwrap();
     drop(store);
     for sql in [
-        // A wish that waits, as the first programs kept it.
+        // A pending request in the first schema.
         "UPDATE rollouts SET wish = '[{\"wish\":\"pause\"},\"anna\"]'",
         "DROP INDEX records_once",
         "ALTER TABLE records DROP COLUMN record",
@@ -484,18 +485,18 @@ fn a_database_of_an_older_program_is_brought_up() {
     }
     let store = place.open().unwrap();
     assert_eq!(store.close_minutes(from_s + 60.0).unwrap(), 60);
-    // The wish waits still; a count that is another one is refused.
+    // The request is still pending: another count violates the constraint.
     place.execute("CREATE TABLE counted (count BIGINT CHECK (count = 1))");
     place.execute("INSERT INTO counted SELECT count(*) FROM wishes WHERE rollout = 1");
     drop(place.open().unwrap());
 }
 
-/// What a gateway says of itself never stops the others: texts that a database cannot hold, or not in an index.
+/// Texts that a database cannot store or index do not block messages of other gateways.
 #[test]
-fn names_that_are_none_stop_nobody() {
+fn unstorable_instance_names_do_not_block_a_batch() {
     let (_place, store) = opened();
     let mut ingest = Ingest::of(&store).unwrap();
-    // One that no compression makes short: multiples of an odd number.
+    // Incompressible: multiples of an odd number.
     let digits = (0..10_000_u64).map(|place| place.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     let digits: Vec<String> = digits.map(|digits| format!("{digits:x}")).collect();
     let long = digits.concat();
@@ -508,8 +509,8 @@ fn names_that_are_none_stop_nobody() {
         })
         .collect();
     let taken = ingest.take(&store, &batch).unwrap();
-    assert_eq!((taken.stored, taken.twice), (5, 0));
-    // The long one is kept for a person.
+    assert_eq!((taken.stored, taken.duplicates), (5, 0));
+    // The message with the long name is kept as unreadable.
     let kept = store.machine_records(&mill(), 10).unwrap();
     assert_eq!(kept.len(), 1);
     let why = kept[0].1["why"].as_str().unwrap();
@@ -521,9 +522,9 @@ fn names_that_are_none_stop_nobody() {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
-/// Numbers go in and come out as they are, to the last bit.
+/// Numbers are preserved to the last bit.
 #[test]
-fn numbers_come_back_as_they_went_in() {
+fn numbers_are_stored_exactly() {
     let (_place, store) = opened();
     let mut ingest = Ingest::of(&store).unwrap();
     let at_s = 1_800_000_000.123_456_7;
@@ -548,10 +549,10 @@ fn numbers_come_back_as_they_went_in() {
     assert_eq!(taken.stored, 1);
 }
 
-/// Several programs write at a time: every change is made, and the log of changes is one chain.
+/// Several programs write concurrently: every change is stored, and the audit log stays one chain.
 #[test]
-fn two_programs_write_at_a_time() {
-    let place = &Place::new();
+fn two_programs_write_concurrently() {
+    let place = &DatabaseFile::new();
     std::thread::scope(|scope| {
         for program in 0..4 {
             scope.spawn(move || {
@@ -570,7 +571,7 @@ fn two_programs_write_at_a_time() {
     for name in ["ab", "a-c"] {
         store.put_machine(&machine(name), "anna").unwrap();
     }
-    // By the bytes of their names, whatever the language of the server.
+    // Sorted by bytes, independent of the locale.
     let mut expected: Vec<String> = (0..4)
         .flat_map(|program| (0..25).map(move |number| format!("mill-{program}-{number}")))
         .collect();
@@ -583,7 +584,7 @@ fn two_programs_write_at_a_time() {
     assert_eq!(names, expected);
 }
 
-/// The database holds password hashes and models: only its owner reads it, also one that was made with other rights.
+/// The database contains password hashes and models: only its owner can read it, even if it was created with other permissions.
 #[test]
 fn the_sqlite_file_is_private() {
     use std::os::unix::fs::PermissionsExt;

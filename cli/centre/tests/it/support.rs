@@ -1,4 +1,4 @@
-//! What several tests need: messages as a gateway sends them, machines, models.
+//! Common test data: gateway messages, machines, models.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use volcomp_centre::{
 use volcomp_fleet::{Condition, Envelope, Identity, Kind, Received};
 use volcomp_vocabulary::AxisName;
 
-/// The text of a model; another number makes another model.
+/// The text of a model, which depends on the number.
 pub(crate) fn model_text(number: u32) -> String {
     format!(
         "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\nEC0Y = {number}.0\n"

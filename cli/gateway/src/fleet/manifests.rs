@@ -20,7 +20,7 @@ use tokio::{
 };
 use volcomp_fleet::{
     Accepted, Acknowledgement, Desired, LinkError, MachineLink, MachineSender, Manifest,
-    NotAccepted, Outcome, Trust, largest_moves,
+    ManifestRejection, Outcome, Trust, largest_moves,
 };
 use volcomp_runtime::DisarmSwitch;
 use volcomp_vocabulary::AxisName;
@@ -104,16 +104,16 @@ fn who(key: &str) -> String {
 }
 
 /// The signer of a rejected value, as far as it is known.
-fn signer(error: &NotAccepted, key: &str) -> String {
+fn signer(error: &ManifestRejection, key: &str) -> String {
     match error {
-        NotAccepted::Document(_) | NotAccepted::Signature | NotAccepted::Key { .. } => {
-            UNKNOWN.to_owned()
-        }
+        ManifestRejection::Document(_)
+        | ManifestRejection::Signature
+        | ManifestRejection::Key { .. } => UNKNOWN.to_owned(),
         _ => who(key),
     }
 }
 
-fn shortened(error: &NotAccepted) -> String {
+fn shortened(error: &ManifestRejection) -> String {
     let text = error.to_string();
     match text.char_indices().nth(MAX_REASON_CHARS) {
         Some((end, _)) => format!("{}…", &text[..end]),
@@ -152,7 +152,7 @@ impl ManifestReceiver {
                     version: 0,
                     value_sha256,
                     who: UNKNOWN.to_owned(),
-                    why: shortened(&NotAccepted::Document(e)),
+                    why: shortened(&ManifestRejection::Document(e)),
                 };
             }
         };
@@ -170,7 +170,7 @@ impl ManifestReceiver {
             }
             Err(error) => {
                 let manifest = serde_json::from_str::<Manifest>(&desired.manifest).ok();
-                let is_newest = matches!(&error, NotAccepted::Version { found, highest } if found == highest)
+                let is_newest = matches!(&error, ManifestRejection::Version { found, highest } if found == highest)
                     && (self.newest.as_ref())
                         .is_none_or(|newest| newest.desired.manifest == desired.manifest);
                 let version = manifest.as_ref().map_or(0, |manifest| manifest.version);

@@ -119,7 +119,7 @@ fn elsewhere_only_with_tls_and_a_token() {
     assert_eq!(made.status.code(), Some(0));
     let again = call(&["tls-init", "localhost", "-o", path(dir.path())]);
     assert_eq!(again.status.code(), Some(2), "keys are not overwritten");
-    assert!(String::from_utf8_lossy(&again.stderr).contains("there already, kept"));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("exists and is not replaced"));
     let control = control();
     let config = configuration(dir.path(), &control, "");
     let free = free_port();

@@ -193,7 +193,7 @@ fn rogue_values_change_nothing() {
     let manifest = centre.manifest(11, &large);
     centre.store(&manifest.model.sha256, &large.replace("28.0", "88.0"));
     centre.send(&manifest, &large);
-    refused(11, "its checksum is another one");
+    refused(11, "its checksum differs");
     // An invalid machine file, properly signed.
     let no_machine = "structure = \"w X' b Y Z t\"\n[axes.X]\n";
     centre.roll_out(12, no_machine);

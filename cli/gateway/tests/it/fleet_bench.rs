@@ -7,7 +7,8 @@ use std::{
 
 use serde_json::Value;
 use volcomp_fleet::{
-    Desired, Identity, Keeping, MachineUser, Manifest, ModelRef, ServerSettings, SigningKey,
+    Desired, Identity, MachineUser, Manifest, ModelRef, ServerSettings, SigningKey,
+    StreamRetention,
     server::{Server, program},
 };
 use volcomp_focas::simulator::Simulator;
@@ -107,7 +108,7 @@ impl Centre {
     fn prepare(&self) {
         let context = self.context();
         let sites = [self.identity.site.clone()];
-        let made = volcomp_fleet::prepare(&context, &sites, Keeping::default());
+        let made = volcomp_fleet::prepare(&context, &sites, StreamRetention::default());
         self.runtime.block_on(made).expect("streams");
     }
 

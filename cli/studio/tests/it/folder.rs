@@ -28,7 +28,7 @@ fn request(limit_um: f64) -> TableRequest {
 }
 
 #[test]
-fn one_file_becomes_a_machine_file_by_its_defaults() {
+fn one_file_with_defaults_yields_a_machine_file() {
     let (dir, folder) = small();
     let state = folder.state().expect("readable");
     assert_eq!(state.files.len(), 1);
@@ -90,7 +90,7 @@ fn one_file_becomes_a_machine_file_by_its_defaults() {
 
 /// What a user changes in the file that the page wrote is the user's.
 #[test]
-fn a_calibration_file_that_was_changed_by_hand_is_not_overwritten() {
+fn a_hand_edited_calibration_file_is_not_overwritten() {
     let (dir, folder) = small();
     folder.answer(&defaults(&folder)).expect("answers");
     let path = dir.path().join("calibration.toml");
@@ -106,7 +106,7 @@ fn a_calibration_file_that_was_changed_by_hand_is_not_overwritten() {
 
 /// A pipe would be read for ever.
 #[test]
-fn a_pipe_under_a_name_of_the_studio_is_refused() {
+fn a_pipe_in_place_of_a_studio_file_is_rejected() {
     let dir = tempfile::tempdir().expect("writable");
     let pipe = dir.path().join("machine.toml");
     let made = std::process::Command::new("mkfifo").arg(&pipe).status();
@@ -118,7 +118,7 @@ fn a_pipe_under_a_name_of_the_studio_is_refused() {
 
 /// The gantry of the examples: its laser files were simulated from `truth.toml`, which the studio does not see.
 #[test]
-fn the_files_of_a_gantry_give_the_machine_that_they_were_made_from() {
+fn the_gantry_files_reproduce_their_machine() {
     let example = root().join("examples/from-files/gantry");
     let dir = tempfile::tempdir().expect("writable");
     copy(&example.join("lasers"), &dir.path().join("lasers"));
@@ -185,7 +185,7 @@ fn the_files_of_a_gantry_give_the_machine_that_they_were_made_from() {
 }
 
 #[test]
-fn a_calibration_file_of_the_user_is_used_and_never_replaced() {
+fn a_user_calibration_file_is_never_replaced() {
     let example = root().join("examples/from-files/gantry");
     let dir = tempfile::tempdir().expect("writable");
     copy(&example, dir.path());
@@ -205,7 +205,7 @@ fn a_calibration_file_of_the_user_is_used_and_never_replaced() {
 }
 
 #[test]
-fn without_measurement_files_the_machine_file_is_the_result() {
+fn without_measurements_the_machine_file_is_the_result() {
     let (dir, folder) = small();
     fs::remove_file(dir.path().join("exx.csv")).expect("there");
     let text = fs::read_to_string(dir.path().join("machine.toml")).expect("there");
@@ -218,7 +218,7 @@ fn without_measurement_files_the_machine_file_is_the_result() {
 }
 
 #[test]
-fn the_answer_that_decides_the_error_decides_what_is_asked() {
+fn the_error_answer_determines_the_open_questions() {
     let (dir, folder) = small();
     fs::remove_file(dir.path().join("exx.csv")).expect("there");
     folder.receive("scan.csv", SLOPE.as_bytes()).expect("taken");
@@ -233,7 +233,7 @@ fn the_answer_that_decides_the_error_decides_what_is_asked() {
     answers = [answers, defaults(&folder)].concat();
     folder.answer(&answers).expect("taken");
     folder.fit("").expect("fitted");
-    // Another error: what is not asked any more is passed over, and what is asked now is open.
+    // Another error: answers without a question are ignored, and new questions are open.
     answers[0] = given("scan.csv", "error", "EYX");
     folder.answer(&answers).expect("taken");
     assert!(asks("sign"));
@@ -249,7 +249,7 @@ fn the_answer_that_decides_the_error_decides_what_is_asked() {
 }
 
 #[test]
-fn a_squareness_that_answers_make_possible_can_be_answered() {
+fn answers_that_make_a_squareness_possible_add_its_question() {
     let (dir, folder) = small();
     fs::remove_file(dir.path().join("exx.csv")).expect("there");
     let other = SLOPE.replace("8.1", "8.2");
@@ -272,7 +272,7 @@ fn a_squareness_that_answers_make_possible_can_be_answered() {
 }
 
 #[test]
-fn a_file_that_is_not_used_is_named_with_the_error_that_it_would_have_given() {
+fn an_unused_file_is_named_with_its_error() {
     let (_dir, folder) = small();
     folder
         .receive("EYY-report.xlsx", b"PK rubbish")
@@ -291,7 +291,7 @@ fn a_file_that_is_not_used_is_named_with_the_error_that_it_would_have_given() {
 }
 
 #[test]
-fn dropped_files_stay_in_the_folder_and_replace_no_measurement() {
+fn dropped_files_do_not_replace_measurements() {
     let (dir, folder) = small();
     folder
         .receive("exx.csv", SLOPE.as_bytes())
@@ -300,9 +300,9 @@ fn dropped_files_stay_in_the_folder_and_replace_no_measurement() {
         (
             "exx.csv",
             "target_mm,deviation_um\n0,1\n",
-            "with another content",
+            "with different content",
         ),
-        ("answers.json", "[]", "a name of the studio"),
+        ("answers.json", "[]", "a reserved name of the studio"),
         ("gateway.toml", "cycle_ms = 4.0", "gateway.toml"),
         ("setup.toml", "nonsense = 1", "setup.toml"),
         ("..", "", "expected a file name"),
@@ -310,7 +310,7 @@ fn dropped_files_stay_in_the_folder_and_replace_no_measurement() {
         let refused = folder.receive(name, bytes.as_bytes()).expect_err(name);
         assert!(refused.to_string().contains(why), "{name}: {refused}");
     }
-    let large = vec![b'0'; volcomp_studio::LARGEST_FILE + 1];
+    let large = vec![b'0'; volcomp_studio::MAX_FILE_BYTES + 1];
     assert!(folder.receive("large.csv", &large).is_err());
     folder
         .receive("../../escaped.csv", b"target_mm,deviation_um\n0,1\n")
@@ -321,7 +321,7 @@ fn dropped_files_stay_in_the_folder_and_replace_no_measurement() {
     }
     let refused = folder.receive("more.csv", b"0").expect_err("one too many");
     assert!(
-        refused.to_string().contains("the most that are taken"),
+        refused.to_string().contains("the maximum of 200 files"),
         "{refused}"
     );
     fs::write(dir.path().join("more.csv"), "").expect("writable");
@@ -330,7 +330,7 @@ fn dropped_files_stay_in_the_folder_and_replace_no_measurement() {
 }
 
 #[test]
-fn tables_and_programs_hold_the_correction() {
+fn tables_and_programs_contain_the_correction() {
     let (dir, folder) = small();
     let none = folder.tables(&request(250.0)).expect_err("no result");
     assert!(
@@ -380,7 +380,7 @@ fn tables_and_programs_hold_the_correction() {
     folder.fit("").expect("fitted");
     let left = folder.state().expect("readable").results;
     assert_eq!(left, ["result/machine.toml", "result/report.html"]);
-    // They are not lost: somebody may have edited them.
+    // They are kept, because the user may have edited them.
     let aside = dir.path().join("result/before-1/nc/part.ngc");
     assert_eq!(fs::read_to_string(aside).expect("kept"), text);
     // However many earlier programs there are, no measurement is left out for them.

@@ -109,7 +109,7 @@ fn defaults(state: &Value) -> Value {
 }
 
 #[test]
-fn a_folder_becomes_a_machine_file_over_http() {
+fn the_http_api_turns_a_folder_into_a_machine_file() {
     let page = page();
     let html = page.get("");
     assert_eq!(html.status, 200);
@@ -180,7 +180,7 @@ fn a_folder_becomes_a_machine_file_over_http() {
 }
 
 #[test]
-fn dropped_files_are_taken_with_their_bounds() {
+fn uploads_are_limited() {
     let page = page();
     let upload =
         |name: &str, body: &str| page.send("POST", &format!("api/upload?name={name}"), "", body);
@@ -188,7 +188,7 @@ fn dropped_files_are_taken_with_their_bounds() {
     let state = upload("..%2F..%2Feyy.csv", &other).json();
     assert_eq!(state["files"][1]["name"], "eyy.csv", "{state}");
     assert_eq!(upload("exx.csv", "0").status, 422);
-    let large = "0".repeat(volcomp_studio::LARGEST_FILE + 2);
+    let large = "0".repeat(volcomp_studio::MAX_FILE_BYTES + 2);
     assert!([0, 413].contains(&upload("large.csv", &large).status));
     let wrong = page.post("api/machine", &json!({ "text": "structure = 3" }));
     assert_eq!(wrong.status, 422);
@@ -200,7 +200,7 @@ fn dropped_files_are_taken_with_their_bounds() {
 }
 
 #[test]
-fn another_site_and_another_computer_stay_outside() {
+fn other_origins_and_hosts_are_rejected() {
     let page = page();
     let (host, at) = (format!("Host: {}\r\n", page.address), page.address);
     let state = format!("GET {}api/state", page.path);
@@ -265,7 +265,7 @@ fn server(answers: Vec<(&'static str, String)>) -> (SocketAddr, thread::JoinHand
 }
 
 #[test]
-fn the_machine_file_goes_to_gateway_and_centre_with_their_permission() {
+fn the_machine_file_is_sent_to_gateway_and_centre_with_authentication() {
     let page = page();
     page.post("api/answers", &defaults(&page.get("api/state").json()));
     let unfitted = json!({ "to": "gateway", "url": "http://127.0.0.1:1", "token": "t" });
@@ -274,7 +274,7 @@ fn the_machine_file_goes_to_gateway_and_centre_with_their_permission() {
     assert_eq!(
         page.post("api/send", &unfitted).status,
         502,
-        "nobody is there"
+        "no server listens"
     );
     let done = json!({ "step": "ready", "error": null, "result": { "refusal": null, "warnings": ["look"] } });
     let (address, served) = server(vec![

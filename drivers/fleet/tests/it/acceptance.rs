@@ -1,7 +1,7 @@
 //! Which manifests a machine accepts.
 
 use proptest::prelude::*;
-use volcomp_fleet::{Desired, Manifest, ModelRef, NotAccepted, SigningKey, Trust};
+use volcomp_fleet::{Desired, Manifest, ManifestRejection, ModelRef, SigningKey, Trust};
 use volcomp_vocabulary::AxisName;
 
 const MODEL: &str = "structure = \"w X' b Y Z t\"\n";
@@ -42,7 +42,7 @@ fn signed(change: impl FnOnce(&mut Manifest)) -> Desired {
 }
 
 #[test]
-fn one_that_any_trusted_key_signed_is_accepted() {
+fn any_trusted_key_is_accepted() {
     for seed in [1, 2] {
         let desired = Desired::sign(&manifest(), MODEL, &key(seed)).unwrap();
         let desired = Desired::parse(&desired.bytes().unwrap()).unwrap();
@@ -53,32 +53,35 @@ fn one_that_any_trusted_key_signed_is_accepted() {
 }
 
 #[test]
-fn each_reason_not_to_accept_one_is_told() {
+fn each_rejection_reason_is_reported() {
     let refused = |desired: &Desired| trust().accept(desired).unwrap_err();
     let another = Desired::sign(&manifest(), MODEL, &key(3)).unwrap();
-    assert!(matches!(refused(&another), NotAccepted::Key { .. }));
+    assert!(matches!(refused(&another), ManifestRejection::Key { .. }));
     let machine = signed(|m| m.machine = "mill-2".parse().unwrap());
-    assert!(matches!(refused(&machine), NotAccepted::Machine { .. }));
+    assert!(matches!(
+        refused(&machine),
+        ManifestRejection::Machine { .. }
+    ));
     let serial = signed(|m| m.serial = "4712".to_owned());
-    assert!(matches!(refused(&serial), NotAccepted::Serial { .. }));
+    assert!(matches!(refused(&serial), ManifestRejection::Serial { .. }));
     let axes = signed(|m| m.axes.swap(0, 1));
-    assert!(matches!(refused(&axes), NotAccepted::Axes { .. }));
+    assert!(matches!(refused(&axes), ManifestRejection::Axes { .. }));
     for version in [0, 4] {
         let old = signed(|m| m.version = version);
         assert!(matches!(
             refused(&old),
-            NotAccepted::Version { found, highest: 4 } if found == version
+            ManifestRejection::Version { found, highest: 4 } if found == version
         ));
     }
     let mut model = signed(|_| {});
     model.model = Some(MODEL.replace('Z', "W"));
-    assert!(matches!(refused(&model), NotAccepted::Model));
+    assert!(matches!(refused(&model), ManifestRejection::Model));
     let mut manifest = signed(|_| {});
     manifest.manifest = manifest.manifest.replace("\"version\":5", "\"version\":9");
-    assert!(matches!(refused(&manifest), NotAccepted::Signature));
+    assert!(matches!(refused(&manifest), ManifestRejection::Signature));
     let mut short = signed(|_| {});
     short.signature.truncate(40);
-    assert!(matches!(refused(&short), NotAccepted::Document(_)));
+    assert!(matches!(refused(&short), ManifestRejection::Document(_)));
 }
 
 /// The point of order 1 verifies anything for a verifier that does not look: `verify_strict` does.
@@ -96,13 +99,13 @@ fn a_key_of_small_order_verifies_nothing() {
     trust.keys = vec![volcomp_fleet::VerifyingKey::from_bytes(&neutral).unwrap()];
     assert!(matches!(
         trust.accept(&desired),
-        Err(NotAccepted::Signature)
+        Err(ManifestRejection::Signature)
     ));
 }
 
 /// A signature made for something else than a manifest fits none.
 #[test]
-fn the_bare_manifest_signed_is_not_enough() {
+fn a_signature_of_the_bare_manifest_is_rejected() {
     use base64::{Engine, engine::general_purpose::STANDARD};
     use ed25519_dalek::Signer;
     let mut desired = signed(|_| {});
@@ -110,14 +113,14 @@ fn the_bare_manifest_signed_is_not_enough() {
     desired.signature = STANDARD.encode(bare.to_bytes());
     assert!(matches!(
         trust().accept(&desired),
-        Err(NotAccepted::Signature)
+        Err(ManifestRejection::Signature)
     ));
 }
 
 proptest! {
     /// Whatever byte is changed on the way, the manifest that is accepted is the one that was signed, with its model.
     #[test]
-    fn a_byte_that_is_changed_changes_nothing_that_is_accepted(at in 0_usize..2000, to in any::<u8>()) {
+    fn a_changed_byte_is_never_accepted(at in 0_usize..2000, to in any::<u8>()) {
         let mut bytes = signed(|_| {}).bytes().unwrap();
         let length = bytes.len();
         bytes[at % length] = to;
@@ -138,9 +141,9 @@ proptest! {
         }
     }
 
-    /// Only what can stand in a subject without meaning anything there is a name.
+    /// Names contain no characters with a meaning in subjects.
     #[test]
-    fn names_have_no_dots_stars_or_blanks(text in ".{0,70}") {
+    fn machine_and_site_names_are_restricted(text in ".{0,70}") {
         if let Ok(name) = text.parse::<volcomp_fleet::MachineId>() {
             prop_assert!(!name.as_str().contains(['.', '*', '>', ' ', '$']));
             prop_assert!(!name.as_str().is_empty() && name.as_str().len() <= 64);

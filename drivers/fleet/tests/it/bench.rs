@@ -6,7 +6,7 @@ use async_nats::{
 };
 use nkeys::KeyPair;
 use volcomp_fleet::{
-    Identity, Keeping, LinkSettings, MachineUser, ServerSettings,
+    Identity, LinkSettings, MachineUser, ServerSettings, StreamRetention,
     server::{Server, program},
 };
 
@@ -96,7 +96,7 @@ impl Bench {
             .unwrap();
         let context = jetstream::new(client);
         let sites = [self.machines[0].0.site.clone()];
-        volcomp_fleet::prepare(&context, &sites, Keeping::default())
+        volcomp_fleet::prepare(&context, &sites, StreamRetention::default())
             .await
             .unwrap();
         context

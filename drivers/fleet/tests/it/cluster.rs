@@ -7,7 +7,7 @@ use futures_util::StreamExt;
 use nkeys::KeyPair;
 use tokio::time::timeout;
 use volcomp_fleet::{
-    Cluster, Keeping, NoConfiguration, RoutePassword, ServerSettings,
+    Cluster, RoutePassword, ServerConfigError, ServerSettings, StreamRetention,
     server::{Server, program},
 };
 use volcomp_test_support::free_address;
@@ -47,7 +47,7 @@ async fn connected(settings: &ServerSettings, centre: &KeyPair) -> async_nats::C
 /// Three servers with one password are a cluster: a stream is on each of them. A fourth with everything but the password is
 /// kept out: it hears nothing of what is said at the others.
 #[test]
-fn who_does_not_know_the_password_does_not_join() {
+fn a_server_without_the_password_cannot_join() {
     if program().is_none() {
         volcomp_test_support::peers::not_run("nats-server is not installed");
         return;
@@ -82,13 +82,13 @@ fn who_does_not_know_the_password_does_not_join() {
         }
         // Three copies of each stream: only where the three have found one another.
         let context = async_nats::jetstream::new(clients[0].clone());
-        let keeping = Keeping {
+        let retention = StreamRetention {
             replicas: 3,
-            ..Keeping::default()
+            ..StreamRetention::default()
         };
         let sites = [identity("mill-a").site];
         let prepared = async {
-            while volcomp_fleet::prepare(&context, &sites, keeping)
+            while volcomp_fleet::prepare(&context, &sites, retention)
                 .await
                 .is_err()
             {
@@ -126,7 +126,7 @@ fn who_does_not_know_the_password_does_not_join() {
 }
 
 #[test]
-fn the_password_stands_in_the_configuration_and_nowhere_else() {
+fn the_password_appears_only_in_the_configuration() {
     let password = RoutePassword::of_seed("SUA");
     assert_eq!(password, RoutePassword::of_seed("SUA\n"));
     assert_ne!(password, RoutePassword::of_seed("SUB"));
@@ -155,7 +155,7 @@ fn the_password_stands_in_the_configuration_and_nowhere_else() {
         "nats://127.0.0.1:6223/x",
     ] {
         let found = text(cluster(wrong)).unwrap_err();
-        assert!(matches!(found, NoConfiguration::Route { .. }), "{wrong}");
+        assert!(matches!(found, ServerConfigError::Route { .. }), "{wrong}");
         assert!(!found.to_string().contains("u:p"), "{found}");
     }
 }

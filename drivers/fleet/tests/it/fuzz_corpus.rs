@@ -1,12 +1,12 @@
-//! Replays the kept inputs of the fuzz target: values that are documents, and values that are none.
+//! Replays the corpus of the fuzz target: valid and invalid values.
 
 use std::path::Path;
 
-use volcomp_fleet::{Desired, NotAccepted, SigningKey, Trust};
+use volcomp_fleet::{Desired, ManifestRejection, SigningKey, Trust};
 use volcomp_vocabulary::AxisName;
 
 #[test]
-fn kept_values() {
+fn the_fuzz_corpus_is_accepted() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus/fleet");
     let trust = Trust {
         keys: vec![SigningKey::from_bytes(&[7; 32]).verifying_key()],
@@ -25,12 +25,15 @@ fn kept_values() {
         } else if name.starts_with("signature-") {
             let refused = trust.accept(&desired.unwrap()).unwrap_err();
             assert!(
-                matches!(refused, NotAccepted::Signature),
+                matches!(refused, ManifestRejection::Signature),
                 "{name}: {refused}"
             );
         } else if name.starts_with("model-") {
             let refused = trust.accept(&desired.unwrap()).unwrap_err();
-            assert!(matches!(refused, NotAccepted::Model), "{name}: {refused}");
+            assert!(
+                matches!(refused, ManifestRejection::Model),
+                "{name}: {refused}"
+            );
         } else {
             assert!(desired.is_err(), "{name}");
         }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use tokio::time::timeout;
-use volcomp_fleet::{Heard, Hub, Keeping, Kind, LinkSettings, MachineLink};
+use volcomp_fleet::{DesiredEvent, Hub, Kind, LinkSettings, MachineLink, StreamRetention};
 
 use crate::bench::Bench;
 
@@ -18,12 +18,14 @@ async fn hub(bench: &Bench) -> Hub {
     };
     let hub = Hub::connect(&settings).await.unwrap();
     let site = bench.machines[0].0.site.clone();
-    hub.prepare(&[site], Keeping::default()).await.unwrap();
+    hub.prepare(&[site], StreamRetention::default())
+        .await
+        .unwrap();
     hub
 }
 
 #[test]
-fn what_is_not_acknowledged_comes_again() {
+fn unacknowledged_messages_are_redelivered() {
     Bench::run(async |bench| {
         let hub_one = hub(bench).await;
         let identity = bench.machines[0].0.clone();
@@ -50,7 +52,7 @@ fn what_is_not_acknowledged_comes_again() {
         let mut second = collection(&hub_two);
         let mut seen = std::collections::BTreeSet::new();
         while seen.len() < 5 {
-            // A server that is not there yet is told as an error, and tried again.
+            // A server that does not run yet is reported as an error, and retried.
             let Ok(batch) = timeout(SOON, second.next()).await.unwrap() else {
                 continue;
             };
@@ -88,7 +90,7 @@ fn what_is_not_acknowledged_comes_again() {
 }
 
 #[test]
-fn the_centre_hears_what_anybody_puts_under_a_key() {
+fn the_watch_reports_every_put() {
     Bench::run(async |bench| {
         let hub = hub(bench).await;
         let mut watch = hub.watch_desired().await.unwrap();
@@ -100,7 +102,7 @@ fn the_centre_hears_what_anybody_puts_under_a_key() {
         bench.forge().await;
         let mut heard = Vec::new();
         while heard.len() < 2 {
-            if let Heard::Put(found) = timeout(SOON, watch.next()).await.unwrap().unwrap() {
+            if let DesiredEvent::Put(found) = timeout(SOON, watch.next()).await.unwrap().unwrap() {
                 assert_eq!(found.machine, machine);
                 heard.push(found.value);
             }

@@ -1,6 +1,6 @@
 //! The text of the server's configuration.
 
-use volcomp_fleet::{MachineUser, NoConfiguration, ServerSettings};
+use volcomp_fleet::{MachineUser, ServerConfigError, ServerSettings};
 
 use crate::bench::identity;
 
@@ -20,29 +20,29 @@ fn settings() -> ServerSettings {
 }
 
 #[test]
-fn nothing_breaks_out_of_its_place() {
+fn texts_cannot_inject_configuration() {
     for bad in ["a\"b", "a\nb", "a\\b"] {
         let mut named = settings();
         named.name = bad.to_owned();
-        assert!(matches!(named.text(), Err(NoConfiguration::Text { .. })));
+        assert!(matches!(named.text(), Err(ServerConfigError::Text { .. })));
         let mut keyed = settings();
         keyed.machines[0].nkey = bad.to_owned();
-        assert!(matches!(keyed.text(), Err(NoConfiguration::Nkey { .. })));
+        assert!(matches!(keyed.text(), Err(ServerConfigError::Nkey { .. })));
     }
-    // The seed in place of the public key would stand in a file that others read.
+    // A seed given as the public key would appear in a file that others can read.
     let mut seed = settings();
     seed.machines[0].nkey = nkeys::KeyPair::new_user().seed().unwrap();
-    assert!(matches!(seed.text(), Err(NoConfiguration::Nkey { .. })));
+    assert!(matches!(seed.text(), Err(ServerConfigError::Nkey { .. })));
 }
 
 #[test]
-fn one_key_is_one_user() {
+fn duplicate_nkeys_are_rejected() {
     let mut twice = settings();
     twice.machines.push(MachineUser {
         identity: identity("mill-b"),
         nkey: twice.machines[0].nkey.clone(),
     });
-    assert!(matches!(twice.text(), Err(NoConfiguration::Twice { .. })));
+    assert!(matches!(twice.text(), Err(ServerConfigError::Twice { .. })));
 }
 
 #[test]

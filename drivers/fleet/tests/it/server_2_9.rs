@@ -26,7 +26,7 @@ async fn link(bench: &Bench, machine: usize) -> MachineLink {
 }
 
 #[test]
-fn a_machine_hears_its_key_at_the_start_and_at_each_change() {
+fn a_machine_receives_its_value_at_start_and_on_change() {
     Bench::run(async |bench| {
         let context = bench.prepared().await;
         let store = bucket(&context).await;
@@ -46,7 +46,7 @@ fn a_machine_hears_its_key_at_the_start_and_at_each_change() {
 }
 
 #[test]
-fn a_machine_that_was_cut_off_hears_what_was_said_meanwhile() {
+fn a_reconnected_machine_receives_the_missed_value() {
     Bench::run(async |bench| {
         let context = bench.prepared().await;
         let store = bucket(&context).await;
@@ -55,7 +55,7 @@ fn a_machine_that_was_cut_off_hears_what_was_said_meanwhile() {
         assert_eq!(timeout(SOON, link.next_desired()).await.unwrap(), "before");
         bench.stop();
         let error = link.publish(Kind::Condition, "1-1", "lost?".into()).await;
-        assert!(error.is_err(), "nobody has stored it");
+        assert!(error.is_err(), "it was not stored");
         bench.restart();
         let store = bucket(&context).await;
         store.put("mill-a", "after".into()).await.unwrap();
@@ -74,7 +74,7 @@ fn a_machine_that_was_cut_off_hears_what_was_said_meanwhile() {
 }
 
 #[test]
-fn a_large_model_comes_from_the_object_store_whole_or_not_at_all() {
+fn a_large_model_is_fetched_completely_or_rejected() {
     Bench::run(async |bench| {
         let context = bench.prepared().await;
         let text = "# a line of a large model\n".repeat(60_000);
@@ -98,7 +98,7 @@ fn a_large_model_comes_from_the_object_store_whole_or_not_at_all() {
 
 /// With the credentials of machine A: everything that is not its own is refused by the server.
 #[test]
-fn stolen_credentials_touch_nothing_else() {
+fn stolen_credentials_give_no_further_access() {
     Bench::run(async |bench| {
         let (context, store) = bench.with_values().await;
         for (identity, _) in &bench.machines {
@@ -134,7 +134,7 @@ fn stolen_credentials_touch_nothing_else() {
             "$JS.API.STREAM.MSG.GET.OBJ_models-mill-b",
             "$JS.API.STREAM.DELETE.OBJ_models-mill-a",
             "$JS.API.STREAM.PURGE.OBJ_models-mill-a",
-            // A consumer of its own would send messages to a subject of the thief's choice.
+            // A consumer could send messages to a subject of the thief's choice.
             "$JS.API.CONSUMER.CREATE.OBJ_models-mill-a",
             "$JS.API.CONSUMER.CREATE.OBJ_models-mill-a.one.>",
             "$JS.API.CONSUMER.DURABLE.CREATE.OBJ_models-mill-a.one",
@@ -157,7 +157,7 @@ fn stolen_credentials_touch_nothing_else() {
             let mut heard = thief.subscribe(subject).await.unwrap();
             thief.flush().await.unwrap();
             store.put("mill-b", "secret".into()).await.unwrap();
-            // Both machines say something, each of its own: not even that is heard.
+            // Both machines publish: the thief receives neither message.
             for machine in [0, 1] {
                 let link = link(bench, machine).await;
                 let sent = link.publish(Kind::Condition, subject, "said".into());
@@ -198,10 +198,10 @@ async fn messages(context: &jetstream::Context) -> Vec<(String, u64)> {
 }
 
 /// The server does not ask whether a machine may publish on the subject to which it has an answer sent. So a thief can have
-/// an answer of the server stored as the value of another machine's key; what it says is not the thief's to choose, no
+/// an answer of the server stored as the value of another machine's key; the thief cannot choose its content, no
 /// machine accepts it, and the centre sees a value that it did not put.
 #[test]
-fn an_answer_that_is_sent_elsewhere_is_no_manifest() {
+fn a_redirected_response_is_no_manifest() {
     Bench::run(async |bench| {
         bench.with_values().await;
         let mut machine = link(bench, 1).await;
@@ -215,7 +215,7 @@ fn an_answer_that_is_sent_elsewhere_is_no_manifest() {
 }
 
 #[test]
-fn the_seed_is_in_no_log() {
+fn the_seed_is_not_logged() {
     let seed = nkeys::KeyPair::new_user().seed().unwrap();
     let settings = volcomp_fleet::LinkSettings {
         url: "nats://127.0.0.1:1".to_owned(),
@@ -230,7 +230,7 @@ fn the_seed_is_in_no_log() {
 }
 
 #[test]
-fn a_seed_that_is_none_is_told() {
+fn an_invalid_seed_is_rejected() {
     let settings = volcomp_fleet::LinkSettings {
         url: "nats://127.0.0.1:1".to_owned(),
         seed: "SU".to_owned(),

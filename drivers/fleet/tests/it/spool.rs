@@ -43,7 +43,7 @@ fn files(folder: &Path) -> usize {
 }
 
 #[test]
-fn messages_come_out_once_in_their_order_and_the_kept_ones_first() {
+fn messages_are_sent_once_and_in_order() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     for number in 0..500 {
@@ -59,9 +59,9 @@ fn messages_come_out_once_in_their_order_and_the_kept_ones_first() {
     assert_eq!((spool.dropped(), files(folder.path())), (0, 0));
 }
 
-/// One that is on its way is not changed for another by one that comes meanwhile.
+/// A message being sent is not replaced by a newer one.
 #[test]
-fn the_message_given_out_stays_until_it_is_done() {
+fn a_message_stays_until_it_is_done() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     spool.push(message(Kind::Condition, 1, 10));
@@ -73,7 +73,7 @@ fn the_message_given_out_stays_until_it_is_done() {
 }
 
 #[test]
-fn a_server_that_is_there_costs_no_write() {
+fn a_reachable_server_causes_no_disk_write() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     for number in 0..1000 {
@@ -85,7 +85,7 @@ fn a_server_that_is_there_costs_no_write() {
 }
 
 #[test]
-fn what_was_flushed_outlives_the_program_and_what_was_done_does_not_come_back() {
+fn flushed_messages_survive_and_done_ones_do_not_return() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     fill(&mut spool, Kind::Condition, 0..300);
@@ -97,9 +97,9 @@ fn what_was_flushed_outlives_the_program_and_what_was_done_does_not_come_back() 
     assert_eq!(all(&mut open(folder.path())), [""; 0]);
 }
 
-/// A program that is killed while it gives out a file gives out that file again: nothing is lost, ids tell the rest.
+/// A program killed while it sends a file sends that file again: nothing is lost, and ids identify duplicates.
 #[test]
-fn a_crash_loses_nothing_that_was_on_disk() {
+fn a_crash_loses_no_message_on_disk() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     fill(&mut spool, Kind::Condition, 0..300);
@@ -115,7 +115,7 @@ fn a_crash_loses_nothing_that_was_on_disk() {
 }
 
 #[test]
-fn telemetry_is_dropped_from_its_oldest_and_never_an_audit_record_for_it() {
+fn the_oldest_telemetry_is_dropped_and_no_audit_record() {
     let folder = tempfile::tempdir().unwrap();
     let limits = SpoolLimits {
         kept_bytes: 1 << 20,
@@ -137,9 +137,9 @@ fn telemetry_is_dropped_from_its_oldest_and_never_an_audit_record_for_it() {
     assert_eq!(spool.dropped(), 5000 - left as u64, "every one is counted");
 }
 
-/// A folder that takes no file, as on a full disk: messages wait in memory, bounded, and go on when it takes files again.
+/// A folder that rejects files, as on a full disk: messages wait in memory, bounded, until it accepts files again.
 #[test]
-fn a_disk_that_takes_nothing_is_told_and_ends_nothing() {
+fn a_failing_disk_is_reported_and_sending_continues() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     let lane = folder.path().join("passing");
@@ -154,9 +154,9 @@ fn a_disk_that_takes_nothing_is_told_and_ends_nothing() {
     assert_eq!(all(&mut spool), conditions(dropped..=3000));
 }
 
-/// The disk is away for a moment: unmounted, an error of reading, no descriptor left. What waits on it still comes.
+/// The disk is temporarily unreadable: unmounted, a read error, no free descriptor. Messages on it are still sent.
 #[test]
-fn a_disk_that_cannot_be_read_for_a_moment_loses_nothing() {
+fn a_temporary_read_failure_loses_no_message() {
     let folder = tempfile::tempdir().unwrap();
     let [place, away] = ["spool", "away"].map(|name| folder.path().join(name));
     let mut spool = open(&place);
@@ -171,7 +171,7 @@ fn a_disk_that_cannot_be_read_for_a_moment_loses_nothing() {
 
 /// One byte of a file is damaged: what is lost with it is counted.
 #[test]
-fn what_is_lost_with_a_damaged_file_is_counted() {
+fn messages_lost_with_a_damaged_file_are_counted() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     fill(&mut spool, Kind::Ack, 0..500);

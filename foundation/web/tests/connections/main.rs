@@ -11,7 +11,7 @@ use tokio::{
 /// Seventeen dashboards of 64 connections each took every descriptor of the program: a control that had been off was not
 /// reached again. With more than 256 the oldest ones end, whatever server they belong to, and the newest is answered.
 #[tokio::test]
-async fn all_servers_together_have_a_bound() {
+async fn all_servers_share_a_connection_limit() {
     let mut hang = Vec::new();
     for _ in 0..6 {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
@@ -29,7 +29,7 @@ async fn all_servers_together_have_a_bound() {
         asks.read_to_string(&mut answer).await.expect("an answer");
         assert!(answer.ends_with("here"), "{answer}");
     }
-    // 378 hang, 256 at the most are open.
+    // 378 hang, at most 256 are open.
     let (older, newer) = hang.split_at_mut(378 - 256);
     for ended in older {
         assert_eq!(ended.read(&mut [0]).await.unwrap_or(0), 0);

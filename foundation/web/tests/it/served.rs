@@ -30,7 +30,7 @@ async fn answer(mut stream: TcpStream, request: &str) -> String {
 }
 
 #[tokio::test]
-async fn a_request_knows_where_it_comes_from() {
+async fn a_request_carries_its_client_address() {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
     let address = listener.local_addr().expect("bound");
     tokio::spawn(volcomp_web::serve(
@@ -45,7 +45,7 @@ async fn a_request_knows_where_it_comes_from() {
 
 /// With more clients than are served at one time, the oldest is given up, and the newest is answered.
 #[tokio::test]
-async fn clients_that_hang_keep_nobody_out() {
+async fn hanging_clients_do_not_block_others() {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
     let address = listener.local_addr().expect("bound");
     tokio::spawn(volcomp_web::serve(
@@ -66,7 +66,7 @@ async fn clients_that_hang_keep_nobody_out() {
 }
 
 #[tokio::test]
-async fn plain_text_to_a_page_with_tls_is_not_answered() {
+async fn plain_http_to_a_tls_page_is_not_answered() {
     let dir = tempfile::tempdir().expect("writable");
     let names = ["localhost".to_owned()];
     let [certificate, key] = tls::make(dir.path(), &names).expect("made");
@@ -89,7 +89,7 @@ async fn plain_text_to_a_page_with_tls_is_not_answered() {
 }
 
 #[test]
-fn files_that_are_no_certificates_are_named() {
+fn invalid_certificate_files_are_named() {
     let dir = tempfile::tempdir().expect("writable");
     let file = dir.path().join("x.pem");
     std::fs::write(&file, "nothing").expect("writable");
@@ -102,7 +102,7 @@ fn files_that_are_no_certificates_are_named() {
 /// Who trusts the certificate and asks for one of its names is answered over TLS; another name, and a key that others can read,
 /// are refused.
 #[tokio::test]
-async fn a_page_with_tls_answers_who_trusts_its_certificate() {
+async fn a_tls_page_serves_clients_that_trust_its_certificate() {
     let dir = tempfile::tempdir().expect("writable");
     let names = ["centre.shop.lan".to_owned(), "127.0.0.1".to_owned()];
     let [certificate, key] = tls::make(dir.path(), &names).expect("made");
@@ -155,11 +155,11 @@ async fn a_page_with_tls_answers_who_trusts_its_certificate() {
         refused,
         TlsError::Key(PrivateError::Mode { mode: 0o640, .. })
     ));
-    let told = refused.to_string();
+    let reported = refused.to_string();
     assert!(
-        told.ends_with(
+        reported.ends_with(
             "key.pem: found mode 640, expected 600: a secret that others can read is none"
         ),
-        "{told}"
+        "{reported}"
     );
 }

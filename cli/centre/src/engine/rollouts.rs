@@ -11,12 +11,12 @@ use crate::{
     issue::{Order, issue, withdraw},
     records::{Model, Version},
     rollout::{Action, Event, Observation, Phase, Rollout},
-    store::{Issued, machines::machine_named, rollouts},
+    store::{SignedValue, machines::machine_named, rollouts as stored},
 };
 
 /// Roll-outs that could not be advanced.
 #[derive(Default)]
-pub(super) struct Stuck {
+pub(super) struct Blocked {
     /// The reasons, one sentence each.
     pub(super) why: Vec<String>,
     /// Machines of the roll-outs that were advanced, if the machines of the others are unknown.
@@ -25,7 +25,7 @@ pub(super) struct Stuck {
     machines: BTreeSet<MachineId>,
 }
 
-impl Stuck {
+impl Blocked {
     /// True if reports of a machine may not have reached its roll-out.
     pub(super) fn holds(&self, machine: &MachineId) -> bool {
         self.machines.contains(machine)
@@ -34,15 +34,15 @@ impl Stuck {
 }
 
 /// Advances every roll-out in its own transaction together with the manifests it issues. A roll-out that fails does not block the others.
-pub(super) fn look(
+pub(super) fn advance_all(
     engine: &Engine,
     elapsed_s: f64,
     seen: &BTreeMap<MachineId, Observation>,
     residual_um: &BTreeMap<MachineId, f64>,
-) -> Result<Stuck, Error> {
+) -> Result<Blocked, Error> {
     let open = engine.store.open_rollouts()?;
     if open.is_empty() {
-        return Ok(Stuck::default());
+        return Ok(Blocked::default());
     }
     // Outcomes are read from the store at each pass, so a centre that was killed between storing and evaluating them does so after its restart.
     let versions = engine.store.newest_versions()?;
@@ -54,23 +54,23 @@ pub(super) fn look(
             seen.version = 0;
         }
     }
-    let looked = Looked {
+    let input = PassInput {
         elapsed_s,
         seen,
         residual_um,
         versions,
     };
-    let mut stuck = Stuck::default();
+    let mut blocked = Blocked::default();
     let (mut moved, mut all_known) = (BTreeSet::new(), true);
     for id in open {
-        match move_on(engine, id, &looked) {
+        match advance(engine, id, &input) {
             Ok(machines) => moved.extend(machines),
             Err(error) => {
-                stuck
+                blocked
                     .why
-                    .push(format!("Roll-out {id} cannot go on: {error}."));
+                    .push(format!("Roll-out {id} cannot proceed: {error}."));
                 match engine.store.rollout(id) {
-                    Ok(rollout) => stuck
+                    Ok(rollout) => blocked
                         .machines
                         .extend(rollout.into_iter().flat_map(machines_of)),
                     Err(_) => all_known = false,
@@ -78,12 +78,12 @@ pub(super) fn look(
             }
         }
     }
-    stuck.moved = (!all_known).then_some(moved);
-    Ok(stuck)
+    blocked.moved = (!all_known).then_some(moved);
+    Ok(blocked)
 }
 
 /// Inputs of every roll-out in one pass.
-struct Looked<'a> {
+struct PassInput<'a> {
     elapsed_s: f64,
     seen: BTreeMap<MachineId, Observation>,
     /// Last known residual, µm.
@@ -97,40 +97,40 @@ fn machines_of(rollout: Rollout) -> impl Iterator<Item = MachineId> {
 }
 
 /// Advances one roll-out and issues its manifests.
-fn move_on(
+fn advance(
     engine: &Engine,
     id: u64,
-    looked: &Looked<'_>,
+    input: &PassInput<'_>,
 ) -> Result<impl Iterator<Item = MachineId> + use<>, Error> {
     let Some(rollout) = engine.store.rollout(id)? else {
         return Ok(None.into_iter().flat_map(machines_of));
     };
     let model = engine.store.model(&rollout.model)?;
     let text = engine.store.model_text(&rollout.model)?;
-    let material = Material {
+    let source = ManifestSource {
         engine,
         model: model.as_ref().zip(text.as_deref()),
-        residual_um: looked.residual_um,
+        residual_um: input.residual_um,
     };
     engine.store.write(|database| {
-        let Some((mut rollout, wishes)) = rollouts::take(database, id)? else {
+        let Some((mut rollout, requests)) = stored::take(database, id)? else {
             return Ok(());
         };
         let before = rollout.clone();
-        let wished = (wishes.into_iter()).map(|(wish, by)| Event::Wished { wish, by });
-        let answered = answers(&rollout, &looked.versions);
-        let heard = Event::Looked {
-            elapsed_s: looked.elapsed_s,
-            seen: looked.seen.clone(),
+        let wished = (requests.into_iter()).map(|(request, by)| Event::Requested { request, by });
+        let answered = answers(&rollout, &input.versions);
+        let heard = Event::Pass {
+            elapsed_s: input.elapsed_s,
+            seen: input.seen.clone(),
         };
         for event in wished.chain(answered).chain([heard]) {
             let actions = rollout.step(event);
-            material.act(database, &mut rollout, actions)?;
+            source.execute(database, &mut rollout, actions)?;
         }
         if rollout == before {
             return Ok(());
         }
-        rollouts::save(database, &rollout, &before.phase)
+        stored::save(database, &rollout, &before.phase)
     })?;
     Ok(Some(rollout).into_iter().flat_map(machines_of))
 }
@@ -140,26 +140,28 @@ fn answers(rollout: &Rollout, versions: &BTreeMap<MachineId, Version>) -> Vec<Ev
     let answered = rollout.targets.iter().filter_map(|target| {
         let version = versions.get(&target.machine)?;
         // The outcome of a later manifest with the previous model does not apply to this roll-out's model.
-        let is_of_it = version.rollout.is_none_or(|id| id == rollout.id);
+        let is_of_rollout = version.rollout.is_none_or(|id| id == rollout.id);
         let outcome = version.outcome.clone()?;
-        (is_of_it && target.step.waits_for(version.version, &outcome)).then(|| Event::Answered {
-            machine: target.machine.clone(),
-            version: version.version,
-            outcome,
+        (is_of_rollout && target.step.is_new_outcome(version.version, &outcome)).then(|| {
+            Event::Answered {
+                machine: target.machine.clone(),
+                version: version.version,
+                outcome,
+            }
         })
     });
     answered.collect()
 }
 
 /// Inputs for the manifests of a roll-out.
-struct Material<'a> {
+struct ManifestSource<'a> {
     engine: &'a Engine,
     model: Option<(&'a Model, &'a str)>,
     residual_um: &'a BTreeMap<MachineId, f64>,
 }
 
-impl Material<'_> {
-    fn act(
+impl ManifestSource<'_> {
+    fn execute(
         &self,
         database: &Connection,
         rollout: &mut Rollout,
@@ -211,7 +213,7 @@ impl Material<'_> {
         rollout: &Rollout,
         name: &MachineId,
         confirm: Option<String>,
-    ) -> Result<Issued, Error> {
+    ) -> Result<SignedValue, Error> {
         // Read in this transaction: the machine may have been disabled since the pass began.
         let machine = machine_named(database, name)?;
         let machine = machine.ok_or_else(|| Error::missing("machine", name))?;

@@ -12,12 +12,12 @@ use serde::Deserialize;
 use serde_json::json;
 
 use super::{
-    answer::{Answer, Refused, document, done, read},
+    access,
+    response::{ApiError, ApiResult, document, done, read},
     state::{PageState, Shared},
-    who,
 };
 use crate::users::{
-    Moment, Password, Refusal, Role, Session, Token, User, UserName, hash, is_right,
+    BootTime, Password, Refusal, Role, Session, Token, User, UserName, hash, is_right,
 };
 
 #[derive(Deserialize)]
@@ -28,23 +28,23 @@ struct Login {
 }
 
 /// The logged-in user and the notice above the web interface (empty: none).
-fn who_is(user: &User, page: &PageState) -> Answer {
+fn who_is(user: &User, page: &PageState) -> ApiResult {
     let notice = &page.settings.notice;
     document(&json!({ "name": user.name, "role": user.role, "notice": notice }))
 }
 
 /// Verifies the password of a user who may log in and returns the user. Attempts after wrong passwords are delayed; rejected ones are written to
 /// the audit log.
-async fn proven(
+async fn verify_password(
     page: &Arc<PageState>,
     from: SocketAddr,
     name: &str,
     password: String,
-) -> Result<User, Refused> {
+) -> Result<User, ApiError> {
     let tried: String = name.chars().take(64).collect();
     let known: Option<UserName> = name.parse().ok();
     let user = match known {
-        Some(known) => page.ask(move |store| store.user(&known)).await?,
+        Some(known) => page.query(move |store| store.user(&known)).await?,
         None => None,
     };
     let stored = user.as_ref().map(|(_, stored)| stored.clone());
@@ -53,8 +53,8 @@ async fn proven(
     let Some(attempt) = page.throttle.attempt(from.ip(), &tried) else {
         drop(place);
         page.refused(Refusal::Throttled, from.ip(), &tried).await;
-        let why = "too many attempts at once after wrong passwords: try again in some seconds";
-        return Err(Refused::new(StatusCode::TOO_MANY_REQUESTS, why));
+        let why = "too many concurrent attempts after wrong passwords: try again in a few seconds";
+        return Err(ApiError::new(StatusCode::TOO_MANY_REQUESTS, why));
     };
     if !attempt.delay().is_zero() {
         // Release the permit so that others can log in meanwhile.
@@ -77,7 +77,7 @@ async fn proven(
             drop(place);
             page.refused(Refusal::Login, from.ip(), &tried).await;
             let why = "the name or the password is wrong";
-            Err(Refused::new(StatusCode::UNAUTHORIZED, why))
+            Err(ApiError::new(StatusCode::UNAUTHORIZED, why))
         }
     }
 }
@@ -86,11 +86,11 @@ pub(super) async fn login(
     State(page): Shared,
     Extension(from): Extension<SocketAddr>,
     body: Bytes,
-) -> Answer {
+) -> ApiResult {
     let Login { name, password } = read(&body)?;
-    let user = proven(&page, from, &name, password).await?;
-    let token = Token::draw().map_err(Refused::inside)?;
-    let now = Moment::now();
+    let user = verify_password(&page, from, &name, password).await?;
+    let token = Token::generate().map_err(ApiError::inside)?;
+    let now = BootTime::now();
     let session = Session {
         user: user.name.clone(),
         since: now.clone(),
@@ -98,19 +98,19 @@ pub(super) async fn login(
         from: from.ip().to_string(),
     };
     let shown = cookie(&page, token.text())?;
-    page.ask(move |store| store.begin_session(&token, &session))
+    page.query(move |store| store.begin_session(&token, &session))
         .await?;
     let mut response = who_is(&user, &page)?;
     response.headers_mut().insert(header::SET_COOKIE, shown);
     Ok(response)
 }
 
-fn cookie(page: &PageState, token: &str) -> Result<HeaderValue, Refused> {
-    let text = who::cookie(page.settings.secure, token);
-    HeaderValue::from_str(&text).map_err(Refused::inside)
+fn cookie(page: &PageState, token: &str) -> Result<HeaderValue, ApiError> {
+    let text = access::cookie(page.settings.secure, token);
+    HeaderValue::from_str(&text).map_err(ApiError::inside)
 }
 
-pub(super) async fn me(State(page): Shared, Extension(user): Extension<User>) -> Answer {
+pub(super) async fn me(State(page): Shared, Extension(user): Extension<User>) -> ApiResult {
     who_is(&user, &page)
 }
 
@@ -118,9 +118,9 @@ pub(super) async fn logout(
     State(page): Shared,
     Extension(user): Extension<User>,
     headers: HeaderMap,
-) -> Answer {
-    if let Some(token) = who::token(&headers, page.settings.secure) {
-        page.ask(move |store| store.end_session(&token, &user.name))
+) -> ApiResult {
+    if let Some(token) = access::token(&headers, page.settings.secure) {
+        page.query(move |store| store.end_session(&token, &user.name))
             .await?;
     }
     let mut response = done()?;
@@ -138,13 +138,13 @@ struct NewPassword {
 }
 
 /// The hash of a new password.
-async fn hashed(page: &Arc<PageState>, password: String) -> Result<String, Refused> {
-    let password = Password::chosen(password).map_err(|e| Refused::wrong(e.to_string()))?;
+async fn hashed(page: &Arc<PageState>, password: String) -> Result<String, ApiError> {
+    let password = Password::chosen(password).map_err(|e| ApiError::wrong(e.to_string()))?;
     let place = page.passwords.acquire().await;
     let made = tokio::task::spawn_blocking(move || hash(&password)).await;
     drop(place);
-    made.map_err(|_| Refused::inside("hashing a password ended before its time"))?
-        .map_err(Refused::inside)
+    made.map_err(|_| ApiError::inside("hashing a password was cancelled"))?
+        .map_err(ApiError::inside)
 }
 
 pub(super) async fn password(
@@ -152,18 +152,18 @@ pub(super) async fn password(
     Extension(from): Extension<SocketAddr>,
     Extension(user): Extension<User>,
     body: Bytes,
-) -> Answer {
+) -> ApiResult {
     let NewPassword { old, new } = read(&body)?;
-    proven(&page, from, user.name.as_str(), old).await?;
+    verify_password(&page, from, user.name.as_str(), old).await?;
     let hash = hashed(&page, new).await?;
     let from = from.ip().to_string();
-    page.ask(move |store| store.set_password(&user.name, &hash, user.name.as_str(), &from))
+    page.query(move |store| store.set_password(&user.name, &hash, user.name.as_str(), &from))
         .await?;
     done()
 }
 
-pub(super) async fn users(State(page): Shared) -> Answer {
-    document(&page.ask(crate::store::Store::users).await?)
+pub(super) async fn users(State(page): Shared) -> ApiResult {
+    document(&page.query(crate::store::Store::users).await?)
 }
 
 #[derive(Deserialize)]
@@ -179,7 +179,7 @@ pub(super) async fn add_user(
     Extension(from): Extension<SocketAddr>,
     Extension(admin): Extension<User>,
     body: Bytes,
-) -> Answer {
+) -> ApiResult {
     let NewUser {
         name,
         role,
@@ -187,7 +187,7 @@ pub(super) async fn add_user(
     } = read(&body)?;
     let hash = hashed(&page, password).await?;
     let from = from.ip().to_string();
-    page.ask(move |store| store.add_user(&name, role, &hash, admin.name.as_str(), &from))
+    page.query(move |store| store.add_user(&name, role, &hash, admin.name.as_str(), &from))
         .await?;
     done()
 }
@@ -202,9 +202,9 @@ struct ChangedUser {
     password: Option<String>,
 }
 
-fn named(name: &str) -> Result<UserName, Refused> {
+fn named(name: &str) -> Result<UserName, ApiError> {
     name.parse()
-        .map_err(|_| Refused::missing("there is no such user"))
+        .map_err(|_| ApiError::missing("there is no such user"))
 }
 
 pub(super) async fn change_user(
@@ -213,7 +213,7 @@ pub(super) async fn change_user(
     Extension(admin): Extension<User>,
     Path(name): Path<String>,
     body: Bytes,
-) -> Answer {
+) -> ApiResult {
     let name = named(&name)?;
     let ChangedUser {
         role,
@@ -225,7 +225,7 @@ pub(super) async fn change_user(
         None => None,
     };
     let from = from.ip().to_string();
-    page.ask(move |store| {
+    page.query(move |store| {
         let by = admin.name.as_str();
         store.change_user(&name, role, disabled, by, &from)?;
         match hash {
@@ -242,10 +242,10 @@ pub(super) async fn remove_user(
     Extension(from): Extension<SocketAddr>,
     Extension(admin): Extension<User>,
     Path(name): Path<String>,
-) -> Answer {
+) -> ApiResult {
     let name = named(&name)?;
     let from = from.ip().to_string();
-    page.ask(move |store| store.remove_user(&name, admin.name.as_str(), &from))
+    page.query(move |store| store.remove_user(&name, admin.name.as_str(), &from))
         .await?;
     done()
 }

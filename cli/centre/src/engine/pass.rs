@@ -8,13 +8,13 @@ use std::{
 
 use volcomp_fleet::{MachineId, SiteId};
 
-use super::{Engine, alarms, blocking, lock, moving};
+use super::{Engine, alarms, blocking, lock, rollouts};
 use crate::{
     Error,
     clock::now_s,
     issue::{differs, settle},
     records::{AlarmKind, Machine, Version},
-    versions::in_force,
+    versions::active_version,
 };
 
 /// Interval at which minutes of the history are closed, …
@@ -52,8 +52,8 @@ impl State {
 
 /// Sites of the registered machines.
 pub(super) async fn sites(engine: &Arc<Engine>) -> BTreeSet<SiteId> {
-    let of_store = Arc::clone(engine);
-    let machines = blocking(move || of_store.store.machines()).await;
+    let engine_clone = Arc::clone(engine);
+    let machines = blocking(move || engine_clone.store.machines()).await;
     let machines = machines.unwrap_or_default();
     machines
         .into_iter()
@@ -62,19 +62,19 @@ pub(super) async fn sites(engine: &Arc<Engine>) -> BTreeSet<SiteId> {
 }
 
 /// Runs one pass. Database errors are reported, and the next pass tries again.
-pub(super) async fn look(engine: &Arc<Engine>, state: State) -> State {
+pub(super) async fn run(engine: &Arc<Engine>, state: State) -> State {
     let engine = Arc::clone(engine);
     blocking(move || {
         let mut state = state;
-        if let Err(error) = look_now(&engine, &mut state) {
-            engine.trouble(AlarmKind::Store, Some(error.to_string()));
+        if let Err(error) = run_pass(&engine, &mut state) {
+            engine.set_failure(AlarmKind::Store, Some(error.to_string()));
         }
         state
     })
     .await
 }
 
-fn look_now(engine: &Engine, state: &mut State) -> Result<(), Error> {
+fn run_pass(engine: &Engine, state: &mut State) -> Result<(), Error> {
     let now = Instant::now();
     let elapsed_s = now.duration_since(state.last).as_secs_f64();
     state.last = now;
@@ -85,31 +85,32 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), Error> {
         let limits: BTreeMap<&MachineId, f64> = (machines.iter())
             .map(|machine| (&machine.identity.machine, machine.silent_after_s()))
             .collect();
-        let looked = ingest.look(|name| limits.get(name).copied().unwrap_or(Machine::SILENT_S));
-        for (machine, seen) in &looked.0 {
-            let told = || ingest.machine(machine)?.live.as_ref()?.condition.as_ref();
-            let known = seen.residual_um.or_else(|| told()?.residual_um);
+        let taken =
+            ingest.take_observations(|name| limits.get(name).copied().unwrap_or(Machine::SILENT_S));
+        for (machine, seen) in &taken.0 {
+            let condition = || ingest.machine(machine)?.live.as_ref()?.condition.as_ref();
+            let known = seen.residual_um.or_else(|| condition()?.residual_um);
             if let Some(um) = known.filter(|um| um.is_finite()) {
                 state.residual_um.insert(machine.clone(), um);
             }
         }
-        looked
+        taken
     };
-    let stuck = match moving::look(engine, elapsed_s, &seen, &state.residual_um) {
-        Ok(stuck) => stuck,
+    let blocked = match rollouts::advance_all(engine, elapsed_s, &seen, &state.residual_um) {
+        Ok(blocked) => blocked,
         Err(error) => {
             // Received events count in the next pass, before those that arrived since.
-            lock(&engine.ingest).put_back(since);
+            lock(&engine.ingest).restore_events(since);
             return Err(error);
         }
     };
-    let untold = since.into_iter().filter(|(name, _)| stuck.holds(name));
-    lock(&engine.ingest).put_back(untold.collect());
-    let why = (!stuck.why.is_empty()).then(|| stuck.why.join(" "));
-    engine.trouble(AlarmKind::Rollout, why);
+    let unprocessed = since.into_iter().filter(|(name, _)| blocked.holds(name));
+    lock(&engine.ingest).restore_events(unprocessed.collect());
+    let why = (!blocked.why.is_empty()).then(|| blocked.why.join(" "));
+    engine.set_failure(AlarmKind::Rollout, why);
     let versions = engine.store.newest_versions()?;
     settle_all(engine, &mut state.unsettled, &machines, &versions)?;
-    alarms::look(engine, &mut state.alarms, &machines, &versions)?;
+    alarms::update(engine, &mut state.alarms, &machines, &versions)?;
     if now.duration_since(state.minute) >= MINUTE {
         state.minute = now;
         lock(&engine.ingest).count_missing();
@@ -120,13 +121,13 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), Error> {
         .is_none_or(|hour| now.duration_since(hour) >= HOUR)
     {
         state.hour = Some(now);
-        engine.store.forget(engine.settings.keep, now_s())?;
+        engine.store.delete_expired(engine.settings.keep, now_s())?;
     }
     Ok(())
 }
 
 /// Maximum number of machines that are sent changed settings in one pass.
-const MAX_SETTLED: usize = 200;
+const MAX_SETTLED_PER_PASS: usize = 200;
 
 /// Sends every machine its registered settings, regardless of who changed them and how.
 fn settle_all(
@@ -139,25 +140,25 @@ fn settle_all(
     let mut issued = 0;
     for machine in machines {
         let name = &machine.identity.machine;
-        if issued == MAX_SETTLED {
+        if issued == MAX_SETTLED_PER_PASS {
             break;
         }
-        let is_other = if let Some(newest) = versions.get(name) {
+        let has_changed = if let Some(newest) = versions.get(name) {
             differs(machine, newest)
         } else {
             // If there is no value under its key, it continues with its active version.
             let live = lock(&engine.ingest)
                 .machine(name)
-                .and_then(|heard| heard.live.clone());
+                .and_then(|reception| reception.live.clone());
             match live.filter(|live| live.version > 0) {
                 Some(live) => {
                     let versions = engine.store.versions(name)?;
-                    in_force(&versions, Some(&live)).is_some_and(|one| differs(machine, one))
+                    active_version(&versions, Some(&live)).is_some_and(|one| differs(machine, one))
                 }
                 None => false,
             }
         };
-        if !is_other {
+        if !has_changed {
             continue;
         }
         match settle(&engine.store, &engine.settings.key, name, "centre") {

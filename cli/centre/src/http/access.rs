@@ -12,8 +12,8 @@ use axum::{
 use serde_json::json;
 use volcomp_web::is_of_another_page;
 
-use super::{answer::Refused, state::PageState};
-use crate::users::{Moment, Refusal, Role, Token, User};
+use super::{response::ApiError, state::PageState};
+use crate::users::{BootTime, Refusal, Role, Token, User};
 
 /// Header that the web interface sends with every change. A page of another origin cannot send it without a preflight request, which this program
 /// never grants.
@@ -45,12 +45,12 @@ pub(super) fn token(headers: &HeaderMap, secure: bool) -> Option<Token> {
         .flat_map(|value| value.split(';'))
         .filter_map(|pair| pair.trim().split_once('='))
         .find(|(key, _)| *key == name)
-        .and_then(|(_, value)| Token::shown(value))
+        .and_then(|(_, value)| Token::parse(value))
 }
 
 /// Checks that a change comes from our own web interface, or from a program that sends the header.
-fn is_ours(headers: &HeaderMap) -> Result<(), Refused> {
-    let forbidden = |why: &str| Refused::new(StatusCode::FORBIDDEN, why);
+fn is_ours(headers: &HeaderMap) -> Result<(), ApiError> {
+    let forbidden = |why: &str| ApiError::new(StatusCode::FORBIDDEN, why);
     if headers.get(OURS).is_none_or(|value| value != "1") {
         return Err(forbidden("a change needs the header X-Volcomp: 1"));
     }
@@ -79,7 +79,7 @@ pub(super) async fn admit(
     let user = match user(&page, request.headers()).await {
         Ok(Some(user)) => user,
         Ok(None) => {
-            return Refused::new(StatusCode::UNAUTHORIZED, "log in first").into_response();
+            return ApiError::new(StatusCode::UNAUTHORIZED, "log in first").into_response();
         }
         Err(refused) => return refused.into_response(),
     };
@@ -87,7 +87,7 @@ pub(super) async fn admit(
         page.refused(Refusal::Forbidden, from.ip(), request.uri().path())
             .await;
         let why = format!("this needs the role {role}, {} is {}", user.name, user.role);
-        return Refused::new(StatusCode::FORBIDDEN, why).into_response();
+        return ApiError::new(StatusCode::FORBIDDEN, why).into_response();
     }
     let name = user.name.clone();
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
@@ -104,10 +104,10 @@ pub(super) async fn admit(
     response
 }
 
-async fn user(page: &Arc<PageState>, headers: &HeaderMap) -> Result<Option<User>, Refused> {
+async fn user(page: &Arc<PageState>, headers: &HeaderMap) -> Result<Option<User>, ApiError> {
     let Some(token) = token(headers, page.settings.secure) else {
         return Ok(None);
     };
-    page.ask(move |store| store.session(&token, &Moment::now()))
+    page.query(move |store| store.session(&token, &BootTime::now()))
         .await
 }

@@ -11,12 +11,12 @@ use serde_json::json;
 
 /// A rejected request.
 #[derive(Debug)]
-pub(super) struct Refused {
+pub(super) struct ApiError {
     status: StatusCode,
     why: String,
 }
 
-impl Refused {
+impl ApiError {
     pub(super) fn new(status: StatusCode, why: impl Into<String>) -> Self {
         let why = why.into();
         Self { status, why }
@@ -42,12 +42,12 @@ impl Refused {
         tracing::error!("page: {why}");
         Self::new(
             StatusCode::INTERNAL_SERVER_ERROR,
-            "it failed inside the centre: the log says why",
+            "internal error: see the log of the centre",
         )
     }
 }
 
-impl From<Error> for Refused {
+impl From<Error> for ApiError {
     fn from(error: Error) -> Self {
         match error {
             Error::Conflict(_)
@@ -60,16 +60,16 @@ impl From<Error> for Refused {
     }
 }
 
-impl IntoResponse for Refused {
+impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
         (self.status, Json(json!({ "error": self.why }))).into_response()
     }
 }
 
-pub(super) type Answer = Result<Response, Refused>;
+pub(super) type ApiResult = Result<Response, ApiError>;
 
-pub(super) fn document(document: &impl Serialize) -> Answer {
-    let bytes = serde_json::to_vec(document).map_err(Refused::inside)?;
+pub(super) fn document(document: &impl Serialize) -> ApiResult {
+    let bytes = serde_json::to_vec(document).map_err(ApiError::inside)?;
     Ok(json_bytes(bytes))
 }
 
@@ -78,12 +78,11 @@ pub(super) fn json_bytes(bytes: impl Into<axum::body::Body>) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], bytes.into()).into_response()
 }
 
-pub(super) fn done() -> Answer {
+pub(super) fn done() -> ApiResult {
     document(&json!({ "done": true }))
 }
 
 /// Parses the JSON body of a request.
-pub(super) fn read<T: serde::de::DeserializeOwned>(body: &[u8]) -> Result<T, Refused> {
-    serde_json::from_slice(body)
-        .map_err(|error| Refused::wrong(format!("the document of the request: {error}")))
+pub(super) fn read<T: serde::de::DeserializeOwned>(body: &[u8]) -> Result<T, ApiError> {
+    serde_json::from_slice(body).map_err(|error| ApiError::wrong(format!("request body: {error}")))
 }
