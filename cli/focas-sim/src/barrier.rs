@@ -90,7 +90,7 @@ pub(crate) struct BarrierArguments {
     time_out_ms: f64,
     /// Instead of the barrier use a map of at most this number of words, 69 to 2450: frames from D0, report from D144,
     /// buffers from D200 on
-    #[arg(long, value_name = "WORDS", conflicts_with = "no_barrier", value_parser = clap::value_parser!(u16).range(69..=i64::from(map::MAX_WORDS)))]
+    #[arg(long, value_name = "WORDS", conflicts_with = "no_barrier", value_parser = clap::value_parser!(u16).range(69..=i64::from(map::MOST_WORDS)))]
     map_words: Option<u16>,
     /// Scan time of the control's program, ms: 0.1 to 1000
     #[arg(long, value_name = "MS", default_value_t = 2.0)]

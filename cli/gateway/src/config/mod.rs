@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use volcomp_devices::config::{CONTROLLER_ONLY, join, of_ms, uses};
 use volcomp_document::{Document, FileKind, InputError, InputErrors, Places};
-use volcomp_fleet::{Identity, UnknownId, VerifyingKey, trusted_key};
+use volcomp_fleet::{Identity, IdError, VerifyingKey, trusted_key};
 use volcomp_port::DeviceError;
 use volcomp_runtime::{GuardSettings, PlanError, Realtime};
 
@@ -454,7 +454,7 @@ impl FleetConfig {
     ///
     /// # Errors
     /// A name is not valid in a message subject; this cannot occur in a configuration that was read from a file.
-    pub fn identity(&self) -> Result<Identity, UnknownId> {
+    pub fn identity(&self) -> Result<Identity, IdError> {
         Ok(Identity {
             site: self.site.parse()?,
             machine: self.machine.parse()?,
