@@ -167,7 +167,7 @@ fn rogue_values_change_nothing() {
     let another = volcomp_fleet::SigningKey::from_bytes(&[8; 32]);
     let stranger = volcomp_fleet::Desired::sign(&centre.manifest(7, &model), &model, &another);
     centre.put(&stranger.expect("plain").bytes().expect("plain"));
-    refused(7, "a key that is not trusted");
+    refused(7, "untrusted key");
     let mut serial = centre.manifest(8, &model);
     serial.serial = "4712".to_owned();
     centre.send(&serial, &model);

@@ -58,7 +58,7 @@ fn each_wrong_key_is_named() {
         (
             "trusted_keys",
             "trusted_keys = [\"AQAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA=\"]",
-            "only its owner",
+            "of large order",
         ),
         ("", "ca = \"ca.pem\"", "tls://"),
         ("", "password = \"x\"", "password"),

@@ -177,7 +177,7 @@ fn faults_and_silence_raise_alarms() {
     program.signal("TERM");
     assert_eq!(program.end(), Some(0));
     whole.wait("the silence is reported", "alarms --json", |alarms| {
-        has(alarms, "silent", "not heard")
+        has(alarms, "silent", "No condition is received")
     });
     let said = whole.done("alarms");
     assert!(said.contains("mill-1: silent"), "{said}");
@@ -298,7 +298,7 @@ fn a_hanging_disk_of_the_centre_delays_no_machine() {
             alarms.any(|alarm| {
                 alarm["text"]
                     .as_str()
-                    .is_some_and(|text| text.contains("has not answered a change"))
+                    .is_some_and(|text| text.contains("has not completed a change"))
             })
         };
         volcomp_test_support::until("its page reports it", LONG, || {

@@ -415,7 +415,7 @@ pub(crate) const CASES: &[Wrong] = &[
     wrong(
         "[\"bed\", \"column\"]",
         "[\"bed\", \"bed\"]",
-        "stands twice",
+        "is listed twice",
     ),
     wrong(
         "modbus://127.0.0.1:1?unit=1&profile=PTA8C04",
