@@ -41,7 +41,7 @@ pub enum StructureError {
     UnknownCharacter {
         /// The rejected character.
         found: char,
-        /// Its position in the code, from 1.
+        /// Position in the code, from 1.
         position: usize,
     },
     /// `w`, `b` or `t` is missing, repeated or out of place.
@@ -52,7 +52,7 @@ pub enum StructureError {
     OutOfPlace {
         /// The rejected character.
         found: char,
-        /// Its position in the code, from 1.
+        /// Position in the code, from 1.
         position: usize,
     },
     /// The code ended before `t`.
@@ -80,7 +80,7 @@ pub enum StructureError {
         "prime at character {position} follows no axis, expected it right behind an axis letter"
     )]
     StrayPrime {
-        /// Its position in the code, from 1.
+        /// Position in the code, from 1.
         position: usize,
     },
     /// The code contains no axis.

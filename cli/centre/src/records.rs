@@ -156,7 +156,7 @@ pub(crate) fn letters(axes: &[AxisName]) -> String {
 pub enum Origin {
     #[serde(alias = "form")]
     File {
-        /// Its name; empty if the text was submitted without a file.
+        /// Name; empty if the text was submitted without a file.
         #[serde(default)]
         name: String,
     },

@@ -86,7 +86,7 @@ pub struct State {
 /// A measurement file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FileState {
-    /// Its name in the folder.
+    /// Name in the folder.
     pub name: String,
     /// The measured error, if the file or an answer states it.
     pub error: Option<String>,

@@ -87,7 +87,7 @@ pub(crate) fn with_answers(
     Ok(AnsweredDraft { decided, whole })
 }
 
-/// Names of the files of a measurement, as in questions and answers.
+/// File names of a measurement, comma-separated: its identifier in questions and answers.
 pub(crate) fn name_of(proposed: &Proposed) -> String {
     proposed.files.join(", ")
 }

@@ -251,7 +251,7 @@ impl From<IdentifyError> for Failure {
 }
 
 impl From<MetrologyError> for Failure {
-    /// An unreadable file is reported like one with invalid content: it was named in the call.
+    /// An unreadable file is reported like a file with invalid content, because the user named it on the command line.
     fn from(error: MetrologyError) -> Self {
         let message = error.to_string();
         let (file, line, key) = match error {

@@ -287,7 +287,7 @@ fn set_unit(of: &mut Proposed, unit: &str) {
     of.follow();
 }
 
-/// Formats a value for the calibration file; the error is what was expected.
+/// Formats a value for the calibration file; `Err` describes the expected value.
 fn encoded(key: &str, value: &str) -> Result<String, &'static str> {
     let word = |known: &[&str], expected| {
         if known.contains(&value) {

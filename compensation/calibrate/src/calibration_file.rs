@@ -71,7 +71,7 @@ pub struct Line {
 pub struct Location {
     /// The location error.
     pub error: ErrorName,
-    /// Its value, µm or µrad.
+    /// Value, µm or µrad.
     pub value: f64,
     /// The standard uncertainty (k = 1) of the value, µm or µrad.
     pub uncertainty: f64,

@@ -18,7 +18,7 @@ use crate::{
 
 /// Maximum number of independent shifts that are propagated individually; more of them are sampled together.
 const ALONE: usize = 60;
-/// Number of joint samples: the standard deviation is then known to some 5 %.
+/// Number of joint samples: they determine the standard deviation to about 5 %.
 const DRAWS: u64 = 200;
 
 /// Data for the effect of lines on unknowns.
@@ -85,7 +85,7 @@ impl LineContribution<'_> {
         Ok(self.response.to(&self.fitted(file)?.machine)? - base)
     }
 
-    /// Fits the lines of another file, with the unknowns as identified.
+    /// Fits the lines of another file, with the unknowns fixed at their identified values.
     pub(crate) fn fitted(&self, file: &CalibrationFile) -> Result<Stages, CalibrateError> {
         let mut known = located(file)?;
         for unknown in &self.observations.unknown {
@@ -94,7 +94,7 @@ impl LineContribution<'_> {
         Stages::of(file, &known, || ())
     }
 
-    /// Covariance due to what the file states of its instruments: everything except the scatter of runs.
+    /// Covariance due to the instrument uncertainties stated in the file: everything except the scatter of runs.
     fn stated(&self, base: &DVector<f64>) -> Result<DMatrix<f64>, CalibrateError> {
         // The contribution of the observations is already included.
         let mut without = self.file.clone();

@@ -93,7 +93,7 @@ pub struct CompiledMachine {
     pub(crate) patched: bool,
     /// True for three linear axes without errors outside their tables.
     pub(crate) three_slides: bool,
-    /// The axes that may move, without duplicates, and those of them that corrections move.
+    /// The axes that corrections may move, without duplicates; `correctors` selects the ones that are used.
     pub(crate) may_move: ArrayVec<AxisName, MAX_AXES>,
     pub(crate) correctors: Correctors,
 }

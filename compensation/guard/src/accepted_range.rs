@@ -7,8 +7,8 @@ use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::{Limits, step::one_step};
 
-/// How long after a word was sent a reading may still show it. All frames sent while a report is in transit answer the same report, so a barrier
-/// takes one of them per delay of the path: it moves towards one that was sent one delay before the last.
+/// Maximum time between sending a word and a reading that still shows it. All frames sent while a report is in transit refer to the same report,
+/// so a barrier accepts one of them per delay of the path: it moves towards one that was sent one delay before the last.
 fn longest_visible(limits: &Limits) -> Duration {
     limits.longest_delay().saturating_mul(2)
 }

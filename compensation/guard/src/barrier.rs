@@ -178,7 +178,7 @@ pub const REPORT_WORDS: usize = REPORT_HEAD + 3 * MAX_AXES + 2;
 /// Number of words before those of the axes: epoch, tick, owner, sequence, refusal, scans per step, hold, timeout.
 const REPORT_HEAD: usize = 8;
 
-/// The refusals of a barrier; the index is the number in its words.
+/// The refusals of a barrier; the index is the code in the report.
 const REFUSALS: [Refusal; 8] = [
     Refusal::None,
     Refusal::Checksum,
@@ -313,7 +313,8 @@ pub struct Barrier {
 ///
 /// Invariants:
 /// - `applied` is on the line from `from` to `goal`, after `done` of `steps` steps; all axes reach `goal` together.
-/// - `goal` is within the limits once a frame or a word on lines was accepted; `by_lines` only while no sender of frames owns the control.
+/// - `goal` is within the limits once a frame, or a word on digital lines, was accepted; `by_lines` is true only while no sender of frames
+///   owns the barrier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Memory {
     /// The protocol state. A word on lines counts as a frame for its `silent` counter.

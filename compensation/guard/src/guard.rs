@@ -61,7 +61,7 @@ pub struct Guard {
     accepted: AcceptedRange,
     /// When a frame was last sent to a barrier.
     sent_to_barrier: Option<Duration>,
-    /// The output was at the confirmed correction: a ramp or a line starts anew when it moves again.
+    /// The output was at the confirmed correction; the next move starts a new ramp or line.
     at_confirmed: bool,
     /// The correction that the control itself holds during an interlock; words to its barrier go there.
     held: Option<PerChannel<f64>>,
@@ -69,8 +69,8 @@ pub struct Guard {
     stopped_since: Option<Duration>,
     /// The active path has changed: the output starts from the correction known on the new one.
     path_changed: bool,
-    /// Set if the new path writes the same axes in the same steps as the previous one: the last words of that one may still be on the way to a
-    /// common barrier, and a reading valid before this time does not show their effect yet.
+    /// Set if the new path writes the same axes in the same steps as the previous one: the last words of the previous path may still be in
+    /// transit to the common barrier, and a reading valid before this time does not show their effect yet.
     shared_until: Option<Duration>,
     proof: Proof,
     moves: MotionHistory,
@@ -122,7 +122,7 @@ impl Guard {
     /// ramp if [`Request::Switched`] follows.
     ///
     /// # Errors
-    /// Those of [`Limits::check_in_place_of`]: the old ones stay.
+    /// Same as [`Limits::check_in_place_of`]; the old limits then stay active.
     pub fn set_limits(&mut self, limits: Limits) -> Result<(), LimitsError> {
         limits.check_in_place_of(&self.limits)?;
         let present = self.largest_present().unwrap_or_default();
@@ -365,7 +365,7 @@ impl Guard {
             return false;
         }
         let output = self.output();
-        // A correction that is confirmed anew and equals the sent one continues unchanged.
+        // A newly confirmed correction that equals the sent one continues unchanged.
         let mut is_event = false;
         for i in self.limits.places() {
             if !is_same_step(values[i], output[i], self.limits.axes[i].resolution) {

@@ -44,15 +44,16 @@ pub enum AxisProof {
 pub struct Verdict {
     /// The finding for each axis.
     pub axes: PerChannel<AxisProof>,
-    /// The axes whose configuration contradicts the finding or the amount: a position that follows both ways by 2.5 times the shift, or by half of
-    /// it, shows that the words have another unit. If positions do not contain the correction, the unit cannot be tested.
+    /// The axes whose configuration contradicts the test. A reported position that follows the test shift both ways, but by 2.5 times or half its
+    /// amount, shows that the control applies corrections in another unit. If reported positions do not contain the correction, the unit cannot be
+    /// tested.
     pub contradicts: PerChannel<bool>,
     /// The axes with a finding.
     pub proven: PerChannel<bool>,
 }
 
 impl Verdict {
-    /// `scaled`: the axes that followed both ways by another amount than the shift.
+    /// `scaled`: axes whose position followed the test shift both ways, but by another amount.
     fn of(axes: PerChannel<AxisProof>, scaled: &PerChannel<bool>, limits: &Limits) -> Self {
         Self {
             axes,

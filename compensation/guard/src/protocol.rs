@@ -366,8 +366,8 @@ pub struct Session {
 }
 
 impl Session {
-    /// A sender at its start. `owner` must be drawn anew at each start, so that a sender does not mistake its predecessor for itself; 0 means none
-    /// and is replaced by 1.
+    /// A sender at its start. `owner` must be a new random number at each start, so that a sender does not mistake its predecessor for itself; 0
+    /// means none and is replaced by 1.
     #[must_use]
     pub fn new(owner: u16) -> Self {
         Self {

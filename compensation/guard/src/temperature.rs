@@ -66,7 +66,7 @@ pub enum SensorFlaw {
     /// The temperature changed faster than [`SensorLimits::max_degc_per_min`], and was not readmitted since: it is not used.
     #[error("jumped")]
     Jumped,
-    /// The same digits for [`SensorLimits::stuck_after`]: the temperature is used.
+    /// The reading did not change in any digit for [`SensorLimits::stuck_after`]; it is still used.
     #[error("stuck at one value")]
     Stuck,
     /// Farther than [`SensorLimits::neighbours_k`] from the median of the other sensors: the temperature is used.
@@ -86,7 +86,7 @@ impl SensorFlaw {
 pub struct SensorReport {
     /// The temperature, °C; `None` if it is not used.
     pub degc: Option<f64>,
-    /// Its flaw; `None` for a good temperature, and before the first check.
+    /// Flaw; `None` for a good temperature, and before the first check.
     pub flaw: Option<SensorFlaw>,
 }
 
@@ -186,8 +186,8 @@ impl SensorCheck {
             .map_or(f64::NAN, |accepted| accepted.degc)
     }
 
-    /// Stores the temperatures of all sensors, °C, at the end of the cycle in which a new reading of this one was accepted, so that after a jump
-    /// its usual difference from its neighbours refers to a single time.
+    /// Stores the temperatures of all sensors, °C, at the end of the cycle in which a new reading of this sensor was accepted. After a jump, its
+    /// usual differences from its neighbours then refer to a single time.
     fn remember(&mut self, all: &[f64; MAX_SENSORS]) {
         if let Some(accepted) = &mut self.accepted
             && self.used
@@ -338,7 +338,7 @@ const AGREES_WITHIN_K: f64 = 1.0;
 struct BeforeJump {
     /// Index of the sensor.
     pub own: usize,
-    /// Its temperature, °C.
+    /// Temperature, °C.
     pub degc: f64,
     /// When that temperature was measured.
     pub taken: Duration,

@@ -248,13 +248,12 @@ pub(crate) fn candidates(
     candidates
 }
 
-/// MachineSampler a row like one of a file, at another pose.
+/// Draws a random row like those of a file, at another pose.
 ///
-/// A target is visible to its tracker wherever the machine is within its travel. A sphere and a ball stay in place: the
-/// tip is at the same point of the workpiece, with other coordinates of the rotary axes. The tip at the end of a
-/// ballbar or tracer has a distance and a direction between those of two rows. A line of sight stays as well: the pose
-/// is between two of its poses. A step gauge has faces only where it was read. `None` if the axes do not reach the
-/// pose, or if it was measured already.
+/// A target is assumed visible to its tracker anywhere within the travel. Spheres and balls are stationary: the tip is
+/// at the same point of the workpiece, with other rotary coordinates. For a ballbar or tracer, distance and direction
+/// are between those of two rows. A line of sight is stationary as well: the pose is between two of its poses. A step
+/// gauge has faces only where it was read. `None` if the axes do not reach the pose, or if it was measured already.
 fn drawn(
     system: &System,
     observation: &Observation,

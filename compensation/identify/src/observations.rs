@@ -43,7 +43,7 @@ pub struct Observations {
 pub struct Unknown {
     /// Name of the error.
     pub error: ErrorName,
-    /// Its curve, a constant for a location error; `None` if only the reversal value is unknown.
+    /// Curve, a constant for a location error; `None` if only the reversal value is unknown.
     pub basis: Option<Basis>,
     /// Second axis on which the error depends, with the curve's modes along it; `None`: it depends on its own axis only.
     pub second: Option<SecondAxis>,

@@ -79,7 +79,7 @@ impl Response {
     /// `None` for a change that the unknowns compensate, about which the observations contain no information.
     ///
     /// # Errors
-    /// As [`Response::to`].
+    /// Same as [`Response::to`].
     pub fn supported_shares(
         &self,
         machines: &[Machine],

@@ -23,9 +23,9 @@ pub(crate) enum Exactness {
 
 /// Convergence limit on the step of least squares, in standard uncertainties.
 const CONVERGED: f64 = 1e-9;
-/// The same with robust weights, which change in every step.
+/// Convergence limit with robust weights, which change in every step.
 const CONVERGED_ROBUST: f64 = 1e-6;
-/// The same with penalties, whose weights are chosen as well, and for start values.
+/// Convergence limit with penalties, whose weights are chosen as well, and for start values.
 const CONVERGED_ROUGH: f64 = 1e-2;
 /// Number of steps in which the weights of penalties are chosen.
 const PENALTY_STEPS: usize = 3;
@@ -202,7 +202,7 @@ pub(crate) fn solve(
             sides = equations.sides.estimate(&equations.residuals);
         }
     }
-    // With more digits than the readings have, the last steps are rounding, and robust weights may still creep.
+    // The last steps are below the resolution of the readings; robust weights may still change slightly.
     let small = if robust { SMALL_ROBUST } else { 1e-5 };
     if last < small || exactness == Exactness::Rough {
         penalty.ends = true;

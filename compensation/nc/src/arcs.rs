@@ -1112,7 +1112,7 @@ mod tests {
             };
             assert_at(bow.middle(), middle);
             assert_at(bow.centre(), [0.0, 0.0]);
-            // The same arc the other way round.
+            // The same arc in the opposite direction.
             let back = Bow {
                 start: bow.end,
                 end: bow.start,

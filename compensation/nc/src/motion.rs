@@ -119,9 +119,9 @@ pub(crate) struct ExecutedMotion {
     /// Tool offset that the control adds.
     pub(crate) tool: Axes,
     pub(crate) system: usize,
-    /// It cuts, itself or by a cycle at its end, and the set-up file defines its zero.
+    /// The motion, or the cycle at its end, cuts, and the set-up file defines its work offset.
     pub(crate) cuts_from_stated_zero: bool,
-    /// The positions of X, Y and Z are known, as far as the machine has them.
+    /// The positions of those of X, Y and Z that the machine has are known.
     pub(crate) known: bool,
     pub(crate) in_inches: bool,
 }

@@ -153,8 +153,8 @@ impl Corrector {
         self.furthest[turn.axis] = turn.furthest;
     }
 
-    /// Correction at a position without the part for the play. The carriage of a lagging axis moves with it; where that reverses, the play
-    /// has to be taken up. 0 for the other axes, whose direction is that of the uncorrected command.
+    /// Correction at a position without the part for backlash. The correction moves the carriage of a lagging axis; where its direction
+    /// reverses, the backlash must be crossed. 0 for other axes, whose direction is that of the uncorrected command.
     pub(crate) fn without_play(&self, at: &Axes) -> Axes {
         if !self.play.any {
             return [0.0; MAX_AXES];

@@ -332,8 +332,8 @@ impl Rewriter {
     }
 
     /// True if the correction missing at the start of a motion exceeds its limit. After a reversal (`turns`) the limit is the rounding of
-    /// words, since the play has to be taken up. With another tool, or if the axes arrived without correction, it is the tolerance plus the
-    /// rounding.
+    /// words, because the backlash must be crossed. With another tool, or if the axes arrived without correction, it is the tolerance plus
+    /// the rounding.
     pub(crate) fn lacks_correction(&self, motion: &Move, turns: bool) -> bool {
         if self.applied_correction == AppliedCorrection::Current && !turns
             || self.contour != Contour::None
@@ -881,7 +881,7 @@ impl Rewriter {
         Some(nodes.map(|(layer, node)| layer[*node].0).collect())
     }
 
-    /// True if a word may be added for an axis that the block does not name; adds a note if it is left out.
+    /// True if a word may be added for an axis that the block does not name; adds a note if a needed word is omitted.
     fn may_add(&mut self, axis: usize, way: &AxisWay, line: usize) -> bool {
         if way.incremental || self.interpreter.knows_program_position(axis) {
             return true;

@@ -94,7 +94,7 @@ pub fn verify(
 /// The same for the result of [`average`](crate::average) and the mean corrections that it returned.
 ///
 /// # Errors
-/// As [`verify`].
+/// Same as [`verify`].
 pub fn verify_average(
     original: &mut (impl BufRead + Send),
     result: &mut (impl BufRead + Send),

@@ -48,9 +48,9 @@ pub struct CoupledCorrection {
     pub rotary: PerAxis<f64>,
     /// For each rotary axis, whether it corrects or not, how the linear axes follow it so that the tool tip stays in place, mm/rad.
     pub follow: PerAxis<PerAxis<f64>>,
-    /// As in [`ModelCorrection`].
+    /// See [`ModelCorrection`].
     pub singular: bool,
-    /// As in [`ModelCorrection`].
+    /// See [`ModelCorrection`].
     pub near_singular: bool,
     /// Two linear axes are nearly parallel: see [`Reasons::LINEAR_NEAR_SINGULAR`](volcomp_guard::Reasons::LINEAR_NEAR_SINGULAR).
     pub linear_near_singular: bool,
@@ -248,8 +248,8 @@ impl Model {
         }
     }
 
-    /// The correction in parts, with the errors at the position that `applied` leads to, the correction (mm, rad) on the axes now: whatever a limit
-    /// or a ramp leaves of it, the errors are those at the actual position. If the whole correction is applied, the sum of the parts is that of
+    /// The correction in parts. `applied` is the correction on the axes now (mm, rad), reduced by limits and ramps; errors are evaluated at the
+    /// position that it leads to, the actual one. If the whole correction is applied, the sum of the parts equals
     /// [`correction_of`](Self::correction_of). Does not allocate.
     pub fn wanted(
         &self,
@@ -260,7 +260,7 @@ impl Model {
         self.wanted_by(false, state, correctors, applied)
     }
 
-    /// As [`wanted`](Self::wanted), for thermal terms alone or for the whole model. Does not allocate.
+    /// Same as [`wanted`](Self::wanted), for thermal terms alone (`true`) or for the whole model. Does not allocate.
     pub fn wanted_by(
         &self,
         only_thermal: bool,
@@ -438,7 +438,8 @@ impl Model {
         warm
     }
 
-    /// The model as it would replace a running one: with the lags of that one where it has them, and with these temperatures (°C, by sensor name).
+    /// The model as a replacement of a running one: takes over its lagged temperatures where both have them; the others start at these
+    /// temperatures (°C, by sensor name).
     #[must_use]
     pub fn in_place_of(&self, running: &Self, degc: impl Fn(&str) -> Option<f64>) -> Self {
         let mut taken = self.clone();

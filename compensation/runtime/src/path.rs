@@ -138,7 +138,7 @@ impl ControlPath {
         Ok(())
     }
 
-    /// Its limits, with test shifts for correcting axes only: nothing is written to the others.
+    /// Limits of the path, with test shifts for correcting axes only: nothing is written to other axes.
     pub(crate) fn limits(&self) -> Limits {
         let shift = |place: usize| {
             if self.corrects(place) {

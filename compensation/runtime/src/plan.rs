@@ -54,7 +54,7 @@ pub struct PathPlan {
     pub no_read_back: bool,
     /// How long a control without a barrier is observed for foreign changes before the first write.
     pub watch: Duration,
-    /// What a control without read-back does on its own without writes.
+    /// Reaction of a control without read-back when writes stop.
     pub time_out: Option<ControlTimeOut>,
 }
 

@@ -251,8 +251,8 @@ impl Handle {
         }
     }
 
-    /// Ends the thread and waits for it for at most `patience`. Returns whether it has ended; one that hangs in an exchange with a controller is
-    /// left behind.
+    /// Ends the thread and waits at most `patience` for it. Returns whether it has ended; a thread that hangs in an exchange with a controller
+    /// is abandoned.
     pub fn stop_within(&mut self, patience: Duration) -> bool {
         self.shared.stop.store(true, Ordering::Relaxed);
         let end = Instant::now() + patience;

@@ -118,7 +118,7 @@ impl MachineMap {
     /// corrected. A rotary axis is either fixed at its stated position or, if named, an axis of the grid.
     ///
     /// # Errors
-    /// As [`build`]; axes that the machine does not have, that roll over, or that correct nothing.
+    /// Same as [`build`]; axes that the machine does not have, that roll over, or that correct nothing.
     pub fn new(
         machine: &Machine,
         temperatures: &Temperatures,

@@ -20,7 +20,7 @@ use crate::{
 
 /// The driver of a bus: what its URLs and configuration keys mean, and how its devices are created from them.
 pub struct Driver {
-    /// Its controllers in words, with the schemes of their URLs.
+    /// Controllers in words, with the schemes of their URLs.
     pub name: &'static str,
     /// The keys of `[[controller]]` that it uses in addition to the common ones, even if nothing is written.
     pub keys: &'static [&'static str],
@@ -233,7 +233,7 @@ pub struct PmcPlan {
 pub struct Block {
     /// The configuration key that places it.
     pub key: &'static str,
-    /// Its purpose and location, in words.
+    /// Purpose and location, in words.
     pub text: String,
     /// Whether it is a single byte.
     pub is_byte: bool,

@@ -180,7 +180,7 @@ struct Queue {
     files: VecDeque<Stored>,
     /// The file whose messages are being sent, until all are done.
     open: Option<Stored>,
-    /// Its remaining messages.
+    /// Remaining messages.
     front: VecDeque<Waiting>,
     /// The message returned last, and whether it came from the open file. It is removed from the queue, so that messages dropped meanwhile cannot
     /// be confused with it.

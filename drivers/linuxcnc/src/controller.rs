@@ -165,7 +165,7 @@ pub struct LinuxCncController {
     description: Description,
     machine: u16,
     key: Key,
-    /// When the last command was sent, and the run that it answers.
+    /// When the last command was sent, and the run of the bridge to which it refers.
     last_sent: Option<(Instant, u32)>,
     last: Option<(State, Instant)>,
     /// When the last state was read.

@@ -188,8 +188,8 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// How long to wait for the answer to a write. Over TCP no longer than its deadline: then the connection is reset, so that nothing of the write
-    /// stays in a queue of the kernel. A request given to a serial line is on the wire and cannot be cancelled.
+    /// Timeout for the response to a write. Over TCP it ends at the deadline: the connection is then reset, so that no part of the write remains in
+    /// a kernel queue. A request given to a serial line is on the wire and cannot be cancelled.
     pub(crate) fn write_timeout(&self, at_most: Duration, deadline: Instant) -> Duration {
         if self.serial.is_some() {
             return at_most;

@@ -21,7 +21,7 @@ use crate::{
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DigitalModule {
-    /// Its address on the line.
+    /// Address on the line.
     pub unit: u8,
     /// The profile of the module: its register addresses.
     pub profile: Profile,

@@ -128,7 +128,7 @@ pub enum SinumerikError {
     OtherAxis {
         /// The axis of the configuration.
         axis: AxisName,
-        /// Its number in the control.
+        /// Number in the control.
         number: u16,
         /// The name that the control reports.
         found: String,

@@ -177,8 +177,8 @@ impl Problem {
             .collect()
     }
 
-    /// Score of a smoothing parameter: generalised cross-validation. With wide gaps between the targets it is the leave-one-out error, infinite where
-    /// the spline leaves the band of the readings in such a gap.
+    /// Score of a smoothing parameter: generalised cross-validation. With wide gaps between the targets, the score is the leave-one-out error, or
+    /// infinity if the spline leaves the range of the readings inside a gap.
     fn score(&self, triangle: &Triangle) -> f64 {
         if self.in_gaps.is_empty() {
             return self.generalised(triangle);

@@ -1,5 +1,5 @@
-//! A simulated machine with its gateway, as the centre sees it: it accepts signed models, requires confirmation of those that move its axes far,
-//! corrects, and reports its condition. The real machine differs slightly from its model, and it warms up.
+//! A simulated machine with its gateway, as visible to the centre. It accepts signed models, requires confirmation of models with large moves,
+//! corrects, and reports its condition. The simulated true machine differs slightly from its model, and it warms up.
 //!
 //! Its gateway reports what a real gateway can measure: the residual is the error that its model predicts to remain. The true error is reported
 //! next to it, as a gateway with a simulated machine does.

@@ -225,8 +225,8 @@ fn add_centre_causes(
     Ok(over)
 }
 
-/// What a roll-out waits for, by machine: a change that the operator must confirm, even if other settings were since sent with the previous model;
-/// and an active correction, without which the model cannot be judged.
+/// Machines that block a roll-out, with the reason: the operator must confirm a change (even if other settings were sent with the previous model
+/// since), or the correction is inactive, so that the model cannot be judged.
 fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
     for target in &rollout.targets {
         let (kind, text) = match &target.step {

@@ -21,7 +21,7 @@ pub(super) struct Blocked {
     pub(super) why: Vec<String>,
     /// Machines of the roll-outs that were advanced, if the machines of the others are unknown.
     moved: Option<BTreeSet<MachineId>>,
-    /// Their machines: each machine is in one roll-out at a time.
+    /// Machines of the active roll-outs; each machine is in at most one.
     machines: BTreeSet<MachineId>,
 }
 

@@ -164,7 +164,8 @@ impl Overview {
         })
     }
 
-    /// Its age, if it is too old to be presented as current: it is built every second, and building takes a while with many machines.
+    /// Age of the overview if it is too old to be presented as current. It is rebuilt every second; with many machines this takes
+    /// longer.
     pub(super) fn too_old(&self) -> Option<Duration> {
         let (at, took) = self.made?;
         let age = at.elapsed();

@@ -230,7 +230,7 @@ impl Session {
     pub const IDLE_TIMEOUT: Duration = Duration::from_secs(30 * 60);
     /// Maximum duration of a session: a working day.
     pub const MAX_DURATION: Duration = Duration::from_secs(12 * 3600);
-    /// Interval at which the time of its last use is stored.
+    /// Minimum interval between two stored times of last use of a session.
     pub const LAST_USE_INTERVAL: Duration = Duration::from_secs(60);
 
     /// True until a timeout has passed.

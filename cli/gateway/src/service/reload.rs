@@ -387,8 +387,8 @@ impl Service {
         if self.last_state.is_armed() {
             self.must_confirm(false);
         } else {
-            // The model armed last may be another one: check it again. Arming asks, and a confirmation sent with this
-            // model answers.
+            // The model armed last may be another one: check again. Arming then requires a confirmation; one sent with
+            // this model is used.
             self.begin_confirmation_check();
             self.auto_arm_done &= self.person_decides;
             self.update_reasons();

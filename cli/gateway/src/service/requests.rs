@@ -187,7 +187,7 @@ impl Service {
     fn handle_reply(&mut self, who: &str, reply: &Reply) {
         if who == AUTO_ARM && reply.status != 200 {
             tracing::warn!("auto_arm: {}", describe(&reply.answer));
-            // Auto-arm must not repeat a question that an operator has to confirm.
+            // Auto-arm must not repeat a request that requires the operator's confirmation.
             self.auto_arm_done = matches!(reply.answer, Answer::Question(_));
         }
     }

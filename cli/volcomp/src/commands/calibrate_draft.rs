@@ -205,7 +205,7 @@ fn text(file: &str, draft: &Draft) -> String {
     text + &kinds_of_questions(draft)
 }
 
-/// The open keys with their counts and questions: most questions are alike.
+/// The open keys with their counts and questions; most questions repeat.
 fn kinds_of_questions(draft: &Draft) -> String {
     let mut kinds: Vec<(&str, &str, usize)> = Vec::new();
     for asked in &draft.questions {

@@ -42,7 +42,7 @@ struct Equal {
 /// - `equal` counts only readings that are later than every write by more than the age of the oldest possible reading.
 #[derive(Clone, Debug)]
 pub(super) struct Echo {
-    /// How long nothing else may have changed the values before the first write.
+    /// Time before the first write in which nothing else may change the values.
     watch: Duration,
     /// Values that may be applied, oldest first: the confirmed one, and those sent since. Consecutive equal ones are merged.
     candidates: [Candidate; MOST],

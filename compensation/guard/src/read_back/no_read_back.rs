@@ -1,5 +1,5 @@
-//! A control whose correction cannot be read back, such as one behind digital lines. If the device reports the levels of its outputs, the
-//! correction on them counts as applied, like one that is read back; otherwise every write without an error does.
+//! A control whose correction cannot be read back, such as one behind digital lines. If the device reports its output levels, the
+//! correction on them counts as applied, like a read-back; otherwise every write without an error counts as applied.
 
 use core::time::Duration;
 

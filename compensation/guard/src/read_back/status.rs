@@ -26,7 +26,7 @@ pub enum CorrectionReport<'a> {
     Barrier(&'a [u16]),
 }
 
-/// How the correction of a path is confirmed.
+/// Method by which the correction of a path is confirmed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Scheme {
     /// A barrier in the control accepts frames and reports the applied correction.
@@ -84,7 +84,7 @@ pub(super) enum Arrival {
     Unknown,
     /// All have arrived, or are obsolete.
     All,
-    /// Those sent from then on have not arrived.
+    /// Words sent from this time on have not arrived.
     Before(Duration),
 }
 

@@ -333,7 +333,7 @@ impl Content {
         }
     }
 
-    /// The first value that is not allowed; the caller has to reject NaN.
+    /// The first value that is not allowed; the caller must reject NaN.
     pub(crate) fn first_refused(
         &self,
         allows: impl Fn(Displacement) -> bool,

@@ -86,7 +86,7 @@ pub struct World {
     lines: Option<(bool, usize, i16)>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
-    /// Number of bytes of the next longer write that arrive immediately.
+    /// If set, only this number of bytes of the next longer write arrives immediately.
     tear: Option<usize>,
     /// The positions reported while they are frozen.
     frozen: Option<Vec<f64>>,

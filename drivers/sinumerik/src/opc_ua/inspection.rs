@@ -13,7 +13,7 @@ use crate::{
 pub struct InspectedAxis {
     /// The axis of the configuration.
     pub axis: AxisName,
-    /// Its number in the control.
+    /// Number in the control.
     pub number: u16,
     /// Its name in the control; `None` if the control does not report it or the name is not read.
     pub name: Option<String>,

@@ -15,7 +15,7 @@ const MIN_SHARE: f64 = 1e-6;
 const MAX_ROWS: usize = 2000;
 
 /// Chooses sensors one by one: each time the one which, together with those before it, explains most of the movement of all sensors, each scaled to
-/// its own. Displacements are ignored: among many sensors that move alike they would select by chance the one whose noise fits best.
+/// its own. Displacements are ignored, because among many correlated sensors they would select the one whose noise fits best by chance.
 pub(super) fn representative_sensors(
     runs: &[(&ThermalRun, Range<usize>)],
     most: usize,

@@ -1,4 +1,4 @@
-//! The look ahead, and where it is spared.
+//! Tests of the look-ahead, and of the conditions under which it is skipped.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -67,8 +67,8 @@ fn random_model(random: &mut ChaCha8Rng) -> Model {
     Model::new(&machine, Fading::default()).expect("compiles")
 }
 
-/// How often a look ahead was spared, and taken; how often it let something go; and the least part that one would have
-/// left where it was spared.
+/// Number of look-aheads that were skipped, made, and reduced the correction; and the smallest share that a skipped one
+/// would have kept.
 #[derive(Debug)]
 struct Looks {
     spared: u32,
