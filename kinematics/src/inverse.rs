@@ -140,9 +140,9 @@ impl Chain {
     /// Moves the linear axes of `state` so that the ideal tip is at `tip_mm` (workpiece axes, from the workpiece origin); rotary axes do not move.
     ///
     /// Up to three linear axes of different directions are solved in closed form, regardless of their travels. With more, the first of each
-    /// direction moves and the others are as near to 0 as their `travel` (mm) allows; if the first reaches an end of its travel, the others
-    /// take over, found iteratively. The same applies to axes that the rotary axes have made parallel ([`Chain::dependent_moves`]), which
-    /// share the motion.
+    /// direction moves and the others are as near to 0 as their `travel` (mm) allows. If the first reaches an end of its travel, the others
+    /// move as well (iterative solution). The same applies to axes that the rotary axes have made parallel ([`Chain::dependent_moves`]),
+    /// which share the motion.
     ///
     /// # Errors
     /// [`NoSolution::Tip`].

@@ -208,7 +208,7 @@ mod tests {
         ];
         assert_eq!(found(&versions, Some(&live(3)), &[]), None);
         assert_eq!(found(&versions, None, &[]), None);
-        // It has what was taken back.
+        // The machine still has the reverted version.
         assert_eq!(found(&versions, Some(&live(2)), &[]), Some(1));
     }
 

@@ -245,7 +245,7 @@ mod tests {
         }
     }
 
-    /// Along X: what lies across does not count, nor what is the same everywhere, nor targets of no line.
+    /// Ranges along X ignore deviations across X, constant deviations, and targets that belong to no line.
     #[test]
     fn ranges_are_along_the_line_from_its_lowest_to_its_highest() {
         let targets = [

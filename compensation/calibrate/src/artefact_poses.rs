@@ -26,9 +26,9 @@ const PARALLEL_BELOW: f64 = 0.02;
 /// Poses of the artefacts on the workpiece side and on the tool side with which the machine has no error when all axes
 /// are at `reference`.
 ///
-/// An artefact on the workpiece side lies along the reference lines of the reference axes, at the position of the tool
-/// tip at `reference`; what the tool carries is aligned to it there. Readings therefore do not depend on the constants
-/// of error motions and the slopes of straightnesses, which are conventions.
+/// An artefact on the workpiece side is aligned to the reference lines of the reference axes, at the position of the
+/// tool tip at `reference`. The artefact or instrument in the tool is aligned to it in this pose. Readings therefore do
+/// not depend on the constants of error motions and the slopes of straightnesses, which are conventions.
 #[derive(Clone, Copy, Debug)]
 pub struct ArtefactPoses {
     /// The workpiece axes in the artefact on the workpiece side, mm.

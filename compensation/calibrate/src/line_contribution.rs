@@ -279,15 +279,15 @@ mod tests {
         // 2 · 1 and 2 · 3 − 2: √8.
         let two = widening(&[(1.0, 1.0), (1.0, 1.0)], 2.0);
         assert!((two - student_widening(8.0_f64.sqrt())).abs() < 1e-12);
-        // Nothing of it from scatters, and nothing of it at all.
+        // A variance without a part from scatters, and a variance of zero.
         assert_eq!(widening(&[], 4.0), 1.0);
         assert_eq!(widening(&[(0.0, 1.0)], 0.0), 1.0);
         let little = widening(&[(1e-6, 1.0)], 1.0);
         assert!((1.0..1.001).contains(&little), "{little}");
     }
 
-    /// Bands of 95 % over many mixtures of scatters and of what is known well. With the formula of Welch and Satterthwaite
-    /// those of one scatter of two runs hold 87 to 93 %.
+    /// Coverage of 95 % bands for many mixtures of scatters and well-known contributions. With the formula of Welch and
+    /// Satterthwaite, bands with one scatter of two runs cover 87 to 93 %.
     #[test]
     fn bands_cover_for_any_share_of_the_scatters() {
         const TRIALS: u32 = 20_000;

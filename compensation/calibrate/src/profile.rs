@@ -52,9 +52,10 @@ impl<'a> Profile<'a> {
         })
     }
 
-    /// The profile with its targets within the travel of a periodic axis, where its curve is evaluated. A target
-    /// outside is moved by whole periods, targets at the same place are averaged, and an end of the travel without a
-    /// measurement takes the reading of the other end if that is the same angle and the targets go all the way round.
+    /// The profile with its targets within the travel of a periodic axis, where its curve is evaluated. Targets outside
+    /// the travel are moved by whole periods, and targets at the same position are averaged. If the targets cover a
+    /// full turn, an unmeasured end of the travel takes the reading of the other end, provided that both ends are the
+    /// same angle.
     pub(crate) fn within_travel(mut self, axis: &Axis) -> Self {
         let Some(period) = axis.modulo else {
             return self;

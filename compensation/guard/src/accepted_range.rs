@@ -1,5 +1,5 @@
-//! Corrections that were sent and may still arrive, and the largest correction that is accepted when it is read back: the limit, or more if the
-//! limit was lowered or belongs to a path with a lower one, provided the excess was sent by this guard or known before.
+//! Corrections that were sent and may still arrive, and the largest correction that is accepted as a read-back. This is the limit; it is higher
+//! if the limit was lowered, or the previous path had a higher one, provided that this guard sent the excess or knew it before.
 
 use core::time::Duration;
 

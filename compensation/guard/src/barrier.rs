@@ -286,8 +286,8 @@ impl Report {
     }
 }
 
-/// The levels of digital lines in one scan. They carry no number that distinguishes an old or foreign word from a current one, so a barrier
-/// restricts them more than frames: see [`Barrier::scan_with`].
+/// The levels of digital lines in one scan. Their words have no sequence number, so that old or foreign words cannot be detected; a barrier
+/// therefore restricts them more than frames: see [`Barrier::scan_with`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DigitalLines {
     /// Level of the latch line, which toggles once the others have settled.

@@ -12,7 +12,7 @@ use crate::{AxisLimits, step::shortest_way};
 /// `position_step` is the resolution of the reported position, mm or rad: a flickering count is not a reversal. The lag applies to positions that
 /// contain the correction, which is subtracted with the value that is read back: if the position shows a change of the correction up to `delay`
 /// before or after the read-back does, an axis at standstill seems to travel by the movement of the correction in that time. A reversal derived
-/// from that would feed back and turn the axis for ever.
+/// from that would feed back and reverse the axis indefinitely.
 #[must_use]
 pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Duration) -> f64 {
     let least = match limits.kind {
@@ -55,8 +55,8 @@ pub struct DirectionMemory {
     seen: usize,
     count: usize,
     extreme: Option<f64>,
-    /// Which of the last readings since the extreme were beyond the threshold, towards larger and towards smaller positions: one bit each, the
-    /// newest in the lowest bit.
+    /// Bit masks of the last readings since the extreme that exceeded the threshold, towards larger and towards smaller positions; the newest
+    /// reading is the lowest bit.
     beyond: [u8; 2],
     direction: Option<Direction>,
 }

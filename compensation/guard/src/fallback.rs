@@ -10,7 +10,8 @@ pub const MAX_PATHS: usize = 4;
 pub struct PathHealth {
     /// The controller's positions are fresh, and every position that its correction depends on is available.
     pub usable: bool,
-    /// The applied correction is known once it writes: it reports it, or nothing is left of the previous path.
+    /// The applied correction is known once this path writes: the control reports it, or no correction of the previous
+    /// path remains.
     pub ready: bool,
 }
 

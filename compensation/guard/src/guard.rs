@@ -63,7 +63,7 @@ pub struct Guard {
     sent_to_barrier: Option<Duration>,
     /// The output was at the confirmed correction; the next move starts a new ramp or line.
     at_confirmed: bool,
-    /// The correction that the control itself holds during an interlock; words to its barrier go there.
+    /// The correction at which the control holds its axes during an interlock; it is repeated to the barrier.
     held: Option<PerChannel<f64>>,
     /// Begin of the present interlock.
     stopped_since: Option<Duration>,
@@ -186,8 +186,8 @@ impl Guard {
         self.vector.stop();
     }
 
-    /// Remaining time from `now` in which the output of this cycle may be sent, since positions and correction expire, and a control that receives
-    /// nothing may act on its own; `None`: it has expired. Call immediately before a write.
+    /// Remaining time from `now` in which the output of this cycle may be sent. It ends when positions or correction expire, or when the control
+    /// may act on its own for lack of writes. `None`: it has expired. Call immediately before a write.
     #[must_use]
     pub fn time_to_send(&self, now: Duration) -> Option<Duration> {
         // An output that ramps out or is constant depends on no position, but no decision older than the maximum hold time is sent.
@@ -312,9 +312,9 @@ impl Guard {
             })
     }
 
-    /// During an interlock the last word is repeated to a barrier so that it does not time out: the axis is there already, or the words in transit
-    /// move it there. The confirmed correction lags that word; returning to it would move the axis to and fro. Only if the control accepted the
-    /// word but stays elsewhere for long, because it holds on its own, the word goes to that place, so that nothing moves when the control is
+    /// During an interlock the last word is repeated to a barrier so that it does not time out: the axis has reached it, or words in transit move
+    /// it there. The confirmed correction lags the last word; returning to the confirmed one would move the axis back and forth. If the control
+    /// accepted the word but holds its axes elsewhere for long, the word is set to the held value, so that nothing moves when the control is
     /// released. A control that was stationary before the interlock may have been released since: it counts as holding only if it is still
     /// stationary after the time in which a movement would have been seen.
     fn hold(&mut self, inputs: &Inputs, facts: &Facts) {
@@ -386,8 +386,8 @@ impl Guard {
         self.at_confirmed = true;
     }
 
-    /// Whether the last word of the previous path is on its way to the barrier common to both, which applied these `values` at `at`: it differs by
-    /// no more than the slew since then.
+    /// Whether the last word of the previous path is still in transit to the barrier common to both paths. It is if it differs from the `values`
+    /// that the barrier applied at `at` by no more than the slew since then.
     fn is_in_transit(&self, scheme: Scheme, values: &PerChannel<f64>, at: Duration) -> bool {
         let (Some(shared_until), output) = (self.shared_until, self.output()) else {
             return false;

@@ -270,7 +270,7 @@ impl Link {
 
     /// Whether a complete frame is to be accepted, if its content is valid; `false`: it was checked before, or is the last accepted one.
     ///
-    /// `found` is the tick and sequence of the last complete frame in the same mailbox. A frame that is not overwritten stays there for ever:
+    /// `found` is the tick and sequence of the last complete frame in the same mailbox. A frame that is not overwritten stays in the mailbox;
     /// without this check it would be accepted again once tick and sequence have wrapped.
     ///
     /// # Errors

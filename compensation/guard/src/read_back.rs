@@ -1,7 +1,7 @@
 //! Knowledge of the correction that a control applies.
 //!
-//! No value from a wire counts before it is confirmed, and no sent correction counts as applied before it is seen. The method depends on the
-//! control: a [`barrier`](crate::barrier), words that can be read back, or neither.
+//! A received value is not used before it is confirmed, and a sent correction is not considered applied before it is read back. The method
+//! depends on the control: a [`barrier`](crate::barrier), words that can be read back, or neither.
 
 mod barrier;
 mod echo;
@@ -84,8 +84,8 @@ impl ReadBack {
         &self.status
     }
 
-    /// Processes the control's report in this cycle. `taken` is when it was valid: anything older than `hold` is ignored, however often a device
-    /// repeats it.
+    /// Processes the control's report in this cycle. `taken` is the time at which it was valid. Reports older than `hold` are ignored, even if a
+    /// device repeats them.
     pub fn receive(
         &mut self,
         now: Duration,
@@ -217,9 +217,9 @@ impl ReadBack {
         self.update_status();
     }
 
-    /// Makes this path the active one in place of another. Without read-back here, the correction from the other path must be gone: this path takes
-    /// over only after that. Its own earlier correction remains, unless the control has dropped everything (`released`), because the other path led
-    /// to its barrier. With a read-back but no barrier, earlier readings may be older than the last write of the other path.
+    /// Makes this path the active one in place of another. A path without read-back takes over only after the correction of the other path has been
+    /// removed. The earlier correction of this path remains, unless the control has dropped everything (`released`) because the other path led to
+    /// its barrier. With a read-back but no barrier, earlier readings may be older than the last write of the other path.
     pub fn take_over(&mut self, now: Duration, released: bool) {
         match &mut self.kind {
             Kind::NoReadBack(lines) => lines.take_over(now, released, &mut self.status),

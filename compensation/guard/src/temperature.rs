@@ -379,9 +379,9 @@ impl Readmission {
         }
     }
 
-    /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than `stale` restarts the ten minutes. The sensor's own
-    /// temperature from before the jump is no prediction on its own if it is older than that when the ten minutes begin: the machine has changed
-    /// since, as the other sensors show.
+    /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than `stale` restarts the ten minutes. The sensor's
+    /// temperature from before the jump is no prediction by itself if it is older than `stale` when the ten minutes begin: the machine has changed
+    /// since, and the other sensors show this change.
     fn process(
         &mut self,
         degc: f64,

@@ -49,9 +49,8 @@ enum Motion {
 /// The moving correction, mm for linear and rad for rotary axes; state of the guard.
 ///
 /// The rotary axes move by a common factor towards shares on whole steps, as far as the linear axes can follow in the same cycle; the linear shares
-/// are solved for the present rotary shares. So the tool tip stays in place while the tool axis turns. On a ramp the distance of the position share
-/// from the requested one shrinks in proportion: the position error of the tool shrinks from its value at the start of the ramp, even if the
-/// machine moves.
+/// are solved for the present rotary shares. So the tool tip stays in place while the tool axis turns. On a ramp the distance between the present
+/// and the requested position share shrinks in proportion, and so does the position error of the tool, even if the machine moves.
 ///
 /// Invariants:
 /// - No axis moves in a cycle by more than its slew and acceleration in that cycle allow from `rate`; `slew` and `accel` are those limits.
@@ -267,8 +266,8 @@ impl Vector {
         }
     }
 
-    /// Brakes before another motion starts: rotary axes and the linear axes that follow them come to rest by one factor, the remaining motion of
-    /// the linear axes by another. Returns whether this cycle was needed; not for axes without an acceleration limit.
+    /// Brakes before another motion starts: rotary axes and the linear axes that follow them stop with one common factor, the remaining motion
+    /// of the linear axes with another. Returns whether this cycle was needed; not for axes without an acceleration limit.
     fn brakes(&mut self, cycle: &Cycle) -> bool {
         let (mut moving, mut alone) = (PerChannel::ZERO, PerChannel::ZERO);
         for i in cycle.of_kind(AxisKind::Linear) {
@@ -474,9 +473,9 @@ impl Vector {
         offset
     }
 
-    /// The fraction of the offset of a linear axis with which its position share fits the axis wherever the rotary axes are: all of it, unless the
-    /// request at the start of the ramp was larger, or is now. Beyond that the offset has no effect, so the ramp of the other axes continues; the
-    /// rest only shrinks, and the error of the tool does not grow.
+    /// The fraction of the offset of a linear axis for which its position share is within the limit of the axis at any rotary position. It is 1
+    /// unless the request exceeds the limit now, or did at the start of the ramp. The excess has no effect, so that the ramp of the other axes
+    /// continues; it can only shrink, and the error of the tool does not grow.
     fn reachable_offset(&self, axis: usize, requested: &RequestedCorrection, cycle: &Cycle) -> f64 {
         let following = cycle.of_kind(AxisKind::Rotary);
         let following: f64 = following

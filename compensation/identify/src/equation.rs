@@ -160,7 +160,8 @@ impl System {
         // A calibrated value is one more observation of its number.
         for (row, (column, residual, uncertainty)) in calibrated.into_iter().enumerate() {
             equations.residuals[count + row] = residual / uncertainty;
-            // For distinguishability it counts as exact: however uncertain, it leaves nothing undetermined.
+            // For distinguishability the value is taken as exact, because its uncertainty leaves no unknown
+            // undetermined.
             let least = if design {
                 equations.jacobian.column(column).norm()
             } else {

@@ -43,8 +43,8 @@ pub struct Next {
     pub improvement: Option<f64>,
 }
 
-/// The most useful pose. If a pose informs about undetermined unknowns, it is the most informative one; otherwise it is
-/// the one that minimises the largest uncertainty of any error coefficient, by its largest effect on the tip in the
+/// The most useful pose. If a pose informs about undetermined unknowns, the most informative of these; otherwise the
+/// pose that minimises the largest uncertainty of any error coefficient, by its largest effect on the tip in the
 /// workspace.
 pub(crate) fn next(
     system: &System,

@@ -438,7 +438,7 @@ impl Observations {
     }
 
     /// Range of an axis in the fitted rows, mm or deg. It is the travel if the axis did not move, and for a Fourier
-    /// series if the positions or the axis go all the way round: only a full period closes there.
+    /// series if the positions or the axis cover a full turn, because the series is periodic.
     pub(crate) fn range_of(&self, axis: usize, basis: Basis) -> [f64; 2] {
         let travel = self.machine.axes()[axis].travel;
         if basis == Basis::Constant {

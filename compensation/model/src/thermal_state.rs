@@ -177,8 +177,8 @@ impl ThermalState {
     }
 
     /// Continues the lags of another state, such as that of the previous machine file: each sensor of a term takes its lagged temperature
-    /// from the term there with the nearest lag, whatever error either of them affects and by how much, so that a change of a lag or a
-    /// weight does not restart the lag during operation. A sensor without a term there starts with its first temperature. Does not
+    /// from the term of the other state with the nearest lag, regardless of error and weight. A change of a lag or a weight therefore
+    /// does not restart the lag during operation. A sensor without a term in the other state starts with its first temperature. Does not
     /// allocate.
     pub fn carry_over(&mut self, from: &Self) {
         let shift_k = from.reference_degc - self.reference_degc;
@@ -442,8 +442,8 @@ impl Watch {
         }
     }
 
-    /// Takes over the rates of another watch over the same sensors (`same` maps them) and, if it is over the same error, how far the terms
-    /// had faded.
+    /// Takes over the rates of another watch of the same sensors (`same` maps them) and, if it monitors the same error, the fading of its
+    /// terms.
     pub(crate) fn carry_over(&mut self, from: &Self, same: impl Fn(usize, usize) -> bool) {
         for watched in &mut self.sensors {
             let other = from.sensors.iter().find(|o| same(watched.sensor, o.sensor));

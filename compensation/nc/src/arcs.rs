@@ -230,7 +230,7 @@ impl Rewriter {
         self.take_up(motion, arc, turned, line, out);
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let mut before = from;
-        // A closed circle ends where it begins, whatever the correction there is.
+        // A closed circle ends at its start, with the same correction.
         let [[x, y], [to_x, to_y]] = [&from, &to].map(|at| in_plane(arc, at));
         let is_closed = !splits && (to_x - x).hypot(to_y - y) < 1e-9;
         for (place, stretch) in stretches.iter().enumerate() {
@@ -345,8 +345,8 @@ impl Rewriter {
         }
     }
 
-    /// Writes an arc whose position is unknown, so that it cannot be corrected: its end and centre keep the correction active at its start;
-    /// anything else would change the arc.
+    /// Writes an arc whose position is unknown, so that it cannot be corrected. Its end and centre keep the correction that is active at
+    /// its start; another correction would change the shape of the arc.
     fn arc_as_a_whole(
         &mut self,
         motion: &Move,

@@ -234,9 +234,9 @@ struct AxialCurves {
 
 /// Play of the axes: the carriage of an axis does not move at first when its drive reverses.
 ///
-/// A reversal value has a sign. If the carriage lags, it is further back after positive than after negative motion: this is lost motion,
-/// and the carriage is anywhere between the two flanks, where it was left. With the opposite sign it runs ahead, as with a control that
-/// overcompensates backlash; the error is then one of two values, by direction.
+/// A reversal value has a sign. If the carriage lags, its position is lower after positive than after negative motion. This is lost
+/// motion: after a reversal the carriage stays where it is until the backlash is crossed. With the opposite sign the carriage leads, as
+/// with a control that overcompensates backlash; the error then has two values, one for each direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Play {
     /// `Some` for axes with play anywhere in their travel.

@@ -166,8 +166,8 @@ impl AxisWay {
 
 impl Rewriter {
     /// Splits a straight motion into parts within which the correction is linear, and appends the end of each as a share (0 to 1). A first
-    /// part that ends at 0 applies the correction missing at the start; a second part that ends at the same share takes up the play of an
-    /// axis that reverses there. `at_ends` are the ends in program coordinates.
+    /// part that ends at 0 applies the correction missing at the start; a second part that ends at the same share crosses the backlash of
+    /// an axis that reverses there. `at_ends` are the ends in program coordinates.
     ///
     /// # Errors
     /// More parts than a motion may have, or an unknown F of the parts.

@@ -516,8 +516,8 @@ impl Cycle {
         let path = &self.paths[index];
         let place = self.machine_position(index, now);
         let complete = place.is_complete(self.model.axes.len());
-        // A standby path is read less often than positions expire, so its own count as of the time when it reported them. A path that depends on
-        // positions as old as those of the active one is no better.
+        // A standby path is read less often than positions expire, so its own positions are judged at the time of its report. A path that
+        // depends on positions as old as those of the active path is no better than the active path.
         let is_young = if index == self.selector.active() {
             path.is_young(place.oldest, now)
         } else {
@@ -531,8 +531,8 @@ impl Cycle {
         }
     }
 
-    /// Whether the applied correction is known once this path writes: it reports it for all axes that the previous path wrote, or nothing can be
-    /// left of that.
+    /// Whether the applied correction is known once this path writes: the control reports it for all axes that the previous path wrote, or no
+    /// correction of the previous path can remain.
     fn is_ready(&self, index: usize, now: Duration) -> bool {
         let (path, active) = (&self.paths[index], self.selector.active());
         if index == active {
@@ -582,7 +582,7 @@ impl Cycle {
         let choice = self.selector.choose(now, &health[..self.paths.len()]);
         let is_left = choice.blocked && !self.is_ready(choice.preferred, now);
         if choice.blocked && !is_left {
-            // It takes over once its thread has returned it.
+            // The preferred path takes over once its thread has returned the controller.
             self.paths[choice.preferred].device.recall();
         }
         self.standby.wanted = (choice.blocked && !is_left).then_some(choice.preferred);
@@ -821,7 +821,8 @@ impl Cycle {
                 self.standby.holds[index] = self.standby.reports_other_correction(path, confirmed);
             }
             let report = path.report(now);
-            // A control without read-back keeps its correction in addition to that of another path, unless it goes to zero on its own.
+            // A control without read-back keeps its correction, which would add to that of another path, unless it goes to zero on its
+            // own.
             let keeps = report.scheme == Scheme::NoReadBack
                 && path
                     .read_back

@@ -285,10 +285,10 @@ impl Model {
         }
     }
 
-    /// The correcting axes of a path: those of [`correctors_among`](Self::correctors_among) without the rotary axes that would make the error of
-    /// the tool larger than without correction. These are all rotary axes if the correcting linear axes do not span all directions, since they
-    /// cannot compensate the tip movement of a rotary axis; and those for which half a step (`steps`, rad, in machine order) moves the tip by more
-    /// than `most`. Does not allocate.
+    /// The correcting axes of a path: the axes of [`correctors_among`](Self::correctors_among), without rotary axes whose correction would
+    /// increase the error of the tool. All rotary axes are excluded if the correcting linear axes do not span all directions, because they cannot
+    /// compensate the tip movement of a rotary axis. A single rotary axis is excluded if half a step (`steps`, rad, in machine order) moves the
+    /// tip by more than `most`. Does not allocate.
     pub fn correctors_of_path(
         &self,
         written: &[AxisName],

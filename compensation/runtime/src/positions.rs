@@ -7,7 +7,7 @@ use volcomp_vocabulary::{MAX_AXES, PerAxis, PerChannel};
 /// The axes reported by a controller, in channel order, and their last positions.
 ///
 /// Invariants:
-/// - `positions` are finite once `taken` is set, and all belong to it.
+/// - `positions` are finite once `taken` is set, and all were valid at this time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ReportedPositions {
     /// Machine index of each axis; the axes that the controller writes come first.

@@ -2,7 +2,7 @@
 //!
 //! By the rules of the [`protocol`](volcomp_guard::protocol) only the control decides what it accepts. A map arrives in pieces through one
 //! mailbox, in order, into the inactive buffer. A final frame swaps the buffers, provided that the checksum of all received words is
-//! correct. The applied corrections move at a limited rate, both to another map and to zero, where they go when frames stop.
+//! correct. The applied corrections move at a limited rate, both to another map and, when frames stop, to zero.
 //!
 //! Everything is in 16-bit words and whole numbers. [`Lookup::scan`] does not allocate, wait or read a clock: time is the number of scans.
 

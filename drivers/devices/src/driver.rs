@@ -128,7 +128,7 @@ pub trait ControllerDevice: Any + Send + Sync {
         None
     }
 
-    /// A memory block of this controller and one of another controller of the same control that share a byte which one of them writes, if any.
+    /// Two memory blocks, one of each controller of the same control, that share a byte which one of them writes; `None` if there are none.
     fn overlap_with(&self, _other: &dyn Any) -> Option<[Block; 2]> {
         None
     }

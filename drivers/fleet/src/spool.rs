@@ -427,7 +427,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// Cut at any byte, or with any byte changed: what comes out is what went in, up to there.
+        /// A file that is cut at any byte, or has any byte changed, yields its records up to that point unchanged.
         #[test]
         fn a_damaged_file_yields_its_complete_records(
             messages in proptest::collection::vec(("[a-z]{0,9}", ".{0,20}", proptest::collection::vec(any::<u8>(), 0..40)), 0..8),

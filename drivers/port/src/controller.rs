@@ -81,7 +81,8 @@ pub struct Description {
     pub channel: String,
     /// The written axes in channel order, at most [`MAX_AXES`]. Empty if it only reports positions.
     pub axes: Vec<Axis>,
-    /// Axes whose positions it reports but which it never writes; they follow those of `axes`.
+    /// Axes whose positions the controller reports but which it never writes; they follow the axes of `axes` in all
+    /// lists.
     #[cfg_attr(feature = "serde", serde(default))]
     pub reads: Vec<AxisName>,
     /// Whether the control ramps the correction out when the gateway stops.

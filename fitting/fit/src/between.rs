@@ -16,7 +16,7 @@ const MAX_PIECES: usize = 4000;
 /// explains the errors.
 const MORE_THAN_SCATTER: f64 = 2.0;
 /// Multiple of the repeatability that the leave-one-out RMS of sparse targets exceeds. Leaving out a target doubles the gap, so a smooth curve misses
-/// it by four times its error within one gap: at this limit that error is nearly twice the repeatability.
+/// it by four times its error within one gap: at this limit the error within one gap is nearly twice the repeatability.
 const MORE_THAN_REPEATS: f64 = 7.0;
 /// A curve does not follow the readings if the RMS residual of the mean readings exceeds this multiple of their [`unevenness`]. Second differences
 /// estimate the scatter, and more where the error bends between targets. Pure scatter exceeds the limit once in a thousand; a wave shorter than seven
@@ -26,8 +26,8 @@ const MORE_THAN_UNEVEN: f64 = 3.0;
 const OF_FEW_TARGETS: [f64; 3] = [1.1, 1.8, 2.8];
 /// Share of the height of the readings that replaces an unknown repeatability.
 const OF_HEIGHT: f64 = 0.1;
-/// Gaps wider than this multiple of the mean gap are always too sparse if the leave-one-out errors exceed scatter: targets left out elsewhere do not
-/// test what happens inside such a gap.
+/// If the leave-one-out errors exceed the scatter, gaps wider than this multiple of the mean gap are always too sparse: leaving out targets
+/// elsewhere does not test the curve inside such a gap.
 const WIDE_GAP: f64 = 5.0;
 
 /// Positions in a gap, as shares of its width, at which a spline is constrained.

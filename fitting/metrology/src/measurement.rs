@@ -283,7 +283,7 @@ impl Measurement {
     /// `unit` must be the same.
     ///
     /// # Errors
-    /// The unit stated in the file, if it is another one; nothing is changed then.
+    /// The unit stated in the file, if it differs from `unit`; the measurement is then unchanged.
     pub fn convert_from(&mut self, unit: ReadingUnit) -> Result<(), ReadingUnit> {
         match self.stated.or(self.unit.map(ReadingUnit::from)) {
             Some(stated) if stated == unit => Ok(()),

@@ -1,9 +1,10 @@
 //! A control without a barrier whose values can be read back.
 //!
-//! A single reading proves nothing: it may be torn, late, or of another axis. So all values that may be applied are stored: the last confirmed one,
-//! and those sent since. A reading that equals one of these on all axes confirms it, and excludes those sent before; any other may be an old
-//! reading, and nothing is sent on it. A foreign value is accepted if nothing was sent for so long that no reading can be from before, and it was
-//! then read three times in a row, the path's delay apart: a message that a driver repeats with each new position is one reading.
+//! A single reading is no confirmation: it may be torn, late, or of another axis. Therefore all values that may be applied are stored: the last
+//! confirmed value, and the values sent since. A reading that equals one of these on all axes confirms it, and excludes the values sent before it.
+//! Any other reading may be old; nothing is sent in response. A foreign value is accepted only after a pause in sending that is longer than the age
+//! of any reading, and after three consecutive readings, one path delay apart. A message that a driver repeats with each new position is one
+//! reading.
 
 use core::time::Duration;
 

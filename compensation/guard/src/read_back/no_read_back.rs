@@ -45,7 +45,7 @@ pub(super) struct NoReadBack {
     unknown: bool,
     /// The device's reports of its outputs.
     echo: Echo,
-    /// Whether it ever reported them, and whether it did in this cycle.
+    /// Whether the device has ever reported its output levels, and whether it did in this cycle.
     has_reported: bool,
     reports_now: bool,
     /// Something was written.
@@ -137,7 +137,7 @@ impl NoReadBack {
     /// Without output levels the last write counts, since only this gateway writes the lines. A device that reported levels before may have lost
     /// them: they are known again only after another accepted write.
     fn without_levels(&mut self, now: Duration, status: &mut ReadBackStatus) {
-        // If nothing was ever written or restored, it counts as zero.
+        // If nothing was ever written or restored, the correction is taken as zero.
         if !self.unknown {
             status.confirmed.get_or_insert(Confirmed {
                 values: PerChannel::ZERO,
@@ -188,8 +188,8 @@ impl NoReadBack {
         });
     }
 
-    /// Restores the output of the last run: it is applied while the control cannot have acted on its own, is zero once it must have, and is unknown
-    /// in between.
+    /// Restores the output of the last run: it is still applied while the control cannot have timed out, zero once it must have, and unknown in
+    /// between.
     pub(super) fn restore(
         &mut self,
         now: Duration,
@@ -213,8 +213,8 @@ impl NoReadBack {
         status.confirmed = found.map(|values| Confirmed { values, at: now });
     }
 
-    /// Nothing remains of the correction of another path. This path's own earlier one remains, unless the control has dropped it, too (`released`),
-    /// as its barrier does, or has acted on its own by the time since the last write.
+    /// No correction of another path remains. The earlier correction of this path remains, unless the control has dropped it (`released`), as a
+    /// barrier does, or has timed out since the last write.
     pub(super) fn take_over(&mut self, now: Duration, released: bool, status: &mut ReadBackStatus) {
         if self.has_reported {
             // The outputs keep their levels: they are read before the first write.
@@ -236,7 +236,7 @@ impl NoReadBack {
 
     pub(super) fn acknowledge(&mut self, now: Duration, status: &mut ReadBackStatus) {
         self.acknowledged |= !self.has_written;
-        // A control on its way to zero is known again once it must be there.
+        // The correction of a control that ramps to zero is known again once the ramp must be complete.
         if self.unknown && self.acts.is_none() {
             self.set_zero(now, status);
         }

@@ -54,7 +54,7 @@ pub struct ReadBackStatus {
     pub changed: bool,
     /// Since when a sent correction has not arrived; `None`: all have.
     pub unlanded_since: Option<Duration>,
-    /// Since when a control with a barrier stays in place although it accepted another correction: it holds on its own, for a reason that no path
+    /// Time since which a control with a barrier has not moved although it accepted another correction. It holds for a reason that no path
     /// reports. `None`: it moves, or is at its goal.
     pub stationary_since: Option<Duration>,
     /// Maximum time until a movement of a control with a barrier is seen after it is released.

@@ -62,8 +62,8 @@ impl Cycle<'_> {
             .min(self.accel_over(ways, AxisKind::Rotary))
     }
 
-    /// Fraction of their distances that axes cover in this cycle by a common factor: as the ramp allows and so that they can stop at their ends,
-    /// but at least the braking distance and at most the range of each.
+    /// Fraction of their remaining distances that axes with a common factor cover in this cycle. It is limited by the ramp and by the need to
+    /// stop at the ends; it is at least the braking distance and at most the range of each axis.
     pub(super) fn part(
         &self,
         ways: &PerChannel<f64>,
@@ -178,8 +178,8 @@ pub(super) fn braking_part(rate: f64, accel: f64, dt_s: f64) -> f64 {
     ((rate - accel * dt_s) * dt_s).clamp(0.0, 1.0)
 }
 
-/// The step within the hysteresis that changes the output least: over any time it then changes by at most one step more than the smooth value. An
-/// output between two steps goes to the nearest one first, from which the next one is at most a step away.
+/// The step within the hysteresis that changes the output least. Over any time the output then changes by at most one step more than the smooth
+/// value. An output between two steps is first rounded to the nearest step; the next step is at most one away from it.
 pub(super) fn quantised(output: f64, smooth: f64, step: f64) -> f64 {
     let output = on_grid(output, step);
     let away = (smooth - output) / step;
