@@ -6,8 +6,8 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use crate::{chain::Chain, error::ChainError};
 
-/// A linear axis counts as a new direction if more than this part of its unit direction is normal to the linear axes chosen before it (0.02
-/// is 1.15°).
+/// A linear axis is treated as a new direction if more than this part of its unit direction is normal to the linear axes chosen before it
+/// (0.02 is 1.15°).
 pub const INDEPENDENT_ABOVE: f64 = 0.02;
 
 /// The axes that a correction moves; the others are held.

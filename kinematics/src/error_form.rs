@@ -23,7 +23,7 @@ pub enum Form {
     /// Products of exponentials (10.1177/0954405416663537).
     #[default]
     Exact,
-    /// The same products with small-angle matrices (10.1177/0954405414564407).
+    /// Products of small-angle matrices (10.1177/0954405414564407).
     Htm,
     /// The sum of the error twists (Procedia Engineering 24 (2011) 845–849).
     Twist,

@@ -30,8 +30,8 @@ const BROUGHT_WITHIN_MM: f64 = 1e-9;
 const MOST_STEPS: usize = 12;
 /// Maximum number of changes of the set of axes at an end of travel.
 const MOST_CHANGES: usize = 10 * MAX_AXES;
-/// Minimum volume of the box of three unit directions of linear axes that do not count as coplanar. Coplanar axes reach a point off their
-/// plane only by moving far against each other; without travel limits they are not made to.
+/// Minimum volume of the box of three unit directions of linear axes that are not treated as coplanar. Coplanar axes reach a point off
+/// their plane only by moving far against each other; without travel limits they are not made to.
 const FLAT_BELOW: f64 = 1e-3;
 /// The same with travel limits: next to a pose at which a rotation makes two axes parallel, only long moves against each other reach a
 /// point. A smaller volume affects the tip by less than [`REACHED_WITHIN_MM`].
@@ -189,7 +189,7 @@ impl Chain {
             self.share(tip_mm, &columns, travel, &mut free, &mut found);
         }
         let miss_mm = (tip_mm - self.ideal_tip_mm(&found)).norm();
-        // NaN is rejected, too.
+        // NaN is rejected as well.
         if miss_mm <= REACHED_WITHIN_MM {
             return Ok(found);
         }

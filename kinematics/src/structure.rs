@@ -249,7 +249,8 @@ enum Stage {
 impl FromStr for Structure {
     type Err = StructureError;
 
-    /// Reads a structural code. Blanks are ignored, primes on the workpiece side are optional, and `'`, `’` and `′` all count as primes.
+    /// Reads a structural code. Blanks are ignored, primes on the workpiece side are optional, and `'`, `’` and `′` are all treated as
+    /// primes.
     fn from_str(code: &str) -> Result<Self, StructureError> {
         let mut stage = Stage::Start;
         let mut sides: [ArrayVec<AxisName, MAX_AXES>; 2] = Default::default();

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::records::CreationTime;
 
 /// Maximum number of remembered gateway instances of a machine. Instances active within a day of the newest are kept beyond it, so that a
-/// redelivered batch is recognized whatever the number of restarts, …
+/// redelivered batch is recognized regardless of the number of restarts, …
 const MAX_INSTANCES: usize = 16;
 const REMEMBERED_S: f64 = 86_400.0;
 /// … up to this number, which is the number of messages in a batch.
@@ -49,7 +49,7 @@ pub struct Recent {
     from_s: [f64; 2],
     /// Earliest start time derived from a message of the current window, s.
     start_s: f64,
-    /// The same for the previous window.
+    /// Earliest start time derived from a message of the previous window, s.
     before_s: f64,
 }
 
@@ -188,8 +188,8 @@ impl Instances {
     }
 }
 
-/// Maximum number of intervals. Beyond that the lowest is dropped: its numbers count as unseen, so a message is never wrongly taken for a
-/// duplicate.
+/// Maximum number of intervals. Beyond that the lowest is dropped: its numbers are treated as unseen, so a message is never wrongly taken
+/// for a duplicate.
 const MAX_INTERVALS: usize = 256;
 
 /// Closed intervals of whole numbers in ascending order, with gaps between them.
@@ -283,7 +283,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// Against a plain set, up to the number of intervals that are remembered.
+        /// Intervals match a plain set, up to the maximum number of stored intervals.
         #[test]
         fn intervals_match_a_set(numbers in proptest::collection::vec(prop_oneof![0_u64..60, u64::MAX - 5..=u64::MAX], 0..120), below in 0_u64..70) {
             let mut set = BTreeSet::new();
@@ -349,7 +349,7 @@ mod tests {
         assert_eq!(instances.cloned_s, None);
     }
 
-    /// A gateway that is cut off for an hour and sends what waited; then a clock that drifts, and one that is set.
+    /// A gateway is disconnected for an hour and then sends its queue; then its clock drifts, and is set.
     #[test]
     fn a_delayed_message_is_late_and_clock_errors_are_not() {
         let mut instances = Instances::default();

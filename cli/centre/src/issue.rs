@@ -338,7 +338,7 @@ mod tests {
         let old = fixture.issue(1, 1, Some(Outcome::Activated));
         fixture.issue(2, 2, None);
         fixture.withdraw(2);
-        // It has activated the new one meanwhile, and not the old one again yet.
+        // The machine has activated the new version meanwhile, and not yet reverted to the old one.
         let live = Live::new(fixture.name().clone(), 1.0, 2);
         fixture.store.put_live(&[live]).expect("stored");
         let again = |database: &Connection| reissue(database, &fixture.key, fixture.name(), "anna");

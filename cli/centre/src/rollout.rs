@@ -97,7 +97,7 @@ fn within<N: PartialOrd + Display>(
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "step", rename_all = "kebab-case")]
 pub enum Step {
-    /// Nothing has been sent to it.
+    /// Nothing has been sent to the machine.
     Waiting,
     /// The manifest is under its key; its outcome is pending.
     Sent {
@@ -138,7 +138,7 @@ pub enum Step {
         version: Option<u64>,
         /// Reason, a sentence without its full stop.
         why: String,
-        /// True if the roll-out must stop because of it, whatever the number of tolerated dropouts.
+        /// True if this machine stops the roll-out, regardless of the number of tolerated dropouts.
         against: bool,
         /// True if the user resumed the roll-out in spite of it.
         excused: bool,
@@ -299,7 +299,7 @@ pub enum Event {
     /// A pass of the centre, `elapsed_s` after the previous one.
     Pass {
         elapsed_s: f64,
-        /// Observations; machines not included count as silent.
+        /// Observations; machines not included are treated as silent.
         seen: BTreeMap<MachineId, Observation>,
     },
     Issued {
@@ -471,7 +471,7 @@ impl Rollout {
     }
 
     fn observe(&mut self, elapsed_s: f64, seen: &BTreeMap<MachineId, Observation>) {
-        // Written so that a NaN counts as zero.
+        // Written so that a NaN is treated as zero.
         let elapsed_s = if elapsed_s > 0.0 {
             elapsed_s.min(MAX_ELAPSED_S)
         } else {
@@ -492,7 +492,7 @@ impl Rollout {
                         Step::Sent { version, waited_s }
                     }
                 }
-                // It was activated late; nothing else was sent since.
+                // The version was activated late; nothing else was sent since.
                 (
                     Step::Out {
                         version: Some(version),

@@ -20,8 +20,8 @@ use crate::{
 
 /// Interval at which position and correction are sampled.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// Number of frames that must be accepted without a change before a correction counts as settled. The first ones may have been computed or queued
-/// before the machine stopped, and on a busy computer all of them are late.
+/// Number of frames that must be accepted without a change before a correction is treated as settled. The first ones may have been computed or
+/// queued before the machine stopped, and on a busy computer all of them are late.
 const FRAMES: u16 = 10;
 
 /// Condition for a correction to be settled.

@@ -41,7 +41,7 @@ pub(crate) struct Line {
     pub(crate) targets: usize,
     /// Range (largest minus smallest) of the deviation along the line without correction, µm.
     pub(crate) range_without_um: f64,
-    /// The same with the applied correction, µm.
+    /// Range of the deviation along the line with the applied correction, µm.
     pub(crate) range_um: f64,
 }
 

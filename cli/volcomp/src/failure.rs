@@ -39,7 +39,7 @@ pub(crate) enum Failure {
 /// An error in a file, with its position.
 #[derive(Debug)]
 pub(crate) struct FileFailure {
-    /// The file as named in the call.
+    /// The file as named on the command line.
     pub(crate) file: String,
     /// The line, from 1, if known.
     pub(crate) line: Option<u64>,

@@ -137,7 +137,7 @@ impl Draft {
                 }
                 Subject::Squareness(error) => {
                     let Some(at) = squares.iter().position(|square| square.error == *error) else {
-                        // It was removed with one of its straightnesses, or left out before.
+                        // The squareness was removed with one of its straightnesses, or omitted before.
                         if self.squares.iter().any(|square| square.error == *error) {
                             continue;
                         }

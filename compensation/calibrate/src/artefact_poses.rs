@@ -38,7 +38,7 @@ pub struct ArtefactPoses {
 }
 
 impl ArtefactPoses {
-    /// Set-up on the machine of a calibration file as known before its lines. Measured errors count as zero here:
+    /// Set-up on the machine of a calibration file as known before its lines. Measured errors are zero here:
     /// positioning and angular curves are zero at `reference`, straightness curves have no line, and squareness is not
     /// known yet.
     pub(crate) fn before_lines(

@@ -301,7 +301,7 @@ impl Branches {
         match (fields.next(), fields.next()) {
             (Some(forward), Some(backward)) => ErrorCurve::Pair { forward, backward },
             (Some(single), None) => ErrorCurve::Single(single),
-            // `fit_once` makes at least one fit.
+            // `fit_once` returns at least one fit.
             (None, _) => ErrorCurve::Single(Field::Curve(volcomp_curve::Curve::Constant(0.0))),
         }
     }

@@ -31,8 +31,8 @@ pub(crate) fn joint_of(machine: &Machine, error: ErrorName) -> Result<Joint, Mod
     Ok(machine.chain().joints()[machine.index_of(error.axis)?])
 }
 
-/// Period of errors along an axis, deg: that of an axis that turns all the way round. On any other axis, the errors at
-/// both ends of the travel are unrelated.
+/// Period of errors along an axis, deg: that of an axis that covers a full turn. On any other axis, the errors at both
+/// ends of the travel are unrelated.
 fn period_of(axis: &Axis) -> Option<f64> {
     let [low, high] = axis.travel;
     let turns = axis.name.is_rotary() && high - low >= FULL_TURN_DEG * (1.0 - 1e-9);

@@ -261,7 +261,8 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
-    /// A single scatter has its own degrees of freedom, and two alike have two and √(2ν · (2 (ν + 2) − 2)), worked out by hand.
+    /// Widening for one scatter and for two equal scatters, computed by hand: the first has its own degrees of freedom, the
+    /// second √(2ν · (2 (ν + 2) − 2)).
     #[test]
     fn pure_scatter_has_the_factor_of_student() {
         let widening = |parts: &[(f64, f64)], variance: f64| {

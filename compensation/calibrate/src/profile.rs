@@ -76,7 +76,7 @@ impl<'a> Profile<'a> {
                 (Some((first, _)), Some((last, _))) => (first - low).max(high - last),
                 _ => f64::INFINITY,
             };
-            // The closed gap is no wider than those between other targets: a part of a turn stays open.
+            // The gap across the end of the turn must not be wider than the other gaps; a partial turn stays open.
             let whole_turn = (high - low - period).abs() <= COORDINATE_ROUNDING
                 && ends <= 1.5 * widest + COORDINATE_ROUNDING;
             match [at(low), at(high)] {

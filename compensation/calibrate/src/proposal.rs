@@ -264,7 +264,7 @@ pub(crate) fn of_measurement(
                 && !hinted.component.is_angular()
                 && !hinted.axis.is_rotary()
                 && hinted.component.mcs_index() != hinted.axis.mcs_index();
-            // Lengths under the name of a straightness: some programs write these as .rtl, too.
+            // A length with the name of a straightness: some programs also write straightness as .rtl.
             let is_length = measurement.quantity == Some(Quantity::Positioning)
                 && !hinted.component.is_angular();
             if fits.contains(&hinted) || is_angular_method || is_length {

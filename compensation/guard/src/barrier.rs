@@ -91,7 +91,7 @@ impl Settings {
         Ok(())
     }
 
-    /// The same settings with zero for unused axes.
+    /// These settings with zero for unused axes.
     fn of_axes(self) -> Self {
         Self {
             limit: self.present(&self.limit),
@@ -317,7 +317,7 @@ pub struct Barrier {
 ///   owns the barrier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Memory {
-    /// The protocol state. A word on lines counts as a frame for its `silent` counter.
+    /// The protocol state. A word on lines is treated as a frame for its `silent` counter.
     pub link: Link,
     /// Why the last frame was rejected.
     pub refusal: Refusal,

@@ -6,8 +6,8 @@ use volcomp_vocabulary::{AxisKind, Direction, TURNED_AFTER, TURNED_AFTER_ROTARY}
 
 use crate::{AxisLimits, step::shortest_way};
 
-/// Travel (mm or rad) after which an axis counts as reversed: the larger of 5 µm (rotary axes: 5e-4 deg) and two steps of its position, plus the
-/// lag of its position at standstill.
+/// Travel (mm or rad) after which an axis is treated as reversed: the larger of 5 µm (rotary axes: 5e-4 deg) and two steps of its position, plus
+/// the lag of its position at standstill.
 ///
 /// `position_step` is the resolution of the reported position, mm or rad: a flickering count is not a reversal. The lag applies to positions that
 /// contain the correction, which is subtracted with the value that is read back: if the position shows a change of the correction up to `delay`
@@ -24,7 +24,7 @@ pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Durati
     } else {
         0.0
     };
-    // A NaN step counts as 0.
+    // A NaN step is treated as 0.
     let steps = 2.0 * position_step.max(0.0);
     least.max(steps + lag)
 }

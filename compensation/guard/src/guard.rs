@@ -16,7 +16,7 @@ use crate::{
     step::{ROUNDING, ROUNDING_STEPS, is_same_step, one_step},
 };
 
-/// Maximum duration of a cycle, in periods; longer ones count as this.
+/// Maximum duration of a cycle, in periods; longer cycles are clamped to this.
 const LONGEST_CYCLE_PERIODS: u32 = 5;
 
 /// Number of consecutive confirmed corrections of an axis that differ from the sent ones, after which it is a fault.
@@ -36,7 +36,7 @@ const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 ///
 /// Invariants between two cycles:
 /// - `vector` is the last decision, and `before` the one before its last motion: [`not_sent`](Guard::not_sent) returns to it, so an output that was
-///   not sent never counts as moved.
+///   not sent is never treated as moved.
 /// - Every word that may be sent next is within `corridor`, which only time widens, by the slew, and which each sent word narrows.
 /// - `accepted` is at least the limit of each axis. It exceeds the limit only by corrections that were sent by this guard, known before, or accepted
 ///   by the operator.
@@ -79,7 +79,7 @@ pub struct Guard {
     last_cycle: Option<Duration>,
     /// When positions and correction were last valid.
     inputs_valid_at: Option<Duration>,
-    /// When the control may act on its own.
+    /// Time from which the control may ramp to zero on its own.
     control_acts_at: Option<Duration>,
     adopted: PerChannel<u32>,
     held_back: u64,
@@ -145,7 +145,7 @@ impl Guard {
     ) -> Result<(), LimitsError> {
         limits.check()?;
         let places = &places.map(|place| place.filter(|place| *place < self.limits.count));
-        // Corrections sent by the previous path, or known there, are accepted on this path, too.
+        // Corrections sent by the previous path, or known there, are accepted on this path as well.
         let present = self.largest_present().unwrap_or_default();
         let now = self.last_cycle.unwrap_or_default();
         self.accepted
@@ -180,7 +180,7 @@ impl Guard {
         Ok(())
     }
 
-    /// Reports that the output of the last cycle was not sent, or its sending failed: it does not count as moved.
+    /// Reports that the output of the last cycle was not sent, or its sending failed: it is not treated as moved.
     pub fn not_sent(&mut self) {
         self.vector = self.before;
         self.vector.stop();
@@ -315,7 +315,7 @@ impl Guard {
     /// During an interlock the last word is repeated to a barrier so that it does not time out: the axis has reached it, or words in transit move
     /// it there. The confirmed correction lags the last word; returning to the confirmed one would move the axis back and forth. If the control
     /// accepted the word but holds its axes elsewhere for long, the word is set to the held value, so that nothing moves when the control is
-    /// released. A control that was stationary before the interlock may have been released since: it counts as holding only if it is still
+    /// released. A control that was stationary before the interlock may have been released since: it is treated as holding only if it is still
     /// stationary after the time in which a movement would have been seen.
     fn hold(&mut self, inputs: &Inputs, facts: &Facts) {
         let status = &inputs.read_back;
@@ -460,7 +460,7 @@ impl Guard {
         }
     }
 
-    /// Whether anything is sent: the moving output, or the same one again.
+    /// Whether the output, changed or repeated, may be sent.
     fn may_send(&self, inputs: &Inputs) -> bool {
         !self.is_idle(inputs) && inputs.read_back.writable
     }
@@ -474,7 +474,7 @@ impl Guard {
     ) -> Facts {
         let (now, status, limits) = (inputs.now, &inputs.read_back, &self.limits);
         if let (Some(reading), Some(_)) = (reading, &inputs.requested) {
-            // No reading is from the future, whatever a device reports.
+            // A device may report a future time; clamp it to now.
             self.inputs_valid_at = self.inputs_valid_at.max(Some(reading.taken.min(now)));
         }
         let age = self.age(now);

@@ -16,12 +16,12 @@ const STILL_FOR: Duration = Duration::from_millis(250);
 /// Maximum number of attempts while a position neither follows a shift nor stays.
 const MOST_ATTEMPTS: u8 = 3;
 /// A position that stays within this fraction of a shift has not moved. A flickering count is not a motion, since a shift is at least four counts.
-/// A position that follows by a tenth of the shift therefore also counts as staying.
+/// A position that follows by a tenth of the shift therefore is also treated as staying.
 const STAYED_SHARE: f64 = 0.25 + ROUNDING_STEPS;
 /// Movement, as a multiple of the shift, beyond which the machine must have moved the axis.
 const MOVED_SHARE: f64 = 2.5;
-/// The machine counts as moving if an axis still moves after `LATEST` times the required standstill, or after that standstill and farther than
-/// `FAR_SHIFTS` times the shift.
+/// The machine is treated as moving if an axis still moves after `LATEST` times the required standstill, or after that standstill and farther
+/// than `FAR_SHIFTS` times the shift.
 const LATEST: u32 = 3;
 const FAR_SHIFTS: f64 = 20.0;
 /// Maximum age of a motion that shows, when an axis is shifted, that its position is alive.

@@ -427,8 +427,8 @@ impl Session {
         }
     }
 
-    /// Whether this sender may have sent this sequence in this epoch: lost frames count as sent, and so does everything older than the remembered
-    /// epochs.
+    /// Whether this sender may have sent this sequence in this epoch: lost frames are treated as sent, and so is everything older than the
+    /// remembered epochs.
     fn has_sent(&self, epoch: u16, sequence: u16) -> bool {
         let mut own = self.own.iter().flatten();
         match own.clone().find(|own| own.0 == epoch) {

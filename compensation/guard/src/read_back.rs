@@ -57,8 +57,8 @@ impl ReadBack {
         Self::of(Kind::Echo(Echo::new(watch)), Scheme::Plain)
     }
 
-    /// For a control whose correction cannot be read back. `control` is the time without a write after which it goes to zero on its own; `None`: it
-    /// keeps its correction.
+    /// For a control whose correction cannot be read back. `control` is the time without a write after which it ramps to zero on its own; `None`:
+    /// it keeps its correction.
     #[must_use]
     pub fn no_read_back(control: Option<ControlTimeOut>) -> Self {
         Self::of(
@@ -93,7 +93,7 @@ impl ReadBack {
         report: &CorrectionReport<'_>,
         limits: &Limits,
     ) {
-        // No reading is from the future, whatever a device reports.
+        // A device may report a future time; clamp it to now.
         let taken = taken.min(now);
         let is_old = now.saturating_sub(taken) > limits.hold;
         let report = if is_old {
@@ -127,7 +127,7 @@ impl ReadBack {
             Kind::Barrier(_) | Kind::Echo(_) => true,
             Kind::NoReadBack(lines) => lines.has_reported(),
         };
-        // Lines that never reported their outputs count as answering.
+        // Lines that have never reported their outputs are assumed to answer.
         let answered = !is_observed || *report != CorrectionReport::Missing;
         self.arrivals.receive(now, answered, landed, limits);
         self.update_status();

@@ -133,8 +133,8 @@ fn accepted_temperatures(checks: &[SensorCheck]) -> [f64; MAX_SENSORS] {
     accepted
 }
 
-/// Largest difference between two readings that counts as the resolution or noise of a module, not as a jump, K. The billionth covers the rounding
-/// of decimal fractions.
+/// Largest difference between two readings that is treated as the resolution or noise of a module, not as a jump, K. The billionth covers the
+/// rounding of decimal fractions.
 const STEP_K: f64 = 0.5 + 1e-9;
 /// How far a temperature may have changed while its sensor was silent beyond the maximum age, K: `UNSEEN_MINUTES_K` within minutes,
 /// `UNSEEN_K_PER_MIN` per minute from half an hour on (20 K in an hour), at most `UNSEEN_NIGHT_K`, the overnight cooling of a machine.
@@ -330,7 +330,7 @@ impl SensorCheck {
 
 /// How long a sensor that jumped must agree before it is accepted again.
 const AGREES_FOR: Duration = Duration::from_secs(600);
-/// Maximum difference that counts as agreement, K.
+/// Maximum difference that is treated as agreement, K.
 const AGREES_WITHIN_K: f64 = 1.0;
 
 /// The data of a sensor from when it was last accepted.

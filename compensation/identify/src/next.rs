@@ -346,8 +346,8 @@ fn between(from: Vector3<f64>, to: Vector3<f64>, share: f64) -> Option<Vector3<f
     Some(direction.try_normalize(STEP_MM)? * length)
 }
 
-/// Shares of the travel, and of one turn for an axis that turns all the way round. Linear axes: the ends and the
-/// middle. Rotary axes: uneven spacing, so that no harmonic of a Fourier series is zero at all of them.
+/// Shares of the travel, and of one turn for an axis that covers a full turn. Linear axes: the ends and the middle.
+/// Rotary axes: uneven spacing, so that no harmonic of a Fourier series is zero at all of them.
 const LINEAR: [f64; 3] = [0.0, 0.5, 1.0];
 const ROTARY: [f64; 4] = [0.0, 0.27, 0.53, 0.81];
 

@@ -66,7 +66,8 @@ impl Unknown {
     }
 }
 
-/// Second axis on which an error depends: products of the modes of the error's curve and of a curve along this axis are identified, too.
+/// Second axis on which an error depends: products of the modes of the error's curve and of a curve along this axis are identified as
+/// well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SecondAxis {
     /// The axis.

@@ -43,7 +43,7 @@ impl Rank {
         }
     }
 
-    /// The same ratio for the kept columns.
+    /// Ratio of the smallest to the largest singular value of the kept columns.
     pub(crate) fn score_of_kept(&self) -> f64 {
         self.singular[0] / self.singular[1].max(f64::MIN_POSITIVE)
     }

@@ -84,7 +84,7 @@ impl Response {
         &self,
         machines: &[Machine],
     ) -> Result<Vec<Option<SupportedShare>>, IdentifyError> {
-        /// Maximum remaining share of a change that counts as compensated by the unknowns.
+        /// Maximum remaining share of a change that is treated as compensated by the unknowns.
         const MAX_COMPENSATED_SHARE: f64 = 1e-3;
         /// Prior standard uncertainty of a share. It bounds shares that only several changes together determine.
         const PRIOR_SHARE: f64 = 10.0;

@@ -104,7 +104,7 @@ impl Solution {
         (self.variance > by_chance).then(|| self.variance.sqrt())
     }
 
-    /// The same ratio for the covariance, as a factor: 1 if the covariance already includes the residuals.
+    /// `excess` as a factor for the covariance; 1 if the covariance already includes the residuals.
     pub(crate) fn excess_of_covariance(&self) -> f64 {
         let ratio = self.excess().filter(|_| !self.counts_residuals);
         ratio.unwrap_or(1.0)

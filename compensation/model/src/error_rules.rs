@@ -97,7 +97,7 @@ fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     let across = ends.map(|sides| sides.map(value));
     let jumps = across.into_iter().find(|[one, other]| {
         let jump = (one - other).abs();
-        // NaN is rejected, too.
+        // NaN is rejected as well.
         jump.is_nan() || jump > LARGEST_JUMP
     })?;
     Some(ErrorRefusal::Jumps {

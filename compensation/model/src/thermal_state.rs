@@ -130,7 +130,7 @@ impl ThermalState {
     }
 
     /// Steps by `dt_s` with the temperature (°C) of each sensor, in the order of [`sensors`](Self::sensors). A sensor whose temperature is
-    /// `None`, not finite or absent is missing. A negative or NaN `dt_s` counts as 0.
+    /// `None`, not finite or absent is missing. A negative or NaN `dt_s` is treated as 0.
     pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) {
         let over = |sensor: usize| {
             let degc = degc
@@ -166,7 +166,7 @@ impl ThermalState {
     }
 
     /// Advances by `stood_s` during which the program was stopped and did not sample the sensors. The lags include that time with the next
-    /// temperatures; no sensor counts as missing for it.
+    /// temperatures; no sensor is treated as missing for it.
     pub fn stand(&mut self, stood_s: f64) {
         for term in &mut self.terms {
             term.unheard_s += stood_s.max(0.0);

@@ -316,7 +316,7 @@ impl<'a> Ascent<'a> {
         Ok(())
     }
 
-    /// Moves each axis by ever smaller steps, and approaches its place from the other side, too.
+    /// Moves each axis by ever smaller steps, and approaches its place from the other side as well.
     fn refine(&mut self, size: &dyn Fn(&At) -> f64) -> Result<(), ModelError> {
         let mut step = 1.0 / f64::from(SAMPLES - 1);
         while step > MIN_STEP {

@@ -30,7 +30,7 @@ const ARC_SAMPLES_PER_TURN: u32 = 64;
 
 const MAX_ARC_SAMPLES: f64 = 4096.0;
 
-/// Twice the travel, mm, of an axis of the plane next to its turning point that counts as no motion.
+/// Twice the travel, mm, of an axis of the plane next to its turning point that is treated as no motion.
 const HARDLY_MM: f64 = 5e-4;
 
 /// Minimum length of a part of an arc, in steps of its words: shorter parts are not split.
@@ -70,7 +70,7 @@ impl Stretch {
 /// Maximum error in the middle of an arc written by its radius, in steps; beyond it the arc is written by its centre.
 const OFF_BY_RADIUS: f64 = 1.0;
 
-/// The same for an arc written by its centre, both of whose words are rounded.
+/// Maximum error in the middle of an arc written by its centre, in steps; both of its words are rounded.
 const OFF_BY_CENTRE: f64 = 3.0;
 
 /// A part of an arc between the end points that its words lead to.
@@ -593,7 +593,8 @@ impl Rewriter {
         };
         let carriages = self.corrector.carriages(steps, place);
         let mut found = self.corrector.turns(steps, carriages);
-        // A shorter part would become a different arc through the play that is taken up; near its turning point an axis hardly moves.
+        // A shorter part would become a different arc through the crossing of the backlash; near its turning point an axis hardly
+        // moves.
         let (radius, _) = arc.start(from);
         let shortest = (SHORTEST_TURN_IN_STEPS * self.step_mm()).max((HARDLY_MM * radius).sqrt());
         let shortest = shortest / (radius * arc.turns_by.abs());
@@ -686,7 +687,8 @@ impl Rewriter {
             away.sqrt()
         };
         let circles = (!is_whole).then(|| {
-            // The programmed circle is evaluated, too: its rounded numbers cause a deviation that the correction must not remove.
+            // The programmed circle is evaluated as well: its rounded numbers cause a deviation that the correction must not
+            // remove.
             [
                 self.corrected(arc, [from, to], part),
                 programmed(arc, [from, to], part),
@@ -1125,7 +1127,7 @@ mod tests {
         }
     }
 
-    /// A chord that is a step longer leaves a shallow arc its radius, and a half circle its sag: neither centre jumps.
+    /// A chord one step longer keeps the radius of a shallow arc and the sag of a half circle; neither centre jumps.
     #[test]
     fn the_rounding_of_a_chord_hardly_moves_the_centre() {
         let shallow = Bow {

@@ -47,7 +47,7 @@ pub struct PartFeature {
 /// Coordinate system of the inspection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Alignment {
-    /// That of the program: misplacement of the part on the machine counts as location and orientation error.
+    /// That of the program: misplacement of the part on the machine contributes to the location and orientation error.
     #[default]
     Program,
     /// That of the part: after best-fit rigid-body alignment of all points (least squares), as on a measuring machine.

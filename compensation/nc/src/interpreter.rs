@@ -1,4 +1,4 @@
-//! Executes blocks in the RS-274 order of execution, whatever the order of their words.
+//! Executes blocks in the RS-274 order of execution, regardless of the order of their words.
 //!
 //! It also tracks which assumptions each axis position depends on. What the set-up does not state is taken as zero. A position that the
 //! program named under such an offset or length is known in program coordinates only while the same ones are active: under others an added

@@ -7,7 +7,7 @@ use crate::{
     coordinates::{Axes, Frame, Tip, TipFrame, turned},
 };
 
-/// Number of RS-274 work offsets, G54 to G59.3; SINUMERIK has the first four, too.
+/// Number of RS-274 work offsets, G54 to G59.3; SINUMERIK has the first four as well.
 pub(crate) const RS274_SYSTEMS: usize = 9;
 
 /// Their codes.
@@ -268,7 +268,8 @@ impl Modal {
         }
     }
 
-    /// The same for the height words of a cycle along this axis: R is a radius even where X is a diameter (G7).
+    /// mm or deg per unit of the height words of a cycle along this axis: R is a radius even where X is a diameter
+    /// (G7).
     pub(crate) fn height_scale(&self, letter: u8, axis: usize) -> f64 {
         match letter {
             b'R' => self.unit_mm,

@@ -692,7 +692,7 @@ impl Rewriter {
         self.violation_in_machine(&frame.to_machine(at), &by)
     }
 
-    /// The same in machine coordinates.
+    /// Bound violated by this correction at a position, both in machine coordinates.
     pub(crate) fn violation_in_machine(&self, at: &Axes, by: &Axes) -> Option<BoundViolation> {
         let of_axes = self.bounds.violation(&self.interpreter.known, at, by);
         of_axes.or_else(|| {

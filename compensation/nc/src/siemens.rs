@@ -169,7 +169,7 @@ impl Reader<'_, '_> {
         String::from_utf8_lossy(text.unwrap_or_default().trim_ascii()).into_owned()
     }
 
-    /// Skips a value that does not affect coordinates, after its address. It has to be executed with the motion of its block.
+    /// Skips a value that does not affect coordinates, after its address. It must be executed with the motion of its block.
     fn other(&mut self, at: usize) -> Result<(), Fault> {
         self.skip_value()?;
         let text = self.scanner.at()..self.scanner.at();

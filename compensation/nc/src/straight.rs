@@ -179,7 +179,7 @@ impl Rewriter {
         parts: &mut Vec<f64>,
     ) -> Result<(), NcError> {
         self.turns = self.turns_of(motion);
-        // The start must be known, too: parts of a motion from elsewhere would lead elsewhere.
+        // The start must be known as well: parts of a motion from elsewhere would lead elsewhere.
         let is_known =
             (self.corrector.axes()).all(|axis| motion.known[axis] && self.interpreter.known[axis]);
         if !is_known || self.contour != Contour::None {
@@ -957,7 +957,7 @@ pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
     )
 }
 
-/// The part of its time that a part of a motion gets: taking up the play of an axis takes a little, too.
+/// Share of the time of a motion for a part of it; a part that only crosses backlash gets a minimum.
 fn share_of_time(share: f64) -> f64 {
     if share == 0.0 { 1e-3 } else { share }
 }

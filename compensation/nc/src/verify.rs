@@ -91,7 +91,7 @@ pub fn verify(
     compare(original, result, &mut shares.iter().copied(), of, None)
 }
 
-/// The same for the result of [`average`](crate::average) and the mean corrections that it returned.
+/// Verifies the result of [`average`](crate::average) with the mean corrections that it returned.
 ///
 /// # Errors
 /// Same as [`verify`].
@@ -442,8 +442,8 @@ impl Comparison {
     fn result_goes(&mut self, share: f64) -> Axes {
         while let Some(part) = self.parts.get(self.at_part) {
             let is_last = self.at_part + 1 == self.parts.len();
-            // A part that ends at a reversal ends before it, however the two shares are rounded. One of zero length takes up the play of an
-            // axis.
+            // A part that ends at a reversal ends before it, however the two shares are rounded. One of zero length crosses the backlash of
+            // an axis.
             let is_behind = share > part.to + SAME_SHARE && !is_last || part.to == part.from;
             let of_part = if is_behind || share >= part.to {
                 1.0

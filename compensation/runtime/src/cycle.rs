@@ -109,7 +109,7 @@ pub struct Cycle {
     checks: PerAxis<PositionCheck>,
     sensors: Sensors,
     degraded: bool,
-    /// Whether the stored state, or the operator, says that no path had a correction left before the start.
+    /// True if, by the stored state or the operator, no path had a correction left before the start.
     left_nothing: bool,
     /// Time of the last interlock since the start.
     stopped: Duration,
@@ -443,7 +443,7 @@ impl Cycle {
     fn thermal(&mut self, since_start: Duration, passed: Duration) {
         self.sensors
             .read(since_start, self.start, &mut self.report.sensors);
-        // A sensor does not count as missing because the program was paused.
+        // A sensor is not treated as missing because the program was paused.
         let dt = passed.min(self.period * 5);
         self.degraded = self
             .model
@@ -821,8 +821,8 @@ impl Cycle {
                 self.standby.holds[index] = self.standby.reports_other_correction(path, confirmed);
             }
             let report = path.report(now);
-            // A control without read-back keeps its correction, which would add to that of another path, unless it goes to zero on its
-            // own.
+            // A control without read-back keeps its correction, which would add to that of another path, unless it ramps to zero on
+            // its own.
             let keeps = report.scheme == Scheme::NoReadBack
                 && path
                     .read_back

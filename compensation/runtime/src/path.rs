@@ -27,8 +27,8 @@ use crate::{
 ///
 /// Invariants:
 /// - `device` may be held by the thread that reads it on standby; everything else is here, so a cycle never waits for it.
-/// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; then `answered_at` is set, too.
-///   `read_at` never decreases: an answer to an earlier request is dropped.
+/// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; then `answered_at` is set as
+///   well. `read_at` never decreases: an answer to an earlier request is dropped.
 /// - `seen` has positions without the correction. A reading that contains an unknown correction is never stored there.
 /// - `correctors` and `followers` are those of the active model: `fit_to` is called with every new one. `limits` has the
 ///   planned test shifts, `limits()` those of the correcting axes.
@@ -39,10 +39,10 @@ pub struct ControlPath {
     pub(crate) description: Description,
     limits: Limits,
     pub(crate) read_back: ReadBack,
-    /// Whether the control goes to zero on its own without writes.
+    /// Whether the control ramps to zero on its own without writes.
     pub(crate) goes_to_zero: bool,
     pub(crate) reported: ReportedPositions,
-    /// Steps of the positions, which determine when a direction counts as reversed, mm or rad.
+    /// Steps of the positions, which determine when a direction is treated as reversed, mm or rad.
     position_steps: PerChannel<f64>,
     /// Letters of the written axes, and those of them that correct with the active model.
     names: Vec<AxisName>,
@@ -132,7 +132,7 @@ impl ControlPath {
     pub(crate) fn set_limits(&mut self, limits: &Limits) -> Result<(), LimitsError> {
         limits.check_in_place_of(&self.limits)?;
         self.limits = *limits;
-        // The movement of a faster correction within the read-back delay must not count as a reversal.
+        // The movement of a faster correction within the read-back delay must not be treated as a reversal.
         let steps = self.position_steps;
         self.reported.reversal = reversals(&self.description, &steps, Some(limits));
         Ok(())
@@ -403,7 +403,7 @@ fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
     Ok(Some(link))
 }
 
-/// The interlocks of a reading with flags of this age; flags older than `hold` count as unknown.
+/// The interlocks of a reading with flags of this age; flags older than `hold` are treated as unknown.
 pub(crate) fn interlock_of(
     reading: &Snapshot,
     shown: ShownStates,

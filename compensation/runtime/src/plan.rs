@@ -32,7 +32,7 @@ pub struct PathPlan {
     pub limits: Limits,
     /// Machine index of each axis whose position the controller reports; written axes come first.
     pub machine_axis: PerChannel<usize>,
-    /// Travel after which the direction of each of these axes counts as reversed, mm or rad.
+    /// Travel after which the direction of each of these axes is treated as reversed, mm or rad.
     pub reversal: PerChannel<f64>,
     /// Smallest steps of their positions, mm or rad; 0 if none is configured.
     pub position_steps: PerChannel<f64>,
@@ -167,7 +167,7 @@ impl PathPlan {
     }
 
     /// Checks that the paths to one machine are interchangeable: they use the same channel, and none leaves a correction on an axis that another
-    /// does not write, unless its control goes to zero on its own.
+    /// does not write, unless its control ramps to zero on its own.
     ///
     /// # Errors
     /// The first conflicting pair.
@@ -178,7 +178,7 @@ impl PathPlan {
         })
     }
 
-    /// Whether the control goes to zero on its own without writes.
+    /// Whether the control ramps to zero on its own without writes.
     pub(crate) fn goes_to_zero(&self) -> bool {
         self.barrier.is_some() || self.no_read_back && self.time_out.is_some()
     }
@@ -189,7 +189,7 @@ impl PathPlan {
     }
 }
 
-/// The rules of [`PathPlan::check_together`] for paths, each with whether its control goes to zero on its own.
+/// The rules of [`PathPlan::check_together`] for paths, each with whether its control ramps to zero on its own.
 pub(crate) fn check_together<'a, I>(paths: impl Fn() -> I) -> Result<(), PlanError>
 where
     I: Iterator<Item = (&'a Description, bool)>,
@@ -467,8 +467,8 @@ pub(crate) fn position_steps(
     Ok(steps)
 }
 
-/// Travel after which the direction of each reported axis counts as reversed, mm or rad. On read-only axes a correction cannot be mistaken for
-/// travel.
+/// Travel after which the direction of each reported axis is treated as reversed, mm or rad. On read-only axes a correction cannot be mistaken
+/// for travel.
 pub(crate) fn reversals(
     description: &Description,
     position_steps: &PerChannel<f64>,

@@ -30,7 +30,7 @@ pub struct ReaderPlan {
     pub description: Description,
     /// Machine index of each axis whose position it reports.
     pub machine_axis: PerChannel<usize>,
-    /// Travel after which the direction of each of these axes counts as reversed, mm or rad.
+    /// Travel after which the direction of each of these axes is treated as reversed, mm or rad.
     pub reversal: PerChannel<f64>,
 }
 

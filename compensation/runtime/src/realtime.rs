@@ -126,8 +126,8 @@ pub struct Pulse {
 }
 
 impl Pulse {
-    /// Maximum gap that counts as a late cycle and leaves the last report valid, however short the period is: schedulers and exchanges with
-    /// controllers occasionally take that long.
+    /// Maximum gap that is treated as a late cycle and leaves the last report valid, however short the period is: schedulers and exchanges
+    /// with controllers occasionally take that long.
     pub const JITTER: Duration = Duration::from_millis(100);
 
     /// Time since the end of the last cycle, or since the start of the thread before the first one.
@@ -456,7 +456,7 @@ impl Control {
                 reasons: report.reasons,
                 active: report.active,
             };
-            // If the ring is full a thousand changes are unread: this one is lost, too.
+            // If the ring is full a thousand changes are unread: this one is lost as well.
             let _ = self.changes.push(change);
         }
     }

@@ -120,7 +120,7 @@ impl<U: Unit> AxisSettings<U> {
 }
 
 impl<U> AxisSettings<U> {
-    /// The same settings in other units.
+    /// These settings in other units.
     pub fn map<V>(self, convert: impl Fn(U) -> V) -> AxisSettings<V> {
         AxisSettings {
             limit: convert(self.limit),

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// A column counts as linearly dependent if less than this part of it remains after projection.
+/// A column is treated as linearly dependent if less than this part of it remains after projection.
 pub const DEPENDENT_BELOW: f64 = 1e-9;
 
 /// Relative threshold below which the share of a column in a combination is rounding.

@@ -32,7 +32,7 @@ pub struct Settings {
     pub output_step_nm: [u32; OUTPUTS],
     /// Size of each of the two buffers, words, 69 to 32767.
     pub capacity: u16,
-    /// Minimum reverse travel after which an axis of the grid counts as reversed, position steps, 1 to 1000000.
+    /// Minimum reverse travel after which an axis of the grid is treated as reversed, position steps, 1 to 1000000.
     pub turned: [i32; GRID_AXES],
 }
 
@@ -362,7 +362,8 @@ impl Report {
     }
 }
 
-/// Extreme position of an axis in its direction: the axis counts as reversed only after a minimum travel back from there.
+/// Extreme position of an axis in its direction: the axis is treated as reversed only after a minimum travel back from
+/// there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Travel {
     extreme: i32,

@@ -208,8 +208,8 @@ impl<P: CanPort> Controller for CanController<P> {
         &self.description
     }
 
-    /// The positions, states and applied correction or report received last, whatever their age; waits only until every position was received once.
-    /// `taken` is the arrival of the oldest position, `uncertainty` its distance from the newest.
+    /// The positions, states and applied correction or report received last, regardless of their age; waits only until every position was received
+    /// once. `taken` is the arrival of the oldest position, `uncertainty` its distance from the newest.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         self.listen(deadline, false)?;
         let [taken, newest] = loop {

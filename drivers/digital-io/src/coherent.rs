@@ -6,7 +6,7 @@ use volcomp_port::{DigitalIo, Fault, InputLevels};
 
 use crate::wiring::Wiring;
 
-/// When a word counts as coherent.
+/// When a word is treated as coherent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Coherence {

@@ -269,7 +269,7 @@ impl LinuxCncController {
         }
         if let Some((last, _)) = &self.last {
             if last.run == state.run {
-                // The sequence wraps: less than half of its range ahead counts as later.
+                // The sequence wraps: less than half of its range ahead is treated as later.
                 let ahead = state.sequence.wrapping_sub(last.sequence);
                 if ahead == 0 || ahead >= 1 << 31 {
                     self.health.late += 1;
@@ -342,7 +342,7 @@ impl Controller for LinuxCncController {
         &self.description
     }
 
-    /// The last state of the bridge, whatever its age; waits only before the first one.
+    /// The last state of the bridge, regardless of its age; waits only before the first one.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         let (state, taken) = loop {
             self.drain();

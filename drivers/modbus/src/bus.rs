@@ -21,7 +21,8 @@ use tokio_modbus::{
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
 use volcomp_port::{DeviceError, Fault, Reason, exception_name};
 
-/// Default response timeout of a module. It does not bound the age of data: a slower module counts as not answering.
+/// Default response timeout of a module. It does not bound the age of data: a slower module is treated as not
+/// answering.
 pub const ANSWER_WITHIN: Duration = Duration::from_millis(300);
 
 /// Parity of a serial line.

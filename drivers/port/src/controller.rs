@@ -226,7 +226,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// The same snapshot with all times set to one instant.
+    /// This snapshot with all times set to one instant.
     #[must_use]
     pub fn at(self, taken: Instant) -> Self {
         Self {

@@ -121,7 +121,8 @@ pub trait Thermometer: Send {
     /// The names of its sensors.
     fn names(&self) -> &[String];
 
-    /// The latest temperature of each sensor in the order of the names, whatever its age. Never blocks or allocates.
+    /// The latest temperature of each sensor in the order of the names, regardless of its age. Never blocks or
+    /// allocates.
     fn latest(&mut self) -> &[Temperature];
 }
 

@@ -95,7 +95,7 @@ impl Band {
             for part in (1..pieces).map(|piece| piece as f64 / pieces as f64) {
                 let value = curve.value(gap[0] + part * (gap[1] - gap[0]));
                 let by = beyond(value, ends[0] + part * (ends[1] - ends[0]));
-                // NaN counts as beyond any limit.
+                // NaN is treated as beyond any limit.
                 if by.is_nan() || by > most {
                     most = by;
                     worst = Some([gap[0], gap[1]]);
@@ -197,7 +197,7 @@ impl Between {
 
     /// Whether the targets are too sparse for the error. The leave-one-out RMS of the inner targets must exceed twice the repeatability and twice the
     /// RMS residual; it must also exceed seven times the repeatability, or the widest gap must exceed five mean gaps. An unknown repeatability (one
-    /// run) counts as a tenth of the height of the readings in the second condition and as zero in the first.
+    /// run) is treated as a tenth of the height of the readings in the second condition and as zero in the first.
     pub fn is_too_sparse(&self) -> bool {
         let scatter = self.repeatability.unwrap_or_default().max(self.residual);
         let repeats = self.repeatability.unwrap_or(OF_HEIGHT * self.height);

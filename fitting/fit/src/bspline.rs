@@ -92,7 +92,7 @@ impl Problem {
         Ok(BSpline::new(self.knots.clone(), coefficients, DEGREE)?)
     }
 
-    /// The same problem for other mean readings of the same targets.
+    /// This problem with other mean readings of the same targets.
     pub(crate) fn with(&self, means: &[f64]) -> Self {
         let mut triangle = Triangle::new(self.triangle.size());
         for ((first, row), &mean) in self.rows.iter().zip(means) {

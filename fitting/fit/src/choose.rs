@@ -14,7 +14,7 @@ const AT_MOST: f64 = 1.1;
 /// Chooses a curve for readings `u` at `x` by [`choose`] and fits it.
 ///
 /// # Errors
-/// Those of [`choose`].
+/// Same as [`choose`].
 pub fn fit_auto(x: &[f64], u: &[f64], options: &FitOptions) -> Result<AutoFit, FitError> {
     let (choice, mut fits) = choose_and_fit(&[(x, u)], options)?;
     // One set gives one fit.
@@ -57,7 +57,7 @@ pub fn choose(sets: &[(&[f64], &[f64])], options: &FitOptions) -> Result<Choice,
 /// Chooses one method for several sets of readings by [`choose`] and returns the fit of each set, which the choice computes anyway.
 ///
 /// # Errors
-/// Those of [`choose`].
+/// Same as [`choose`].
 pub fn choose_and_fit(
     sets: &[(&[f64], &[f64])],
     options: &FitOptions,

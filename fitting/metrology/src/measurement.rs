@@ -10,7 +10,7 @@ use crate::{DeviationUnit, FileFormat, MetrologyError, Quantity, ReadingUnit, Ta
 pub struct Reading {
     /// Target position, mm or deg.
     pub target: f64,
-    /// Number of the run among those of its direction, from 1.
+    /// Number of the run among the runs of its direction, from 1.
     pub run: u32,
     /// Direction in which the target was approached.
     pub direction: Direction,

@@ -342,7 +342,7 @@ pub(crate) fn alignment_notes(readings: &[Reading]) -> Vec<String> {
     notes
 }
 
-/// Alignment that is specific to each run and does not count as scatter: an instrument is zeroed, and a straightness reference aligned, before each
+/// Alignment that is specific to each run and is not treated as scatter: an instrument is zeroed, and a straightness reference aligned, before each
 /// run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunAlignment {

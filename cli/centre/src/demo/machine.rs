@@ -25,7 +25,7 @@ use crate::{clock::now_s, records::Machine};
 const RAMP_S: f64 = 5.0;
 /// Change of the correction of a linear axis above which confirmation is required, µm: `confirm_um` of its gateway.
 const CONFIRM_UM: f64 = 10.0;
-/// The same for rotary axes, µrad: `confirm_urad`.
+/// Change of the correction of a rotary axis above which confirmation is required, µrad: `confirm_urad`.
 const CONFIRM_URAD: f64 = 10.0;
 /// Nodes along each axis of the grid on which a change is checked.
 const CHECK_NODES: usize = 5;

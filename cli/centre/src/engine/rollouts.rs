@@ -46,7 +46,7 @@ pub(super) fn advance_all(
     }
     // Outcomes are read from the store at each pass, so a centre that was killed between storing and evaluating them does so after its restart.
     let versions = engine.store.newest_versions()?;
-    // A version that was never issued here belongs to no roll-out, whatever a machine reports.
+    // A version that was never issued here belongs to no roll-out, even if a machine reports it.
     let mut seen = seen.clone();
     for (machine, seen) in &mut seen {
         let newest = versions.get(machine).map_or(0, |version| version.version);

@@ -19,7 +19,7 @@ use super::{AuditLog, Entry, replace_file, slots::Slots};
 
 /// Maximum number of queued records and files.
 const MAX_QUEUED: usize = 256;
-/// The disk counts as not responding when one record or file takes longer than this.
+/// The disk is treated as not responding when one record or file takes longer than this.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Interval at which a failed log is retried.

@@ -371,7 +371,7 @@ fn while_cycling(status: &Status, value: Option<Value>) -> Reading {
     good(status, value.filter(|_| status.state != StateName::Unknown))
 }
 
-/// Non-finite numbers count as unknown.
+/// Non-finite numbers are treated as unknown.
 fn number(value: Option<f64>) -> Option<Value> {
     value.filter(|value| value.is_finite()).map(Value::Number)
 }

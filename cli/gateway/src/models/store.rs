@@ -52,7 +52,7 @@ impl Store {
         machine.parent() == Some(&self.dir)
     }
 
-    /// The stored state, and a description of any damage. A missing folder counts as empty.
+    /// The stored state, and a description of any damage. A missing folder is treated as empty.
     pub(crate) fn read(&self) -> (ModelsKept, Option<String>) {
         let path = self.dir.join(STANDING);
         let damaged = |error: String| {

@@ -584,8 +584,8 @@ mod tests {
         );
     }
 
-    /// A gateway that was started without limits took other speeds together with limits: `check` showed them, and the cycle went on
-    /// with those of its start.
+    /// A gateway started without limits accepted new speeds together with limits: `check` showed the new speeds, but the cycle
+    /// continued with the old ones (regression).
     #[test]
     fn speeds_that_come_with_the_first_limits_need_a_restart() {
         let config = |guard: &str| {

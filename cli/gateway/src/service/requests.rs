@@ -288,8 +288,8 @@ fn may_not_end(report: &Report) -> bool {
 mod tests {
     use super::*;
 
-    /// An alarm of a controller that fell silent is for the person to judge; an emergency stop that another one shows now
-    /// is not.
+    /// The operator may override the alarm of a controller that does not respond, but not an emergency stop that another
+    /// one reports now.
     #[test]
     fn a_fault_stays_while_any_controller_shows_an_interlock() {
         let mut report = Report {

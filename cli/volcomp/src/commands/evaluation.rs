@@ -188,7 +188,7 @@ pub(crate) fn decision_text(judgement: &Judgement) -> String {
 
 /// The result of one file.
 pub(crate) struct Row {
-    /// The file as named in the call.
+    /// The file as named on the command line.
     pub(crate) file: String,
     /// Its quantities, or why it was rejected.
     pub(crate) found: Result<Judgement, String>,

@@ -19,7 +19,7 @@ const LEAST_NOISE: f64 = 0.01;
 /// Tilts that were removed from lines.
 pub(crate) struct Tilts<'a> {
     pub(crate) machine: &'a Machine,
-    /// Standard deviation of each tilt at a target, µrad; a tilt without one counts as known.
+    /// Standard deviation of each tilt at a target, µrad; a tilt without one is treated as known.
     pub(crate) noise_urad: &'a BTreeMap<ErrorName, f64>,
 }
 

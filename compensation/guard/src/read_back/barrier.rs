@@ -312,7 +312,7 @@ pub fn barrier_misfits(
     late.into_iter().chain(axes)
 }
 
-/// Longest scan period that counts as the configured one.
+/// Longest scan period that is treated as the configured one.
 fn longest_scan(scan: Duration) -> Duration {
     Duration::try_from_secs_f64(scan.as_secs_f64() / SCAN_WITHIN.start()).unwrap_or(Duration::MAX)
 }

@@ -38,7 +38,8 @@ struct Equal {
 /// The values of one path that may be applied.
 ///
 /// Invariants:
-/// - `candidates[..count]` are in the order of sending, and consecutive ones differ. With `count` 0 nothing is known, and nothing is sent.
+/// - `candidates[..count]` are in the order of sending, and consecutive ones differ. With `count` 0 the applied correction is unknown, and
+///   nothing is sent.
 /// - After a confirmation the first candidate is the confirmed correction; the later ones were sent after it.
 /// - `equal` counts only readings that are later than every write by more than the age of the oldest possible reading.
 #[derive(Clone, Debug)]
@@ -160,7 +161,7 @@ impl Echo {
         self.count = 1;
     }
 
-    /// A reading valid at `taken` and received now confirms these values, as of `taken`.
+    /// Records that a reading received now confirms these values at `taken`.
     fn confirm(
         &mut self,
         values: &PerChannel<f64>,
@@ -178,8 +179,8 @@ impl Echo {
 
     /// The oldest and the newest candidate that a reading may be; `None` if it equals no candidate.
     ///
-    /// A candidate that was followed by another one longer ago than the path's delay counts only if the later one did not arrive. So it is the
-    /// oldest only if no later one has these values, too.
+    /// A candidate whose successor was sent longer ago than the path's delay is possible only if the successor did not arrive. Therefore it is
+    /// the oldest match only if no later candidate has the same values.
     fn find(
         &self,
         values: &PerChannel<f64>,
@@ -205,7 +206,7 @@ impl Echo {
             return;
         }
         if self.count == MOST {
-            // Something was sent although nothing may be sent: nothing is known any more.
+            // Something was sent although nothing may be sent: the applied correction is unknown.
             self.count = 0;
             return;
         }

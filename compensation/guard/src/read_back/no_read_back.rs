@@ -1,5 +1,5 @@
 //! A control whose correction cannot be read back, such as one behind digital lines. If the device reports its output levels, the
-//! correction on them counts as applied, like a read-back; otherwise every write without an error counts as applied.
+//! correction on them is treated as applied, like a read-back; otherwise every write without an error is treated as applied.
 
 use core::time::Duration;
 
@@ -31,13 +31,13 @@ impl ControlTimeOut {
 ///
 /// Invariants:
 /// - `reports_now` implies `has_reported`.
-/// - `acts` is in order of time, and is set only if the control goes to zero on its own.
+/// - `acts` is in order of time, and is set only if the control ramps to zero on its own.
 /// - While `unknown`, nothing is written. A reading that confirms a correction, the time of zero or an acknowledgement ends it.
 #[derive(Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "five separate facts")]
 pub(super) struct NoReadBack {
     control: Option<ControlTimeOut>,
-    /// From when on the control may act on its own, and from when on it is at zero, without another write.
+    /// Times from which, without another write, the control may start its ramp, and is at zero.
     acts: Option<[Duration; 2]>,
     /// When it was last read.
     last_received: Option<Duration>,
@@ -108,7 +108,7 @@ impl NoReadBack {
                 at: now,
             });
         }
-        // If a control goes to zero on its own, the levels of its lines are meaningful only while it is written.
+        // If a control ramps to zero on its own, the levels of its lines are valid only while it receives writes.
         let is_on = self.control.is_none()
             || self.has_written && self.acts.is_some_and(|[acts, _]| now < acts);
         let report = match report {

@@ -61,8 +61,8 @@ pub struct ReadBackStatus {
     pub motion_delay: Duration,
     /// Timeout of a barrier after the last frame that it accepted: an older confirmation is no longer valid. `None`: no barrier reports it.
     pub barrier_time_out: Option<Duration>,
-    /// From when on the control may act on its own, on the clock of the cycle: earlier decisions are not sent after that. `None`: it does not, or
-    /// it reports what it does.
+    /// Time of the cycle's clock from which the control may ramp to zero on its own; earlier decisions are not sent after it. `None`: it never
+    /// does, or it reports the ramp.
     pub control_acts_at: Option<Duration>,
     /// Why this path may not be armed, and further reasons to report.
     pub reasons: Reasons,
@@ -92,7 +92,7 @@ pub(super) enum Arrival {
 ///
 /// Invariants:
 /// - Both times advance while the control does not answer: only time with readings counts against it.
-/// - Nothing is missing once nothing was sent for longer than the path's delay.
+/// - No word is missing if nothing was sent for longer than the path's delay.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ArrivalMonitor {
     /// When the control was last read, and when something was last sent to it.
@@ -105,7 +105,7 @@ pub(super) struct ArrivalMonitor {
 }
 
 impl ArrivalMonitor {
-    /// Records a write; `ok`: without an error. `is_unseen`: a write without an error counts as applied.
+    /// Records a write; `ok`: without an error. `is_unseen`: a write without an error is treated as applied.
     pub(super) fn sent(&mut self, now: Duration, ok: bool, is_unseen: bool) {
         self.sent = Some(now);
         self.failing_since = (!ok).then(|| self.failing_since.unwrap_or(now));

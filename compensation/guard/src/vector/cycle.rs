@@ -108,8 +108,8 @@ impl Cycle<'_> {
 /// Half a step plus 20 %: the quantised output stays while the value is closer.
 const HYSTERESIS_STEPS: f64 = 0.6;
 
-/// Largest rate from which an axis stops within `distance` at a constant deceleration, whatever the lengths of later cycles: v²/(2a) + v·dt ≤
-/// distance.
+/// Largest rate from which an axis stops within `distance` at a constant deceleration, regardless of the lengths of later cycles: v²/(2a) +
+/// v·dt ≤ distance.
 pub(super) fn stopping_rate(distance: f64, accel: f64, dt_s: f64) -> f64 {
     if distance <= 0.0 {
         return 0.0;
@@ -187,7 +187,7 @@ pub(super) fn quantised(output: f64, smooth: f64, step: f64) -> f64 {
         return output;
     }
     let steps = smooth / step;
-    // A rounding error must not count as a step.
+    // A rounding error must not be treated as a step.
     let steps = if away > 0.0 {
         libm::ceil(steps - HYSTERESIS_STEPS - 1e-9)
     } else {

@@ -107,7 +107,7 @@ impl<'a> Pair<'a> {
                 approach: *approach,
             };
             let moved = self.sample(&state);
-            // A single number to rank positions by: one milliradian counts as one millimetre.
+            // A single number to rank positions by: one milliradian is treated as one millimetre.
             moved.linear.0 + moved.rotary.0
         });
         moves.fold(0.0, f64::max)

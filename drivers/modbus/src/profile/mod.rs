@@ -195,7 +195,8 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Returns a shipped profile. In its name, blanks, slashes and underscores count as `-`; case does not matter.
+    /// Returns a shipped profile. In its name, blanks, slashes and underscores are treated as `-`; case does not
+    /// matter.
     ///
     /// # Errors
     /// [`ProfileError::Unknown`].

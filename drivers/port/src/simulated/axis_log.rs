@@ -119,7 +119,7 @@ impl AxisLog {
         }
     }
 
-    /// Sets the initial corrections, which do not count as a change.
+    /// Sets the initial corrections, which are not treated as a change.
     pub(super) fn start_at(&self, applied: &PerChannel<f64>) {
         for (bits, value) in self.applied.iter().zip(applied) {
             bits.store(value.to_bits(), Ordering::Relaxed);

@@ -84,7 +84,7 @@ mod tests {
         found
     }
 
-    /// Rows 30 to 900 s apart: along straight lines the lag is that of a fine simulation.
+    /// With rows 30 to 900 s apart and linear signals, the lag equals that of a fine simulation.
     #[test]
     fn straight_lines_are_integrated_exactly() {
         let time_s = [0.0, 30.0, 90.0, 390.0, 400.0, 1300.0, 1600.0];

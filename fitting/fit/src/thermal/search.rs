@@ -34,7 +34,7 @@ pub struct ThermalSearch {
     pub penalties: Vec<f64>,
     /// Maximum number of sensors.
     pub most_sensors: usize,
-    /// Maximum number of time constants; 0 counts as 1.
+    /// Maximum number of time constants; 0 is treated as 1.
     pub most_lags: usize,
     /// Whether to search for expansions if the position was varied.
     pub expansions: bool,

@@ -8,7 +8,7 @@ use super::record::ThermalRun;
 
 /// Mean movement of a sensor, K, below which it has less weight: the level of noise.
 const NOISE_K: f64 = 0.05;
-/// Movement, K, below which a sensor counts as constant.
+/// Movement, K, below which a sensor is treated as constant.
 const STILL_K: f64 = 1e-3;
 /// A sensor is redundant, and not chosen, if the chosen ones leave less than this share of its variance.
 const MIN_SHARE: f64 = 1e-6;
