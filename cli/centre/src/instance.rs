@@ -92,9 +92,9 @@ pub struct Header<'a> {
     /// Identifier that the gateway generated at its start.
     pub instance: &'a str,
     pub number: u64,
-    /// Time since the gateway's start when it was created, s.
+    /// Time from the start of the gateway to the creation of the message, s.
     pub uptime_s: f64,
-    /// When the server stored it, s.
+    /// When the server stored the message, s.
     pub stored_s: f64,
     /// Its sequence number in the stream, if it is a condition or full telemetry: these are sent in the order of their creation.
     pub passing: Option<u64>,
@@ -418,7 +418,7 @@ mod tests {
         instances.take(&message("a", 10, 111.0, 10));
         instances.take(&message("b", 2, 112.0, 11));
         assert_eq!(instances.cloned_s, None);
-        // What the server sends again is stored already.
+        // A message that the server sends again is already stored.
         instances.take(&message("a", 10, 113.0, 12));
         assert_eq!(instances.cloned_s, None);
         instances.take(&message("a", 11, 114.0, 13));

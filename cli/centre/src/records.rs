@@ -37,7 +37,7 @@ pub struct Machine {
     #[serde(default)]
     pub control: String,
     pub enable: bool,
-    /// True if it belongs to the first machines of a roll-out.
+    /// True if the machine is among the first of a roll-out.
     #[serde(default)]
     pub canary: bool,
     /// Days after a calibration until the next one is due; `None`: never.
@@ -247,7 +247,7 @@ pub enum AlarmKind {
     Unreadable,
     /// The active model of the machine is not the intended one.
     OtherModel,
-    /// The machine has the model of a roll-out that stopped or was aborted before it was done.
+    /// The machine has the model of a roll-out that stopped or was aborted before completion.
     Suspect,
     Due,
     Rollout,
@@ -483,7 +483,7 @@ pub struct Live {
 pub struct CreationTime {
     /// s by the server's clock.
     pub at_s: f64,
-    /// Delay until the server stored it, waiting and transit, s; 0 if unknown.
+    /// Delay until the server stored the condition (queue and transit), s; 0 if unknown.
     pub late_s: f64,
 }
 

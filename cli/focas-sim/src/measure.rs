@@ -29,7 +29,7 @@ const FRAMES: u16 = 10;
 pub(crate) struct Settling {
     /// Minimum time without a change.
     pub(crate) stands: Duration,
-    /// Timeout; after it the target is recorded as not settled.
+    /// Timeout, after which the target is recorded as not settled.
     pub(crate) at_most: Duration,
     /// Machine number and axes of the barrier, if there is one.
     pub(crate) barrier: Option<(u16, Layout)>,

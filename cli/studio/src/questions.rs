@@ -51,9 +51,9 @@ pub struct DraftState {
 
 /// A draft with answers.
 pub(crate) struct AnsweredDraft {
-    /// With the answers that determine a measurement's keys: errors and units.
+    /// The draft with the answers that determine a measurement's keys: errors and units.
     pub(crate) decided: Draft,
-    /// With all answers.
+    /// The draft with all answers.
     pub(crate) whole: Draft,
 }
 

@@ -20,7 +20,7 @@ use crate::{
 
 /// Number of targets of a straightness that was not measured.
 const TARGETS: usize = 21;
-/// A direction whose component across another one is smaller is parallel to it.
+/// Maximum component of a unit direction across another one at which both are treated as parallel.
 const PARALLEL_BELOW: f64 = 0.02;
 
 /// Poses of the artefacts on the workpiece side and on the tool side with which the machine has no error when all axes
@@ -192,7 +192,7 @@ fn turn(directions: impl Iterator<Item = [Vector3<f64>; 2]>) -> Matrix3<f64> {
     nominal * actual.transpose()
 }
 
-/// A machine on which every axis moves along its reference lines and keeps the errors that it has at zero.
+/// A machine whose axes move along their reference lines, with their errors at zero unchanged.
 struct ReferenceLines {
     zero: State,
     motions: [ErrorMotion; MAX_AXES],

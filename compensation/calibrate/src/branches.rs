@@ -398,9 +398,9 @@ impl FittedCurve {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum Quality {
-    /// For an error in µm.
+    /// Quality of the fit of an error in µm.
     Length(FitQuality<Um>),
-    /// For an error in µrad.
+    /// Quality of the fit of an error in µrad.
     Angle(FitQuality<Urad>),
 }
 

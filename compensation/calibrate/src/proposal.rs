@@ -63,7 +63,7 @@ pub struct Question {
 }
 
 impl Proposed {
-    /// Open questions about it, in the order of its keys.
+    /// Open questions about the measurement, in the order of its keys.
     pub fn questions(&self) -> Vec<Question> {
         let of = self.files.join(", ");
         let mut questions = Vec::new();
@@ -493,7 +493,7 @@ impl FileHints {
                 }
             }
         }
-        // Of two contradictory positions neither is used.
+        // Contradictory positions are not used.
         hints.places.retain(|axis, _| !contradicted.contains(axis));
         hints
     }

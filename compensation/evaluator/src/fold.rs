@@ -14,7 +14,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 pub(crate) struct Folded {
     /// Between the last joint and the tool.
     pub(crate) tool_end: ErrorMotion,
-    /// On the tool side of each joint but the last, if no table includes it.
+    /// Constant error on the tool side of each joint except the last, unless a table includes it.
     pub(crate) between: PerAxis<ErrorMotion>,
     /// Between the workpiece and the first joint, if that joint has its errors on its far side.
     pub(crate) workpiece_end: ErrorMotion,

@@ -18,7 +18,7 @@ fn longest_visible(limits: &Limits) -> Duration {
 struct SentRange {
     /// Largest absolute word of each axis, mm or rad.
     largest: PerChannel<f64>,
-    /// Highest slew limit of each axis while they were sent, mm/s or rad/s.
+    /// Highest slew limit of each axis while these corrections were sent, mm/s or rad/s.
     slew_per_s: PerChannel<f64>,
 }
 

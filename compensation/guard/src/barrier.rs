@@ -110,7 +110,7 @@ impl Settings {
 /// Maximum number of words of a frame: head, one value per axis, checksum.
 pub const FRAME_WORDS: usize = HEAD_WORDS + MAX_AXES + 2;
 
-/// The frame of one cycle: the requested correction and its head, which proves that it is current.
+/// The frame of one cycle: the requested correction, and the head that shows that the frame is current.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Frame {
     /// Identifies the report that it answers and its sender.
@@ -467,7 +467,7 @@ impl Barrier {
         Ok(Some(frame))
     }
 
-    /// The goal from the word on lines, if it is accepted.
+    /// The goal from the word on the digital lines, if it is accepted.
     fn latched(&mut self, lines: &DigitalLines) -> Option<Counts> {
         let before = self.state.latch.replace(lines.latch);
         self.state.latched = (self.state.latched + 1).min(self.settings.hold_scans);

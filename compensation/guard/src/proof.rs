@@ -125,7 +125,7 @@ impl MotionHistory {
 /// Stage of the proof, which determines the correction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Leg {
-    /// At the initial correction.
+    /// The correction is at its initial value.
     #[default]
     Begin,
     /// Shifted in the first direction: towards zero, or up.
@@ -140,7 +140,7 @@ enum AxisResponse {
     FollowResult,
     Stayed,
     Between,
-    /// It moved so far that the machine must have moved it.
+    /// The axis moved farther than any response to the shift: the machine moved it.
     Moved,
 }
 
@@ -167,7 +167,7 @@ impl Span {
     }
 }
 
-/// Findings for axes, and which of them follow by another amount than the shift.
+/// Findings for axes, and the axes that followed by another amount than the shift.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Findings {
     axes: PerChannel<AxisProof>,

@@ -16,7 +16,7 @@ pub type Counts = volcomp_vocabulary::PerChannel<i16>;
 /// Number of words of a [`Head`].
 pub const HEAD_WORDS: usize = 4;
 
-/// The head of a frame, which proves that it is current.
+/// The head of a frame; it shows that the frame is current.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Head {
     /// The last epoch published by the control.
@@ -91,7 +91,7 @@ pub enum Refusal {
     /// axis could follow.
     #[error("a word on the lines came at the wrong time, or changes too fast")]
     Lines,
-    /// These are not the next words of the map being loaded.
+    /// The words are not the next ones of the map being loaded.
     #[error("its words are not the next ones of the map")]
     Place,
     /// The map does not fit the control: its axes, steps, size or lines. It must be started over.
@@ -329,10 +329,10 @@ impl Link {
 /// The meaning of a report for a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReportStatus {
-    /// The control's scans have not advanced since the last report, or this one is from before it: nothing new.
+    /// The scan counter has not advanced since the last report, or this report is older.
     Old,
-    /// Another sender owns the control, or this one did before its restart: nothing may be sent until the control has released it at its timeout.
-    /// Also if the owner number equals that of this sender, which has not sent that sequence in that epoch.
+    /// Another sender owns the control, or this sender did before its restart: nothing may be sent until the timeout of the control. This
+    /// includes an owner that has the number of this sender, but a sequence that this sender has not sent in this epoch.
     Held {
         /// Owner number of the other sender.
         owner: u16,

@@ -45,7 +45,7 @@ pub enum SensorReading {
     Temperature {
         /// The temperature as reported by the device, °C.
         degc: f64,
-        /// When it was measured, on the clock passed to the check.
+        /// When the temperature was measured, on the clock passed to the check.
         taken: Duration,
     },
 }

@@ -22,7 +22,7 @@ const SMALLEST_PART: f64 = 1e-6;
 struct Share {
     /// The requested share plus the remaining offset of the ramp, mm.
     position: PerChannel<f64>,
-    /// The fraction of it that the axes can carry.
+    /// The fraction of the position share that the limits of the axes allow.
     part: f64,
     /// The present rotary shares, rad; zero for all other axes.
     rotary: PerChannel<f64>,
@@ -133,7 +133,7 @@ impl Vector {
         };
     }
 
-    /// Whether it is on a line to this correction, or at its end.
+    /// Whether the output is on a line to this correction, or at its end.
     pub(crate) fn leads_to(&self, end: &PerChannel<f64>) -> bool {
         matches!(&self.motion, Motion::Line { to, .. } if to == end)
     }
@@ -408,7 +408,7 @@ impl Vector {
         }
     }
 
-    /// Remaining fraction of the ramp, which starts here if it has not, and the fraction that passes per second.
+    /// Remaining fraction of the ramp, and the fraction that passes per second. Starts the ramp if it has not started.
     fn ramp(&mut self, requested: &RequestedCorrection, cycle: &Cycle) -> (f64, f64) {
         if matches!(self.motion, Motion::Begins | Motion::Line { .. }) {
             let following = requested.following(&self.rotary(cycle));
@@ -442,8 +442,8 @@ impl Vector {
         }
     }
 
-    /// The fraction of a position share that the axes can carry after the remaining ramp is reduced to this fraction: a lowered limit takes effect
-    /// with the ramp.
+    /// The fraction of a position share that the limits of the axes allow after the remaining ramp is reduced to this fraction: a lowered limit
+    /// takes effect with the ramp.
     fn part(
         &self,
         left: f64,

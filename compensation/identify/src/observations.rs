@@ -83,7 +83,7 @@ pub struct Quantity<T> {
     pub name: String,
     /// Value, or start value of the search; `None`: the start value is derived from the observations.
     pub value: Option<T>,
-    /// Whether it is identified.
+    /// Whether the part is identified.
     pub unknown: bool,
     /// Order of its drift over the rows; 0: it does not drift.
     pub drift: usize,

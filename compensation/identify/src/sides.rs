@@ -21,7 +21,7 @@ pub(crate) struct Sides(BTreeMap<Key, BTreeMap<usize, f64>>);
 /// Numbers of one run, which affect the same equations.
 struct Run {
     equations: Vec<usize>,
-    /// One column per number.
+    /// One column per unknown approach direction.
     columns: DMatrix<f64>,
 }
 

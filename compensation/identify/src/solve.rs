@@ -96,9 +96,8 @@ impl Solution {
         }
     }
 
-    /// Ratio of residuals to stated uncertainties, if chance does not explain it: the variance of n readings scatters
-    /// by √(2/n) about 1. The uncertainties are too small by at least this ratio (R. T. Birge, Physical Review 40,
-    /// 1932).
+    /// Ratio of residuals to stated uncertainties, if it is significant: the variance of n readings scatters by √(2/n)
+    /// about 1. The uncertainties are too small by at least this ratio (R. T. Birge, Physical Review 40, 1932).
     pub(crate) fn excess(&self) -> Option<f64> {
         let by_chance = max_squares_by_chance(self.freedom) / self.freedom;
         (self.variance > by_chance).then(|| self.variance.sqrt())

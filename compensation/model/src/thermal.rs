@@ -42,7 +42,7 @@ pub(crate) fn default_margin_k() -> f64 {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Expansion {
-    /// The linear error motion to which it is added.
+    /// The linear error motion to which the expansion is added.
     pub error: ErrorName,
     /// Name of the temperature sensor.
     pub sensor: String,
@@ -56,7 +56,7 @@ pub struct Expansion {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Drift {
-    /// The error motion to which it is added.
+    /// The error motion to which the drift is added.
     pub error: ErrorName,
     /// Weight w of each sensor, by name.
     pub sensors: BTreeMap<String, f64>,

@@ -58,7 +58,7 @@ pub struct Average {
 pub struct Reading {
     /// Unit direction, in workpiece axes.
     pub direction: [f64; 3],
-    /// Actual minus nominal tip position along it, mm.
+    /// Actual minus nominal tip position along the direction, mm.
     pub error_mm: f64,
 }
 

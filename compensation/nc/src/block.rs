@@ -27,7 +27,7 @@ pub(crate) struct Word {
 /// How the value of a coordinate is interpreted, if its word states that itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Manner {
-    /// As the active mode (G90 or G91).
+    /// According to the active mode (G90 or G91).
     #[default]
     Modal,
     /// Absolute position: `AC(..)`.

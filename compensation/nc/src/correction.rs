@@ -56,7 +56,7 @@ impl Correction {
 /// The correction of a machine. State: the active tool, and the direction from which each axis approaches.
 #[derive(Clone, Debug)]
 pub struct Corrector {
-    /// With the tool of the machine file.
+    /// The machine with the tool of the machine file.
     pub(crate) machine: Arc<Machine>,
     pub(crate) temperatures: Temperatures,
     /// Machines of all tools used so far; `tool` is the active one.

@@ -36,7 +36,7 @@ pub struct PartFeature {
     pub name: String,
     /// Property that is inspected.
     pub measured: Measured,
-    /// First and last program line that cut it, counted from 1.
+    /// First and last program line that cut the feature, counted from 1.
     pub lines: [usize; 2],
     /// Heights above the tip, along the tool, at which it is cut, mm: one for a cut by the tip or a ball, several for a flank.
     pub above_mm: Vec<f64>,

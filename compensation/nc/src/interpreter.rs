@@ -100,7 +100,7 @@ pub(crate) struct Extrusion {
     from: Option<f64>,
     to: f64,
     decimals: u8,
-    /// Reason why it cannot be divided between parts.
+    /// Reason why the extrusion cannot be divided between parts.
     pub(crate) unknown: Option<&'static str>,
 }
 

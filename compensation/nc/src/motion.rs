@@ -30,7 +30,7 @@ pub(crate) struct Arc {
     pub(crate) centre: [f64; 2],
     /// Angle, rad, positive counterclockwise.
     pub(crate) turns_by: f64,
-    /// It is written with a radius.
+    /// The arc is written with a radius.
     pub(crate) by_radius: bool,
 }
 
@@ -50,7 +50,7 @@ pub(crate) fn at_height(hole: &Axes, depth: usize, height: f64) -> Axes {
 pub(crate) struct Polar {
     /// Indices of the distance and angle words in the block.
     pub(crate) words: [Option<usize>; 2],
-    /// They are relative to the tool position.
+    /// The coordinates are relative to the tool position.
     pub(crate) from_here: bool,
 }
 
@@ -77,7 +77,7 @@ pub(crate) struct Move {
 }
 
 impl Move {
-    /// True if it cuts in the active work offset.
+    /// True if the motion cuts in the active work offset.
     pub(crate) fn cuts(&self) -> bool {
         !self.in_machine && matches!(self.path, Path::Line | Path::Arc(_) | Path::Hole { .. })
     }

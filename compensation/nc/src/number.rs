@@ -214,11 +214,11 @@ fn write_steps(to: &mut Vec<u8>, steps: i64, decimals: u8) {
 /// Number of decimals of coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Decimals {
-    /// For lengths in mm.
+    /// Decimals of lengths in mm.
     pub mm: u8,
-    /// For lengths in inches.
+    /// Decimals of lengths in inches.
     pub inch: u8,
-    /// For angles in deg.
+    /// Decimals of angles in deg.
     pub deg: u8,
 }
 
@@ -254,7 +254,7 @@ pub(crate) struct Number {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Form {
-    /// With a point only if there are decimals.
+    /// A decimal point is written only if there are decimals.
     Plain,
     /// Always with a point.
     Point,

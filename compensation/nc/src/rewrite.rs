@@ -40,7 +40,7 @@ pub(crate) const MAX_LINE_BYTES: usize = 254;
 pub struct Counts {
     /// Lines read.
     pub lines: u64,
-    /// Motions in them.
+    /// Number of motions in the programs.
     pub motions: u64,
     /// Lines changed.
     pub changed: u64,
@@ -185,16 +185,16 @@ const FINER: u8 = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Computed {
     Kept,
-    /// Those that depend on the return value of a subroutine, because its call is unrolled.
+    /// Values that depend on the return value of a subroutine, because its call is unrolled.
     ReturnedWritten,
-    /// All, because the lines that compute them are not executed in this order.
+    /// All values, because the lines that compute them are not executed in this order.
     OriginalWord,
 }
 
 /// Rounding of the numbers of the parts of a line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Strategy {
-    /// Each to the nearest.
+    /// Each number is rounded to the nearest.
     #[default]
     Plain,
     /// Jointly, to minimize the deviation from the line. A part may end slightly earlier or later along the line, since the next one

@@ -835,7 +835,7 @@ fn passes_brackets(scanner: &mut Scanner<'_>, opens: u8, closes: u8) -> bool {
 /// Meaning of a G code or a name.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Meaning {
-    /// As this RS-274 code.
+    /// The word means this RS-274 code.
     Code(f64),
     Command(Command),
     Nothing,

@@ -84,15 +84,15 @@ pub(crate) struct Leg<'a> {
 /// When the word of an axis is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum WriteRule {
-    /// Never: it is not a coordinate of the end, but the depth of a cycle.
+    /// Never: the word is not a coordinate of the end, but the depth of a cycle.
     Never,
-    /// If its number changes.
+    /// The word is written if its number changes.
     IfChanged,
-    /// If the axis moves: in an added line, which has no words yet.
+    /// The word is written if the axis moves: used for added lines, which have no words yet.
     IfMoves,
-    /// Always if the block has it: the motion is split.
+    /// The word is always written if the block has it: the motion is split.
     Anew,
-    /// Even if the block does not have it.
+    /// The word is written even if the block does not have it.
     Always,
 }
 
@@ -118,7 +118,7 @@ pub(crate) struct AxisWay {
 pub(crate) struct OriginalWord {
     /// Decimals of a plain number.
     pub(crate) decimals: u8,
-    /// It is written even if nothing changes, because the motion is split.
+    /// The word is written even if nothing changes, because the motion is split.
     pub(crate) anew: bool,
 }
 
@@ -652,8 +652,8 @@ impl Rewriter {
         numbers
     }
 
-    /// The same for the correction at a position, `rounded` or exact: `numbers` makes the words of a range of axes with their correction.
-    /// Returns the correction of the linear axes at the end.
+    /// Words that apply the correction at a position, `rounded` or exact: `numbers` makes the words of a range of axes with their
+    /// correction. Returns the correction of the linear axes at the end.
     #[inline]
     pub(crate) fn words_at(
         &mut self,

@@ -224,7 +224,7 @@ pub struct Curve {
     pub branches: Vec<Branch>,
     /// Minimum and maximum of the curve over the travels of all axes that it depends on.
     pub range: [f64; 2],
-    /// True if it depends on axes other than its own.
+    /// True if the error depends on axes other than its own.
     pub has_other_axes: bool,
 }
 
@@ -274,7 +274,7 @@ pub struct Band {
     pub low: Vec<f64>,
     /// Upper limit at each coordinate.
     pub high: Vec<f64>,
-    /// What was resampled to compute it.
+    /// What was resampled to compute the band.
     pub source: BandSource,
 }
 
@@ -341,11 +341,11 @@ pub struct FigureUncertainty {
 pub struct Square {
     /// The axis from which the angle is counted.
     pub first: String,
-    /// The axis to which it is counted.
+    /// The axis to which the angle is counted.
     pub second: String,
     /// The angle minus 90°, µrad.
     pub angle_urad: f64,
-    /// The location errors that contribute to it.
+    /// The location errors that contribute to the squareness.
     pub from: Vec<Tilt>,
     /// True if measured in this calibration; false if it comes from the machine file.
     pub measured: bool,
@@ -412,7 +412,7 @@ pub struct Diagonals {
 pub struct Diagonal {
     /// `PPP`, `NPP`, `PNP`, `PPN`.
     pub name: String,
-    /// Positions along it (mm) and deviations (µm).
+    /// Positions along the diagonal (mm) and deviations (µm).
     pub points: Vec<(f64, f64)>,
     /// Maximum minus minimum deviation, µm.
     pub range_um: f64,

@@ -496,7 +496,7 @@ mod tests {
         );
     }
 
-    /// With A held, Z takes its share of the correction.
+    /// With A held, Z takes over the share that A would correct.
     #[test]
     fn models_are_compared_by_the_written_axes() {
         let model = |urad: f64| {

@@ -1,4 +1,4 @@
-//! One controller path in a cycle. State: its last answer, and what is known of the applied correction.
+//! One controller path in a cycle. State: the last answer, and the known applied correction.
 
 use std::time::{Duration, Instant};
 
@@ -51,7 +51,7 @@ pub struct ControlPath {
     pub(crate) followers: Option<Correctors>,
     /// Maximum movement of the tip by half a step of a rotary axis that corrects.
     rotary_step: Mm,
-    /// Whether it carries the correction of thermal terms alone.
+    /// Whether the path carries the correction of thermal terms alone.
     pub(crate) only_thermal: bool,
     /// Machine axes at a configured position, mm and rad.
     pub(crate) fixed: PerAxis<Option<f64>>,
@@ -60,10 +60,10 @@ pub struct ControlPath {
     pub(crate) reading: Option<Snapshot>,
     /// When the flags of the last reading were valid.
     flags_taken: Duration,
-    /// When it was last read, and when it last answered.
+    /// When the controller was last read, and when it last answered.
     read_at: Option<Duration>,
     answered_at: Option<Duration>,
-    /// When something that may have arrived was last sent to it.
+    /// When something that may have arrived was last sent to the controller.
     sent: Option<Duration>,
 }
 
@@ -163,7 +163,7 @@ impl ControlPath {
         self.limits.count
     }
 
-    /// What is known of the applied correction.
+    /// The known state of the applied correction.
     pub(crate) fn read_back_status(&self) -> &ReadBackStatus {
         self.read_back.status()
     }
@@ -182,7 +182,7 @@ impl ControlPath {
         places
     }
 
-    /// Converts channel order to machine order; zero for axes that it does not write.
+    /// Converts channel order to machine order; zero for axes that the path does not write.
     pub(crate) fn in_machine(&self, values: &PerChannel<f64>) -> PerAxis<f64> {
         let mut machine = PerAxis::ZERO;
         for (axis, value) in self.written().zip(values) {
@@ -200,7 +200,7 @@ impl ControlPath {
         channel
     }
 
-    /// Whether it writes an axis that another path does not.
+    /// Whether this path writes an axis that the other path does not.
     pub(crate) fn leaves_axes_to(&self, other: &Self) -> bool {
         left_to(&self.description, &other.description).is_some()
     }
@@ -215,23 +215,23 @@ impl ControlPath {
         taken.is_some_and(|taken| now.saturating_sub(taken) <= self.limits.hold)
     }
 
-    /// Whether its positions were recent enough when it reported them.
+    /// Whether the positions of the controller were recent enough when it reported them.
     pub(crate) fn was_fresh(&self) -> bool {
         self.answered_at
             .is_some_and(|answered_at| self.is_young(self.reported.taken, answered_at))
     }
 
-    /// When something that may have arrived was last sent to it.
+    /// When something that may have arrived was last sent to the controller.
     pub(crate) fn last_sent(&self) -> Option<Duration> {
         self.sent
     }
 
-    /// When it was last read.
+    /// When the controller was last read.
     pub(crate) fn last_read(&self) -> Option<Duration> {
         self.read_at
     }
 
-    /// The interlock of the last reading, by the age of its flags at that time; `None`: it did not answer.
+    /// The interlock of the last reading, by the age of its flags at that time; `None`: the controller did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
         let (reading, answered_at) = (self.reading.as_ref()?, self.answered_at?);
         let age = answered_at.saturating_sub(self.flags_taken);
@@ -247,7 +247,7 @@ impl ControlPath {
         self.limits.period.mul_f64(0.6).max(hold / 3)
     }
 
-    /// Whether it answered the last reading within the allowed silence of a standby path.
+    /// Whether the controller answered the last reading within the allowed silence of a standby path.
     pub(crate) fn answers(&self, now: Duration) -> bool {
         let silent = STANDBY_INTERVAL * 3 + self.exchange_time_out();
         let read_at = self.read_at.filter(|_| self.reading.is_some());

@@ -48,7 +48,7 @@ pub struct PathPlan {
     pub notes: Reasons,
     /// The barrier of the control, if it has one.
     pub barrier: Option<BarrierSettings>,
-    /// Whether it carries the correction of thermal terms alone.
+    /// Whether the path carries the correction of thermal terms alone.
     pub only_thermal: bool,
     /// Whether the control has no read-back.
     pub no_read_back: bool,
@@ -63,16 +63,17 @@ pub struct PathPlan {
 pub struct UncorrectedAxis {
     /// The letter of the axis.
     pub axis: AxisName,
-    /// Why it does not correct.
+    /// Why the axis does not correct.
     pub why: UncorrectedReason,
 }
 
 /// Why a rotary axis that may correct does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum UncorrectedReason {
-    /// The correcting linear axes do not span all directions, so they cannot compensate its movement of the tip.
+    /// The correcting linear axes do not span all directions, so they cannot compensate the tip movement of the rotary
+    /// axis.
     Uncatchable,
-    /// Half a step of it moves the tip by this much somewhere in the work space, more than allowed.
+    /// Half a step of the axis moves the tip by this amount somewhere in the work space, more than allowed.
     Coarse(Mm),
 }
 

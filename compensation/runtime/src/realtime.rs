@@ -69,7 +69,7 @@ pub struct Handle {
     reports: triple_buffer::Output<Report>,
     shared: Arc<Shared>,
     pulse: Pulse,
-    /// `None`: it has ended, or a test runs the cycles itself.
+    /// `None`: the thread has ended, or a test runs the cycles.
     thread: Option<JoinHandle<()>>,
     is_manual: bool,
 }

@@ -20,7 +20,7 @@ pub trait Field {
         directions: &[Option<Direction>; GRID_AXES],
     ) -> [f64; OUTPUTS];
 
-    /// True if it depends on the directions.
+    /// True if the correction depends on the directions.
     fn is_bidirectional(&self) -> bool {
         false
     }

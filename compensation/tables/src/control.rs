@@ -154,7 +154,7 @@ pub enum Body {
     },
     /// The next words of the map.
     Words {
-        /// Index of the first of them.
+        /// Index of the first of the words.
         place: u16,
         /// The words; zeros beyond the end of the map.
         data: [u16; DATA_WORDS],

@@ -62,9 +62,9 @@ impl BridgeConfig {
 
 /// How corrections are sent.
 enum Transport {
-    /// As words of a frame for the barrier of the control.
+    /// Corrections are sent as words of a frame for the barrier of the control.
     Barrier(Barrier),
-    /// As plain values.
+    /// Corrections are sent as plain values.
     Plain(PlainCorrections),
     /// Not sent: positions are only read.
     ReadOnly,

@@ -11,7 +11,7 @@ pub struct Frame {
     pub id: u32,
     /// Whether the identifier has 29 bits.
     pub extended: bool,
-    /// Whether it is an FD frame.
+    /// True for an FD frame.
     pub fd: bool,
     length: u8,
     bytes: [u8; 64],

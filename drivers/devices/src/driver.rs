@@ -22,11 +22,11 @@ use crate::{
 pub struct Driver {
     /// Controllers in words, with the schemes of their URLs.
     pub name: &'static str,
-    /// The keys of `[[controller]]` that it uses in addition to the common ones, even if nothing is written.
+    /// The keys of `[[controller]]` that the driver uses in addition to the common ones, even if nothing is written.
     pub keys: &'static [&'static str],
-    /// Additional keys that it uses only if axes are written.
+    /// Additional keys that the driver uses only if axes are written.
     pub writer_keys: &'static [&'static str],
-    /// The tables of a map sender's file that it uses; empty: its controls accept no map.
+    /// The tables of a map sender's file that the driver uses; empty: its controls accept no map.
     pub map_tables: &'static [&'static str],
     /// Default port of a URL.
     pub port: u16,
@@ -35,9 +35,9 @@ pub struct Driver {
     pub devices: fn(&Address) -> BTreeSet<String>,
     /// Whether only one program can read from an address.
     pub is_exclusive: fn(&Address) -> bool,
-    /// Checks the keys of `[[controller]]` that are specific to it.
+    /// Checks the keys of `[[controller]]` that are specific to the driver.
     pub validate: fn(&ControllerConfig, &Rules<'_>, &mut Mistakes<'_>),
-    /// Completes the tables that are specific to it, and makes their paths relative to the folder of the file.
+    /// Completes the tables that are specific to the driver, and makes their paths relative to the folder of the file.
     pub complete: fn(&mut ControllerConfig, &Path),
     /// The controller of a `[[controller]]`, not opened.
     pub controller: fn(Address, &ControllerConfig) -> Configured,
@@ -231,11 +231,11 @@ pub struct PmcPlan {
 /// A block of a control's memory.
 #[derive(Clone, Debug)]
 pub struct Block {
-    /// The configuration key that places it.
+    /// The configuration key that sets the address of the block.
     pub key: &'static str,
     /// Purpose and location, in words.
     pub text: String,
-    /// Whether it is a single byte.
+    /// Whether the block is a single byte.
     pub is_byte: bool,
 }
 

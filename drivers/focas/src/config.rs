@@ -198,7 +198,7 @@ impl FocasConfig {
 #[derive(Clone, Copy)]
 struct MemoryUse {
     block: Block,
-    /// True if this driver writes it.
+    /// True if this driver writes the block.
     written: bool,
 }
 

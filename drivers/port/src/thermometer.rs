@@ -75,9 +75,9 @@ pub enum Quality {
 pub struct Temperature {
     /// Temperature, °C; `None` if bad.
     pub degc: Option<f64>,
-    /// How good it is.
+    /// Quality of the temperature.
     pub quality: Quality,
-    /// When it was measured; `None` before the first reading.
+    /// When the temperature was measured; `None` before the first reading.
     pub taken: Option<Instant>,
 }
 

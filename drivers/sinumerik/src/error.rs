@@ -108,7 +108,7 @@ pub enum SinumerikError {
     Node {
         /// The node id.
         node: String,
-        /// The server's status or value of it.
+        /// The server's status or value of the node.
         found: String,
     },
     /// The control ignores the correction of an axis.

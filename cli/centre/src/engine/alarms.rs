@@ -15,7 +15,7 @@ use crate::{
     versions::{load_active_version, overdue_days, way_back},
 };
 
-/// The text of an open alarm changes no more often than this, s: it may contain an age.
+/// Minimum interval between changes of the text of an open alarm, s: the text may contain an age.
 const CHANGE_INTERVAL_S: f64 = 60.0;
 
 /// Time an alarm for two simultaneous gateways stays open after the last detection, s.
@@ -277,7 +277,7 @@ struct MachineState<'a> {
 struct Suspect {
     rollout: u64,
     what: String,
-    /// True if it can still be resumed: its machines are in no other roll-out.
+    /// True if the roll-out can still be resumed: its machines are in no other roll-out.
     can_resume: bool,
     /// True if there is an earlier model to return to.
     has_way_back: bool,

@@ -59,7 +59,7 @@ struct Health {
 pub struct Receipt(Option<Receiver<bool>>);
 
 impl Receipt {
-    /// Whether it was written; `None` while the write is pending.
+    /// Whether the record was written; `None` while the write is pending.
     pub fn written(&self) -> Option<bool> {
         let Some(receiver) = &self.0 else {
             return Some(false);

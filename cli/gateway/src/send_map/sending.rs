@@ -68,7 +68,7 @@ struct OtherSender {
     since: Instant,
 }
 
-/// A replacement map whose record is being written. Nothing of it is sent before that.
+/// A replacement map whose audit record is being written. No part of the map is sent before the record is on disk.
 struct Recording {
     checked: Checked,
     receipt: Receipt,
@@ -334,7 +334,7 @@ impl Sending {
         other.sequence == sequence && now - other.since <= self.checked.patience()
     }
 
-    /// Logs a warning if it differs from the last one.
+    /// Logs a warning if its text differs from that of the last warning.
     fn warn_once(&mut self, what: String) {
         if self.last_warning != what {
             tracing::warn!("{}: {what}", self.checked.config.keys.url);

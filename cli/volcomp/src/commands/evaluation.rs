@@ -190,7 +190,7 @@ pub(crate) fn decision_text(judgement: &Judgement) -> String {
 pub(crate) struct Row {
     /// The file as named on the command line.
     pub(crate) file: String,
-    /// Its quantities, or why it was rejected.
+    /// Quantities of the file, or why it was rejected.
     pub(crate) found: Result<Judgement, String>,
 }
 

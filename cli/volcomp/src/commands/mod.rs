@@ -1,4 +1,4 @@
-//! One module per command: its arguments, and its result as a JSON document and as text.
+//! One module per command, with its arguments and its result as a JSON document and as text.
 
 pub(crate) mod age;
 pub(crate) mod axes;

@@ -40,7 +40,7 @@ pub struct BarrierLink {
     scans_fit: Option<bool>,
     /// The last sent correction.
     last_sent: Option<Counts>,
-    /// The correction at which the control stays although it accepted another one, and since when.
+    /// The correction at which the control has stopped although it accepted another one, and since when.
     stands: Option<(Counts, Duration)>,
     held_by_other: bool,
     can_send: bool,

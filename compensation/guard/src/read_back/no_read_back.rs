@@ -14,20 +14,20 @@ use crate::{Limits, Reasons};
 /// Behaviour of a control without read-back when writes stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControlTimeOut {
-    /// Time without a write after which it starts to go to zero.
+    /// Time without a write after which the control starts to ramp to zero.
     pub after: Duration,
     /// Time from its largest correction to zero.
     pub to_zero: Duration,
 }
 
 impl ControlTimeOut {
-    /// Time without a write after which it is at zero.
+    /// Time without a write after which the correction is at zero.
     fn all(&self) -> Duration {
         self.after.saturating_add(self.to_zero)
     }
 }
 
-/// A control without read-back, and what is known of it from the writes.
+/// A control without read-back; its correction is derived from the writes.
 ///
 /// Invariants:
 /// - `reports_now` implies `has_reported`.
@@ -39,7 +39,7 @@ pub(super) struct NoReadBack {
     control: Option<ControlTimeOut>,
     /// Times from which, without another write, the control may start its ramp, and is at zero.
     acts: Option<[Duration; 2]>,
-    /// When it was last read.
+    /// When the control was last read.
     last_received: Option<Duration>,
     /// Whether an unknown correction may remain.
     unknown: bool,

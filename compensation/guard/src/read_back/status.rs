@@ -11,14 +11,14 @@ use crate::{Limits, Reasons, step::is_same_step};
 pub struct Confirmed {
     /// The correction of each axis, mm or rad.
     pub values: PerChannel<f64>,
-    /// When it was last confirmed, on the clock of the cycle.
+    /// When the correction was last confirmed, on the clock of the cycle.
     pub at: Duration,
 }
 
 /// A control's report of its applied correction in one reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CorrectionReport<'a> {
-    /// It did not answer, or does not report corrections.
+    /// The control did not respond, or does not report corrections.
     Missing,
     /// Plain values of each axis, mm or rad.
     Values(PerChannel<f64>),
@@ -57,7 +57,7 @@ pub struct ReadBackStatus {
     /// Time since which a control with a barrier has not moved although it accepted another correction. It holds for a reason that no path
     /// reports. `None`: it moves, or is at its goal.
     pub stationary_since: Option<Duration>,
-    /// Maximum time until a movement of a control with a barrier is seen after it is released.
+    /// Maximum time from the release of a control with a barrier until its movement is reported.
     pub motion_delay: Duration,
     /// Timeout of a barrier after the last frame that it accepted: an older confirmation is no longer valid. `None`: no barrier reports it.
     pub barrier_time_out: Option<Duration>,

@@ -82,7 +82,7 @@ impl Lie {
     ];
 }
 
-/// A fault on request; it begins with the next call that it applies to.
+/// A fault on request. It begins with the next applicable call.
 #[expect(
     missing_docs,
     reason = "numbers of readings or calls, and places of axes"
@@ -109,7 +109,7 @@ pub enum Injection {
     /// Readings report a wrong position of an axis, as after a jump or in another unit.
     WrongPosition {
         axis: usize,
-        /// By how much the position is multiplied.
+        /// Factor of the position.
         factor: f64,
         /// Offset added after the multiplication, mm or rad.
         add: f64,

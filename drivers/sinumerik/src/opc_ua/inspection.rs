@@ -15,7 +15,7 @@ pub struct InspectedAxis {
     pub axis: AxisName,
     /// Number in the control.
     pub number: u16,
-    /// Its name in the control; `None` if the control does not report it or the name is not read.
+    /// Name of the axis in the control; `None` if the control does not report it or the name is not read.
     pub name: Option<String>,
     /// Maximum rate of a correction of the axis, MD32760 times MD32000, mm/min or rev/min; `None` if the control does not report it.
     pub fastest_per_min: Option<f64>,
@@ -26,7 +26,7 @@ pub struct InspectedAxis {
 pub struct Inspection {
     /// The axes in the order of the configuration: written axes first, then those that are only read.
     pub axes: Vec<InspectedAxis>,
-    /// Properties that it does not report, in words.
+    /// Properties that the control does not report, in words.
     pub notes: Vec<String>,
 }
 

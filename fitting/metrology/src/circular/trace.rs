@@ -47,9 +47,9 @@ impl CircularPlane {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Sense {
-    /// From the first axis to the second: the angle increases.
+    /// Motion from the first axis to the second: the angle increases.
     CounterClockwise,
-    /// From the second axis to the first: the angle decreases.
+    /// Motion from the second axis to the first: the angle decreases.
     Clockwise,
 }
 

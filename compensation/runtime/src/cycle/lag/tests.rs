@@ -8,7 +8,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::*;
 
-/// For any required correction within the distance.
+/// Holds for any required correction within the distance.
 #[test]
 fn a_reduced_correction_is_never_worse_than_none() {
     let of = |x: f64, y: f64| PerAxis::from_fn(|i| [x, y].get(i).copied().unwrap_or(0.0));
@@ -77,7 +77,7 @@ struct Looks {
     least: f64,
 }
 
-/// Looks ahead, or spares it, with the axes here at this time.
+/// Predicts, or skips the prediction, with the axes at this position and time.
 fn look(
     lag: &mut Lag,
     looks: &mut Looks,
@@ -145,7 +145,7 @@ const NO_LOOKS: Looks = Looks {
     least: 1.0,
 };
 
-/// On random machines, and paths with corners and speed ramps.
+/// Tested on random machines, and paths with corners and speed ramps.
 #[test]
 fn a_skipped_prediction_would_reduce_nothing() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
