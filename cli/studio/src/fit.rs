@@ -111,7 +111,7 @@ impl Folder {
         })
     }
 
-    /// The machine with the errors of its measurements, or as stated in its file.
+    /// The machine with the measured errors, or, without measurements, with those of its file.
     fn found(&self) -> Result<MachineWithReport, StudioError> {
         let stated = |machine: &Machine| Stated {
             machine: (!machine.name.is_empty()).then(|| machine.name.clone()),

@@ -1,4 +1,4 @@
-//! Tensor grids over the linear axes, with a few additions and one store per node.
+//! Evaluation on tensor grids over the linear axes. Each node costs a few additions and one store.
 
 use std::vec::Vec;
 

@@ -32,7 +32,8 @@ const ALIVE_FOR: Duration = Duration::from_secs(10);
 pub enum AxisProof {
     /// The reported position followed the shift both ways: it contains the correction.
     Contained,
-    /// The reported position stayed both times, and is alive: the machine moved the axis recently.
+    /// The reported position did not follow either shift. It is not frozen, because the machine moved the axis
+    /// recently.
     NotContained,
     /// Unknown: the axis was not shifted, its position may be frozen, or it moved otherwise.
     #[default]
@@ -354,8 +355,8 @@ impl Proof {
         }
     }
 
-    /// The correction of a leg: shifts the axes within their limits, in both directions from their start, the first one towards zero; near the
-    /// limit inwards and back. The linear axes follow the rotary ones; if their limits leave no room for that, nothing is shifted.
+    /// The correction of a leg. Each axis is shifted from its start in both directions, first towards zero; near its limit it is shifted
+    /// inwards and back only. The linear axes follow the rotary axes; if their limits do not permit this, nothing is shifted.
     fn at(&self, leg: Leg, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
         let begin = self.begin(from, limits);
         let kind = self.kind(limits);

@@ -209,7 +209,8 @@ impl ThermalState {
         }
     }
 
-    /// True if temperatures or their rates are beyond the tested range of an error's terms, or its terms are still returning after that.
+    /// True if temperatures or their rates are beyond the tested range of an error's terms, or the terms of the error have not fully
+    /// returned since.
     pub fn is_beyond_seen(&self) -> bool {
         self.watches.iter().any(Watch::is_beyond)
     }

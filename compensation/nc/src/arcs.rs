@@ -141,7 +141,7 @@ impl CircleWords {
 pub(crate) struct Bow {
     pub(crate) start: [f64; 2],
     pub(crate) end: [f64; 2],
-    /// Distance between the middle of the arc and that of its chord, mm.
+    /// Distance between the middle of the arc and the middle of its chord, mm.
     sag: f64,
     pub(crate) clockwise: bool,
 }

@@ -47,10 +47,12 @@ pub struct PartFeature {
 /// Coordinate system of the inspection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Alignment {
-    /// That of the program: misplacement of the part on the machine contributes to the location and orientation error.
+    /// Coordinate system of the program: misplacement of the part on the machine contributes to its location and
+    /// orientation errors.
     #[default]
     Program,
-    /// That of the part: after best-fit rigid-body alignment of all points (least squares), as on a measuring machine.
+    /// Coordinate system of the part: after best-fit rigid-body alignment of all points (least squares), as on a
+    /// measuring machine.
     BestFit,
 }
 

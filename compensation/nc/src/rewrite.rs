@@ -79,7 +79,7 @@ pub(crate) struct Rewriter {
     pub(crate) contour: Contour,
     /// Cutter radius compensation was switched, and no motion in the plane has started or ended it yet.
     pub(crate) switches_radius: bool,
-    /// Modal meaning of words before a block that may be an arc.
+    /// Modal meaning that words had before the present block, if the block may be an arc.
     pub(crate) before: Option<Meaning>,
     /// Pole active in the control, in program coordinates, mm.
     pub(crate) pole: Option<[f64; 2]>,

@@ -909,7 +909,7 @@ fn g_code(code: u32) -> (u8, Meaning) {
     }
 }
 
-/// Names that move no axis, alone, with a value, or with arguments.
+/// Names that never move an axis: alone, with a value, or with arguments.
 const HARMLESS: &str = "ACC ADIS ADISPOS ATOL BRISK BRISKA CDOF CDOF2 CDON CFC CFIN CFTCP CLEARM COMPCAD COMPCURV COMPOF COMPON \
     COMPSURF CP CTOL CUT2D CUT2DD CUT2DF CUT2DFD CUT3DC CUT3DCC CUT3DF CUT3DFF CUT3DFS CUTCONOF CYCLE832 \
     DIAMOF DISC DISPLOF DISPLON DRIVE DRIVEA DYNFINISH DYNNORM DYNPOS DYNROUGH DYNSEMIFIN FA FCUB \

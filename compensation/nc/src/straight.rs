@@ -485,7 +485,8 @@ impl Rewriter {
         !moves(0..3) && moves(3..9) && !takes_together
     }
 
-    /// Splits a motion of rotary axes alone where X, Y and Z lag by the tolerance, and lets them follow there in a block of their own.
+    /// Splits a motion of rotary axes alone where X, Y and Z lag by the tolerance, and adds a separate block there in which they
+    /// follow.
     fn follow_turn(&mut self, [from, to]: &[Axes; 2], parts: &mut Vec<f64>) {
         let tolerance = self.corrector.split_beyond_mm;
         let mut shares = Vec::new();

@@ -109,7 +109,7 @@ pub struct Cycle {
     checks: PerAxis<PositionCheck>,
     sensors: Sensors,
     degraded: bool,
-    /// True if, by the stored state or the operator, no path had a correction left before the start.
+    /// True if the stored state shows, or the operator confirmed, that no path had a remaining correction at the start.
     left_nothing: bool,
     /// Time of the last interlock since the start.
     stopped: Duration,
@@ -291,7 +291,7 @@ impl Cycle {
     /// Replaces the model from the next cycle on; `replacement` receives the old one, to be freed on another thread.
     ///
     /// # Errors
-    /// A model with other axes, or the same in another order: the old one stays.
+    /// A model with other axes, or with the same axes in another order. The old model then stays active.
     pub fn swap_model(&mut self, replacement: &mut Replacement) -> Result<(), OrderRefusal> {
         if replacement.axes != self.model.axes {
             return Err(OrderRefusal::OtherAxes);

@@ -301,7 +301,7 @@ pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String
     Ok((handle, lacking))
 }
 
-/// Access to a control thread without a thread: for tests, which set its time ([`Cycle::with_clock`]) and run its cycles.
+/// Access to a control loop without a thread: for tests, which set its time ([`Cycle::with_clock`]) and run its cycles.
 pub fn start_manual(cycle: Cycle) -> (Handle, ManualCycles) {
     let (mut handle, control) = control(cycle, false);
     handle.is_manual = true;

@@ -151,7 +151,7 @@ pub struct Settings {
     pub shown_within: Option<Duration>,
     /// Smallest steps of quantised positions.
     pub position_steps: BTreeMap<AxisName, Displacement>,
-    /// Whether its positions are too coarse for the test shift at arming.
+    /// Whether positions are too coarse for the test shift at arming.
     pub is_coarse: bool,
     /// Time without a latch edge after which the control ramps the correction to zero.
     pub time_out: Option<Duration>,

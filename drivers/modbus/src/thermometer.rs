@@ -153,7 +153,7 @@ impl Thermometer for ModbusThermometer {
     }
 }
 
-/// For how many rounds a module has not answered, and for how many more it is skipped.
+/// Number of rounds in which a module has not answered, and number of further rounds in which it is skipped.
 #[derive(Clone, Copy, Default)]
 struct Outage {
     rounds: u32,

@@ -12,9 +12,9 @@ const MAX_SEGMENTS: usize = 400;
 /// penalty on a slow wave falls with the fourth power of their number.
 const LOG_LAMBDA: [i32; 2] = [-9, 9];
 const SEGMENTS_OF_RANGE: f64 = 40.0;
-/// Gaps wider than this multiple of the mean gap need the constraint on the band of the readings, because the neighbouring readings do not hold the
-/// spline there. Of 500 random sets of targets (`examples/gaps.rs`) a limit of four leaves errors five times as large as the best; limits of one and
-/// two leave none.
+/// In gaps wider than this multiple of the mean gap, the spline is constrained to the range of the readings, because the neighbouring readings do
+/// not determine it there. For 500 random sets of targets (`examples/gaps.rs`), a limit of four causes errors up to five times the best; limits of
+/// one and two cause none.
 const WIDE_GAP: f64 = 2.0;
 /// Final step of the refinement, in decades.
 const LOG_RESOLUTION: f64 = 0.01;

@@ -16,7 +16,7 @@ use crate::{Limits, Reasons};
 pub struct ControlTimeOut {
     /// Time without a write after which the control starts to ramp to zero.
     pub after: Duration,
-    /// Time from its largest correction to zero.
+    /// Time of the control's ramp from its largest correction to zero.
     pub to_zero: Duration,
 }
 

@@ -94,7 +94,8 @@ impl Cycle<'_> {
         }
     }
 
-    /// Rotary axes that may cover a fraction of their distances, and a fraction of the ramp that may pass.
+    /// The permitted advance in this cycle: rotary axes cover up to `part` of their distances, and the ramp advances by
+    /// up to `ramp`.
     pub(super) fn advance(&self, ways: &PerChannel<f64>, part: f64, ramp: f64) -> Advance {
         let (mut least, mut most) = (PerChannel::ZERO, PerChannel::ZERO);
         for i in self.of_kind(AxisKind::Rotary) {

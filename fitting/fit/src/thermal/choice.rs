@@ -98,7 +98,7 @@ fn every_choice(
 }
 
 impl ThermalChoice {
-    /// Indices of its columns in the moments.
+    /// Indices of the columns of this choice in the moments.
     pub(super) fn columns(&self, features: &Features) -> Vec<usize> {
         let column = |lag: &usize, sensor: &usize| BEFORE + lag * features.sensors + sensor;
         let of_lag = |lag| self.sensors.iter().map(move |sensor| column(lag, sensor));
