@@ -154,8 +154,8 @@ impl Instances {
         };
         if let Some(sequence) = message.passing {
             let from = *one.passing_from.get_or_insert(sequence);
-            // A gateway sends all messages created before a restart ahead of those created after it. A message of an earlier instance that follows
-            // one of a later instance therefore comes from a second gateway.
+            // A gateway sends all messages created before a restart before the messages created after it. A message of an earlier instance that
+            // follows one of a later instance therefore comes from a second gateway.
             let behind = self.each.iter().any(|other| {
                 other
                     .passing_from
@@ -368,7 +368,8 @@ mod tests {
         for second in 0..1000 {
             assert_eq!(late(second.into(), 5000.0 + f64::from(second)), Some(0.0));
         }
-        // A thousand in each second of what waited for an hour: the first is late by an hour, the last by nothing.
+        // A queue of one hour is sent at a thousand messages per second: the first is late by an hour, the last is not
+        // late.
         for second in 1000..4600_u32 {
             let stored_s = 9600.0 + f64::from((second - 1000) / 1000);
             let reported = late(second.into(), stored_s);

@@ -300,7 +300,7 @@ impl AlarmKind {
     }
 }
 
-/// A problem for the user: open until its cause is gone.
+/// A problem for the user: open until its cause has ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Alarm {
     pub id: u64,

@@ -10,7 +10,7 @@ use std::{collections::BTreeMap, fmt::Display, ops::RangeInclusive};
 use serde::{Deserialize, Serialize};
 use volcomp_fleet::{MachineId, Outcome};
 
-/// Maximum time credited per poll, s: after a gap nothing is known of the time between.
+/// Maximum time credited per poll, s: the state during a longer gap is unknown.
 const MAX_ELAPSED_S: f64 = 10.0;
 /// Time for which a residual must have been observed before it is judged, s.
 const RESIDUAL_AFTER_S: f64 = 10.0;

@@ -173,7 +173,8 @@ impl Folder {
     }
 }
 
-/// Errors that were not measured because their file was not used. In the list of warnings the two messages would be far apart.
+/// Errors that were not measured because their file was not used. Otherwise the two messages would be far apart in the list of
+/// warnings.
 fn missed<'a>(
     left_over: &'a [LeftOver],
     calibration: &'a Calibration,

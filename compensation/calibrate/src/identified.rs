@@ -129,7 +129,8 @@ pub(crate) fn settled(
             observations,
             known: &known,
             response: &response,
-            // Nothing is carried over if the lines follow the unknowns in the equations themselves, or do not depend on them.
+            // There is no feedback between rounds if the equations include the response of the lines, or if the lines do not
+            // depend on the unknowns.
             carries: followers.is_empty() && rounds > 1,
         };
         // First, because a wrong value makes correct rows look wrong.

@@ -115,7 +115,7 @@ impl DirectionMemory {
         };
         let turned = self.beyond.into_iter().zip(Direction::BOTH).find(agree);
         if let Some((seen, direction)) = turned {
-            // The new extreme is the reading nearest to the old one: the axis has come at least that far.
+            // The new extreme is the reading nearest to the old extreme: the axis has reached at least this position.
             let away = |k: &usize| (self.positions[*k] - extreme).abs();
             let beyond = (0..READINGS).filter(|k| seen >> k & 1 == 1);
             let nearest = beyond.min_by(|a, b| away(a).total_cmp(&away(b)));

@@ -523,7 +523,7 @@ impl Guard {
         }
     }
 
-    /// The control accepts words but stays elsewhere for longer than `hold`.
+    /// True if the control accepts words but has stopped at another correction for longer than `hold`.
     fn is_stationary_elsewhere(&self, inputs: &Inputs) -> bool {
         let since = inputs.read_back.stationary_since;
         let hold = self.hold_unconfirmed(&inputs.read_back);
@@ -609,7 +609,7 @@ impl Guard {
                     && self.corridor.contains(i, output[i], &self.limits)
             };
             if self.all(is_near) {
-                // A lack of confirmation limits the output like its own slew.
+                // A missing confirmation limits the output in the same way as the slew limit.
                 let moved = moved | Reasons::SLEWING.when(share < 1.0);
                 self.held_back += u64::from(moved.contains(Reasons::SLEWING));
                 *reasons |= moved;

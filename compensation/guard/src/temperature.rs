@@ -279,7 +279,7 @@ impl SensorCheck {
             taken: before.taken,
             neighbours: before.neighbours.unwrap_or([f64::NAN; MAX_SENSORS]),
         };
-        // A temperature from before a long fault is unreliable: the neighbours show what has happened since.
+        // A temperature from before a long fault is unreliable: the neighbouring sensors show the change since.
         let contradicted = self.was_faulty
             && since > limits.stale
             && (at_jump.change(others))

@@ -467,7 +467,7 @@ target = \"unknown\"
             let grid = products
                 .grid(own, curve.axis, [&c, &d], go_round)
                 .expect("a grid");
-            // The machine takes it: along an axis with a modulo it closes.
+            // The machine accepts the curve: along an axis with a modulo its ends must agree.
             let mut taking = machine.clone();
             taking
                 .set_error(unknown.error, ErrorCurve::Single(Field::Grid(grid.clone())))

@@ -229,9 +229,9 @@ pub struct Row {
     pub pose: MachinePose,
     /// The reading.
     pub reading: RowReading,
-    /// Run that the row belongs to. Within a run every axis comes from its place in the row before, and to the first
-    /// rows from an unknown side. `None`: an axis without a direction has the mean of both, as in means of
-    /// bidirectional readings.
+    /// Run that the row belongs to. Within a run every axis approaches from its position in the previous row; the
+    /// direction of approach to the first rows is unknown. `None`: an axis without a direction is evaluated with the
+    /// mean of both directions, as in means of bidirectional readings.
     pub run: Option<usize>,
     /// Time between −1 (first row) and 1 (last row), for the drift.
     pub time: f64,

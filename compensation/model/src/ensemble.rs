@@ -62,9 +62,9 @@ impl Ensemble {
     /// Standard uncertainty (k = 1) of quantities computed from a machine: their standard deviation over the samples, summed in sample
     /// order so that the result does not depend on the number of cores.
     ///
-    /// It is widened by t(ν)/1.96, so that ±1.96 times it is the 95 % confidence band, for the number of samples and for contributions
-    /// estimated from a few readings. t is Student's factor for the effective degrees of freedom of Welch and Satterthwaite (JCGM 100,
-    /// G.4).
+    /// The result is widened by t(ν)/1.96, so that ±1.96 times the result is the 95 % confidence band, for the number of samples and
+    /// for contributions estimated from a few readings. t is Student's factor for the effective degrees of freedom of Welch and
+    /// Satterthwaite (JCGM 100, G.4).
     pub fn uncertainty_of<const N: usize>(
         &self,
         number: impl Fn(&CompiledMachine) -> [f64; N],

@@ -220,7 +220,8 @@ impl Rewriter {
             self.check_shares(line)?;
         }
         let mut next = 0;
-        // Reversals within a contour get no separate block: what they need is spread over the motion.
+        // Reversals within a contour get no separate block: the change of correction that they require is spread over
+        // the motion.
         let cut = if self.contour == Contour::None {
             0.0
         } else {

@@ -501,7 +501,7 @@ impl Rewriter {
                 shares.extend([begins + (ends - begins) * step / steps; 2]);
                 step += 1.0;
             }
-            // At the end of the motion the next one takes the correction up.
+            // At the end of the motion the next motion applies the correction.
             let is_inside = ends > 0.0 && ends < 1.0;
             shares.extend(std::iter::repeat_n(ends, if is_inside { 2 } else { 1 }));
             (begins, before) = (ends, after);

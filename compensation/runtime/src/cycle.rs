@@ -470,7 +470,7 @@ impl Cycle {
         if sent {
             self.report.sent = Some(path.in_machine(&output.correction));
         }
-        // One barrier may report it to all paths that lead to it.
+        // A barrier may report this frame to all paths that lead to it.
         if let Some(frame) = path.read_back.last_frame() {
             for path in &mut self.paths {
                 path.read_back.also_sent(frame);
@@ -547,7 +547,7 @@ impl Cycle {
             }
         }
         let Some(sent) = before.last_sent() else {
-            // Nothing was sent since the start: only the reported or the stored correction counts.
+            // Nothing was sent since the start: only the reported or the stored correction may be applied.
             return match before.read_back_status().confirmed {
                 Some(_) => !before.report(now).holds,
                 None => self.left_nothing,
@@ -565,7 +565,8 @@ impl Cycle {
         if !self.interlocks.reasons().is_empty() {
             self.stopped = now;
         }
-        // The operator must check a fault; an interlock holds the correction on its path; disarming needs no positions.
+        // The active path is kept in these states: the operator must check a fault; an interlock holds the correction
+        // on its path; disarming needs no positions.
         let disarms = matches!(state, GuardState::RampingOut(End::Disarmed));
         let stays = matches!(state, GuardState::Faulted(_))
             || !self.interlocks.reasons().is_empty()

@@ -361,7 +361,7 @@ impl ControlPath {
             }
             Some(controller) => controller.apply(correction, deadline),
         };
-        // A slow control has it only once it has answered.
+        // A slow control has received the correction only once it has answered.
         let now = now + begun.elapsed();
         // On lines a failed write has no effect.
         if sent.is_ok() || self.read_back_status().scheme != volcomp_guard::Scheme::NoReadBack {

@@ -79,7 +79,7 @@ pub trait CanPort: Send {
     /// Receives the next frame; `None` if none arrived before the deadline. After the deadline it still returns a frame that is waiting.
     ///
     /// # Errors
-    /// [`Fault::Disconnected`] if the interface is down or gone.
+    /// [`Fault::Disconnected`] if the interface is down or was removed.
     fn receive(&mut self, deadline: Instant) -> Result<Option<Received>, Fault>;
 
     /// Sends a frame.

@@ -16,8 +16,8 @@ use crate::{
 pub struct Health {
     /// Frames with a wrong length or checksum.
     pub broken: u64,
-    /// Frames with the counter of the previous frame, or an earlier one: the sender has stopped, something repeats its frame, or it arrived out of
-    /// order.
+    /// Number of frames with the counter of the previous frame or an earlier one: the sender has stopped and its frame is repeated, or the frame
+    /// arrived out of order.
     pub repeated: u64,
     /// Frames lost, by gaps of the counter.
     pub lost: u64,

@@ -148,7 +148,7 @@ pub(crate) fn thread_error(device: &str, error: io::Error) -> DeviceError {
 /// Why a request did not return data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RequestError {
-    /// Timeout. The line was drained, so a late answer is gone.
+    /// Timeout. The line was drained, so a late answer has been discarded.
     NoAnswer,
     /// The request came back, but no answer in time: an adapter with local echo, and a silent module.
     EchoOnly,

@@ -22,7 +22,8 @@ const MORE_THAN_REPEATS: f64 = 7.0;
 /// estimate the scatter, and more where the error bends between targets. Pure scatter exceeds the limit once in a thousand; a wave shorter than seven
 /// gaps cannot be distinguished from scatter.
 const MORE_THAN_UNEVEN: f64 = 3.0;
-/// The same limit for four, five and six targets: a straight line through an arch leaves at most 1.2, 2.0 and 3.1 times its unevenness.
+/// Limit of this ratio for four, five and six targets. The residuals of a straight line through an arch are at most 1.2, 2.0 and 3.1
+/// times the unevenness of the arch.
 const OF_FEW_TARGETS: [f64; 3] = [1.1, 1.8, 2.8];
 /// Share of the height of the readings that replaces an unknown repeatability.
 const OF_HEIGHT: f64 = 0.1;

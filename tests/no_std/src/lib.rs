@@ -1,6 +1,6 @@
 //! The error curves and the kinematics behind a C interface, without the standard library.
 //!
-//! Memory comes from a fixed arena and is never given back: curves are built once, at start.
+//! Memory comes from a fixed arena and is never freed: curves are built once, at start.
 #![no_std]
 extern crate alloc;
 

@@ -71,7 +71,7 @@ pub(super) async fn probe(at: SocketAddr, mut stream: TcpStream) -> Device {
             Err(error) if device.note.is_empty() => {
                 return Device::other(at, Kind::Modbus, error.to_string());
             }
-            // It has already answered once.
+            // The device has already answered once.
             Err(_) => return device,
         }
     }

@@ -166,7 +166,7 @@ pub fn hash(password: &Password) -> Result<String, Error> {
         .map_err(|_| Error::Wrong("the password could not be hashed".to_owned()))
 }
 
-/// Verifies a password. Without a stored hash (unknown user) it takes the same time and returns `false`.
+/// Verifies a password. Without a stored hash (unknown user), the function takes the same time and returns `false`.
 pub fn is_right(password: &Password, stored: Option<&str>) -> bool {
     static DUMMY_HASH: LazyLock<Option<String>> =
         LazyLock::new(|| hash(&Password("of no user".to_owned())).ok());

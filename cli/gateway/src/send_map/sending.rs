@@ -576,8 +576,8 @@ fn watch(running: &Checked) -> std::io::Result<Receiver<NewMap>> {
     Ok(receiver)
 }
 
-/// Takes the pending confirmation. It is renamed before it is read, so that a confirmation written meanwhile is kept
-/// for the next poll.
+/// Takes the pending confirmation. The file is renamed before it is read, so that a confirmation written meanwhile is
+/// kept for the next poll.
 fn take_confirmation(file: &Path) -> io::Result<Option<String>> {
     let mine = file.with_extension("taken");
     match fs::rename(file, &mine) {
@@ -630,7 +630,7 @@ mod tests {
 
     #[test]
     fn a_lost_map_is_detected_during_a_replacement() {
-        // Map 7 is kept; then map 8 is brought, and takes its place.
+        // Map 7 is kept valid; then map 8 is transferred and replaces it.
         assert!(!is_lost(None, 7, None));
         assert!(!is_lost(Some(7), 7, Some(7)));
         assert!(!is_lost(Some(7), 8, Some(7)));

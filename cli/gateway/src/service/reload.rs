@@ -440,7 +440,7 @@ fn plan_again(
     if config.guard.is_some() {
         can_change(old, &config)?;
     }
-    // A model activated by the centre or an operator stays active: only they can change it.
+    // A model activated by the centre or an operator stays active; only the centre or an operator can change it.
     let holds = old.machine_from() != ModelSource::File;
     let machine = if holds {
         &old.machine

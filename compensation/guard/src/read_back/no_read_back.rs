@@ -120,7 +120,7 @@ impl NoReadBack {
         let landed = report.map_or(Arrival::Unknown, |values| {
             let landed = self.echo.receive(now, taken, values, limits, status);
             self.echo.judge(now, limits, status);
-            // A reading that confirms a value also shows what has arrived.
+            // A reading that confirms a value also shows which writes have arrived.
             self.unknown &= landed == Arrival::Unknown;
             landed
         });

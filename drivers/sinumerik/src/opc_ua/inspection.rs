@@ -44,7 +44,7 @@ pub fn inspect(config: &SinumerikConfig) -> Result<Inspection, SinumerikError> {
     })
 }
 
-/// Lists the axes of an unknown control: names and positions, mm and deg. Axis numbers are read from 1 up until one is missing; an axis without a
+/// Lists the axes of an unknown control: names and positions, mm and deg. Axis numbers are read from 1 until one is missing; an axis without a
 /// name is listed by its number. Nothing is written.
 ///
 /// # Errors
