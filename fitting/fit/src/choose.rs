@@ -33,14 +33,14 @@ pub fn fit_auto(x: &[f64], u: &[f64], options: &FitOptions) -> Result<AutoFit, F
 /// meet the required residual, if any do:
 ///
 /// 1. Candidates whose leave-one-out RMS is more than twice the smallest are rejected. Then candidates whose residuals exceed the scatter are
-///   rejected, unless none would remain (a statistical test that one in a hundred true curves fails). The scatter comes from repeated readings of
-///   the same target or from the options; if it is unknown, all remain. Leave-one-out errors cannot separate scatter from a real error at a single
-///   target; several runs can.
+///    rejected, unless none would remain (a statistical test that one in a hundred true curves fails). The scatter comes from repeated readings of
+///    the same target or from the options; if it is unknown, all remain. Leave-one-out errors cannot separate scatter from a real error at a single
+///    target; several runs can.
 /// 2. The best is the one with the smallest leave-one-out RMS over the inner targets. The first and the last target of a set are not left out: the
 ///    curve is never evaluated beyond them, and not every kind can predict them.
 /// 3. Two conditions select candidates that are as good as the best: compared target by target, their squared leave-one-out errors exceed those of
-///   the best by at most one standard error on average; and their leave-one-out RMS is at most 1.1 times that of the best. The simplest of these is
-///   chosen: the one with the fewest coefficients (trace of the hat matrix).
+///    the best by at most one standard error on average; and their leave-one-out RMS is at most 1.1 times that of the best. The simplest of these is
+///    chosen: the one with the fewest coefficients (trace of the hat matrix).
 /// 4. A candidate whose curve leaves the band of the mean readings between targets by more than a quarter of its height is rejected, and the rule is
 ///    repeated with the others.
 ///
