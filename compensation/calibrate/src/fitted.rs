@@ -112,9 +112,9 @@ pub struct FittedLine {
     pub line: Option<usize>,
     /// Files of its readings.
     pub sources: Vec<Source>,
-    /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward: without the contributions
-    /// of tilts and other axes, a straightness without its line, aligned with the first line of its error, with the
-    /// zero of the curve. Empty for a direction that was not run.
+    /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward. The contributions of tilts
+    /// and other axes are removed, and for a straightness its line. The readings are aligned with the first line of the
+    /// error and have the zero of the curve. Empty for a direction that was not run.
     pub points: [Vec<(f64, f64)>; 2],
     /// Factor from a difference of readings to one of the error: 1, or along an oblique axis the share of a component.
     pub factor: f64,

@@ -154,7 +154,7 @@ impl<'a> Profile<'a> {
             .map_err(|source| wrong(self.line, source))
     }
 
-    /// Least-squares line through points of this profile; points at the same target are averaged and count once.
+    /// Least-squares line through points of this profile; points at the same target are averaged to one point.
     pub(crate) fn line_through(&self, points: Points) -> Result<ReferenceLine, CalibrateError> {
         ReferenceLine::least_squares(&means(points)).map_err(|source| wrong(self.line, source))
     }

@@ -157,7 +157,7 @@ impl Proposed {
         self.error.is_none() || self.facts.asks_unit || self.facts.is_log
     }
 
-    /// Whether this key belongs to other errors or units and does not exist for this measurement.
+    /// True for a key that applies only to other errors or units, so that it is not valid for this measurement.
     pub(crate) fn has_lost(&self, key: &str) -> bool {
         if let Some(letter) = key.strip_prefix("at.") {
             let is_it = |(axis, _): &(AxisName, Option<f64>)| axis.to_string() == letter;

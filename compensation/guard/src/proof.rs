@@ -188,7 +188,7 @@ struct Findings {
 pub struct Proof {
     /// When the last reading was valid.
     taken: Option<Duration>,
-    /// Positions at the begin of the standstill, and its duration.
+    /// Positions at the start of the standstill, and its duration.
     positions: PerChannel<f64>,
     still: Span,
     /// How long the correction has been at the goal of the leg, and when it was found there.

@@ -877,8 +877,8 @@ impl Cycle {
     }
 }
 
-/// The correction by the model in the axis order of a path; zero for axes that do not correct. A rotary axis that does not correct but still has a
-/// correction goes to zero, and the linear axes follow it, whether they correct or not.
+/// The correction by the model in the axis order of a path; zero for axes that do not correct. If a rotary axis that does not correct has a
+/// remaining correction, it ramps to zero, and all linear axes follow it, including non-correcting ones.
 fn in_channel(path: &ControlPath, wanted: &CoupledCorrection) -> RequestedCorrection {
     let of = |values: &PerAxis<f64>, i: usize| {
         if path.corrects(i) {

@@ -51,7 +51,7 @@ pub struct PathReport {
 pub struct Report {
     /// Number of the cycle, from 1.
     pub cycle: u64,
-    /// Begin of the cycle, since the start of its clock.
+    /// Start of the cycle, on the clock of the cycle.
     pub now: Duration,
     /// The state of the guard.
     pub state: State,

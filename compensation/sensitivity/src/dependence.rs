@@ -66,7 +66,8 @@ impl Dependence {
     }
 }
 
-/// The weights of the columns of a basis in a vector with these shares along its orthogonal directions.
+/// Weights of the basis columns in a vector that is given by its shares along the orthogonalised directions of the
+/// basis.
 fn weights(triangle: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
     let mut left = shares.to_vec();
     let mut weights = vec![0.0; shares.len()];

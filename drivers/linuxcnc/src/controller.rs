@@ -235,8 +235,8 @@ impl LinuxCncController {
         Err(Fault::Disconnected)
     }
 
-    /// Whether a listen command is due: nothing was sent for some time, or nothing that answers the run of the last state, without which the bridge
-    /// stops sending states.
+    /// Whether a listen command is due: nothing was sent for some time, or no command refers to the run of the last state. Without such commands
+    /// the bridge stops sending states.
     fn listen_is_due(&self) -> bool {
         let run = self.state().map_or(0, |state| state.run);
         self.last_sent

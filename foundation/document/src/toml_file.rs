@@ -140,7 +140,7 @@ impl Document {
 /// Maximum number of suggestions for a misspelled word.
 const MEANT: usize = 4;
 
-/// Suggestions for an unknown word; if none is close, all expected ones.
+/// Suggestions for an unknown word: similar expected words, or all expected words if none is similar.
 pub(crate) fn meant(found: &str, expected: &[&str]) -> String {
     let near = near(found, expected);
     let near: Vec<String> = (near.iter().take(MEANT))

@@ -45,8 +45,8 @@ pub struct ReadBackStatus {
     pub scheme: Scheme,
     /// The last confirmed correction; `None`: none yet.
     pub confirmed: Option<Confirmed>,
-    /// Lowest and highest correction of each axis that may be applied: the confirmed one, and without a barrier also those sent since that may have
-    /// arrived.
+    /// Lowest and highest correction of each axis that may be applied: the confirmed correction and, without a barrier, the corrections sent since
+    /// that may have arrived.
     pub between: [PerChannel<f64>; 2],
     /// Whether the next correction may be written: nothing contradicts the confirmed one.
     pub writable: bool,
