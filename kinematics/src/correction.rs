@@ -94,8 +94,8 @@ pub struct Correction {
     /// A direction of the tool axis is corrected only in part or not at all: the pose is within about 1° of a singular one, or fewer than
     /// two rotary axes may move.
     pub tool_axis_partial: bool,
-    /// At least two rotary axes may move, and the pose is singular or close to it (about 6°): they move more than 10 times the tool-axis
-    /// error, or leave out a direction. See [`NEAR_SINGULAR_BELOW`](crate::NEAR_SINGULAR_BELOW).
+    /// At least two rotary axes may move, and the pose is singular or close to it (about 6°): they move by more than 10 times the
+    /// tool-axis error, or cannot correct one direction. See [`NEAR_SINGULAR_BELOW`](crate::NEAR_SINGULAR_BELOW).
     pub near_singular: bool,
 }
 

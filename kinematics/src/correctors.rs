@@ -6,15 +6,15 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use crate::{chain::Chain, error::ChainError};
 
-/// A linear axis counts as a new direction if more than this part of its unit direction is normal to the linear axes chosen before it (0.02
-/// is 1.15°).
+/// A linear axis is treated as a new direction if more than this part of its unit direction is normal to the linear axes chosen before it
+/// (0.02 is 1.15°).
 pub const INDEPENDENT_ABOVE: f64 = 0.02;
 
 /// The axes that a correction moves; the others are held.
 ///
-/// Of the linear axes that may move, the first in each direction corrects, at most three: a second axis along the same direction (U
-/// parallel to X, or a degree off) would take large shares against the first. All rotary axes that may move correct together with least
-/// norm.
+/// The first linear axis in each direction corrects, at most three, among those that may move: a second axis along nearly the same
+/// direction (U parallel to X, or a degree off) would lead to large opposite shares. All rotary axes that may move correct together
+/// with least norm.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Correctors {
     linear: ArrayVec<usize, 3>,

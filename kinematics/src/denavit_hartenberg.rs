@@ -12,7 +12,7 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
-/// Maximum angle between axes that count as parallel, rad: over 10 m it is 1 nm.
+/// Maximum angle between axes that are treated as parallel, rad: over 10 m it is 1 nm.
 const PARALLEL_BELOW_RAD: f64 = 1e-10;
 
 /// The order of the four elementary motions of a row.
@@ -96,7 +96,7 @@ impl DhTable {
         .inverse()
     }
 
-    /// The same table in another convention: a and α of each row move to the next or the previous row. The parts before the first joint and
+    /// This table in another convention: a and α of each row move to the next or the previous row. The parts before the first joint and
     /// after the last one go into the base and the tool.
     #[must_use]
     pub fn in_convention(&self, convention: DhConvention) -> Self {

@@ -23,7 +23,7 @@ pub enum Form {
     /// Products of exponentials (10.1177/0954405416663537).
     #[default]
     Exact,
-    /// The same products with small-angle matrices (10.1177/0954405414564407).
+    /// Products of small-angle matrices (10.1177/0954405414564407).
     Htm,
     /// The sum of the error twists (Procedia Engineering 24 (2011) 845–849).
     Twist,
@@ -226,9 +226,10 @@ fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Volume
     }
 }
 
-/// The functional point on the walk to the workpiece, with its first-order displacement (mm) and rotation (rad) so far.
+/// The functional point as it is transformed from the tool to the workpiece, with its accumulated first-order
+/// displacement (mm) and rotation (rad).
 ///
-/// Inlining is forced: in a call the vectors are stored to memory in another width than they are loaded with, which doubled the time.
+/// Inlining is forced: calls store the vectors with another width than they load them, which doubled the time.
 struct Walk {
     point: Vector3<f64>,
     linear_mm: Vector3<f64>,

@@ -30,8 +30,8 @@ const BROUGHT_WITHIN_MM: f64 = 1e-9;
 const MOST_STEPS: usize = 12;
 /// Maximum number of changes of the set of axes at an end of travel.
 const MOST_CHANGES: usize = 10 * MAX_AXES;
-/// Minimum volume of the box of three unit directions of linear axes that do not count as coplanar. Coplanar axes reach a point off their
-/// plane only by moving far against each other; without travel limits they are not made to.
+/// Minimum volume of the box of three unit directions of linear axes that are not treated as coplanar. Coplanar axes reach a point off
+/// their plane only by moving far against each other; without travel limits they are not made to.
 const FLAT_BELOW: f64 = 1e-3;
 /// The same with travel limits: next to a pose at which a rotation makes two axes parallel, only long moves against each other reach a
 /// point. A smaller volume affects the tip by less than [`REACHED_WITHIN_MM`].
@@ -140,9 +140,9 @@ impl Chain {
     /// Moves the linear axes of `state` so that the ideal tip is at `tip_mm` (workpiece axes, from the workpiece origin); rotary axes do not move.
     ///
     /// Up to three linear axes of different directions are solved in closed form, regardless of their travels. With more, the first of each
-    /// direction moves and the others are as near to 0 as their `travel` (mm) allows; if the first reaches an end of its travel, the others
-    /// take over, found iteratively. The same applies to axes that the rotary axes have made parallel ([`Chain::dependent_moves`]), which
-    /// share the motion.
+    /// direction moves and the others are as near to 0 as their `travel` (mm) allows. If the first reaches an end of its travel, the others
+    /// move as well (iterative solution). The same applies to axes that the rotary axes have made parallel ([`Chain::dependent_moves`]),
+    /// which share the motion.
     ///
     /// # Errors
     /// [`NoSolution::Tip`].
@@ -189,7 +189,7 @@ impl Chain {
             self.share(tip_mm, &columns, travel, &mut free, &mut found);
         }
         let miss_mm = (tip_mm - self.ideal_tip_mm(&found)).norm();
-        // NaN is rejected, too.
+        // NaN is rejected as well.
         if miss_mm <= REACHED_WITHIN_MM {
             return Ok(found);
         }

@@ -19,8 +19,8 @@ pub const SINGULAR_BELOW: f64 = 0.02;
 /// jump.
 pub const LEFT_OUT_BELOW: f64 = 0.75 * SINGULAR_BELOW;
 
-/// Singular value below which a pose counts as nearly singular (about 6° from singular): a rotary correction is then more than 1/0.1 = 10
-/// times the tool-axis error along that direction, or left out.
+/// Singular value below which a pose is treated as nearly singular (about 6° from singular): a rotary correction is then more than 1/0.1
+/// = 10 times the tool-axis error along that direction, or left out.
 pub const NEAR_SINGULAR_BELOW: f64 = 0.1;
 
 /// A linear axis is left out at a pose if its part normal to the axes before it is below this: rotary axes between linear ones may make two
@@ -177,7 +177,7 @@ impl LinearColumns {
         kept < count.min(3) || volume.is_nan() || volume < NEAR_SINGULAR_BELOW
     }
 
-    /// The same selection of columns at another pose nearby: a step must not change which axes correct.
+    /// This selection of columns at a nearby pose: the set of correcting axes must not change within a step.
     #[must_use]
     pub fn at(&self, columns: [Vector3<f64>; 3]) -> Self {
         Self {

@@ -43,8 +43,8 @@ impl ErrorMotion {
 
 /// The errors of the axes of one chain, by chain index.
 ///
-/// Signs and frames are those of ISO 230-1 as defined in the crate documentation: every error motion is that of the tool side relative to
-/// the workpiece side, a location error is where the axis line physically lies.
+/// Signs and frames are those of ISO 230-1 as defined in the crate documentation: an error motion is the motion of the tool side relative
+/// to the workpiece side; a location error is the physical location of the axis line.
 pub trait ErrorSource {
     /// The six error motions `E?N` of an axis at a state (mm, rad), stated at the axis's point.
     fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion;

@@ -41,7 +41,7 @@ pub enum StructureError {
     UnknownCharacter {
         /// The rejected character.
         found: char,
-        /// Its position in the code, from 1.
+        /// Position in the code, from 1.
         position: usize,
     },
     /// `w`, `b` or `t` is missing, repeated or out of place.
@@ -52,7 +52,7 @@ pub enum StructureError {
     OutOfPlace {
         /// The rejected character.
         found: char,
-        /// Its position in the code, from 1.
+        /// Position in the code, from 1.
         position: usize,
     },
     /// The code ended before `t`.
@@ -80,7 +80,7 @@ pub enum StructureError {
         "prime at character {position} follows no axis, expected it right behind an axis letter"
     )]
     StrayPrime {
-        /// Its position in the code, from 1.
+        /// Position in the code, from 1.
         position: usize,
     },
     /// The code contains no axis.
@@ -249,7 +249,8 @@ enum Stage {
 impl FromStr for Structure {
     type Err = StructureError;
 
-    /// Reads a structural code. Blanks are ignored, primes on the workpiece side are optional, and `'`, `’` and `′` all count as primes.
+    /// Reads a structural code. Blanks are ignored, primes on the workpiece side are optional, and `'`, `’` and `′` are all treated as
+    /// primes.
     fn from_str(code: &str) -> Result<Self, StructureError> {
         let mut stage = Stage::Start;
         let mut sides: [ArrayVec<AxisName, MAX_AXES>; 2] = Default::default();

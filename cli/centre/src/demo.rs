@@ -83,7 +83,7 @@ pub struct Demo {
 }
 
 impl Demo {
-    /// Starts it on the runtime of the caller; the web interface listens on `listen`.
+    /// Starts the demonstration on the runtime of the caller; the web interface listens on `listen`.
     pub async fn start(listen: SocketAddr) -> Result<Self, Error> {
         let folder = tempfile::tempdir().map_err(io("a temporary folder"))?;
         let std = StdListener::bind(listen).map_err(io(format!("the page on {listen}")))?;
@@ -179,7 +179,7 @@ impl Demo {
         self.server.as_ref().map(Server::id)
     }
 
-    /// Shuts it down in order.
+    /// Shuts the demonstration down in order.
     pub async fn end(mut self) {
         for task in &self.tasks {
             task.abort();

@@ -27,7 +27,7 @@ const MAX_RESIDUAL_UM: f64 = 1e9;
 /// Reception state of a machine.
 #[derive(Clone, Debug, Default)]
 pub struct Reception {
-    /// Its last received state.
+    /// Last received state.
     pub live: Option<Live>,
     pub instances: Instances,
     /// Events since the last pass.

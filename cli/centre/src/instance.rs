@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::records::CreationTime;
 
 /// Maximum number of remembered gateway instances of a machine. Instances active within a day of the newest are kept beyond it, so that a
-/// redelivered batch is recognized whatever the number of restarts, …
+/// redelivered batch is recognized regardless of the number of restarts, …
 const MAX_INSTANCES: usize = 16;
 const REMEMBERED_S: f64 = 86_400.0;
 /// … up to this number, which is the number of messages in a batch.
@@ -49,7 +49,7 @@ pub struct Recent {
     from_s: [f64; 2],
     /// Earliest start time derived from a message of the current window, s.
     start_s: f64,
-    /// The same for the previous window.
+    /// Earliest start time derived from a message of the previous window, s.
     before_s: f64,
 }
 
@@ -92,9 +92,9 @@ pub struct Header<'a> {
     /// Identifier that the gateway generated at its start.
     pub instance: &'a str,
     pub number: u64,
-    /// Time since the gateway's start when it was created, s.
+    /// Time from the start of the gateway to the creation of the message, s.
     pub uptime_s: f64,
-    /// When the server stored it, s.
+    /// When the server stored the message, s.
     pub stored_s: f64,
     /// Its sequence number in the stream, if it is a condition or full telemetry: these are sent in the order of their creation.
     pub passing: Option<u64>,
@@ -154,8 +154,8 @@ impl Instances {
         };
         if let Some(sequence) = message.passing {
             let from = *one.passing_from.get_or_insert(sequence);
-            // A gateway sends all messages created before a restart ahead of those created after it. A message of an earlier instance that follows
-            // one of a later instance therefore comes from a second gateway.
+            // A gateway sends all messages created before a restart before the messages created after it. A message of an earlier instance that
+            // follows one of a later instance therefore comes from a second gateway.
             let behind = self.each.iter().any(|other| {
                 other
                     .passing_from
@@ -188,8 +188,8 @@ impl Instances {
     }
 }
 
-/// Maximum number of intervals. Beyond that the lowest is dropped: its numbers count as unseen, so a message is never wrongly taken for a
-/// duplicate.
+/// Maximum number of intervals. Beyond that the lowest is dropped: its numbers are treated as unseen, so a message is never wrongly taken
+/// for a duplicate.
 const MAX_INTERVALS: usize = 256;
 
 /// Closed intervals of whole numbers in ascending order, with gaps between them.
@@ -283,7 +283,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// Against a plain set, up to the number of intervals that are remembered.
+        /// Intervals match a plain set, up to the maximum number of stored intervals.
         #[test]
         fn intervals_match_a_set(numbers in proptest::collection::vec(prop_oneof![0_u64..60, u64::MAX - 5..=u64::MAX], 0..120), below in 0_u64..70) {
             let mut set = BTreeSet::new();
@@ -349,7 +349,7 @@ mod tests {
         assert_eq!(instances.cloned_s, None);
     }
 
-    /// A gateway that is cut off for an hour and sends what waited; then a clock that drifts, and one that is set.
+    /// A gateway is disconnected for an hour and then sends its queue; then its clock drifts, and is set.
     #[test]
     fn a_delayed_message_is_late_and_clock_errors_are_not() {
         let mut instances = Instances::default();
@@ -368,7 +368,8 @@ mod tests {
         for second in 0..1000 {
             assert_eq!(late(second.into(), 5000.0 + f64::from(second)), Some(0.0));
         }
-        // A thousand in each second of what waited for an hour: the first is late by an hour, the last by nothing.
+        // A queue of one hour is sent at a thousand messages per second: the first is late by an hour, the last is not
+        // late.
         for second in 1000..4600_u32 {
             let stored_s = 9600.0 + f64::from((second - 1000) / 1000);
             let reported = late(second.into(), stored_s);
@@ -418,7 +419,7 @@ mod tests {
         instances.take(&message("a", 10, 111.0, 10));
         instances.take(&message("b", 2, 112.0, 11));
         assert_eq!(instances.cloned_s, None);
-        // What the server sends again is stored already.
+        // A message that the server sends again is already stored.
         instances.take(&message("a", 10, 113.0, 12));
         assert_eq!(instances.cloned_s, None);
         instances.take(&message("a", 11, 114.0, 13));

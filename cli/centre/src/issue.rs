@@ -90,9 +90,9 @@ fn reissue(
     machine: &MachineId,
     by: &str,
 ) -> Result<SignedValue, Error> {
-    // The settings are sent with the model under the machine's key if that is pending or active. A model that was rejected or waits for
-    // confirmation is not resent this way: then, and if there is nothing under the key, the settings go with the active model. The version stays
-    // part of its roll-out, because a change of settings does not validate its model.
+    // The settings are sent with the newest model under the machine's key if it is pending or active. If it was rejected or awaits confirmation,
+    // or if the key has no value, they are sent with the active model instead. The version stays part of its roll-out, because a change of
+    // settings does not validate its model.
     let under_key = newest(database, machine)?;
     let newest = newest_version(database, machine)?;
     let version = match newest {
@@ -338,7 +338,7 @@ mod tests {
         let old = fixture.issue(1, 1, Some(Outcome::Activated));
         fixture.issue(2, 2, None);
         fixture.withdraw(2);
-        // It has activated the new one meanwhile, and not the old one again yet.
+        // The machine has activated the new version meanwhile, and not yet reverted to the old one.
         let live = Live::new(fixture.name().clone(), 1.0, 2);
         fixture.store.put_live(&[live]).expect("stored");
         let again = |database: &Connection| reissue(database, &fixture.key, fixture.name(), "anna");

@@ -32,7 +32,7 @@ pub struct Section {
     pub at: Option<(AxisName, f64)>,
     /// Length of the position error without correction, µm: rows along the vertical axis.
     pub before_um: Vec<Vec<f64>>,
-    /// The same with a correction resolution of 1 µm and 0.0001 deg.
+    /// Length of the position error with correction, µm; correction resolution 1 µm and 0.0001 deg.
     pub after_um: Vec<Vec<f64>>,
 }
 

@@ -202,7 +202,8 @@ pub fn parameters(text: &str) -> Result<BTreeMap<Parameter, f64>, Error> {
 
 /// Days since a calibration became due; negative: days until it is due; `None`: never.
 ///
-/// The age of a calibration is that of its measurements if known, otherwise that of its model.
+/// The age of a calibration is counted from its measurements if their date is known, otherwise from the date of its
+/// model.
 pub fn due_days(machine: &Machine, model: &Model, now_s: f64) -> Option<f64> {
     let interval = f64::from(machine.due_days?);
     let measured_s = date_s(&model.measured).unwrap_or(model.added_s);

@@ -37,7 +37,7 @@ pub struct Machine {
     #[serde(default)]
     pub control: String,
     pub enable: bool,
-    /// True if it belongs to the first machines of a roll-out.
+    /// True if the machine is among the first of a roll-out.
     #[serde(default)]
     pub canary: bool,
     /// Days after a calibration until the next one is due; `None`: never.
@@ -156,7 +156,7 @@ pub(crate) fn letters(axes: &[AxisName]) -> String {
 pub enum Origin {
     #[serde(alias = "form")]
     File {
-        /// Its name; empty if the text was submitted without a file.
+        /// Name; empty if the text was submitted without a file.
         #[serde(default)]
         name: String,
     },
@@ -247,7 +247,7 @@ pub enum AlarmKind {
     Unreadable,
     /// The active model of the machine is not the intended one.
     OtherModel,
-    /// The machine has the model of a roll-out that stopped or was aborted before it was done.
+    /// The machine has the model of a roll-out that stopped or was aborted before completion.
     Suspect,
     Due,
     Rollout,
@@ -300,7 +300,7 @@ impl AlarmKind {
     }
 }
 
-/// A problem for the user: open until its cause is gone.
+/// A problem for the user: open until its cause has ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Alarm {
     pub id: u64,
@@ -483,7 +483,7 @@ pub struct Live {
 pub struct CreationTime {
     /// s by the server's clock.
     pub at_s: f64,
-    /// Delay until the server stored it, waiting and transit, s; 0 if unknown.
+    /// Delay until the server stored the condition (queue and transit), s; 0 if unknown.
     pub late_s: f64,
 }
 

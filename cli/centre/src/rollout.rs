@@ -10,7 +10,7 @@ use std::{collections::BTreeMap, fmt::Display, ops::RangeInclusive};
 use serde::{Deserialize, Serialize};
 use volcomp_fleet::{MachineId, Outcome};
 
-/// Maximum time credited per poll, s: after a gap nothing is known of the time between.
+/// Maximum time credited per poll, s: the state during a longer gap is unknown.
 const MAX_ELAPSED_S: f64 = 10.0;
 /// Time for which a residual must have been observed before it is judged, s.
 const RESIDUAL_AFTER_S: f64 = 10.0;
@@ -97,7 +97,7 @@ fn within<N: PartialOrd + Display>(
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "step", rename_all = "kebab-case")]
 pub enum Step {
-    /// Nothing has been sent to it.
+    /// Nothing has been sent to the machine.
     Waiting,
     /// The manifest is under its key; its outcome is pending.
     Sent {
@@ -123,7 +123,7 @@ pub enum Step {
         residual_um: f64,
         /// Time for which the residual was known, s.
         known_s: f64,
-        /// Time for which it has been reporting an older version as active, s.
+        /// Time for which the machine has been reporting an older version as active, s.
         #[serde(default)]
         older_s: f64,
         /// Time without compensation, s; the soak time does not advance meanwhile.
@@ -132,15 +132,15 @@ pub enum Step {
     },
     /// The model is active, and its observation found no problem.
     Done { version: u64 },
-    /// Dropped out: it did not respond, or it showed a problem with the model.
+    /// The machine dropped out: it did not respond, or it reported a problem with the model.
     Out {
         /// Version that was sent and not withdrawn since.
         version: Option<u64>,
         /// Reason, a sentence without its full stop.
         why: String,
-        /// True if the roll-out must stop because of it, whatever the number of tolerated dropouts.
+        /// True if this machine stops the roll-out, regardless of the number of tolerated dropouts.
         against: bool,
-        /// True if the user resumed the roll-out in spite of it.
+        /// True if the user resumed the roll-out despite this dropout.
         excused: bool,
     },
 }
@@ -180,7 +180,7 @@ pub struct Target {
     pub before_um: Option<f64>,
     #[serde(flatten)]
     pub step: Step,
-    /// User who decided that it keeps the model although the roll-out was not completed.
+    /// User who decided that the machine keeps the model although the roll-out was not completed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kept_by: Option<String>,
 }
@@ -193,12 +193,12 @@ pub enum Phase {
     Paused {
         by: String,
     },
-    /// It stopped automatically.
+    /// The roll-out stopped automatically.
     Stopped {
         /// Reason, a sentence without its full stop.
         why: String,
     },
-    /// The user ended it.
+    /// The user ended the roll-out.
     Aborted {
         by: String,
     },
@@ -207,7 +207,7 @@ pub enum Phase {
 }
 
 impl Phase {
-    /// True if it stopped or was aborted before all machines were done: its model has not been validated.
+    /// True if the roll-out stopped or was aborted before all machines were done: its model has not been validated.
     pub fn is_broken_off(&self) -> bool {
         matches!(self, Self::Stopped { .. } | Self::Aborted { .. })
     }
@@ -239,7 +239,7 @@ pub struct Rollout {
 }
 
 impl Rollout {
-    /// True if its model was not validated and no user has decided that this machine keeps it.
+    /// True if the model of the roll-out was not validated and no user has decided that this machine keeps it.
     pub fn is_suspect_on(&self, machine: &MachineId) -> bool {
         let mut targets = self.targets.iter();
         let is_kept = targets.any(|target| target.machine == *machine && target.kept_by.is_some());
@@ -285,7 +285,7 @@ pub struct Observation {
     pub reachable: bool,
     /// The active version.
     pub version: u64,
-    /// True if it is compensating: without a correction the model cannot be judged.
+    /// True if the machine is compensating: without a correction the model cannot be judged.
     pub corrects: bool,
     /// Reason, if the guard is faulted or was since the last pass.
     pub faulted: Option<String>,
@@ -299,7 +299,7 @@ pub enum Event {
     /// A pass of the centre, `elapsed_s` after the previous one.
     Pass {
         elapsed_s: f64,
-        /// Observations; machines not included count as silent.
+        /// Observations; machines not included are treated as silent.
         seen: BTreeMap<MachineId, Observation>,
     },
     Issued {
@@ -471,7 +471,7 @@ impl Rollout {
     }
 
     fn observe(&mut self, elapsed_s: f64, seen: &BTreeMap<MachineId, Observation>) {
-        // Written so that a NaN counts as zero.
+        // Written so that a NaN is treated as zero.
         let elapsed_s = if elapsed_s > 0.0 {
             elapsed_s.min(MAX_ELAPSED_S)
         } else {
@@ -492,7 +492,7 @@ impl Rollout {
                         Step::Sent { version, waited_s }
                     }
                 }
-                // It was activated late; nothing else was sent since.
+                // The version was activated late; nothing else was sent since.
                 (
                     Step::Out {
                         version: Some(version),
@@ -504,7 +504,7 @@ impl Rollout {
                 (step @ Step::Soaking { .. }, Some(seen)) => {
                     advance_soak(step, seen, elapsed_s, rules, target.before_um)
                 }
-                // Its soak time is over, but it has the model as long as the roll-out continues.
+                // The soak time of the machine is over, but it keeps the model as long as the roll-out continues.
                 (
                     Step::Done { version },
                     Some(Observation {
@@ -564,7 +564,8 @@ impl Rollout {
             UserRequest::Abort => self.phase = Phase::Aborted { by },
             UserRequest::Resume => {
                 for target in &mut self.targets {
-                    // That decision applied to the stopped roll-out; if it stops again, it must be decided again.
+                    // The decision applied to the stopped roll-out; if the roll-out stops again, a new decision is
+                    // required.
                     target.kept_by = None;
                     if let Step::Out { excused, .. } = &mut target.step {
                         *excused = true;

@@ -58,8 +58,8 @@ pub fn active_version<'a>(versions: &'a [Version], live: Option<&Live>) -> Optio
     versions.iter().find(is_active).or(reported)
 }
 
-/// Checksum of the active model, if the newest version is known; older versions are read only when needed. Without any report, it is that of the
-/// newest version that may be active.
+/// Checksum of the active model, if the newest version is known; older versions are read only when needed. If the machine has reported nothing,
+/// the newest version that may be active counts.
 fn load_active_model(
     store: &Store,
     newest: &Version,
@@ -208,7 +208,7 @@ mod tests {
         ];
         assert_eq!(found(&versions, Some(&live(3)), &[]), None);
         assert_eq!(found(&versions, None, &[]), None);
-        // It has what was taken back.
+        // The machine still has the reverted version.
         assert_eq!(found(&versions, Some(&live(2)), &[]), Some(1));
     }
 

@@ -69,7 +69,7 @@ fn scan_log(line_sender: Sender<Line>) -> ScanLog {
             return;
         }
         let now = clock_gettime(ClockId::Monotonic);
-        // The receiver is gone only after a write error, which is reported at the end.
+        // The receiver is dropped only after a write error, which is reported at the end.
         let _ = line_sender.send(Line {
             time_ns: i128::from(now.tv_sec) * 1_000_000_000 + i128::from(now.tv_nsec),
             switched_on: scan.switched_on,

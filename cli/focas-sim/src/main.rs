@@ -80,7 +80,7 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     let (end, ended) = channel();
     let interrupted = end.clone();
     ctrlc::set_handler(move || {
-        // The receiver is gone if the program is already ending.
+        // The receiver no longer exists if the program is already ending.
         let _ = interrupted.send(Ok(()));
     })
     .map_err(|e| SimError::System {
@@ -136,7 +136,7 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     }
     // Keep the senders after the end of standard input: the report ends when no sender is left.
     let _asks = (now, run);
-    // An error means that every sender is gone, so this is the end too.
+    // An error means that every sender was dropped, so the program ends as well.
     let ended = ended.recv().unwrap_or(Ok(()));
     print_steps(&axes, &simulator, arguments.json);
     simulator.world().scan_log = None;
@@ -172,7 +172,7 @@ fn measure(
     let simulator = Arc::clone(simulator);
     start("focas-sim measure", move || {
         if let Err(error) = measurement.run(&simulator, &run_requests) {
-            // The receiver is gone if the program is already ending.
+            // The receiver no longer exists if the program is already ending.
             let _ = end.send(Err(error));
         }
     })

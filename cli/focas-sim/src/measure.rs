@@ -20,8 +20,8 @@ use crate::{
 
 /// Interval at which position and correction are sampled.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// Number of frames that must be accepted without a change before a correction counts as settled. The first ones may have been computed or queued
-/// before the machine stopped, and on a busy computer all of them are late.
+/// Number of frames that must be accepted without a change before a correction is treated as settled. The first ones may have been computed or
+/// queued before the machine stopped, and on a busy computer all of them are late.
 const FRAMES: u16 = 10;
 
 /// Condition for a correction to be settled.
@@ -29,7 +29,7 @@ const FRAMES: u16 = 10;
 pub(crate) struct Settling {
     /// Minimum time without a change.
     pub(crate) stands: Duration,
-    /// Timeout; after it the target is recorded as not settled.
+    /// Timeout, after which the target is recorded as not settled.
     pub(crate) at_most: Duration,
     /// Machine number and axes of the barrier, if there is one.
     pub(crate) barrier: Option<(u16, Layout)>,

@@ -11,7 +11,7 @@ use crate::{
     truth::{Miss, Place, Truth},
 };
 
-/// Rounding difference between the end of one move and the start of the next, mm or deg, that does not count as travel.
+/// Rounding difference between the end of one move and the start of the next, mm or deg, that is not treated as travel.
 const NO_TRAVEL: f64 = 1e-9;
 
 /// Values by axis letter; linear and rotary axes are kept separately.

@@ -41,7 +41,7 @@ pub(crate) struct Line {
     pub(crate) targets: usize,
     /// Range (largest minus smallest) of the deviation along the line without correction, µm.
     pub(crate) range_without_um: f64,
-    /// The same with the applied correction, µm.
+    /// Range of the deviation along the line with the applied correction, µm.
     pub(crate) range_um: f64,
 }
 
@@ -245,7 +245,7 @@ mod tests {
         }
     }
 
-    /// Along X: what lies across does not count, nor what is the same everywhere, nor targets of no line.
+    /// Ranges along X ignore deviations across X, constant deviations, and targets that belong to no line.
     #[test]
     fn ranges_are_along_the_line_from_its_lowest_to_its_highest() {
         let targets = [

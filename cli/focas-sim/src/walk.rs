@@ -25,7 +25,7 @@ pub(crate) struct Walk {
     leg: Mutex<Leg>,
 }
 
-/// From the end of one move to that of the next.
+/// A section from the end of one move to the end of the next.
 #[derive(Clone, Copy)]
 struct Leg {
     /// Departure time.

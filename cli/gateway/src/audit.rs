@@ -164,7 +164,7 @@ impl AuditLog {
     /// Appends a record with the current time and syncs it to disk.
     ///
     /// # Errors
-    /// The disk is full or gone; nothing of the record remains in the file.
+    /// The disk is full or does not respond; no part of the record remains in the file.
     pub fn append(&mut self, who: &str, what: &str, details: Details) -> io::Result<()> {
         self.write(&Entry::new(who, what, details), 0)
     }
@@ -172,7 +172,7 @@ impl AuditLog {
     /// Appends a record that reports `lost` records before it that could not be written, and syncs it to disk.
     ///
     /// # Errors
-    /// The disk is full or gone; nothing of the record remains in the file.
+    /// The disk is full or does not respond; no part of the record remains in the file.
     pub fn write(&mut self, entry: &Entry, lost: u64) -> io::Result<()> {
         if self.bytes > self.max_bytes {
             self.rotate()?;
@@ -231,7 +231,7 @@ pub(crate) fn standing_file(dir: &Path) -> PathBuf {
 /// Replaces a small file atomically and syncs it to disk.
 ///
 /// # Errors
-/// The disk is full or gone.
+/// The disk is full or does not respond.
 pub fn replace_file(path: &Path, text: &str) -> io::Result<()> {
     let temporary = path.with_extension("new");
     let placed = File::create(&temporary).and_then(|mut file| {

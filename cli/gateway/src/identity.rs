@@ -216,7 +216,7 @@ mod tests {
         }
     }
 
-    /// Half a step of A moves the tip by 0.05 µm: with less allowed A is not corrected any more, and the axes move.
+    /// Half a step of A moves the tip by 0.05 µm. With a lower limit A is no longer corrected, and the axes move.
     #[test]
     fn another_rotary_step_is_a_question_with_its_move() {
         let [old, new] = [10.0, 0.01].map(|step| limits(&settings(step)));

@@ -186,7 +186,7 @@ pub(crate) fn age(status: &mut Status, age: Duration) {
     }
 }
 
-/// Age after which a confirmed output counts as unknown, because the control may have released it. The outputs of a
+/// Age after which a confirmed output is treated as unknown, because the control may have released it. The outputs of a
 /// control without read-back remain known until the guard withdraws them.
 const KNOWN_FOR: Duration = Duration::from_secs(2);
 

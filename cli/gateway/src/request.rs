@@ -51,7 +51,7 @@ pub struct ModelActivation {
     pub file: String,
     /// The confirmed hash.
     pub confirm: Option<String>,
-    /// Signs that it belongs to another machine.
+    /// Indications that the file belongs to another machine.
     pub differences: Differences,
 }
 

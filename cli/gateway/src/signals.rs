@@ -84,7 +84,7 @@ mod tests {
 
     use super::*;
 
-    /// Before, a signal was looked for between two turns of the service, up to 50 ms later.
+    /// A signal must not wait for the next iteration of the service, up to 50 ms (regression).
     #[test]
     fn a_stop_acts_without_a_reader() {
         let patience = Duration::from_secs(10);

@@ -242,7 +242,7 @@ pub fn config() -> Config {
     }
 }
 
-/// The built-in limits. A configuration without limits uses them, too, but cannot arm.
+/// The built-in limits. A configuration without limits uses them as well, but cannot arm.
 pub fn guard() -> GuardSettings {
     limits().settings()
 }

@@ -103,7 +103,7 @@ pub enum StudioError {
     Send {
         /// The address.
         address: String,
-        /// Its response, or why there is none.
+        /// Response, or why there is none.
         why: String,
     },
     /// The operating system provides no socket, thread or random numbers.

@@ -111,7 +111,7 @@ impl Folder {
         })
     }
 
-    /// The machine with the errors of its measurements, or as stated in its file.
+    /// The machine with the measured errors, or, without measurements, with those of its file.
     fn found(&self) -> Result<MachineWithReport, StudioError> {
         let stated = |machine: &Machine| Stated {
             machine: (!machine.name.is_empty()).then(|| machine.name.clone()),
@@ -173,7 +173,8 @@ impl Folder {
     }
 }
 
-/// Errors that were not measured because their file was not used. In the list of warnings the two messages would be far apart.
+/// Errors that were not measured because their file was not used. Otherwise the two messages would be far apart in the list of
+/// warnings.
 fn missed<'a>(
     left_over: &'a [LeftOver],
     calibration: &'a Calibration,

@@ -49,7 +49,7 @@ pub(crate) const INPUTS: &str = "result/.inputs.sha256";
 #[derive(Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Answers {
-    /// SHA-256 of the calibration file that was written with them.
+    /// SHA-256 of the calibration file that was written with these answers.
     calibration: String,
     answers: Vec<TypedAnswer>,
 }
@@ -86,13 +86,13 @@ pub struct State {
 /// A measurement file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FileState {
-    /// Its name in the folder.
+    /// Name in the folder.
     pub name: String,
     /// The measured error, if the file or an answer states it.
     pub error: Option<String>,
     /// Description of the file's content.
     pub said: Vec<String>,
-    /// Why it is not used.
+    /// Why the file is not used.
     pub not_used: Option<String>,
 }
 

@@ -39,7 +39,7 @@ pub struct TableFiles {
     pub files: Vec<String>,
     /// Residual error of each axis.
     pub left: Vec<AxisResidual>,
-    /// What the files do not contain and must be set at the control.
+    /// Settings that the files do not contain and that must be made at the control.
     pub notes: Vec<String>,
     /// Sign convention of the numbers in the files.
     pub sign: String,
@@ -67,7 +67,7 @@ pub struct NcProgram {
     pub file: String,
     /// Number of lines read.
     pub lines: u64,
-    /// Number of motions in them.
+    /// Number of motions in the programs.
     pub motions: u64,
     /// Number of lines with changed coordinates.
     pub changed: u64,

@@ -51,9 +51,9 @@ pub struct DraftState {
 
 /// A draft with answers.
 pub(crate) struct AnsweredDraft {
-    /// With the answers that determine a measurement's keys: errors and units.
+    /// The draft with the answers that determine a measurement's keys: errors and units.
     pub(crate) decided: Draft,
-    /// With all answers.
+    /// The draft with all answers.
     pub(crate) whole: Draft,
 }
 
@@ -87,7 +87,7 @@ pub(crate) fn with_answers(
     Ok(AnsweredDraft { decided, whole })
 }
 
-/// Names of the files of a measurement, as in questions and answers.
+/// File names of a measurement, comma-separated: its identifier in questions and answers.
 pub(crate) fn name_of(proposed: &Proposed) -> String {
     proposed.files.join(", ")
 }

@@ -39,7 +39,7 @@ pub(crate) enum Failure {
 /// An error in a file, with its position.
 #[derive(Debug)]
 pub(crate) struct FileFailure {
-    /// The file as named in the call.
+    /// The file as named on the command line.
     pub(crate) file: String,
     /// The line, from 1, if known.
     pub(crate) line: Option<u64>,
@@ -251,7 +251,7 @@ impl From<IdentifyError> for Failure {
 }
 
 impl From<MetrologyError> for Failure {
-    /// An unreadable file is reported like one with invalid content: it was named in the call.
+    /// An unreadable file is reported like a file with invalid content, because the user named it on the command line.
     fn from(error: MetrologyError) -> Self {
         let message = error.to_string();
         let (file, line, key) = match error {

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 /// The key of the first number that is NaN or infinite; `None` if all are finite.
 pub(crate) fn first_not_finite(document: &impl Serialize) -> Option<String> {
-    // Unlike JSON, CBOR represents these numbers. What it cannot write, JSON rejects later.
+    // Unlike JSON, CBOR represents these numbers. Values that CBOR cannot write are rejected by JSON later.
     below(&Value::serialized(document).ok()?)
 }
 

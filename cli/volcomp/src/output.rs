@@ -33,7 +33,7 @@ fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
 pub(crate) fn clean_up_when_interrupted() {
     let clean_up = || {
         for path in unfinished().iter() {
-            // It may already be gone; errors cannot be reported here.
+            // The file may already have been removed; errors cannot be reported here.
             let _ = if path.is_dir() {
                 std::fs::remove_dir_all(path)
             } else {

@@ -130,7 +130,7 @@ pub(crate) enum OneOrMany<T> {
 pub(crate) struct States {
     /// All positions, in the order of the rows.
     positions: Vec<State>,
-    /// The file that contains them; `None` for a single position of the command line.
+    /// The file that contains the positions; `None` for a single position from the command line.
     file: Option<PointFile>,
     /// The axes of the machine that are at 0 because they are not named, in the order of [`AxisName::ALL`].
     unnamed: Vec<AxisName>,
@@ -142,7 +142,7 @@ impl States {
         &self.positions
     }
 
-    /// The table of the positions; `None` for a single position of the command line.
+    /// The table of the positions; `None` for a single position from the command line.
     pub(crate) fn table(&self) -> Option<&CsvTable> {
         self.file.as_ref().map(|file| &file.table)
     }

@@ -21,7 +21,7 @@ use crate::{
     setup::{Method, Setup},
 };
 
-/// Fitted angular errors, and the machine with them.
+/// Fitted angular errors, and the machine that includes them.
 pub(crate) struct Angular {
     pub(crate) fitted: Vec<Fitted>,
     /// The machine of the file with its fitted tilts, used for Abbe's principle and for the tilts of held axes.

@@ -137,7 +137,7 @@ impl Draft {
                 }
                 Subject::Squareness(error) => {
                     let Some(at) = squares.iter().position(|square| square.error == *error) else {
-                        // It was removed with one of its straightnesses, or left out before.
+                        // The squareness was removed with one of its straightnesses, or omitted before.
                         if self.squares.iter().any(|square| square.error == *error) {
                             continue;
                         }
@@ -287,7 +287,7 @@ fn set_unit(of: &mut Proposed, unit: &str) {
     of.follow();
 }
 
-/// Formats a value for the calibration file; the error is what was expected.
+/// Formats a value for the calibration file; `Err` describes the expected value.
 fn encoded(key: &str, value: &str) -> Result<String, &'static str> {
     let word = |known: &[&str], expected| {
         if known.contains(&value) {

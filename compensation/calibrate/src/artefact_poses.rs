@@ -20,15 +20,15 @@ use crate::{
 
 /// Number of targets of a straightness that was not measured.
 const TARGETS: usize = 21;
-/// A direction whose component across another one is smaller is parallel to it.
+/// Maximum component of a unit direction across another one at which both are treated as parallel.
 const PARALLEL_BELOW: f64 = 0.02;
 
 /// Poses of the artefacts on the workpiece side and on the tool side with which the machine has no error when all axes
 /// are at `reference`.
 ///
-/// An artefact on the workpiece side lies along the reference lines of the reference axes, at the position of the tool
-/// tip at `reference`; what the tool carries is aligned to it there. Readings therefore do not depend on the constants
-/// of error motions and the slopes of straightnesses, which are conventions.
+/// An artefact on the workpiece side is aligned to the reference lines of the reference axes, at the position of the
+/// tool tip at `reference`. The artefact or instrument in the tool is aligned to it in this pose. Readings therefore do
+/// not depend on the constants of error motions and the slopes of straightnesses, which are conventions.
 #[derive(Clone, Copy, Debug)]
 pub struct ArtefactPoses {
     /// The workpiece axes in the artefact on the workpiece side, mm.
@@ -38,7 +38,7 @@ pub struct ArtefactPoses {
 }
 
 impl ArtefactPoses {
-    /// Set-up on the machine of a calibration file as known before its lines. Measured errors count as zero here:
+    /// Set-up on the machine of a calibration file as known before its lines. Measured errors are zero here:
     /// positioning and angular curves are zero at `reference`, straightness curves have no line, and squareness is not
     /// known yet.
     pub(crate) fn before_lines(
@@ -192,7 +192,7 @@ fn turn(directions: impl Iterator<Item = [Vector3<f64>; 2]>) -> Matrix3<f64> {
     nominal * actual.transpose()
 }
 
-/// A machine on which every axis moves along its reference lines and keeps the errors that it has at zero.
+/// A machine whose axes move along their reference lines, with their errors at zero unchanged.
 struct ReferenceLines {
     zero: State,
     motions: [ErrorMotion; MAX_AXES],

@@ -301,7 +301,7 @@ impl Branches {
         match (fields.next(), fields.next()) {
             (Some(forward), Some(backward)) => ErrorCurve::Pair { forward, backward },
             (Some(single), None) => ErrorCurve::Single(single),
-            // `fit_once` makes at least one fit.
+            // `fit_once` returns at least one fit.
             (None, _) => ErrorCurve::Single(Field::Curve(volcomp_curve::Curve::Constant(0.0))),
         }
     }
@@ -398,9 +398,9 @@ impl FittedCurve {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum Quality {
-    /// For an error in µm.
+    /// Quality of the fit of an error in µm.
     Length(FitQuality<Um>),
-    /// For an error in µrad.
+    /// Quality of the fit of an error in µrad.
     Angle(FitQuality<Urad>),
 }
 

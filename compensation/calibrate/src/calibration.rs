@@ -61,7 +61,7 @@ pub fn calibrate(
 /// longer.
 ///
 /// # Errors
-/// As [`calibrate`].
+/// Same as [`calibrate`].
 pub fn calibrated_machine(file: &CalibrationFile) -> Result<Machine, CalibrateError> {
     calibrated(file, Scope::Machine, &mut |_, _| {}).map(|calibration| calibration.machine)
 }

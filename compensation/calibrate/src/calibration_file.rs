@@ -71,7 +71,7 @@ pub struct Line {
 pub struct Location {
     /// The location error.
     pub error: ErrorName,
-    /// Its value, µm or µrad.
+    /// Value, µm or µrad.
     pub value: f64,
     /// The standard uncertainty (k = 1) of the value, µm or µrad.
     pub uncertainty: f64,
@@ -104,13 +104,13 @@ pub enum SquarenessSource {
 /// calibration file. All are 0 by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Uncertainty {
-    /// Of the laser's scale, including its material temperature, µm/m: common to all positioning lines.
+    /// Uncertainty of the laser's scale, including the material temperature, µm/m: common to all positioning lines.
     pub laser_um_per_m: f64,
-    /// Of the reference angle of each squareness, µrad.
+    /// Uncertainty of the reference angle of each squareness, µrad.
     pub square_urad: f64,
-    /// Of the mean at each target of a linear reading, µm, independent between targets.
+    /// Uncertainty of the mean of linear readings at each target, µm; independent between targets.
     pub reading_um: f64,
-    /// Of the mean at each target of an angular reading, µrad, independent between targets.
+    /// Uncertainty of the mean of angular readings at each target, µrad; independent between targets.
     pub reading_urad: f64,
 }
 

@@ -196,7 +196,8 @@ fn without_file(said: &str, path: &Path) -> String {
 }
 
 impl Proposed {
-    /// Whether both have the same error, axis positions, and measured point as far as both know it. Open positions count as equal.
+    /// Whether both have the same error, axis positions, and measured point as far as both know it. Open positions are treated as
+    /// equal.
     fn is_at_place_of(&self, other: &Self) -> bool {
         let is_one_point = match (self.point(), other.point()) {
             (Some(one), Some(other)) => one == other,

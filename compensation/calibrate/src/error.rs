@@ -55,7 +55,7 @@ pub enum CalibrateError {
         files: Vec<PathBuf>,
         source: FitError,
     },
-    /// The positioning deviation of an oblique axis determines a second error, too, and that one was measured as well.
+    /// The positioning deviation of an oblique axis determines a second error, which was also measured.
     #[error(
         "{error} from {}: along the oblique axis {axis} it fills {other} too, which was measured separately",
         named(.files)

@@ -31,8 +31,8 @@ pub(crate) fn joint_of(machine: &Machine, error: ErrorName) -> Result<Joint, Mod
     Ok(machine.chain().joints()[machine.index_of(error.axis)?])
 }
 
-/// Period of errors along an axis, deg: that of an axis that turns all the way round. On any other axis, the errors at
-/// both ends of the travel are unrelated.
+/// Period of errors along an axis, deg: that of an axis that covers a full turn. On any other axis, the errors at both
+/// ends of the travel are unrelated.
 fn period_of(axis: &Axis) -> Option<f64> {
     let [low, high] = axis.travel;
     let turns = axis.name.is_rotary() && high - low >= FULL_TURN_DEG * (1.0 - 1e-9);
@@ -112,9 +112,9 @@ pub struct FittedLine {
     pub line: Option<usize>,
     /// Files of its readings.
     pub sources: Vec<Source>,
-    /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward: without the contributions
-    /// of tilts and other axes, a straightness without its line, aligned with the first line of its error, with the
-    /// zero of the curve. Empty for a direction that was not run.
+    /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward. The contributions of tilts
+    /// and other axes are removed, and for a straightness its line. The readings are aligned with the first line of the
+    /// error and have the zero of the curve. Empty for a direction that was not run.
     pub points: [Vec<(f64, f64)>; 2],
     /// Factor from a difference of readings to one of the error: 1, or along an oblique axis the share of a component.
     pub factor: f64,

@@ -71,7 +71,8 @@ pub(crate) fn settled(
         let moved = before
             .as_ref()
             .map(|before| moved(before, &found.parameters));
-        // Change that one round makes in the lines, and so in the next round: a constant share, once beyond rounding.
+        // Each round changes the lines, and therefore the next round, by a constant share of the previous change, once
+        // above rounding.
         let share = match (last_moved, moved) {
             (Some(before), Some(moved)) if moved > SETTLED => moved / before,
             _ => 0.0,
@@ -128,7 +129,8 @@ pub(crate) fn settled(
             observations,
             known: &known,
             response: &response,
-            // Nothing is carried over if the lines follow the unknowns in the equations themselves, or do not depend on them.
+            // There is no feedback between rounds if the equations include the response of the lines, or if the lines do not
+            // depend on the unknowns.
             carries: followers.is_empty() && rounds > 1,
         };
         // First, because a wrong value makes correct rows look wrong.
@@ -142,7 +144,8 @@ pub(crate) fn settled(
     Ok((Identified { found, rounds }, stages, notes))
 }
 
-/// How the lines follow each unknown: they are fitted again with the unknown changed from its last identified value.
+/// Derivatives of the lines by each unknown: the lines are refitted with the unknown changed from its last identified
+/// value.
 fn following(
     file: &CalibrationFile,
     observations: &Observations,

@@ -18,7 +18,7 @@ use crate::{
 
 /// Maximum number of independent shifts that are propagated individually; more of them are sampled together.
 const ALONE: usize = 60;
-/// Number of joint samples: the standard deviation is then known to some 5 %.
+/// Number of joint samples: they determine the standard deviation to about 5 %.
 const DRAWS: u64 = 200;
 
 /// Data for the effect of lines on unknowns.
@@ -85,7 +85,7 @@ impl LineContribution<'_> {
         Ok(self.response.to(&self.fitted(file)?.machine)? - base)
     }
 
-    /// Fits the lines of another file, with the unknowns as identified.
+    /// Fits the lines of another file, with the unknowns fixed at their identified values.
     pub(crate) fn fitted(&self, file: &CalibrationFile) -> Result<Stages, CalibrateError> {
         let mut known = located(file)?;
         for unknown in &self.observations.unknown {
@@ -94,7 +94,7 @@ impl LineContribution<'_> {
         Stages::of(file, &known, || ())
     }
 
-    /// Covariance due to what the file states of its instruments: everything except the scatter of runs.
+    /// Covariance due to the instrument uncertainties stated in the file: everything except the scatter of runs.
     fn stated(&self, base: &DVector<f64>) -> Result<DMatrix<f64>, CalibrateError> {
         // The contribution of the observations is already included.
         let mut without = self.file.clone();
@@ -261,7 +261,8 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
-    /// A single scatter has its own degrees of freedom, and two alike have two and √(2ν · (2 (ν + 2) − 2)), worked out by hand.
+    /// Widening for one scatter and for two equal scatters, computed by hand: the first has its own degrees of freedom, the
+    /// second √(2ν · (2 (ν + 2) − 2)).
     #[test]
     fn pure_scatter_has_the_factor_of_student() {
         let widening = |parts: &[(f64, f64)], variance: f64| {
@@ -279,15 +280,15 @@ mod tests {
         // 2 · 1 and 2 · 3 − 2: √8.
         let two = widening(&[(1.0, 1.0), (1.0, 1.0)], 2.0);
         assert!((two - student_widening(8.0_f64.sqrt())).abs() < 1e-12);
-        // Nothing of it from scatters, and nothing of it at all.
+        // A variance without a part from scatters, and a variance of zero.
         assert_eq!(widening(&[], 4.0), 1.0);
         assert_eq!(widening(&[(0.0, 1.0)], 0.0), 1.0);
         let little = widening(&[(1e-6, 1.0)], 1.0);
         assert!((1.0..1.001).contains(&little), "{little}");
     }
 
-    /// Bands of 95 % over many mixtures of scatters and of what is known well. With the formula of Welch and Satterthwaite
-    /// those of one scatter of two runs hold 87 to 93 %.
+    /// Coverage of 95 % bands for many mixtures of scatters and well-known contributions. With the formula of Welch and
+    /// Satterthwaite, bands with one scatter of two runs cover 87 to 93 %.
     #[test]
     fn bands_cover_for_any_share_of_the_scatters() {
         const TRIALS: u32 = 20_000;

@@ -56,7 +56,7 @@ impl<'a> LineOfSight<'a> {
         })
     }
 
-    /// The same line with artefacts that are set up on the machine, instead of artefacts aligned to the workpiece axes and the tool axes.
+    /// Uses artefacts that were set up on the machine, instead of artefacts aligned to the workpiece axes and the tool axes.
     #[must_use]
     pub fn with_artefacts(mut self, artefacts: &ArtefactPoses) -> Self {
         self.artefacts = [artefacts.workpiece, artefacts.tool];

@@ -123,8 +123,8 @@ mod tests {
         .unwrap()
     }
 
-    /// EXX read 400 mm from the point at which errors are stated, along −Y: a yaw of 0.05 µrad/mm adds
-    /// −ECX · y = 0.05 q · 0.4 µm, which the stage takes off.
+    /// EXX read 400 mm from the point at which errors are stated, along −Y: a yaw of 0.05 µrad/mm adds −ECX · y = 0.05
+    /// q · 0.4 µm, which the stage subtracts.
     #[test]
     fn what_a_yaw_adds_over_its_lever_is_removed() {
         let mut positioning = line("EXX", |q| 0.01 * q + 0.05 * q * 0.4);

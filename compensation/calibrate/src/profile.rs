@@ -52,9 +52,10 @@ impl<'a> Profile<'a> {
         })
     }
 
-    /// The profile with its targets within the travel of a periodic axis, where its curve is evaluated. A target
-    /// outside is moved by whole periods, targets at the same place are averaged, and an end of the travel without a
-    /// measurement takes the reading of the other end if that is the same angle and the targets go all the way round.
+    /// The profile with its targets within the travel of a periodic axis, where its curve is evaluated. Targets outside
+    /// the travel are moved by whole periods, and targets at the same position are averaged. If the targets cover a
+    /// full turn, an unmeasured end of the travel takes the reading of the other end, provided that both ends are the
+    /// same angle.
     pub(crate) fn within_travel(mut self, axis: &Axis) -> Self {
         let Some(period) = axis.modulo else {
             return self;
@@ -75,7 +76,7 @@ impl<'a> Profile<'a> {
                 (Some((first, _)), Some((last, _))) => (first - low).max(high - last),
                 _ => f64::INFINITY,
             };
-            // The closed gap is no wider than those between other targets: a part of a turn stays open.
+            // The gap across the end of the turn must not be wider than the other gaps; a partial turn stays open.
             let whole_turn = (high - low - period).abs() <= COORDINATE_ROUNDING
                 && ends <= 1.5 * widest + COORDINATE_ROUNDING;
             match [at(low), at(high)] {
@@ -153,7 +154,7 @@ impl<'a> Profile<'a> {
             .map_err(|source| wrong(self.line, source))
     }
 
-    /// Least-squares line through points of this profile; points at the same target are averaged and count once.
+    /// Least-squares line through points of this profile; points at the same target are averaged to one point.
     pub(crate) fn line_through(&self, points: Points) -> Result<ReferenceLine, CalibrateError> {
         ReferenceLine::least_squares(&means(points)).map_err(|source| wrong(self.line, source))
     }

@@ -63,7 +63,7 @@ pub struct Question {
 }
 
 impl Proposed {
-    /// Open questions about it, in the order of its keys.
+    /// Open questions about the measurement, in the order of its keys.
     pub fn questions(&self) -> Vec<Question> {
         let of = self.files.join(", ");
         let mut questions = Vec::new();
@@ -157,7 +157,7 @@ impl Proposed {
         self.error.is_none() || self.facts.asks_unit || self.facts.is_log
     }
 
-    /// Whether this key belongs to other errors or units and does not exist for this measurement.
+    /// True for a key that applies only to other errors or units, so that it is not valid for this measurement.
     pub(crate) fn has_lost(&self, key: &str) -> bool {
         if let Some(letter) = key.strip_prefix("at.") {
             let is_it = |(axis, _): &(AxisName, Option<f64>)| axis.to_string() == letter;
@@ -264,7 +264,7 @@ pub(crate) fn of_measurement(
                 && !hinted.component.is_angular()
                 && !hinted.axis.is_rotary()
                 && hinted.component.mcs_index() != hinted.axis.mcs_index();
-            // Lengths under the name of a straightness: some programs write these as .rtl, too.
+            // A length with the name of a straightness: some programs also write straightness as .rtl.
             let is_length = measurement.quantity == Some(Quantity::Positioning)
                 && !hinted.component.is_angular();
             if fits.contains(&hinted) || is_angular_method || is_length {
@@ -493,7 +493,7 @@ impl FileHints {
                 }
             }
         }
-        // Of two contradictory positions neither is used.
+        // Contradictory positions are not used.
         hints.places.retain(|axis, _| !contradicted.contains(axis));
         hints
     }

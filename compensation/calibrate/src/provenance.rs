@@ -13,11 +13,11 @@ use crate::{
     stages::Stages,
 };
 
-/// Rule of values that the user has stated.
+/// Method recorded for values that the user has stated.
 const STATED: &str = "stated in the calibration file";
 
-/// The machine of the stages with the origin of its errors. Entries of its machine file for errors that were not
-/// measured anew are kept. No date is added: the same files give the same text.
+/// Adds the origin of each error to the fitted machine. Origins of errors that were not measured again are kept from
+/// the input machine file. No date is added, so that the same files give the same text.
 pub(crate) fn with_provenance(
     file: &CalibrationFile,
     stages: &Stages,

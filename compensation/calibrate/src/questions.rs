@@ -17,7 +17,7 @@ const INNER: [&str; 3] = ["at", "columns", "channels"];
 pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
     match (key, inner) {
         ("at", Some(axis)) => {
-            // The decoder rejects anything else there.
+            // The decoder rejects any other unit here.
             let unit = axis
                 .parse::<AxisName>()
                 .map_or("mm or deg", |axis| axis.kind().coordinate_unit());

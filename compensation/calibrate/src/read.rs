@@ -26,7 +26,8 @@ use crate::{
 };
 
 impl CalibrationFile {
-    /// Keys at the root of a calibration file, in addition to those of [`Observations::KEYS`], which it may have, too.
+    /// Keys at the root of a calibration file, in addition to those of [`Observations::KEYS`], which it may have as
+    /// well.
     pub const KEYS: [&'static str; 9] = [
         "machine",
         "columns",

@@ -1,5 +1,5 @@
-//! Third stage: slopes of the straightness lines without the contributions of the tilts of held axes, and the
-//! squareness errors that follow from them, from stated values or from diagonals (ISO 230-6).
+//! Third stage: squareness errors. They follow from the slopes of the straightness lines, minus the contributions of
+//! the tilts of held axes; from stated values; or from diagonals (ISO 230-6).
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -33,7 +33,8 @@ pub(crate) type Slopes = BTreeMap<ErrorName, Urad>;
 pub(crate) struct RemovedSlope<'a> {
     pub(crate) line: &'a Line,
     pub(crate) slope: Urad,
-    /// Its standard deviation: from repeated runs, otherwise from the unevenness of the line; `None` if neither is available.
+    /// Standard deviation of the slope: from repeated runs, otherwise from the scatter of the targets about the line; `None`
+    /// if neither is available.
     pub(crate) noise: Option<Urad>,
 }
 

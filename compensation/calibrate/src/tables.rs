@@ -292,8 +292,8 @@ fn check_parts(
     Err(from.error(format!("found {found:?}, expected {parts:?} for {error}")))
 }
 
-/// Whether exactly one of the two beams runs against its axis: the angle between the light's directions is then 180°
-/// minus the angle between the plus directions.
+/// Whether exactly one of the two beams runs against its axis. The angle between the beams is then 180° minus the angle
+/// between the + directions.
 fn opposite_beams(section: &Section<'_>, error: ErrorName) -> Result<bool, InputError> {
     let Some(value) = section.get("beams") else {
         return Ok(false);

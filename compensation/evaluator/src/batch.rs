@@ -7,7 +7,7 @@ use volcomp_vocabulary::{AxisName, Direction, PerAxis};
 
 use crate::{error::EvaluatorError, machine::CompiledMachine, table::Wide};
 
-/// Number of poses that one core takes at a time.
+/// Number of poses per unit of parallel work.
 const CHUNK: usize = 4096;
 
 impl CompiledMachine {

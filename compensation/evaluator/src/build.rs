@@ -97,7 +97,7 @@ impl CompiledMachine {
         Ok(Self::from_tables(frame, axes, ranges))
     }
 
-    /// From tables that already include the constant errors.
+    /// Builds the machine from tables that already include the constant errors.
     pub(crate) fn from_tables(frame: Frame, axes: Vec<AxisTables>, ranges: Vec<Range>) -> Self {
         let folded = frame.folded;
         let tip = frame.chain.tool_tip_mm();

@@ -131,7 +131,7 @@ impl CompiledMachine {
     fn sizes(&self, index: usize, axis: &CompiledAxis) -> [f64; 2] {
         let [linear, angular] = axis.size_bounds();
         let (location, assembly) = (&self.location[index], &self.assembly[index]);
-        // The effect of a location error changes with the rotation of its axis, too.
+        // The effect of a location error changes with the rotation of its axis as well.
         [
             linear + 2.0 * location.linear_mm.norm() + assembly.linear_mm.norm(),
             angular + 2.0 * location.angular_rad.norm() + assembly.angular_rad.norm(),
@@ -205,7 +205,7 @@ fn take(piece: &Piece, [low, high]: [f64; 2], range: &mut [[f64; 2]; LANES]) {
     for lane in 0..LANES {
         let slope = |t: f64| {
             let powers = c1[lane] + t * (2.0 * c2[lane] + t * 3.0 * c3[lane]);
-            // Beyond its end a curve is constant: its powers are 0 there, and 0 times infinity must count as 0.
+            // Beyond its end a curve is constant: its powers are 0 there, and 0 times infinity must be treated as 0.
             if powers.is_nan() { c1[lane] } else { powers }
         };
         let turning = -c2[lane] / (3.0 * c3[lane]);

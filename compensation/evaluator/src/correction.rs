@@ -47,9 +47,9 @@ pub struct CorrectionParts {
     /// For each rotary axis, whether it corrects or not, the motion of the linear axes that keeps the tip in place: row r of −L⁻¹·P, mm per
     /// rad of the rotary axis at index r, in chain order. All other rows are zero.
     pub follow: PerAxis<PerAxis<f64>>,
-    /// As in [`FirstOrder`].
+    /// See [`FirstOrder`].
     pub tool_axis_partial: bool,
-    /// As in [`FirstOrder`].
+    /// See [`FirstOrder`].
     pub near_singular: bool,
     /// Rotary axes between the linear ones have made two of these nearly parallel: linear shares are more than ten times the position
     /// error, or one of the axes is left out.

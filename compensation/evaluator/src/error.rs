@@ -20,7 +20,7 @@ pub enum EvaluatorError {
     TooLarge {
         curve: String,
         tolerance_nm: f64,
-        /// A tolerance with which it fits, nm and nrad; `None` if there are too many breakpoints for any.
+        /// A tolerance with which the machine fits, nm and nrad; `None` if there are too many breakpoints for any.
         fitting_nm: Option<f64>,
     },
     /// A curve has a value that is not finite.

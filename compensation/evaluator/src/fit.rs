@@ -69,7 +69,7 @@ pub(crate) struct CurveFit<'a> {
     /// Range of the table, mm or deg, extended by breakpoints outside of it.
     pub(crate) travel: [f64; 2],
     pub(crate) breakpoints: &'a [Vec<f64>; LANES],
-    /// From the axis's point to the tool tip, mm.
+    /// Vector from the point of the axis to the tool tip, mm.
     pub(crate) arm_mm: Vector3<f64>,
     pub(crate) constant: ErrorMotion,
     pub(crate) tolerance: Tolerance,

@@ -2,9 +2,9 @@
 //!
 //! To first order the error of a chain is a sum of twists, each in the gap between two joints. A displaced axis line is a twist on the
 //! fixed side of its joint and the opposite one on its moving side; an assembly error is a twist in one gap. A constant twist in the gap in
-//! which an axis has its error motions is a constant of that axis's table. Across a linear joint a tilt leaves a displacement that is
-//! linear in the coordinate, which the table includes, too. What no table can include stays in its gap: at an end of the chain, or between
-//! two rotary joints that both have their errors on their far sides.
+//! which an axis has its error motions is a constant of that axis's table. Across a linear joint, a tilt causes a displacement that is
+//! linear in the coordinate; the table includes this as well. Twists that no table can include stay in their gaps: at an end of the chain,
+//! or between two rotary joints that both have their errors on their far sides.
 
 use volcomp_kinematics::{Chain, ErrorMotion, Joint, Side, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
@@ -14,7 +14,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 pub(crate) struct Folded {
     /// Between the last joint and the tool.
     pub(crate) tool_end: ErrorMotion,
-    /// On the tool side of each joint but the last, if no table includes it.
+    /// Constant error on the tool side of each joint except the last, unless a table includes it.
     pub(crate) between: PerAxis<ErrorMotion>,
     /// Between the workpiece and the first joint, if that joint has its errors on its far side.
     pub(crate) workpiece_end: ErrorMotion,

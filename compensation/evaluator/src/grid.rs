@@ -1,4 +1,4 @@
-//! Tensor grids over the linear axes, with a few additions and one store per node.
+//! Evaluation on tensor grids over the linear axes. Each node costs a few additions and one store.
 
 use std::vec::Vec;
 
@@ -29,7 +29,7 @@ pub struct LinearGrid {
     base: [f64; NODE],
     /// Contributions of the innermost axis, node after node, padded to whole blocks.
     row: Vec<f64>,
-    /// Its coordinates, each repeated six times.
+    /// Coordinates, each repeated six times.
     row_mm: Vec<f64>,
 }
 
@@ -180,8 +180,8 @@ struct Rows<'a> {
 impl WithSimd for Rows<'_> {
     type Output = ();
 
-    /// Scalar code, compiled once for each instruction set. Rows are computed in a buffer that stays in the cache and copied out in large
-    /// pieces, for which the library copies without reading the target first: half the memory traffic of single stores.
+    /// Scalar code, compiled once for each instruction set. Rows are computed in a buffer that stays in the cache, then copied in large
+    /// blocks. Large copies do not read the target first, which halves the memory traffic of single stores.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let grid = self.grid;

@@ -14,7 +14,7 @@ pub(crate) struct Cell {
     pub(crate) split: f64,
     /// The interval at the start of the cell.
     pub(crate) first: u32,
-    /// Number of further breakpoints in it.
+    /// Number of further breakpoints in the cell.
     pub(crate) more: u32,
 }
 

@@ -46,7 +46,7 @@ pub(crate) struct CompiledAxis {
     /// The table for each approach, with errors transformed to the tool tip at machine zero and constant errors included.
     pub(crate) heads: [Head; 3],
     pub(crate) patches: Vec<CompiledPatch>,
-    /// From the axis's point to the tool tip at machine zero, mm.
+    /// Vector from the point of the axis to the tool tip at machine zero, mm.
     pub(crate) arm_mm: Vector3<f64>,
     /// True if the errors are on the tool side of the joint.
     pub(crate) before_motion: bool,
@@ -93,7 +93,7 @@ pub struct CompiledMachine {
     pub(crate) patched: bool,
     /// True for three linear axes without errors outside their tables.
     pub(crate) three_slides: bool,
-    /// The axes that may move, without duplicates, and those of them that corrections move.
+    /// The axes that corrections may move, without duplicates; `correctors` selects the ones that are used.
     pub(crate) may_move: ArrayVec<AxisName, MAX_AXES>,
     pub(crate) correctors: Correctors,
 }

@@ -26,7 +26,7 @@ impl Default for Tolerance {
 }
 
 impl Tolerance {
-    /// The same value in nm for displacements and in nrad for rotations.
+    /// A tolerance of `nm` nanometres for displacements and as many nanoradians for rotations.
     pub fn from_nm(nm: f64) -> Self {
         Self {
             linear_mm: nm * 1e-6,
@@ -49,7 +49,7 @@ pub type RawCurve<'a> = dyn Fn(f64, Option<Direction>) -> ErrorMotion + 'a;
 /// Whether an axis has different errors in its two directions of travel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Branches {
-    /// The same in both directions.
+    /// Equal errors in both directions.
     One,
     /// Forward, backward, and their mean for an unknown direction.
     Three,

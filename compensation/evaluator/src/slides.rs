@@ -23,7 +23,7 @@ pub struct Slides {
 }
 
 impl CompiledMachine {
-    /// For the correcting axes of the machine; `None` if it has a rotary axis.
+    /// Slides for the correcting axes of the machine; `None` if the machine has a rotary axis.
     pub fn slides(&self) -> Option<Slides> {
         let mut axes = self.axes.iter();
         if axes.any(|axis| axis.joint.kind == AxisKind::Rotary) {

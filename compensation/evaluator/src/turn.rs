@@ -106,7 +106,7 @@ const QUARTER_REST: f64 = 6.077_100_506_506_192e-11;
 /// minimax polynomials of Sun's fdlibm (k_sin.c, k_cos.c) over ±π/4.
 #[inline(always)]
 pub(crate) fn sin_cos<R: Registers>(registers: R, q_rad: f64) -> (f64, f64) {
-    // NaN takes the slow path, too.
+    // NaN takes the slow path as well.
     if q_rad.abs() >= REDUCED_BELOW_RAD || q_rad.is_nan() {
         return libm::sincos(q_rad);
     }

@@ -15,7 +15,7 @@ pub(crate) trait Turns {
     fn turned(&mut self, index: usize, turn: Turn, lever_mm: Vector3<f64>);
 }
 
-/// For evaluations without a correction, which do not need the rotations.
+/// Evaluations without a correction do not need the rotations.
 impl Turns for () {
     #[inline(always)]
     fn turned(&mut self, _: usize, _: Turn, _: Vector3<f64>) {}

@@ -1,5 +1,5 @@
-//! Corrections that were sent and may still arrive, and the largest correction that is accepted when it is read back: the limit, or more if the
-//! limit was lowered or belongs to a path with a lower one, provided the excess was sent by this guard or known before.
+//! Corrections that were sent and may still arrive, and the largest correction that is accepted as a read-back. This is the limit; it is higher
+//! if the limit was lowered, or the previous path had a higher one, provided that this guard sent the excess or knew it before.
 
 use core::time::Duration;
 
@@ -7,8 +7,8 @@ use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::{Limits, step::one_step};
 
-/// How long after a word was sent a reading may still show it. All frames sent while a report is in transit answer the same report, so a barrier
-/// takes one of them per delay of the path: it moves towards one that was sent one delay before the last.
+/// Maximum time between sending a word and a reading that still shows it. All frames sent while a report is in transit refer to the same report,
+/// so a barrier accepts one of them per delay of the path: it moves towards one that was sent one delay before the last.
 fn longest_visible(limits: &Limits) -> Duration {
     limits.longest_delay().saturating_mul(2)
 }
@@ -18,7 +18,7 @@ fn longest_visible(limits: &Limits) -> Duration {
 struct SentRange {
     /// Largest absolute word of each axis, mm or rad.
     largest: PerChannel<f64>,
-    /// Highest slew limit of each axis while they were sent, mm/s or rad/s.
+    /// Highest slew limit of each axis while these corrections were sent, mm/s or rad/s.
     slew_per_s: PerChannel<f64>,
 }
 

@@ -91,7 +91,7 @@ impl Settings {
         Ok(())
     }
 
-    /// The same settings with zero for unused axes.
+    /// These settings with zero for unused axes.
     fn of_axes(self) -> Self {
         Self {
             limit: self.present(&self.limit),
@@ -110,7 +110,7 @@ impl Settings {
 /// Maximum number of words of a frame: head, one value per axis, checksum.
 pub const FRAME_WORDS: usize = HEAD_WORDS + MAX_AXES + 2;
 
-/// The frame of one cycle: the requested correction and its head, which proves that it is current.
+/// The frame of one cycle: the requested correction, and the head that shows that the frame is current.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Frame {
     /// Identifies the report that it answers and its sender.
@@ -178,7 +178,7 @@ pub const REPORT_WORDS: usize = REPORT_HEAD + 3 * MAX_AXES + 2;
 /// Number of words before those of the axes: epoch, tick, owner, sequence, refusal, scans per step, hold, timeout.
 const REPORT_HEAD: usize = 8;
 
-/// The refusals of a barrier; the index is the number in its words.
+/// The refusals of a barrier; the index is the code in the report.
 const REFUSALS: [Refusal; 8] = [
     Refusal::None,
     Refusal::Checksum,
@@ -286,8 +286,8 @@ impl Report {
     }
 }
 
-/// The levels of digital lines in one scan. They carry no number that distinguishes an old or foreign word from a current one, so a barrier
-/// restricts them more than frames: see [`Barrier::scan_with`].
+/// The levels of digital lines in one scan. Their words have no sequence number, so that old or foreign words cannot be detected; a barrier
+/// therefore restricts them more than frames: see [`Barrier::scan_with`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DigitalLines {
     /// Level of the latch line, which toggles once the others have settled.
@@ -313,10 +313,11 @@ pub struct Barrier {
 ///
 /// Invariants:
 /// - `applied` is on the line from `from` to `goal`, after `done` of `steps` steps; all axes reach `goal` together.
-/// - `goal` is within the limits once a frame or a word on lines was accepted; `by_lines` only while no sender of frames owns the control.
+/// - `goal` is within the limits once a frame, or a word on digital lines, was accepted; `by_lines` is true only while no sender of frames
+///   owns the barrier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Memory {
-    /// The protocol state. A word on lines counts as a frame for its `silent` counter.
+    /// The protocol state. A word on lines is treated as a frame for its `silent` counter.
     pub link: Link,
     /// Why the last frame was rejected.
     pub refusal: Refusal,
@@ -466,7 +467,7 @@ impl Barrier {
         Ok(Some(frame))
     }
 
-    /// The goal from the word on lines, if it is accepted.
+    /// The goal from the word on the digital lines, if it is accepted.
     fn latched(&mut self, lines: &DigitalLines) -> Option<Counts> {
         let before = self.state.latch.replace(lines.latch);
         self.state.latched = (self.state.latched + 1).min(self.settings.hold_scans);

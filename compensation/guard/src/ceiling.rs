@@ -1,5 +1,5 @@
-//! Hard ceilings: no guard accepts limits beyond these, whatever the configuration. A geometric correction is some tenths of a millimetre; more is
-//! a configuration error, and would move the machine.
+//! Hard ceilings: no guard accepts limits beyond these, regardless of the configuration. A geometric correction is some tenths of a millimetre;
+//! more is a configuration error, and would move the machine.
 
 use core::time::Duration;
 

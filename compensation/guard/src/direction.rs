@@ -6,13 +6,13 @@ use volcomp_vocabulary::{AxisKind, Direction, TURNED_AFTER, TURNED_AFTER_ROTARY}
 
 use crate::{AxisLimits, step::shortest_way};
 
-/// Travel (mm or rad) after which an axis counts as reversed: the larger of 5 µm (rotary axes: 5e-4 deg) and two steps of its position, plus the
-/// lag of its position at standstill.
+/// Travel (mm or rad) after which an axis is treated as reversed: the larger of 5 µm (rotary axes: 5e-4 deg) and two steps of its position, plus
+/// the lag of its position at standstill.
 ///
 /// `position_step` is the resolution of the reported position, mm or rad: a flickering count is not a reversal. The lag applies to positions that
 /// contain the correction, which is subtracted with the value that is read back: if the position shows a change of the correction up to `delay`
 /// before or after the read-back does, an axis at standstill seems to travel by the movement of the correction in that time. A reversal derived
-/// from that would feed back and turn the axis for ever.
+/// from that would feed back and reverse the axis indefinitely.
 #[must_use]
 pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Duration) -> f64 {
     let least = match limits.kind {
@@ -24,7 +24,7 @@ pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Durati
     } else {
         0.0
     };
-    // A NaN step counts as 0.
+    // A NaN step is treated as 0.
     let steps = 2.0 * position_step.max(0.0);
     least.max(steps + lag)
 }
@@ -55,8 +55,8 @@ pub struct DirectionMemory {
     seen: usize,
     count: usize,
     extreme: Option<f64>,
-    /// Which of the last readings since the extreme were beyond the threshold, towards larger and towards smaller positions: one bit each, the
-    /// newest in the lowest bit.
+    /// Bit masks of the last readings since the extreme that exceeded the threshold, towards larger and towards smaller positions; the newest
+    /// reading is the lowest bit.
     beyond: [u8; 2],
     direction: Option<Direction>,
 }
@@ -115,7 +115,7 @@ impl DirectionMemory {
         };
         let turned = self.beyond.into_iter().zip(Direction::BOTH).find(agree);
         if let Some((seen, direction)) = turned {
-            // The new extreme is the reading nearest to the old one: the axis has come at least that far.
+            // The new extreme is the reading nearest to the old extreme: the axis has reached at least this position.
             let away = |k: &usize| (self.positions[*k] - extreme).abs();
             let beyond = (0..READINGS).filter(|k| seen >> k & 1 == 1);
             let nearest = beyond.min_by(|a, b| away(a).total_cmp(&away(b)));

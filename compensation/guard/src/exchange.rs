@@ -9,7 +9,7 @@ use crate::{ReadBackStatus, Reasons, Request, RequestedCorrection, State};
 /// The positions of this cycle, from the active path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// When the oldest of them was valid, on the clock of [`Inputs::now`].
+    /// When the oldest of the positions was valid, on the clock of [`Inputs::now`].
     pub taken: Duration,
     /// Positions as reported, mm and rad.
     pub positions: PerChannel<f64>,
@@ -22,11 +22,11 @@ pub struct Inputs {
     pub now: Duration,
     /// The positions; `None` if the controller did not answer.
     pub reading: Option<Reading>,
-    /// What is known of the correction that the controller applies.
+    /// State of the correction that the controller applies.
     pub read_back: ReadBackStatus,
     /// The interlocks of the machine ([`Interlocks::reasons`](crate::Interlocks::reasons)); empty for none.
     pub interlocks: Reasons,
-    /// The correction by the model; `None` if it has none.
+    /// The correction by the model; `None` if the model returns none.
     pub requested: Option<RequestedCorrection>,
     /// Positions are old while the machine moves, so that a held correction would become worse than none: it ramps out as fast as the slew allows.
     /// Used only while positions are stale.
@@ -42,7 +42,7 @@ pub struct Inputs {
 pub struct Output {
     /// The correction, multiples of the resolution, mm and rad.
     pub correction: PerChannel<f64>,
-    /// Whether to send it, together with the heartbeat.
+    /// Whether to send the output, together with the heartbeat.
     pub write: bool,
     /// The state after this cycle.
     pub state: State,

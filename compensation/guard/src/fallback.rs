@@ -8,9 +8,10 @@ pub const MAX_PATHS: usize = 4;
 /// State of one controller path in a cycle; paths are in order of preference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PathHealth {
-    /// Its positions are fresh, and every position that its correction depends on is available.
+    /// The controller's positions are fresh, and every position that its correction depends on is available.
     pub usable: bool,
-    /// The applied correction is known once it writes: it reports it, or nothing is left of the previous path.
+    /// The applied correction is known once this path writes: the control reports it, or no correction of the previous
+    /// path remains.
     pub ready: bool,
 }
 

@@ -16,7 +16,7 @@ use crate::{
     step::{ROUNDING, ROUNDING_STEPS, is_same_step, one_step},
 };
 
-/// Maximum duration of a cycle, in periods; longer ones count as this.
+/// Maximum duration of a cycle, in periods; longer cycles are clamped to this.
 const LONGEST_CYCLE_PERIODS: u32 = 5;
 
 /// Number of consecutive confirmed corrections of an axis that differ from the sent ones, after which it is a fault.
@@ -36,7 +36,7 @@ const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 ///
 /// Invariants between two cycles:
 /// - `vector` is the last decision, and `before` the one before its last motion: [`not_sent`](Guard::not_sent) returns to it, so an output that was
-///   not sent never counts as moved.
+///   not sent is never treated as moved.
 /// - Every word that may be sent next is within `corridor`, which only time widens, by the slew, and which each sent word narrows.
 /// - `accepted` is at least the limit of each axis. It exceeds the limit only by corrections that were sent by this guard, known before, or accepted
 ///   by the operator.
@@ -61,16 +61,16 @@ pub struct Guard {
     accepted: AcceptedRange,
     /// When a frame was last sent to a barrier.
     sent_to_barrier: Option<Duration>,
-    /// The output was at the confirmed correction: a ramp or a line starts anew when it moves again.
+    /// The output was at the confirmed correction; the next move starts a new ramp or line.
     at_confirmed: bool,
-    /// The correction that the control itself holds during an interlock; words to its barrier go there.
+    /// The correction at which the control holds its axes during an interlock; it is repeated to the barrier.
     held: Option<PerChannel<f64>>,
     /// Begin of the present interlock.
     stopped_since: Option<Duration>,
     /// The active path has changed: the output starts from the correction known on the new one.
     path_changed: bool,
-    /// Set if the new path writes the same axes in the same steps as the previous one: the last words of that one may still be on the way to a
-    /// common barrier, and a reading valid before this time does not show their effect yet.
+    /// Set if the new path writes the same axes in the same steps as the previous one: the last words of the previous path may still be in
+    /// transit to the common barrier, and a reading valid before this time does not show their effect yet.
     shared_until: Option<Duration>,
     proof: Proof,
     moves: MotionHistory,
@@ -79,7 +79,7 @@ pub struct Guard {
     last_cycle: Option<Duration>,
     /// When positions and correction were last valid.
     inputs_valid_at: Option<Duration>,
-    /// When the control may act on its own.
+    /// Time from which the control may ramp to zero on its own.
     control_acts_at: Option<Duration>,
     adopted: PerChannel<u32>,
     held_back: u64,
@@ -122,7 +122,7 @@ impl Guard {
     /// ramp if [`Request::Switched`] follows.
     ///
     /// # Errors
-    /// Those of [`Limits::check_in_place_of`]: the old ones stay.
+    /// Same as [`Limits::check_in_place_of`]; the old limits then stay active.
     pub fn set_limits(&mut self, limits: Limits) -> Result<(), LimitsError> {
         limits.check_in_place_of(&self.limits)?;
         let present = self.largest_present().unwrap_or_default();
@@ -145,7 +145,7 @@ impl Guard {
     ) -> Result<(), LimitsError> {
         limits.check()?;
         let places = &places.map(|place| place.filter(|place| *place < self.limits.count));
-        // Corrections sent by the previous path, or known there, are accepted on this path, too.
+        // Corrections sent by the previous path, or known there, are accepted on this path as well.
         let present = self.largest_present().unwrap_or_default();
         let now = self.last_cycle.unwrap_or_default();
         self.accepted
@@ -180,14 +180,14 @@ impl Guard {
         Ok(())
     }
 
-    /// Reports that the output of the last cycle was not sent, or its sending failed: it does not count as moved.
+    /// Reports that the output of the last cycle was not sent, or its sending failed: it is not treated as moved.
     pub fn not_sent(&mut self) {
         self.vector = self.before;
         self.vector.stop();
     }
 
-    /// Remaining time from `now` in which the output of this cycle may be sent, since positions and correction expire, and a control that receives
-    /// nothing may act on its own; `None`: it has expired. Call immediately before a write.
+    /// Remaining time from `now` in which the output of this cycle may be sent. It ends when positions or correction expire, or when the control
+    /// may act on its own for lack of writes. `None`: it has expired. Call immediately before a write.
     #[must_use]
     pub fn time_to_send(&self, now: Duration) -> Option<Duration> {
         // An output that ramps out or is constant depends on no position, but no decision older than the maximum hold time is sent.
@@ -312,10 +312,10 @@ impl Guard {
             })
     }
 
-    /// During an interlock the last word is repeated to a barrier so that it does not time out: the axis is there already, or the words in transit
-    /// move it there. The confirmed correction lags that word; returning to it would move the axis to and fro. Only if the control accepted the
-    /// word but stays elsewhere for long, because it holds on its own, the word goes to that place, so that nothing moves when the control is
-    /// released. A control that was stationary before the interlock may have been released since: it counts as holding only if it is still
+    /// During an interlock the last word is repeated to a barrier so that it does not time out: the axis has reached it, or words in transit move
+    /// it there. The confirmed correction lags the last word; returning to the confirmed one would move the axis back and forth. If the control
+    /// accepted the word but holds its axes elsewhere for long, the word is set to the held value, so that nothing moves when the control is
+    /// released. A control that was stationary before the interlock may have been released since: it is treated as holding only if it is still
     /// stationary after the time in which a movement would have been seen.
     fn hold(&mut self, inputs: &Inputs, facts: &Facts) {
         let status = &inputs.read_back;
@@ -365,7 +365,7 @@ impl Guard {
             return false;
         }
         let output = self.output();
-        // A correction that is confirmed anew and equals the sent one continues unchanged.
+        // A newly confirmed correction that equals the sent one continues unchanged.
         let mut is_event = false;
         for i in self.limits.places() {
             if !is_same_step(values[i], output[i], self.limits.axes[i].resolution) {
@@ -386,8 +386,8 @@ impl Guard {
         self.at_confirmed = true;
     }
 
-    /// Whether the last word of the previous path is on its way to the barrier common to both, which applied these `values` at `at`: it differs by
-    /// no more than the slew since then.
+    /// Whether the last word of the previous path is still in transit to the barrier common to both paths. It is if it differs from the `values`
+    /// that the barrier applied at `at` by no more than the slew since then.
     fn is_in_transit(&self, scheme: Scheme, values: &PerChannel<f64>, at: Duration) -> bool {
         let (Some(shared_until), output) = (self.shared_until, self.output()) else {
             return false;
@@ -460,7 +460,7 @@ impl Guard {
         }
     }
 
-    /// Whether anything is sent: the moving output, or the same one again.
+    /// Whether the output, changed or repeated, may be sent.
     fn may_send(&self, inputs: &Inputs) -> bool {
         !self.is_idle(inputs) && inputs.read_back.writable
     }
@@ -474,7 +474,7 @@ impl Guard {
     ) -> Facts {
         let (now, status, limits) = (inputs.now, &inputs.read_back, &self.limits);
         if let (Some(reading), Some(_)) = (reading, &inputs.requested) {
-            // No reading is from the future, whatever a device reports.
+            // A device may report a future time; clamp it to now.
             self.inputs_valid_at = self.inputs_valid_at.max(Some(reading.taken.min(now)));
         }
         let age = self.age(now);
@@ -523,7 +523,7 @@ impl Guard {
         }
     }
 
-    /// The control accepts words but stays elsewhere for longer than `hold`.
+    /// True if the control accepts words but has stopped at another correction for longer than `hold`.
     fn is_stationary_elsewhere(&self, inputs: &Inputs) -> bool {
         let since = inputs.read_back.stationary_since;
         let hold = self.hold_unconfirmed(&inputs.read_back);
@@ -609,7 +609,7 @@ impl Guard {
                     && self.corridor.contains(i, output[i], &self.limits)
             };
             if self.all(is_near) {
-                // A lack of confirmation limits the output like its own slew.
+                // A missing confirmation limits the output in the same way as the slew limit.
                 let moved = moved | Reasons::SLEWING.when(share < 1.0);
                 self.held_back += u64::from(moved.contains(Reasons::SLEWING));
                 *reasons |= moved;

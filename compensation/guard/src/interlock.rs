@@ -29,7 +29,8 @@ impl Interlock {
         self.unreferenced || self.alarm || self.emergency_stop
     }
 
-    /// The flags at this age: flags older than `hold` are unknown, so each one that the control reports (`shown`) counts as set.
+    /// The flags at this age: flags older than `hold` are unknown, so each one that the control reports (`shown`) is treated as
+    /// set.
     #[must_use]
     pub fn at_age(self, age: Duration, hold: Duration, shown: Self) -> Self {
         let is_old = age > hold;

@@ -326,7 +326,8 @@ impl Limits {
         self.delay().saturating_add(self.period * 2)
     }
 
-    /// Maximum age of a reading from a control without a barrier: anything older than `zero_after` would be rejected as a position, too.
+    /// Maximum age of a reading from a control without a barrier: anything older than `zero_after` would be rejected as a position as
+    /// well.
     pub(crate) fn oldest_reading(&self) -> Duration {
         self.zero_after.saturating_add(self.longest_delay())
     }

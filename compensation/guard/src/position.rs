@@ -21,9 +21,9 @@ pub struct PositionLimits {
 /// Why a position is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PositionFlaw {
-    /// It is outside the range of the axis.
+    /// The position is outside the range of the axis.
     OutsideTravel,
-    /// The axis cannot have reached it since the last accepted position.
+    /// The axis cannot have reached the position since the last accepted one.
     Jumped,
 }
 

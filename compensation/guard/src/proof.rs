@@ -16,12 +16,12 @@ const STILL_FOR: Duration = Duration::from_millis(250);
 /// Maximum number of attempts while a position neither follows a shift nor stays.
 const MOST_ATTEMPTS: u8 = 3;
 /// A position that stays within this fraction of a shift has not moved. A flickering count is not a motion, since a shift is at least four counts.
-/// A position that follows by a tenth of the shift therefore also counts as staying.
+/// A position that follows by a tenth of the shift therefore is also treated as staying.
 const STAYED_SHARE: f64 = 0.25 + ROUNDING_STEPS;
 /// Movement, as a multiple of the shift, beyond which the machine must have moved the axis.
 const MOVED_SHARE: f64 = 2.5;
-/// The machine counts as moving if an axis still moves after `LATEST` times the required standstill, or after that standstill and farther than
-/// `FAR_SHIFTS` times the shift.
+/// The machine is treated as moving if an axis still moves after `LATEST` times the required standstill, or after that standstill and farther
+/// than `FAR_SHIFTS` times the shift.
 const LATEST: u32 = 3;
 const FAR_SHIFTS: f64 = 20.0;
 /// Maximum age of a motion that shows, when an axis is shifted, that its position is alive.
@@ -32,7 +32,8 @@ const ALIVE_FOR: Duration = Duration::from_secs(10);
 pub enum AxisProof {
     /// The reported position followed the shift both ways: it contains the correction.
     Contained,
-    /// The reported position stayed both times, and is alive: the machine moved the axis recently.
+    /// The reported position did not follow either shift. It is not frozen, because the machine moved the axis
+    /// recently.
     NotContained,
     /// Unknown: the axis was not shifted, its position may be frozen, or it moved otherwise.
     #[default]
@@ -44,15 +45,16 @@ pub enum AxisProof {
 pub struct Verdict {
     /// The finding for each axis.
     pub axes: PerChannel<AxisProof>,
-    /// The axes whose configuration contradicts the finding or the amount: a position that follows both ways by 2.5 times the shift, or by half of
-    /// it, shows that the words have another unit. If positions do not contain the correction, the unit cannot be tested.
+    /// The axes whose configuration contradicts the test. A reported position that follows the test shift both ways, but by 2.5 times or half its
+    /// amount, shows that the control applies corrections in another unit. If reported positions do not contain the correction, the unit cannot be
+    /// tested.
     pub contradicts: PerChannel<bool>,
     /// The axes with a finding.
     pub proven: PerChannel<bool>,
 }
 
 impl Verdict {
-    /// `scaled`: the axes that followed both ways by another amount than the shift.
+    /// `scaled`: axes whose position followed the test shift both ways, but by another amount.
     fn of(axes: PerChannel<AxisProof>, scaled: &PerChannel<bool>, limits: &Limits) -> Self {
         Self {
             axes,
@@ -124,7 +126,7 @@ impl MotionHistory {
 /// Stage of the proof, which determines the correction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Leg {
-    /// At the initial correction.
+    /// The correction is at its initial value.
     #[default]
     Begin,
     /// Shifted in the first direction: towards zero, or up.
@@ -139,7 +141,7 @@ enum AxisResponse {
     FollowResult,
     Stayed,
     Between,
-    /// It moved so far that the machine must have moved it.
+    /// The axis moved farther than any response to the shift: the machine moved it.
     Moved,
 }
 
@@ -166,7 +168,7 @@ impl Span {
     }
 }
 
-/// Findings for axes, and which of them follow by another amount than the shift.
+/// Findings for axes, and the axes that followed by another amount than the shift.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Findings {
     axes: PerChannel<AxisProof>,
@@ -186,7 +188,7 @@ struct Findings {
 pub struct Proof {
     /// When the last reading was valid.
     taken: Option<Duration>,
-    /// Positions at the begin of the standstill, and its duration.
+    /// Positions at the start of the standstill, and its duration.
     positions: PerChannel<f64>,
     still: Span,
     /// How long the correction has been at the goal of the leg, and when it was found there.
@@ -353,8 +355,8 @@ impl Proof {
         }
     }
 
-    /// The correction of a leg: shifts the axes within their limits, in both directions from their start, the first one towards zero; near the
-    /// limit inwards and back. The linear axes follow the rotary ones; if their limits leave no room for that, nothing is shifted.
+    /// The correction of a leg. Each axis is shifted from its start in both directions, first towards zero; near its limit it is shifted
+    /// inwards and back only. The linear axes follow the rotary axes; if their limits do not permit this, nothing is shifted.
     fn at(&self, leg: Leg, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
         let begin = self.begin(from, limits);
         let kind = self.kind(limits);

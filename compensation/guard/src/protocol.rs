@@ -16,7 +16,7 @@ pub type Counts = volcomp_vocabulary::PerChannel<i16>;
 /// Number of words of a [`Head`].
 pub const HEAD_WORDS: usize = 4;
 
-/// The head of a frame, which proves that it is current.
+/// The head of a frame; it shows that the frame is current.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Head {
     /// The last epoch published by the control.
@@ -91,7 +91,7 @@ pub enum Refusal {
     /// axis could follow.
     #[error("a word on the lines came at the wrong time, or changes too fast")]
     Lines,
-    /// These are not the next words of the map being loaded.
+    /// The words are not the next ones of the map being loaded.
     #[error("its words are not the next ones of the map")]
     Place,
     /// The map does not fit the control: its axes, steps, size or lines. It must be started over.
@@ -270,7 +270,7 @@ impl Link {
 
     /// Whether a complete frame is to be accepted, if its content is valid; `false`: it was checked before, or is the last accepted one.
     ///
-    /// `found` is the tick and sequence of the last complete frame in the same mailbox. A frame that is not overwritten stays there for ever:
+    /// `found` is the tick and sequence of the last complete frame in the same mailbox. A frame that is not overwritten stays in the mailbox;
     /// without this check it would be accepted again once tick and sequence have wrapped.
     ///
     /// # Errors
@@ -329,10 +329,10 @@ impl Link {
 /// The meaning of a report for a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReportStatus {
-    /// The control's scans have not advanced since the last report, or this one is from before it: nothing new.
+    /// The scan counter has not advanced since the last report, or this report is older.
     Old,
-    /// Another sender owns the control, or this one did before its restart: nothing may be sent until the control has released it at its timeout.
-    /// Also if the owner number equals that of this sender, which has not sent that sequence in that epoch.
+    /// Another sender owns the control, or this sender did before its restart: nothing may be sent until the timeout of the control. This
+    /// includes an owner that has the number of this sender, but a sequence that this sender has not sent in this epoch.
     Held {
         /// Owner number of the other sender.
         owner: u16,
@@ -366,8 +366,8 @@ pub struct Session {
 }
 
 impl Session {
-    /// A sender at its start. `owner` must be drawn anew at each start, so that a sender does not mistake its predecessor for itself; 0 means none
-    /// and is replaced by 1.
+    /// A sender at its start. `owner` must be a new random number at each start, so that a sender does not mistake its predecessor for itself; 0
+    /// means none and is replaced by 1.
     #[must_use]
     pub fn new(owner: u16) -> Self {
         Self {
@@ -427,8 +427,8 @@ impl Session {
         }
     }
 
-    /// Whether this sender may have sent this sequence in this epoch: lost frames count as sent, and so does everything older than the remembered
-    /// epochs.
+    /// Whether this sender may have sent this sequence in this epoch: lost frames are treated as sent, and so is everything older than the
+    /// remembered epochs.
     fn has_sent(&self, epoch: u16, sequence: u16) -> bool {
         let mut own = self.own.iter().flatten();
         match own.clone().find(|own| own.0 == epoch) {

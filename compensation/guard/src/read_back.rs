@@ -1,7 +1,7 @@
 //! Knowledge of the correction that a control applies.
 //!
-//! No value from a wire counts before it is confirmed, and no sent correction counts as applied before it is seen. The method depends on the
-//! control: a [`barrier`](crate::barrier), words that can be read back, or neither.
+//! A received value is not used before it is confirmed, and a sent correction is not considered applied before it is read back. The method
+//! depends on the control: a [`barrier`](crate::barrier), words that can be read back, or neither.
 
 mod barrier;
 mod echo;
@@ -57,8 +57,8 @@ impl ReadBack {
         Self::of(Kind::Echo(Echo::new(watch)), Scheme::Plain)
     }
 
-    /// For a control whose correction cannot be read back. `control` is the time without a write after which it goes to zero on its own; `None`: it
-    /// keeps its correction.
+    /// For a control whose correction cannot be read back. `control` is the time without a write after which it ramps to zero on its own; `None`:
+    /// it keeps its correction.
     #[must_use]
     pub fn no_read_back(control: Option<ControlTimeOut>) -> Self {
         Self::of(
@@ -84,8 +84,8 @@ impl ReadBack {
         &self.status
     }
 
-    /// Processes the control's report in this cycle. `taken` is when it was valid: anything older than `hold` is ignored, however often a device
-    /// repeats it.
+    /// Processes the control's report in this cycle. `taken` is the time at which it was valid. Reports older than `hold` are ignored, even if a
+    /// device repeats them.
     pub fn receive(
         &mut self,
         now: Duration,
@@ -93,7 +93,7 @@ impl ReadBack {
         report: &CorrectionReport<'_>,
         limits: &Limits,
     ) {
-        // No reading is from the future, whatever a device reports.
+        // A device may report a future time; clamp it to now.
         let taken = taken.min(now);
         let is_old = now.saturating_sub(taken) > limits.hold;
         let report = if is_old {
@@ -127,7 +127,7 @@ impl ReadBack {
             Kind::Barrier(_) | Kind::Echo(_) => true,
             Kind::NoReadBack(lines) => lines.has_reported(),
         };
-        // Lines that never reported their outputs count as answering.
+        // Lines that have never reported their outputs are assumed to answer.
         let answered = !is_observed || *report != CorrectionReport::Missing;
         self.arrivals.receive(now, answered, landed, limits);
         self.update_status();
@@ -217,9 +217,9 @@ impl ReadBack {
         self.update_status();
     }
 
-    /// Makes this path the active one in place of another. Without read-back here, the correction from the other path must be gone: this path takes
-    /// over only after that. Its own earlier correction remains, unless the control has dropped everything (`released`), because the other path led
-    /// to its barrier. With a read-back but no barrier, earlier readings may be older than the last write of the other path.
+    /// Makes this path the active one in place of another. A path without read-back takes over only after the correction of the other path has been
+    /// removed. The earlier correction of this path remains, unless the control has dropped everything (`released`) because the other path led to
+    /// its barrier. With a read-back but no barrier, earlier readings may be older than the last write of the other path.
     pub fn take_over(&mut self, now: Duration, released: bool) {
         match &mut self.kind {
             Kind::NoReadBack(lines) => lines.take_over(now, released, &mut self.status),

@@ -115,7 +115,7 @@ pub(crate) struct Facts {
     pub(crate) proven: Option<bool>,
     /// Several writes in a row did not stick.
     pub(crate) does_not_stick: bool,
-    /// For longer than `hold` the applied correction is not confirmed, or sent corrections do not arrive.
+    /// The applied correction was not confirmed, or sent corrections did not arrive, for longer than `hold`.
     pub(crate) unconfirmed: bool,
     /// Sent corrections do not arrive for longer than `zero_after` although the control answers.
     pub(crate) does_not_land: bool,
@@ -136,7 +136,7 @@ impl State {
         }
     }
 
-    /// Whether it compensates, or will do so without another request.
+    /// Whether the guard compensates, or will do so without another request.
     pub fn is_armed(self) -> bool {
         matches!(
             self,

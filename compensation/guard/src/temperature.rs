@@ -45,7 +45,7 @@ pub enum SensorReading {
     Temperature {
         /// The temperature as reported by the device, °C.
         degc: f64,
-        /// When it was measured, on the clock passed to the check.
+        /// When the temperature was measured, on the clock passed to the check.
         taken: Duration,
     },
 }
@@ -66,7 +66,7 @@ pub enum SensorFlaw {
     /// The temperature changed faster than [`SensorLimits::max_degc_per_min`], and was not readmitted since: it is not used.
     #[error("jumped")]
     Jumped,
-    /// The same digits for [`SensorLimits::stuck_after`]: the temperature is used.
+    /// The reading did not change in any digit for [`SensorLimits::stuck_after`]; it is still used.
     #[error("stuck at one value")]
     Stuck,
     /// Farther than [`SensorLimits::neighbours_k`] from the median of the other sensors: the temperature is used.
@@ -86,7 +86,7 @@ impl SensorFlaw {
 pub struct SensorReport {
     /// The temperature, °C; `None` if it is not used.
     pub degc: Option<f64>,
-    /// Its flaw; `None` for a good temperature, and before the first check.
+    /// Flaw; `None` for a good temperature, and before the first check.
     pub flaw: Option<SensorFlaw>,
 }
 
@@ -133,8 +133,8 @@ fn accepted_temperatures(checks: &[SensorCheck]) -> [f64; MAX_SENSORS] {
     accepted
 }
 
-/// Largest difference between two readings that counts as the resolution or noise of a module, not as a jump, K. The billionth covers the rounding
-/// of decimal fractions.
+/// Largest difference between two readings that is treated as the resolution or noise of a module, not as a jump, K. The billionth covers the
+/// rounding of decimal fractions.
 const STEP_K: f64 = 0.5 + 1e-9;
 /// How far a temperature may have changed while its sensor was silent beyond the maximum age, K: `UNSEEN_MINUTES_K` within minutes,
 /// `UNSEEN_K_PER_MIN` per minute from half an hour on (20 K in an hour), at most `UNSEEN_NIGHT_K`, the overnight cooling of a machine.
@@ -186,8 +186,8 @@ impl SensorCheck {
             .map_or(f64::NAN, |accepted| accepted.degc)
     }
 
-    /// Stores the temperatures of all sensors, °C, at the end of the cycle in which a new reading of this one was accepted, so that after a jump
-    /// its usual difference from its neighbours refers to a single time.
+    /// Stores the temperatures of all sensors, °C, at the end of the cycle in which a new reading of this sensor was accepted. After a jump, its
+    /// usual differences from its neighbours then refer to a single time.
     fn remember(&mut self, all: &[f64; MAX_SENSORS]) {
         if let Some(accepted) = &mut self.accepted
             && self.used
@@ -279,7 +279,7 @@ impl SensorCheck {
             taken: before.taken,
             neighbours: before.neighbours.unwrap_or([f64::NAN; MAX_SENSORS]),
         };
-        // A temperature from before a long fault is unreliable: the neighbours show what has happened since.
+        // A temperature from before a long fault is unreliable: the neighbouring sensors show the change since.
         let contradicted = self.was_faulty
             && since > limits.stale
             && (at_jump.change(others))
@@ -330,7 +330,7 @@ impl SensorCheck {
 
 /// How long a sensor that jumped must agree before it is accepted again.
 const AGREES_FOR: Duration = Duration::from_secs(600);
-/// Maximum difference that counts as agreement, K.
+/// Maximum difference that is treated as agreement, K.
 const AGREES_WITHIN_K: f64 = 1.0;
 
 /// The data of a sensor from when it was last accepted.
@@ -338,7 +338,7 @@ const AGREES_WITHIN_K: f64 = 1.0;
 struct BeforeJump {
     /// Index of the sensor.
     pub own: usize,
-    /// Its temperature, °C.
+    /// Temperature, °C.
     pub degc: f64,
     /// When that temperature was measured.
     pub taken: Duration,
@@ -379,9 +379,9 @@ impl Readmission {
         }
     }
 
-    /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than `stale` restarts the ten minutes. The sensor's own
-    /// temperature from before the jump is no prediction on its own if it is older than that when the ten minutes begin: the machine has changed
-    /// since, as the other sensors show.
+    /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than `stale` restarts the ten minutes. The sensor's
+    /// temperature from before the jump is no prediction by itself if it is older than `stale` when the ten minutes begin: the machine has changed
+    /// since, and the other sensors show this change.
     fn process(
         &mut self,
         degc: f64,

@@ -22,7 +22,7 @@ const SMALLEST_PART: f64 = 1e-6;
 struct Share {
     /// The requested share plus the remaining offset of the ramp, mm.
     position: PerChannel<f64>,
-    /// The fraction of it that the axes can carry.
+    /// The fraction of the position share that the limits of the axes allow.
     part: f64,
     /// The present rotary shares, rad; zero for all other axes.
     rotary: PerChannel<f64>,
@@ -49,9 +49,8 @@ enum Motion {
 /// The moving correction, mm for linear and rad for rotary axes; state of the guard.
 ///
 /// The rotary axes move by a common factor towards shares on whole steps, as far as the linear axes can follow in the same cycle; the linear shares
-/// are solved for the present rotary shares. So the tool tip stays in place while the tool axis turns. On a ramp the distance of the position share
-/// from the requested one shrinks in proportion: the position error of the tool shrinks from its value at the start of the ramp, even if the
-/// machine moves.
+/// are solved for the present rotary shares. So the tool tip stays in place while the tool axis turns. On a ramp the distance between the present
+/// and the requested position share shrinks in proportion, and so does the position error of the tool, even if the machine moves.
 ///
 /// Invariants:
 /// - No axis moves in a cycle by more than its slew and acceleration in that cycle allow from `rate`; `slew` and `accel` are those limits.
@@ -134,7 +133,7 @@ impl Vector {
         };
     }
 
-    /// Whether it is on a line to this correction, or at its end.
+    /// Whether the output is on a line to this correction, or at its end.
     pub(crate) fn leads_to(&self, end: &PerChannel<f64>) -> bool {
         matches!(&self.motion, Motion::Line { to, .. } if to == end)
     }
@@ -267,8 +266,8 @@ impl Vector {
         }
     }
 
-    /// Brakes before another motion starts: rotary axes and the linear axes that follow them come to rest by one factor, the remaining motion of
-    /// the linear axes by another. Returns whether this cycle was needed; not for axes without an acceleration limit.
+    /// Brakes before another motion starts: rotary axes and the linear axes that follow them stop with one common factor, the remaining motion
+    /// of the linear axes with another. Returns whether this cycle was needed; not for axes without an acceleration limit.
     fn brakes(&mut self, cycle: &Cycle) -> bool {
         let (mut moving, mut alone) = (PerChannel::ZERO, PerChannel::ZERO);
         for i in cycle.of_kind(AxisKind::Linear) {
@@ -409,7 +408,7 @@ impl Vector {
         }
     }
 
-    /// Remaining fraction of the ramp, which starts here if it has not, and the fraction that passes per second.
+    /// Remaining fraction of the ramp, and the fraction that passes per second. Starts the ramp if it has not started.
     fn ramp(&mut self, requested: &RequestedCorrection, cycle: &Cycle) -> (f64, f64) {
         if matches!(self.motion, Motion::Begins | Motion::Line { .. }) {
             let following = requested.following(&self.rotary(cycle));
@@ -443,8 +442,8 @@ impl Vector {
         }
     }
 
-    /// The fraction of a position share that the axes can carry after the remaining ramp is reduced to this fraction: a lowered limit takes effect
-    /// with the ramp.
+    /// The fraction of a position share that the limits of the axes allow after the remaining ramp is reduced to this fraction: a lowered limit
+    /// takes effect with the ramp.
     fn part(
         &self,
         left: f64,
@@ -474,9 +473,9 @@ impl Vector {
         offset
     }
 
-    /// The fraction of the offset of a linear axis with which its position share fits the axis wherever the rotary axes are: all of it, unless the
-    /// request at the start of the ramp was larger, or is now. Beyond that the offset has no effect, so the ramp of the other axes continues; the
-    /// rest only shrinks, and the error of the tool does not grow.
+    /// The fraction of the offset of a linear axis for which its position share is within the limit of the axis at any rotary position. It is 1
+    /// unless the request exceeds the limit now, or did at the start of the ramp. The excess has no effect, so that the ramp of the other axes
+    /// continues; it can only shrink, and the error of the tool does not grow.
     fn reachable_offset(&self, axis: usize, requested: &RequestedCorrection, cycle: &Cycle) -> f64 {
         let following = cycle.of_kind(AxisKind::Rotary);
         let following: f64 = following

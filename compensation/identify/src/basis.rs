@@ -291,7 +291,7 @@ mod tests {
         }
     }
 
-    /// A spline over no range at all: before, each of its modes counted as 0, and the error was not found without a word.
+    /// A spline over an empty range: its modes were taken as 0, and the error was silently missed (regression).
     #[test]
     fn a_spline_over_no_range_is_refused() {
         for range in [[3.0, 3.0], [f64::NAN, 1.0], [0.0, f64::INFINITY]] {

@@ -42,7 +42,7 @@ pub(crate) struct UnknownCurve {
     pub(crate) error: ErrorName,
     pub(crate) axis: usize,
     pub(crate) modes: Option<Modes>,
-    /// Its dependence on a second axis.
+    /// Dependence on a second axis.
     pub(crate) products: Option<Products>,
 }
 
@@ -100,7 +100,7 @@ impl Unknowns {
                     let rank = 1 + 2 * modes.order(mode);
                     coefficients.push(add(name, Role::Mode(mode), rank, group));
                 }
-                // Identified anew; a reversal value that is not an unknown is kept.
+                // Replaced by the identified curve; a reversal value that is not an unknown is kept.
                 let reversal = match machine.error(error) {
                     Some(ErrorCurve::Reversal { reversal, .. }) if !item.reversal => *reversal,
                     _ => 0.0,
@@ -189,7 +189,7 @@ fn constant(value: f64, reversal: f64) -> ErrorCurve {
     }
 }
 
-/// A curve without its reversal value, which is identified anew.
+/// A curve without its reversal value, which is identified again.
 fn without_reversal(curve: Option<&ErrorCurve>) -> ErrorCurve {
     match curve {
         Some(ErrorCurve::Single(field) | ErrorCurve::Reversal { mean: field, .. }) => {
@@ -467,7 +467,7 @@ target = \"unknown\"
             let grid = products
                 .grid(own, curve.axis, [&c, &d], go_round)
                 .expect("a grid");
-            // The machine takes it: along an axis with a modulo it closes.
+            // The machine accepts the curve: along an axis with a modulo its ends must agree.
             let mut taking = machine.clone();
             taking
                 .set_error(unknown.error, ErrorCurve::Single(Field::Grid(grid.clone())))

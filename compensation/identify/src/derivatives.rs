@@ -200,7 +200,7 @@ mod tests {
         "w Y' b U X Z C A t",
     ];
 
-    /// Errors a hundred times those of a machine, so that what is only first order would show.
+    /// Errors a hundred times those of a machine, so that a first-order approximation would fail.
     fn random_errors(numbers: &[f64]) -> Errors {
         let mut errors = Errors::default();
         let mut next = numbers.iter().cycle();

@@ -137,7 +137,7 @@ impl System {
 
     /// Residuals and their derivatives, without this elimination. With `design`, the derivatives are those of the ideal
     /// machine with readings that fit it exactly; they decide what is distinguishable. Rows before the first move of an
-    /// axis count as the mean of both directions.
+    /// axis are treated as the mean of both directions.
     pub(crate) fn plain_equations(&self, rows: &Rows, values: &Values, design: bool) -> Equations {
         let mut places = Vec::with_capacity(rows.len());
         let mut count = 0;
@@ -160,7 +160,8 @@ impl System {
         // A calibrated value is one more observation of its number.
         for (row, (column, residual, uncertainty)) in calibrated.into_iter().enumerate() {
             equations.residuals[count + row] = residual / uncertainty;
-            // For distinguishability it counts as exact: however uncertain, it leaves nothing undetermined.
+            // For distinguishability the value is taken as exact, because its uncertainty leaves no unknown
+            // undetermined.
             let least = if design {
                 equations.jacobian.column(column).norm()
             } else {
@@ -216,7 +217,7 @@ impl System {
                 let roots = left.map(|residual| weight(residual).sqrt());
                 let mut weighted = equations.sides.clone();
                 weighted.scale(|equation| roots[equation]);
-                // An axis came from one of two sides: a slip must not count as a side.
+                // An axis came from one of two sides: a slip must not be treated as a side.
                 sides = weighted.estimate(&equations.residuals.component_mul(&roots));
                 for (side, column) in sides.iter_mut().zip(columns.column_iter()) {
                     let most = 1.0 + WITHIN / column.amax().max(f64::MIN_POSITIVE);
@@ -229,7 +230,7 @@ impl System {
     }
 
     /// Residuals of rows without any error of the machine, before the size of errors is known: rows before an axis
-    /// first moved count as the mean of both directions.
+    /// first moved are treated as the mean of both directions.
     pub(crate) fn plain_residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
         in_mm(rows, &self.plain_equations(rows, values, false))
     }
@@ -477,7 +478,7 @@ pub(crate) struct Equations {
 }
 
 impl Equations {
-    /// The same with the sides eliminated, so that the equations are independent.
+    /// Eliminates the approach directions, so that the equations are independent.
     fn without_sides(mut self) -> Self {
         if self.sides.len() > 0 {
             self.sides.eliminate(&mut self.jacobian);

@@ -193,7 +193,7 @@ pub(crate) const LARGEST: f64 = 1.0;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Uncertain {
     pub(crate) param: usize,
-    /// Standard uncertainty that it would have had, in its unit.
+    /// Standard uncertainty that the unknown would have, in its unit.
     pub(crate) uncertainty: f64,
 }
 

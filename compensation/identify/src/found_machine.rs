@@ -11,8 +11,8 @@ use crate::{
     system::System,
 };
 
-/// Returns the machine of the observations with values of their unknown errors, by the names and in the units of the
-/// parameters; unknowns without a value are 0.
+/// Returns the machine of the observations with `values` for the unknown errors, as parameter names and values in
+/// parameter units. Unknowns without a value are 0.
 ///
 /// # Errors
 /// Unknowns that [`crate::identify()`] rejects; a name that is neither an unknown nor part of the set-up.

@@ -137,7 +137,7 @@ fn as_maps<S: serde::Serializer>(
 ///
 /// # Errors
 /// * Observations that no file could state: [`IdentifyError::Unusable`], [`IdentifyError::NoSuchPlace`].
-/// * No rows, too few, or all alike; an undetermined frame; a search that does not converge.
+/// * No rows, too few rows, or identical rows; an undetermined frame; a search that does not converge.
 /// * Rows that no machine like the nominal one can have produced: [`IdentifyError::FarRows`], and
 ///   [`IdentifyError::Unexplained`] if residuals after the fit are larger than real machines deviate.
 /// * A curve that cannot be built from the identified coefficients: [`IdentifyError::Curve`].
@@ -154,7 +154,7 @@ pub fn identify(
 /// The identified machine has the other errors as in the observations.
 ///
 /// # Errors
-/// As [`identify`].
+/// Same as [`identify`].
 pub fn identify_followed(
     observations: &Observations,
     followers: &[Follower],
@@ -304,8 +304,8 @@ pub struct LeftOut {
     pub folds: usize,
 }
 
-/// Residuals of rows left out of the fit, in `folds` parts by pose; everything, penalties included, is identified anew
-/// from the others. Returns a note instead if there are too few poses.
+/// Residuals of rows left out of the fit, in `folds` parts by pose; everything, including penalties, is identified from
+/// the remaining parts. Returns a note instead if there are too few poses.
 pub(crate) fn left_out(
     system: &System,
     observations: &Observations,

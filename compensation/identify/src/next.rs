@@ -43,8 +43,8 @@ pub struct Next {
     pub improvement: Option<f64>,
 }
 
-/// The most useful pose. If a pose informs about undetermined unknowns, it is the most informative one; otherwise it is
-/// the one that minimises the largest uncertainty of any error coefficient, by its largest effect on the tip in the
+/// The most useful pose. If a pose informs about undetermined unknowns, the most informative of these; otherwise the
+/// pose that minimises the largest uncertainty of any error coefficient, by its largest effect on the tip in the
 /// workspace.
 pub(crate) fn next(
     system: &System,
@@ -248,13 +248,12 @@ pub(crate) fn candidates(
     candidates
 }
 
-/// MachineSampler a row like one of a file, at another pose.
+/// Draws a random row like those of a file, at another pose.
 ///
-/// A target is visible to its tracker wherever the machine is within its travel. A sphere and a ball stay in place: the
-/// tip is at the same point of the workpiece, with other coordinates of the rotary axes. The tip at the end of a
-/// ballbar or tracer has a distance and a direction between those of two rows. A line of sight stays as well: the pose
-/// is between two of its poses. A step gauge has faces only where it was read. `None` if the axes do not reach the
-/// pose, or if it was measured already.
+/// A target is assumed visible to its tracker anywhere within the travel. Spheres and balls are stationary: the tip is
+/// at the same point of the workpiece, with other rotary coordinates. For a ballbar or tracer, distance and direction
+/// are between those of two rows. A line of sight is stationary as well: the pose is between two of its poses. A step
+/// gauge has faces only where it was read. `None` if the axes do not reach the pose, or if it was measured already.
 fn drawn(
     system: &System,
     observation: &Observation,
@@ -347,8 +346,8 @@ fn between(from: Vector3<f64>, to: Vector3<f64>, share: f64) -> Option<Vector3<f
     Some(direction.try_normalize(STEP_MM)? * length)
 }
 
-/// Shares of the travel, and of one turn for an axis that turns all the way round. Linear axes: the ends and the
-/// middle. Rotary axes: uneven spacing, so that no harmonic of a Fourier series is zero at all of them.
+/// Shares of the travel, and of one turn for an axis that covers a full turn. Linear axes: the ends and the middle.
+/// Rotary axes: uneven spacing, so that no harmonic of a Fourier series is zero at all of them.
 const LINEAR: [f64; 3] = [0.0, 0.5, 1.0];
 const ROTARY: [f64; 4] = [0.0, 0.27, 0.53, 0.81];
 

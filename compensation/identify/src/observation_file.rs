@@ -155,9 +155,8 @@ fn missing_tool_column(machine: &Machine, files: &[String]) -> Option<String> {
     })
 }
 
-/// Rejects a row file that two observations name: a reading has one kind and one direction, so its rows would count
-/// twice, or validate what was fitted to them. A file of ball distances (`row`) may be named once for every position of
-/// the bar.
+/// Rejects a row file that two observations name: its rows would be fitted twice, or would validate the fit that they
+/// were used for. A file of ball distances (`row`) may be named once for every position of the bar.
 fn refuse_same_file(sections: &[Section<'_>]) -> Result<(), InputError> {
     let mut before: Vec<(PathBuf, Value<'_>)> = Vec::new();
     for section in sections {

@@ -43,7 +43,7 @@ pub struct Observations {
 pub struct Unknown {
     /// Name of the error.
     pub error: ErrorName,
-    /// Its curve, a constant for a location error; `None` if only the reversal value is unknown.
+    /// Curve, a constant for a location error; `None` if only the reversal value is unknown.
     pub basis: Option<Basis>,
     /// Second axis on which the error depends, with the curve's modes along it; `None`: it depends on its own axis only.
     pub second: Option<SecondAxis>,
@@ -66,7 +66,8 @@ impl Unknown {
     }
 }
 
-/// Second axis on which an error depends: products of the modes of the error's curve and of a curve along this axis are identified, too.
+/// Second axis on which an error depends: products of the modes of the error's curve and of a curve along this axis are identified as
+/// well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SecondAxis {
     /// The axis.
@@ -82,7 +83,7 @@ pub struct Quantity<T> {
     pub name: String,
     /// Value, or start value of the search; `None`: the start value is derived from the observations.
     pub value: Option<T>,
-    /// Whether it is identified.
+    /// Whether the part is identified.
     pub unknown: bool,
     /// Order of its drift over the rows; 0: it does not drift.
     pub drift: usize,
@@ -228,9 +229,9 @@ pub struct Row {
     pub pose: MachinePose,
     /// The reading.
     pub reading: RowReading,
-    /// Run that the row belongs to. Within a run every axis comes from its place in the row before, and to the first
-    /// rows from an unknown side. `None`: an axis without a direction has the mean of both, as in means of
-    /// bidirectional readings.
+    /// Run that the row belongs to. Within a run every axis approaches from its position in the previous row; the
+    /// direction of approach to the first rows is unknown. `None`: an axis without a direction is evaluated with the
+    /// mean of both directions, as in means of bidirectional readings.
     pub run: Option<usize>,
     /// Time between −1 (first row) and 1 (last row), for the drift.
     pub time: f64,
@@ -438,7 +439,7 @@ impl Observations {
     }
 
     /// Range of an axis in the fitted rows, mm or deg. It is the travel if the axis did not move, and for a Fourier
-    /// series if the positions or the axis go all the way round: only a full period closes there.
+    /// series if the positions or the axis cover a full turn, because the series is periodic.
     pub(crate) fn range_of(&self, axis: usize, basis: Basis) -> [f64; 2] {
         let travel = self.machine.axes()[axis].travel;
         if basis == Basis::Constant {

@@ -111,7 +111,7 @@ pub(crate) fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
 pub struct UndeterminedError {
     /// Name of the coefficient among the unknowns.
     pub name: String,
-    /// Its unit, `um` or `urad`.
+    /// Unit, `um` or `urad`.
     pub unit: &'static str,
     /// Change without effect on the readings: the error coefficients involved, itself included, and the change of each,
     /// in its unit, per unit of this one.

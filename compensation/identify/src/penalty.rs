@@ -8,9 +8,10 @@ use crate::system::System;
 /// Convergence limit on the change of any group's effective number of coefficients.
 const CONVERGED: f64 = 0.01;
 const MAX_STEPS: usize = 100;
-/// Number of coefficients up to which a group keeps one of them out of the estimate of its size. A group this small
-/// does not show the typical size of its coefficients, and an estimate that happens to be zero would shrink all of them
-/// to zero. A larger group keeps out a fraction of one: this number divided by that of its coefficients.
+/// Number of coefficients up to which a group keeps one of them out of the estimate of its size. Such a small group
+/// does not show the typical size of its coefficients, and a zero estimate by chance would shrink all of them to zero.
+/// Of a larger group only a fraction of one coefficient is kept out: this number divided by the number of its
+/// coefficients.
 const SMALL_GROUP: f64 = 2.0;
 /// For the uncertainties, coefficients may exceed the identified size by this many variances, that is by twice the
 /// standard uncertainty. If the observations hardly determine a size, the penalty then has no effect, and the

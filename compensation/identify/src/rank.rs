@@ -43,7 +43,7 @@ impl Rank {
         }
     }
 
-    /// The same ratio for the kept columns.
+    /// Ratio of the smallest to the largest singular value of the kept columns.
     pub(crate) fn score_of_kept(&self) -> f64 {
         self.singular[0] / self.singular[1].max(f64::MIN_POSITIVE)
     }
@@ -214,7 +214,7 @@ mod tests {
         assert!((length - 1.0).abs() < 1e-14);
     }
 
-    /// Of three columns of which the last has nearly nothing in the combination that moves nothing, another is left out.
+    /// If three columns are dependent and the last hardly contributes to the dependency, another one is left out.
     #[test]
     fn a_column_with_an_effect_of_its_own_is_kept() {
         for slant in [1e-3, 1e-5, 1e-8] {

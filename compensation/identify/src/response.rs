@@ -79,12 +79,12 @@ impl Response {
     /// `None` for a change that the unknowns compensate, about which the observations contain no information.
     ///
     /// # Errors
-    /// As [`Response::to`].
+    /// Same as [`Response::to`].
     pub fn supported_shares(
         &self,
         machines: &[Machine],
     ) -> Result<Vec<Option<SupportedShare>>, IdentifyError> {
-        /// Maximum remaining share of a change that counts as compensated by the unknowns.
+        /// Maximum remaining share of a change that is treated as compensated by the unknowns.
         const MAX_COMPENSATED_SHARE: f64 = 1e-3;
         /// Prior standard uncertainty of a share. It bounds shares that only several changes together determine.
         const PRIOR_SHARE: f64 = 10.0;

@@ -87,7 +87,7 @@ impl Columns<'_> {
     }
 
     /// Rejects an unused column whose name resembles a missing one, in other letters or with another unit: `a` for `A`,
-    /// `X [mm]` for `X`, `dx_mm` for `dx_um`. If it were ignored, its axis would be taken as zero.
+    /// `X [mm]` for `X`, `dx_mm` for `dx_um`. Without this check the missing value would silently be taken as zero.
     pub(crate) fn refuse_lookalikes(&self) -> Result<(), InputError> {
         let is_there = |name: &str| self.table.names().any(|(_, found)| found == name);
         for found in self.unused() {

@@ -21,7 +21,7 @@ pub(crate) struct Sides(BTreeMap<Key, BTreeMap<usize, f64>>);
 /// Numbers of one run, which affect the same equations.
 struct Run {
     equations: Vec<usize>,
-    /// One column per number.
+    /// One column per unknown approach direction.
     columns: DMatrix<f64>,
 }
 
@@ -145,8 +145,8 @@ impl Sides {
 mod tests {
     use super::*;
 
-    /// Two runs, one of two numbers: the weighted squares are those by the inverse of the covariance 1 + G·Gᵀ, and so are those
-    /// that are left with the values that are estimated.
+    /// Two runs, one with two numbers: the weighted squares equal those weighted by the inverse of the covariance 1 + G·Gᵀ,
+    /// also after the estimated values are removed.
     #[test]
     fn elimination_equals_the_full_covariance() {
         let mut sides = Sides::default();

@@ -23,9 +23,9 @@ pub(crate) enum Exactness {
 
 /// Convergence limit on the step of least squares, in standard uncertainties.
 const CONVERGED: f64 = 1e-9;
-/// The same with robust weights, which change in every step.
+/// Convergence limit with robust weights, which change in every step.
 const CONVERGED_ROBUST: f64 = 1e-6;
-/// The same with penalties, whose weights are chosen as well, and for start values.
+/// Convergence limit with penalties, whose weights are chosen as well, and for start values.
 const CONVERGED_ROUGH: f64 = 1e-2;
 /// Number of steps in which the weights of penalties are chosen.
 const PENALTY_STEPS: usize = 3;
@@ -96,15 +96,14 @@ impl Solution {
         }
     }
 
-    /// Ratio of residuals to stated uncertainties, if chance does not explain it: the variance of n readings scatters
-    /// by √(2/n) about 1. The uncertainties are too small by at least this ratio (R. T. Birge, Physical Review 40,
-    /// 1932).
+    /// Ratio of residuals to stated uncertainties, if it is significant: the variance of n readings scatters by √(2/n)
+    /// about 1. The uncertainties are too small by at least this ratio (R. T. Birge, Physical Review 40, 1932).
     pub(crate) fn excess(&self) -> Option<f64> {
         let by_chance = max_squares_by_chance(self.freedom) / self.freedom;
         (self.variance > by_chance).then(|| self.variance.sqrt())
     }
 
-    /// The same ratio for the covariance, as a factor: 1 if the covariance already includes the residuals.
+    /// `excess` as a factor for the covariance; 1 if the covariance already includes the residuals.
     pub(crate) fn excess_of_covariance(&self) -> f64 {
         let ratio = self.excess().filter(|_| !self.counts_residuals);
         ratio.unwrap_or(1.0)
@@ -202,7 +201,7 @@ pub(crate) fn solve(
             sides = equations.sides.estimate(&equations.residuals);
         }
     }
-    // With more digits than the readings have, the last steps are rounding, and robust weights may still creep.
+    // The last steps are below the resolution of the readings; robust weights may still change slightly.
     let small = if robust { SMALL_ROBUST } else { 1e-5 };
     if last < small || exactness == Exactness::Rough {
         penalty.ends = true;

@@ -53,7 +53,7 @@ impl System {
         check(observations)?;
         let mut machine = observations.machine.clone();
         let unknowns = Unknowns::new(observations, &mut machine)?;
-        // If curves have penalties, the drifts of set-ups have penalties, too.
+        // If curves have penalties, the drifts of set-ups have penalties as well.
         let drifts = if unknowns.groups > 0 { DRIFT_GROUPS } else { 0 };
         Ok(Self {
             machine,
@@ -399,7 +399,7 @@ impl Follower {
         &self.parameter
     }
 
-    /// The same follower for a machine built with another value of the unknown, in the unit of the parameter.
+    /// This follower for a machine with another value of the unknown, in the unit of the parameter.
     #[must_use]
     pub fn with_value(self, value: f64) -> Self {
         Self { value, ..self }

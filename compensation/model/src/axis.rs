@@ -146,7 +146,7 @@ mod tests {
         }
     }
 
-    /// A linear axis has ends however long it is; controls state a turn as 0 to 359.999, too.
+    /// A linear axis has ends however long it is. A rotary travel of 0 to 359.999 is also treated as a full turn.
     #[test]
     fn what_turns_all_the_way_round_has_no_ends() {
         for (name, travel, modulo, has_ends) in [

@@ -33,7 +33,7 @@ pub const BODY_DIAGONALS: [&str; 4] = ["PPP", "NPP", "PNP", "PPN"];
 
 /// The targets of the four body diagonals over the travels of X, Y and Z, by name of the diagonal, in the order of [`BODY_DIAGONALS`]:
 /// `points` equidistant targets on each, both ends included. All other axes are at `others` (mm or deg), by default at 0. Fewer than 2
-/// points count as 2.
+/// points are treated as 2.
 ///
 /// # Errors
 /// [`ModelError::NoSuchAxis`] if X, Y or Z is missing, [`ModelError::TooMany`] for more than 1 000 000 targets, and the errors of
@@ -82,7 +82,7 @@ pub fn diagonal_targets(
 /// − ideal) along the ideal diagonal, minus its value at the first target.
 ///
 /// `errors` may be those of this machine or of another. `command` maps a target to the commanded state: the target itself, or the target
-/// with a correction added. `points` is the number of targets, both ends included; fewer than 2 count as 2.
+/// with a correction added. `points` is the number of targets, both ends included; fewer than 2 are treated as 2.
 ///
 /// # Errors
 /// See [`diagonal_targets`].

@@ -62,9 +62,9 @@ impl Ensemble {
     /// Standard uncertainty (k = 1) of quantities computed from a machine: their standard deviation over the samples, summed in sample
     /// order so that the result does not depend on the number of cores.
     ///
-    /// It is widened by t(ν)/1.96, so that ±1.96 times it is the 95 % confidence band, for the number of samples and for contributions
-    /// estimated from a few readings. t is Student's factor for the effective degrees of freedom of Welch and Satterthwaite (JCGM 100,
-    /// G.4).
+    /// The result is widened by t(ν)/1.96, so that ±1.96 times the result is the 95 % confidence band, for the number of samples and
+    /// for contributions estimated from a few readings. t is Student's factor for the effective degrees of freedom of Welch and
+    /// Satterthwaite (JCGM 100, G.4).
     pub fn uncertainty_of<const N: usize>(
         &self,
         number: impl Fn(&CompiledMachine) -> [f64; N],
@@ -160,16 +160,16 @@ mod tests {
         Ok(of_x(&with.expect("of one structure")) / of_x(&drawn))
     }
 
-    /// Degrees of freedom of Welch and Satterthwaite worked out by hand, with the factors of table G.2 of JCGM 100.
+    /// Degrees of freedom of Welch and Satterthwaite computed by hand, with the factors of table G.2 of JCGM 100.
     #[test]
     fn a_band_has_the_effective_degrees_of_freedom() -> Result<(), crate::ModelError> {
         for (variance, scatters, degrees, t) in [
-            // All of it from one line of three runs: its own.
+            // The variance is due to one line of three runs: the degrees of freedom of that line.
             (4.0, &[(4.0, 2.0)][..], 2, 4.302_653),
-            // Two lines alike: 1/(¼/2 + ¼/2) = 4; three of them: 6.
+            // Two equal lines: 1/(¼/2 + ¼/2) = 4; three equal lines: 6.
             (4.0, &[(2.0, 2.0), (2.0, 2.0)], 4, 2.776_445),
             (6.0, &[(2.0, 2.0), (2.0, 2.0), (2.0, 2.0)], 6, 2.446_912),
-            // As much again from what is known well: 1/(¼/5) = 20.
+            // Half of it from well-known contributions: 1/(¼/5) = 20.
             (4.0, &[(2.0, 5.0)], 20, 2.085_963),
             // ⅔ with four, ⅓ with one: 1/(4/9/4 + 1/9/1) = 4.5, between four and five.
             (9.0, &[(6.0, 4.0), (3.0, 1.0)], 4, 2.658_9),

@@ -79,7 +79,7 @@ pub enum ModelError {
         machine: String,
         source: volcomp_evaluator::EvaluatorError,
     },
-    /// A count exceeds what is computed at once.
+    /// A count exceeds the maximum of one computation.
     #[error("found {found} {what}, expected at most {most}")]
     TooMany {
         what: &'static str,

@@ -88,8 +88,8 @@ fn not_closed([first, last]: [f64; 2]) -> Option<ErrorRefusal> {
     ((first - last).abs() > CLOSED_WITHIN).then_some(ErrorRefusal::NotClosed { first, last })
 }
 
-/// The error for a curve whose value jumps where the axis passes an end of its travel: a table parked there would be moved to and fro by
-/// the last digit of its position.
+/// The error for a curve whose value jumps where the axis rolls over. For a table parked there, the last digit of its position would
+/// switch the correction back and forth.
 fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     let [low, high] = travel;
     let value = |at: f64| curve.value(brought_into(travel, period, at));
@@ -97,7 +97,7 @@ fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     let across = ends.map(|sides| sides.map(value));
     let jumps = across.into_iter().find(|[one, other]| {
         let jump = (one - other).abs();
-        // NaN is rejected, too.
+        // NaN is rejected as well.
         jump.is_nan() || jump > LARGEST_JUMP
     })?;
     Some(ErrorRefusal::Jumps {

@@ -26,8 +26,8 @@ pub struct Reached {
     /// range nearest to 0. There is a solution for each range, where a rotary axis is nearest to 0. Empty for linear axes with several
     /// dependent moves, whose ranges depend on one another.
     pub ranges: Vec<Vec<[f64; 2]>>,
-    /// The moves of linear axes, in chain order, largest component 1, that leave the tip in place at a solution: rotary axes between them
-    /// have made one parallel to another.
+    /// The combined moves of linear axes that leave the tip in place at a solution, because rotary axes between them have made one
+    /// parallel to another. In chain order, largest component 1.
     pub dependent: Vec<State>,
     /// The axes that exclude solutions because they would leave their travel.
     pub outside: Vec<AxisName>,
@@ -40,8 +40,8 @@ impl Machine {
     /// workpiece origin) and its tool axis along `tool_axis` (workpiece axes, from the tip to the spindle).
     ///
     /// Up to two rotary axes, in any directions, and one linear axis for each direction are solved in closed form: every solution is found.
-    /// With more rotary axes, each pair in turn moves and the others are at their coordinate nearest to 0; with more linear axes, the first
-    /// of each direction moves, and the others only when it is at an end of travel.
+    /// With more rotary axes, each pair in turn moves and the others are at their coordinate nearest to 0. With more linear axes, the first
+    /// of each direction moves; the others move only when the first is at an end of its travel.
     ///
     /// # Errors
     /// [`ModelError::Target`] for a tip that is not a number up to 1e9 mm or a direction of zero length; [`ModelError::TooMany`] if the

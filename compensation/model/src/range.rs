@@ -220,7 +220,7 @@ impl Machine {
 
     /// The maximum of a quantity (mm, rad) of each corrected axis, in chain order: on an even grid over the travels of all axes with their
     /// ends, except those `fixed` at a coordinate (mm, rad), and, from the maximum of each axis, along every axis at [`Machine::places`],
-    /// with approach from either side. NaN counts as larger than every number.
+    /// with approach from either side. NaN is treated as larger than every number.
     pub fn largest_within_travels(
         &self,
         correctors: &Correctors,

@@ -42,7 +42,7 @@ pub(crate) fn default_margin_k() -> f64 {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Expansion {
-    /// The linear error motion to which it is added.
+    /// The linear error motion to which the expansion is added.
     pub error: ErrorName,
     /// Name of the temperature sensor.
     pub sensor: String,
@@ -56,7 +56,7 @@ pub struct Expansion {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Drift {
-    /// The error motion to which it is added.
+    /// The error motion to which the drift is added.
     pub error: ErrorName,
     /// Weight w of each sensor, by name.
     pub sensors: BTreeMap<String, f64>,
@@ -217,9 +217,9 @@ fn finite(what: &'static str, found: f64) -> Result<(), ThermalRefusal> {
 
 /// The tested range of a sensor for the terms of an error: a `[[thermal.seen]]` of a machine file.
 ///
-/// Terms identified by experiment are not valid far from the tested conditions. A temperature beyond the range counts as the end of the
-/// range, and all terms of the error fade linearly to zero over the next [`Thermal::margin_k`]. A rate counts as the change that it makes
-/// in ten minutes: a rate that exceeds the range by one margin in ten minutes also fades the terms to zero.
+/// Terms identified by experiment are not valid far from the tested conditions. A temperature beyond the range is treated as the end of
+/// the range, and all terms of the error fade linearly to zero over the next [`Thermal::margin_k`]. A rate is treated as the change that
+/// it makes in ten minutes: a rate that exceeds the range by one margin in ten minutes also fades the terms to zero.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Seen {

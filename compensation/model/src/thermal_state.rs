@@ -130,7 +130,7 @@ impl ThermalState {
     }
 
     /// Steps by `dt_s` with the temperature (°C) of each sensor, in the order of [`sensors`](Self::sensors). A sensor whose temperature is
-    /// `None`, not finite or absent is missing. A negative or NaN `dt_s` counts as 0.
+    /// `None`, not finite or absent is missing. A negative or NaN `dt_s` is treated as 0.
     pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) {
         let over = |sensor: usize| {
             let degc = degc
@@ -166,7 +166,7 @@ impl ThermalState {
     }
 
     /// Advances by `stood_s` during which the program was stopped and did not sample the sensors. The lags include that time with the next
-    /// temperatures; no sensor counts as missing for it.
+    /// temperatures; no sensor is treated as missing for it.
     pub fn stand(&mut self, stood_s: f64) {
         for term in &mut self.terms {
             term.unheard_s += stood_s.max(0.0);
@@ -177,8 +177,8 @@ impl ThermalState {
     }
 
     /// Continues the lags of another state, such as that of the previous machine file: each sensor of a term takes its lagged temperature
-    /// from the term there with the nearest lag, whatever error either of them affects and by how much, so that a change of a lag or a
-    /// weight does not restart the lag during operation. A sensor without a term there starts with its first temperature. Does not
+    /// from the term of the other state with the nearest lag, regardless of error and weight. A change of a lag or a weight therefore
+    /// does not restart the lag during operation. A sensor without a term in the other state starts with its first temperature. Does not
     /// allocate.
     pub fn carry_over(&mut self, from: &Self) {
         let shift_k = from.reference_degc - self.reference_degc;
@@ -209,7 +209,8 @@ impl ThermalState {
         }
     }
 
-    /// True if temperatures or their rates are beyond the tested range of an error's terms, or its terms are still returning after that.
+    /// True if temperatures or their rates are beyond the tested range of an error's terms, or the terms of the error have not fully
+    /// returned since.
     pub fn is_beyond_seen(&self) -> bool {
         self.watches.iter().any(Watch::is_beyond)
     }
@@ -442,8 +443,8 @@ impl Watch {
         }
     }
 
-    /// Takes over the rates of another watch over the same sensors (`same` maps them) and, if it is over the same error, how far the terms
-    /// had faded.
+    /// Takes over the rates of another watch of the same sensors (`same` maps them) and, if it monitors the same error, the fading of its
+    /// terms.
     pub(crate) fn carry_over(&mut self, from: &Self, same: impl Fn(usize, usize) -> bool) {
         for watched in &mut self.sensors {
             let other = from.sensors.iter().find(|o| same(watched.sensor, o.sensor));

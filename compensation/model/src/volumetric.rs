@@ -19,7 +19,8 @@ const HALF_POSES: u32 = 2048;
 const STARTS: usize = 32;
 /// Number of equidistant samples along an axis in the search.
 const SAMPLES: u32 = 33;
-/// For each direction of the error, parts of the poses from whose worst one the search starts: the axes before a rotary axis turn what those after it add.
+/// Number of groups of poses for each direction of the error; the search starts from the worst pose of each group,
+/// because axes before a rotary axis rotate the contributions of the axes after it.
 const STARTS_A_DIRECTION: usize = 2;
 /// Maximum number of rounds over all axes in which they are sampled: where one axis is worst may depend on the others.
 const ROUNDS: usize = 4;
@@ -316,7 +317,7 @@ impl<'a> Ascent<'a> {
         Ok(())
     }
 
-    /// Moves each axis by ever smaller steps, and approaches its place from the other side, too.
+    /// Moves each axis by ever smaller steps, and approaches its place from the other side as well.
     fn refine(&mut self, size: &dyn Fn(&At) -> f64) -> Result<(), ModelError> {
         let mut step = 1.0 / f64::from(SAMPLES - 1);
         while step > MIN_STEP {

@@ -30,7 +30,7 @@ const ARC_SAMPLES_PER_TURN: u32 = 64;
 
 const MAX_ARC_SAMPLES: f64 = 4096.0;
 
-/// Twice the travel, mm, of an axis of the plane next to its turning point that counts as no motion.
+/// Twice the travel, mm, of an axis of the plane next to its turning point that is treated as no motion.
 const HARDLY_MM: f64 = 5e-4;
 
 /// Minimum length of a part of an arc, in steps of its words: shorter parts are not split.
@@ -70,7 +70,7 @@ impl Stretch {
 /// Maximum error in the middle of an arc written by its radius, in steps; beyond it the arc is written by its centre.
 const OFF_BY_RADIUS: f64 = 1.0;
 
-/// The same for an arc written by its centre, both of whose words are rounded.
+/// Maximum error in the middle of an arc written by its centre, in steps; both of its words are rounded.
 const OFF_BY_CENTRE: f64 = 3.0;
 
 /// A part of an arc between the end points that its words lead to.
@@ -141,7 +141,7 @@ impl CircleWords {
 pub(crate) struct Bow {
     pub(crate) start: [f64; 2],
     pub(crate) end: [f64; 2],
-    /// Distance between the middle of the arc and that of its chord, mm.
+    /// Distance between the middle of the arc and the middle of its chord, mm.
     sag: f64,
     pub(crate) clockwise: bool,
 }
@@ -220,7 +220,8 @@ impl Rewriter {
             self.check_shares(line)?;
         }
         let mut next = 0;
-        // Reversals within a contour get no separate block: what they need is spread over the motion.
+        // Reversals within a contour get no separate block: the change of correction that they require is spread over
+        // the motion.
         let cut = if self.contour == Contour::None {
             0.0
         } else {
@@ -230,7 +231,7 @@ impl Rewriter {
         self.take_up(motion, arc, turned, line, out);
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let mut before = from;
-        // A closed circle ends where it begins, whatever the correction there is.
+        // A closed circle ends at its start, with the same correction.
         let [[x, y], [to_x, to_y]] = [&from, &to].map(|at| in_plane(arc, at));
         let is_closed = !splits && (to_x - x).hypot(to_y - y) < 1e-9;
         for (place, stretch) in stretches.iter().enumerate() {
@@ -345,8 +346,8 @@ impl Rewriter {
         }
     }
 
-    /// Writes an arc whose position is unknown, so that it cannot be corrected: its end and centre keep the correction active at its start;
-    /// anything else would change the arc.
+    /// Writes an arc whose position is unknown, so that it cannot be corrected. Its end and centre keep the correction that is active at
+    /// its start; another correction would change the shape of the arc.
     fn arc_as_a_whole(
         &mut self,
         motion: &Move,
@@ -593,7 +594,8 @@ impl Rewriter {
         };
         let carriages = self.corrector.carriages(steps, place);
         let mut found = self.corrector.turns(steps, carriages);
-        // A shorter part would become a different arc through the play that is taken up; near its turning point an axis hardly moves.
+        // A shorter part would become a different arc through the crossing of the backlash; near its turning point an axis hardly
+        // moves.
         let (radius, _) = arc.start(from);
         let shortest = (SHORTEST_TURN_IN_STEPS * self.step_mm()).max((HARDLY_MM * radius).sqrt());
         let shortest = shortest / (radius * arc.turns_by.abs());
@@ -686,7 +688,8 @@ impl Rewriter {
             away.sqrt()
         };
         let circles = (!is_whole).then(|| {
-            // The programmed circle is evaluated, too: its rounded numbers cause a deviation that the correction must not remove.
+            // The programmed circle is evaluated as well: its rounded numbers cause a deviation that the correction must not
+            // remove.
             [
                 self.corrected(arc, [from, to], part),
                 programmed(arc, [from, to], part),
@@ -1112,7 +1115,7 @@ mod tests {
             };
             assert_at(bow.middle(), middle);
             assert_at(bow.centre(), [0.0, 0.0]);
-            // The same arc the other way round.
+            // The same arc in the opposite direction.
             let back = Bow {
                 start: bow.end,
                 end: bow.start,
@@ -1125,7 +1128,7 @@ mod tests {
         }
     }
 
-    /// A chord that is a step longer leaves a shallow arc its radius, and a half circle its sag: neither centre jumps.
+    /// A chord one step longer keeps the radius of a shallow arc and the sag of a half circle; neither centre jumps.
     #[test]
     fn the_rounding_of_a_chord_hardly_moves_the_centre() {
         let shallow = Bow {

@@ -58,7 +58,7 @@ pub struct Average {
 pub struct Reading {
     /// Unit direction, in workpiece axes.
     pub direction: [f64; 3],
-    /// Actual minus nominal tip position along it, mm.
+    /// Actual minus nominal tip position along the direction, mm.
     pub error_mm: f64,
 }
 
@@ -71,10 +71,10 @@ pub enum MeanOf<'a> {
     Readings(&'a [Reading]),
 }
 
-/// Tolerance, mm, within which an axis counts as able to apply the mean correction.
+/// Tolerance, mm, within which an axis is treated as able to apply the mean correction.
 const REACHED_MM: f64 = 1e-6;
 
-/// Minimum share of the readings along a direction; below it the direction counts as not measured.
+/// Minimum share of the readings along a direction; below it the direction is treated as not measured.
 const NOT_MEASURED: f64 = 1e-6;
 
 /// The offsets of X, Y and Z that correct the mean error (least squares over the readings), mm; and the maximum and RMS of the readings,

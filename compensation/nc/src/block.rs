@@ -27,7 +27,7 @@ pub(crate) struct Word {
 /// How the value of a coordinate is interpreted, if its word states that itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Manner {
-    /// As the active mode (G90 or G91).
+    /// According to the active mode (G90 or G91).
     #[default]
     Modal,
     /// Absolute position: `AC(..)`.
@@ -38,10 +38,11 @@ pub(crate) enum Manner {
     Shortest,
 }
 
-/// Pseudo-letter of words that do not affect coordinates but have to be executed with their motion, such as coolant on.
+/// Pseudo-letter of words that do not affect coordinates but must be executed with their motion, such as coolant on.
 pub(crate) const OTHER: u8 = b'!';
 
-/// The same for words executed at the end of the motion, such as a stop. When a motion is split they go to its last part.
+/// Pseudo-letter of words executed at the end of the motion, such as a stop. When a motion is split, they are written
+/// with its last part.
 pub(crate) const LAST: u8 = b'&';
 
 /// Letters of polar coordinates: distance from the pole, and angle.
@@ -84,7 +85,7 @@ pub(crate) struct Block {
     pub(crate) begins: BlockStart,
     /// Block number and its byte range, in dialects that number blocks consecutively.
     pub(crate) number: Option<(Range<usize>, u64)>,
-    /// Keyword of the motion type; added lines need one, too.
+    /// Keyword of the motion type; added lines need one as well.
     pub(crate) keyword: Range<usize>,
     /// True if numbers have decimal commas; `None` if the block has no decimals.
     pub(crate) comma: Option<bool>,
@@ -274,7 +275,7 @@ impl<'a> Scanner<'a> {
         self.number_with_blanks()
     }
 
-    /// The same for any number of digits, with blanks between them.
+    /// Reads a decimal number with any number of digits, also with blanks between them.
     fn number_with_blanks(&mut self) -> Option<(f64, u8)> {
         let before = self.at;
         let mut digits = Digits::default();
@@ -354,8 +355,7 @@ mod tests {
         );
     }
 
-    /// Texts of the characters that numbers have and may have: one pass over a plain number finds what the reader of single characters
-    /// finds, to the last bit.
+    /// For texts of the characters of numbers, the fast path and the character-by-character path return identical bits.
     #[test]
     fn the_fast_number_reader_equals_the_general_one() {
         let mut draw = ChaCha8Rng::seed_from_u64(7);

@@ -177,7 +177,7 @@ pub(crate) const INCREMENTS: Decimals = Decimals {
 pub(crate) struct DecimalPoints {
     /// A coordinate without a decimal point counts least increments.
     pub(crate) means_increments: bool,
-    /// The set-up file states the meaning, so the program may mix both forms.
+    /// The set-up file states the meaning, so that the program may mix coordinates with and without a decimal point.
     pub(crate) may_mix: bool,
     /// Whether the last non-zero coordinate had no point.
     pub(crate) last_in_increments: Option<bool>,

@@ -33,7 +33,7 @@ pub(crate) fn name_of(axis: usize) -> Option<AxisName> {
     AxisName::from_letter(char::from(*letter))
 }
 
-/// True for A, B and C, whose coordinates are in deg whatever the length unit.
+/// True for A, B and C, whose coordinates are in deg regardless of the length unit.
 pub(crate) fn is_rotary(axis: usize) -> bool {
     (3..6).contains(&axis)
 }
@@ -93,7 +93,7 @@ impl AxisPlaces {
         axes
     }
 
-    /// The same for the linear axes only, times a factor.
+    /// Values of the model per linear axis in mm, times a factor; zero for the other axes.
     pub(crate) fn linear_axes(&self, of_chain: &PerAxis<f64>, factor: f64) -> Axes {
         let mut axes = [0.0; MAX_AXES];
         let linear = self.present.iter().filter(|(axis, _)| !is_rotary(*axis));
@@ -172,7 +172,8 @@ impl Frame {
         std::array::from_fn(|i| moved[i] - at[i])
     }
 
-    /// The same for the axes other than X, Y and Z, whose coordinates no kinematics change; X, Y and Z are 0.
+    /// A displacement of the axes other than X, Y and Z in program coordinates: kinematics do not change these
+    /// coordinates. X, Y and Z are 0.
     pub(crate) fn others_moved_in_program(&self, machine: &Axes, by: &Axes) -> Axes {
         if self.tip.is_none() {
             let mut moved = *by;
@@ -435,7 +436,8 @@ mod tests {
         TipFrame::new(Arc::new(tip.expect("five axes")))
     }
 
-    /// A' and C' turn the table by the negative angles about lines through points that are given: written out.
+    /// A' and C' rotate the table by the negative angles about lines through given points: compared with explicit
+    /// formulas.
     #[test]
     fn the_centre_point_of_a_tilting_rotary_table() {
         for offset in [0.0, 60.0] {
@@ -469,7 +471,8 @@ mod tests {
         }
     }
 
-    /// In whichever directions X, Y and Z count: a control's centre point has its coordinates. The tool is below the gauge point as its Z counts.
+    /// For all sign conventions of X, Y and Z, the centre point has the coordinates of the control. The tool is below the gauge point in the
+    /// control's Z.
     #[test]
     fn the_centre_point_equals_the_axes_with_rotary_axes_at_zero() {
         let of = |x: &str, y: &str, z: &str| {

@@ -56,7 +56,7 @@ impl Correction {
 /// The correction of a machine. State: the active tool, and the direction from which each axis approaches.
 #[derive(Clone, Debug)]
 pub struct Corrector {
-    /// With the tool of the machine file.
+    /// The machine with the tool of the machine file.
     pub(crate) machine: Arc<Machine>,
     pub(crate) temperatures: Temperatures,
     /// Machines of all tools used so far; `tool` is the active one.
@@ -74,12 +74,12 @@ pub struct Corrector {
     /// Axes with a curve of two directions.
     pub(crate) has_directions: Axes<bool>,
     pub(crate) play: Arc<Play>,
-    /// Reverse travel after which an axis counts as reversed, mm and deg.
+    /// Reverse travel after which an axis is treated as reversed, mm and deg.
     pub(crate) turned_after: Axes<f64>,
     /// Furthest position of each axis in its current direction.
     pub(crate) furthest: Axes<f64>,
     pub(crate) split_beyond_mm: f64,
-    /// Changes with everything besides the position that the correction depends on.
+    /// Incremented when anything that the correction depends on, other than the position, changes.
     pub(crate) version: u64,
 }
 
@@ -216,11 +216,11 @@ impl MachineWithTool {
     }
 }
 
-/// Number of sample points for the play along the travel of an axis.
+/// Number of sample points for the backlash along the travel of an axis.
 const NODES: u32 = 33;
 
-/// Minimum reverse travel, mm and deg, after which an axis with play counts as reversed: words are rounded to this, and it bounds the
-/// resulting error of the carriage.
+/// Minimum reverse travel, mm and deg, after which an axis with backlash is treated as reversed: words are rounded to this, and it
+/// bounds the resulting error of the carriage.
 const LEAST: [f64; 2] = [5e-4, 1e-5];
 
 /// Curves of an axis that act in its own direction, each with its component along the axis.
@@ -234,12 +234,12 @@ struct AxialCurves {
 
 /// Play of the axes: the carriage of an axis does not move at first when its drive reverses.
 ///
-/// A reversal value has a sign. If the carriage lags, it is further back after positive than after negative motion: this is lost motion,
-/// and the carriage is anywhere between the two flanks, where it was left. With the opposite sign it runs ahead, as with a control that
-/// overcompensates backlash; the error is then one of two values, by direction.
+/// A reversal value has a sign. If the carriage lags, its position is lower after positive than after negative motion. This is lost
+/// motion: after a reversal the carriage stays where it is until the backlash is crossed. With the opposite sign the carriage leads, as
+/// with a control that overcompensates backlash; the error then has two values, one for each direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Play {
-    /// `Some` for axes with play anywhere in their travel.
+    /// `Some` for axes with backlash anywhere in their travel.
     axes: Axes<Option<AxialCurves>>,
     pub(crate) any: bool,
 }
@@ -262,13 +262,14 @@ impl Play {
         self.axes[axis].is_some()
     }
 
-    /// Distance between the two flanks of an axis at these coordinates (of the model's chain), mm or deg; 0 without play.
+    /// Distance between the two flanks of an axis at these coordinates (of the model's chain), mm or deg; 0 without
+    /// backlash.
     pub(crate) fn lost_motion(&self, axis: usize, coordinates: &[f64]) -> f64 {
         let own = self.axes[axis].as_ref();
         own.map_or(0.0, |own| own.lost_motion(coordinates))
     }
 
-    /// Reverse travel after which an axis counts as reversed, mm or deg.
+    /// Reverse travel after which an axis is treated as reversed, mm or deg.
     pub(crate) fn turned_after(&self, axis: usize) -> f64 {
         match (self.has(axis), is_rotary(axis)) {
             (true, rotary) => LEAST[usize::from(rotary)],
@@ -609,7 +610,8 @@ impl Corrector {
         (pose.transform_point(&point) - chain.workpiece_origin_mm()).into()
     }
 
-    /// The same on the ideal machine.
+    /// Position of the point `above_mm` above the tip along the tool axis, on the ideal machine; mm from the workpiece
+    /// origin in workpiece axes.
     pub(crate) fn ideal_on_tool_mm(&self, at: &Axes, above_mm: f64) -> [f64; 3] {
         let chain = self.tool.machine.chain();
         let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;

@@ -36,7 +36,7 @@ pub struct PartFeature {
     pub name: String,
     /// Property that is inspected.
     pub measured: Measured,
-    /// First and last program line that cut it, counted from 1.
+    /// First and last program line that cut the feature, counted from 1.
     pub lines: [usize; 2],
     /// Heights above the tip, along the tool, at which it is cut, mm: one for a cut by the tip or a ball, several for a flank.
     pub above_mm: Vec<f64>,
@@ -47,10 +47,12 @@ pub struct PartFeature {
 /// Coordinate system of the inspection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Alignment {
-    /// That of the program: misplacement of the part on the machine counts as location and orientation error.
+    /// Coordinate system of the program: misplacement of the part on the machine contributes to its location and
+    /// orientation errors.
     #[default]
     Program,
-    /// That of the part: after best-fit rigid-body alignment of all points (least squares), as on a measuring machine.
+    /// Coordinate system of the part: after best-fit rigid-body alignment of all points (least squares), as on a
+    /// measuring machine.
     BestFit,
 }
 

@@ -1,4 +1,4 @@
-//! Executes blocks in the RS-274 order of execution, whatever the order of their words.
+//! Executes blocks in the RS-274 order of execution, regardless of the order of their words.
 //!
 //! It also tracks which assumptions each axis position depends on. What the set-up does not state is taken as zero. A position that the
 //! program named under such an offset or length is known in program coordinates only while the same ones are active: under others an added
@@ -100,7 +100,7 @@ pub(crate) struct Extrusion {
     from: Option<f64>,
     to: f64,
     decimals: u8,
-    /// Reason why it cannot be divided between parts.
+    /// Reason why the extrusion cannot be divided between parts.
     pub(crate) unknown: Option<&'static str>,
 }
 

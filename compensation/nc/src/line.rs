@@ -152,7 +152,7 @@ impl Script {
         }
     }
 
-    /// The same style, with the decimal sign of an existing number if it had one.
+    /// This style, with the decimal sign of an existing number if it had one.
     fn like(self, before: &[u8]) -> Self {
         let sign = before.iter().find(|byte| matches!(byte, b',' | b'.'));
         Self {

@@ -7,7 +7,7 @@ use crate::{
     coordinates::{Axes, Frame, Tip, TipFrame, turned},
 };
 
-/// Number of RS-274 work offsets, G54 to G59.3; SINUMERIK has the first four, too.
+/// Number of RS-274 work offsets, G54 to G59.3; SINUMERIK has the first four as well.
 pub(crate) const RS274_SYSTEMS: usize = 9;
 
 /// Their codes.
@@ -117,7 +117,7 @@ pub(crate) struct Sticky {
     /// Words of depth and R: absolute in G90; in G91 R counts from the initial position and the depth from R.
     pub(crate) depth: Option<f64>,
     pub(crate) clearance: Option<f64>,
-    /// True for each of them given in G91.
+    /// True for each of depth and R that was given in G91.
     pub(crate) incremental: [bool; 2],
 }
 
@@ -134,7 +134,7 @@ pub(crate) struct Modal {
     pub(crate) diameter: bool,
     /// Motion code of blocks that have coordinates only.
     pub(crate) motion: Option<Code>,
-    /// Another one may be active: the block that set it may be skipped.
+    /// Another motion mode may be active: the block that set this one may be skipped.
     pub(crate) motion_unsure: bool,
     pub(crate) feed_mode: FeedMode,
     pub(crate) feed: Option<f64>,
@@ -268,7 +268,8 @@ impl Modal {
         }
     }
 
-    /// The same for the height words of a cycle along this axis: R is a radius even where X is a diameter (G7).
+    /// mm or deg per unit of the height words of a cycle along this axis: R is a radius even where X is a diameter
+    /// (G7).
     pub(crate) fn height_scale(&self, letter: u8, axis: usize) -> f64 {
         match letter {
             b'R' => self.unit_mm,

@@ -30,7 +30,7 @@ pub(crate) struct Arc {
     pub(crate) centre: [f64; 2],
     /// Angle, rad, positive counterclockwise.
     pub(crate) turns_by: f64,
-    /// It is written with a radius.
+    /// The arc is written with a radius.
     pub(crate) by_radius: bool,
 }
 
@@ -50,7 +50,7 @@ pub(crate) fn at_height(hole: &Axes, depth: usize, height: f64) -> Axes {
 pub(crate) struct Polar {
     /// Indices of the distance and angle words in the block.
     pub(crate) words: [Option<usize>; 2],
-    /// They are relative to the tool position.
+    /// The coordinates are relative to the tool position.
     pub(crate) from_here: bool,
 }
 
@@ -77,7 +77,7 @@ pub(crate) struct Move {
 }
 
 impl Move {
-    /// True if it cuts in the active work offset.
+    /// True if the motion cuts in the active work offset.
     pub(crate) fn cuts(&self) -> bool {
         !self.in_machine && matches!(self.path, Path::Line | Path::Arc(_) | Path::Hole { .. })
     }
@@ -119,9 +119,9 @@ pub(crate) struct ExecutedMotion {
     /// Tool offset that the control adds.
     pub(crate) tool: Axes,
     pub(crate) system: usize,
-    /// It cuts, itself or by a cycle at its end, and the set-up file defines its zero.
+    /// The motion, or the cycle at its end, cuts, and the set-up file defines its work offset.
     pub(crate) cuts_from_stated_zero: bool,
-    /// The positions of X, Y and Z are known, as far as the machine has them.
+    /// The positions of those of X, Y and Z that the machine has are known.
     pub(crate) known: bool,
     pub(crate) in_inches: bool,
 }

@@ -15,7 +15,7 @@ pub(crate) const MAX_DECIMALS: u8 = 9;
 /// Number of decimal digits that are exact in an `f64`, together with their power of ten.
 const EXACT_DIGITS: usize = 15;
 
-/// Fast path for usual numbers: few digits, without blanks. Returns value, decimals and length; `None` means that the number has to be read
+/// Fast path for usual numbers: few digits, without blanks. Returns value, decimals and length; `None` means that the number must be read
 /// character by character.
 #[expect(clippy::cast_possible_truncation, reason = "at most 15 decimals")]
 #[inline]
@@ -214,11 +214,11 @@ fn write_steps(to: &mut Vec<u8>, steps: i64, decimals: u8) {
 /// Number of decimals of coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Decimals {
-    /// For lengths in mm.
+    /// Decimals of lengths in mm.
     pub mm: u8,
-    /// For lengths in inches.
+    /// Decimals of lengths in inches.
     pub inch: u8,
-    /// For angles in deg.
+    /// Decimals of angles in deg.
     pub deg: u8,
 }
 
@@ -254,7 +254,7 @@ pub(crate) struct Number {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Form {
-    /// With a point only if there are decimals.
+    /// A decimal point is written only if there are decimals.
     Plain,
     /// Always with a point.
     Point,
@@ -278,7 +278,7 @@ impl Number {
         Self::shortest_of(value, 0, most)
     }
 
-    /// The same with at least `least` decimals.
+    /// The nearest number with `least` to `most` decimals, without trailing zeros beyond `least`.
     pub(crate) fn shortest_of(value: f64, least: u8, most: u8) -> Option<Self> {
         let mut number = Self::nearest(value, most)?;
         while number.decimals > least && number.steps % 10 == 0 {
@@ -292,7 +292,7 @@ impl Number {
         Self { form, ..self }
     }
 
-    /// The same angular position, from 0 to less than 360.
+    /// This angular position, from 0 to less than 360.
     pub(crate) fn in_one_turn(self) -> Option<Self> {
         let turn = steps(360.0, self.decimals)?;
         Some(Self {
@@ -381,7 +381,7 @@ mod tests {
         }
     }
 
-    /// Against the digits of the number as an integer, between which the point is put.
+    /// Compared with the digits of the number as an integer, with the decimal point inserted.
     #[test]
     fn steps_are_written_with_their_decimals() {
         let mut draw = ChaCha8Rng::seed_from_u64(5);

@@ -49,7 +49,7 @@ impl Interpreter {
         }
         let unstated = (offset.is_none() && number != 0).then_some(number);
         match (code, unstated) {
-            // Added to the active length, which may be unknown, too.
+            // Added to the active length, which may be unknown as well.
             (432, None) => {}
             (432, Some(number)) => self.assumptions.use_tool_length(Some(number + 100_000)),
             _ => self.assumptions.use_tool_length(unstated),

@@ -12,7 +12,7 @@ const LOCAL: u32 = 30;
 /// Number of numbered parameters.
 pub(crate) const MOST: u32 = 100_000;
 
-/// Parameters that the control sets from data it alone has: probed positions and input states.
+/// Parameters that the control sets at run time: probed positions and input states.
 const AT_MACHINE: [std::ops::RangeInclusive<u32>; 3] = [3000..=3999, 5061..=5070, 5399..=5399];
 
 /// Return value of a subroutine, and whether it returned one.

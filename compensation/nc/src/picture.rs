@@ -129,8 +129,8 @@ fn legend(svg: &mut String, of: &Verification, kinds: &[(&str, &str); 3]) {
     }
 }
 
-/// The two axes of the largest extent of the path, in axis order. End points of rapid motions are not drawn, and count only if there is
-/// nothing else.
+/// The two axes of the largest extent of the path, in axis order. End points of rapid motions are not drawn; they are used only if
+/// there are no other points.
 fn plane_of(path: &[Place]) -> [usize; 2] {
     let has_drawn = path.iter().any(|place| !place.begins);
     let extent = |i: usize| {

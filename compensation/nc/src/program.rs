@@ -68,7 +68,7 @@ pub struct Job<'a> {
 }
 
 impl<'a> Job<'a> {
-    /// Default decimals and limit (250 µm, 250 µrad), and at most ten million blocks.
+    /// Creates a job with default decimals, the default limit (250 µm, 250 µrad) and at most ten million blocks.
     #[must_use]
     pub fn new(corrector: &'a Corrector, setup: &'a SetUp) -> Self {
         Self {

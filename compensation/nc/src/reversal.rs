@@ -1,4 +1,4 @@
-//! Direction of approach of each axis, axis reversals along a motion, and carriage positions within the play.
+//! Direction of approach of each axis, axis reversals along a motion, and carriage positions within the backlash.
 
 use volcomp_model::vocabulary::{Direction, MAX_AXES};
 
@@ -42,13 +42,14 @@ impl Reversals {
     }
 }
 
-/// State: the play operator of each axis. A carriage rests until a flank of the play pushes it.
+/// State: the play operator of each axis. A carriage rests until a flank of the backlash pushes it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Carriages {
     drive: Axes,
     /// Axes that arrive from an unknown position.
     arrives_from_unknown: Axes<bool>,
-    /// Carriage minus drive position, mm or deg: at most half of the play. 0 (the middle) while the direction of approach is unknown.
+    /// Carriage minus drive position, mm or deg: at most half of the backlash. 0 (the middle) while the direction of approach is
+    /// unknown.
     pub(crate) off: Axes,
 }
 
@@ -62,7 +63,8 @@ impl Carriages {
         }
     }
 
-    /// Sets the axes that arrive from an unknown position until this is called again: their carriages are taken in the middle of the play.
+    /// Sets the axes that arrive from an unknown position until this is called again: their carriages are taken in the middle of the
+    /// backlash.
     pub(crate) fn begin_motion(&mut self, from_unknown: &Axes<bool>) {
         self.arrives_from_unknown = *from_unknown;
     }
@@ -153,8 +155,8 @@ impl Corrector {
         self.furthest[turn.axis] = turn.furthest;
     }
 
-    /// Correction at a position without the part for the play. The carriage of a lagging axis moves with it; where that reverses, the play
-    /// has to be taken up. 0 for the other axes, whose direction is that of the uncorrected command.
+    /// Correction at a position without the part for backlash. The correction moves the carriage of a lagging axis; where its direction
+    /// reverses, the backlash must be crossed. 0 for other axes, whose direction is that of the uncorrected command.
     pub(crate) fn without_play(&self, at: &Axes) -> Axes {
         if !self.play.any {
             return [0.0; MAX_AXES];

@@ -40,7 +40,7 @@ pub(crate) const MAX_LINE_BYTES: usize = 254;
 pub struct Counts {
     /// Lines read.
     pub lines: u64,
-    /// Motions in them.
+    /// Number of motions in the programs.
     pub motions: u64,
     /// Lines changed.
     pub changed: u64,
@@ -79,7 +79,7 @@ pub(crate) struct Rewriter {
     pub(crate) contour: Contour,
     /// Cutter radius compensation was switched, and no motion in the plane has started or ended it yet.
     pub(crate) switches_radius: bool,
-    /// Modal meaning of words before a block that may be an arc.
+    /// Modal meaning that words had before the present block, if the block may be an arc.
     pub(crate) before: Option<Meaning>,
     /// Pole active in the control, in program coordinates, mm.
     pub(crate) pole: Option<[f64; 2]>,
@@ -185,16 +185,16 @@ const FINER: u8 = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Computed {
     Kept,
-    /// Those that depend on the return value of a subroutine, because its call is unrolled.
+    /// Values that depend on the return value of a subroutine, because its call is unrolled.
     ReturnedWritten,
-    /// All, because the lines that compute them are not executed in this order.
+    /// All values, because the lines that compute them are not executed in this order.
     OriginalWord,
 }
 
 /// Rounding of the numbers of the parts of a line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Strategy {
-    /// Each to the nearest.
+    /// Each number is rounded to the nearest.
     #[default]
     Plain,
     /// Jointly, to minimize the deviation from the line. A part may end slightly earlier or later along the line, since the next one
@@ -692,7 +692,7 @@ impl Rewriter {
         self.violation_in_machine(&frame.to_machine(at), &by)
     }
 
-    /// The same in machine coordinates.
+    /// Bound violated by this correction at a position, both in machine coordinates.
     pub(crate) fn violation_in_machine(&self, at: &Axes, by: &Axes) -> Option<BoundViolation> {
         let of_axes = self.bounds.violation(&self.interpreter.known, at, by);
         of_axes.or_else(|| {

@@ -348,7 +348,7 @@ const HARMLESS_COMMANDS: &str = "ECHO EXCLUDE_OBJECT EXCLUDE_OBJECT_DEFINE EXCLU
     SET_PIN SET_PRESSURE_ADVANCE SET_PRINT_STATS_INFO SET_RETRACTION SET_SERVO SET_STEPPER_ENABLE \
     SET_TEMPERATURE_FAN_TARGET SET_VELOCITY_LIMIT STATUS TEMPERATURE_WAIT TURN_OFF_HEATERS";
 
-/// Reads a line that does not consist of G-code words; returns false if it does.
+/// Reads a line that does not consist of G-code words; returns false for a line of G-code words.
 pub(crate) fn read_control_line(
     control: Control,
     block: &mut Block,

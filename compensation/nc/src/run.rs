@@ -334,7 +334,7 @@ impl<'r, 't> Run<'r, 't> {
         values.map_err(|error| self.lines.at(at, error))
     }
 
-    /// The same, with errors that have no line number yet.
+    /// Values of the statement; errors do not contain the line number yet.
     fn values_of(&self, statement: &Statement, line: &[u8]) -> Result<Vec<Value>, NcError> {
         let expressions = Expressions::new(&self.rewriter.interpreter);
         let mut scanner = Scanner::new(line);

@@ -169,7 +169,7 @@ impl Reader<'_, '_> {
         String::from_utf8_lossy(text.unwrap_or_default().trim_ascii()).into_owned()
     }
 
-    /// Skips a value that does not affect coordinates, after its address. It has to be executed with the motion of its block.
+    /// Skips a value that does not affect coordinates, after its address. It must be executed with the motion of its block.
     fn other(&mut self, at: usize) -> Result<(), Fault> {
         self.skip_value()?;
         let text = self.scanner.at()..self.scanner.at();
@@ -835,7 +835,7 @@ fn passes_brackets(scanner: &mut Scanner<'_>, opens: u8, closes: u8) -> bool {
 /// Meaning of a G code or a name.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Meaning {
-    /// As this RS-274 code.
+    /// The word means this RS-274 code.
     Code(f64),
     Command(Command),
     Nothing,
@@ -909,7 +909,7 @@ fn g_code(code: u32) -> (u8, Meaning) {
     }
 }
 
-/// Names that move no axis, alone, with a value, or with arguments.
+/// Names that never move an axis: alone, with a value, or with arguments.
 const HARMLESS: &str = "ACC ADIS ADISPOS ATOL BRISK BRISKA CDOF CDOF2 CDON CFC CFIN CFTCP CLEARM COMPCAD COMPCURV COMPOF COMPON \
     COMPSURF CP CTOL CUT2D CUT2DD CUT2DF CUT2DFD CUT3DC CUT3DCC CUT3DF CUT3DFF CUT3DFS CUTCONOF CYCLE832 \
     DIAMOF DISC DISPLOF DISPLON DRIVE DRIVEA DYNFINISH DYNNORM DYNPOS DYNROUGH DYNSEMIFIN FA FCUB \

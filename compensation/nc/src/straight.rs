@@ -84,15 +84,15 @@ pub(crate) struct Leg<'a> {
 /// When the word of an axis is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum WriteRule {
-    /// Never: it is not a coordinate of the end, but the depth of a cycle.
+    /// Never: the word is not a coordinate of the end, but the depth of a cycle.
     Never,
-    /// If its number changes.
+    /// The word is written if its number changes.
     IfChanged,
-    /// If the axis moves: in an added line, which has no words yet.
+    /// The word is written if the axis moves: used for added lines, which have no words yet.
     IfMoves,
-    /// Always if the block has it: the motion is split.
+    /// The word is always written if the block has it: the motion is split.
     Anew,
-    /// Even if the block does not have it.
+    /// The word is written even if the block does not have it.
     Always,
 }
 
@@ -118,7 +118,7 @@ pub(crate) struct AxisWay {
 pub(crate) struct OriginalWord {
     /// Decimals of a plain number.
     pub(crate) decimals: u8,
-    /// It is written even if nothing changes, because the motion is split.
+    /// The word is written even if nothing changes, because the motion is split.
     pub(crate) anew: bool,
 }
 
@@ -166,8 +166,8 @@ impl AxisWay {
 
 impl Rewriter {
     /// Splits a straight motion into parts within which the correction is linear, and appends the end of each as a share (0 to 1). A first
-    /// part that ends at 0 applies the correction missing at the start; a second part that ends at the same share takes up the play of an
-    /// axis that reverses there. `at_ends` are the ends in program coordinates.
+    /// part that ends at 0 applies the correction missing at the start; a second part that ends at the same share crosses the backlash of
+    /// an axis that reverses there. `at_ends` are the ends in program coordinates.
     ///
     /// # Errors
     /// More parts than a motion may have, or an unknown F of the parts.
@@ -179,7 +179,7 @@ impl Rewriter {
         parts: &mut Vec<f64>,
     ) -> Result<(), NcError> {
         self.turns = self.turns_of(motion);
-        // The start must be known, too: parts of a motion from elsewhere would lead elsewhere.
+        // The start must be known as well: parts of a motion from elsewhere would lead elsewhere.
         let is_known =
             (self.corrector.axes()).all(|axis| motion.known[axis] && self.interpreter.known[axis]);
         if !is_known || self.contour != Contour::None {
@@ -332,8 +332,8 @@ impl Rewriter {
     }
 
     /// True if the correction missing at the start of a motion exceeds its limit. After a reversal (`turns`) the limit is the rounding of
-    /// words, since the play has to be taken up. With another tool, or if the axes arrived without correction, it is the tolerance plus the
-    /// rounding.
+    /// words, because the backlash must be crossed. With another tool, or if the axes arrived without correction, it is the tolerance plus
+    /// the rounding.
     pub(crate) fn lacks_correction(&self, motion: &Move, turns: bool) -> bool {
         if self.applied_correction == AppliedCorrection::Current && !turns
             || self.contour != Contour::None
@@ -485,7 +485,8 @@ impl Rewriter {
         !moves(0..3) && moves(3..9) && !takes_together
     }
 
-    /// Splits a motion of rotary axes alone where X, Y and Z lag by the tolerance, and lets them follow there in a block of their own.
+    /// Splits a motion of rotary axes alone where X, Y and Z lag by the tolerance, and adds a separate block there in which they
+    /// follow.
     fn follow_turn(&mut self, [from, to]: &[Axes; 2], parts: &mut Vec<f64>) {
         let tolerance = self.corrector.split_beyond_mm;
         let mut shares = Vec::new();
@@ -500,7 +501,7 @@ impl Rewriter {
                 shares.extend([begins + (ends - begins) * step / steps; 2]);
                 step += 1.0;
             }
-            // At the end of the motion the next one takes the correction up.
+            // At the end of the motion the next motion applies the correction.
             let is_inside = ends > 0.0 && ends < 1.0;
             shares.extend(std::iter::repeat_n(ends, if is_inside { 2 } else { 1 }));
             (begins, before) = (ends, after);
@@ -652,8 +653,8 @@ impl Rewriter {
         numbers
     }
 
-    /// The same for the correction at a position, `rounded` or exact: `numbers` makes the words of a range of axes with their correction.
-    /// Returns the correction of the linear axes at the end.
+    /// Words that apply the correction at a position, `rounded` or exact: `numbers` makes the words of a range of axes with their
+    /// correction. Returns the correction of the linear axes at the end.
     #[inline]
     pub(crate) fn words_at(
         &mut self,
@@ -881,7 +882,7 @@ impl Rewriter {
         Some(nodes.map(|(layer, node)| layer[*node].0).collect())
     }
 
-    /// True if a word may be added for an axis that the block does not name; adds a note if it is left out.
+    /// True if a word may be added for an axis that the block does not name; adds a note if a needed word is omitted.
     fn may_add(&mut self, axis: usize, way: &AxisWay, line: usize) -> bool {
         if way.incremental || self.interpreter.knows_program_position(axis) {
             return true;
@@ -957,7 +958,7 @@ pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
     )
 }
 
-/// The part of its time that a part of a motion gets: taking up the play of an axis takes a little, too.
+/// Share of the time of a motion for a part of it; a part that only crosses backlash gets a minimum.
 fn share_of_time(share: f64) -> f64 {
     if share == 0.0 { 1e-3 } else { share }
 }

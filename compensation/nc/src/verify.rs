@@ -91,10 +91,10 @@ pub fn verify(
     compare(original, result, &mut shares.iter().copied(), of, None)
 }
 
-/// The same for the result of [`average`](crate::average) and the mean corrections that it returned.
+/// Verifies the result of [`average`](crate::average) with the mean corrections that it returned.
 ///
 /// # Errors
-/// As [`verify`].
+/// Same as [`verify`].
 pub fn verify_average(
     original: &mut (impl BufRead + Send),
     result: &mut (impl BufRead + Send),
@@ -240,7 +240,7 @@ struct Comparison {
     after: Carriages,
     /// Axis reversals on the rest of the current motion.
     turns: Reversals,
-    /// Parts of the motion, index of the one that the result is in, and the share of it that is done.
+    /// Parts of the motion, index of the part that the result has reached, and the completed share of that part.
     parts: Vec<PartOfMotion>,
     at_part: usize,
     of_part: f64,
@@ -256,7 +256,8 @@ struct Comparison {
     zeros: Vec<Option<[[f64; 3]; 2]>>,
     /// Every `stride`-th position is stored.
     stride: u64,
-    /// With the original and with the compensated program: all positions, and those of the current motion.
+    /// Sums over all positions, and over those of the current motion, with the original and with the compensated
+    /// program.
     sums: [Sums; 2],
     of_motion: [Lengths; 2],
 }
@@ -442,8 +443,8 @@ impl Comparison {
     fn result_goes(&mut self, share: f64) -> Axes {
         while let Some(part) = self.parts.get(self.at_part) {
             let is_last = self.at_part + 1 == self.parts.len();
-            // A part that ends at a reversal ends before it, however the two shares are rounded. One of zero length takes up the play of an
-            // axis.
+            // A part that ends at a reversal ends before it, however the two shares are rounded. One of zero length crosses the backlash of
+            // an axis.
             let is_behind = share > part.to + SAME_SHARE && !is_last || part.to == part.from;
             let of_part = if is_behind || share >= part.to {
                 1.0
@@ -666,7 +667,7 @@ impl Sums {
 /// Selects a deviation of a position, µm.
 type DeviationOf = fn(&Place) -> [f64; 3];
 
-/// With the original and with the compensated program.
+/// Deviation with the original and with the compensated program.
 const BEFORE_AND_AFTER: [DeviationOf; 2] = [|place| place.before_um, |place| place.after_um];
 
 fn in_mm(place: &Place, of: DeviationOf) -> [Vector3<f64>; 2] {

@@ -50,7 +50,7 @@ pub struct Head {
     pub source: String,
     /// The name of the machine.
     pub machine: Option<String>,
-    /// Its serial number.
+    /// Serial number.
     pub serial: Option<String>,
     /// The date of the measurement.
     pub date: Option<String>,
@@ -143,7 +143,7 @@ impl core::fmt::Display for CheckOf {
 pub struct Check {
     /// The symbol of the figure: `A`, `E`, `EC0Y`, `V`.
     pub symbol: String,
-    /// Its subject.
+    /// Subject.
     pub of: CheckOf,
     /// The value of the figure; `None` if the measurements do not determine it.
     pub value: Option<f64>,
@@ -151,7 +151,7 @@ pub struct Check {
     pub limit: f64,
     /// `µm` or `µrad`.
     pub unit: String,
-    /// Its expanded uncertainty (k = 2) from the stated contributions; `None` without any.
+    /// Expanded uncertainty (k = 2) from the stated contributions; `None` without any.
     pub uncertainty: Option<f64>,
     /// The verdict, to ISO 14253-1 if an uncertainty is stated.
     pub outcome: Verdict,
@@ -199,7 +199,7 @@ pub enum WarningKind {
 /// A warning, to be read before any number.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Warning {
-    /// Its kind.
+    /// Kind.
     pub kind: WarningKind,
     /// The message, in English.
     pub text: String,
@@ -224,7 +224,7 @@ pub struct Curve {
     pub branches: Vec<Branch>,
     /// Minimum and maximum of the curve over the travels of all axes that it depends on.
     pub range: [f64; 2],
-    /// True if it depends on axes other than its own.
+    /// True if the error depends on axes other than its own.
     pub has_other_axes: bool,
 }
 
@@ -259,7 +259,7 @@ pub struct Branch {
     pub points: Vec<(f64, f64)>,
     /// Residuals at the targets: mean readings minus curve.
     pub residuals: Vec<(f64, f64)>,
-    /// Its confidence band.
+    /// Confidence band.
     pub band: Option<Band>,
     /// Fit results; `None` if the curve comes from the machine file.
     pub fit: Option<FitNumbers>,
@@ -274,7 +274,7 @@ pub struct Band {
     pub low: Vec<f64>,
     /// Upper limit at each coordinate.
     pub high: Vec<f64>,
-    /// What was resampled to compute it.
+    /// What was resampled to compute the band.
     pub source: BandSource,
 }
 
@@ -332,7 +332,7 @@ pub struct Positioning {
 pub struct FigureUncertainty {
     /// The symbol of the figure.
     pub symbol: String,
-    /// Its expanded uncertainty (k = 2), in the unit of the figure.
+    /// Expanded uncertainty (k = 2), in the unit of the figure.
     pub expanded: f64,
 }
 
@@ -341,11 +341,11 @@ pub struct FigureUncertainty {
 pub struct Square {
     /// The axis from which the angle is counted.
     pub first: String,
-    /// The axis to which it is counted.
+    /// The axis to which the angle is counted.
     pub second: String,
     /// The angle minus 90°, µrad.
     pub angle_urad: f64,
-    /// The location errors that contribute to it.
+    /// The location errors that contribute to the squareness.
     pub from: Vec<Tilt>,
     /// True if measured in this calibration; false if it comes from the machine file.
     pub measured: bool,
@@ -354,20 +354,20 @@ pub struct Square {
 /// A location error that contributes to a squareness.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tilt {
-    /// Its name.
+    /// Name.
     pub error: String,
-    /// Its value, µrad.
+    /// Value, µrad.
     pub urad: f64,
-    /// Its standard uncertainty from the stated contributions, µrad; `None` without any.
+    /// Standard uncertainty from the stated contributions, µrad; `None` without any.
     pub uncertainty: Option<f64>,
 }
 
 /// A location error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Location {
-    /// Its name.
+    /// Name.
     pub error: String,
-    /// Its value.
+    /// Value.
     pub value: f64,
     /// `µm` or `µrad`.
     pub unit: String,
@@ -412,7 +412,7 @@ pub struct Diagonals {
 pub struct Diagonal {
     /// `PPP`, `NPP`, `PNP`, `PPN`.
     pub name: String,
-    /// Positions along it (mm) and deviations (µm).
+    /// Positions along the diagonal (mm) and deviations (µm).
     pub points: Vec<(f64, f64)>,
     /// Maximum minus minimum deviation, µm.
     pub range_um: f64,
@@ -595,7 +595,8 @@ impl Identified {
         all.filter(move |of| of.name.split(' ').next() == Some(error))
     }
 
-    /// True if the observations leave an error open: one of its coefficients, or one that has to be zero for the identified ones to hold.
+    /// True if the observations do not determine an error: one of its coefficients is undetermined, or was assumed zero for the
+    /// identified ones to hold.
     pub fn leaves_open(&self, error: &str) -> bool {
         self.of_error(error).any(|of| {
             self.left_open()
@@ -628,20 +629,20 @@ pub struct Left {
 /// An unknown in a combination.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Weighted {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its weight.
+    /// Weight.
     pub weight: f64,
 }
 
 /// One unknown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its value.
+    /// Value.
     pub value: f64,
-    /// Its standard uncertainty (k = 1); `None`: not determined.
+    /// Standard uncertainty (k = 1); `None`: not determined.
     pub uncertainty: Option<f64>,
     /// The unit.
     pub unit: String,

@@ -10,7 +10,7 @@ use crate::report::{AxisTravel, Head};
 pub struct Stated {
     /// The name of the machine.
     pub machine: Option<String>,
-    /// Its serial number.
+    /// Serial number.
     pub serial: Option<String>,
     /// The date of the measurement.
     pub date: Option<String>,

@@ -109,7 +109,7 @@ pub struct Cycle {
     checks: PerAxis<PositionCheck>,
     sensors: Sensors,
     degraded: bool,
-    /// Whether the stored state, or the operator, says that no path had a correction left before the start.
+    /// True if the stored state shows, or the operator confirmed, that no path had a remaining correction at the start.
     left_nothing: bool,
     /// Time of the last interlock since the start.
     stopped: Duration,
@@ -291,7 +291,7 @@ impl Cycle {
     /// Replaces the model from the next cycle on; `replacement` receives the old one, to be freed on another thread.
     ///
     /// # Errors
-    /// A model with other axes, or the same in another order: the old one stays.
+    /// A model with other axes, or with the same axes in another order. The old model then stays active.
     pub fn swap_model(&mut self, replacement: &mut Replacement) -> Result<(), OrderRefusal> {
         if replacement.axes != self.model.axes {
             return Err(OrderRefusal::OtherAxes);
@@ -443,7 +443,7 @@ impl Cycle {
     fn thermal(&mut self, since_start: Duration, passed: Duration) {
         self.sensors
             .read(since_start, self.start, &mut self.report.sensors);
-        // A sensor does not count as missing because the program was paused.
+        // A sensor is not treated as missing because the program was paused.
         let dt = passed.min(self.period * 5);
         self.degraded = self
             .model
@@ -470,7 +470,7 @@ impl Cycle {
         if sent {
             self.report.sent = Some(path.in_machine(&output.correction));
         }
-        // One barrier may report it to all paths that lead to it.
+        // A barrier may report this frame to all paths that lead to it.
         if let Some(frame) = path.read_back.last_frame() {
             for path in &mut self.paths {
                 path.read_back.also_sent(frame);
@@ -516,8 +516,8 @@ impl Cycle {
         let path = &self.paths[index];
         let place = self.machine_position(index, now);
         let complete = place.is_complete(self.model.axes.len());
-        // A standby path is read less often than positions expire, so its own count as of the time when it reported them. A path that depends on
-        // positions as old as those of the active one is no better.
+        // A standby path is read less often than positions expire, so its own positions are judged at the time of its report. A path that
+        // depends on positions as old as those of the active path is no better than the active path.
         let is_young = if index == self.selector.active() {
             path.is_young(place.oldest, now)
         } else {
@@ -531,8 +531,8 @@ impl Cycle {
         }
     }
 
-    /// Whether the applied correction is known once this path writes: it reports it for all axes that the previous path wrote, or nothing can be
-    /// left of that.
+    /// Whether the applied correction is known once this path writes: the control reports it for all axes that the previous path wrote, or no
+    /// correction of the previous path can remain.
     fn is_ready(&self, index: usize, now: Duration) -> bool {
         let (path, active) = (&self.paths[index], self.selector.active());
         if index == active {
@@ -547,7 +547,7 @@ impl Cycle {
             }
         }
         let Some(sent) = before.last_sent() else {
-            // Nothing was sent since the start: only the reported or the stored correction counts.
+            // Nothing was sent since the start: only the reported or the stored correction may be applied.
             return match before.read_back_status().confirmed {
                 Some(_) => !before.report(now).holds,
                 None => self.left_nothing,
@@ -565,7 +565,8 @@ impl Cycle {
         if !self.interlocks.reasons().is_empty() {
             self.stopped = now;
         }
-        // The operator must check a fault; an interlock holds the correction on its path; disarming needs no positions.
+        // The active path is kept in these states: the operator must check a fault; an interlock holds the correction
+        // on its path; disarming needs no positions.
         let disarms = matches!(state, GuardState::RampingOut(End::Disarmed));
         let stays = matches!(state, GuardState::Faulted(_))
             || !self.interlocks.reasons().is_empty()
@@ -582,7 +583,7 @@ impl Cycle {
         let choice = self.selector.choose(now, &health[..self.paths.len()]);
         let is_left = choice.blocked && !self.is_ready(choice.preferred, now);
         if choice.blocked && !is_left {
-            // It takes over once its thread has returned it.
+            // The preferred path takes over once its thread has returned the controller.
             self.paths[choice.preferred].device.recall();
         }
         self.standby.wanted = (choice.blocked && !is_left).then_some(choice.preferred);
@@ -821,7 +822,8 @@ impl Cycle {
                 self.standby.holds[index] = self.standby.reports_other_correction(path, confirmed);
             }
             let report = path.report(now);
-            // A control without read-back keeps its correction in addition to that of another path, unless it goes to zero on its own.
+            // A control without read-back keeps its correction, which would add to that of another path, unless it ramps to zero on
+            // its own.
             let keeps = report.scheme == Scheme::NoReadBack
                 && path
                     .read_back
@@ -875,8 +877,8 @@ impl Cycle {
     }
 }
 
-/// The correction by the model in the axis order of a path; zero for axes that do not correct. A rotary axis that does not correct but still has a
-/// correction goes to zero, and the linear axes follow it, whether they correct or not.
+/// The correction by the model in the axis order of a path; zero for axes that do not correct. If a rotary axis that does not correct has a
+/// remaining correction, it ramps to zero, and all linear axes follow it, including non-correcting ones.
 fn in_channel(path: &ControlPath, wanted: &CoupledCorrection) -> RequestedCorrection {
     let of = |values: &PerAxis<f64>, i: usize| {
         if path.corrects(i) {

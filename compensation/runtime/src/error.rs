@@ -85,7 +85,7 @@ pub enum PlanError {
     })]
     Barrier {
         device: String,
-        /// Whether it has one by the driver.
+        /// Whether the driver sends frames to a barrier.
         has: bool,
     },
     /// The corrections of two controllers would add up.

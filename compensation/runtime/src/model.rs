@@ -48,9 +48,9 @@ pub struct CoupledCorrection {
     pub rotary: PerAxis<f64>,
     /// For each rotary axis, whether it corrects or not, how the linear axes follow it so that the tool tip stays in place, mm/rad.
     pub follow: PerAxis<PerAxis<f64>>,
-    /// As in [`ModelCorrection`].
+    /// See [`ModelCorrection`].
     pub singular: bool,
-    /// As in [`ModelCorrection`].
+    /// See [`ModelCorrection`].
     pub near_singular: bool,
     /// Two linear axes are nearly parallel: see [`Reasons::LINEAR_NEAR_SINGULAR`](volcomp_guard::Reasons::LINEAR_NEAR_SINGULAR).
     pub linear_near_singular: bool,
@@ -248,8 +248,8 @@ impl Model {
         }
     }
 
-    /// The correction in parts, with the errors at the position that `applied` leads to, the correction (mm, rad) on the axes now: whatever a limit
-    /// or a ramp leaves of it, the errors are those at the actual position. If the whole correction is applied, the sum of the parts is that of
+    /// The correction in parts. `applied` is the correction on the axes now (mm, rad), reduced by limits and ramps; errors are evaluated at the
+    /// position that it leads to, the actual one. If the whole correction is applied, the sum of the parts equals
     /// [`correction_of`](Self::correction_of). Does not allocate.
     pub fn wanted(
         &self,
@@ -260,7 +260,7 @@ impl Model {
         self.wanted_by(false, state, correctors, applied)
     }
 
-    /// As [`wanted`](Self::wanted), for thermal terms alone or for the whole model. Does not allocate.
+    /// Same as [`wanted`](Self::wanted), for thermal terms alone (`true`) or for the whole model. Does not allocate.
     pub fn wanted_by(
         &self,
         only_thermal: bool,
@@ -285,10 +285,10 @@ impl Model {
         }
     }
 
-    /// The correcting axes of a path: those of [`correctors_among`](Self::correctors_among) without the rotary axes that would make the error of
-    /// the tool larger than without correction. These are all rotary axes if the correcting linear axes do not span all directions, since they
-    /// cannot compensate the tip movement of a rotary axis; and those for which half a step (`steps`, rad, in machine order) moves the tip by more
-    /// than `most`. Does not allocate.
+    /// The correcting axes of a path: the axes of [`correctors_among`](Self::correctors_among), without rotary axes whose correction would
+    /// increase the error of the tool. All rotary axes are excluded if the correcting linear axes do not span all directions, because they cannot
+    /// compensate the tip movement of a rotary axis. A single rotary axis is excluded if half a step (`steps`, rad, in machine order) moves the
+    /// tip by more than `most`. Does not allocate.
     pub fn correctors_of_path(
         &self,
         written: &[AxisName],
@@ -438,7 +438,8 @@ impl Model {
         warm
     }
 
-    /// The model as it would replace a running one: with the lags of that one where it has them, and with these temperatures (°C, by sensor name).
+    /// The model as a replacement of a running one: takes over its lagged temperatures where both have them; the others start at these
+    /// temperatures (°C, by sensor name).
     #[must_use]
     pub fn in_place_of(&self, running: &Self, degc: impl Fn(&str) -> Option<f64>) -> Self {
         let mut taken = self.clone();
@@ -495,7 +496,7 @@ mod tests {
         );
     }
 
-    /// With A held, Z takes its share of the correction.
+    /// With A held, Z takes over the share that A would correct.
     #[test]
     fn models_are_compared_by_the_written_axes() {
         let model = |urad: f64| {

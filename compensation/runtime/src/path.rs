@@ -1,4 +1,4 @@
-//! One controller path in a cycle. State: its last answer, and what is known of the applied correction.
+//! One controller path in a cycle. State: the last answer, and the known applied correction.
 
 use std::time::{Duration, Instant};
 
@@ -27,8 +27,8 @@ use crate::{
 ///
 /// Invariants:
 /// - `device` may be held by the thread that reads it on standby; everything else is here, so a cycle never waits for it.
-/// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; then `answered_at` is set, too.
-///   `read_at` never decreases: an answer to an earlier request is dropped.
+/// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; then `answered_at` is set as
+///   well. `read_at` never decreases: an answer to an earlier request is dropped.
 /// - `seen` has positions without the correction. A reading that contains an unknown correction is never stored there.
 /// - `correctors` and `followers` are those of the active model: `fit_to` is called with every new one. `limits` has the
 ///   planned test shifts, `limits()` those of the correcting axes.
@@ -39,10 +39,10 @@ pub struct ControlPath {
     pub(crate) description: Description,
     limits: Limits,
     pub(crate) read_back: ReadBack,
-    /// Whether the control goes to zero on its own without writes.
+    /// Whether the control ramps to zero on its own without writes.
     pub(crate) goes_to_zero: bool,
     pub(crate) reported: ReportedPositions,
-    /// Steps of the positions, which determine when a direction counts as reversed, mm or rad.
+    /// Steps of the positions, which determine when a direction is treated as reversed, mm or rad.
     position_steps: PerChannel<f64>,
     /// Letters of the written axes, and those of them that correct with the active model.
     names: Vec<AxisName>,
@@ -51,7 +51,7 @@ pub struct ControlPath {
     pub(crate) followers: Option<Correctors>,
     /// Maximum movement of the tip by half a step of a rotary axis that corrects.
     rotary_step: Mm,
-    /// Whether it carries the correction of thermal terms alone.
+    /// Whether the path carries the correction of thermal terms alone.
     pub(crate) only_thermal: bool,
     /// Machine axes at a configured position, mm and rad.
     pub(crate) fixed: PerAxis<Option<f64>>,
@@ -60,10 +60,10 @@ pub struct ControlPath {
     pub(crate) reading: Option<Snapshot>,
     /// When the flags of the last reading were valid.
     flags_taken: Duration,
-    /// When it was last read, and when it last answered.
+    /// When the controller was last read, and when it last answered.
     read_at: Option<Duration>,
     answered_at: Option<Duration>,
-    /// When something that may have arrived was last sent to it.
+    /// When something that may have arrived was last sent to the controller.
     sent: Option<Duration>,
 }
 
@@ -132,13 +132,13 @@ impl ControlPath {
     pub(crate) fn set_limits(&mut self, limits: &Limits) -> Result<(), LimitsError> {
         limits.check_in_place_of(&self.limits)?;
         self.limits = *limits;
-        // The movement of a faster correction within the read-back delay must not count as a reversal.
+        // The movement of a faster correction within the read-back delay must not be treated as a reversal.
         let steps = self.position_steps;
         self.reported.reversal = reversals(&self.description, &steps, Some(limits));
         Ok(())
     }
 
-    /// Its limits, with test shifts for correcting axes only: nothing is written to the others.
+    /// Limits of the path, with test shifts for correcting axes only: nothing is written to other axes.
     pub(crate) fn limits(&self) -> Limits {
         let shift = |place: usize| {
             if self.corrects(place) {
@@ -163,7 +163,7 @@ impl ControlPath {
         self.limits.count
     }
 
-    /// What is known of the applied correction.
+    /// The known state of the applied correction.
     pub(crate) fn read_back_status(&self) -> &ReadBackStatus {
         self.read_back.status()
     }
@@ -182,7 +182,7 @@ impl ControlPath {
         places
     }
 
-    /// Converts channel order to machine order; zero for axes that it does not write.
+    /// Converts channel order to machine order; zero for axes that the path does not write.
     pub(crate) fn in_machine(&self, values: &PerChannel<f64>) -> PerAxis<f64> {
         let mut machine = PerAxis::ZERO;
         for (axis, value) in self.written().zip(values) {
@@ -200,7 +200,7 @@ impl ControlPath {
         channel
     }
 
-    /// Whether it writes an axis that another path does not.
+    /// Whether this path writes an axis that the other path does not.
     pub(crate) fn leaves_axes_to(&self, other: &Self) -> bool {
         left_to(&self.description, &other.description).is_some()
     }
@@ -215,23 +215,23 @@ impl ControlPath {
         taken.is_some_and(|taken| now.saturating_sub(taken) <= self.limits.hold)
     }
 
-    /// Whether its positions were recent enough when it reported them.
+    /// Whether the positions of the controller were recent enough when it reported them.
     pub(crate) fn was_fresh(&self) -> bool {
         self.answered_at
             .is_some_and(|answered_at| self.is_young(self.reported.taken, answered_at))
     }
 
-    /// When something that may have arrived was last sent to it.
+    /// When something that may have arrived was last sent to the controller.
     pub(crate) fn last_sent(&self) -> Option<Duration> {
         self.sent
     }
 
-    /// When it was last read.
+    /// When the controller was last read.
     pub(crate) fn last_read(&self) -> Option<Duration> {
         self.read_at
     }
 
-    /// The interlock of the last reading, by the age of its flags at that time; `None`: it did not answer.
+    /// The interlock of the last reading, by the age of its flags at that time; `None`: the controller did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
         let (reading, answered_at) = (self.reading.as_ref()?, self.answered_at?);
         let age = answered_at.saturating_sub(self.flags_taken);
@@ -247,7 +247,7 @@ impl ControlPath {
         self.limits.period.mul_f64(0.6).max(hold / 3)
     }
 
-    /// Whether it answered the last reading within the allowed silence of a standby path.
+    /// Whether the controller answered the last reading within the allowed silence of a standby path.
     pub(crate) fn answers(&self, now: Duration) -> bool {
         let silent = STANDBY_INTERVAL * 3 + self.exchange_time_out();
         let read_at = self.read_at.filter(|_| self.reading.is_some());
@@ -361,7 +361,7 @@ impl ControlPath {
             }
             Some(controller) => controller.apply(correction, deadline),
         };
-        // A slow control has it only once it has answered.
+        // A slow control has received the correction only once it has answered.
         let now = now + begun.elapsed();
         // On lines a failed write has no effect.
         if sent.is_ok() || self.read_back_status().scheme != volcomp_guard::Scheme::NoReadBack {
@@ -403,7 +403,7 @@ fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
     Ok(Some(link))
 }
 
-/// The interlocks of a reading with flags of this age; flags older than `hold` count as unknown.
+/// The interlocks of a reading with flags of this age; flags older than `hold` are treated as unknown.
 pub(crate) fn interlock_of(
     reading: &Snapshot,
     shown: ShownStates,

@@ -32,7 +32,7 @@ pub struct PathPlan {
     pub limits: Limits,
     /// Machine index of each axis whose position the controller reports; written axes come first.
     pub machine_axis: PerChannel<usize>,
-    /// Travel after which the direction of each of these axes counts as reversed, mm or rad.
+    /// Travel after which the direction of each of these axes is treated as reversed, mm or rad.
     pub reversal: PerChannel<f64>,
     /// Smallest steps of their positions, mm or rad; 0 if none is configured.
     pub position_steps: PerChannel<f64>,
@@ -48,13 +48,13 @@ pub struct PathPlan {
     pub notes: Reasons,
     /// The barrier of the control, if it has one.
     pub barrier: Option<BarrierSettings>,
-    /// Whether it carries the correction of thermal terms alone.
+    /// Whether the path carries the correction of thermal terms alone.
     pub only_thermal: bool,
     /// Whether the control has no read-back.
     pub no_read_back: bool,
     /// How long a control without a barrier is observed for foreign changes before the first write.
     pub watch: Duration,
-    /// What a control without read-back does on its own without writes.
+    /// Reaction of a control without read-back when writes stop.
     pub time_out: Option<ControlTimeOut>,
 }
 
@@ -63,16 +63,17 @@ pub struct PathPlan {
 pub struct UncorrectedAxis {
     /// The letter of the axis.
     pub axis: AxisName,
-    /// Why it does not correct.
+    /// Why the axis does not correct.
     pub why: UncorrectedReason,
 }
 
 /// Why a rotary axis that may correct does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum UncorrectedReason {
-    /// The correcting linear axes do not span all directions, so they cannot compensate its movement of the tip.
+    /// The correcting linear axes do not span all directions, so they cannot compensate the tip movement of the rotary
+    /// axis.
     Uncatchable,
-    /// Half a step of it moves the tip by this much somewhere in the work space, more than allowed.
+    /// Half a step of the axis moves the tip by this amount somewhere in the work space, more than allowed.
     Coarse(Mm),
 }
 
@@ -167,7 +168,7 @@ impl PathPlan {
     }
 
     /// Checks that the paths to one machine are interchangeable: they use the same channel, and none leaves a correction on an axis that another
-    /// does not write, unless its control goes to zero on its own.
+    /// does not write, unless its control ramps to zero on its own.
     ///
     /// # Errors
     /// The first conflicting pair.
@@ -178,7 +179,7 @@ impl PathPlan {
         })
     }
 
-    /// Whether the control goes to zero on its own without writes.
+    /// Whether the control ramps to zero on its own without writes.
     pub(crate) fn goes_to_zero(&self) -> bool {
         self.barrier.is_some() || self.no_read_back && self.time_out.is_some()
     }
@@ -189,7 +190,7 @@ impl PathPlan {
     }
 }
 
-/// The rules of [`PathPlan::check_together`] for paths, each with whether its control goes to zero on its own.
+/// The rules of [`PathPlan::check_together`] for paths, each with whether its control ramps to zero on its own.
 pub(crate) fn check_together<'a, I>(paths: impl Fn() -> I) -> Result<(), PlanError>
 where
     I: Iterator<Item = (&'a Description, bool)>,
@@ -467,8 +468,8 @@ pub(crate) fn position_steps(
     Ok(steps)
 }
 
-/// Travel after which the direction of each reported axis counts as reversed, mm or rad. On read-only axes a correction cannot be mistaken for
-/// travel.
+/// Travel after which the direction of each reported axis is treated as reversed, mm or rad. On read-only axes a correction cannot be mistaken
+/// for travel.
 pub(crate) fn reversals(
     description: &Description,
     position_steps: &PerChannel<f64>,

@@ -7,13 +7,13 @@ use volcomp_vocabulary::{MAX_AXES, PerAxis, PerChannel};
 /// The axes reported by a controller, in channel order, and their last positions.
 ///
 /// Invariants:
-/// - `positions` are finite once `taken` is set, and all belong to it.
+/// - `positions` are finite once `taken` is set, and all were valid at this time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ReportedPositions {
     /// Machine index of each axis; the axes that the controller writes come first.
     pub(crate) machine_axis: PerChannel<usize>,
     count: usize,
-    /// Travel after which the direction counts as reversed, mm or rad.
+    /// Travel after which the direction is treated as reversed, mm or rad.
     pub(crate) reversal: PerChannel<f64>,
     /// Positions without correction, mm or rad, valid at `taken`.
     positions: PerChannel<f64>,
@@ -48,7 +48,7 @@ impl ReportedPositions {
         Some((self.positions[self.place_of(machine_axis)?], self.taken?))
     }
 
-    /// Travel after which the direction of a machine axis counts as reversed, mm or rad.
+    /// Travel after which the direction of a machine axis is treated as reversed, mm or rad.
     pub(crate) fn reversal_of(&self, machine_axis: usize) -> Option<f64> {
         Some(self.reversal[self.place_of(machine_axis)?])
     }

@@ -28,9 +28,9 @@ const SILENT: Duration = Duration::from_millis(500);
 pub struct ReaderPlan {
     /// The driver's description of the controller.
     pub description: Description,
-    /// Machine index of each axis whose position it reports.
+    /// Machine index of each axis whose position the controller reports.
     pub machine_axis: PerChannel<usize>,
-    /// Travel after which the direction of each of these axes counts as reversed, mm or rad.
+    /// Travel after which the direction of each of these axes is treated as reversed, mm or rad.
     pub reversal: PerChannel<f64>,
 }
 
@@ -71,7 +71,7 @@ pub struct PositionReader {
     description: Description,
     pub(crate) reported: ReportedPositions,
     answered: Option<Duration>,
-    /// The interlock of the last reading; `None`: it did not answer.
+    /// The interlock of the last reading; `None`: the controller did not answer.
     interlock: Option<Interlock>,
 }
 
@@ -148,7 +148,7 @@ impl PositionReader {
         true
     }
 
-    /// The interlock of the last reading; `None`: it did not answer.
+    /// The interlock of the last reading; `None`: the controller did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
         self.interlock
     }

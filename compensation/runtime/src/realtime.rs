@@ -69,7 +69,7 @@ pub struct Handle {
     reports: triple_buffer::Output<Report>,
     shared: Arc<Shared>,
     pulse: Pulse,
-    /// `None`: it has ended, or a test runs the cycles itself.
+    /// `None`: the thread has ended, or a test runs the cycles.
     thread: Option<JoinHandle<()>>,
     is_manual: bool,
 }
@@ -126,8 +126,8 @@ pub struct Pulse {
 }
 
 impl Pulse {
-    /// Maximum gap that counts as a late cycle and leaves the last report valid, however short the period is: schedulers and exchanges with
-    /// controllers occasionally take that long.
+    /// Maximum gap that is treated as a late cycle and leaves the last report valid, however short the period is: schedulers and exchanges
+    /// with controllers occasionally take that long.
     pub const JITTER: Duration = Duration::from_millis(100);
 
     /// Time since the end of the last cycle, or since the start of the thread before the first one.
@@ -251,8 +251,8 @@ impl Handle {
         }
     }
 
-    /// Ends the thread and waits for it for at most `patience`. Returns whether it has ended; one that hangs in an exchange with a controller is
-    /// left behind.
+    /// Ends the thread and waits at most `patience` for it. Returns whether it has ended; a thread that hangs in an exchange with a controller
+    /// is abandoned.
     pub fn stop_within(&mut self, patience: Duration) -> bool {
         self.shared.stop.store(true, Ordering::Relaxed);
         let end = Instant::now() + patience;
@@ -301,7 +301,7 @@ pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String
     Ok((handle, lacking))
 }
 
-/// Access to a control thread without a thread: for tests, which set its time ([`Cycle::with_clock`]) and run its cycles.
+/// Access to a control loop without a thread: for tests, which set its time ([`Cycle::with_clock`]) and run its cycles.
 pub fn start_manual(cycle: Cycle) -> (Handle, ManualCycles) {
     let (mut handle, control) = control(cycle, false);
     handle.is_manual = true;
@@ -456,7 +456,7 @@ impl Control {
                 reasons: report.reasons,
                 active: report.active,
             };
-            // If the ring is full a thousand changes are unread: this one is lost, too.
+            // If the ring is full a thousand changes are unread: this one is lost as well.
             let _ = self.changes.push(change);
         }
     }

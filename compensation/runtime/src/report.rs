@@ -32,17 +32,17 @@ pub struct ToolError {
 /// State of one path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PathReport {
-    /// Time since its last answer; `None`: it never answered.
+    /// Time since the last answer of the controller; `None`: it never answered.
     pub answered: Option<Duration>,
-    /// Age of its positions; `None`: it has not reported any.
+    /// Age of the positions; `None`: the controller has not reported any.
     pub positions: Option<Duration>,
     /// Time since its applied correction was last confirmed; `None`: never.
     pub confirmed: Option<Duration>,
-    /// How its correction is confirmed.
+    /// Method by which the correction is confirmed.
     pub scheme: Scheme,
-    /// Whether it is known to apply a correction other than zero.
+    /// Whether the controller is known to apply a correction other than zero.
     pub holds: bool,
-    /// Reasons reported for it.
+    /// Reasons reported for the path.
     pub reasons: Reasons,
 }
 
@@ -51,7 +51,7 @@ pub struct PathReport {
 pub struct Report {
     /// Number of the cycle, from 1.
     pub cycle: u64,
-    /// Begin of the cycle, since the start of its clock.
+    /// Start of the cycle, on the clock of the cycle.
     pub now: Duration,
     /// The state of the guard.
     pub state: State,
@@ -131,7 +131,7 @@ pub struct Change {
     pub cycle: u64,
     /// The state from that cycle on.
     pub state: State,
-    /// Why the state is what it is.
+    /// Reasons for the state.
     pub reasons: Reasons,
     /// Index of the active path from that cycle on.
     pub active: usize,

@@ -120,7 +120,7 @@ impl<U: Unit> AxisSettings<U> {
 }
 
 impl<U> AxisSettings<U> {
-    /// The same settings in other units.
+    /// These settings in other units.
     pub fn map<V>(self, convert: impl Fn(U) -> V) -> AxisSettings<V> {
         AxisSettings {
             limit: convert(self.limit),
@@ -209,15 +209,16 @@ pub struct PathSettings {
     pub hold: Option<Duration>,
     /// Whether the test shift is made at arming.
     pub proves: bool,
-    /// Smallest step of the reported position of an axis; for an axis without an entry it is finer than that of the correction.
+    /// Smallest step of the reported position by axis. Axes without an entry report positions more finely than the correction
+    /// step.
     pub position_steps: BTreeMap<AxisName, Displacement>,
     /// Maximum number of writes by which the read-back lags, from 1.
     pub read_back_cycles: usize,
     /// The barrier of the control, if it has one.
     pub barrier: Option<BarrierSettings>,
-    /// How long a control without a barrier is observed before the first write: another gateway would show.
+    /// How long a control without a barrier is observed before the first write, to detect another gateway.
     pub watch: Duration,
-    /// What a control without read-back does on its own without writes; `None`: it keeps its correction.
+    /// Reaction of a control without read-back when writes stop; `None`: it keeps its correction.
     pub time_out: Option<ControlTimeOut>,
 }
 

@@ -30,9 +30,9 @@ pub(crate) struct ControllerSlot {
 
 /// The answer of a controller on standby.
 pub(crate) struct StandbyReading {
-    /// When it was requested.
+    /// When the reading was requested.
     pub(crate) requested: Instant,
-    /// When it was received.
+    /// When the reading was received.
     pub(crate) received: Instant,
     pub(crate) read: Result<Snapshot, Fault>,
 }
@@ -95,12 +95,12 @@ impl ControllerSlot {
         Ok(())
     }
 
-    /// Whether there is a thread that reads it on standby.
+    /// Whether a thread reads the controller on standby.
     pub(crate) fn has_thread(&self) -> bool {
         self.thread.is_some()
     }
 
-    /// Whether the cycle holds it.
+    /// Whether the cycle holds the controller.
     pub(crate) fn is_held(&self) -> bool {
         self.controller.is_some()
     }

@@ -7,7 +7,7 @@ use std::{
 
 use rayon::prelude::*;
 
-/// Number of poses that one core takes at a time.
+/// Number of poses per unit of parallel work.
 const CHUNK: usize = 2048;
 
 /// Results of `work` for each chunk of `count` poses, in the order of the poses: joined in this order, every run gives the same digits.

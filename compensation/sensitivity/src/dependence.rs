@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// A column counts as linearly dependent if less than this part of it remains after projection.
+/// A column is treated as linearly dependent if less than this part of it remains after projection.
 pub const DEPENDENT_BELOW: f64 = 1e-9;
 
 /// Relative threshold below which the share of a column in a combination is rounding.
@@ -66,7 +66,8 @@ impl Dependence {
     }
 }
 
-/// The weights of the columns of a basis in a vector with these shares along its orthogonal directions.
+/// Weights of the basis columns in a vector that is given by its shares along the orthogonalised directions of the
+/// basis.
 fn weights(triangle: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
     let mut left = shares.to_vec();
     let mut weights = vec![0.0; shares.len()];

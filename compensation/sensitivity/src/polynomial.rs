@@ -122,7 +122,7 @@ impl Polynomial {
         products
     }
 
-    /// Itself or its negative, such that the first coefficient is positive, and whether it was negated.
+    /// The polynomial or its negative, such that the first coefficient is positive; true if it was negated.
     pub(crate) fn positive(mut self) -> (Self, bool) {
         let negative = self
             .ordered()
@@ -136,12 +136,12 @@ impl Polynomial {
         (self, negative)
     }
 
-    /// True if it is the constant 1.
+    /// True if the polynomial is the constant 1.
     pub(crate) fn is_one(&self) -> bool {
         *self == Self::number(1.0)
     }
 
-    /// Formats it as a factor of a product: a sum in parentheses.
+    /// Formats the polynomial as a factor of a product: a sum in parentheses.
     pub(crate) fn as_factor(&self, latex: bool) -> String {
         let text = if latex {
             self.latex()

@@ -72,7 +72,7 @@ pub enum ObservationError {
     Reach {
         /// The target of the tip.
         what: String,
-        /// Its position, mm in workpiece axes.
+        /// Position, mm in workpiece axes.
         at: [f64; 3],
         /// Number of poses found.
         found: usize,
@@ -98,7 +98,7 @@ pub enum ObservationError {
         pose: usize,
         /// The sphere, from 1.
         sphere: usize,
-        /// Its centre, mm in workpiece axes.
+        /// Centre, mm in workpiece axes.
         at: [f64; 3],
     },
     /// The tip is too far from a sphere at a planned pose.
@@ -138,7 +138,7 @@ pub enum ObservationError {
     /// A diagonal that does not exist in the working space (only possible when built in code).
     #[error("found the diagonal {name:?}, expected one of PPP, NPP, PNP, PPN")]
     NoDiagonal {
-        /// Its name.
+        /// Name.
         name: String,
     },
     /// A direction of zero length.

@@ -19,7 +19,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// True if it commands rotary axes only, so that linear axes follow to a sphere.
+    /// True if the plan commands rotary axes only, so that linear axes move to the sphere.
     pub(crate) fn is_rotary(&self) -> bool {
         self.axes.iter().all(|axis| axis.is_rotary())
     }

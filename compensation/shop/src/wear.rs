@@ -120,7 +120,8 @@ impl Wear {
         Draws(random)
     }
 
-    /// A linear axis: guides wear where the axis works most, the carriage tilts along the bent guide, and the screw elongates there, too.
+    /// Wear of a linear axis: guides wear where the axis is used most, the carriage tilts along the bent guide, and the screw
+    /// elongates in the same place.
     fn linear(&self, worn: &mut Worn, axis: AxisName, along: usize) -> Result<(), WearError> {
         let Some([low, high]) = worn.machine.axis(axis).map(|axis| axis.travel) else {
             return Ok(());

@@ -20,7 +20,7 @@ pub trait Field {
         directions: &[Option<Direction>; GRID_AXES],
     ) -> [f64; OUTPUTS];
 
-    /// True if it depends on the directions.
+    /// True if the correction depends on the directions.
     fn is_bidirectional(&self) -> bool {
         false
     }
@@ -80,7 +80,7 @@ pub struct Request {
 pub struct Table {
     /// The map.
     pub map: Map,
-    /// Its error, evaluated on a dense sample between the lines and in both directions of approach.
+    /// Error, evaluated on a dense sample between the lines and in both directions of approach.
     pub misfit: Misfit,
     /// Maximum change of a correction along an axis of the grid, mm per mm or deg.
     pub steepest: f64,

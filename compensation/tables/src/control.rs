@@ -2,7 +2,7 @@
 //!
 //! By the rules of the [`protocol`](volcomp_guard::protocol) only the control decides what it accepts. A map arrives in pieces through one
 //! mailbox, in order, into the inactive buffer. A final frame swaps the buffers, provided that the checksum of all received words is
-//! correct. The applied corrections move at a limited rate, both to another map and to zero, where they go when frames stop.
+//! correct. The applied corrections move at a limited rate, both to another map and, when frames stop, to zero.
 //!
 //! Everything is in 16-bit words and whole numbers. [`Lookup::scan`] does not allocate, wait or read a clock: time is the number of scans.
 
@@ -32,7 +32,7 @@ pub struct Settings {
     pub output_step_nm: [u32; OUTPUTS],
     /// Size of each of the two buffers, words, 69 to 32767.
     pub capacity: u16,
-    /// Minimum reverse travel after which an axis of the grid counts as reversed, position steps, 1 to 1000000.
+    /// Minimum reverse travel after which an axis of the grid is treated as reversed, position steps, 1 to 1000000.
     pub turned: [i32; GRID_AXES],
 }
 
@@ -154,7 +154,7 @@ pub enum Body {
     },
     /// The next words of the map.
     Words {
-        /// Index of the first of them.
+        /// Index of the first of the words.
         place: u16,
         /// The words; zeros beyond the end of the map.
         data: [u16; DATA_WORDS],
@@ -362,7 +362,8 @@ impl Report {
     }
 }
 
-/// Extreme position of an axis in its direction: the axis counts as reversed only after a minimum travel back from there.
+/// Extreme position of an axis in its direction: the axis is treated as reversed only after a minimum travel back from
+/// there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Travel {
     extreme: i32,

@@ -22,7 +22,7 @@ pub struct MapOptions {
     pub others: Vec<(AxisName, f64)>,
     /// Position resolution in the control's program, mm for linear axes.
     pub position_step_mm: f64,
-    /// The same for rotary axes, deg.
+    /// Position resolution in the control's program, deg for rotary axes.
     pub position_step_deg: f64,
     /// Resolution of the correction, mm.
     pub output_step_mm: f64,
@@ -118,7 +118,7 @@ impl MachineMap {
     /// corrected. A rotary axis is either fixed at its stated position or, if named, an axis of the grid.
     ///
     /// # Errors
-    /// As [`build`]; axes that the machine does not have, that roll over, or that correct nothing.
+    /// Same as [`build`]; axes that the machine does not have, that roll over, or that correct nothing.
     pub fn new(
         machine: &Machine,
         temperatures: &Temperatures,
@@ -279,7 +279,7 @@ fn sensitivities(
     let mut found = Vec::new();
     for sensor in thermal.sensors() {
         let mut around = temperatures.clone();
-        // A sensor without a stated temperature counts as at reference temperature: its terms are zero there.
+        // A sensor without a stated temperature is treated as at reference temperature: its terms are zero there.
         for name in thermal.sensors() {
             around
                 .entry(name.to_owned())

@@ -289,7 +289,7 @@ pub enum MapError {
 /// Machine position as reported by its control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Position {
-    /// Coordinate of each axis of the grid, in its steps.
+    /// Coordinate of each axis of the grid, in position steps of that axis.
     pub steps: [i32; GRID_AXES],
     /// Direction of approach of each axis; `None`: unknown, the mean of both applies.
     pub directions: [Option<Direction>; GRID_AXES],

@@ -307,8 +307,8 @@ impl Sender {
         Ok(std::mem::replace(&mut self.map, map))
     }
 
-    /// Number of the map that was active in the control at the last read, whichever sender transferred it; `None`: none was, and the corrections were zero
-    /// or on the way there.
+    /// Number of the map that was active in the control at the last read, whichever sender transferred it; `None`: no map was active, and the
+    /// corrections were zero or ramping to zero.
     #[must_use]
     pub fn in_use(&self) -> Option<u16> {
         self.in_use

@@ -70,7 +70,7 @@ mod tests {
         assert_eq!(read(Some(at), at, at), at);
         // Without a stamp it may have come right after.
         assert_eq!(read(None, at, at), Duration::ZERO);
-        // The clock was set back or ahead meanwhile: the stamp says nothing.
+        // The clock was set meanwhile: the timestamp is ignored.
         assert_eq!(read(Some(20 * MS), at, 100 * MS), Duration::ZERO);
         assert_eq!(read(Some(20 * MS), at, 5000 * MS), Duration::ZERO);
         // A stamp of the future or from before the queue was empty is held within.

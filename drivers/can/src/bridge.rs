@@ -62,9 +62,9 @@ impl BridgeConfig {
 
 /// How corrections are sent.
 enum Transport {
-    /// As words of a frame for the barrier of the control.
+    /// Corrections are sent as words of a frame for the barrier of the control.
     Barrier(Barrier),
-    /// As plain values.
+    /// Corrections are sent as plain values.
     Plain(PlainCorrections),
     /// Not sent: positions are only read.
     ReadOnly,
@@ -208,8 +208,8 @@ impl<P: CanPort> Controller for CanController<P> {
         &self.description
     }
 
-    /// The positions, states and applied correction or report received last, whatever their age; waits only until every position was received once.
-    /// `taken` is the arrival of the oldest position, `uncertainty` its distance from the newest.
+    /// The positions, states and applied correction or report received last, regardless of their age; waits only until every position was received
+    /// once. `taken` is the arrival of the oldest position, `uncertainty` its distance from the newest.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         self.listen(deadline, false)?;
         let [taken, newest] = loop {

@@ -11,7 +11,7 @@ pub struct Frame {
     pub id: u32,
     /// Whether the identifier has 29 bits.
     pub extended: bool,
-    /// Whether it is an FD frame.
+    /// True for an FD frame.
     pub fd: bool,
     length: u8,
     bytes: [u8; 64],
@@ -79,7 +79,7 @@ pub trait CanPort: Send {
     /// Receives the next frame; `None` if none arrived before the deadline. After the deadline it still returns a frame that is waiting.
     ///
     /// # Errors
-    /// [`Fault::Disconnected`] if the interface is down or gone.
+    /// [`Fault::Disconnected`] if the interface is down or was removed.
     fn receive(&mut self, deadline: Instant) -> Result<Option<Received>, Fault>;
 
     /// Sends a frame.

@@ -16,8 +16,8 @@ use crate::{
 pub struct Health {
     /// Frames with a wrong length or checksum.
     pub broken: u64,
-    /// Frames with the counter of the previous frame, or an earlier one: the sender has stopped, something repeats its frame, or it arrived out of
-    /// order.
+    /// Number of frames with the counter of the previous frame or an earlier one: the sender has stopped and its frame is repeated, or the frame
+    /// arrived out of order.
     pub repeated: u64,
     /// Frames lost, by gaps of the counter.
     pub lost: u64,
@@ -27,7 +27,7 @@ pub struct Health {
     pub bus_off: bool,
 }
 
-/// A 16-step counter that is this far ahead counts as behind: the frame arrived out of order or twice.
+/// A 16-step counter that is at least this far ahead is treated as late: the frame arrived out of order or twice.
 const MIN_STEPS_BEHIND: u64 = 8;
 /// Maximum delay of a frame that arrives out of order. It does not bound the age of data: it distinguishes such a frame from the first one after a
 /// silence, in which the counter may have wrapped.

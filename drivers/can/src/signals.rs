@@ -12,7 +12,7 @@ pub struct Signal {
     pub name: String,
     /// Unit, as written in the file.
     pub unit: String,
-    /// Whether it is signed.
+    /// Whether the number is signed.
     pub signed: bool,
     /// Number of bits, 1 to 64.
     pub bits: u32,

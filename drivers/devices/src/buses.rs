@@ -295,7 +295,7 @@ mod tests {
         assert!(module.is_disjoint(&one));
     }
 
-    /// The interface that every computer has, under the number that the kernel gives it.
+    /// The loopback interface, which every computer has, by its kernel index.
     #[test]
     fn an_interface_is_known_by_its_number() {
         let number = std::fs::read_to_string("/sys/class/net/lo/ifindex").expect("there");

@@ -20,13 +20,13 @@ use crate::{
 
 /// The driver of a bus: what its URLs and configuration keys mean, and how its devices are created from them.
 pub struct Driver {
-    /// Its controllers in words, with the schemes of their URLs.
+    /// Controllers in words, with the schemes of their URLs.
     pub name: &'static str,
-    /// The keys of `[[controller]]` that it uses in addition to the common ones, even if nothing is written.
+    /// The keys of `[[controller]]` that the driver uses in addition to the common ones, even if nothing is written.
     pub keys: &'static [&'static str],
-    /// Additional keys that it uses only if axes are written.
+    /// Additional keys that the driver uses only if axes are written.
     pub writer_keys: &'static [&'static str],
-    /// The tables of a map sender's file that it uses; empty: its controls accept no map.
+    /// The tables of a map sender's file that the driver uses; empty: its controls accept no map.
     pub map_tables: &'static [&'static str],
     /// Default port of a URL.
     pub port: u16,
@@ -35,9 +35,9 @@ pub struct Driver {
     pub devices: fn(&Address) -> BTreeSet<String>,
     /// Whether only one program can read from an address.
     pub is_exclusive: fn(&Address) -> bool,
-    /// Checks the keys of `[[controller]]` that are specific to it.
+    /// Checks the keys of `[[controller]]` that are specific to the driver.
     pub validate: fn(&ControllerConfig, &Rules<'_>, &mut Mistakes<'_>),
-    /// Completes the tables that are specific to it, and makes their paths relative to the folder of the file.
+    /// Completes the tables that are specific to the driver, and makes their paths relative to the folder of the file.
     pub complete: fn(&mut ControllerConfig, &Path),
     /// The controller of a `[[controller]]`, not opened.
     pub controller: fn(Address, &ControllerConfig) -> Configured,
@@ -128,7 +128,7 @@ pub trait ControllerDevice: Any + Send + Sync {
         None
     }
 
-    /// A memory block of this controller and one of another controller of the same control that share a byte which one of them writes, if any.
+    /// Two memory blocks, one of each controller of the same control, that share a byte which one of them writes; `None` if there are none.
     fn overlap_with(&self, _other: &dyn Any) -> Option<[Block; 2]> {
         None
     }
@@ -151,7 +151,7 @@ pub struct Settings {
     pub shown_within: Option<Duration>,
     /// Smallest steps of quantised positions.
     pub position_steps: BTreeMap<AxisName, Displacement>,
-    /// Whether its positions are too coarse for the test shift at arming.
+    /// Whether positions are too coarse for the test shift at arming.
     pub is_coarse: bool,
     /// Time without a latch edge after which the control ramps the correction to zero.
     pub time_out: Option<Duration>,
@@ -231,11 +231,11 @@ pub struct PmcPlan {
 /// A block of a control's memory.
 #[derive(Clone, Debug)]
 pub struct Block {
-    /// The configuration key that places it.
+    /// The configuration key that sets the address of the block.
     pub key: &'static str,
-    /// Its purpose and location, in words.
+    /// Purpose and location, in words.
     pub text: String,
-    /// Whether it is a single byte.
+    /// Whether the block is a single byte.
     pub is_byte: bool,
 }
 

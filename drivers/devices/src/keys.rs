@@ -130,7 +130,7 @@ pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistak
     }
 }
 
-/// Rejects one of two keys without the other.
+/// Rejects a file that has only one of two keys.
 pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 2], why: &str) {
     let [one, other] = keys;
     if let [true, false] | [false, true] = stated {

@@ -171,7 +171,7 @@ fn gpio_chip(path: &Path) -> GpioChip {
 mod tests {
     use super::*;
 
-    /// A folder as the kernel shows it: two CAN interfaces, one of them up, between others.
+    /// A folder like that of the kernel: two CAN interfaces, one of them up, among others.
     #[test]
     fn can_interfaces_are_recognised_by_their_hardware() {
         let folder = tempfile::tempdir().expect("writable");

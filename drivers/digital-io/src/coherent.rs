@@ -6,12 +6,12 @@ use volcomp_port::{DigitalIo, Fault, InputLevels};
 
 use crate::wiring::Wiring;
 
-/// When a word counts as coherent.
+/// When a word is treated as coherent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Coherence {
-    /// Two consecutive readings agree. Lines that stay skewed for longer than one reading can still agree on a wrong word, and so can a port that
-    /// returns the same image until its next exchange (Modbus): use Gray code, a parity or a strobe.
+    /// Two consecutive readings agree. Two wrong readings can also agree: if the lines are skewed for longer than one reading, or if a port
+    /// returns the same image until its next exchange (Modbus). In these cases use Gray code, a parity or a strobe.
     TwoAgree,
     /// The strobe is 1 before and after, and the readings agree.
     Strobe,

@@ -20,8 +20,8 @@ use crate::{
 /// A control that outputs positions on digital lines and receives corrections on others. If several axes share the lines, each is read and
 /// corrected when the control selects it, and writing fails with [`Fault::Unfinished`] until all of them have the requested correction.
 ///
-/// A position of low bits that was not read for too long becomes unknown, and reading it fails: move the axis to its reference and create the
-/// controller anew.
+/// A position of which only the low bits are transmitted becomes unknown if it was not read for too long, and reading it fails: move the axis
+/// to its reference and create a new controller.
 ///
 /// Lines carry no state of the control: the description reports none, which the configuration must accept, and snapshots have it as referenced and
 /// without alarm. A second gateway on the same lines cannot be detected, and nothing monitors the lines unless the control does.
@@ -48,7 +48,7 @@ struct AxisReading {
 }
 
 impl<D: DigitalIo> DigitalController<D> {
-    /// A control behind a port.
+    /// A control connected through digital lines.
     ///
     /// # Errors
     /// A wiring that does not fit the port or the words.
@@ -218,8 +218,8 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
         })
     }
 
-    /// Writes the correction of the selected axis; the others follow when they are selected, and until all have it the call returns
-    /// [`Fault::Unfinished`]. With a latch a correction takes two calls: its word, then the latch.
+    /// Writes the correction of the selected axis. The other axes follow when the control selects them; until all are written, the
+    /// call returns [`Fault::Unfinished`]. With a latch each correction takes two calls: the word, then the latch.
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         if Instant::now() >= deadline {
             return Err(Fault::TimedOut);

@@ -93,8 +93,8 @@ impl GpioPort {
     /// first and then driven, so that nothing changes at the control.
     ///
     /// # Errors
-    /// A chip or line that does not exist or is used by another program; output lines whose present levels the chip cannot read, since driving them
-    /// could change a correction in one step.
+    /// A chip or line does not exist or is used by another program; or the chip cannot read the present levels of output lines, so that driving
+    /// them could change a correction in one step.
     pub fn open(control_outputs: &LineSet, control_inputs: &LineSet) -> Result<Self, DeviceError> {
         let inputs = Request::builder()
             .on_chip(find(control_outputs)?)

@@ -12,7 +12,7 @@ use crate::{axis::DigitalAxis, wiring::Wiring};
 enum Latching {
     /// The latch is unchanged since the last correction was received.
     Taken,
-    /// These levels were written; the latch is toggled when they are confirmed.
+    /// These levels were written. The latch is toggled when they are confirmed.
     Settling(u64),
     /// The latch was toggled with these levels unchanged.
     Turned(u64),

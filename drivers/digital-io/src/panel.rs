@@ -1,4 +1,4 @@
-//! A control behind simulated lines, for simulations, examples and tests.
+//! A control connected through simulated digital lines, for simulations, examples and tests.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},

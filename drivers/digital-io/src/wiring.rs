@@ -17,8 +17,8 @@ pub struct Wiring {
     pub select: Vec<u32>,
     /// Our outputs with the correction bits, lowest first.
     pub correction: Vec<u32>,
-    /// Our outputs with the index of the axis that the correction is for, lowest bit first: as many as `select`. The control accepts a correction
-    /// only while they match its selection.
+    /// Our outputs that carry the index of the corrected axis, lowest bit first: as many lines as `select`. The control accepts a correction only
+    /// while the index matches its selection.
     pub echo: Vec<u32>,
     /// Our output that toggles one write after the correction, so that a control which samples the correction at its edges, rising and falling,
     /// never reads lines that have not settled.

@@ -1,4 +1,4 @@
-//! Encoding of positions and corrections in words of some bits.
+//! Encoding of positions and corrections in words of a given number of bits.
 //!
 //! Values are f64 in mm, or in rad for rotary axes, as everywhere in a cycle; the step of the word determines which.
 

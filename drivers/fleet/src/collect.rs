@@ -32,7 +32,7 @@ pub struct Received {
     pub identity: Identity,
     pub kind: Kind,
     pub sequence: u64,
-    /// When the stream stored it, seconds since 1970 by the server's clock.
+    /// When the stream stored the message, seconds since 1970 by the server's clock.
     pub stored_s: f64,
     pub bytes: Bytes,
 }

@@ -96,7 +96,7 @@ impl Hub {
     /// Puts a value under the key of a machine, and waits until it is stored.
     ///
     /// # Errors
-    /// The value may or may not have been stored: put it again.
+    /// It is unknown whether the value was stored: put it again.
     pub async fn put_desired(&self, machine: &MachineId, value: Bytes) -> Result<(), LinkError> {
         let subject = desired_subject(machine.as_str());
         let what = "putting a manifest";

@@ -229,7 +229,7 @@ impl MachineLink {
         }
     }
 
-    /// As [`MachineSender::fetch_model`].
+    /// Same as [`MachineSender::fetch_model`].
     ///
     /// # Errors
     /// The server does not answer, or has no such model.
@@ -237,7 +237,7 @@ impl MachineLink {
         self.sender.fetch_model(model).await
     }
 
-    /// As [`MachineSender::publish`].
+    /// Same as [`MachineSender::publish`].
     ///
     /// # Errors
     /// The message may or may not have been stored: send it again later with the same `id`.
@@ -274,7 +274,7 @@ impl MachineSender {
         if model.bytes > MAX_MODEL_BYTES {
             return Err(wrong("larger than 4 MiB"));
         }
-        // Direct requests, because permission to create consumers would let a machine have messages sent to any subject.
+        // Direct requests, because a machine with permission to create consumers could send messages to any subject.
         let stream = self
             .context
             .get_stream_no_info(format!("OBJ_{}", self.models))

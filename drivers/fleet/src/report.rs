@@ -31,7 +31,7 @@ pub struct Condition {
     pub state: String,
     /// Reasons of the state, and further notes.
     pub reasons: Vec<String>,
-    /// True if it corrects, or will resume automatically.
+    /// True if the machine corrects, or will resume automatically.
     pub armed: bool,
     /// Confirmed correction by linear axis, µm.
     pub correction_um: BTreeMap<AxisName, f64>,
@@ -63,7 +63,7 @@ pub struct AuditLine {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "outcome", rename_all = "kebab-case")]
 pub enum Outcome {
-    /// Active: the correction has ramped, or is ramping, over to it.
+    /// The model is active: the correction has ramped, or is ramping, over to it.
     Activated,
     /// Stored, but it moves the axes so far that the operator must confirm it (rule 13) by a new manifest with `confirm`.
     NeedsConfirmation {

@@ -80,7 +80,7 @@ impl Server {
     /// Starts a server with its configuration and its log in `folder`, and waits until it listens.
     ///
     /// # Errors
-    /// Why it does not run.
+    /// The server does not start or does not listen.
     pub fn start(settings: &ServerSettings, folder: &Path) -> Result<Self, ServerError> {
         let server = Self::spawn(settings, folder)?;
         server.ready(folder)
@@ -89,7 +89,7 @@ impl Server {
     /// Starts a server of a cluster, which becomes ready only when the other servers run too.
     ///
     /// # Errors
-    /// Why it does not run.
+    /// The server does not start or does not listen.
     pub fn spawn(settings: &ServerSettings, folder: &Path) -> Result<Self, ServerError> {
         let program = program().ok_or(ServerError::NotInstalled)?;
         let configuration = folder.join("nats.conf");

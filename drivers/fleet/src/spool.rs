@@ -180,7 +180,7 @@ struct Queue {
     files: VecDeque<Stored>,
     /// The file whose messages are being sent, until all are done.
     open: Option<Stored>,
-    /// Its remaining messages.
+    /// Remaining messages.
     front: VecDeque<Waiting>,
     /// The message returned last, and whether it came from the open file. It is removed from the queue, so that messages dropped meanwhile cannot
     /// be confused with it.
@@ -427,7 +427,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// Cut at any byte, or with any byte changed: what comes out is what went in, up to there.
+        /// A file that is cut at any byte, or has any byte changed, yields its records up to that point unchanged.
         #[test]
         fn a_damaged_file_yields_its_complete_records(
             messages in proptest::collection::vec(("[a-z]{0,9}", ".{0,20}", proptest::collection::vec(any::<u8>(), 0..40)), 0..8),

@@ -25,7 +25,7 @@ const DUPLICATE_WINDOW: Duration = Duration::from_secs(120);
 /// Retention limits of the streams, by age and size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StreamRetention {
-    /// How many servers of the cluster hold each stream: 1, 3 or 5.
+    /// Number of servers of the cluster that store each stream: 1, 3 or 5.
     pub replicas: usize,
     /// Retention time of conditions and telemetry.
     pub telemetry: Duration,

@@ -35,7 +35,7 @@ impl Kind {
     }
 }
 
-/// Subject of the values under a machine's key; a wildcard selects every machine.
+/// Subject of a machine's key in the bucket of desired values; a wildcard selects every machine.
 pub(crate) fn desired_subject(machine: &str) -> String {
     format!("$KV.{DESIRED_BUCKET}.{machine}")
 }

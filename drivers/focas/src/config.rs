@@ -187,7 +187,7 @@ impl FocasConfig {
         overlap_within(self)
     }
 
-    /// A block of this configuration and one of another for the same control that overlap and of which at least one is written; `None` without an
+    /// Two overlapping memory blocks, one of each configuration for the same control, of which at least one is written; `None` without an
     /// overlap, or if the controls differ.
     pub fn overlap_with(&self, other: &Self) -> Option<[Block; 2]> {
         let is_same = self.host.eq_ignore_ascii_case(&other.host) && self.port == other.port;
@@ -198,7 +198,7 @@ impl FocasConfig {
 #[derive(Clone, Copy)]
 struct MemoryUse {
     block: Block,
-    /// True if this driver writes it.
+    /// True if this driver writes the block.
     written: bool,
 }
 

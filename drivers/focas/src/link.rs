@@ -242,7 +242,7 @@ const READ_TIMEOUT: Duration = Duration::from_secs(2);
 /// Time between two reports of a barrier.
 const REPORT_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Connects, makes every check that a correction makes before its first cycle, reads once, and disconnects. Nothing is written.
+/// Connects, makes every check that is made before the first correction, reads once, and disconnects. Nothing is written.
 ///
 /// # Errors
 /// The first failed check: no connection, a missing axis, a parameter that disagrees, a rejected request.

@@ -40,8 +40,8 @@ impl ShiftSource {
     /// Compares the reported source with a configuration; returns notes if there is no conflict.
     ///
     /// # Errors
-    /// The parameter by which the control takes the shift from other words than configured; or words that overlap those of the configuration
-    /// although a ladder is to copy them.
+    /// The parameter that makes the control take the shift from other words than configured; or source words that overlap the configured
+    /// ones although a ladder must copy them.
     pub(crate) fn check(
         &self,
         config: &FocasConfig,

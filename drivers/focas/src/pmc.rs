@@ -125,7 +125,7 @@ pub struct PmcAddress {
 }
 
 impl fmt::Display for PmcAddress {
-    /// Formats it as in ladders: `R100`.
+    /// Formats the address as in ladders: `R100`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?}{}", self.area, self.at)
     }

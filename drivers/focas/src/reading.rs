@@ -149,7 +149,7 @@ fn take(
             let bits = *data
                 .first()
                 .ok_or(FrameError("no byte of referenced axes"))?;
-            // A byte covers eight axes; axes beyond it count as not referenced, which is the safe side.
+            // A byte covers eight axes; axes beyond it are treated as not referenced, which is the safe side.
             let referenced = |axis: &PlannedAxis| axis.slot < 8 && bits >> axis.slot & 1 == 1;
             snapshot.state.referenced = axes.iter().all(referenced);
         }

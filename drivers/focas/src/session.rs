@@ -63,7 +63,7 @@ impl Session {
         let lost = |_| FocasError::NoSession(Fault::Disconnected);
         stream.set_nodelay(true).map_err(lost)?;
         stream.set_nonblocking(true).map_err(lost)?;
-        // However the socket is closed, even by the end of the process, nothing is delivered afterwards.
+        // After the socket is closed, even by the end of the process, no data are delivered.
         let set = set_socket_linger(&stream, Some(Duration::ZERO));
         set.map_err(|e| lost(e.into()))?;
         let mut session = Self {
@@ -239,8 +239,8 @@ impl Drop for Session {
         if self.dead {
             return self.abort();
         }
-        // All sent requests have been answered, so only the closing frame can still be delivered. The peer may be gone; errors cannot be handled
-        // here.
+        // All sent requests have been answered, so only the closing frame can still be delivered. The peer may have closed the connection;
+        // errors cannot be handled here.
         let _ = set_socket_linger(&self.stream, None);
         let _ = self.stream.write(&close_frame());
     }

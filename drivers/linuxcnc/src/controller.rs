@@ -165,7 +165,7 @@ pub struct LinuxCncController {
     description: Description,
     machine: u16,
     key: Key,
-    /// When the last command was sent, and the run that it answers.
+    /// When the last command was sent, and the run of the bridge to which it refers.
     last_sent: Option<(Instant, u32)>,
     last: Option<(State, Instant)>,
     /// When the last state was read.
@@ -235,8 +235,8 @@ impl LinuxCncController {
         Err(Fault::Disconnected)
     }
 
-    /// Whether a listen command is due: nothing was sent for some time, or nothing that answers the run of the last state, without which the bridge
-    /// stops sending states.
+    /// Whether a listen command is due: nothing was sent for some time, or no command refers to the run of the last state. Without such commands
+    /// the bridge stops sending states.
     fn listen_is_due(&self) -> bool {
         let run = self.state().map_or(0, |state| state.run);
         self.last_sent
@@ -269,7 +269,7 @@ impl LinuxCncController {
         }
         if let Some((last, _)) = &self.last {
             if last.run == state.run {
-                // The sequence wraps: less than half of its range ahead counts as later.
+                // The sequence wraps: less than half of its range ahead is treated as later.
                 let ahead = state.sequence.wrapping_sub(last.sequence);
                 if ahead == 0 || ahead >= 1 << 31 {
                     self.health.late += 1;
@@ -342,7 +342,7 @@ impl Controller for LinuxCncController {
         &self.description
     }
 
-    /// The last state of the bridge, whatever its age; waits only before the first one.
+    /// The last state of the bridge, regardless of its age; waits only before the first one.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         let (state, taken) = loop {
             self.drain();

@@ -107,7 +107,7 @@ mod tests {
         state
     }
 
-    /// Time at which the offset counts as lost, ms.
+    /// Time at which the offset is treated as lost, ms.
     fn lost(of: impl Fn(u32) -> (i16, i64)) -> Option<u32> {
         let mut offset_monitor = OffsetMonitor::default();
         (1..20_000).find(|ms| {

@@ -85,7 +85,7 @@ impl fmt::Display for Flags {
 pub struct Flag {
     /// Bit mask.
     pub bit: u16,
-    /// Its name in the protocol.
+    /// Name in the protocol.
     pub name: &'static str,
     /// Text if set.
     pub set: &'static str,

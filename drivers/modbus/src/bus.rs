@@ -21,7 +21,8 @@ use tokio_modbus::{
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
 use volcomp_port::{DeviceError, Fault, Reason, exception_name};
 
-/// Default response timeout of a module. It does not bound the age of data: a slower module counts as not answering.
+/// Default response timeout of a module. It does not bound the age of data: a slower module is treated as not
+/// answering.
 pub const ANSWER_WITHIN: Duration = Duration::from_millis(300);
 
 /// Parity of a serial line.
@@ -147,7 +148,7 @@ pub(crate) fn thread_error(device: &str, error: io::Error) -> DeviceError {
 /// Why a request did not return data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RequestError {
-    /// Timeout. The line was drained, so a late answer is gone.
+    /// Timeout. The line was drained, so a late answer has been discarded.
     NoAnswer,
     /// The request came back, but no answer in time: an adapter with local echo, and a silent module.
     EchoOnly,
@@ -188,8 +189,8 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// How long to wait for the answer to a write. Over TCP no longer than its deadline: then the connection is reset, so that nothing of the write
-    /// stays in a queue of the kernel. A request given to a serial line is on the wire and cannot be cancelled.
+    /// Timeout for the response to a write. Over TCP it ends at the deadline: the connection is then reset, so that no part of the write remains in
+    /// a kernel queue. A request given to a serial line is on the wire and cannot be cancelled.
     pub(crate) fn write_timeout(&self, at_most: Duration, deadline: Instant) -> Duration {
         if self.serial.is_some() {
             return at_most;

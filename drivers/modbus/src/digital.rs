@@ -21,16 +21,16 @@ use crate::{
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DigitalModule {
-    /// Its address on the line.
+    /// Address on the line.
     pub unit: u8,
     /// The profile of the module: its register addresses.
     pub profile: Profile,
 }
 
-/// The lines of several modules, those of the first module lowest. Reading and writing never wait for the bus: inputs are those of the last
-/// exchange, with their time of arrival, whatever their age; outputs are sent with the next exchange, once per write. A write that cannot begin
-/// before its deadline is not sent. The next call reports a write as failed if it was not sent, or not acknowledged by every module before its
-/// deadline. Writes requested before a connection was made are not sent over it.
+/// The lines of several modules; the first module has the lowest bits. Reading and writing never wait for the bus: inputs are those of the
+/// last exchange, with their time of arrival, regardless of their age; outputs are sent with the next exchange, once per write. A write that
+/// cannot begin before its deadline is not sent. The next call reports a write as failed if it was not sent, or not acknowledged by every
+/// module before its deadline. Writes requested before a connection was made are not sent over it.
 pub struct ModbusDigital {
     device: String,
     inputs: u32,

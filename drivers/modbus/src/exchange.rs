@@ -46,7 +46,7 @@ pub(crate) struct Image {
     pub(crate) inputs: Option<InputLevels>,
     /// The exception code with which a module rejected the last reading of its inputs.
     pub(crate) refused: Option<u8>,
-    /// The levels that the modules confirmed last: those of the last write that all of them accepted, or before that those that they reported.
+    /// Last confirmed output levels: those of the last write that all modules accepted, or, before the first write, those that they reported.
     pub(crate) outputs: Option<u64>,
     /// A module reported that it cannot read back its outputs.
     pub(crate) lacks_read_back: bool,

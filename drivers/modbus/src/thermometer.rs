@@ -26,7 +26,7 @@ const MAX_SKIPPED_ROUNDS: u32 = 16;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermometerUnit {
-    /// Its address on the line.
+    /// Address on the line.
     pub unit: u8,
     /// The profile of the module: its registers and the scaling of its channels.
     pub profile: Profile,
@@ -153,7 +153,7 @@ impl Thermometer for ModbusThermometer {
     }
 }
 
-/// For how many rounds a module has not answered, and for how many more it is skipped.
+/// Number of rounds in which a module has not answered, and number of further rounds in which it is skipped.
 #[derive(Clone, Copy, Default)]
 struct Outage {
     rounds: u32,

@@ -47,22 +47,22 @@ pub enum Heartbeat {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ShownStates {
-    /// Whether it reports that every axis is referenced.
+    /// Whether the controller reports that every axis is referenced.
     pub referenced: bool,
-    /// Whether it reports an active alarm.
+    /// Whether the controller reports an active alarm.
     pub alarm: bool,
-    /// Whether it reports the emergency stop.
+    /// Whether the controller reports the emergency stop.
     pub emergency_stop: bool,
 }
 
 impl ShownStates {
-    /// A controller that shows all of them.
+    /// A controller that reports all three states.
     pub const ALL: Self = Self {
         referenced: true,
         alarm: true,
         emergency_stop: true,
     };
-    /// A controller that shows none of them, such as plain lines.
+    /// A controller that reports none of the three states, such as plain lines.
     pub const NONE: Self = Self {
         referenced: false,
         alarm: false,
@@ -79,9 +79,10 @@ pub struct Description {
     /// Name of the channel through which corrections reach the axes. Controllers with the same name are alternatives; corrections of different
     /// channels would add up, so they are never used together.
     pub channel: String,
-    /// The written axes in channel order, at most [`MAX_AXES`]. Empty if it only reports positions.
+    /// The written axes in channel order, at most [`MAX_AXES`]. Empty if the controller only reports positions.
     pub axes: Vec<Axis>,
-    /// Axes whose positions it reports but which it never writes; they follow those of `axes`.
+    /// Axes whose positions the controller reports but which it never writes; they follow the axes of `axes` in all
+    /// lists.
     #[cfg_attr(feature = "serde", serde(default))]
     pub reads: Vec<AxisName>,
     /// Whether the control ramps the correction out when the gateway stops.
@@ -93,7 +94,7 @@ pub struct Description {
     pub tells_applied: bool,
     /// The states that the controller shows.
     pub shown: ShownStates,
-    /// Whether it detects a second gateway on the same controller.
+    /// Whether the driver detects a second gateway on the same controller.
     pub sees_other_gateways: bool,
     /// Shortest supported cycle time.
     pub shortest_cycle: Duration,
@@ -105,13 +106,13 @@ impl Description {
         self.axes.iter().position(|axis| axis.name == name)
     }
 
-    /// All axes whose positions it reports, in the order of the positions: written axes first.
+    /// All axes whose positions the controller reports, in the order of the positions: written axes first.
     pub fn shown_axes(&self) -> impl Iterator<Item = AxisName> {
         let written = self.axes.iter().map(|axis| axis.name);
         written.chain(self.reads.iter().copied())
     }
 
-    /// Whether it reports the position of an axis.
+    /// Whether the controller reports the position of an axis.
     pub fn shows(&self, name: AxisName) -> bool {
         self.shown_axes().any(|shown| shown == name)
     }
@@ -225,7 +226,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// The same snapshot with all times set to one instant.
+    /// This snapshot with all times set to one instant.
     #[must_use]
     pub fn at(self, taken: Instant) -> Self {
         Self {

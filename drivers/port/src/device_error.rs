@@ -88,7 +88,7 @@ impl DeviceError {
         protocol => Protocol,
     }
 
-    /// The same error with its source.
+    /// Adds the source of this error.
     #[must_use]
     pub fn caused_by(mut self, source: impl Error + Send + Sync + 'static) -> Self {
         self.problem_mut().source = Some(Arc::new(source));

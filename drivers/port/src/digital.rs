@@ -29,10 +29,10 @@ pub trait DigitalIo: Send {
     /// The device as the configuration names it.
     fn device(&self) -> &str;
 
-    /// How many inputs there are.
+    /// Number of inputs.
     fn inputs(&self) -> u32;
 
-    /// How many outputs there are.
+    /// Number of outputs.
     fn outputs(&self) -> u32;
 
     /// Shortest time of one exchange, which bounds the cycle time of anything built on it.

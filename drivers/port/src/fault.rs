@@ -10,7 +10,7 @@ pub enum Fault {
     /// The deadline passed before the answer was complete. The connection is dropped, so that a late answer cannot be taken for the next one.
     #[error("no answer before the deadline")]
     TimedOut,
-    /// The other side closed the connection, or the device is gone.
+    /// The other side closed the connection, or the device was removed.
     #[error("connection lost")]
     Disconnected,
     /// The answer is not what the protocol allows.

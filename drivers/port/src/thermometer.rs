@@ -75,9 +75,9 @@ pub enum Quality {
 pub struct Temperature {
     /// Temperature, °C; `None` if bad.
     pub degc: Option<f64>,
-    /// How good it is.
+    /// Quality of the temperature.
     pub quality: Quality,
-    /// When it was measured; `None` before the first reading.
+    /// When the temperature was measured; `None` before the first reading.
     pub taken: Option<Instant>,
 }
 
@@ -121,7 +121,8 @@ pub trait Thermometer: Send {
     /// The names of its sensors.
     fn names(&self) -> &[String];
 
-    /// The latest temperature of each sensor in the order of the names, whatever its age. Never blocks or allocates.
+    /// The latest temperature of each sensor in the order of the names, regardless of its age. Never blocks or
+    /// allocates.
     fn latest(&mut self) -> &[Temperature];
 }
 

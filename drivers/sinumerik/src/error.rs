@@ -108,7 +108,7 @@ pub enum SinumerikError {
     Node {
         /// The node id.
         node: String,
-        /// The server's status or value of it.
+        /// The server's status or value of the node.
         found: String,
     },
     /// The control ignores the correction of an axis.
@@ -128,7 +128,7 @@ pub enum SinumerikError {
     OtherAxis {
         /// The axis of the configuration.
         axis: AxisName,
-        /// Its number in the control.
+        /// Number in the control.
         number: u16,
         /// The name that the control reports.
         found: String,

@@ -144,7 +144,7 @@ impl Reading {
         })
     }
 
-    /// The states; a missing one takes its safe value, one without a node counts as fine.
+    /// The states. A state without a value takes its safe value; a state without a configured node is assumed good.
     fn state(&self, values: &[Value]) -> ControllerState {
         let (referenced, rest) = values.split_at(if self.referenced { self.axes.len() } else { 0 });
         let is_on = |value: &Value| value.number.map(|number| number != 0.0);

@@ -19,7 +19,8 @@ pub enum Field {
 }
 
 impl Field {
-    /// Value at `coordinates`; a curve uses `coordinates[own]`, a grid its two axes. A missing coordinate counts as 0.
+    /// Value at `coordinates`; a curve uses `coordinates[own]`, a grid its two axes. A missing coordinate is treated as
+    /// 0.
     pub fn value(&self, own: usize, coordinates: &[f64]) -> f64 {
         match self {
             Self::Curve(curve) => curve.value(coordinate(own, coordinates)),

@@ -98,7 +98,7 @@ impl Grid {
             .all(|(&range, x)| is_within(range, x))
     }
 
-    /// Value at the coordinates; a missing coordinate counts as 0.
+    /// Value at the coordinates; a missing coordinate is treated as 0.
     pub fn value(&self, coordinates: &[f64]) -> f64 {
         let Some(cell) = self.cell(coordinates) else {
             return f64::NAN;

@@ -3,8 +3,8 @@
 /// Output of a first-order lag after a step of `dt` with the constant input `input`: `input + (before − input)·exp(−dt/lag)`, which is exact.
 ///
 /// `before` is the output before the step, in the unit of the input; `dt` and the time constant `lag` are in the same unit of time. Without a lag (0,
-/// negative or NaN) the output is the input; a `dt` that is negative or NaN counts as 0. A thermal model uses this function at run time, where it is
-/// stepped in every cycle. It is fitted from rows that are minutes apart with [`first_order_lag_of_ramp`], which converges to the same for short
+/// negative or NaN) the output is the input; a `dt` that is negative or NaN is treated as 0. A thermal model uses this function at run time, where it
+/// is stepped in every cycle. It is fitted from rows that are minutes apart with [`first_order_lag_of_ramp`], which converges to the same for short
 /// steps.
 pub fn first_order_lag(before: f64, input: f64, dt: f64, lag: f64) -> f64 {
     if lag > 0.0 {

@@ -71,17 +71,17 @@ const ONE_RUN_SHAPE: f64 = 0.25;
 
 /// 95 % band of the curve that `method` fits to the mean of several runs, each a list of targets and readings, at the places `at`.
 ///
-/// Whole runs are resampled, so that differences between runs count, and each is smoothed as the mean is. Few runs estimate their scatter poorly, so
-/// Student's t widens the band. The part common to all targets of a run has (runs − 1) degrees of freedom; the rest, which is independent from target
-/// to target, has as many for each coefficient of the curve. The bootstrap variances of m runs are too small by (m − 1)/m and are corrected for it.
-/// Resampling does not show errors of shape, so these are added: residuals of the mean readings beyond the scatter of the runs, and the larger of the
-/// leave-one-out errors of the curve and of linear interpolation.
+/// Whole runs are resampled, so that differences between runs count, and each is smoothed as the mean is. The scatter of a few runs is poorly known,
+/// so Student's t widens the band. The part common to all targets of a run has (runs − 1) degrees of freedom. The rest is independent from target to
+/// target and has (runs − 1) for each coefficient of the curve. The bootstrap variances of m runs are too small by (m − 1)/m and are corrected for
+/// it. Resampling does not show errors of shape, so these are added: residuals of the mean readings beyond the scatter of the runs, and the larger
+/// of the leave-one-out errors of the curve and of linear interpolation.
 ///
 /// With one run its residuals are resampled, scaled for the degrees of freedom of the fit. A curve that interpolates its readings leaves no
 /// residuals; its leave-one-out errors are used instead. The method and its settings stay fixed.
 ///
 /// # Errors
-/// Those of the fit; no run, fewer than two resamples.
+/// The errors of the fit; no run; fewer than two resamples.
 pub fn band(
     method: Method,
     runs: &[(&[f64], &[f64])],

@@ -16,18 +16,19 @@ const MAX_PIECES: usize = 4000;
 /// explains the errors.
 const MORE_THAN_SCATTER: f64 = 2.0;
 /// Multiple of the repeatability that the leave-one-out RMS of sparse targets exceeds. Leaving out a target doubles the gap, so a smooth curve misses
-/// it by four times its error within one gap: at this limit that error is nearly twice the repeatability.
+/// it by four times its error within one gap: at this limit the error within one gap is nearly twice the repeatability.
 const MORE_THAN_REPEATS: f64 = 7.0;
 /// A curve does not follow the readings if the RMS residual of the mean readings exceeds this multiple of their [`unevenness`]. Second differences
 /// estimate the scatter, and more where the error bends between targets. Pure scatter exceeds the limit once in a thousand; a wave shorter than seven
 /// gaps cannot be distinguished from scatter.
 const MORE_THAN_UNEVEN: f64 = 3.0;
-/// The same limit for four, five and six targets: a straight line through an arch leaves at most 1.2, 2.0 and 3.1 times its unevenness.
+/// Limit of this ratio for four, five and six targets. The residuals of a straight line through an arch are at most 1.2, 2.0 and 3.1
+/// times the unevenness of the arch.
 const OF_FEW_TARGETS: [f64; 3] = [1.1, 1.8, 2.8];
 /// Share of the height of the readings that replaces an unknown repeatability.
 const OF_HEIGHT: f64 = 0.1;
-/// Gaps wider than this multiple of the mean gap are always too sparse if the leave-one-out errors exceed scatter: targets left out elsewhere do not
-/// test what happens inside such a gap.
+/// If the leave-one-out errors exceed the scatter, gaps wider than this multiple of the mean gap are always too sparse: leaving out targets
+/// elsewhere does not test the curve inside such a gap.
 const WIDE_GAP: f64 = 5.0;
 
 /// Positions in a gap, as shares of its width, at which a spline is constrained.
@@ -95,7 +96,7 @@ impl Band {
             for part in (1..pieces).map(|piece| piece as f64 / pieces as f64) {
                 let value = curve.value(gap[0] + part * (gap[1] - gap[0]));
                 let by = beyond(value, ends[0] + part * (ends[1] - ends[0]));
-                // NaN counts as beyond any limit.
+                // NaN is treated as beyond any limit.
                 if by.is_nan() || by > most {
                     most = by;
                     worst = Some([gap[0], gap[1]]);
@@ -197,7 +198,7 @@ impl Between {
 
     /// Whether the targets are too sparse for the error. The leave-one-out RMS of the inner targets must exceed twice the repeatability and twice the
     /// RMS residual; it must also exceed seven times the repeatability, or the widest gap must exceed five mean gaps. An unknown repeatability (one
-    /// run) counts as a tenth of the height of the readings in the second condition and as zero in the first.
+    /// run) is treated as a tenth of the height of the readings in the second condition and as zero in the first.
     pub fn is_too_sparse(&self) -> bool {
         let scatter = self.repeatability.unwrap_or_default().max(self.residual);
         let repeats = self.repeatability.unwrap_or(OF_HEIGHT * self.height);

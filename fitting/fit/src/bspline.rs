@@ -12,9 +12,9 @@ const MAX_SEGMENTS: usize = 400;
 /// penalty on a slow wave falls with the fourth power of their number.
 const LOG_LAMBDA: [i32; 2] = [-9, 9];
 const SEGMENTS_OF_RANGE: f64 = 40.0;
-/// Gaps wider than this multiple of the mean gap need the constraint on the band of the readings, because the neighbouring readings do not hold the
-/// spline there. Of 500 random sets of targets (`examples/gaps.rs`) a limit of four leaves errors five times as large as the best; limits of one and
-/// two leave none.
+/// In gaps wider than this multiple of the mean gap, the spline is constrained to the range of the readings, because the neighbouring readings do
+/// not determine it there. For 500 random sets of targets (`examples/gaps.rs`), a limit of four causes errors up to five times the best; limits of
+/// one and two cause none.
 const WIDE_GAP: f64 = 2.0;
 /// Final step of the refinement, in decades.
 const LOG_RESOLUTION: f64 = 0.01;
@@ -92,7 +92,7 @@ impl Problem {
         Ok(BSpline::new(self.knots.clone(), coefficients, DEGREE)?)
     }
 
-    /// The same problem for other mean readings of the same targets.
+    /// This problem with other mean readings of the same targets.
     pub(crate) fn with(&self, means: &[f64]) -> Self {
         let mut triangle = Triangle::new(self.triangle.size());
         for ((first, row), &mean) in self.rows.iter().zip(means) {
@@ -177,8 +177,8 @@ impl Problem {
             .collect()
     }
 
-    /// Score of a smoothing parameter: generalised cross-validation. With wide gaps between the targets it is the leave-one-out error, infinite where
-    /// the spline leaves the band of the readings in such a gap.
+    /// Score of a smoothing parameter: generalised cross-validation. With wide gaps between the targets, the score is the leave-one-out error, or
+    /// infinity if the spline leaves the range of the readings inside a gap.
     fn score(&self, triangle: &Triangle) -> f64 {
         if self.in_gaps.is_empty() {
             return self.generalised(triangle);

@@ -14,7 +14,7 @@ const AT_MOST: f64 = 1.1;
 /// Chooses a curve for readings `u` at `x` by [`choose`] and fits it.
 ///
 /// # Errors
-/// Those of [`choose`].
+/// Same as [`choose`].
 pub fn fit_auto(x: &[f64], u: &[f64], options: &FitOptions) -> Result<AutoFit, FitError> {
     let (choice, mut fits) = choose_and_fit(&[(x, u)], options)?;
     // One set gives one fit.
@@ -32,21 +32,21 @@ pub fn fit_auto(x: &[f64], u: &[f64], options: &FitOptions) -> Result<AutoFit, F
 /// smoothing B-spline 4, moving least squares in a few settings of shape 3 need 7. With a period Fourier series are added. Of the candidates that
 /// meet the required residual, if any do:
 ///
-/// 1. Those whose leave-one-out RMS is more than twice the smallest are rejected. Then those that leave more of the readings than the scatter are
-///    rejected, unless none would remain (a test of the residuals against the scatter, which one in a hundred true curves fails). The scatter comes
-///    from repeated readings of the same target or from the options; if it is unknown, all remain. Leave-one-out errors cannot separate scatter from
-///    a real error at a single target; several runs can.
+/// 1. Candidates whose leave-one-out RMS is more than twice the smallest are rejected. Then candidates whose residuals exceed the scatter are
+///    rejected, unless none would remain (a statistical test that one in a hundred true curves fails). The scatter comes from repeated readings of
+///    the same target or from the options; if it is unknown, all remain. Leave-one-out errors cannot separate scatter from a real error at a single
+///    target; several runs can.
 /// 2. The best is the one with the smallest leave-one-out RMS over the inner targets. The first and the last target of a set are not left out: the
 ///    curve is never evaluated beyond them, and not every kind can predict them.
-/// 3. The simplest is chosen, the one with the fewest coefficients (trace of the hat matrix), whose squared leave-one-out errors exceed those of the
-///    best, compared target by target, on average by at most one standard error of that mean, and whose leave-one-out RMS is at most 1.1 times that
-///    of the best.
+/// 3. Two conditions select candidates that are as good as the best: compared target by target, their squared leave-one-out errors exceed those of
+///    the best by at most one standard error on average; and their leave-one-out RMS is at most 1.1 times that of the best. The simplest of these is
+///    chosen: the one with the fewest coefficients (trace of the hat matrix).
 /// 4. A candidate whose curve leaves the band of the mean readings between targets by more than a quarter of its height is rejected, and the rule is
 ///    repeated with the others.
 ///
-/// One target gives a constant, two give a line; three give a line, or a table where the line leaves more than the scatter of the readings. With a
-/// period and targets that cover the full turn, only a constant, Fourier series and, if the last reading equals the first, tables are candidates:
-/// nothing else closes.
+/// One target gives a constant, two give a line; three give a line, or a table if the residuals of the line exceed the scatter of the readings.
+/// With a period and targets that cover the full turn, only a constant, Fourier series and, if the last reading equals the first, tables are
+/// candidates: no other kind is periodic.
 ///
 /// # Errors
 /// Unequal lengths, numbers that are not finite, no set, a set without a reading, a required residual or a period that is not positive.
@@ -57,7 +57,7 @@ pub fn choose(sets: &[(&[f64], &[f64])], options: &FitOptions) -> Result<Choice,
 /// Chooses one method for several sets of readings by [`choose`] and returns the fit of each set, which the choice computes anyway.
 ///
 /// # Errors
-/// Those of [`choose`].
+/// Same as [`choose`].
 pub fn choose_and_fit(
     sets: &[(&[f64], &[f64])],
     options: &FitOptions,

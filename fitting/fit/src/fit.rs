@@ -139,8 +139,8 @@ pub(crate) struct Judged {
 }
 
 impl Judged {
-    /// Whether this candidate replaces the best so far. One that meets the required residual wins; otherwise the smaller leave-one-out RMS wins, if
-    /// it is smaller by more than the rounding of readings of this magnitude.
+    /// Whether this candidate replaces the best so far. A candidate that meets the required residual is preferred. Otherwise the smaller
+    /// leave-one-out RMS is preferred, if the difference exceeds the rounding of readings of this magnitude.
     pub(crate) fn beats(self, best: Option<Self>, magnitude: f64) -> bool {
         let Some(best) = best else { return true };
         match (self.meets, best.meets) {

@@ -52,7 +52,7 @@ impl Method {
     /// Fits readings `u` at `x` with this method, over the range of `x`.
     ///
     /// # Errors
-    /// Those of the fit of its kind. A polynomial of order 0 takes readings at one target alone.
+    /// The errors of the fit of this kind. A polynomial of order 0 also accepts readings at a single target.
     pub fn fit(self, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
         readings::check(x, u)?;
         let lower = x.iter().copied().fold(f64::INFINITY, f64::min);

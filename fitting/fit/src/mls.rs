@@ -63,7 +63,7 @@ pub struct MlsTrial {
 /// Settings among which [`fit_mls_auto`] chooses, by ascending order, then by descending support. Settings that the targets cannot carry are omitted.
 ///
 /// # Errors
-/// Those of [`fit_mls_auto`].
+/// Same as [`fit_mls_auto`].
 pub fn scan_mls(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<MlsTrial>, FitError> {
     let targets = scanned(x, u, shape)?;
     let trial = |candidate: Candidate| MlsTrial {
@@ -93,8 +93,8 @@ pub fn scan_mls(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<MlsTrial>, FitEr
 /// [`Fit::meets_required`] is false and the smallest leave-one-out RMS of all decides.
 ///
 /// # Errors
-/// Those of [`fit_mls`], a required residual that is not positive, and
-/// [`FitError::NoCandidate`] when the targets are too few or too uneven for any candidate.
+/// Same as [`fit_mls`], a required residual that is not positive, and [`FitError::NoCandidate`] when the targets are
+/// too few or too uneven for any candidate.
 pub fn fit_mls_auto(
     x: &[f64],
     u: &[f64],
@@ -134,7 +134,7 @@ pub fn fit_mls_auto(
 /// them.
 ///
 /// # Errors
-/// Those of [`fit_mls_auto`]; no set.
+/// Same as [`fit_mls_auto`]; no set.
 pub fn choose_mls(
     sets: &[(&[f64], &[f64])],
     shape: f64,

@@ -24,8 +24,8 @@ pub fn fit_chebyshev(
 /// powers of the argument.
 ///
 /// # Errors
-/// Those of [`fit_chebyshev`], and a domain so far from 0 that powers of the argument would lose
-/// more than 1e-7 of the readings.
+/// Same as [`fit_chebyshev`], and a domain so far from 0 that powers of the argument would lose more than 1e-7 of the
+/// readings.
 pub fn fit_polynomial(
     x: &[f64],
     u: &[f64],

@@ -4,11 +4,11 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Rides {
-    /// It moves with the carriage that the error belongs to: the tool-side component of an axis right of `b`, the workpiece-side component left of
-    /// it.
+    /// The point moves with the carriage to which the error belongs: the tool-side component of an axis right of `b`, the workpiece-side component
+    /// left of it.
     #[default]
     Carriage,
-    /// It is on the other side of the joint.
+    /// The point is on the other side of the joint.
     Other,
 }
 

@@ -21,8 +21,8 @@ const UM_PER_MM: f64 = 1e3;
 /// becomes one forward run, with a note. The mean of both is checked against the two directions.
 ///
 /// # Errors
-/// None of the tables, a table twice, rows that are not two numbers, a target twice, tables of different targets, a mean of both directions that is
-/// not that of the two.
+/// No table, a repeated table, rows that are not two numbers, repeated targets, tables with different targets, or a bidirectional mean that differs
+/// from the mean of the two directions.
 pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED)?;

@@ -484,7 +484,7 @@ mod tests {
         // The other direction, another deviation.
         assert_eq!(before("d", "20,1,-,4\n10,1,-,2\n0,1,-,1\n"), None);
         assert_eq!(before("e", "0,1,+,1\n10,1,+,2\n20,1,+,4.1\n"), None);
-        // Two different deviations are often alike.
+        // Two different deviations often have the same values.
         assert_eq!(before("f", "0,1,+,0\n10,1,+,1\n20,1,+,1\n"), None);
         assert_eq!(before("g", "0,1,+,0\n10,1,+,1\n20,1,+,1\n"), None);
     }

@@ -109,7 +109,7 @@ impl Edition {
         all.into_iter().find(|edition| edition.year() == year)
     }
 
-    /// Whether it has an annex on the measurement uncertainty: from 2006 on.
+    /// Whether the edition has an annex on the measurement uncertainty: from 2006 on.
     pub fn states_uncertainty(self) -> bool {
         self != Self::Iso1997
     }

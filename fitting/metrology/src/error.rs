@@ -119,7 +119,7 @@ pub enum MetrologyError {
         from: f64,
         /// Second target of the pair, mm.
         to: f64,
-        /// Distance between them, mm.
+        /// Distance between the points, mm.
         found: f64,
         /// Foot spacing of the bridge, mm.
         bridge_mm: f64,

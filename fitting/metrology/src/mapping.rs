@@ -74,7 +74,7 @@ impl Mapping {
     /// Reads the mapping file next to a measurement file; `None` if it does not exist.
     ///
     /// # Errors
-    /// It cannot be read, is not valid TOML or states anything but columns or channels.
+    /// The mapping file cannot be read, is not valid TOML, or contains anything but columns or channels.
     pub fn read_beside(file: &Path) -> Result<Option<Self>, MetrologyError> {
         let path = Self::beside(file);
         if !path.is_file() {

@@ -10,7 +10,7 @@ use crate::{DeviationUnit, FileFormat, MetrologyError, Quantity, ReadingUnit, Ta
 pub struct Reading {
     /// Target position, mm or deg.
     pub target: f64,
-    /// Number of the run among those of its direction, from 1.
+    /// Number of the run among the runs of its direction, from 1.
     pub run: u32,
     /// Direction in which the target was approached.
     pub direction: Direction,
@@ -283,7 +283,7 @@ impl Measurement {
     /// `unit` must be the same.
     ///
     /// # Errors
-    /// The unit stated in the file, if it is another one; nothing is changed then.
+    /// The unit stated in the file, if it differs from `unit`; the measurement is then unchanged.
     pub fn convert_from(&mut self, unit: ReadingUnit) -> Result<(), ReadingUnit> {
         match self.stated.or(self.unit.map(ReadingUnit::from)) {
             Some(stated) if stated == unit => Ok(()),

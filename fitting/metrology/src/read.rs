@@ -75,7 +75,7 @@ pub fn read_file(path: &Path) -> Result<Measurement, MetrologyError> {
 /// Like [`read_file`], with the roles of columns or channels from the caller.
 ///
 /// # Errors
-/// As [`read_file`], and a mapping of another kind than the file.
+/// Same as [`read_file`], and a mapping of another kind than the file.
 pub fn read_file_with(
     path: &Path,
     mapping: Option<&Mapping>,
@@ -86,7 +86,7 @@ pub fn read_file_with(
 /// Reads a file of any kind, including those without targets.
 ///
 /// # Errors
-/// As [`read_file`].
+/// Same as [`read_file`].
 pub fn read_content(path: &Path, mapping: Option<&Mapping>) -> Result<Content, MetrologyError> {
     let name = path.display().to_string();
     let extension = path

@@ -342,7 +342,7 @@ pub(crate) fn alignment_notes(readings: &[Reading]) -> Vec<String> {
     notes
 }
 
-/// Alignment that is specific to each run and does not count as scatter: an instrument is zeroed, and a straightness reference aligned, before each
+/// Alignment that is specific to each run and is not treated as scatter: an instrument is zeroed, and a straightness reference aligned, before each
 /// run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunAlignment {
@@ -415,8 +415,8 @@ fn squares_without(run: &[(f64, f64)], alignment: RunAlignment) -> f64 {
 mod tests {
     use super::*;
 
-    /// Three runs with zeros and slopes of their own, and of each a pattern of ±1 beside its line: without lines
-    /// s² = 8 / (12 − 4), of the mean of three a third of it.
+    /// Three runs with different offsets and slopes, each with a pattern of ±1 about its line: with the lines removed
+    /// s² = 8 / (12 − 4), and a third of it for the mean of three.
     #[test]
     fn offsets_and_slopes_of_runs_are_not_scatter() {
         let reading = |run: u32, place: u32| {

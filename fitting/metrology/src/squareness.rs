@@ -112,8 +112,8 @@ pub struct SquarenessUncertainty {
 /// Evaluates the uncertainty. `slopes_urad` are the standard uncertainties of the two slopes by their residuals, `lengths_mm` the lengths of the two
 /// lines.
 ///
-/// The square counts as calibrated. Independent errors U of a straight edge at both ends of a line of length L turn the line by √2 U/L. A range R of
-/// the angle due to temperature is that of a uniform distribution, R/√3.
+/// The square is treated as calibrated. Independent errors U of a straight edge at both ends of a line of length L turn the line by √2 U/L. A range
+/// R of the angle due to temperature is that of a uniform distribution, R/√3.
 ///
 /// # Errors
 /// A length that is not above zero, a number that is negative or not finite.

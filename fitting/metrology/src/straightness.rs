@@ -265,8 +265,8 @@ pub struct Straightness {
     pub about: [StraightnessAbout; 3],
     /// Largest difference of the means of the two directions, µm; `None` with one direction.
     pub reversal_um: Option<f64>,
-    /// Standard uncertainty of the least-squares slope from the residuals alone, µrad; `None` with two targets. The straightness error itself counts
-    /// as noise.
+    /// Standard uncertainty of the least-squares slope from the residuals alone, µrad; `None` with two targets. The straightness error itself is
+    /// treated as noise.
     pub slope_standard_uncertainty_urad: Option<f64>,
 }
 

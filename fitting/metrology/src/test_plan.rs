@@ -43,7 +43,7 @@ pub fn required_test(kind: AxisKind, travel: f64) -> RequiredTest {
         },
         AxisKind::Linear => RequiredTest {
             axes: "linear axes over 2000 mm",
-            // One target more than there are intervals.
+            // The number of targets is one more than the number of intervals.
             targets: whole(travel / LONG_INTERVAL_MM).saturating_add(1),
             runs: 1,
         },

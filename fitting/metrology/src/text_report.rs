@@ -8,7 +8,7 @@ use crate::Metadata;
 const MOST_DECIMALS: i32 = 12;
 
 /// Decimals of the last digit of a number: 3 for `1.250`, 4 for `2.0E-03`, −2 for `1.2E+03`. The decimals of a zero with an exponent are unknown and
-/// count as the maximum.
+/// are treated as the maximum.
 pub(crate) fn decimals_of(text: &str) -> i32 {
     let (mantissa, exponent) = match text.split_once(['e', 'E']) {
         Some((mantissa, exponent)) => (mantissa, Some(exponent)),

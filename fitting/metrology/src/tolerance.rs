@@ -195,7 +195,7 @@ pub fn parse_tolerances(text: &str, known: &[&str]) -> Result<Vec<Tolerance>, Me
 /// the admissible symbols in messages.
 ///
 /// # Errors
-/// As [`parse_tolerances`].
+/// Same as [`parse_tolerances`].
 pub fn parse_tolerances_of(
     text: &str,
     named: impl Fn(&str) -> Option<String>,

@@ -192,7 +192,7 @@ mod tests {
         assert_eq!(ReadingUnit::named("thou"), None);
     }
 
-    /// A requested unit that differs from the header's is refused; a unit is never applied twice.
+    /// A requested unit that differs from that of the header is rejected; a unit is never applied twice.
     #[test]
     fn a_requested_unit_must_be_the_stated_one() {
         let mut read = parse_csv(b"target,deviation mm\n0,0.002\n1,0.003\n", "x.csv").unwrap();

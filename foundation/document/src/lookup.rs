@@ -21,7 +21,7 @@ impl<'a> Section<'a> {
     /// Value of a key as `decode` returns it; `None` if the key is missing.
     ///
     /// # Errors
-    /// Those of `decode`.
+    /// The errors of `decode`.
     pub fn optional<T, E>(
         &self,
         key: &str,

@@ -5,8 +5,8 @@ pub fn nearest<'k>(found: &str, known: &[&'k str]) -> Option<&'k str> {
     near(found, known).first().copied()
 }
 
-/// Known words that may have been meant, the likeliest first. Those within the edit distance of a typing error come first, then longer ones that
-/// begin with `found` and `_`, since a unit was omitted, as in `limit` for `limit_um`. Case is ignored.
+/// Known words similar to `found`, best match first: words within the edit distance of a typing error, then longer words that begin with `found`
+/// and `_`, for an omitted unit such as `limit` for `limit_um`. Case is ignored.
 pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
     let small = found.to_lowercase();
     let found: Vec<char> = small.chars().collect();

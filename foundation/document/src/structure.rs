@@ -397,7 +397,7 @@ mod tests {
             .map_err(|errors| errors.to_string())
     }
 
-    /// Ten lines, ten mistakes: each has its line, its key, what was found and what was expected.
+    /// Ten lines with ten mistakes: each is reported with line, key, found and expected value.
     #[test]
     fn every_mistake_is_reported() {
         let text = "limit_um = \"much\"\ncount = -1\nword = \"grey\"\nrange = [1.0]\nnames = [1]\nlisten = \"here\"\nold = 3\nlimit = 2\n[[part]]\non = true\n[[part]]\non = 1\nof = 2\n[part.inner]\n[byte]\nat = 70000\n";
@@ -453,7 +453,7 @@ F:3: part[0].inner: of no use";
         assert_eq!(found, expected);
     }
 
-    /// Each mistake is another reading: a file full of them is no endless work.
+    /// Reading restarts after each mistake; a file full of mistakes must still end in reasonable time.
     #[test]
     fn a_file_full_of_mistakes_ends() {
         let lines: Vec<String> = (0..5000).map(|n| format!("k{n} = 1")).collect();

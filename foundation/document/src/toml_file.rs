@@ -140,7 +140,7 @@ impl Document {
 /// Maximum number of suggestions for a misspelled word.
 const MEANT: usize = 4;
 
-/// Suggestions for an unknown word; if none is close, all expected ones.
+/// Suggestions for an unknown word: similar expected words, or all expected words if none is similar.
 pub(crate) fn meant(found: &str, expected: &[&str]) -> String {
     let near = near(found, expected);
     let near: Vec<String> = (near.iter().take(MEANT))
@@ -364,7 +364,7 @@ impl<'a> Value<'a> {
     pub fn vector<const N: usize>(&self) -> Result<[f64; N], InputError> {
         let numbers = self.numbers()?;
         <[f64; N]>::try_from(numbers).map_err(|numbers| {
-            // Each number with a decimal comma counts as two.
+            // Each number with a decimal comma is treated as two.
             let hint = if numbers.len() == 2 * N {
                 "; a number has a decimal point, a comma separates numbers"
             } else {

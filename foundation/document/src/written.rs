@@ -59,7 +59,7 @@ mod tests {
         "\"\"\"",
     ];
 
-    /// What the readers of TOML and of CSV make of it is the text.
+    /// The readers of TOML and of CSV return the original text.
     #[test]
     fn what_is_written_is_read_back() {
         for text in ODD {

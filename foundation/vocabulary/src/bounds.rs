@@ -10,7 +10,7 @@ use crate::{
 /// Maximum correction, deviation or error of a linear axis in a table of a control. The volumetric error of a machine tool is some tenths of a
 /// millimetre; larger values are a mistake in the unit.
 pub const LARGEST_CORRECTION: Mm = Mm(2.0);
-/// The same bound for a rotary axis, and for every angular error: 2 mrad are 412 arcsec.
+/// Maximum correction, deviation or error of a rotary axis, and of every angular error: 2 mrad are 412 arcsec.
 pub const LARGEST_CORRECTION_ROTARY: Rad = Rad(0.002);
 
 /// Plausible temperatures, °C: the range of platinum thermometers according to IEC 60751. A machine tool stays far inside; a value read in a wrong

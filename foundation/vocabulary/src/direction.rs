@@ -4,9 +4,9 @@ use core::{fmt, ops::Neg, str::FromStr};
 
 use crate::units::{Deg, Mm};
 
-/// Default travel against its direction after which a linear axis counts as reversed.
+/// Default travel against its direction after which a linear axis is treated as reversed.
 pub const TURNED_AFTER: Mm = Mm(0.005);
-/// Default travel against its direction after which a rotary axis counts as reversed.
+/// Default travel against its direction after which a rotary axis is treated as reversed.
 pub const TURNED_AFTER_ROTARY: Deg = Deg(5e-4);
 
 /// Current or last direction of travel of an axis. It selects the branch of a bidirectional curve and names the approach to a target (ISO 230-2: ↑

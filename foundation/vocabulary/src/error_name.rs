@@ -32,12 +32,12 @@ impl Component {
         self as usize
     }
 
-    /// Whether it is a rotation (µrad) and not a translation (µm).
+    /// True for a rotation (µrad), false for a translation (µm).
     pub fn is_angular(self) -> bool {
         self.index() >= 3
     }
 
-    /// Index 0, 1 or 2 of the axis X, Y or Z of the machine coordinate system along or about which it acts.
+    /// Index 0, 1 or 2 of the axis X, Y or Z of the machine coordinate system along or about which the component acts.
     pub fn mcs_index(self) -> usize {
         self.index() % 3
     }

@@ -1,7 +1,7 @@
 //! Checks whether a coordinate is within a range, and moves a rotary coordinate into its travel: one rule for all crates.
 
-/// Tolerance at the ends of a range, mm or deg. The end of a travel is converted to radians, or passes through the sums of a controller, and comes
-/// back a few units of its last digit off; no machine tool resolves a nanodegree or a picometre.
+/// Tolerance at the ends of a range, mm or deg. Conversion of an end of travel to radians, or rounding in a controller, changes its last digits;
+/// no machine tool resolves a nanodegree or a picometre.
 pub const COORDINATE_ROUNDING: f64 = 1e-9;
 
 /// Whether a coordinate lies in a range, both ends included, with a tolerance for rounding; false for NaN. All in mm or all in deg.

@@ -179,14 +179,14 @@ impl From<Deg> for Rad {
 /// A length or an angle, by the kind of the axis that it belongs to: a coordinate, a correction, a step, a limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Displacement {
-    /// Of a linear axis.
+    /// Displacement of a linear axis.
     Length(Mm),
-    /// Of a rotary axis.
+    /// Displacement of a rotary axis.
     Angle(Rad),
 }
 
 impl Displacement {
-    /// From a number in mm for a linear axis, in rad for a rotary one.
+    /// Creates a displacement from a number in mm (linear axis) or rad (rotary axis).
     pub fn new(kind: AxisKind, mm_or_rad: f64) -> Self {
         match kind {
             AxisKind::Linear => Self::Length(Mm(mm_or_rad)),
@@ -194,7 +194,7 @@ impl Displacement {
         }
     }
 
-    /// From a number in µm for a linear axis, in µrad for a rotary one.
+    /// Creates a displacement from a number in µm (linear axis) or µrad (rotary axis).
     pub fn from_micro(kind: AxisKind, um_or_urad: f64) -> Self {
         match kind {
             AxisKind::Linear => Self::Length(Um(um_or_urad).to_mm()),
@@ -202,7 +202,7 @@ impl Displacement {
         }
     }
 
-    /// From a coordinate in a file, in mm for a linear axis, in deg for a rotary one.
+    /// Creates a displacement from a coordinate in a file, in mm (linear axis) or deg (rotary axis).
     pub fn from_coordinate(kind: AxisKind, mm_or_deg: f64) -> Self {
         match kind {
             AxisKind::Linear => Self::Length(Mm(mm_or_deg)),
@@ -210,7 +210,7 @@ impl Displacement {
         }
     }
 
-    /// Kind of axis that it belongs to.
+    /// Kind of axis to which the displacement belongs.
     pub fn kind(self) -> AxisKind {
         match self {
             Self::Length(_) => AxisKind::Linear,

@@ -57,7 +57,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever a browser sends: one name in this folder, not hidden, which every file system takes.
+        /// For any name from a browser, the result is one name in this folder, not hidden, and valid on every file
+        /// system.
         #[test]
         fn a_name_is_one_path_component(given in "\\PC{0,300}|.{0,300}") {
             if let Some(name) = sanitised(&given) {

@@ -65,7 +65,7 @@ pub enum CertificateError {
     /// The file cannot be read or is not PEM of the expected kind.
     #[error(transparent)]
     Pem(#[from] tokio_rustls::rustls::pki_types::pem::Error),
-    /// TLS rejects it.
+    /// TLS rejects the certificate or the key.
     #[error(transparent)]
     Tls(#[from] tokio_rustls::rustls::Error),
 }

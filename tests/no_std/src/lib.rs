@@ -1,6 +1,6 @@
 //! The error curves and the kinematics behind a C interface, without the standard library.
 //!
-//! Memory comes from a fixed arena and is never given back: curves are built once, at start.
+//! Memory comes from a fixed arena and is never freed: curves are built once, at start.
 #![no_std]
 extern crate alloc;
 
@@ -222,9 +222,9 @@ pub unsafe extern "C" fn volcomp_compiled_correction(
     machine.chain().joints().len() as i32
 }
 
-/// One cycle of a guard of three axes: what may be written of the wanted corrections (mm) over those that are
-/// applied. The guard is built anew each time, so this says only that it links. Returns 1 where something is
-/// to be written, 0 where not, −1 if the limits are refused.
+/// One cycle of a guard of three axes: the permitted part of the requested corrections (mm), given the applied ones.
+/// The guard is rebuilt at each call, so this only tests that it links. Returns 1 if a correction must be written, 0 if
+/// not, −1 if the limits are rejected.
 ///
 /// # Safety
 /// `wanted` and `applied` point to 9 numbers, `output` to 9 writable ones.

@@ -215,7 +215,7 @@ mod tests {
 
     use super::*;
 
-    /// Each task that returns or panics is detected. A running web interface, or none, is not.
+    /// Each task that returns or panics is reported as ended; a running or absent web interface is not.
     #[tokio::test]
     async fn an_ended_task_is_detected() {
         let for_ever = || tokio::spawn(std::future::pending::<()>());

@@ -21,10 +21,10 @@ pub(super) struct MachineView {
     pub(super) live: Option<Live>,
     /// Age of its last condition by the clocks of this computer and of the server, s.
     pub(super) age_s: Option<f64>,
-    /// The newest version issued to it.
+    /// The newest version issued to the machine.
     pub(super) version: Option<Version>,
     pub(super) wanted: Option<MachineModel>,
-    /// The active model; `None` if it has none or never reported one.
+    /// The active model; `None` if the machine has none or never reported one.
     pub(super) in_force: Option<MachineModel>,
 }
 

@@ -1,5 +1,5 @@
-//! A simulated machine with its gateway, as the centre sees it: it accepts signed models, requires confirmation of those that move its axes far,
-//! corrects, and reports its condition. The real machine differs slightly from its model, and it warms up.
+//! A simulated machine with its gateway, as visible to the centre. It accepts signed models, requires confirmation of models with large moves,
+//! corrects, and reports its condition. The simulated true machine differs slightly from its model, and it warms up.
 //!
 //! Its gateway reports what a real gateway can measure: the residual is the error that its model predicts to remain. The true error is reported
 //! next to it, as a gateway with a simulated machine does.
@@ -25,7 +25,7 @@ use crate::{clock::now_s, records::Machine};
 const RAMP_S: f64 = 5.0;
 /// Change of the correction of a linear axis above which confirmation is required, µm: `confirm_um` of its gateway.
 const CONFIRM_UM: f64 = 10.0;
-/// The same for rotary axes, µrad: `confirm_urad`.
+/// Change of the correction of a rotary axis above which confirmation is required, µrad: `confirm_urad`.
 const CONFIRM_URAD: f64 = 10.0;
 /// Nodes along each axis of the grid on which a change is checked.
 const CHECK_NODES: usize = 5;

@@ -30,7 +30,7 @@ pub use targets::{Subnet, SubnetError};
 /// Maximum number of addresses probed at one time.
 const MAX_CONCURRENT: usize = 64;
 
-/// Kind of a device, by the protocol that it answers in.
+/// Kind of a device, by its protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
@@ -64,7 +64,7 @@ pub struct Device {
     pub port: u16,
     /// The protocol that belongs to the port.
     pub kind: Kind,
-    /// True if it answered in that protocol; otherwise another service listens on the port.
+    /// True if the device answered in that protocol; otherwise another service listens on the port.
     pub answers: bool,
     /// Make and type as reported; empty if it does not report them.
     pub control: String,

@@ -9,7 +9,7 @@ use tokio::{
 
 use super::{Device, Kind, clean};
 
-/// Unit identifiers to query: the module itself, then the first one behind a converter.
+/// Unit identifiers to query: a module with its own network port, then the first unit on a serial converter.
 const UNIT_IDS: [u8; 2] = [255, 1];
 /// Function 43 and its MEI type 14.
 const FUNCTION: [u8; 2] = [0x2b, 0x0e];
@@ -71,7 +71,7 @@ pub(super) async fn probe(at: SocketAddr, mut stream: TcpStream) -> Device {
             Err(error) if device.note.is_empty() => {
                 return Device::other(at, Kind::Modbus, error.to_string());
             }
-            // It has already answered once.
+            // The device has already answered once.
             Err(_) => return device,
         }
     }

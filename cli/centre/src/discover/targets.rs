@@ -19,7 +19,7 @@ pub struct Subnet {
 /// Why a subnet is not searched.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SubnetError {
-    /// It cannot be read.
+    /// The text cannot be parsed.
     #[error(
         "found {found:?}, expected an address or a subnet of IPv4, such as 192.0.2.17 or 192.0.2.0/24"
     )]
@@ -31,7 +31,7 @@ pub enum SubnetError {
         /// The subnet that contains the address.
         expected: Subnet,
     },
-    /// It has more addresses than one search covers.
+    /// The subnet has more addresses than one search covers.
     #[error(
         "found {found} with {addresses} addresses, expected at most 65536 (/{SHORTEST_PREFIX}): state the subnets of the machines"
     )]
@@ -97,7 +97,7 @@ impl Subnet {
         u32::from(self.first) | !mask(self.prefix)
     }
 
-    /// Checks whether it may be searched; `mine` confirms that a public range belongs to the user.
+    /// Checks whether the subnet may be searched; `mine` confirms that a public range belongs to the user.
     pub fn check(&self, mine: bool) -> Result<(), SubnetError> {
         let addresses = u64::from(self.last() - u32::from(self.first)) + 1;
         if self.prefix < SHORTEST_PREFIX {

@@ -15,7 +15,7 @@ use crate::{
     versions::{load_active_version, overdue_days, way_back},
 };
 
-/// The text of an open alarm changes no more often than this, s: it may contain an age.
+/// Minimum interval between changes of the text of an open alarm, s: the text may contain an age.
 const CHANGE_INTERVAL_S: f64 = 60.0;
 
 /// Time an alarm for two simultaneous gateways stays open after the last detection, s.
@@ -225,8 +225,8 @@ fn add_centre_causes(
     Ok(over)
 }
 
-/// What a roll-out waits for, by machine: a change that the operator must confirm, even if other settings were since sent with the previous model;
-/// and an active correction, without which the model cannot be judged.
+/// Machines that block a roll-out, with the reason: the operator must confirm a change (even if other settings were sent with the previous model
+/// since), or the correction is inactive, so that the model cannot be judged.
 fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
     for target in &rollout.targets {
         let (kind, text) = match &target.step {
@@ -277,7 +277,7 @@ struct MachineState<'a> {
 struct Suspect {
     rollout: u64,
     what: String,
-    /// True if it can still be resumed: its machines are in no other roll-out.
+    /// True if the roll-out can still be resumed: its machines are in no other roll-out.
     can_resume: bool,
     /// True if there is an earlier model to return to.
     has_way_back: bool,

@@ -273,7 +273,7 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
     }
 }
 
-/// Messages to store, and the task that waits for it.
+/// Messages to store, and the task that waits for completion.
 struct WriteJob {
     messages: Vec<Received>,
     stored: oneshot::Sender<()>,

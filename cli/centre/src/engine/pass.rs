@@ -17,9 +17,9 @@ use crate::{
     versions::active_version,
 };
 
-/// Interval at which minutes of the history are closed, …
+/// Interval at which minutes of the history are closed.
 const MINUTE: Duration = Duration::from_secs(60);
-/// … once they ended at least this long ago, s: most delayed messages have arrived by then.
+/// Minimum time from the end of a minute until it is closed, s: most delayed messages have arrived by then.
 const CLOSED_AFTER_S: f64 = 30.0;
 /// Interval at which expired data are deleted.
 const HOUR: Duration = Duration::from_secs(3600);

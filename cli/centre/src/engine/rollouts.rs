@@ -21,7 +21,7 @@ pub(super) struct Blocked {
     pub(super) why: Vec<String>,
     /// Machines of the roll-outs that were advanced, if the machines of the others are unknown.
     moved: Option<BTreeSet<MachineId>>,
-    /// Their machines: each machine is in one roll-out at a time.
+    /// Machines of the active roll-outs; each machine is in at most one.
     machines: BTreeSet<MachineId>,
 }
 
@@ -46,7 +46,7 @@ pub(super) fn advance_all(
     }
     // Outcomes are read from the store at each pass, so a centre that was killed between storing and evaluating them does so after its restart.
     let versions = engine.store.newest_versions()?;
-    // A version that was never issued here belongs to no roll-out, whatever a machine reports.
+    // A version that was never issued here belongs to no roll-out, even if a machine reports it.
     let mut seen = seen.clone();
     for (machine, seen) in &mut seen {
         let newest = versions.get(machine).map_or(0, |version| version.version);

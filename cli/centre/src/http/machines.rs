@@ -67,7 +67,7 @@ pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> Ap
             let model = active_version(&versions, live.as_ref())
                 .or(versions.first())
                 .map(|version| version.model.clone());
-            // A machine of unknown age counts as silent.
+            // A machine of unknown age is treated as silent.
             let silent = age_s.is_none_or(|age_s| machine.is_silent(age_s));
             let telemetry = telemetry.map(
                 |(at_s, state)| json!({ "at_s": at_s, "age_s": now_s() - at_s, "state": state }),

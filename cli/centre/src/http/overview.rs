@@ -26,7 +26,7 @@ const MAX_BUILD_MARGIN: Duration = Duration::from_secs(25);
 pub(super) struct Overview {
     pub(super) document: Bytes,
     ages_s: HashMap<MachineId, f64>,
-    /// When it was built, and how long that took.
+    /// When the overview was built, and how long that took.
     made: Option<(Instant, Duration)>,
 }
 
@@ -164,7 +164,8 @@ impl Overview {
         })
     }
 
-    /// Its age, if it is too old to be presented as current: it is built every second, and building takes a while with many machines.
+    /// Age of the overview if it is too old to be presented as current. It is rebuilt every second; with many machines this takes
+    /// longer.
     pub(super) fn too_old(&self) -> Option<Duration> {
         let (at, took) = self.made?;
         let age = at.elapsed();
@@ -178,7 +179,7 @@ impl Overview {
     }
 }
 
-/// Alarm for a database that does not respond, which therefore cannot store it.
+/// Alarm for a database that does not respond; it cannot be stored there.
 fn hang_alarm(for_long: Duration) -> Alarm {
     let s = for_long.as_secs();
     Alarm {
@@ -209,7 +210,7 @@ pub(super) struct Ages(HashMap<MachineId, LastCondition>);
 struct LastCondition {
     made: CreationTime,
     at: Instant,
-    /// Its age when it was first seen, s.
+    /// Age of the condition when it was first seen, s.
     then_s: f64,
 }
 

@@ -30,7 +30,7 @@ pub struct Route {
     pub method: &'static str,
     /// The path, with names in braces.
     pub path: &'static str,
-    /// The lowest role that may use it; `None`: no login required.
+    /// The lowest role that may use the route; `None`: no login required.
     pub need: Option<Role>,
 }
 

@@ -66,7 +66,7 @@ pub(super) async fn tables(
         "at": at,
         "sign": format.sign(),
         "trust": format.trust(),
-        // What the files do not contain and must be set at the control.
+        // Settings that the files do not contain and that must be made at the control.
         "notes": written.notes,
     }))
 }

@@ -1,4 +1,4 @@
-//! Alarms: open until their cause is gone.
+//! Alarms: open until their cause has ended.
 
 use rusqlite::{Connection, Params, Row, params};
 use serde_json::json;

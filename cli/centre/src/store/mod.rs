@@ -27,7 +27,7 @@ use crate::Error;
 pub use history::Retention;
 pub use models::SignedValue;
 
-/// Time after which a change counts as hanging: a commit waits only for the disk.
+/// Time after which a change is treated as hanging: a commit waits only for the disk.
 const HANG_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Persistent data of the centre.
@@ -111,7 +111,8 @@ impl Store {
         Ok(done)
     }
 
-    /// How long a change has been blocked, if that is long enough to mean a hanging disk. Nothing else can be written meanwhile, not even an alarm.
+    /// Time for which a change has been blocked, if it exceeds the limit for a hanging disk. Meanwhile nothing else can be written, not even an
+    /// alarm.
     pub fn hang_duration(&self) -> Option<Duration> {
         let since = *lock(&self.writing);
         since

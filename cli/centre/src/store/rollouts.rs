@@ -32,7 +32,7 @@ impl Store {
     /// Starts a roll-out that `make` creates from its number.
     ///
     /// # Errors
-    /// One of its machines has a pending target in another open roll-out.
+    /// A machine of the roll-out has a pending target in another open roll-out.
     pub fn start_rollout(&self, make: impl FnOnce(u64) -> Rollout) -> Result<Rollout, Error> {
         self.write(|database| {
             let id = number(database, "SELECT coalesce(max(id), 0) + 1 FROM rollouts", [])?;

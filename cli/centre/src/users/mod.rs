@@ -166,7 +166,7 @@ pub fn hash(password: &Password) -> Result<String, Error> {
         .map_err(|_| Error::Wrong("the password could not be hashed".to_owned()))
 }
 
-/// Verifies a password. Without a stored hash (unknown user) it takes the same time and returns `false`.
+/// Verifies a password. Without a stored hash (unknown user), the function takes the same time and returns `false`.
 pub fn is_right(password: &Password, stored: Option<&str>) -> bool {
     static DUMMY_HASH: LazyLock<Option<String>> =
         LazyLock::new(|| hash(&Password("of no user".to_owned())).ok());
@@ -230,7 +230,7 @@ impl Session {
     pub const IDLE_TIMEOUT: Duration = Duration::from_secs(30 * 60);
     /// Maximum duration of a session: a working day.
     pub const MAX_DURATION: Duration = Duration::from_secs(12 * 3600);
-    /// Interval at which the time of its last use is stored.
+    /// Minimum interval between two stored times of last use of a session.
     pub const LAST_USE_INTERVAL: Duration = Duration::from_secs(60);
 
     /// True until a timeout has passed.

@@ -15,7 +15,7 @@ use serde::Serialize;
 
 /// Wrong passwords for one account from one address within [`WINDOW`] before attempts are delayed.
 const MAX_WRONG_OF_PAIR: u32 = 5;
-/// The same from one address for any accounts, and for one account from any addresses.
+/// Wrong passwords from one address (any account), or for one account (any address), before attempts are delayed.
 const MAX_WRONG_OF_ONE: u32 = 50;
 const WINDOW: Duration = Duration::from_secs(60);
 const DELAY: Duration = Duration::from_secs(2);

@@ -137,8 +137,8 @@ mod tests {
         }
     }
 
-    /// A power failure in the middle of writing: whatever of the new slot came onto the disk, either it or the text before
-    /// is read.
+    /// After a power failure during a write, either the new or the previous text is read, whichever part of the new slot
+    /// reached the disk.
     #[test]
     fn a_torn_slot_leaves_the_text_before() {
         let dir = tempfile::tempdir().expect("writable");

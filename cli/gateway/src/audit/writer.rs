@@ -19,7 +19,7 @@ use super::{AuditLog, Entry, replace_file, slots::Slots};
 
 /// Maximum number of queued records and files.
 const MAX_QUEUED: usize = 256;
-/// The disk counts as not responding when one record or file takes longer than this.
+/// The disk is treated as not responding when one record or file takes longer than this.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Interval at which a failed log is retried.
@@ -59,7 +59,7 @@ struct Health {
 pub struct Receipt(Option<Receiver<bool>>);
 
 impl Receipt {
-    /// Whether it was written; `None` while the write is pending.
+    /// Whether the record was written; `None` while the write is pending.
     pub fn written(&self) -> Option<bool> {
         let Some(receiver) = &self.0 else {
             return Some(false);

@@ -36,7 +36,8 @@ pub(super) struct AuditTail {
     cursor_file: PathBuf,
     sent: Cursor,
     written: Cursor,
-    /// Next read position; `None` before the first read: it follows the record of the cursor, which is searched for.
+    /// Next read position; `None` before the first read, which searches for the record of the cursor and continues
+    /// after it.
     place: Option<LogPosition>,
     lines: VecDeque<AuditLine>,
 }
@@ -242,7 +243,7 @@ mod tests {
         assert_eq!(sent(&mut open()), [""; 0], "nothing twice");
     }
 
-    /// A line that is half written is not given before it is whole.
+    /// A partly written line is returned only when it is complete.
     #[test]
     fn a_torn_end_waits() {
         let dir = tempfile::tempdir().expect("writable");

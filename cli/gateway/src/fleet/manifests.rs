@@ -38,7 +38,7 @@ use crate::{
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 /// Maximum number of queued values that change nothing; further ones are not answered.
 const MAX_OTHER_VALUES: usize = 4;
-/// Pause after a value that changes nothing, to limit the load of a flood of them.
+/// Pause after a value that changes nothing, to limit the load if many of them arrive.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Access to the service.
@@ -67,7 +67,7 @@ enum JudgedValue {
     Again(Box<AcceptedManifest>),
     /// A value that is not accepted.
     Refused {
-        /// Its version, as far as it can be read.
+        /// Version of the manifest, as far as it can be parsed.
         version: u64,
         value_sha256: String,
         /// The signer, for the audit log.
@@ -439,7 +439,7 @@ impl ManifestActivator {
         Ok((current.value_sha256, outcome))
     }
 
-    /// Whether activating this manifest permits correcting: not if a newer queued manifest forbids it.
+    /// Whether activating this manifest permits correction; false if a newer queued manifest forbids it.
     fn enables(&self, held: &StoredManifest) -> bool {
         held.manifest.enable && !self.shared.is_forbidden_after(held.manifest.version)
     }

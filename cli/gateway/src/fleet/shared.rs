@@ -140,7 +140,8 @@ fn tell(message: &mut Option<String>, hangs: bool, what: &str) {
 mod tests {
     use super::*;
 
-    /// The waiting thread continued with other work, or its wait ended between two polls: an earlier version kept the message.
+    /// The message is cleared if the waiting thread continued with other work, or its wait ended between two polls
+    /// (regression).
     #[test]
     fn a_disk_message_ends_with_the_wait() {
         let mut message = None;

@@ -91,7 +91,7 @@ impl Store {
         builder.recursive(true).mode(0o700).create(&self.dir)
     }
 
-    /// Reads the folder. Only content signed by a trusted key for this machine is used. A missing folder counts as
+    /// Reads the folder. Only content signed by a trusted key for this machine is used. A missing folder is treated as
     /// empty.
     pub(crate) fn read(&self, config: &FleetConfig) -> StoredFleet {
         let mut kept = StoredFleet::default();

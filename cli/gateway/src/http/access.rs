@@ -122,7 +122,7 @@ pub(super) async fn require_view(
     next.run(request).await
 }
 
-/// Returns name and role of the token, so that a wrong token is detected before it is needed.
+/// Returns name and role of the token, so that a wrong token is detected before its first use.
 pub(super) async fn token(
     State(access): State<Arc<AccessControl>>,
     Extension(from): Extension<SocketAddr>,

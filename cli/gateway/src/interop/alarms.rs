@@ -19,7 +19,7 @@ pub enum Place {
 /// Severity of an alarm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
-    /// For information.
+    /// For information only.
     Warning,
     /// Requires action by an operator.
     Fault,

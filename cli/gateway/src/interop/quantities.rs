@@ -111,7 +111,7 @@ pub enum Value {
 pub enum Quality {
     /// Valid now.
     Good,
-    /// In use, but with a warning.
+    /// The value is used, but with a warning.
     Doubtful,
     /// An earlier value; the current one is unknown.
     Stale,
@@ -132,7 +132,7 @@ pub struct Reading {
 
 /// A quantity: its names, its description and how it is read from a state.
 pub struct Quantity {
-    /// The part it belongs to.
+    /// The part of the gateway to which the quantity belongs.
     pub part: Part,
     /// Name within its part: lower-case letters and `_`.
     pub row: &'static str,
@@ -371,7 +371,7 @@ fn while_cycling(status: &Status, value: Option<Value>) -> Reading {
     good(status, value.filter(|_| status.state != StateName::Unknown))
 }
 
-/// Non-finite numbers count as unknown.
+/// Non-finite numbers are treated as unknown.
 fn number(value: Option<f64>) -> Option<Value> {
     value.filter(|value| value.is_finite()).map(Value::Number)
 }

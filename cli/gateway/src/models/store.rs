@@ -52,7 +52,7 @@ impl Store {
         machine.parent() == Some(&self.dir)
     }
 
-    /// The stored state, and a description of any damage. A missing folder counts as empty.
+    /// The stored state, and a description of any damage. A missing folder is treated as empty.
     pub(crate) fn read(&self) -> (ModelsKept, Option<String>) {
         let path = self.dir.join(STANDING);
         let damaged = |error: String| {
@@ -233,8 +233,8 @@ mod tests {
         }
     }
 
-    /// Everything that a kill between two steps of an activation can leave on disk: what is loaded is whole, and the new
-    /// model only once it stands.
+    /// Every state that a kill between two steps of an activation can leave on disk: the loaded model is complete, and
+    /// is the new one only after its activation was stored.
     #[test]
     fn a_kill_between_two_steps_leaves_a_model_that_is_whole() {
         let dir = tempfile::tempdir().expect("writable");
@@ -249,11 +249,11 @@ mod tests {
         // It is there.
         store.keep(&hash, &text).expect("writable");
         assert_eq!(store.in_force(), Ok(None));
-        // What stands is half written.
+        // The activation is half written.
         let whole = serde_json::to_string(&standing(&hash)).expect("JSON");
         fs::write(dir.path().join("models/standing.new"), &whole[..30]).expect("writable");
         assert_eq!(store.in_force(), Ok(None));
-        // It stands.
+        // The activation is stored.
         store.keep_standing(&standing(&hash)).expect("writable");
         assert_eq!(store.in_force(), Ok(Some(machine.clone())));
         // The file is damaged afterwards: it is not loaded, and that is shown.

@@ -168,8 +168,8 @@ fn overlapping(config: &Config, one: (usize, Block), other: (usize, Block)) -> G
     GatewayError::Place(source.error(&config.file, &place, message))
 }
 
-/// Rejects a read-only controller that precedes a writing one, or stands alone: it has no place in the order of
-/// preference.
+/// Rejects a read-only controller that precedes a writing one, or is the only one: read-only controllers have no rank
+/// in the order of preference.
 pub(super) fn readers_last(config: &Config) -> Result<(), GatewayError> {
     let controllers = &config.controllers;
     let misplaced = controllers.iter().enumerate().find(|(index, own)| {

@@ -41,7 +41,7 @@ pub(super) enum FaultAction {
     Unreferenced,
     /// The emergency stop is pressed, but readings do not show it.
     HiddenStop,
-    /// As `HiddenStop`, at random.
+    /// Like `HiddenStop`, but at random times.
     HiddenStopByChance,
     /// The control restarts; its words keep their values.
     Reset,

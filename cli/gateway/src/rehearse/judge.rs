@@ -39,9 +39,9 @@ impl Phase {
 
 /// Behaviour of the gateway under a fault.
 pub(super) struct Findings {
-    /// Whether it was armed before the fault.
+    /// Whether the gateway was armed before the fault.
     pub(super) ready: bool,
-    /// Time from the fault until it compensated again.
+    /// Time from the fault until the gateway compensated again.
     pub(super) again: Option<Duration>,
     /// Operator actions needed for that.
     pub(super) needed: Vec<&'static str>,

@@ -68,7 +68,7 @@ struct OtherSender {
     since: Instant,
 }
 
-/// A replacement map whose record is being written. Nothing of it is sent before that.
+/// A replacement map whose audit record is being written. No part of the map is sent before the record is on disk.
 struct Recording {
     checked: Checked,
     receipt: Receipt,
@@ -334,7 +334,7 @@ impl Sending {
         other.sequence == sequence && now - other.since <= self.checked.patience()
     }
 
-    /// Logs a warning if it differs from the last one.
+    /// Logs a warning if its text differs from that of the last warning.
     fn warn_once(&mut self, what: String) {
         if self.last_warning != what {
             tracing::warn!("{}: {what}", self.checked.config.keys.url);
@@ -576,8 +576,8 @@ fn watch(running: &Checked) -> std::io::Result<Receiver<NewMap>> {
     Ok(receiver)
 }
 
-/// Takes the pending confirmation. It is renamed before it is read, so that a confirmation written meanwhile is kept
-/// for the next poll.
+/// Takes the pending confirmation. The file is renamed before it is read, so that a confirmation written meanwhile is
+/// kept for the next poll.
 fn take_confirmation(file: &Path) -> io::Result<Option<String>> {
     let mine = file.with_extension("taken");
     match fs::rename(file, &mine) {
@@ -630,7 +630,7 @@ mod tests {
 
     #[test]
     fn a_lost_map_is_detected_during_a_replacement() {
-        // Map 7 is kept; then map 8 is brought, and takes its place.
+        // Map 7 is kept valid; then map 8 is transferred and replaces it.
         assert!(!is_lost(None, 7, None));
         assert!(!is_lost(Some(7), 7, Some(7)));
         assert!(!is_lost(Some(7), 8, Some(7)));

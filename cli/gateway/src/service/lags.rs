@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use volcomp_runtime::{Model, Report};
 
-/// Maximum time between two reports during which the sensors count as read; the remaining time counts as without
+/// Maximum time between two reports during which the sensors are treated as read; the remaining time is time without
 /// temperatures.
 const MAX_REPORT_GAP: Duration = Duration::from_secs(1);
 

@@ -116,7 +116,7 @@ pub struct Service {
     /// Reasons of the service itself, shown with those of the guards: the last reload was refused, or the service is
     /// stopping.
     shown_reasons: Reasons,
-    /// Whether auto-arm is finished: it was armed once, or an operator took over.
+    /// Whether auto-arm is finished: the gateway armed once, or an operator took over.
     auto_arm_done: bool,
     /// Whether an operator has armed, disarmed or acknowledged; from then on auto-arm is off.
     person_decides: bool,

@@ -387,8 +387,8 @@ impl Service {
         if self.last_state.is_armed() {
             self.must_confirm(false);
         } else {
-            // The model armed last may be another one: check it again. Arming asks, and a confirmation sent with this
-            // model answers.
+            // The model armed last may be another one: check again. Arming then requires a confirmation; one sent with
+            // this model is used.
             self.begin_confirmation_check();
             self.auto_arm_done &= self.person_decides;
             self.update_reasons();
@@ -440,7 +440,7 @@ fn plan_again(
     if config.guard.is_some() {
         can_change(old, &config)?;
     }
-    // A model activated by the centre or an operator stays active: only they can change it.
+    // A model activated by the centre or an operator stays active; only the centre or an operator can change it.
     let holds = old.machine_from() != ModelSource::File;
     let machine = if holds {
         &old.machine
@@ -584,8 +584,8 @@ mod tests {
         );
     }
 
-    /// A gateway that was started without limits took other speeds together with limits: `check` showed them, and the cycle went on
-    /// with those of its start.
+    /// A gateway started without limits accepted new speeds together with limits: `check` showed the new speeds, but the cycle
+    /// continued with the old ones (regression).
     #[test]
     fn speeds_that_come_with_the_first_limits_need_a_restart() {
         let config = |guard: &str| {

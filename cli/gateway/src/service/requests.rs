@@ -187,7 +187,7 @@ impl Service {
     fn handle_reply(&mut self, who: &str, reply: &Reply) {
         if who == AUTO_ARM && reply.status != 200 {
             tracing::warn!("auto_arm: {}", describe(&reply.answer));
-            // Auto-arm must not repeat a question that an operator has to confirm.
+            // Auto-arm must not repeat a request that requires the operator's confirmation.
             self.auto_arm_done = matches!(reply.answer, Answer::Question(_));
         }
     }
@@ -288,8 +288,8 @@ fn may_not_end(report: &Report) -> bool {
 mod tests {
     use super::*;
 
-    /// An alarm of a controller that fell silent is for the person to judge; an emergency stop that another one shows now
-    /// is not.
+    /// The operator may override the alarm of a controller that does not respond, but not an emergency stop that another
+    /// one reports now.
     #[test]
     fn a_fault_stays_while_any_controller_shows_an_interlock() {
         let mut report = Report {

@@ -56,7 +56,7 @@ fn with_jumps(mut standing: Standing) -> Standing {
 }
 
 impl Service {
-    /// Changes the standing state and saves it.
+    /// Changes the persistent state and saves it.
     pub(super) fn change_standing(&mut self, change: impl FnOnce(&mut Standing)) {
         let before = self.standing.clone();
         change(&mut self.standing);

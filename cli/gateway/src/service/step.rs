@@ -243,7 +243,7 @@ mod tests {
     use super::is_reached;
     use volcomp_guard::{Cause, End, Hold, Phase, Request, State};
 
-    /// Every state with every request: whether the request has what it asks for.
+    /// Every state with every request: whether the request takes effect.
     #[test]
     fn every_state_and_every_request() {
         let [arm, disarm, acknowledge] = [Request::Arm, Request::Disarm, Request::Acknowledge];

@@ -94,7 +94,8 @@ fn parts(given: &str) -> (Option<&str>, &str, Option<&str>) {
     }
 }
 
-/// How specific an answer is: an error name is longer than an axis name, which is longer than none.
+/// Specificity of an answer, as the length of its subject: error names are longer than axis names, which are longer
+/// than no name.
 fn narrowness(given: &str) -> usize {
     parts(given).0.map_or(0, str::len)
 }
@@ -205,7 +206,7 @@ fn text(file: &str, draft: &Draft) -> String {
     text + &kinds_of_questions(draft)
 }
 
-/// The open keys with their counts and questions: most questions are alike.
+/// The open keys with their counts and questions; most questions repeat.
 fn kinds_of_questions(draft: &Draft) -> String {
     let mut kinds: Vec<(&str, &str, usize)> = Vec::new();
     for asked in &draft.questions {

@@ -811,7 +811,7 @@ fn motion(joint: &Joint) -> String {
 }
 
 /// A warning about the signs of the errors of an axis whose direction differs from that of its letter: errors are along and about the axes
-/// of MCS whatever the direction of the axis. `None` if both agree.
+/// of MCS regardless of the direction of the axis. `None` if both agree.
 fn signs(joint: &Joint) -> Option<String> {
     let (name, along) = (joint.name, joint.name.mcs_index());
     let found = along_machine_axis(&joint.direction);

@@ -55,8 +55,8 @@ pub(crate) fn tolerances(text: Option<&str>, known: &[&str]) -> Result<Vec<Toler
     parse_tolerances(text, known).map_err(|error| Failure::Input(format!("--{error}")))
 }
 
-/// Table of several files: one row each with the quantities that have a limit (without any limit, those with a plain symbol) and the
-/// verdict; then the names of all symbols.
+/// Table of several files, one row each: the quantities that have a limit (if none has, the quantities with a plain symbol) and the
+/// verdict. The names of all symbols follow.
 pub(crate) fn verdicts_text(rows: &[Row]) -> String {
     let all = || (rows.iter()).flat_map(|row| row.found.iter().flat_map(|found| &found.quantities));
     let is_judged = all().any(|quantity| quantity.limit.is_some());
@@ -188,9 +188,9 @@ pub(crate) fn decision_text(judgement: &Judgement) -> String {
 
 /// The result of one file.
 pub(crate) struct Row {
-    /// The file as named in the call.
+    /// The file as named on the command line.
     pub(crate) file: String,
-    /// Its quantities, or why it was rejected.
+    /// Quantities of the file, or why it was rejected.
     pub(crate) found: Result<Judgement, String>,
 }
 

@@ -291,7 +291,7 @@ fn beside_machine(path: &Path, arguments: &ExportArguments) -> Result<OutputFile
     )
 }
 
-/// Notes on tables that volcomp wrote into the folder earlier: a control may also read those of another format, and those of an axis that
+/// Notes on tables of earlier exports in the output folder. A control may still load them: tables of another format, or of an axis that
 /// no longer has an error.
 fn other_tables(arguments: &ExportArguments, written: &[String]) -> Vec<String> {
     /// Maximum size of a control's table, bytes.

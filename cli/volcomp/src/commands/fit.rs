@@ -485,7 +485,7 @@ fn period(measurement: &Measurement) -> Option<f64> {
 
 const FULL_TURN_DEG: f64 = 360.0;
 
-/// Each run with the mean of its directions at every target that it measured in all of them: differences between directions are not scatter.
+/// Averages the directions of each run at every target measured in all directions, because differences between directions are not scatter.
 fn whole_runs(measurement: &Measurement) -> Vec<Run> {
     let ways = Direction::BOTH
         .into_iter()

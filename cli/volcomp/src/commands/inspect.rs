@@ -272,7 +272,7 @@ pub(crate) fn run(arguments: &InspectArguments) -> Result<Answer, Failure> {
     })
 }
 
-/// The files to read, and whether each was named explicitly: a folder means all files below it.
+/// The files to read, and whether each was named explicitly. A folder stands for all files below it.
 fn paths(named: &[PathBuf]) -> Result<Vec<(PathBuf, bool)>, Failure> {
     let mut all = Vec::new();
     for path in named {

@@ -1,4 +1,4 @@
-//! One module per command: its arguments, and its result as a JSON document and as text.
+//! One module per command, with its arguments and its result as a JSON document and as text.
 
 pub(crate) mod age;
 pub(crate) mod axes;
@@ -108,7 +108,7 @@ fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
     file.write_whole(text)
 }
 
-/// Refuses an output that would replace one of its inputs: a second run would start from its own result.
+/// Rejects an output that would replace an input, because a second run would start from its own result.
 fn refuse_overwriting(files: &[PathBuf], output: &Path, what: &str) -> Result<(), Failure> {
     match same_file(files, output) {
         Some(path) => Err(Failure::Input(format!(

@@ -370,7 +370,7 @@ fn refuse_read_once(arguments: &NcArguments, program: &File) -> Result<(), Failu
     ))
 }
 
-/// Opens the file of the picture before the work starts; it appears when the result is kept.
+/// Opens the file of the picture before the work starts; it becomes visible when the result is stored.
 fn picture_file(arguments: &NcArguments) -> Result<Option<OutputFile>, Failure> {
     let Some(path) = &arguments.picture else {
         return Ok(None);

@@ -118,7 +118,7 @@ fn differences(found: &Machine, machine: &Machine) -> Vec<(ErrorName, f64)> {
         };
         (name, difference)
     };
-    // NaN counts as a difference.
+    // NaN is treated as a difference.
     let matters = |(_, by): &(ErrorName, f64)| by.is_nan() || *by > NO_MATTER;
     names.into_iter().map(by).filter(matters).collect()
 }

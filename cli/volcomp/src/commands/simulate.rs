@@ -131,7 +131,7 @@ impl From<ShopError> for Failure {
 /// Files written into a folder.
 pub(crate) struct Written {
     names: Vec<String>,
-    /// Those that replaced existing files.
+    /// Written files that replaced existing files.
     replaced: Vec<String>,
 }
 

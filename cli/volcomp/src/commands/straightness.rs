@@ -209,7 +209,7 @@ pub(crate) fn odd(found: &Straightness) -> Option<String> {
         .map(|text| format!("about the line of least squares {text}"))
 }
 
-/// A straightness error for which slopes keep their sign; any such error will do.
+/// Any straightness error for which slopes keep their sign; the choice has no effect on the result.
 fn rising() -> ErrorName {
     use volcomp_vocabulary::Component;
     ErrorName::motion(Component::EZ, AxisName::X)

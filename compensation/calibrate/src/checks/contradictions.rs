@@ -19,7 +19,7 @@ const LEAST_NOISE: f64 = 0.01;
 /// Tilts that were removed from lines.
 pub(crate) struct Tilts<'a> {
     pub(crate) machine: &'a Machine,
-    /// Standard deviation of each tilt at a target, µrad; a tilt without one counts as known.
+    /// Standard deviation of each tilt at a target, µrad; a tilt without one is treated as known.
     pub(crate) noise_urad: &'a BTreeMap<ErrorName, f64>,
 }
 
@@ -187,7 +187,7 @@ impl ParallelReadings {
         Some(side_by_side)
     }
 
-    /// Values by place without their mean, for straightness without their least-squares line.
+    /// Subtracts the mean from the values of a line, or, for straightness, their least-squares line.
     pub(crate) fn without_zero(&self, values: Vec<f64>, is_straightness: bool) -> Vec<f64> {
         let targets = self.places.iter().map(|(_, target)| *target);
         let points: Vec<(f64, f64)> = targets.zip(values.iter().copied()).collect();

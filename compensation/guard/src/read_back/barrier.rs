@@ -21,7 +21,7 @@ const GAP: Duration = Duration::from_secs(5);
 ///
 /// Invariants:
 /// - `can_send` and `held_by_other` exclude each other, and both follow from the last new report.
-/// - `stands` is the applied correction of all new reports since its time: the control accepted another one, and did not move.
+/// - `stands` is the applied correction in all new reports since its time: the barrier accepted another goal but did not move.
 /// - `counted` scans passed since `counted_from`, in one epoch and without a gap.
 #[derive(Clone, Debug)]
 pub struct BarrierLink {
@@ -40,7 +40,7 @@ pub struct BarrierLink {
     scans_fit: Option<bool>,
     /// The last sent correction.
     last_sent: Option<Counts>,
-    /// The correction at which the control stays although it accepted another one, and since when.
+    /// The correction at which the control has stopped although it accepted another one, and since when.
     stands: Option<(Counts, Duration)>,
     held_by_other: bool,
     can_send: bool,
@@ -49,8 +49,8 @@ pub struct BarrierLink {
 }
 
 impl BarrierLink {
-    /// A path to the barrier of the machine with this number and these axes, with a scan period of `scan`. `owner` is drawn anew at each start of
-    /// the gateway; all paths of one gateway to one barrier share it.
+    /// A path to the barrier of the machine with this number and these axes, with a scan period of `scan`. `owner` is a new random number at each
+    /// start of the gateway; all paths of one gateway to one barrier share it.
     #[must_use]
     pub fn new(owner: u16, machine: u16, layout: Layout, scan: Duration) -> Self {
         Self {
@@ -110,7 +110,7 @@ impl BarrierLink {
             status.changed = true;
             return Arrival::Unknown;
         };
-        // The first report after another sender's also starts anew.
+        // The first report after another sender's report also restarts the epoch.
         status.changed = epoch_began;
         (self.held_by_other, self.can_send) = (false, true);
         self.stands = match self.stands {
@@ -312,7 +312,7 @@ pub fn barrier_misfits(
     late.into_iter().chain(axes)
 }
 
-/// Longest scan period that counts as the configured one.
+/// Longest scan period that is treated as the configured one.
 fn longest_scan(scan: Duration) -> Duration {
     Duration::try_from_secs_f64(scan.as_secs_f64() / SCAN_WITHIN.start()).unwrap_or(Duration::MAX)
 }

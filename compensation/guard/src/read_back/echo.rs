@@ -1,9 +1,10 @@
 //! A control without a barrier whose values can be read back.
 //!
-//! A single reading proves nothing: it may be torn, late, or of another axis. So all values that may be applied are stored: the last confirmed one,
-//! and those sent since. A reading that equals one of these on all axes confirms it, and excludes those sent before; any other may be an old
-//! reading, and nothing is sent on it. A foreign value is accepted if nothing was sent for so long that no reading can be from before, and it was
-//! then read three times in a row, the path's delay apart: a message that a driver repeats with each new position is one reading.
+//! A single reading is no confirmation: it may be torn, late, or of another axis. Therefore all values that may be applied are stored: the last
+//! confirmed value, and the values sent since. A reading that equals one of these on all axes confirms it, and excludes the values sent before it.
+//! Any other reading may be old; nothing is sent in response. A foreign value is accepted only after a pause in sending that is longer than the age
+//! of any reading, and after three consecutive readings, one path delay apart. A message that a driver repeats with each new position is one
+//! reading.
 
 use core::time::Duration;
 
@@ -37,12 +38,13 @@ struct Equal {
 /// The values of one path that may be applied.
 ///
 /// Invariants:
-/// - `candidates[..count]` are in the order of sending, and consecutive ones differ. With `count` 0 nothing is known, and nothing is sent.
+/// - `candidates[..count]` are in the order of sending, and consecutive ones differ. With `count` 0 the applied correction is unknown, and
+///   nothing is sent.
 /// - After a confirmation the first candidate is the confirmed correction; the later ones were sent after it.
 /// - `equal` counts only readings that are later than every write by more than the age of the oldest possible reading.
 #[derive(Clone, Debug)]
 pub(super) struct Echo {
-    /// How long nothing else may have changed the values before the first write.
+    /// Time before the first write in which nothing else may change the values.
     watch: Duration,
     /// Values that may be applied, oldest first: the confirmed one, and those sent since. Consecutive equal ones are merged.
     candidates: [Candidate; MOST],
@@ -159,7 +161,7 @@ impl Echo {
         self.count = 1;
     }
 
-    /// A reading valid at `taken` and received now confirms these values, as of `taken`.
+    /// Records that a reading received now confirms these values at `taken`.
     fn confirm(
         &mut self,
         values: &PerChannel<f64>,
@@ -177,8 +179,8 @@ impl Echo {
 
     /// The oldest and the newest candidate that a reading may be; `None` if it equals no candidate.
     ///
-    /// A candidate that was followed by another one longer ago than the path's delay counts only if the later one did not arrive. So it is the
-    /// oldest only if no later one has these values, too.
+    /// A candidate whose successor was sent longer ago than the path's delay is possible only if the successor did not arrive. Therefore it is
+    /// the oldest match only if no later candidate has the same values.
     fn find(
         &self,
         values: &PerChannel<f64>,
@@ -204,7 +206,7 @@ impl Echo {
             return;
         }
         if self.count == MOST {
-            // Something was sent although nothing may be sent: nothing is known any more.
+            // Something was sent although nothing may be sent: the applied correction is unknown.
             self.count = 0;
             return;
         }

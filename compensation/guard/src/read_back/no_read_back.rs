@@ -1,5 +1,5 @@
-//! A control whose correction cannot be read back, such as one behind digital lines. If the device reports the levels of its outputs, the
-//! correction on them counts as applied, like one that is read back; otherwise every write without an error does.
+//! A control whose correction cannot be read back, such as one behind digital lines. If the device reports its output levels, the
+//! correction on them is treated as applied, like a read-back; otherwise every write without an error is treated as applied.
 
 use core::time::Duration;
 
@@ -14,38 +14,38 @@ use crate::{Limits, Reasons};
 /// Behaviour of a control without read-back when writes stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControlTimeOut {
-    /// Time without a write after which it starts to go to zero.
+    /// Time without a write after which the control starts to ramp to zero.
     pub after: Duration,
-    /// Time from its largest correction to zero.
+    /// Time of the control's ramp from its largest correction to zero.
     pub to_zero: Duration,
 }
 
 impl ControlTimeOut {
-    /// Time without a write after which it is at zero.
+    /// Time without a write after which the correction is at zero.
     fn all(&self) -> Duration {
         self.after.saturating_add(self.to_zero)
     }
 }
 
-/// A control without read-back, and what is known of it from the writes.
+/// A control without read-back; its correction is derived from the writes.
 ///
 /// Invariants:
 /// - `reports_now` implies `has_reported`.
-/// - `acts` is in order of time, and is set only if the control goes to zero on its own.
+/// - `acts` is in order of time, and is set only if the control ramps to zero on its own.
 /// - While `unknown`, nothing is written. A reading that confirms a correction, the time of zero or an acknowledgement ends it.
 #[derive(Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "five separate facts")]
 pub(super) struct NoReadBack {
     control: Option<ControlTimeOut>,
-    /// From when on the control may act on its own, and from when on it is at zero, without another write.
+    /// Times from which, without another write, the control may start its ramp, and is at zero.
     acts: Option<[Duration; 2]>,
-    /// When it was last read.
+    /// When the control was last read.
     last_received: Option<Duration>,
     /// Whether an unknown correction may remain.
     unknown: bool,
     /// The device's reports of its outputs.
     echo: Echo,
-    /// Whether it ever reported them, and whether it did in this cycle.
+    /// Whether the device has ever reported its output levels, and whether it did in this cycle.
     has_reported: bool,
     reports_now: bool,
     /// Something was written.
@@ -108,7 +108,7 @@ impl NoReadBack {
                 at: now,
             });
         }
-        // If a control goes to zero on its own, the levels of its lines are meaningful only while it is written.
+        // If a control ramps to zero on its own, the levels of its lines are valid only while it receives writes.
         let is_on = self.control.is_none()
             || self.has_written && self.acts.is_some_and(|[acts, _]| now < acts);
         let report = match report {
@@ -120,7 +120,7 @@ impl NoReadBack {
         let landed = report.map_or(Arrival::Unknown, |values| {
             let landed = self.echo.receive(now, taken, values, limits, status);
             self.echo.judge(now, limits, status);
-            // A reading that confirms a value also shows what has arrived.
+            // A reading that confirms a value also shows which writes have arrived.
             self.unknown &= landed == Arrival::Unknown;
             landed
         });
@@ -137,7 +137,7 @@ impl NoReadBack {
     /// Without output levels the last write counts, since only this gateway writes the lines. A device that reported levels before may have lost
     /// them: they are known again only after another accepted write.
     fn without_levels(&mut self, now: Duration, status: &mut ReadBackStatus) {
-        // If nothing was ever written or restored, it counts as zero.
+        // If nothing was ever written or restored, the correction is taken as zero.
         if !self.unknown {
             status.confirmed.get_or_insert(Confirmed {
                 values: PerChannel::ZERO,
@@ -188,8 +188,8 @@ impl NoReadBack {
         });
     }
 
-    /// Restores the output of the last run: it is applied while the control cannot have acted on its own, is zero once it must have, and is unknown
-    /// in between.
+    /// Restores the output of the last run: it is still applied while the control cannot have timed out, zero once it must have, and unknown in
+    /// between.
     pub(super) fn restore(
         &mut self,
         now: Duration,
@@ -213,8 +213,8 @@ impl NoReadBack {
         status.confirmed = found.map(|values| Confirmed { values, at: now });
     }
 
-    /// Nothing remains of the correction of another path. This path's own earlier one remains, unless the control has dropped it, too (`released`),
-    /// as its barrier does, or has acted on its own by the time since the last write.
+    /// No correction of another path remains. The earlier correction of this path remains, unless the control has dropped it (`released`), as a
+    /// barrier does, or has timed out since the last write.
     pub(super) fn take_over(&mut self, now: Duration, released: bool, status: &mut ReadBackStatus) {
         if self.has_reported {
             // The outputs keep their levels: they are read before the first write.
@@ -236,7 +236,7 @@ impl NoReadBack {
 
     pub(super) fn acknowledge(&mut self, now: Duration, status: &mut ReadBackStatus) {
         self.acknowledged |= !self.has_written;
-        // A control on its way to zero is known again once it must be there.
+        // The correction of a control that ramps to zero is known again once the ramp must be complete.
         if self.unknown && self.acts.is_none() {
             self.set_zero(now, status);
         }

@@ -11,14 +11,14 @@ use crate::{Limits, Reasons, step::is_same_step};
 pub struct Confirmed {
     /// The correction of each axis, mm or rad.
     pub values: PerChannel<f64>,
-    /// When it was last confirmed, on the clock of the cycle.
+    /// When the correction was last confirmed, on the clock of the cycle.
     pub at: Duration,
 }
 
 /// A control's report of its applied correction in one reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CorrectionReport<'a> {
-    /// It did not answer, or does not report corrections.
+    /// The control did not respond, or does not report corrections.
     Missing,
     /// Plain values of each axis, mm or rad.
     Values(PerChannel<f64>),
@@ -26,7 +26,7 @@ pub enum CorrectionReport<'a> {
     Barrier(&'a [u16]),
 }
 
-/// How the correction of a path is confirmed.
+/// Method by which the correction of a path is confirmed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Scheme {
     /// A barrier in the control accepts frames and reports the applied correction.
@@ -45,8 +45,8 @@ pub struct ReadBackStatus {
     pub scheme: Scheme,
     /// The last confirmed correction; `None`: none yet.
     pub confirmed: Option<Confirmed>,
-    /// Lowest and highest correction of each axis that may be applied: the confirmed one, and without a barrier also those sent since that may have
-    /// arrived.
+    /// Lowest and highest correction of each axis that may be applied: the confirmed correction and, without a barrier, the corrections sent since
+    /// that may have arrived.
     pub between: [PerChannel<f64>; 2],
     /// Whether the next correction may be written: nothing contradicts the confirmed one.
     pub writable: bool,
@@ -54,15 +54,15 @@ pub struct ReadBackStatus {
     pub changed: bool,
     /// Since when a sent correction has not arrived; `None`: all have.
     pub unlanded_since: Option<Duration>,
-    /// Since when a control with a barrier stays in place although it accepted another correction: it holds on its own, for a reason that no path
+    /// Time since which a control with a barrier has not moved although it accepted another correction. It holds for a reason that no path
     /// reports. `None`: it moves, or is at its goal.
     pub stationary_since: Option<Duration>,
-    /// Maximum time until a movement of a control with a barrier is seen after it is released.
+    /// Maximum time from the release of a control with a barrier until its movement is reported.
     pub motion_delay: Duration,
     /// Timeout of a barrier after the last frame that it accepted: an older confirmation is no longer valid. `None`: no barrier reports it.
     pub barrier_time_out: Option<Duration>,
-    /// From when on the control may act on its own, on the clock of the cycle: earlier decisions are not sent after that. `None`: it does not, or
-    /// it reports what it does.
+    /// Time of the cycle's clock from which the control may ramp to zero on its own; earlier decisions are not sent after it. `None`: it never
+    /// does, or it reports the ramp.
     pub control_acts_at: Option<Duration>,
     /// Why this path may not be armed, and further reasons to report.
     pub reasons: Reasons,
@@ -84,7 +84,7 @@ pub(super) enum Arrival {
     Unknown,
     /// All have arrived, or are obsolete.
     All,
-    /// Those sent from then on have not arrived.
+    /// Words sent from this time on have not arrived.
     Before(Duration),
 }
 
@@ -92,7 +92,7 @@ pub(super) enum Arrival {
 ///
 /// Invariants:
 /// - Both times advance while the control does not answer: only time with readings counts against it.
-/// - Nothing is missing once nothing was sent for longer than the path's delay.
+/// - No word is missing if nothing was sent for longer than the path's delay.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ArrivalMonitor {
     /// When the control was last read, and when something was last sent to it.
@@ -105,7 +105,7 @@ pub(super) struct ArrivalMonitor {
 }
 
 impl ArrivalMonitor {
-    /// Records a write; `ok`: without an error. `is_unseen`: a write without an error counts as applied.
+    /// Records a write; `ok`: without an error. `is_unseen`: a write without an error is treated as applied.
     pub(super) fn sent(&mut self, now: Duration, ok: bool, is_unseen: bool) {
         self.sent = Some(now);
         self.failing_since = (!ok).then(|| self.failing_since.unwrap_or(now));

@@ -62,8 +62,8 @@ impl Cycle<'_> {
             .min(self.accel_over(ways, AxisKind::Rotary))
     }
 
-    /// Fraction of their distances that axes cover in this cycle by a common factor: as the ramp allows and so that they can stop at their ends,
-    /// but at least the braking distance and at most the range of each.
+    /// Fraction of their remaining distances that axes with a common factor cover in this cycle. It is limited by the ramp and by the need to
+    /// stop at the ends; it is at least the braking distance and at most the range of each axis.
     pub(super) fn part(
         &self,
         ways: &PerChannel<f64>,
@@ -94,7 +94,8 @@ impl Cycle<'_> {
         }
     }
 
-    /// Rotary axes that may cover a fraction of their distances, and a fraction of the ramp that may pass.
+    /// The permitted advance in this cycle: rotary axes cover up to `part` of their distances, and the ramp advances by
+    /// up to `ramp`.
     pub(super) fn advance(&self, ways: &PerChannel<f64>, part: f64, ramp: f64) -> Advance {
         let (mut least, mut most) = (PerChannel::ZERO, PerChannel::ZERO);
         for i in self.of_kind(AxisKind::Rotary) {
@@ -108,8 +109,8 @@ impl Cycle<'_> {
 /// Half a step plus 20 %: the quantised output stays while the value is closer.
 const HYSTERESIS_STEPS: f64 = 0.6;
 
-/// Largest rate from which an axis stops within `distance` at a constant deceleration, whatever the lengths of later cycles: v²/(2a) + v·dt ≤
-/// distance.
+/// Largest rate from which an axis stops within `distance` at a constant deceleration, regardless of the lengths of later cycles: v²/(2a) +
+/// v·dt ≤ distance.
 pub(super) fn stopping_rate(distance: f64, accel: f64, dt_s: f64) -> f64 {
     if distance <= 0.0 {
         return 0.0;
@@ -178,8 +179,8 @@ pub(super) fn braking_part(rate: f64, accel: f64, dt_s: f64) -> f64 {
     ((rate - accel * dt_s) * dt_s).clamp(0.0, 1.0)
 }
 
-/// The step within the hysteresis that changes the output least: over any time it then changes by at most one step more than the smooth value. An
-/// output between two steps goes to the nearest one first, from which the next one is at most a step away.
+/// The step within the hysteresis that changes the output least. Over any time the output then changes by at most one step more than the smooth
+/// value. An output between two steps is first rounded to the nearest step; the next step is at most one away from it.
 pub(super) fn quantised(output: f64, smooth: f64, step: f64) -> f64 {
     let output = on_grid(output, step);
     let away = (smooth - output) / step;
@@ -187,7 +188,7 @@ pub(super) fn quantised(output: f64, smooth: f64, step: f64) -> f64 {
         return output;
     }
     let steps = smooth / step;
-    // A rounding error must not count as a step.
+    // A rounding error must not be treated as a step.
     let steps = if away > 0.0 {
         libm::ceil(steps - HYSTERESIS_STEPS - 1e-9)
     } else {

@@ -33,8 +33,9 @@ pub struct RequestedCorrection {
 pub struct FollowResult {
     /// Slew or acceleration limits the correction: the ramp, the rotary axes on the way to their goal, or the linear axes (`behind`).
     pub slewing: bool,
-    /// A linear axis has not reached the position for the present rotary shares. Only then, and if limits leave no room for it at all, the error of
-    /// the tool may exceed that without correction or at the start of the ramp, apart from the rounding of the output. Implies `slewing`.
+    /// A linear axis has not reached the position for the present rotary shares. Only then, or if its limits make this position unreachable, the
+    /// error of the tool may exceed the error without correction or at the start of the ramp, apart from the rounding of the output. Implies
+    /// `slewing`.
     pub behind: bool,
     /// A limit allows only a part of the requested correction.
     pub limited: bool,

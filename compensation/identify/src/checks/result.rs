@@ -24,7 +24,7 @@ const MAX_FROM_NOMINAL_MM: f64 = 10.0;
 const MAX_RESIDUAL_MM: f64 = 0.5;
 /// RMS residuals below this multiple of the stated uncertainty are attributed to the instrument.
 const WITHIN_UNCERTAINTY: f64 = 6.0;
-/// A file counts as inverted if reversing its sign leaves less than this share of the RMS residual.
+/// A file is treated as inverted if reversing its sign leaves less than this share of the RMS residual.
 const INVERTED_LEAVES: f64 = 0.25;
 /// Minimum number of readings per unknown; with fewer, almost no redundancy remains to check the unknowns.
 const MIN_NUMBERS_PER_UNKNOWN: f64 = 1.5;

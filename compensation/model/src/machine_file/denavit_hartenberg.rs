@@ -62,7 +62,7 @@ pub(super) fn place_by_table(
                 let off_mm = (Vector3::from(point) - joint.point_mm)
                     .cross(&joint.direction)
                     .norm();
-                // NaN is rejected, too.
+                // NaN is rejected as well.
                 if off_mm > ON_THE_LINE_MM || off_mm.is_nan() {
                     return Err(value.error(format!(
                         "found a point {off_mm:.6} mm off the line that [dh] gives axis {}, expected one on it",

@@ -94,7 +94,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
     }
     let columns = [
         "figure",
-        // Visible on a small screen, too.
+        // Visible on a small screen as well.
         "Verdict",
         "of",
         ">value",

@@ -67,7 +67,7 @@ mod tests {
         0.2126 * channel(1) + 0.7152 * channel(3) + 0.0722 * channel(5)
     }
 
-    /// What tells colours apart for everybody is how light they are.
+    /// Lightness distinguishes the colours for every reader, including colour-blind ones.
     #[test]
     fn it_grows_ever_lighter() {
         let all: Vec<f64> = (0..=50)

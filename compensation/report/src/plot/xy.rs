@@ -79,7 +79,7 @@ pub struct Band {
     pub low: Vec<f64>,
     /// The upper limit at each coordinate.
     pub high: Vec<f64>,
-    /// Its look; [`Look::Backward`] is hatched.
+    /// Look; [`Look::Backward`] is hatched.
     pub look: Look,
 }
 

@@ -90,9 +90,9 @@ impl Lag {
         self.before = Some((place.positions, taken));
     }
 
-    /// The part of a correction that is better than none, with positions of this `age`: the machine has continued at its speed since, and continues
-    /// until the correction reaches the axes. Meanwhile the required correction changes by some distance d. A correction of size c is better than
-    /// none for any change within d as long as d is at most c/2; for larger d, 2·(1 − d/c) of it is; at d = c nothing remains.
+    /// The share of a correction that is better than no correction, with positions of this `age`. The machine continues at its speed until the
+    /// correction reaches the axes; meanwhile the required correction changes by some distance d. While d ≤ c/2, a correction of size c is better
+    /// than none for any change up to d. For larger d, only the share 2·(1 − d/c) of it is better; at d = c no correction is.
     pub(super) fn reduction(
         &mut self,
         inputs: &PredictionInputs<'_>,

@@ -107,7 +107,7 @@ impl<'a> Pair<'a> {
                 approach: *approach,
             };
             let moved = self.sample(&state);
-            // A single number to rank positions by: one milliradian counts as one millimetre.
+            // A single number to rank positions by: one milliradian is treated as one millimetre.
             moved.linear.0 + moved.rotary.0
         });
         moves.fold(0.0, f64::max)
@@ -271,8 +271,8 @@ impl Space {
         self.climb(pair, &along);
     }
 
-    /// Coordinate ascent. The sum of the contributions of two axes to one correction is largest where both are, which no scan along one axis shows:
-    /// from there, and from the largest change found, each axis in turn is moved to the largest change.
+    /// Coordinate ascent: each axis in turn is moved to its largest change. It starts from the largest change found, and from the maxima of the
+    /// single axes combined, because a scan along one axis does not show the sum of two contributions.
     fn climb(&self, pair: &mut Pair<'_>, along: &[PerAxis<[(f64, State); 2]>]) {
         let axes = pair.models[0].axes.len();
         let goals: Vec<(usize, usize)> = (0..axes)

@@ -103,7 +103,7 @@ impl Observer<'_> {
         Ok(self.row_of(bar, &real, &rows, "B", [offsets, ""]))
     }
 
-    /// The files of a row: `letter` names its balls or faces; a reading that is constant comes with its column.
+    /// The files of a row: `letter` names its balls or faces; a constant reading is given with its column.
     fn row_of(
         &self,
         bar: &Bar,

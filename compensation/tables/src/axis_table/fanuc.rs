@@ -467,7 +467,7 @@ fn text(all: &[Points], data: &[(u32, i64)]) -> String {
     text + "%\n"
 }
 
-/// With a decimal point, such as 30.0 in known files.
+/// Formats a number with a decimal point, such as 30.0 in known files.
 fn real(value: f64) -> String {
     let text = short(value, 9);
     if text.contains('.') {

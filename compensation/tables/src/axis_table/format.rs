@@ -55,7 +55,7 @@ impl Format {
         }
     }
 
-    /// True if it holds the component errors themselves, not axis tables.
+    /// True if the format contains component errors, not axis tables.
     pub(crate) fn holds_errors(self) -> bool {
         self == Self::IsgCsv
     }

@@ -194,7 +194,7 @@ struct Comparison<'a> {
 /// curves, after positive and after negative motion of all axes.
 ///
 /// # Errors
-/// As [`sampled`], [`write`](super::write) and [`read`](super::read).
+/// Same as [`sampled`], [`write`](super::write) and [`read`](super::read).
 pub fn loss(
     machine: &Machine,
     temperatures: &Temperatures,

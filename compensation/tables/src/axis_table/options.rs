@@ -102,7 +102,7 @@ impl Facts {
         }
     }
 
-    /// A copy with the deviations of these tables at the reference position.
+    /// Returns a copy of the options that stores the deviations of these tables at the reference position.
     pub(crate) fn with_tables(&self, content: &Content) -> Self {
         let Content::Axes(tables) = content else {
             return self.clone();

@@ -72,7 +72,7 @@ impl TableOptions {
 ///
 /// # Errors
 /// A step is not a positive number or does not divide a turn; a reference position is beyond the travel or, for an axis with modulo, not at
-/// a node that the format can have; a value is beyond the limit.
+/// a possible node of the format; a value is beyond the limit.
 pub fn sampled(
     machine: &Machine,
     temperatures: &Temperatures,

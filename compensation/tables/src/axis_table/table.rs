@@ -6,7 +6,7 @@ use volcomp_vocabulary::{
 
 use super::{format::Format, text::ExchangeError};
 
-/// Magnitude below which a deviation counts as zero, mm or rad.
+/// Magnitude below which a deviation is treated as zero, mm or rad.
 pub(crate) const ZERO_BELOW: f64 = 1e-9;
 
 /// Deviation of one axis over the commanded position of one axis, linear between the nodes and constant beyond the ends.
@@ -150,7 +150,7 @@ impl AxisTable {
         ))
     }
 
-    /// The same curves sampled at other positions; the nodes in between are lost.
+    /// These curves sampled at other positions; nodes in between are lost.
     pub(crate) fn at_positions(&self, positions: Vec<f64>) -> Self {
         let along = |values: &Vec<f64>| {
             let each = positions.iter();
@@ -333,7 +333,7 @@ impl Content {
         }
     }
 
-    /// The first value that is not allowed; the caller has to reject NaN.
+    /// The first value that is not allowed; the caller must reject NaN.
     pub(crate) fn first_refused(
         &self,
         allows: impl Fn(Displacement) -> bool,

@@ -20,8 +20,8 @@ pub struct CanopenDigital<P> {
 }
 
 impl<P: CanPort> CanopenDigital<P> {
-    /// A node with these numbers of lines. If its heartbeat is older than `silent_after`, it counts as not running: this is the heartbeat consumer
-    /// time of CiA 301, to be chosen by the heartbeat period of the node.
+    /// A node with these numbers of lines. If its heartbeat is older than `silent_after`, it is treated as not running: this is the heartbeat
+    /// consumer time of CiA 301, to be chosen by the heartbeat period of the node.
     ///
     /// # Errors
     /// Numbers out of range.
@@ -67,7 +67,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Duration::from_millis(4)
     }
 
-    /// The inputs that the node sent last and their arrival, whatever their age, as long as the node runs.
+    /// The inputs that the node sent last and their arrival, regardless of their age, as long as the node runs.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
         self.nodes

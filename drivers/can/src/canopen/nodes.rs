@@ -27,7 +27,7 @@ pub(super) struct Nodes {
 }
 
 impl Nodes {
-    /// These nodes; one whose heartbeat is older than `silent_after` counts as not answering.
+    /// These nodes; one whose heartbeat is older than `silent_after` is treated as not answering.
     pub(super) fn new(nodes: impl Iterator<Item = u8>, silent_after: Duration) -> Self {
         let monitored = MonitoredNode {
             state: None,

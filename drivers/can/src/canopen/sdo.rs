@@ -40,7 +40,7 @@ impl<P: CanPort> SdoClient<P> {
     /// Writes an object of 1 to 4 bytes.
     ///
     /// # Errors
-    /// As [`read`](Self::read).
+    /// Same as [`read`](Self::read).
     pub fn write(
         &mut self,
         node: u8,

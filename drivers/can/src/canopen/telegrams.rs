@@ -6,7 +6,7 @@ use crate::frame::Frame;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum NodeState {
-    /// It has just started.
+    /// The node has just started.
     BootUp,
     /// The node was stopped: it sends only its heartbeat.
     Stopped,

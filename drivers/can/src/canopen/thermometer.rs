@@ -68,9 +68,9 @@ pub struct CanopenThermometer<P> {
 }
 
 impl<P: CanPort> CanopenThermometer<P> {
-    /// These channels on a bus. A node whose heartbeat is older than `silent_after` counts as not running, and its data are not used: this is the
-    /// heartbeat consumer time of CiA 301, to be chosen by the heartbeat period of the node. The age of the process data of a running node is not
-    /// checked here.
+    /// These channels on a bus. A node whose heartbeat is older than `silent_after` is treated as not running, and its data are not used: this is
+    /// the heartbeat consumer time of CiA 301, to be chosen by the heartbeat period of the node. The age of the process data of a running node is
+    /// not checked here.
     ///
     /// # Errors
     /// Invalid channels.

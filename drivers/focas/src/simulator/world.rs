@@ -41,7 +41,8 @@ pub type Motion = Arc<dyn Fn(Duration) -> Vec<f64> + Send + Sync>;
 pub struct Scan<'a> {
     /// The shifts of all axes after the scan, counts.
     pub shifts: &'a [i64],
-    /// True if the control was power-cycled since the previous scan: movements of its axes meanwhile do not count as steps.
+    /// True if the control was power-cycled since the previous scan: movements of its axes meanwhile are not treated as
+    /// steps.
     pub switched_on: bool,
 }
 
@@ -86,7 +87,7 @@ pub struct World {
     lines: Option<(bool, usize, i16)>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
-    /// Number of bytes of the next longer write that arrive immediately.
+    /// If set, only this number of bytes of the next longer write arrives immediately.
     tear: Option<usize>,
     /// The positions reported while they are frozen.
     frozen: Option<Vec<f64>>,
@@ -147,7 +148,7 @@ impl World {
         self.set(PmcArea::F, 120, &[if referenced { 0xff } else { 0 }]);
     }
 
-    /// The same control with a barrier of all its axes: one mailbox from R200, the report from R240.
+    /// This control with a barrier of all its axes: one mailbox from R200, the report from R240.
     #[must_use]
     pub fn with_barrier(mut self, program: Box<dyn ControlProgram>) -> Self {
         let axes = self.axes.len();
@@ -210,8 +211,8 @@ impl World {
         }
     }
 
-    /// Power-cycles the control: the memory in R is cleared, and its program restarts with nothing applied. Movements of the axes meanwhile do not
-    /// count as steps, because their drives are off.
+    /// Power-cycles the control: the memory in R is cleared, and its program restarts with nothing applied. Movements of the axes meanwhile are
+    /// not treated as steps, because their drives are off.
     pub fn power_up(&mut self) {
         self.pending.clear();
         if let Some(memory) = self.memory.get_mut(PmcArea::R as usize) {

@@ -23,7 +23,7 @@ pub struct Ini {
     entries: Vec<(String, String, String)>,
     /// Included files that cannot be read, and why.
     unread: Vec<(String, String)>,
-    /// Folder of the files that it names; `None` for text without a file.
+    /// Folder of the files named in the INI file; `None` for text without a file.
     folder: Option<PathBuf>,
 }
 

@@ -1,4 +1,4 @@
-//! The numbers of the bridge in an INI file: whether the bridge accepts them and the gateway can arm with them.
+//! Checks of the bridge's numbers in an INI file: whether the bridge accepts them and the gateway can arm with them.
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 

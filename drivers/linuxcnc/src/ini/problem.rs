@@ -91,7 +91,7 @@ pub enum Problem {
     PostGui {
         /// The file as named in the INI file.
         file: String,
-        /// Why it cannot be read.
+        /// Why the file cannot be read.
         reason: String,
     },
     /// A HAL file of the display connects a pin that the bridge has connected.
@@ -135,7 +135,7 @@ pub enum Problem {
     Include {
         /// The file as named in the `#INCLUDE` line.
         file: String,
-        /// Why it cannot be read.
+        /// Why the file cannot be read.
         reason: String,
     },
     /// The offset of an axis is slower than the correction.

@@ -126,7 +126,7 @@ pub struct Fault {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Status {
-    /// The Modbus function that reads them: 1 coils, 2 inputs, 3 holding registers, 4 input registers.
+    /// The Modbus function that reads the fault bits: 1 coils, 2 inputs, 3 holding registers, 4 input registers.
     pub function: u8,
     /// The address of the first channel's bits, counted from 0.
     pub address: u16,
@@ -138,7 +138,7 @@ pub struct Status {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channels {
-    /// The Modbus function that reads them: 3 holding registers, 4 input registers.
+    /// The Modbus function that reads the channels: 3 holding registers, 4 input registers.
     pub function: u8,
     /// The address of the first register, counted from 0.
     pub address: u16,
@@ -195,7 +195,8 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Returns a shipped profile. In its name, blanks, slashes and underscores count as `-`; case does not matter.
+    /// Returns a shipped profile. In its name, blanks, slashes and underscores are treated as `-`; case does not
+    /// matter.
     ///
     /// # Errors
     /// [`ProfileError::Unknown`].

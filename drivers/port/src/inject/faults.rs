@@ -26,7 +26,7 @@ pub struct Faults {
     pub calls: u32,
     /// The read-back of one reading is wrong, as described by [`Lie`].
     pub lie: f64,
-    /// The next `calls` readings report the read-back, or the report of the barrier, of this one.
+    /// The next `calls` readings repeat the read-back, or the report of the barrier, of the present reading.
     pub constant: f64,
     /// A write is held back although the call succeeds, and delivered after up to `calls` further calls, even if the connection was lost in
     /// between.
@@ -39,11 +39,11 @@ pub struct Faults {
     pub reordered_write: f64,
     /// An answer arrives late, by up to 90 % of the time left before the deadline.
     pub late_answer: f64,
-    /// The next `calls` readings report the positions of this one, with fresh times.
+    /// The next `calls` readings repeat the positions of the present reading, with fresh times.
     pub frozen_positions: f64,
     /// The whole program stops for up to `stop` after a reading.
     pub stop_after_read: f64,
-    /// The whole program stops for up to `stop` when a write was handed over and is not sent yet.
+    /// The whole program stops for up to `stop` between the call of a write and its transmission.
     pub stop_before_write: f64,
     /// Maximum duration of such a stop.
     pub stop: Duration,
@@ -55,7 +55,7 @@ pub struct Faults {
     pub lag: u32,
 }
 
-/// How a read-back is wrong. If the control has a barrier, the fault applies to the words of its report, where the checksum must reveal it.
+/// Kind of read-back fault. If the control has a barrier, the fault corrupts the words of its report, and the checksum must detect it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Lie {
@@ -82,7 +82,7 @@ impl Lie {
     ];
 }
 
-/// A fault on request; it begins with the next call that it applies to.
+/// A fault on request. It begins with the next applicable call.
 #[expect(
     missing_docs,
     reason = "numbers of readings or calls, and places of axes"
@@ -98,7 +98,7 @@ pub enum Injection {
     LateWrite { calls: u32 },
     /// The next write is delivered, and once more after further calls.
     DoubleWrite { calls: u32 },
-    /// Of the next write only a part is delivered; the rest comes with the next call.
+    /// Only a part of the next write is delivered; the rest follows with the next call.
     TornWrite,
     /// The next write is delivered after the one that follows.
     ReorderedWrite,
@@ -109,7 +109,7 @@ pub enum Injection {
     /// Readings report a wrong position of an axis, as after a jump or in another unit.
     WrongPosition {
         axis: usize,
-        /// By how much the position is multiplied.
+        /// Factor of the position.
         factor: f64,
         /// Offset added after the multiplication, mm or rad.
         add: f64,

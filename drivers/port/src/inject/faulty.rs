@@ -191,7 +191,7 @@ impl<D> Faulty<D> {
         chance > 0.0 && self.random.random::<f64>() < chance
     }
 
-    /// Takes the requests of remote handles; if one of them holds the lock, the next call does.
+    /// Takes the requests of remote handles. If a handle holds the lock, they are taken at the next call.
     fn take_injections(&mut self) {
         let injections = Arc::clone(&self.injections);
         if let Ok(mut injections) = injections.try_lock() {

@@ -16,7 +16,8 @@ use crate::{Controller, Description, Fault, Snapshot, Words};
 /// Polling interval of the switch while a reading hangs.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
-/// A controller whose readings block while its switch is on, whatever their deadline, as a faulty driver or system call would. Writes pass.
+/// A controller whose readings block while its switch is on, regardless of their deadline, as a faulty driver or system call would. Writes
+/// pass.
 pub struct Hanging<C> {
     inner: C,
     switch: HangSwitch,

@@ -11,8 +11,8 @@ use std::{
 
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
-/// The corrections that the axes of a simulated machine got, per scan of its control, or per write if the control runs no program. Reading it has
-/// no side effects and works from any thread.
+/// The corrections applied to the axes of a simulated machine: one record per scan of its control, or per write if the control runs no program.
+/// Reading it has no side effects and works from any thread.
 ///
 /// Changes that the control makes to its own words at a restart ([`Controls::clear_applied`](super::Controls::clear_applied)) do not count: the
 /// axes are without power then.
@@ -119,7 +119,7 @@ impl AxisLog {
         }
     }
 
-    /// Sets the initial corrections, which do not count as a change.
+    /// Sets the initial corrections, which are not treated as a change.
     pub(super) fn start_at(&self, applied: &PerChannel<f64>) {
         for (bits, value) in self.applied.iter().zip(applied) {
             bits.store(value.to_bits(), Ordering::Relaxed);

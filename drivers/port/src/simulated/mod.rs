@@ -1,5 +1,5 @@
-//! A simulated machine: it runs a part program, has a hidden true error, heats up, and its control may run its own program that decides what the
-//! axes get. It uses no model: the error is a function passed to it.
+//! A simulated machine: it runs a part program, has a hidden true error and heats up. Its control may run a program that determines the
+//! corrections of the axes. It uses no model: the error is a function passed to it.
 
 mod axis_log;
 mod controls;

@@ -116,7 +116,7 @@ impl Plant {
             controls,
             applied: PerChannel::ZERO,
             frozen_at: None,
-            // Time on the clock before the start counts as passed.
+            // Time on the clock before the start is treated as passed.
             until: Duration::ZERO,
             moved: Duration::ZERO,
             control,

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-/// A session that lasted this long counts as a recovery: its end is logged even if the reason is the same as before. One that is lost sooner, at
-/// every attempt, is the same failure.
+/// A session that lasted this long is treated as a recovery: its end is logged even if the reason is the same as before. One that is lost
+/// sooner, at every attempt, is the same failure.
 const RECOVERED: Duration = Duration::from_secs(10);
 
 /// The reason logged last.
@@ -25,7 +25,7 @@ impl FailureLog {
 mod tests {
     use super::*;
 
-    /// A control that was lost a second time for the same reason used to be lost without a log line.
+    /// A second loss of a control for the same reason must be logged as well (regression).
     #[test]
     fn a_failure_is_logged_once_and_again_after_a_recovery() {
         let mut failures = FailureLog::default();

@@ -13,9 +13,9 @@ use crate::{
 pub struct InspectedAxis {
     /// The axis of the configuration.
     pub axis: AxisName,
-    /// Its number in the control.
+    /// Number in the control.
     pub number: u16,
-    /// Its name in the control; `None` if the control does not report it or the name is not read.
+    /// Name of the axis in the control; `None` if the control does not report it or the name is not read.
     pub name: Option<String>,
     /// Maximum rate of a correction of the axis, MD32760 times MD32000, mm/min or rev/min; `None` if the control does not report it.
     pub fastest_per_min: Option<f64>,
@@ -26,7 +26,7 @@ pub struct InspectedAxis {
 pub struct Inspection {
     /// The axes in the order of the configuration: written axes first, then those that are only read.
     pub axes: Vec<InspectedAxis>,
-    /// Properties that it does not report, in words.
+    /// Properties that the control does not report, in words.
     pub notes: Vec<String>,
 }
 
@@ -44,7 +44,7 @@ pub fn inspect(config: &SinumerikConfig) -> Result<Inspection, SinumerikError> {
     })
 }
 
-/// Lists the axes of an unknown control: names and positions, mm and deg. Axis numbers are read from 1 up until one is missing; an axis without a
+/// Lists the axes of an unknown control: names and positions, mm and deg. Axis numbers are read from 1 until one is missing; an axis without a
 /// name is listed by its number. Nothing is written.
 ///
 /// # Errors

@@ -255,7 +255,7 @@ impl Answer {
     fn number(&self, value: &DataValue) -> Value {
         let age = value.source_timestamp.map(|source| {
             let ticks = self.ticks.saturating_sub(source.ticks());
-            // A timestamp in the future counts as age 0.
+            // A timestamp in the future is treated as age 0.
             Duration::from_nanos(u64::try_from(ticks).unwrap_or(0).saturating_mul(100))
         });
         Value {

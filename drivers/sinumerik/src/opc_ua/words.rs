@@ -64,7 +64,7 @@ impl MapWords {
     /// Reads the first `count` words of a buffer, 0 or 1.
     ///
     /// # Errors
-    /// As [`MapWords::report`].
+    /// Same as [`MapWords::report`].
     pub fn buffer(&self, buffer: u16, count: usize) -> Result<Vec<u16>, SinumerikError> {
         let mut words = Vec::new();
         let nodes = self.nodes.of_buffer(buffer, count, self.capacity);

@@ -46,7 +46,7 @@ pub(super) struct Latest {
 #[derive(Default)]
 pub(super) struct Shared {
     pub(super) ends: AtomicBool,
-    /// The status with which the last write was rejected; 0: it was not.
+    /// The status with which the last write was rejected; 0: it was accepted.
     pub(super) refused: AtomicU32,
     pub(super) opened: AtomicU64,
     pub(super) written: AtomicU64,

@@ -21,9 +21,9 @@ const MEAN_WITHIN: f64 = 1.25;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalChoice {
-    /// Indices of its time constants in [`ThermalOptions::lags_s`].
+    /// Indices of the time constants of this choice in [`ThermalOptions::lags_s`].
     pub lags: Vec<usize>,
-    /// Indices of its sensors in [`ThermalRecord::degc`](crate::ThermalRecord::degc).
+    /// Indices of the sensors of this choice in [`ThermalRecord::degc`](crate::ThermalRecord::degc).
     pub sensors: Vec<usize>,
     /// Penalty of its ridge regression, as a share of the variance of a feature.
     pub penalty: f64,
@@ -98,7 +98,7 @@ fn every_choice(
 }
 
 impl ThermalChoice {
-    /// Indices of its columns in the moments.
+    /// Indices of the columns of this choice in the moments.
     pub(super) fn columns(&self, features: &Features) -> Vec<usize> {
         let column = |lag: &usize, sensor: &usize| BEFORE + lag * features.sensors + sensor;
         let of_lag = |lag| self.sensors.iter().map(move |sensor| column(lag, sensor));

@@ -310,7 +310,7 @@ pub(super) fn ridge_weights(
     plan: &[usize],
     penalty: f64,
 ) -> Option<Vec<f64>> {
-    // Movements below 1e-4 K count as none.
+    // Movements below 1e-4 K are ignored.
     let scales: Vec<f64> = plan
         .iter()
         .map(|&c| covariance(c, c).max(0.0).sqrt())

@@ -88,7 +88,7 @@ pub struct CoarseRows {
 /// Assesses terms from a single run: those of its first `train` rows predict the others.
 ///
 /// # Errors
-/// Those of [`search_thermal`] and [`fit_thermal`].
+/// Same as [`search_thermal`] and [`fit_thermal`].
 pub fn judge_thermal_rows(
     run: &ThermalRun,
     train: usize,
@@ -133,7 +133,7 @@ pub fn judge_thermal_rows(
 /// Assesses terms from several runs: each run is predicted by terms from the others.
 ///
 /// # Errors
-/// Those of [`search_thermal`] and [`left_out_runs`].
+/// Same as [`search_thermal`] and [`left_out_runs`].
 pub fn judge_thermal_runs(
     runs: &[ThermalRun],
     search: &ThermalSearch,

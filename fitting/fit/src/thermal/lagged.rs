@@ -1,4 +1,4 @@
-//! First-order lag of a temperature that is known in some rows only, and its error from what lies between them.
+//! First-order lag of a temperature that is known only at some rows, and the error due to interpolation between them.
 
 use volcomp_curve::first_order_lag_of_ramp;
 
@@ -19,9 +19,9 @@ pub(super) fn lagged(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
 ///
 /// The curvature x″ is the difference of the slopes of two intervals over the time between their middles. It is taken between an interval and the one
 /// before or after it, whichever gives less, since a heating that begins or ends curves one of them and not the other. Over an interval h such a
-/// signal lies x″·t·(h − t)/2 below the straight line. The lag of that is, with p = h/lag and k = exp(−p), −x″·h²/2·((1 + k)/p − 2·(1 − k)/p²), which
-/// decays by k in each later interval. Without a lag it is 0, because the signal is known in the rows. Changes that begin and end within one interval
-/// are invisible in the rows.
+/// signal lies x″·t·(h − t)/2 below the straight line. The lag of this signal is, with p = h/lag and k = exp(−p), −x″·h²/2·((1 + k)/p − 2·(1 −
+/// k)/p²), which decays by k in each later interval. Without a lag it is 0, because the signal is known in the rows. Changes that begin and end
+/// within one interval are invisible in the rows.
 pub(super) fn bent(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     let rows = time_s.len().min(signal.len());
     let mut found = vec![0.0; rows];
@@ -84,7 +84,7 @@ mod tests {
         found
     }
 
-    /// Rows 30 to 900 s apart: along straight lines the lag is that of a fine simulation.
+    /// With rows 30 to 900 s apart and linear signals, the lag equals that of a fine simulation.
     #[test]
     fn straight_lines_are_integrated_exactly() {
         let time_s = [0.0, 30.0, 90.0, 390.0, 400.0, 1300.0, 1600.0];
@@ -106,7 +106,7 @@ mod tests {
         assert_eq!(lagged(&time_s, &degc, 0.0), degc);
     }
 
-    /// A parabola bends the same everywhere, so that what it lies below its straight lines is found exactly.
+    /// A parabola has constant curvature, so that its deviation from the straight lines between rows is found exactly.
     #[test]
     fn a_parabola_is_found_from_its_rows() {
         let time_s: Vec<f64> = [0, 300, 600, 650, 1200, 2400].map(f64::from).to_vec();

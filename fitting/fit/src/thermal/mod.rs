@@ -50,7 +50,7 @@ pub fn fit_thermal(
     fit_choices(record, &features, &train, options, choices)
 }
 
-/// Those rows of `train` that no gap of the log excludes.
+/// The rows of `train` that no gap of the log excludes.
 fn checked(
     record: &ThermalRecord,
     train: &Range<usize>,

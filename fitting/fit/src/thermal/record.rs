@@ -65,11 +65,11 @@ const FORGOTTEN: f64 = 0.05;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalGap {
-    /// Time of the last row before it, s.
+    /// Time of the last row before the gap, s.
     pub from_s: f64,
-    /// Time of the first row after it, s.
+    /// Time of the first row after the gap, s.
     pub to_s: f64,
-    /// Rows excluded after it, until no lag depends on the gap any more; empty if there is no lag.
+    /// Rows excluded after the gap, until no lag depends on it; empty if there is no lag.
     pub left_out: Range<usize>,
 }
 
@@ -106,7 +106,7 @@ impl ThermalRecord {
         gaps
     }
 
-    /// Those of `rows` that no gap excludes for terms with these time constants.
+    /// The part of `rows` that no gap excludes for terms with these time constants.
     pub(super) fn known_rows(&self, rows: &Range<usize>, lags_s: &[f64]) -> Vec<usize> {
         let gaps = self.gaps(lags_s);
         let end = rows.end.min(self.len());

@@ -29,12 +29,12 @@ const MIN_ROWS: usize = 20;
 pub struct ThermalSearch {
     /// Time constants to choose from, s; 0 is no lag. With expansions, 0 is always among those chosen.
     pub lags_s: Vec<f64>,
-    /// Ridge penalties to choose from, as shares of the variance of what a coefficient multiplies. Small penalties give sensors that move alike large
+    /// Ridge penalties to choose from, as shares of the variance of what a coefficient multiplies. With small penalties, correlated sensors get large
     /// coefficients of opposite sign.
     pub penalties: Vec<f64>,
     /// Maximum number of sensors.
     pub most_sensors: usize,
-    /// Maximum number of time constants; 0 counts as 1.
+    /// Maximum number of time constants; 0 is treated as 1.
     pub most_lags: usize,
     /// Whether to search for expansions if the position was varied.
     pub expansions: bool,
@@ -97,7 +97,7 @@ impl ThermalSearch {
 /// Finds the terms of one displacement from several runs, or from one.
 ///
 /// The sensors are those that explain most of the movement of all sensors. Time constants and penalty minimise the validation error. Then
-/// coefficients are removed one by one, each time the one whose removal leaves the smallest error. Of this path the result is the one with the fewest
+/// coefficients are removed one by one, each time the one whose removal leaves the smallest error. The result is the candidate with the fewest
 /// coefficients whose error exceeds the smallest by at most one standard error.
 ///
 /// # Errors
@@ -113,7 +113,7 @@ pub fn search_thermal(
 /// Finds the terms from some rows of one run.
 ///
 /// # Errors
-/// As [`search_thermal`].
+/// Same as [`search_thermal`].
 pub fn search_thermal_rows(
     run: &ThermalRun,
     rows: Range<usize>,
@@ -126,7 +126,7 @@ pub fn search_thermal_rows(
 /// their start.
 ///
 /// # Errors
-/// As [`search_thermal`]; fewer than two runs.
+/// Same as [`search_thermal`]; fewer than two runs.
 pub fn left_out_runs(runs: &[ThermalRun], search: &ThermalSearch) -> Result<Vec<f64>, FitError> {
     if runs.len() < 2 {
         return Err(FitError::TooFew {

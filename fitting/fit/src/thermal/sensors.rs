@@ -8,14 +8,14 @@ use super::record::ThermalRun;
 
 /// Mean movement of a sensor, K, below which it has less weight: the level of noise.
 const NOISE_K: f64 = 0.05;
-/// Movement, K, below which a sensor counts as constant.
+/// Movement, K, below which a sensor is treated as constant.
 const STILL_K: f64 = 1e-3;
 /// A sensor is redundant, and not chosen, if the chosen ones leave less than this share of its variance.
 const MIN_SHARE: f64 = 1e-6;
 const MAX_ROWS: usize = 2000;
 
 /// Chooses sensors one by one: each time the one which, together with those before it, explains most of the movement of all sensors, each scaled to
-/// its own. Displacements are ignored: among many sensors that move alike they would select by chance the one whose noise fits best.
+/// its own. Displacements are ignored, because among many correlated sensors they would select the one whose noise fits best by chance.
 pub(super) fn representative_sensors(
     runs: &[(&ThermalRun, Range<usize>)],
     most: usize,

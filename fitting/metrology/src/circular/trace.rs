@@ -47,9 +47,9 @@ impl CircularPlane {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Sense {
-    /// From the first axis to the second: the angle increases.
+    /// Motion from the first axis to the second: the angle increases.
     CounterClockwise,
-    /// From the second axis to the first: the angle decreases.
+    /// Motion from the second axis to the first: the angle decreases.
     Clockwise,
 }
 
@@ -167,7 +167,8 @@ pub(super) fn least_squares_circle(
     Ok(([middle[0] + centre[0], middle[1] + centre[1]], radius))
 }
 
-/// Minimum turn that counts as motion, 1°: far more than the jitter of a position at standstill, far less than the arc of a test.
+/// Minimum turn that is treated as motion, 1°: far more than the jitter of a position at standstill, far less than the arc of a
+/// test.
 const LEAST_TURN_RAD: f64 = std::f64::consts::PI / 180.0;
 
 /// Sense at each point of a path, from the change of the angle after it; at standstill the previous sense is kept.

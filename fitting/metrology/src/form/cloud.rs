@@ -14,7 +14,7 @@ pub(super) struct Cloud {
     pub(super) points: Vec<Vector3<f64>>,
     /// Principal directions, by descending extent.
     pub(super) directions: [Vector3<f64>; 3],
-    /// Root mean square extents along them.
+    /// Root mean square extents along the principal directions.
     pub(super) extents: [f64; 3],
 }
 

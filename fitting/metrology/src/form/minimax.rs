@@ -20,7 +20,8 @@ pub(super) struct Contact {
     pub(super) weight: f64,
 }
 
-/// Solves the problem; `None` if the rows determine fewer than three unknowns. Residuals that differ by at most `rounding` count as equal.
+/// Solves the problem; `None` if the rows determine fewer than three unknowns. Residuals that differ by at most `rounding` are treated as
+/// equal.
 ///
 /// Each exchange of a contact point increases the largest |b − A x| over four points, until no other point lies outside.
 pub(super) fn minimax(rows: &[Vector3<f64>], b: &[f64], rounding: f64) -> Option<Minimax> {

@@ -179,7 +179,8 @@ fn raw_rows<'t>(
 
 /// Meaning of the middle column of DEVIATIONS, decided once for the whole file.
 ///
-/// It is the number of the target in the list (from 1) if every row allows that, else the target itself.
+/// Meaning of the middle column: the number of the target in the list (from 1) if every row permits this, else the
+/// target itself.
 enum TargetColumn {
     Number,
     Value,

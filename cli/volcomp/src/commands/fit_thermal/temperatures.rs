@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 const PLAUSIBLE: RangeInclusive<f64> = -60.0..=200.0;
 /// Maximum temperature of a workshop, °C.
 const WARMEST_SHOP: f64 = 60.0;
-/// Minimum step between rows that counts as an outlier, K.
+/// Minimum step between rows that is treated as an outlier, K.
 const LEAST_JUMP_K: f64 = 5.0;
 /// Factor over the 95 % quantile of the steps between rows that makes an outlier.
 const TIMES_USUAL: f64 = 8.0;

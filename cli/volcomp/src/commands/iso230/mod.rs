@@ -98,7 +98,7 @@ pub(crate) fn parse_edition(text: &str) -> Result<u16, String> {
 }
 
 impl Iso230Arguments {
-    /// The axis stated in the call, directly or by its error.
+    /// The axis stated on the command line, directly or by its error.
     fn axis(&self) -> Option<AxisName> {
         self.axis.or(self.error.map(|error| error.axis))
     }

@@ -7,8 +7,8 @@ use volcomp_model::MapGrid;
 
 use crate::{failure::Failure, output::OutputFile};
 
-/// Arrays of a node in a file in addition to its position, names with units: errors (µm, µrad) and their standard uncertainties, each six
-/// columns in two vectors.
+/// Names of the arrays stored per node beside its position: errors (µm, µrad), then their standard uncertainties. Each has two vectors of
+/// three columns.
 const VECTORS: [[&str; 2]; 2] = [
     ["position_um", "rotation_urad"],
     ["u_position_um", "u_rotation_urad"],

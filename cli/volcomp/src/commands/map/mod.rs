@@ -424,7 +424,7 @@ impl Model {
     }
 }
 
-/// Number of nodes that one core takes at a time.
+/// Number of nodes per unit of parallel work.
 const CHUNK: usize = 4096;
 
 /// Computes position (mm) and rotation (rad) at a state.

@@ -1,4 +1,4 @@
-//! The look ahead, and where it is spared.
+//! Tests of the look-ahead, and of the conditions under which it is skipped.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -8,7 +8,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::*;
 
-/// For any required correction within the distance.
+/// Holds for any required correction within the distance.
 #[test]
 fn a_reduced_correction_is_never_worse_than_none() {
     let of = |x: f64, y: f64| PerAxis::from_fn(|i| [x, y].get(i).copied().unwrap_or(0.0));
@@ -67,8 +67,8 @@ fn random_model(random: &mut ChaCha8Rng) -> Model {
     Model::new(&machine, Fading::default()).expect("compiles")
 }
 
-/// How often a look ahead was spared, and taken; how often it let something go; and the least part that one would have
-/// left where it was spared.
+/// Number of look-aheads that were skipped, made, and reduced the correction; and the smallest share that a skipped one
+/// would have kept.
 #[derive(Debug)]
 struct Looks {
     spared: u32,
@@ -77,7 +77,7 @@ struct Looks {
     least: f64,
 }
 
-/// Looks ahead, or spares it, with the axes here at this time.
+/// Predicts, or skips the prediction, with the axes at this position and time.
 fn look(
     lag: &mut Lag,
     looks: &mut Looks,
@@ -145,7 +145,7 @@ const NO_LOOKS: Looks = Looks {
     least: 1.0,
 };
 
-/// On random machines, and paths with corners and speed ramps.
+/// Tested on random machines, and paths with corners and speed ramps.
 #[test]
 fn a_skipped_prediction_would_reduce_nothing() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
