@@ -131,6 +131,15 @@ impl Axis {
     }
 }
 
+/// The axis that a column header names: its letter, alone or with the unit of the coordinates: `X`, `X mm`, `X_mm`, `C [deg]`, `C°`. Case
+/// matters: `x` is not an axis.
+pub fn axis_of_head(head: &str) -> Option<AxisName> {
+    let (name, unit) = split_head(head);
+    let axis: AxisName = name.parse().ok()?;
+    let is_own = unit_named(unit) == Some(axis.kind().coordinate_unit());
+    (head == name || is_own).then_some(axis)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -191,13 +200,4 @@ mod tests {
         assert_eq!(axis(AxisName::A, [-100.0, 30.0]).nodes(1), [-35.0]);
         assert_eq!(axis(AxisName::X, [0.0, 1.0]).nodes(0), [0.0; 0]);
     }
-}
-
-/// The axis that a column header names: its letter, alone or with the unit of the coordinates: `X`, `X mm`, `X_mm`, `C [deg]`, `C°`. Case
-/// matters: `x` is not an axis.
-pub fn axis_of_head(head: &str) -> Option<AxisName> {
-    let (name, unit) = split_head(head);
-    let axis: AxisName = name.parse().ok()?;
-    let is_own = unit_named(unit) == Some(axis.kind().coordinate_unit());
-    (head == name || is_own).then_some(axis)
 }

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use volcomp_devices::config::{CONTROLLER_ONLY, join, of_ms, uses};
 use volcomp_document::{Document, FileKind, InputError, InputErrors, Places};
-use volcomp_fleet::{Identity, IdError, VerifyingKey, trusted_key};
+use volcomp_fleet::{IdError, Identity, VerifyingKey, trusted_key};
 use volcomp_port::DeviceError;
 use volcomp_runtime::{GuardSettings, PlanError, Realtime};
 

@@ -659,6 +659,9 @@ fn left_out(made: &Written) -> String {
 /// Maximum ratio of the form deviations, after to before, that makes up for a shifted part: one or two points have no form.
 const MUCH_BETTER: f64 = 0.9;
 
+/// Growth of the RMS form deviation above which the summary says that the form is worse, µm: rounded words change less.
+const WORSE_FORM_UM: f64 = 0.1;
+
 /// The deviation of the tool from the programmed path, and the features of the part.
 fn verified_text(verified: &Verified) -> String {
     let found = &verified.found;
@@ -677,7 +680,7 @@ fn verified_text(verified: &Verified) -> String {
         )
     };
     let mut text = format!(
-        "\nDeviation of the tool from the programmed path, {} motions looked at; across:\nwithout what is along the path; form: after alignment of the part, since how\nit lies is no error of it\n{:<8}{:>18}{:>18}{:>18}\n{:<8}{}\n",
+        "\nDeviation of the tool from the programmed path, {} motions checked; across:\nwithout what is along the path; form: after alignment of the part, since how\nit lies is no error of it\n{:<8}{:>18}{:>18}{:>18}\n{:<8}{}\n",
         found.motions,
         "",
         "whole",
@@ -695,6 +698,13 @@ fn verified_text(verified: &Verified) -> String {
         let sentence = format!(
             "In {} of {} motions the tool is further off with the result than before, in RMS or at most, by up to {:.2} µm (line {line}), as where words are rounded or a circle is kept.",
             further.motions, found.motions, further.by_um
+        );
+        text += &folded(&sentence, "");
+    }
+    let [before, after] = [found.before.form_rms_um, found.after.form_rms_um];
+    if after > before + WORSE_FORM_UM {
+        let sentence = format!(
+            "The form is worse with the result than without: RMS {after:.2} µm instead of {before:.2} µm. The model does not suit the errors of the machine that was simulated.",
         );
         text += &folded(&sentence, "");
     }

@@ -107,6 +107,31 @@ fn a_worse_result_is_not_kept() {
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 4);
 }
 
+/// The model has the wrong sign, by less than what rounding could explain: the result is kept, and the summary says that its form is worse.
+#[test]
+fn a_slightly_worse_form_is_stated() {
+    let folder = Folder::new();
+    let mill = fs::read_to_string(root().join("examples/mill.toml")).expect("the example");
+    let (head, _) = mill.split_once("[errors]").expect("errors");
+    let machine = |name: &str, slope: f64| {
+        let text = format!("{head}[errors]\nEXX = {{ poly = [0.0, {slope:?}] }}\n");
+        folder.write(name, text)
+    };
+    let [model, truth] = [machine("model.toml", 0.01), machine("truth.toml", -0.01)];
+    let program = folder.write("p.ngc", "G0 X0 Y0 Z-100\nG1 F100 X300\n");
+    let output = folder.path().join("o.ngc").display().to_string();
+    let verified = |model: &str| {
+        let ran = volcomp(&format!(
+            "nc {program} -o {output} -m {model} --verify --truth {truth}"
+        ));
+        assert!(ran.status.success(), "{ran:?}");
+        String::from_utf8(ran.stdout).expect("UTF-8")
+    };
+    let worse = "The form is worse with the result than without";
+    assert!(verified(&model).contains(worse));
+    assert!(!verified(&truth).contains(worse));
+}
+
 /// A model with another zero moves the whole part by 400 µm, and its form is right: it is kept, with a note. Where there is no form to be
 /// better, as with one hole, it is refused as before; and so is one whose form is worse while the part as a whole lies nearer.
 #[test]

@@ -71,7 +71,9 @@ impl Rig {
         self.now += PERIOD;
         let now = self.now;
         let snapshot = self.controller.read(Instant::now()).ok()?;
-        let applied = snapshot.applied.map_or(CorrectionReport::Missing, CorrectionReport::Values);
+        let applied = snapshot
+            .applied
+            .map_or(CorrectionReport::Missing, CorrectionReport::Values);
         self.read_back.receive(now, now, &applied, &self.limits);
         let requested = PerChannel::from_fn(|i| if i < self.limits.count { GOAL } else { 0.0 });
         let out = self.guard.cycle(&Inputs {

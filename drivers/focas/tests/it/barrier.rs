@@ -475,7 +475,10 @@ fn a_second_gateway_in_the_other_mailbox_is_rejected() {
         ours.drive(&mut first, [20, -20, 5]);
         let seen = other.read(&mut second);
         assert!(
-            matches!(seen, None | Some(ReportStatus::Old | ReportStatus::Held { owner: 77 })),
+            matches!(
+                seen,
+                None | Some(ReportStatus::Old | ReportStatus::Held { owner: 77 })
+            ),
             "{seen:?}"
         );
     }
