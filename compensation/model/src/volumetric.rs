@@ -307,7 +307,11 @@ impl<'a> Ascent<'a> {
             let mut is_better = false;
             for (axis, shares) in of_axes.iter().enumerate() {
                 for share in shares {
-                    is_better |= self.try_place(self.with(axis, *share), size)?;
+                    // A spot may be in the curve of one direction alone.
+                    let mut place = self.with(axis, *share);
+                    is_better |= self.try_place(place.clone(), size)?;
+                    place.approach[axis] = -place.approach[axis];
+                    is_better |= self.try_place(place, size)?;
                 }
             }
             if !is_better {

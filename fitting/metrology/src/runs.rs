@@ -336,7 +336,7 @@ pub(crate) fn alignment_notes(readings: &[Reading]) -> Vec<String> {
     let alignment = Alignment::of(readings);
     let mut notes = Vec::new();
     if alignment.moves() {
-        notes.push("not all runs hold all targets: for curves the runs are aligned by their offsets at common targets; ISO 230-2 uses the readings as they are".to_owned());
+        notes.push("not all runs hold all targets: for curves the runs are aligned by their offsets at common targets; a run of another slope leaves a step where it ends, and bands are too narrow where few runs hold a target; ISO 230-2 uses the readings as they are".to_owned());
     }
     notes.extend(alignment.passes.iter().filter_map(Passes::unconnected));
     notes

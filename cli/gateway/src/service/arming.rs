@@ -20,8 +20,8 @@ use volcomp_runtime::Model;
 use super::{
     Service,
     step::{
-        ArmingRecord, Comparison, ComparisonResult, FILES_TIMEOUT, Progress, Step,
-        control_unavailable, disk_timeout, log_unavailable, settled,
+        AUTO_ARM, ArmingRecord, Compared, Comparison, ComparisonResult, FILES_TIMEOUT, Progress,
+        Step, control_unavailable, disk_timeout, log_unavailable, settled,
     },
 };
 use crate::{
@@ -93,7 +93,8 @@ impl Service {
             Err(_) => self.unconfirmed = None,
             Ok(compared) => {
                 self.unconfirmed = None;
-                self.must_confirm(!matches!(compared, Ok(None)));
+                let is_confirmed = compared.is_ok_and(|compared| compared.question.is_none());
+                self.must_confirm(!is_confirmed);
             }
         }
     }
@@ -138,19 +139,25 @@ impl Service {
                 tracing::error!("{what}");
                 Progress::Done(refused(409, what))
             }
-            Ok(Some(question)) => {
+            Ok(Compared {
+                question: Some(question),
+                ..
+            }) => {
                 self.must_confirm(true);
                 Progress::Done(Reply {
                     status: 409,
                     answer: Answer::Question(Box::new(question)),
                 })
             }
-            Ok(None) => {
+            Ok(Compared { last, .. }) => {
+                // Without a person the model that one armed or confirmed remains the origin: small changes do not add up over restarts.
+                let origin = last.filter(|_| who == AUTO_ARM).map(Arc::new);
+                let origin = origin.unwrap_or_else(|| Arc::clone(&self.parts.model));
                 let state = self.parts.handle.report().state.into();
                 let record = self.log(who, "arm", Event::Request { state });
                 Progress::Next(Step::ArmingRecord(ArmingRecord {
                     receipts: {
-                        let [machine, limits] = self.save_confirmed();
+                        let [machine, limits] = self.save_confirmed(origin);
                         [machine, limits, record]
                     },
                     written: [false; 3],
@@ -160,17 +167,16 @@ impl Service {
         }
     }
 
-    /// Saves the current model and limits as confirmed.
-    pub(super) fn save_confirmed(&mut self) -> [Receipt; 2] {
-        self.confirmed_model = Some(Arc::clone(&self.parts.model));
+    /// Saves a model as confirmed, and the current limits.
+    pub(super) fn save_confirmed(&mut self, confirmed: Arc<Model>) -> [Receipt; 2] {
         let limits = serde_json::to_string(&self.limits()).unwrap_or_default();
-        let texts = [self.parts.model.text.clone(), limits];
-        let [machine, limits] = self.confirmed_paths();
-        let [model, numbers] = texts;
-        [
-            self.writer.keep(machine, model),
-            self.writer.keep(limits, numbers),
-        ]
+        let [machine_file, limits_file] = self.confirmed_paths();
+        let receipts = [
+            self.writer.keep(machine_file, confirmed.text.clone()),
+            self.writer.keep(limits_file, limits),
+        ];
+        self.confirmed_model = Some(confirmed);
+        receipts
     }
 
     /// Saves a model as confirmed, but not the limits, which were not part of the question.
@@ -254,14 +260,12 @@ fn against_last(
         Err(e) => return Err(unread(limits_file, e.to_string())),
     };
     let changes = last_limits.map_or_else(BTreeMap::new, |last| identity::changes(&last, limits));
-    let Some(judge) = judge else {
-        return Ok(None);
-    };
-    Ok(match &last {
+    let question = judge.and_then(|judge| match &last {
         Some(last) if last.hash != model.hash => {
             judge.judged([last, model], changes, limits).question
         }
         _ if !changes.is_empty() => judge.judged([model, model], changes, limits).question,
         _ => None,
-    })
+    });
+    Ok(Compared { question, last })
 }

@@ -417,7 +417,7 @@ impl Service {
         self.parts.forbids = self.parts.forbids.without(Reasons::NO_LIMITS);
         self.parts.config = config;
         if is_confirmed && self.last_state.is_armed() {
-            let _ = self.save_confirmed();
+            let _ = self.save_confirmed(Arc::clone(&self.parts.model));
         }
         self.update_reasons();
     }

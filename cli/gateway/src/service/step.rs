@@ -7,6 +7,7 @@ use std::{
 
 use tokio::sync::oneshot;
 use volcomp_guard::{End, Reasons, Request, State};
+use volcomp_runtime::Model;
 
 use crate::{
     audit::writer::Receipt,
@@ -66,8 +67,16 @@ pub(super) enum Progress {
     Done(Reply),
 }
 
-/// Result of a comparison: a question, if any, or why the comparison failed.
-pub(super) type ComparisonResult = Result<Option<Question>, String>;
+/// Comparison of the current model and limits with those armed or confirmed last.
+pub(super) struct Compared {
+    /// What a person must confirm, if anything.
+    pub(super) question: Option<Question>,
+    /// The model armed or confirmed last.
+    pub(super) last: Option<Model>,
+}
+
+/// Result of a comparison, or why it failed.
+pub(super) type ComparisonResult = Result<Compared, String>;
 
 pub(super) struct Comparison {
     pub(super) result: Receiver<ComparisonResult>,

@@ -181,7 +181,7 @@ fn rogue_values_change_nothing() {
         volcomp_fleet::Desired::sign(&manifest, &model, &centre.key).expect("plain data");
     tampered.model = Some(machine_with(29.0));
     centre.put(&tampered.bytes().expect("plain data"));
-    refused(10, "does not fit the checksum");
+    refused(10, "does not match the checksum");
     // Garbage, and as much of it as the server takes.
     centre.put(b"\xff\x00 no JSON");
     refused(0, "the document of the manifest");

@@ -151,8 +151,11 @@ fn small_changes_do_not_add_up_without_a_confirmation() {
     change(&machine, "EYX = 44.0", "EYX = 32.0");
     let question = asked(&mut gateway);
     assert!((worst_um(&question) - 12.0).abs() < 0.1, "{question}");
-    // After a restart, arming measures from the same origin.
-    change(&machine, "EYX = 32.0", "EYX = 52.0");
+    // After a restart, arming measures from the same origin, also after one that armed by itself.
+    change(&machine, "EYX = 32.0", "EYX = 44.0");
+    let mut gateway = gateway.killed_and_started(&config);
+    wait_for_y(&mut gateway, -44.0);
+    change(&machine, "EYX = 44.0", "EYX = 52.0");
     let mut gateway = gateway.killed_and_started(&config);
     gateway.wait_until_says("must be confirmed");
 }

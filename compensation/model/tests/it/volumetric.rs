@@ -373,3 +373,11 @@ fn largest_at_nodes(machine: &Machine, nodes: &[Vec<f64>], found: &VolumetricErr
     }
     [before.max(), after.max()]
 }
+
+/// A spot in the curve of one direction, which adds to a bump of another axis.
+#[test]
+fn a_spot_of_one_direction_is_found() {
+    let text = "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 500]\n[errors]\nEXX = { forward = { table = [[0, -4], [175, -4], [187.5, -10], [200, -4], [700, -4], [700.5, 9], [701, -4], [1000, -4]], interpolation = \"linear\" }, backward = { table = [[0, 4], [1000, 4]], interpolation = \"linear\" } }\nEXY = { table = [[0, 0], [235, 0], [240, 5], [260, 5], [265, 0], [500, 0]], interpolation = \"linear\" }\n";
+    let found = of_one_tool(&Machine::parse(text, "direction.toml").unwrap());
+    assert!((found.max_mm - 0.014).abs() < 1e-6, "{found:?}");
+}

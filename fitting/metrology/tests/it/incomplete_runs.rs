@@ -222,7 +222,7 @@ fn runs_without_a_common_target_are_noted() {
     insta::assert_snapshot!(apart, @r"
     run 1 + holds 2 of 4 targets
     run 2 + holds 2 of 4 targets
-    not all runs hold all targets: for curves the runs are aligned by their offsets at common targets; ISO 230-2 uses the readings as they are
+    not all runs hold all targets: for curves the runs are aligned by their offsets at common targets; a run of another slope leaves a step where it ends, and bands are too narrow where few runs hold a target; ISO 230-2 uses the readings as they are
     runs 1, 2 + have no common target, not even through other runs: their offsets are unknown, so the curve may have a false step between their targets
     ");
     assert_eq!(curve, [(0.0, 1.0), (10.0, 2.0), (20.0, 40.0), (30.0, 41.0)]);
@@ -231,7 +231,7 @@ fn runs_without_a_common_target_are_noted() {
     let (late, _) = notes("0,1,+,1\n10,1,+,2\n20,1,+,3\n10,2,+,40\n20,2,+,41\n");
     insta::assert_snapshot!(late, @r"
     run 2 + holds 2 of 3 targets
-    not all runs hold all targets: for curves the runs are aligned by their offsets at common targets; ISO 230-2 uses the readings as they are
+    not all runs hold all targets: for curves the runs are aligned by their offsets at common targets; a run of another slope leaves a step where it ends, and bands are too narrow where few runs hold a target; ISO 230-2 uses the readings as they are
     ");
 }
 
