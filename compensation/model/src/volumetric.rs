@@ -22,6 +22,12 @@ const SAMPLES: u32 = 33;
 /// Number of groups of poses for each direction of the error; the search starts from the worst pose of each group,
 /// because axes before a rotary axis rotate the contributions of the axes after it.
 const STARTS_A_DIRECTION: usize = 2;
+/// Number of equidistant samples along an axis where its samples are combined with those of the others.
+const COMBINED_SAMPLES: u32 = 9;
+/// Maximum number of combinations of the samples of rotary axes.
+const ROTARY_POSES: usize = 400;
+/// Number of combinations of samples from which the search starts.
+const COMBINATIONS: usize = 48;
 /// Maximum number of rounds over all axes in which they are sampled: where one axis is worst may depend on the others.
 const ROUNDS: usize = 4;
 /// Number of sampled maxima that are refined between the samples.
@@ -137,10 +143,8 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
     })
 }
 
-/// The largest length of a vector, searched from the poses where it is largest, and from those where it is largest in each direction. NaN if it is NaN.
-///
-/// The length is not a sum over the axes: a narrow spot of one axis may lower it at one pose and raise it at another. A component is such a sum, but for
-/// the turns of rotary axes and small levers, and the length is the maximum of its components over all directions.
+/// The largest length of a vector, searched from the poses where it is largest, from those where it is largest in each direction, and from
+/// [`combinations`] of samples. NaN if it is NaN.
 fn worst(
     fields: &[ErrorField<'_>],
     found: &[(usize, Place, At)],
@@ -150,7 +154,10 @@ fn worst(
     let mut starts: Vec<_> = found.iter().map(|one| (length(&one.2), one)).collect();
     // Descending; in the total order NaN comes first.
     starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let even = vec![equal_shares(); fields.first().map_or(0, |of| of.machine.axes().len())];
+    let even = vec![
+        equal_shares(SAMPLES).collect::<Vec<_>>();
+        fields.first().map_or(0, |of| of.machine.axes().len())
+    ];
     let at_places: Vec<_> = fields.iter().map(at_places).collect();
     let at_nodes: Vec<_> = fields.iter().map(at_nodes).collect();
     let mut maxima = Vec::new();
@@ -176,6 +183,13 @@ fn worst(
             maxima.push(ascent);
         }
     }
+    for (number, place) in combinations(fields, &at_places, of)? {
+        let field = &fields[number];
+        let value = length(&field.at(&place)?);
+        let mut ascent = Ascent::from(field, place, value);
+        ascent.sample(&at_places[number], &at_nodes[number], &length)?;
+        maxima.push(ascent);
+    }
     maxima.sort_by(|a, b| b.value.total_cmp(&a.value));
     maxima.dedup_by(|a, b| a.value == b.value && a.place.shares == b.place.shares);
     maxima.truncate(REFINED);
@@ -198,6 +212,121 @@ fn worst(
     }))
 }
 
+/// Combinations of samples of all axes at which a vector is probably largest, and their fields.
+///
+/// The length is not a sum over the axes: a narrow spot of one axis may lower it at one pose and raise it at another. With the rotary axes at rest the
+/// vector is a sum of contributions of the linear axes, but for small levers, and its length is the maximum of its components over all directions. So the
+/// contribution of each sample is evaluated once, and for each direction the largest ones are added.
+fn combinations(
+    fields: &[ErrorField<'_>],
+    at_places: &[Vec<Vec<f64>>],
+    of: &dyn Fn(&At) -> Vector3<f64>,
+) -> Result<Vec<(usize, Place)>, ModelError> {
+    let mut found: Vec<(f64, usize, Place)> = Vec::new();
+    for (number, (field, of_axes)) in fields.iter().zip(at_places).enumerate() {
+        for rest in rotary_poses(field, of_axes) {
+            let base = of(&field.at(&rest)?);
+            let contributions = contributions(field, of_axes, &rest, base, of)?;
+            for direction in directions() {
+                let (mut sum, mut place) = (base, rest.clone());
+                for (axis, samples) in &contributions {
+                    let along = |sample: &Contribution| sample.vector.dot(&direction);
+                    let largest = samples.iter().max_by(|a, b| along(a).total_cmp(&along(b)));
+                    if let Some(largest) = largest {
+                        sum += largest.vector;
+                        (place.shares[*axis], place.approach[*axis]) =
+                            (largest.share, largest.approach);
+                    }
+                }
+                found.push((sum.norm(), number, place));
+            }
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.dedup_by(|a, b| a.0 == b.0 && a.2.shares == b.2.shares);
+    let largest = found.into_iter().take(COMBINATIONS);
+    Ok(largest.map(|(_, number, place)| (number, place)).collect())
+}
+
+/// Of the samples of an axis few equal ones, and the places of its curves.
+fn combined_shares(samples: &[f64]) -> impl Iterator<Item = f64> {
+    let places = samples.get(SAMPLES as usize..).unwrap_or_default();
+    equal_shares(COMBINED_SAMPLES).chain(places.iter().copied())
+}
+
+/// What a sample of a linear axis adds to a vector.
+struct Contribution {
+    vector: Vector3<f64>,
+    share: f64,
+    approach: Direction,
+}
+
+/// The contributions of each linear axis: at few equal samples and at the places of its curves, approached from either side.
+fn contributions(
+    field: &ErrorField<'_>,
+    of_axes: &[Vec<f64>],
+    rest: &Place,
+    base: Vector3<f64>,
+    of: &dyn Fn(&At) -> Vector3<f64>,
+) -> Result<Vec<(usize, Vec<Contribution>)>, ModelError> {
+    let mut contributions = Vec::new();
+    for (axis, (one, shares)) in field.machine.axes().iter().zip(of_axes).enumerate() {
+        if one.name.is_rotary() {
+            continue;
+        }
+        let mut samples = Vec::new();
+        for share in combined_shares(shares) {
+            for approach in Direction::BOTH {
+                let mut place = rest.clone();
+                (place.shares[axis], place.approach[axis]) = (share, approach);
+                samples.push(Contribution {
+                    vector: of(&field.at(&place)?) - base,
+                    share,
+                    approach,
+                });
+            }
+        }
+        contributions.push((axis, samples));
+    }
+    Ok(contributions)
+}
+
+/// Poses of the rotary axes at their samples, thinned evenly to a bounded number, approached from either side; the linear axes are in the middle of their
+/// travels.
+fn rotary_poses(field: &ErrorField<'_>, of_axes: &[Vec<f64>]) -> Vec<Place> {
+    let axes = field.machine.axes();
+    let rotary: Vec<usize> = (0..axes.len())
+        .filter(|axis| axes[*axis].name.is_rotary())
+        .collect();
+    let shares: Vec<Vec<f64>> = rotary
+        .iter()
+        .map(|axis| combined_shares(&of_axes[*axis]).collect())
+        .collect();
+    let most = (1..=ROTARY_POSES).rev().find(|most| {
+        let counts = shares.iter().map(|shares| shares.len().min(*most));
+        counts.product::<usize>() <= ROTARY_POSES
+    });
+    let mut poses = Direction::BOTH
+        .map(|side| Place {
+            shares: vec![0.5; axes.len()],
+            approach: vec![side; axes.len()],
+        })
+        .to_vec();
+    for (axis, shares) in rotary.into_iter().zip(&shares) {
+        let step = shares.len().div_ceil(most.unwrap_or(1)).max(1);
+        let mut turned = Vec::new();
+        for pose in &poses {
+            for share in shares.iter().step_by(step) {
+                let mut pose = pose.clone();
+                pose.shares[axis] = *share;
+                turned.push(pose);
+            }
+        }
+        poses = turned;
+    }
+    poses
+}
+
 /// Unit vectors to the corners, edges and faces of a cube.
 fn directions() -> impl Iterator<Item = Vector3<f64>> {
     (0..27).filter_map(|number| {
@@ -209,9 +338,8 @@ fn directions() -> impl Iterator<Item = Vector3<f64>> {
 /// Two axes, and the shares of their travels at which a grid over them has nodes.
 type GridNodes = [(usize, Vec<f64>); 2];
 
-fn equal_shares() -> Vec<f64> {
-    let share = |sample| f64::from(sample) / f64::from(SAMPLES - 1);
-    (0..SAMPLES).map(share).collect()
+fn equal_shares(samples: u32) -> impl Iterator<Item = f64> {
+    (0..samples).map(move |sample| f64::from(sample) / f64::from(samples - 1))
 }
 
 /// Coordinates as shares of the travel of an axis, without those beyond it.
@@ -224,7 +352,7 @@ fn shares_of<'a>(axis: &Axis, at: &'a [f64]) -> impl Iterator<Item = f64> + use<
 /// The shares at which each axis is sampled: equal ones, and the places of the curves of a field.
 fn at_places(field: &ErrorField<'_>) -> Vec<Vec<f64>> {
     let axes = field.machine.axes();
-    let mut of_axes = vec![equal_shares(); axes.len()];
+    let mut of_axes: Vec<Vec<f64>> = vec![equal_shares(SAMPLES).collect(); axes.len()];
     for machine in &field.curves {
         for ((shares, axis), at) in of_axes.iter_mut().zip(axes).zip(machine.places()) {
             shares.extend(shares_of(axis, &at));

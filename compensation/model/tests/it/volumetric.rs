@@ -381,3 +381,11 @@ fn a_spot_of_one_direction_is_found() {
     let found = of_one_tool(&Machine::parse(text, "direction.toml").unwrap());
     assert!((found.max_mm - 0.014).abs() < 1e-6, "{found:?}");
 }
+
+/// A spot of a linear axis that adds to a bump of the rotary table, and takes from the error at all other angles.
+#[test]
+fn a_spot_that_adds_at_one_angle_is_found() {
+    let text = "structure = \"w C' X' b Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 500]\nZ.travel = [0, 500]\nC = { travel = [0, 360], point = [500, 250, 0] }\n[errors]\nEXX = { table = [[0, -10], [613.0, -10], [613.5, 6], [614.0, -10], [1000, -10]], interpolation = \"linear\" }\nEXC = { table = [[0, 0], [195, 0], [197, 14], [223, 14], [225, 0], [360, 0]], interpolation = \"linear\" }\n";
+    let found = of_one_tool(&Machine::parse(text, "angle.toml").unwrap());
+    assert!((found.max_mm - 0.020).abs() < 1e-6, "{found:?}");
+}
