@@ -47,7 +47,7 @@ pub struct Machine {
     pub proven_within: Duration,
 }
 
-/// One iteration of the service loop: [`Service::turn`].
+/// One iteration of the service loop: [`Service::poll`].
 pub type ServiceStep<'t> = &'t mut dyn FnMut(&mut Service);
 
 impl Machine {

@@ -53,7 +53,7 @@ pub(crate) struct CalibrateArguments {
     /// repeatable; the most specific wins
     #[arg(long = "answer", value_name = "[OF:]KEY=VALUE", requires = "draft")]
     answers: Vec<String>,
-    /// Day of the calibration for [provenance] of the machine file [default: none]
+    /// Day of the calibration for the provenance in the machine file [default: none]
     #[arg(long, value_name = "YYYY-MM-DD", conflicts_with = "draft")]
     date: Option<String>,
     /// Machine file to write; with --draft the calibration file

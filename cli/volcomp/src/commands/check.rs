@@ -36,7 +36,7 @@ pub(crate) struct CheckArguments {
     machine: PathBuf,
     #[command(flatten)]
     spindle: SpindleArguments,
-    /// Folder of the measurement files in [provenance], to compare their hashes [default: that of the machine file]
+    /// Folder of the measurement files of the provenance, to compare their hashes [default: that of the machine file]
     #[arg(long, value_name = "DIR")]
     files: Option<PathBuf>,
 }
