@@ -214,7 +214,7 @@ impl Proof {
     }
 
     /// Sets how the linear axes follow each rotary axis at the present position so that the tool tip stays in place
-    /// ([`RequestedCorrection::follow`](crate::Wanted)). It takes effect when a shift begins.
+    /// ([`RequestedCorrection::follow`](crate::RequestedCorrection)). It takes effect when a shift begins.
     pub fn set_follow(&mut self, follow: &PerChannel<PerChannel<f64>>) {
         if self.leg == Leg::Begin {
             self.follow = *follow;

@@ -202,7 +202,7 @@ impl Measurement {
     }
 
     /// Targets and their means, ascending: x̄_i of ISO 230-2 with both directions, else the mean of the only direction. Each target counts once,
-    /// however often it was measured. Runs are aligned if not all of them hold all targets ([`Self::aligned_readings`]).
+    /// however often it was measured. Runs are aligned by their offsets if not all of them hold all targets.
     pub fn mean_curve(&self) -> Vec<(f64, f64)> {
         let at = |readings: &TargetReadings| {
             let means = Direction::BOTH.map(|direction| mean(&readings.deviations(direction)));
