@@ -91,7 +91,7 @@ impl Machine {
             let Some(curve) = self.curve(axis, component.index()) else {
                 continue;
             };
-            if !matches!(curve, ErrorCurve::Single(_)) {
+            if curve.has_directions() {
                 parts = parts.bidirectional();
             }
             for (field, weights) in weighted_fields(curve) {

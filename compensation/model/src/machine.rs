@@ -13,9 +13,12 @@ use volcomp_vocabulary::{
 };
 
 use crate::{
-    axis::Axis, error::CorrectRefusal, error::ModelError, error_rules::curve_refusal,
-    error_rules::is_number, error_rules::location_refusal, provenance::Provenance,
-    provenance::ProvenanceRefusal, thermal::Temperatures, thermal::Thermal, tool::Tool,
+    axis::Axis,
+    error::{CorrectRefusal, ModelError},
+    error_rules::{curve_refusal, is_number, location_refusal},
+    provenance::{Provenance, ProvenanceRefusal},
+    thermal::{Temperatures, Thermal},
+    tool::Tool,
 };
 
 /// A machine with its errors. Coordinates, curves and numbers here are in the units of the file
@@ -148,13 +151,22 @@ impl Machine {
         found
     }
 
+    /// True if an error motion of the axis depends on its direction of approach.
+    pub fn has_directions(&self, axis: AxisName) -> bool {
+        self.errors()
+            .any(|(name, curve)| name.axis == axis && curve.has_directions())
+    }
+
     /// The error motions measured in one direction only: `[provenance]` lists their runs, and one curve is used for both directions.
     pub fn read_in_one_direction(&self) -> Vec<ErrorName> {
         let origins = self.provenance.errors.iter();
         let read = origins.filter(|of| of.sources.iter().any(|source| source.runs.is_some()));
         let errors = read.map(|of| of.error);
         errors
-            .filter(|error| matches!(self.error(*error), Some(ErrorCurve::Single(_))))
+            .filter(|error| {
+                self.error(*error)
+                    .is_some_and(|curve| !curve.has_directions())
+            })
             .collect()
     }
 

@@ -6,8 +6,9 @@ use volcomp_kinematics::ErrorMotion;
 use volcomp_vocabulary::{Displacement, ErrorName, MAX_AXES};
 
 use crate::{
-    error::ModelError, error::ThermalRefusal, machine::Machine, thermal::Drift, thermal::Expansion,
-    thermal::Seen, thermal::Thermal, thermal::beyond, thermal::share_beyond,
+    error::{ModelError, ThermalRefusal},
+    machine::Machine,
+    thermal::{Drift, Expansion, Seen, Thermal, beyond, share_beyond},
 };
 
 /// Fade times: how a thermal term goes to zero while one of its sensors is missing.

@@ -130,180 +130,219 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
             found.push((index, place.clone(), at));
         }
     }
-    let worst = |of: &dyn Fn(&At) -> Vector3<f64>| worst(fields, &found, of);
+    let places: Vec<_> = fields.iter().map(places_of_curves).collect();
+    let nodes: Vec<_> = fields.iter().map(nodes_of_grids).collect();
+    let search = Search {
+        samples: rotary_samples(fields, &places)?,
+        fields,
+        found,
+        places,
+        nodes,
+    };
     Ok(VolumetricError {
         poses: all.len(),
-        max_mm: worst(&|at| at.error_mm)?.value,
+        max_mm: search.worst(&|at| at.error_mm)?.value,
         rms_mm: before.rms(),
-        position: worst(&|at| at.left_mm(&alignment))?,
+        position: search.worst(&|at| at.left_mm(&alignment))?,
         position_rms_mm: position.rms(),
-        tilt: worst(&|at| at.tilt_rad(&alignment))?,
+        tilt: search.worst(&|at| at.tilt_rad(&alignment))?,
         tilt_rms_rad: tilt.rms(),
         alignment,
     })
 }
 
-/// The largest length of a vector, searched from the poses where it is largest, from those where it is largest in each direction, and from
-/// [`combinations`] of samples. NaN if it is NaN.
-fn worst(
-    fields: &[ErrorField<'_>],
-    found: &[(usize, Place, At)],
-    of: &dyn Fn(&At) -> Vector3<f64>,
-) -> Result<Worst, ModelError> {
-    let length = |at: &At| of(at).norm();
-    let mut starts: Vec<_> = found.iter().map(|one| (length(&one.2), one)).collect();
-    // Descending; in the total order NaN comes first.
-    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let even = vec![
-        equal_shares(SAMPLES).collect::<Vec<_>>();
-        fields.first().map_or(0, |of| of.machine.axes().len())
-    ];
-    let at_places: Vec<_> = fields.iter().map(at_places).collect();
-    let at_nodes: Vec<_> = fields.iter().map(at_nodes).collect();
-    let mut maxima = Vec::new();
-    for (value, (field, place, _)) in starts.into_iter().take(STARTS) {
-        let mut ascent = Ascent::from(&fields[*field], place.clone(), value);
-        if !value.is_nan() {
-            ascent.sample(&even, &[], &length)?;
-        }
-        maxima.push(ascent);
-    }
-    for direction in directions() {
-        let component = |at: &At| of(at).dot(&direction);
-        for part in found.chunks(found.len().div_ceil(STARTS_A_DIRECTION).max(1)) {
-            let values = part.iter().map(|one| (component(&one.2), one));
-            let Some((value, (field, place, _))) = values.max_by(|a, b| a.0.total_cmp(&b.0)) else {
-                continue;
-            };
-            let (of_axes, of_grids) = (&at_places[*field], &at_nodes[*field]);
-            let mut ascent = Ascent::from(&fields[*field], place.clone(), value);
-            ascent.sample(of_axes, of_grids, &component)?;
-            ascent.value = length(&ascent.field.at(&ascent.place)?);
-            ascent.sample(of_axes, of_grids, &length)?;
+/// What the search for the largest length of a vector starts from.
+struct Search<'a> {
+    fields: &'a [ErrorField<'a>],
+    /// Evenly covering poses and corners, with the index of their field.
+    found: Vec<(usize, Place, At)>,
+    /// Of each field and axis, the places of its curves as shares of the travel.
+    places: Vec<Vec<Vec<f64>>>,
+    /// Of each field, the nodes of its grids.
+    nodes: Vec<Vec<GridNodes>>,
+    samples: Vec<RotarySample>,
+}
+
+impl<'a> Search<'a> {
+    /// The largest length, searched from the poses where it is largest, from those where it is largest in each direction, and from
+    /// [combinations](Self::combinations) of samples. NaN if it is NaN.
+    fn worst(&self, of: &dyn Fn(&At) -> Vector3<f64>) -> Result<Worst, ModelError> {
+        let length = |at: &At| of(at).norm();
+        let mut starts: Vec<_> = (self.found.iter())
+            .map(|one| (length(&one.2), one))
+            .collect();
+        // Descending; in the total order NaN comes first.
+        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut maxima = Vec::new();
+        for (value, (field, place, _)) in starts.into_iter().take(STARTS) {
+            let mut ascent = Ascent::from(&self.fields[*field], place.clone(), value);
+            if !value.is_nan() {
+                ascent.sample(&vec![Vec::new(); place.shares.len()], &[], &length)?;
+            }
             maxima.push(ascent);
         }
-    }
-    for (number, place) in combinations(fields, &at_places, of)? {
-        let field = &fields[number];
-        let value = length(&field.at(&place)?);
-        let mut ascent = Ascent::from(field, place, value);
-        ascent.sample(&at_places[number], &at_nodes[number], &length)?;
-        maxima.push(ascent);
-    }
-    maxima.sort_by(|a, b| b.value.total_cmp(&a.value));
-    maxima.dedup_by(|a, b| a.value == b.value && a.place.shares == b.place.shares);
-    maxima.truncate(REFINED);
-    let mut largest: Option<Ascent<'_>> = None;
-    for mut ascent in maxima {
-        if !ascent.value.is_nan() {
-            ascent.refine(&length)?;
-        }
-        if largest
-            .as_ref()
-            .is_none_or(|most| ascent.value > most.value)
-        {
-            largest = Some(ascent);
-        }
-    }
-    Ok(largest.map_or_else(Worst::default, |of| Worst {
-        value: of.value,
-        at: of.place.coordinates(of.field.machine),
-        tool: of.field.tool.to_owned(),
-    }))
-}
-
-/// Combinations of samples of all axes at which a vector is probably largest, and their fields.
-///
-/// The length is not a sum over the axes: a narrow spot of one axis may lower it at one pose and raise it at another. With the rotary axes at rest the
-/// vector is a sum of contributions of the linear axes, but for small levers, and its length is the maximum of its components over all directions. So the
-/// contribution of each sample is evaluated once, and for each direction the largest ones are added.
-fn combinations(
-    fields: &[ErrorField<'_>],
-    at_places: &[Vec<Vec<f64>>],
-    of: &dyn Fn(&At) -> Vector3<f64>,
-) -> Result<Vec<(usize, Place)>, ModelError> {
-    let mut found: Vec<(f64, usize, Place)> = Vec::new();
-    for (number, (field, of_axes)) in fields.iter().zip(at_places).enumerate() {
-        for rest in rotary_poses(field, of_axes) {
-            let base = of(&field.at(&rest)?);
-            let contributions = contributions(field, of_axes, &rest, base, of)?;
-            for direction in directions() {
-                let (mut sum, mut place) = (base, rest.clone());
-                for (axis, samples) in &contributions {
-                    let along = |sample: &Contribution| sample.vector.dot(&direction);
-                    let largest = samples.iter().max_by(|a, b| along(a).total_cmp(&along(b)));
-                    if let Some(largest) = largest {
-                        sum += largest.vector;
-                        (place.shares[*axis], place.approach[*axis]) =
-                            (largest.share, largest.approach);
-                    }
-                }
-                found.push((sum.norm(), number, place));
+        for direction in directions() {
+            let component = |at: &At| of(at).dot(&direction);
+            let group = self.found.len().div_ceil(STARTS_A_DIRECTION).max(1);
+            for part in self.found.chunks(group) {
+                let values = part.iter().map(|one| (component(&one.2), one));
+                let largest = values.max_by(|a, b| a.0.total_cmp(&b.0));
+                let Some((value, (field, place, _))) = largest else {
+                    continue;
+                };
+                let mut ascent = Ascent::from(&self.fields[*field], place.clone(), value);
+                ascent.sample(&self.places[*field], &self.nodes[*field], &component)?;
+                let place = ascent.place;
+                maxima.push(self.sampled(*field, place, &length)?);
             }
         }
+        for (field, place) in self.combinations(of) {
+            maxima.push(self.sampled(field, place, &length)?);
+        }
+        maxima.sort_by(|a, b| b.value.total_cmp(&a.value));
+        maxima.dedup_by(|a, b| a.value == b.value && a.place.shares == b.place.shares);
+        maxima.truncate(REFINED);
+        let mut largest: Option<Ascent<'_>> = None;
+        for mut ascent in maxima {
+            if !ascent.value.is_nan() {
+                ascent.refine(&length)?;
+            }
+            if largest
+                .as_ref()
+                .is_none_or(|most| ascent.value > most.value)
+            {
+                largest = Some(ascent);
+            }
+        }
+        Ok(largest.map_or_else(Worst::default, |of| Worst {
+            value: of.value,
+            at: of.place.coordinates(of.field.machine),
+            tool: of.field.tool.to_owned(),
+        }))
     }
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found.dedup_by(|a, b| a.0 == b.0 && a.2.shares == b.2.shares);
-    let largest = found.into_iter().take(COMBINATIONS);
-    Ok(largest.map(|(_, number, place)| (number, place)).collect())
+
+    /// An ascent from a place over the samples of a field, the places of its curves and the nodes of its grids included.
+    fn sampled(
+        &self,
+        field: usize,
+        place: Place,
+        size: &dyn Fn(&At) -> f64,
+    ) -> Result<Ascent<'a>, ModelError> {
+        let of = &self.fields[field];
+        let value = size(&of.at(&place)?);
+        let mut ascent = Ascent::from(of, place, value);
+        ascent.sample(&self.places[field], &self.nodes[field], size)?;
+        Ok(ascent)
+    }
+
+    /// Combinations of samples of all axes at which a vector is probably largest, and their fields.
+    ///
+    /// The length is not a sum over the axes: a narrow spot of one axis may lower it at one pose and raise it at another. With the rotary axes at rest
+    /// the vector is a sum of contributions of the linear axes, but for small levers, and its length is the maximum of its components over all
+    /// directions. So for each direction the largest contributions are added.
+    fn combinations(&self, of: &dyn Fn(&At) -> Vector3<f64>) -> Vec<(usize, Place)> {
+        let mut found: Vec<(f64, usize, Place)> = Vec::new();
+        for sample in &self.samples {
+            let base = of(&sample.at);
+            let contributions = sample.of_axes.iter().map(|samples| {
+                let vectors = samples.iter().map(|one| (of(&one.at) - base, one));
+                vectors.collect::<Vec<_>>()
+            });
+            let contributions: Vec<_> = contributions.collect();
+            for direction in directions() {
+                let (mut sum, mut place) = (base, sample.place.clone());
+                for vectors in &contributions {
+                    let along = |of: &(Vector3<f64>, &LinearSample)| of.0.dot(&direction);
+                    let largest = vectors.iter().max_by(|a, b| along(a).total_cmp(&along(b)));
+                    if let Some((vector, one)) = largest {
+                        sum += vector;
+                        place.shares[one.axis] = one.share;
+                        place.approach[one.axis] = one.approach;
+                    }
+                }
+                found.push((sum.norm(), sample.field, place));
+            }
+        }
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        found.dedup_by(|a, b| a.0 == b.0 && a.2.shares == b.2.shares);
+        let largest = found.into_iter().take(COMBINATIONS);
+        largest.map(|(_, field, place)| (field, place)).collect()
+    }
 }
 
-/// Of the samples of an axis few equal ones, and the places of its curves.
-fn combined_shares(samples: &[f64]) -> impl Iterator<Item = f64> {
-    let places = samples.get(SAMPLES as usize..).unwrap_or_default();
-    equal_shares(COMBINED_SAMPLES).chain(places.iter().copied())
+/// The error at a pose of the rotary axes, with the linear axes in the middle of their travels, and with each of them at its samples.
+struct RotarySample {
+    field: usize,
+    place: Place,
+    at: At,
+    of_axes: Vec<Vec<LinearSample>>,
 }
 
-/// What a sample of a linear axis adds to a vector.
-struct Contribution {
-    vector: Vector3<f64>,
+/// The error with one linear axis elsewhere.
+struct LinearSample {
+    axis: usize,
     share: f64,
     approach: Direction,
+    at: At,
 }
 
-/// The contributions of each linear axis: at few equal samples and at the places of its curves, approached from either side.
-fn contributions(
+/// Samples of all fields: at few equal shares and at the places of their curves, approached from either side.
+fn rotary_samples(
+    fields: &[ErrorField<'_>],
+    places: &[Vec<Vec<f64>>],
+) -> Result<Vec<RotarySample>, ModelError> {
+    let mut samples = Vec::new();
+    for (number, (field, places)) in fields.iter().zip(places).enumerate() {
+        for place in rotary_poses(field, places) {
+            samples.push(RotarySample {
+                field: number,
+                at: field.at(&place)?,
+                of_axes: linear_samples(field, places, &place)?,
+                place,
+            });
+        }
+    }
+    Ok(samples)
+}
+
+fn linear_samples(
     field: &ErrorField<'_>,
-    of_axes: &[Vec<f64>],
+    places: &[Vec<f64>],
     rest: &Place,
-    base: Vector3<f64>,
-    of: &dyn Fn(&At) -> Vector3<f64>,
-) -> Result<Vec<(usize, Vec<Contribution>)>, ModelError> {
-    let mut contributions = Vec::new();
-    for (axis, (one, shares)) in field.machine.axes().iter().zip(of_axes).enumerate() {
+) -> Result<Vec<Vec<LinearSample>>, ModelError> {
+    let mut of_axes = Vec::new();
+    for (axis, (one, places)) in field.machine.axes().iter().zip(places).enumerate() {
         if one.name.is_rotary() {
             continue;
         }
         let mut samples = Vec::new();
-        for share in combined_shares(shares) {
+        for share in shares(COMBINED_SAMPLES, places) {
             for approach in Direction::BOTH {
                 let mut place = rest.clone();
                 (place.shares[axis], place.approach[axis]) = (share, approach);
-                samples.push(Contribution {
-                    vector: of(&field.at(&place)?) - base,
+                samples.push(LinearSample {
+                    axis,
                     share,
                     approach,
+                    at: field.at(&place)?,
                 });
             }
         }
-        contributions.push((axis, samples));
+        of_axes.push(samples);
     }
-    Ok(contributions)
+    Ok(of_axes)
 }
 
 /// Poses of the rotary axes at their samples, thinned evenly to a bounded number, approached from either side; the linear axes are in the middle of their
 /// travels.
-fn rotary_poses(field: &ErrorField<'_>, of_axes: &[Vec<f64>]) -> Vec<Place> {
+fn rotary_poses(field: &ErrorField<'_>, places: &[Vec<f64>]) -> Vec<Place> {
     let axes = field.machine.axes();
-    let rotary: Vec<usize> = (0..axes.len())
-        .filter(|axis| axes[*axis].name.is_rotary())
-        .collect();
-    let shares: Vec<Vec<f64>> = rotary
-        .iter()
-        .map(|axis| combined_shares(&of_axes[*axis]).collect())
+    let rotary: Vec<(usize, Vec<f64>)> = (axes.iter().zip(places).enumerate())
+        .filter(|(_, (axis, _))| axis.name.is_rotary())
+        .map(|(index, (_, places))| (index, shares(COMBINED_SAMPLES, places).collect()))
         .collect();
     let most = (1..=ROTARY_POSES).rev().find(|most| {
-        let counts = shares.iter().map(|shares| shares.len().min(*most));
+        let counts = rotary.iter().map(|(_, shares)| shares.len().min(*most));
         counts.product::<usize>() <= ROTARY_POSES
     });
     let mut poses = Direction::BOTH
@@ -312,7 +351,7 @@ fn rotary_poses(field: &ErrorField<'_>, of_axes: &[Vec<f64>]) -> Vec<Place> {
             approach: vec![side; axes.len()],
         })
         .to_vec();
-    for (axis, shares) in rotary.into_iter().zip(&shares) {
+    for (axis, shares) in rotary {
         let step = shares.len().div_ceil(most.unwrap_or(1)).max(1);
         let mut turned = Vec::new();
         for pose in &poses {
@@ -338,8 +377,10 @@ fn directions() -> impl Iterator<Item = Vector3<f64>> {
 /// Two axes, and the shares of their travels at which a grid over them has nodes.
 type GridNodes = [(usize, Vec<f64>); 2];
 
-fn equal_shares(samples: u32) -> impl Iterator<Item = f64> {
-    (0..samples).map(move |sample| f64::from(sample) / f64::from(samples - 1))
+/// Equal shares of a travel, and the places of curves.
+fn shares(equal: u32, places: &[f64]) -> impl Iterator<Item = f64> {
+    let share = move |sample| f64::from(sample) / f64::from(equal - 1);
+    (0..equal).map(share).chain(places.iter().copied())
 }
 
 /// Coordinates as shares of the travel of an axis, without those beyond it.
@@ -349,10 +390,10 @@ fn shares_of<'a>(axis: &Axis, at: &'a [f64]) -> impl Iterator<Item = f64> + use<
     shares.filter(|share| (0.0..=1.0).contains(share))
 }
 
-/// The shares at which each axis is sampled: equal ones, and the places of the curves of a field.
-fn at_places(field: &ErrorField<'_>) -> Vec<Vec<f64>> {
+/// The places of the curves of a field along each axis, as shares of the travel.
+fn places_of_curves(field: &ErrorField<'_>) -> Vec<Vec<f64>> {
     let axes = field.machine.axes();
-    let mut of_axes: Vec<Vec<f64>> = vec![equal_shares(SAMPLES).collect(); axes.len()];
+    let mut of_axes = vec![Vec::new(); axes.len()];
     for machine in &field.curves {
         for ((shares, axis), at) in of_axes.iter_mut().zip(axes).zip(machine.places()) {
             shares.extend(shares_of(axis, &at));
@@ -362,7 +403,7 @@ fn at_places(field: &ErrorField<'_>) -> Vec<Vec<f64>> {
 }
 
 /// The nodes of the grids of a field.
-fn at_nodes(field: &ErrorField<'_>) -> Vec<GridNodes> {
+fn nodes_of_grids(field: &ErrorField<'_>) -> Vec<GridNodes> {
     let axes = field.machine.axes();
     let errors = field.curves.iter().flat_map(|machine| machine.errors());
     let mut of_grids = Vec::new();
@@ -415,10 +456,10 @@ impl<'a> Ascent<'a> {
         place
     }
 
-    /// Samples the nodes of grids, then each axis over its whole travel, until none improves.
+    /// Samples the nodes of grids, then each axis over its whole travel and at the places of curves, until none improves.
     fn sample(
         &mut self,
-        of_axes: &[Vec<f64>],
+        places: &[Vec<f64>],
         of_grids: &[GridNodes],
         size: &dyn Fn(&At) -> f64,
     ) -> Result<(), ModelError> {
@@ -433,10 +474,10 @@ impl<'a> Ascent<'a> {
         }
         for _ in 0..ROUNDS {
             let mut is_better = false;
-            for (axis, shares) in of_axes.iter().enumerate() {
-                for share in shares {
+            for (axis, places) in places.iter().enumerate() {
+                for share in shares(SAMPLES, places) {
                     // A spot may be in the curve of one direction alone.
-                    let mut place = self.with(axis, *share);
+                    let mut place = self.with(axis, share);
                     is_better |= self.try_place(place.clone(), size)?;
                     place.approach[axis] = -place.approach[axis];
                     is_better |= self.try_place(place, size)?;

@@ -421,23 +421,22 @@ impl Corrector {
         let joints = machine.chain().joints();
         let tool = Arc::new(tool);
         let play = Play::of(machine, &places);
+        let has_directions = std::array::from_fn(|axis| {
+            name_of(axis).is_some_and(|name| machine.has_directions(name))
+        });
         Ok(Self {
             machine: Arc::new(machine.clone()),
             temperatures: temperatures.clone(),
             tools: vec![Arc::clone(&tool)],
             tool,
             only_linear: joints.iter().all(|joint| joint.kind == AxisKind::Linear),
-            bidirectional: machine
-                .errors()
-                .any(|(_, curve)| !matches!(curve, ErrorCurve::Single(_))),
+            bidirectional: has_directions.contains(&true),
             places,
             corrects,
             travels,
             approach: [None; MAX_AXES],
             arrives_from_unknown: [false; MAX_AXES],
-            has_directions: std::array::from_fn(|axis| {
-                name_of(axis).is_some_and(|axis| has_directions(machine, axis))
-            }),
+            has_directions,
             turned_after: std::array::from_fn(|axis| play.turned_after(axis)),
             play: Arc::new(play),
             furthest: [0.0; MAX_AXES],
@@ -723,13 +722,6 @@ impl Corrector {
     }
 }
 
-/// True if an error motion of the axis depends on its direction of approach.
-fn has_directions(machine: &Machine, axis: AxisName) -> bool {
-    machine
-        .errors()
-        .any(|(name, curve)| name.axis == axis && !matches!(curve, ErrorCurve::Single(_)))
-}
-
 /// Bidirectional curves of an axis along its own direction.
 fn own(machine: &Machine, axis: usize, places: &AxisPlaces) -> Option<AxialCurves> {
     const LINEAR: [Component; 3] = [Component::EX, Component::EY, Component::EZ];
@@ -740,7 +732,7 @@ fn own(machine: &Machine, axis: usize, places: &AxisPlaces) -> Option<AxialCurve
     let curves = components.into_iter().zip(direction.iter());
     let curves = curves.filter_map(|(component, share)| {
         let curve = machine.error(ErrorName::motion(component, name))?;
-        let counts = *share != 0.0 && !matches!(curve, ErrorCurve::Single(_));
+        let counts = *share != 0.0 && curve.has_directions();
         counts.then(|| (curve.clone(), *share))
     });
     let curves: Vec<_> = curves.collect();

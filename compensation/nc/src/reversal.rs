@@ -58,7 +58,7 @@ impl Carriages {
     pub(crate) fn at(drive: &Axes) -> Self {
         Self {
             drive: *drive,
-            arrives_from_unknown: [false; 9],
+            arrives_from_unknown: [false; MAX_AXES],
             off: [0.0; 9],
         }
     }

@@ -145,6 +145,11 @@ impl ErrorCurve {
         self.fields().all(|field| field.contains(own, coordinates))
     }
 
+    /// True if the value depends on the direction of approach.
+    pub const fn has_directions(&self) -> bool {
+        !matches!(self, Self::Single(_))
+    }
+
     /// The fields: one, or forward and backward.
     pub fn fields(&self) -> impl Iterator<Item = &Field> {
         let (first, second) = match self {

@@ -497,6 +497,7 @@ fn plan_with(
     let mut judged = judge.judged([model, &plan.model], changes.clone(), &new_limits);
     if judged.question.is_none()
         && let Some(confirmed) = &judge.confirmed_model
+        && confirmed.hash != model.hash
     {
         let since_confirmed = judge.judged([confirmed, &plan.model], changes, &new_limits);
         judged.question = since_confirmed.question;

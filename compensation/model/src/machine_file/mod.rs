@@ -8,10 +8,13 @@ use volcomp_kinematics::{MotionFrame, Structure};
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, UnknownErrorName, bounds::PLAUSIBLE_DEGC};
 
 use crate::{
-    axis::Axis, curve_file::CurveContext, curve_file::decode_error_curve, error::ModelError,
-    error::ThermalRefusal, machine::Machine, machine::Parts, provenance::hexadecimal,
-    thermal::Drift, thermal::Expansion, thermal::MARGINS_K, thermal::Seen, thermal::Thermal,
-    thermal::default_margin_k, tool::Tool,
+    axis::Axis,
+    curve_file::{CurveContext, decode_error_curve},
+    error::{ModelError, ThermalRefusal},
+    machine::{Machine, Parts},
+    provenance::hexadecimal,
+    thermal::{Drift, Expansion, MARGINS_K, Seen, Thermal, default_margin_k},
+    tool::Tool,
 };
 
 mod denavit_hartenberg;

@@ -1,9 +1,6 @@
 //! The positions at which two machines must be compared, in mm and rad, and the directions in which their curves differ.
 
-use volcomp_model::{
-    Machine,
-    curve::{ErrorCurve, Field},
-};
+use volcomp_model::{Machine, curve::Field};
 use volcomp_vocabulary::Displacement;
 
 /// Converts coordinates along each axis from mm or deg to mm or rad.
@@ -50,11 +47,6 @@ pub(super) fn grids(machine: &Machine) -> Vec<GridNodes> {
 
 /// Whether an error of each axis depends on its direction of approach.
 pub(super) fn reverses(machine: &Machine) -> Vec<bool> {
-    let mut reverses = vec![false; machine.axes().len()];
-    for (name, curve) in machine.errors() {
-        if let Ok(axis) = machine.index_of(name.axis) {
-            reverses[axis] |= !matches!(curve, ErrorCurve::Single(_));
-        }
-    }
-    reverses
+    let axes = machine.axes().iter();
+    axes.map(|axis| machine.has_directions(axis.name)).collect()
 }
