@@ -130,14 +130,11 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
             found.push((index, place.clone(), at));
         }
     }
-    let places: Vec<_> = fields.iter().map(places_of_curves).collect();
-    let nodes: Vec<_> = fields.iter().map(nodes_of_grids).collect();
+    let grounds: Vec<_> = fields.iter().map(SearchGround::of).collect();
     let search = Search {
-        samples: rotary_samples(fields, &places)?,
-        fields,
+        samples: rotary_samples(&grounds)?,
         found,
-        places,
-        nodes,
+        grounds,
     };
     Ok(VolumetricError {
         poses: all.len(),
@@ -153,20 +150,48 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
 
 /// What the search for the largest length of a vector starts from.
 struct Search<'a> {
-    fields: &'a [ErrorField<'a>],
+    grounds: Vec<SearchGround<'a>>,
     /// Evenly covering poses and corners, with the index of their field.
     found: Vec<(usize, Place, At)>,
-    /// Of each field and axis, the places of its curves as shares of the travel.
-    places: Vec<Vec<Vec<f64>>>,
-    /// Of each field, the nodes of its grids.
-    nodes: Vec<Vec<GridNodes>>,
     samples: Vec<RotarySample>,
+}
+
+/// A field, and where it must be sampled.
+struct SearchGround<'a> {
+    field: &'a ErrorField<'a>,
+    /// Of each axis, the places of its curves as shares of the travel.
+    places: Vec<Vec<f64>>,
+    /// Of each axis, whether the errors depend on its direction of approach.
+    has_directions: Vec<bool>,
+    grids: Vec<GridNodes>,
+}
+
+impl<'a> SearchGround<'a> {
+    fn of(field: &'a ErrorField<'a>) -> Self {
+        let axes = field.machine.axes().iter();
+        let has_directions = axes.map(|axis| {
+            let mut machines = field.curves.iter();
+            machines.any(|machine| machine.has_directions(axis.name))
+        });
+        Self {
+            field,
+            places: places_of_curves(field),
+            has_directions: has_directions.collect(),
+            grids: nodes_of_grids(field),
+        }
+    }
+
+    /// The directions of approach that may differ in error.
+    fn approaches(&self, axis: usize) -> &'static [Direction] {
+        let count = if self.has_directions[axis] { 2 } else { 1 };
+        &Direction::BOTH[..count]
+    }
 }
 
 impl<'a> Search<'a> {
     /// The largest length, searched from the poses where it is largest, from those where it is largest in each direction, and from
     /// [combinations](Self::combinations) of samples. NaN if it is NaN.
-    fn worst(&self, of: &dyn Fn(&At) -> Vector3<f64>) -> Result<Worst, ModelError> {
+    fn worst(&'a self, of: &dyn Fn(&At) -> Vector3<f64>) -> Result<Worst, ModelError> {
         let length = |at: &At| of(at).norm();
         let mut starts: Vec<_> = (self.found.iter())
             .map(|one| (length(&one.2), one))
@@ -175,9 +200,9 @@ impl<'a> Search<'a> {
         starts.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut maxima = Vec::new();
         for (value, (field, place, _)) in starts.into_iter().take(STARTS) {
-            let mut ascent = Ascent::from(&self.fields[*field], place.clone(), value);
+            let mut ascent = Ascent::from(&self.grounds[*field], place.clone(), value);
             if !value.is_nan() {
-                ascent.sample(&vec![Vec::new(); place.shares.len()], &[], &length)?;
+                ascent.sample_axes(false, &length)?;
             }
             maxima.push(ascent);
         }
@@ -190,8 +215,8 @@ impl<'a> Search<'a> {
                 let Some((value, (field, place, _))) = largest else {
                     continue;
                 };
-                let mut ascent = Ascent::from(&self.fields[*field], place.clone(), value);
-                ascent.sample(&self.places[*field], &self.nodes[*field], &component)?;
+                let mut ascent = Ascent::from(&self.grounds[*field], place.clone(), value);
+                ascent.sample(&component)?;
                 let place = ascent.place;
                 maxima.push(self.sampled(*field, place, &length)?);
             }
@@ -216,22 +241,22 @@ impl<'a> Search<'a> {
         }
         Ok(largest.map_or_else(Worst::default, |of| Worst {
             value: of.value,
-            at: of.place.coordinates(of.field.machine),
-            tool: of.field.tool.to_owned(),
+            at: of.place.coordinates(of.ground.field.machine),
+            tool: of.ground.field.tool.to_owned(),
         }))
     }
 
-    /// An ascent from a place over the samples of a field, the places of its curves and the nodes of its grids included.
+    /// An ascent from a place over all samples of a field.
     fn sampled(
-        &self,
+        &'a self,
         field: usize,
         place: Place,
         size: &dyn Fn(&At) -> f64,
     ) -> Result<Ascent<'a>, ModelError> {
-        let of = &self.fields[field];
-        let value = size(&of.at(&place)?);
-        let mut ascent = Ascent::from(of, place, value);
-        ascent.sample(&self.places[field], &self.nodes[field], size)?;
+        let ground = &self.grounds[field];
+        let value = size(&ground.field.at(&place)?);
+        let mut ascent = Ascent::from(ground, place, value);
+        ascent.sample(size)?;
         Ok(ascent)
     }
 
@@ -286,18 +311,15 @@ struct LinearSample {
     at: At,
 }
 
-/// Samples of all fields: at few equal shares and at the places of their curves, approached from either side.
-fn rotary_samples(
-    fields: &[ErrorField<'_>],
-    places: &[Vec<Vec<f64>>],
-) -> Result<Vec<RotarySample>, ModelError> {
+/// Samples of all fields: at few equal shares and at the places of their curves, from either side where that matters.
+fn rotary_samples(grounds: &[SearchGround<'_>]) -> Result<Vec<RotarySample>, ModelError> {
     let mut samples = Vec::new();
-    for (number, (field, places)) in fields.iter().zip(places).enumerate() {
-        for place in rotary_poses(field, places) {
+    for (number, ground) in grounds.iter().enumerate() {
+        for place in rotary_poses(ground) {
             samples.push(RotarySample {
                 field: number,
-                at: field.at(&place)?,
-                of_axes: linear_samples(field, places, &place)?,
+                at: ground.field.at(&place)?,
+                of_axes: linear_samples(ground, &place)?,
                 place,
             });
         }
@@ -306,25 +328,25 @@ fn rotary_samples(
 }
 
 fn linear_samples(
-    field: &ErrorField<'_>,
-    places: &[Vec<f64>],
+    ground: &SearchGround<'_>,
     rest: &Place,
 ) -> Result<Vec<Vec<LinearSample>>, ModelError> {
     let mut of_axes = Vec::new();
-    for (axis, (one, places)) in field.machine.axes().iter().zip(places).enumerate() {
+    let axes = ground.field.machine.axes().iter();
+    for (axis, (one, places)) in axes.zip(&ground.places).enumerate() {
         if one.name.is_rotary() {
             continue;
         }
         let mut samples = Vec::new();
         for share in shares(COMBINED_SAMPLES, places) {
-            for approach in Direction::BOTH {
+            for &approach in ground.approaches(axis) {
                 let mut place = rest.clone();
                 (place.shares[axis], place.approach[axis]) = (share, approach);
                 samples.push(LinearSample {
                     axis,
                     share,
                     approach,
-                    at: field.at(&place)?,
+                    at: ground.field.at(&place)?,
                 });
             }
         }
@@ -333,11 +355,11 @@ fn linear_samples(
     Ok(of_axes)
 }
 
-/// Poses of the rotary axes at their samples, thinned evenly to a bounded number, approached from either side; the linear axes are in the middle of their
-/// travels.
-fn rotary_poses(field: &ErrorField<'_>, places: &[Vec<f64>]) -> Vec<Place> {
-    let axes = field.machine.axes();
-    let rotary: Vec<(usize, Vec<f64>)> = (axes.iter().zip(places).enumerate())
+/// Poses of the rotary axes at their samples, thinned evenly to a bounded number, from either side where that matters; the linear axes are in the middle
+/// of their travels.
+fn rotary_poses(ground: &SearchGround<'_>) -> Vec<Place> {
+    let axes = ground.field.machine.axes();
+    let rotary: Vec<(usize, Vec<f64>)> = (axes.iter().zip(&ground.places).enumerate())
         .filter(|(_, (axis, _))| axis.name.is_rotary())
         .map(|(index, (_, places))| (index, shares(COMBINED_SAMPLES, places).collect()))
         .collect();
@@ -345,12 +367,14 @@ fn rotary_poses(field: &ErrorField<'_>, places: &[Vec<f64>]) -> Vec<Place> {
         let counts = rotary.iter().map(|(_, shares)| shares.len().min(*most));
         counts.product::<usize>() <= ROTARY_POSES
     });
-    let mut poses = Direction::BOTH
-        .map(|side| Place {
-            shares: vec![0.5; axes.len()],
-            approach: vec![side; axes.len()],
-        })
-        .to_vec();
+    let sides = rotary.iter().map(|(axis, _)| ground.approaches(*axis));
+    let sides = sides.max_by_key(|sides| sides.len());
+    let pose = |side: &Direction| Place {
+        shares: vec![0.5; axes.len()],
+        approach: vec![*side; axes.len()],
+    };
+    let sides = sides.unwrap_or(&[Direction::Positive]);
+    let mut poses: Vec<Place> = sides.iter().map(pose).collect();
     for (axis, shares) in rotary {
         let step = shares.len().div_ceil(most.unwrap_or(1)).max(1);
         let mut turned = Vec::new();
@@ -424,16 +448,16 @@ fn nodes_of_grids(field: &ErrorField<'_>) -> Vec<GridNodes> {
 
 /// Coordinate ascent over the poses of a field.
 struct Ascent<'a> {
-    field: &'a ErrorField<'a>,
+    ground: &'a SearchGround<'a>,
     place: Place,
     /// The quantity at `place`.
     value: f64,
 }
 
 impl<'a> Ascent<'a> {
-    fn from(field: &'a ErrorField<'a>, place: Place, value: f64) -> Self {
+    fn from(ground: &'a SearchGround<'a>, place: Place, value: f64) -> Self {
         Self {
-            field,
+            ground,
             place,
             value,
         }
@@ -441,7 +465,7 @@ impl<'a> Ascent<'a> {
 
     /// Moves to a place if the quantity is larger there.
     fn try_place(&mut self, place: Place, size: &dyn Fn(&At) -> f64) -> Result<bool, ModelError> {
-        let value = size(&self.field.at(&place)?);
+        let value = size(&self.ground.field.at(&place)?);
         let is_larger = value > self.value;
         if is_larger {
             (self.value, self.place) = (value, place);
@@ -456,14 +480,9 @@ impl<'a> Ascent<'a> {
         place
     }
 
-    /// Samples the nodes of grids, then each axis over its whole travel and at the places of curves, until none improves.
-    fn sample(
-        &mut self,
-        places: &[Vec<f64>],
-        of_grids: &[GridNodes],
-        size: &dyn Fn(&At) -> f64,
-    ) -> Result<(), ModelError> {
-        for [(first, of_first), (second, of_second)] in of_grids {
+    /// Samples the nodes of grids, then the axes, the places of curves included.
+    fn sample(&mut self, size: &dyn Fn(&At) -> f64) -> Result<(), ModelError> {
+        for [(first, of_first), (second, of_second)] in &self.ground.grids {
             for a in of_first {
                 for b in of_second {
                     let mut place = self.with(*first, *a);
@@ -472,15 +491,27 @@ impl<'a> Ascent<'a> {
                 }
             }
         }
+        self.sample_axes(true, size)
+    }
+
+    /// Samples each axis over its whole travel until none improves.
+    fn sample_axes(
+        &mut self,
+        at_places: bool,
+        size: &dyn Fn(&At) -> f64,
+    ) -> Result<(), ModelError> {
         for _ in 0..ROUNDS {
             let mut is_better = false;
-            for (axis, places) in places.iter().enumerate() {
-                for share in shares(SAMPLES, places) {
-                    // A spot may be in the curve of one direction alone.
+            for axis in 0..self.place.shares.len() {
+                let places = at_places.then(|| &self.ground.places[axis][..]);
+                for share in shares(SAMPLES, places.unwrap_or_default()) {
                     let mut place = self.with(axis, share);
                     is_better |= self.try_place(place.clone(), size)?;
-                    place.approach[axis] = -place.approach[axis];
-                    is_better |= self.try_place(place, size)?;
+                    // A spot may be in the curve of one direction alone.
+                    if self.ground.has_directions[axis] {
+                        place.approach[axis] = -place.approach[axis];
+                        is_better |= self.try_place(place, size)?;
+                    }
                 }
             }
             if !is_better {
