@@ -1,6 +1,34 @@
 //! Host names that a browser may use: another site must not reach this program through a name under its control (DNS rebinding).
 
-use std::net::IpAddr;
+use std::{net::IpAddr, time::Duration};
+
+use axum::{
+    extract::Request,
+    http::{StatusCode, header},
+    middleware::Next,
+    response::Response,
+};
+
+/// Passes on a request whose Host header names this program, and waits for the response at most this time.
+///
+/// # Errors
+/// Status and reason: no Host header, a name that is not `known` (the reason is then `unknown`), or no response in time.
+pub async fn pass(
+    request: Request,
+    next: Next,
+    known: &[String],
+    unknown: &'static str,
+    timeout: Duration,
+) -> Result<Response, (StatusCode, &'static str)> {
+    let host = request.headers().get(header::HOST);
+    let host = host.and_then(|host| host.to_str().ok());
+    let host = host.ok_or((StatusCode::BAD_REQUEST, "no Host header"))?;
+    if !is_known(host, known) {
+        return Err((StatusCode::MISDIRECTED_REQUEST, unknown));
+    }
+    let response = tokio::time::timeout(timeout, next.run(request)).await;
+    response.map_err(|_| (StatusCode::REQUEST_TIMEOUT, "the request took too long"))
+}
 
 /// Whether a Host header names this program: an IP address, localhost, or a configured name; any port.
 pub fn is_known(host: &str, known: &[String]) -> bool {

@@ -5,7 +5,7 @@ use std::{sync::Arc, time::Duration};
 use axum::{
     Router,
     extract::{DefaultBodyLimit, Request, State},
-    http::{StatusCode, header},
+    http::header,
     middleware::{Next, from_fn_with_state},
     response::{IntoResponse, Response},
     routing::{MethodRouter, get, post},
@@ -159,25 +159,11 @@ async fn every_request(
     request: Request,
     next: Next,
 ) -> Response {
-    let host = request
-        .headers()
-        .get(header::HOST)
-        .and_then(|host| host.to_str().ok());
-    let mut response = match host {
-        Some(host) if hosts::is_known(host, &page.settings.hosts) => {
-            match tokio::time::timeout(REQUEST_TIMEOUT, next.run(request)).await {
-                Ok(response) => response,
-                Err(_) => ApiError::new(StatusCode::REQUEST_TIMEOUT, "the request took too long")
-                    .into_response(),
-            }
-        }
-        Some(_) => ApiError::new(
-            StatusCode::MISDIRECTED_REQUEST,
-            "this host name is not configured: add it to `hosts` of [page]",
-        )
-        .into_response(),
-        None => ApiError::wrong("no Host header").into_response(),
-    };
+    let unknown = "this host name is not configured: add it to `hosts` of [page]";
+    let known = &page.settings.hosts;
+    let passed = hosts::pass(request, next, known, unknown, REQUEST_TIMEOUT).await;
+    let mut response =
+        passed.unwrap_or_else(|(status, why)| ApiError::new(status, why).into_response());
     headers::put(response.headers_mut());
     response
 }

@@ -79,28 +79,14 @@ pub(super) async fn check_request(
     request: Request,
     next: Next,
 ) -> Response {
-    let host = request
-        .headers()
-        .get(header::HOST)
-        .and_then(|host| host.to_str().ok());
-    let mut response = match host {
-        Some(host) if hosts::is_known(host, &access.hosts) => {
-            let at_most = if request.uri().path() == UPLOAD_PATH {
-                UPLOAD_TIMEOUT
-            } else {
-                REQUEST_TIMEOUT
-            };
-            match tokio::time::timeout(at_most, next.run(request)).await {
-                Ok(response) => response,
-                Err(_) => refuse(StatusCode::REQUEST_TIMEOUT, "the request took too long"),
-            }
-        }
-        Some(_) => refuse(
-            StatusCode::MISDIRECTED_REQUEST,
-            "this name is not configured: add it to [dashboard] hosts",
-        ),
-        None => refuse(StatusCode::BAD_REQUEST, "no Host header"),
+    let timeout = if request.uri().path() == UPLOAD_PATH {
+        UPLOAD_TIMEOUT
+    } else {
+        REQUEST_TIMEOUT
     };
+    let unknown = "this name is not configured: add it to [dashboard] hosts";
+    let passed = hosts::pass(request, next, &access.hosts, unknown, timeout).await;
+    let mut response = passed.unwrap_or_else(|(status, why)| refuse(status, why));
     headers::put(response.headers_mut());
     response
 }
