@@ -17,6 +17,7 @@ use crate::{
     error::{CorrectRefusal, ModelError},
     error_rules::{curve_refusal, is_number, location_refusal},
     provenance::{Provenance, ProvenanceRefusal},
+    rigid::directions,
     thermal::{Temperatures, Thermal},
     tool::Tool,
 };
@@ -234,26 +235,38 @@ impl Machine {
         Ok(chain.tool_tip_mm())
     }
 
-    /// The tools of `[tools]` with the shortest and the longest reach: the distance of the tip from that of [`tool`](Self::tool) along the
-    /// tool axis. One name if both are the same; empty if the file states no tools.
+    /// The tools of `[tools]` at which an error can be largest, by name. The error of the tip is linear in the place of the tip, so these are
+    /// the tools with the outermost tips in 26 directions (straight tools: the shortest and the longest), and one tool of each direction of
+    /// the tool axis. Empty if the file states no tools.
     ///
     /// # Errors
     /// A tool from which no chain can be built.
-    pub fn tool_range(&self) -> Result<Vec<&str>, ModelError> {
-        let mut reaches = Vec::new();
-        for name in self.tools.keys() {
-            let reach = -self.tip_of(name)?.dot(&self.chain.tool_axis());
-            reaches.push((reach, name.as_str()));
+    pub fn extreme_tools(&self) -> Result<Vec<&str>, ModelError> {
+        let mut tools = Vec::new();
+        for (name, tool) in &self.tools {
+            let (_, axis) = tool.over(&self.tool).tip_and_axis();
+            let axis = Vector3::from(axis).normalize();
+            tools.push((name.as_str(), self.tip_of(name)?, axis));
         }
-        reaches.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut ends: Vec<&str> = reaches
-            .first()
-            .into_iter()
-            .chain(reaches.last())
-            .map(|end| end.1)
-            .collect();
-        ends.dedup();
-        Ok(ends)
+        let mut extremes: Vec<usize> = Vec::new();
+        for direction in directions() {
+            let reach = |tool: &usize| tools[*tool].1.dot(&direction);
+            let Some(most) = (0..tools.len()).map(|tool| reach(&tool)).reduce(f64::max) else {
+                break;
+            };
+            let is_most = |tool: &usize| reach(tool) >= most - SAME_TIP_MM;
+            if !extremes.iter().any(is_most) {
+                extremes.extend((0..tools.len()).find(is_most));
+            }
+        }
+        for (tool, (_, _, axis)) in tools.iter().enumerate() {
+            let has_axis = |other: &usize| (tools[*other].2 - axis).norm() < SAME_AXIS;
+            if !extremes.iter().any(has_axis) {
+                extremes.push(tool);
+            }
+        }
+        extremes.sort_unstable();
+        Ok(extremes.into_iter().map(|tool| tools[tool].0).collect())
     }
 
     /// Puts a tool into the spindle; keys that it does not state come from `[tool]`.
@@ -480,6 +493,10 @@ impl Machine {
     }
 }
 
+/// Tips nearer than this count as one place, mm.
+const SAME_TIP_MM: f64 = 1e-9;
+/// Directions of tool axes nearer than this count as one, as a difference of unit vectors.
+const SAME_AXIS: f64 = 1e-9;
 /// Maximum coordinate, mm or deg: beyond it the products of a chain lose the micrometre, and soon every digit.
 const MAX_COORDINATE: f64 = 1e9;
 

@@ -172,3 +172,11 @@ impl Lengths {
         self.largest
     }
 }
+
+/// Unit vectors to the corners, edges and faces of a cube.
+pub(crate) fn directions() -> impl Iterator<Item = Vector3<f64>> {
+    (0..27).filter_map(|number| {
+        let of = |divisor: i32| f64::from(number / divisor % 3 - 1);
+        Vector3::new(of(1), of(3), of(9)).try_normalize(0.5)
+    })
+}

@@ -10,7 +10,7 @@ use volcomp_curve::Field;
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisName, Direction};
 
-use crate::{Axis, Lengths, Machine, ModelError, RigidMotion, RigidSums};
+use crate::{Axis, Lengths, Machine, ModelError, RigidMotion, RigidSums, rigid::directions};
 
 /// Half the number of poses over which the workpiece is aligned; the other half are mirrored about the middle of the travels, so that an
 /// error that is linear over a travel is aligned exactly.
@@ -388,14 +388,6 @@ fn rotary_poses(ground: &SearchGround<'_>) -> Vec<Place> {
         poses = turned;
     }
     poses
-}
-
-/// Unit vectors to the corners, edges and faces of a cube.
-fn directions() -> impl Iterator<Item = Vector3<f64>> {
-    (0..27).filter_map(|number| {
-        let of = |divisor: i32| f64::from(number / divisor % 3 - 1);
-        Vector3::new(of(1), of(3), of(9)).try_normalize(0.5)
-    })
 }
 
 /// Two axes, and the shares of their travels at which a grid over them has nodes.

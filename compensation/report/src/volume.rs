@@ -214,14 +214,14 @@ fn slices(
     Ok(found)
 }
 
-/// The machine with each tool for which the volumetric error is evaluated, by name: first its current tool, used for the maps, then both
-/// ends of the tool range.
+/// The machine with each tool for which the volumetric error is evaluated, by name: first its current tool, used for the maps, then the
+/// [extreme tools](Machine::extreme_tools).
 ///
 /// # Errors
 /// A range of tools that the machine file does not state.
 pub fn tools(machine: &Machine) -> Result<Vec<(&str, Machine)>, ModelError> {
     let mut tools = vec![("", Machine::clone(machine))];
-    for name in machine.tool_range()? {
+    for name in machine.extreme_tools()? {
         let mut with_tool = Machine::clone(machine);
         with_tool.select_tool(name)?;
         tools.push((name, with_tool));
@@ -229,7 +229,7 @@ pub fn tools(machine: &Machine) -> Result<Vec<(&str, Machine)>, ModelError> {
     Ok(tools)
 }
 
-/// The standard uncertainty of the position error over poses of all axes and the tools at both ends of their range, from Monte Carlo
+/// The standard uncertainty of the position error over poses of all axes and the extreme tools, from Monte Carlo
 /// samples; `None` for a machine without any of the axes X, Y and Z.
 ///
 /// # Errors

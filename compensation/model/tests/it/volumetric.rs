@@ -267,7 +267,7 @@ fn spots_that_add_up_elsewhere_are_found() {
 fn tools_of_two_lengths_have_one_alignment() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[tool]\ngauge = [0.0, 0.0, 0.0]\nlength = 100.0\n[tools.SHORT]\nlength = 50.0\n[tools.LONG]\nlength = 250.0\n[errors]\nEBZ = 100.0\n";
     let machine = Machine::parse(text, "tools.toml").unwrap();
-    assert_eq!(machine.tool_range().unwrap(), ["SHORT", "LONG"]);
+    assert_eq!(machine.extreme_tools().unwrap(), ["LONG", "SHORT"]);
     let with = |name: &str| {
         let mut machine = machine.clone();
         machine.select_tool(name).unwrap();
@@ -290,6 +290,40 @@ fn tools_of_two_lengths_have_one_alignment() {
     let both = volumetric(&both).unwrap();
     // 100 µrad over 200 mm are 20 µm between the tools, less what a rotation takes of it.
     assert!(both.position.value > 0.005, "{both:?}");
+}
+
+/// A tool that reaches to the side has a lever which no straight tool has, whatever its length.
+#[test]
+fn the_error_is_largest_with_an_extreme_tool() {
+    let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[tool]\ngauge = [0.0, 0.0, 0.0]\nlength = 100.0\n[tools.A]\nlength = 50.0\n[tools.B]\nlength = 120.0\n[tools.LONG]\nlength = 250.0\n[tools.SAME]\nlength = 250.0\n[tools.SIDE]\nlength = 100.0\noffset = [300.0, 0.0, 0.0]\n[tools.SIDE_SHORTER]\nlength = 100.0\noffset = [200.0, 0.0, 0.0]\n[tools.ANGLED]\ntip = [0.0, 0.0, -100.0]\naxis = [1.0, 0.0, 0.0]\n[errors]\nECZ = { poly = [0.0, 0.0, 1e-3] }\nEBZ = { poly = [0.0, 0.05] }\n";
+    let machine = Machine::parse(text, "tools.toml").unwrap();
+    let extreme = machine.extreme_tools().unwrap();
+    assert_eq!(extreme, ["A", "ANGLED", "LONG", "SIDE"]);
+    let largest = |names: &[&str]| {
+        let with = |name: &&str| {
+            let mut machine = machine.clone();
+            machine.select_tool(name).unwrap();
+            machine
+        };
+        let machines: Vec<Machine> = names.iter().map(with).collect();
+        let of_machines: Vec<_> = machines.iter().map(errors).collect();
+        let field = |(machine, errors)| ErrorField {
+            tool: "",
+            machine,
+            curves: vec![machine],
+            errors,
+        };
+        let fields: Vec<_> = machines
+            .iter()
+            .zip(of_machines.iter().map(|errors| errors as &dyn Fn(&_) -> _))
+            .map(field)
+            .collect();
+        volumetric(&fields).unwrap().max_mm
+    };
+    let all: Vec<&str> = machine.tools().keys().map(String::as_str).collect();
+    let (of_extreme, of_all) = (largest(&extreme), largest(&all));
+    assert!((of_extreme - of_all).abs() < 1e-9, "{of_extreme} {of_all}");
+    assert!(of_all > 1.5 * largest(&["A", "LONG"]));
 }
 
 /// Machines whose errors are narrow spots of all axes and components, of both signs: a spot that lowers the error at one pose raises it at another, and
