@@ -271,7 +271,7 @@ impl Vector {
     fn brakes(&mut self, cycle: &Cycle) -> bool {
         let (mut moving, mut alone) = (PerChannel::ZERO, PerChannel::ZERO);
         for i in cycle.of_kind(AxisKind::Linear) {
-            // Each may use half of a linear axis's acceleration.
+            // Each of the two motions may use half of a linear axis's acceleration.
             moving[i] = 2.0 * self.following[i];
             alone[i] = 2.0 * (self.rate[i] - self.following[i]);
         }

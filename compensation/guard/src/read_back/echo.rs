@@ -217,7 +217,7 @@ impl Echo {
         self.count += 1;
     }
 
-    /// The values sent on another path until now may be applied, and are unknown here.
+    /// Values sent on another path may be applied and are not known here: the applied correction is unknown.
     pub(super) fn take_over(&mut self, now: Duration, status: &mut ReadBackStatus) {
         self.sent = self.sent.max(Some(now));
         (self.count, self.equal, status.writable) = (0, None, false);

@@ -1,4 +1,5 @@
-//! Faults at the edges of the guard: read-back, late writes, stored corrections. Each is judged at the axis, with and without a barrier.
+//! Faults at the interfaces of the guard: read-back, late writes, stored corrections. Each test checks the motion of the axes, with and
+//! without a barrier.
 
 use std::{f64::consts::TAU, time::Duration};
 
@@ -25,7 +26,7 @@ fn readable(limits: &Limits) -> Vec<World> {
     vec![World::new(limits), World::guarded(limits)]
 }
 
-/// The same, and lines.
+/// The same controls, and lines.
 fn all(limits: &Limits) -> Vec<World> {
     let mut worlds = readable(limits);
     worlds.push(World::lines(limits));
@@ -356,7 +357,7 @@ fn a_reading_from_the_future_counts_as_present() {
 #[test]
 fn one_repeated_message_is_one_reading() {
     let mut world = World::new(&with_delay(15));
-    // As long as the path may lag.
+    // As long as the maximum lag of the path.
     for _ in 0..15 {
         world.false_reading = Some(axes(-0.020, 0.0));
         world.run(Duration::ZERO);

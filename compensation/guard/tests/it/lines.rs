@@ -1,4 +1,4 @@
-//! Lines with reported levels: the levels are applied, not the last write. And lines without.
+//! Lines with reported levels, whose levels count as applied instead of the last write; and lines without.
 
 use core::time::Duration;
 
@@ -23,7 +23,7 @@ fn reporting(x: f64) -> World {
     world
 }
 
-/// The same, armed, with a correction of 40 µm.
+/// Armed lines with a correction of 40 µm.
 fn armed() -> World {
     let mut world = reporting(0.0);
     world.run(SECOND);

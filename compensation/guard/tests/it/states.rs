@@ -60,7 +60,7 @@ fn a_request_beyond_the_limit_is_clamped_and_reported() {
 fn arming_is_refused_with_reasons() {
     type Case = (fn(&mut World), Duration, Reasons, Reasons);
     let (none, stale) = (Reasons::NONE, Reasons::POSITIONS_STALE);
-    // A cause, how long it lasts before the request, and the reasons that are given and not given.
+    // A cause, its duration before the request, and the reasons that must and must not be reported.
     let cases: [Case; 6] = [
         (|world| world.forbids = Reasons::AUDIT, PERIOD, none, none),
         (
@@ -75,7 +75,7 @@ fn arming_is_refused_with_reasons() {
             Reasons::NO_CONTROLLER | stale,
             none,
         ),
-        // A single missing answer.
+        // A single missing response.
         (
             |world| world.answers = false,
             Duration::ZERO,
@@ -171,7 +171,7 @@ fn limits_beyond_the_ceilings_are_refused() {
         let found = Guard::new(times(period, hold)).err();
         assert_eq!(found.map(|error| error.what), refused, "{period:?}");
     }
-    // An axis does not change its kind.
+    // The kind of an axis cannot change.
     let mut guard = Guard::new(limits()).expect("valid");
     let turned = with(|l| {
         (l.axes[0].kind, l.axes[0].limit, l.axes[0].warn) = (Rotary, 0.002, 0.002);
@@ -303,12 +303,12 @@ fn disarming_does_not_ramp_out_another_gateways_correction() {
     assert!(reasons.contains(Reasons::WATCHING), "{reasons:?}");
     world.request(Request::Disarm);
     world.run_to(4 * SECOND, State::Disarmed);
-    // Also if the other one is detected later.
+    // Also if the other gateway is detected later.
     world.read_back.report_other_gateway(world.now);
     world.request(Request::Disarm);
     world.run(SECOND);
     assert_eq!(world.applied, axes(0.020, 0.0));
-    // Without another gateway the end of the program leaves it, the operator removes it.
+    // Without another gateway, the end of the program leaves the correction, and disarming removes it.
     world.run(8 * SECOND);
     world.request(Request::End);
     world.run_to(SECOND, State::Disarmed);

@@ -17,7 +17,7 @@ fn a_slow_control_is_at_zero_when_it_is_assumed_to_be() {
         zero_after: Duration::from_secs(3),
         ..limits()
     };
-    // The time-out in scans, and how long the last frame is on its way.
+    // The timeout in scans, and the transit time of the last frame.
     for (time_out_scans, late_ms) in [(1000, 0), (100, 0), (100, 14)] {
         let settings = Settings {
             time_out_scans,
