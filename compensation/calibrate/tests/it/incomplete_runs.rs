@@ -13,7 +13,7 @@ fn truth(x: f64, sign: &str) -> f64 {
     0.02 * x + 3.0 * (x / 130.0).sin() + half
 }
 
-/// Targets every 50 mm in both directions; run 2 is 40 µm higher and, with `last`, its forward part ends at that target (mm).
+/// Targets every 50 mm in both directions; run 2 is 40 µm higher and, with `last`, ends at that target (mm) of its forward part.
 fn file(curve: &str, last: Option<f64>) -> CalibrationFile {
     let mut csv = String::from("target,run,direction,deviation_um\n");
     for (run, offset) in [(1, 0.0), (2, 40.0)] {

@@ -147,7 +147,7 @@ fn a_line_of_sight_that_is_oblique_to_its_rows_is_noted() {
     ] {
         assert!(notes(fine).is_empty(), "{fine}");
     }
-    // atan(2/3) = 33.7 deg is the angle between the rows and X, and half of that to the other diagonal.
+    // atan(2/3) = 33.7 deg is the angle between the rows and X; the angle to the other diagonal is twice that.
     for (direction, angle) in [
         ("[1, 0, 0]", "33.7"),
         ("[3, -2, 0]", "67.4"),
