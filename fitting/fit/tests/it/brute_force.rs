@@ -47,8 +47,8 @@ pub(crate) fn left_out(nodes: &[[f64; 2]], order: usize, h: f64) -> Vec<f64> {
     (0..nodes.len()).map(miss).collect()
 }
 
-/// Whether the nodes carry an order and a half width, on a fine uniform grid and just where a node enters: order + 2 nodes
-/// of positive weight, and singular values that are not further apart than 1e10.
+/// Whether the nodes support an order and a half width, checked on a fine uniform grid and just where a node enters: order + 2 nodes of
+/// positive weight, and a ratio of the singular values of at most 1e10.
 pub(crate) fn carried(nodes: &[[f64; 2]], order: usize, h: f64) -> bool {
     let (first, last) = (nodes[0][0], nodes[nodes.len() - 1][0]);
     let enters = nodes.iter().flat_map(|n| [n[0] - h, n[0] + h]);
