@@ -116,7 +116,6 @@ fn an_audit_record_resent_after_a_restart_is_stored_once() {
     assert_eq!(kept.unwrap().len(), 1);
 }
 
-/// A history longer than the limit returns its newest points.
 #[test]
 fn a_limited_history_returns_its_newest_points() {
     let folder = tempfile::tempdir().unwrap();

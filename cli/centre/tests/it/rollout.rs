@@ -38,7 +38,6 @@ fn issued(actions: &[Action]) -> Vec<MachineId> {
     machines.collect()
 }
 
-/// Machines of the withdraw actions.
 fn withdrawn(actions: &[Action]) -> Vec<MachineId> {
     let machines = actions.iter().filter_map(|action| match action {
         Action::Withdraw { machine } => Some(machine.clone()),

@@ -18,7 +18,6 @@ const CONDITION_S: u64 = 1;
 const TELEMETRY_S: u64 = 10;
 /// Waiting time after which the disk is reported as hanging.
 const DISK_TIMEOUT: Duration = Duration::from_secs(3);
-/// Polling interval.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
 /// State shared by both threads.

@@ -32,7 +32,6 @@ use crate::{
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 /// Path for uploads of machine files, which may be slow.
 pub(super) const UPLOAD_PATH: &str = "/api/model/upload";
-/// Timeout of an upload.
 const UPLOAD_TIMEOUT: Duration = Duration::from_secs(300);
 
 /// Access control of the dashboard.

@@ -504,7 +504,6 @@ fn entry(checked: &Checked, what: &str) -> Entry {
     Entry::new("send-map", what, details)
 }
 
-/// Polling interval for a confirmation.
 const CONFIRMATION_POLL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Path of the confirmation.

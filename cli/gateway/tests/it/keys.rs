@@ -123,7 +123,6 @@ fn every_key_with_every_kind_of_controller() {
     assert_eq!([taken, refused], [91, 42]);
 }
 
-/// A read-only controller has no keys about corrections.
 #[test]
 fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
     for (url, kind) in URLS {

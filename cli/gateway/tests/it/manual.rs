@@ -86,7 +86,6 @@ pub(crate) fn says(state: &Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// The machine of a configuration.
 pub(crate) fn machine(config: &Path) -> Machine {
     Machine {
         options: Options {

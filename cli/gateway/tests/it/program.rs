@@ -284,7 +284,6 @@ pub(crate) fn path(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
 
-/// Appends a table to a file.
 pub(crate) fn append(file: &Path, table: &str) {
     let text = std::fs::read_to_string(file).expect("readable") + table;
     std::fs::write(file, text).expect("writable");

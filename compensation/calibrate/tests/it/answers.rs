@@ -40,7 +40,6 @@ fn drafted_of(files: &[(&str, &str)]) -> (tempfile::TempDir, Draft) {
     })
 }
 
-/// Keys that are open.
 fn open_keys(draft: &Draft) -> Vec<String> {
     draft.questions.iter().map(|of| of.key.clone()).collect()
 }

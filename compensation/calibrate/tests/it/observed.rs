@@ -299,7 +299,6 @@ fn a_location_with_the_wrong_sign_is_noted() {
     }
 }
 
-/// Invalid uncertainties.
 #[test]
 fn invalid_uncertainties_are_refused_and_implausible_ones_noted() {
     let lab = Lab::new(GEOMETRY);

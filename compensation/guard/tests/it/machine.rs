@@ -39,7 +39,6 @@ pub(crate) enum Kind {
     Lines,
     /// Lines whose control ramps to zero when writes stop.
     LinesWithTimeOut,
-    /// A barrier.
     Barrier,
 }
 

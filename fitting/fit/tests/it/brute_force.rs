@@ -31,7 +31,6 @@ fn rows(nodes: &[[f64; 2]], order: usize, h: f64, at: f64) -> (DMatrix<f64>, DVe
     (matrix, right)
 }
 
-/// The value at `at`.
 pub(crate) fn value(nodes: &[[f64; 2]], order: usize, h: f64, at: f64) -> f64 {
     let (matrix, right) = rows(nodes, order, h, at);
     matrix.svd(true, true).solve(&right, 0.0).unwrap()[0]
