@@ -152,8 +152,8 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
     }
 }
 
-/// C used to be corrected by nothing below 0.02 and by 50 times the tool-axis error above: a flickering digit of A there rotated it by 506
-/// µrad back and forth.
+/// Across the limit of 0.02 for a singular direction, C changes gradually: with a sharp limit a flickering digit of A there would rotate C
+/// by 506 µrad back and forth.
 #[test]
 fn passing_the_edge_of_a_singular_pose_turns_nothing_at_once() {
     let chain = Chain::new("w C' A' b X Y Z t".parse().unwrap());

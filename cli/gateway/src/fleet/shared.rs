@@ -139,8 +139,7 @@ fn tell(message: &mut Option<String>, hangs: bool, what: &str) {
 mod tests {
     use super::*;
 
-    /// The message is cleared if the waiting thread continued with other work, or its wait ended between two polls
-    /// (regression).
+    /// The message is cleared even if the waiting thread continued with other work, or its wait ended between two polls.
     #[test]
     fn a_disk_message_ends_with_the_wait() {
         let mut message = None;

@@ -112,7 +112,7 @@ mod tests {
         fed
     }
 
-    /// One cycle per second used to be enough.
+    /// At least every second cycle must come.
     #[test]
     fn cycles_must_come_on_time() {
         assert!(fed(4, 0) >= 95, "each cycle");

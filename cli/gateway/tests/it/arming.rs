@@ -51,7 +51,7 @@ fn without_limits_it_does_not_arm() {
     assert_eq!(gateway.state()["state"], "disarmed");
 }
 
-/// It used to keep reporting the last cycle, and armed when the controller responded again.
+/// The state becomes `unknown`, and a request made meanwhile is not executed when the controller responds again.
 #[test]
 fn a_hanging_control_thread_is_reported_and_requests_expire() {
     let (_dir, config, mut gateway) = started("");
@@ -107,8 +107,7 @@ fn a_hanging_control_thread_is_reported_and_requests_expire() {
     gateway.wait_for("disarmed");
 }
 
-/// With sixty-four requests queued, a disarm used to take effect but was neither recorded nor stored, so that the gateway armed
-/// automatically after a restart.
+/// With sixty-four requests queued, a disarm takes effect, and is recorded and stored for the next start.
 #[test]
 fn a_disarm_is_recorded_with_a_full_queue() {
     let (dir, _, mut gateway) = started("auto_arm = true");

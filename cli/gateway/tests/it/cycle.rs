@@ -124,8 +124,7 @@ fn the_fallback_takes_over_and_hands_back() {
     assert_eq!(second.lock().unwrap().applied, left, "only one path writes");
 }
 
-/// Channels whose corrections would add are rejected, because only one path writes at a time. Their remembered sum used to be taken for
-/// each of them, and at a take-over their sum moved faster than the slew.
+/// Channels whose corrections would add are rejected, because only one path writes at a time.
 #[test]
 fn channels_that_would_add_are_refused() {
     let guard = simulate::guard();
@@ -287,8 +286,7 @@ fn every_axis_gets_its_own_correction() {
     }
 }
 
-/// The same machine file is read again while the machine warms up. The lags used to restart, and the correction of Z jumped by the part
-/// that had not developed yet.
+/// The same machine file is read again while the machine warms up: the lags continue, and the correction of Z does not jump.
 #[test]
 fn a_reload_keeps_the_lags() {
     let mut bench = Bench::compensating();

@@ -81,7 +81,7 @@ fn silence_first(bench: &Bench, fault: Option<Fault>) {
     bench.seen.lock().expect("no panic").fault = fault;
 }
 
-/// 40 µm were stored while the control reported 0: they used to be shown as applied, and the first write put them on the axis at once.
+/// The stored correction is 40 µm, but the control reports 0: 0 is shown as applied, and the first write makes no step.
 #[test]
 fn the_reported_correction_replaces_the_remembered_one() {
     for barrier in [false, true] {
@@ -95,8 +95,7 @@ fn the_reported_correction_replaces_the_remembered_one() {
     }
 }
 
-/// The second of two paths to the same axes used to start from zero when it took over: the axis went from its correction to almost zero in
-/// one write.
+/// The second of two paths to the same axes starts from the applied correction when it takes over.
 #[test]
 fn a_standby_path_takes_over_without_a_step() {
     for barrier in [false, true] {
@@ -121,8 +120,7 @@ fn a_standby_path_takes_over_without_a_step() {
     }
 }
 
-/// The first path reported an emergency stop and then fell silent: the second, which cannot see the stop, used to take over and write the
-/// correction.
+/// The first path reports an emergency stop and then falls silent: the second, which cannot see the stop, does not take over.
 #[test]
 fn an_emergency_stop_causes_no_change_of_path() {
     use std::sync::atomic::Ordering;
@@ -156,7 +154,7 @@ fn an_emergency_stop_causes_no_change_of_path() {
     }
 }
 
-/// Writes were lost while readings arrived: the correction used to be shown as applied all the time.
+/// Writes are lost while readings arrive: the correction is not shown as applied.
 #[test]
 fn lost_writes_are_reported() {
     for barrier in [false, true] {
@@ -169,7 +167,7 @@ fn lost_writes_are_reported() {
     }
 }
 
-/// A second path holds 77 µm while the first corrects: this used to go unreported.
+/// A second path holds 77 µm while the first corrects.
 #[test]
 fn a_correction_left_on_a_standby_path_is_reported() {
     let clock = Clock::manual();

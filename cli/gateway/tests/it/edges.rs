@@ -94,8 +94,8 @@ fn no_step(control: &Simulator, of: &str) {
     assert!(steps.iter().all(|step| *step <= RATE), "{of}: {steps:?}");
 }
 
-/// Killed at any time and restarted while the control still has the correction, ramps it out, or is at zero: the first write of the new
-/// process used to put the stored correction on the axis at once, from 0 to 40 µm.
+/// Killed at any time, and restarted while the control still has the correction, ramps it out, or is at zero: the new process makes no step
+/// to the stored correction of 40 µm.
 #[test]
 fn killed_and_started_again() {
     let dir = tempfile::tempdir().expect("writable");
@@ -119,8 +119,8 @@ fn killed_and_started_again() {
     no_step(&control, "ended");
 }
 
-/// Suspended for two seconds at any time, also between reading and writing. The decided write used to be sent two seconds later: the axis,
-/// which the control had ramped to zero meanwhile, stepped back to its correction.
+/// Suspended for two seconds at any time, also between reading and writing: an expired write is not sent to an axis that the control has
+/// ramped to zero meanwhile.
 #[test]
 fn stopped_for_two_seconds() {
     let dir = tempfile::tempdir().expect("writable");
@@ -140,8 +140,7 @@ fn stopped_for_two_seconds() {
     }
 }
 
-/// The control restarts: a reset keeps the words of the axes, a power cycle clears them. The gateway used to write its stored correction
-/// over both.
+/// The control restarts: a reset keeps the words of the axes, a power cycle clears them. The gateway continues from the reported words.
 #[test]
 fn a_control_that_begins_anew() {
     let dir = tempfile::tempdir().expect("writable");
@@ -162,8 +161,7 @@ fn a_control_that_begins_anew() {
     }
 }
 
-/// Other values in the words of the frame and of the report, repeatedly: garbage in the words used to be taken for the correction and
-/// written back.
+/// Garbage in the words of the frame and of the report is not taken for the correction, and not written back.
 #[test]
 fn garbage_in_the_words() {
     let dir = tempfile::tempdir().expect("writable");
@@ -186,8 +184,8 @@ fn garbage_in_the_words() {
     corrects(&program, &control);
 }
 
-/// 5 mm in the words of an axis at the start of a gateway with auto-arm, which used to take them for its own output, far beyond the limit.
-/// The barrier ramps them to zero at its rate, and the gateway corrects only after that.
+/// At the start of a gateway with auto-arm an axis has a word of 5 mm, far beyond the limit. The barrier ramps it to zero at its rate, and
+/// the gateway corrects only after that.
 #[test]
 fn a_correction_beyond_the_limit_is_found_at_the_start() {
     let dir = tempfile::tempdir().expect("writable");
@@ -212,8 +210,7 @@ fn a_correction_beyond_the_limit_is_found_at_the_start() {
     no_step(&control, "found at the start");
 }
 
-/// Writes in transit when the connection was closed used to arrive half a second to two seconds later: the axis stepped to an old
-/// correction.
+/// Writes in transit when the connection closes arrive 0.5 to 2 s later: the axis does not step to the old correction.
 #[test]
 fn what_was_kept_back_comes_later() {
     let dir = tempfile::tempdir().expect("writable");
@@ -237,9 +234,8 @@ fn what_was_kept_back_comes_later() {
     }
 }
 
-/// The barrier has X, Y, Z, and the configuration `axes` in another order: frames and reports used to be accepted anyway, so that X got the
-/// correction of Y (20 µm instead of 0) and Y that of X, shown as compensating with every axis proven, and `check --online` reported
-/// nothing.
+/// The barrier has the axes X, Y, Z, and the configuration `axes` another order: frames and reports are rejected, because X would get the
+/// correction of Y, and `check --online` fails.
 #[test]
 fn axes_in_another_order_than_the_barriers_are_refused() {
     let dir = tempfile::tempdir().expect("writable");

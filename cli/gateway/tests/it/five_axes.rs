@@ -111,8 +111,7 @@ test_shift_urad = 0";
     assert_ne!(left["left_urad"]["B"], 0.0, "{left}");
 }
 
-/// The table C is at rest, and the last digit of its position flickers by 0.001°, twice the previous reversal threshold. X used to move by
-/// 40 µm at every flicker.
+/// The table C is at rest, and the last digit of its position flickers by 0.001°: X does not move by the reversal value of 40 µm.
 #[test]
 fn a_flickering_last_digit_causes_no_reversal() {
     let dir = tempfile::tempdir().expect("writable");

@@ -121,7 +121,7 @@ fn tokens_decide() {
         assert_eq!(post("/api/disarm", Some("wrong")), 401);
     }
     assert_eq!(post("/api/disarm", Some("wrong")), 429);
-    // The right token used to be blocked from disarming for a minute, and again by five more wrong ones.
+    // The right token is accepted from the blocked address.
     assert_eq!(post("/api/disarm", Some(OPERATE)), 200);
     assert_eq!(post("/api/disarm", Some("wrong")), 429);
     assert_eq!(program.get("/api/state").status, 200);
@@ -129,8 +129,7 @@ fn tokens_decide() {
     assert_eq!(post("/api/disarm", Some("wrong")), 401, "a minute later");
 }
 
-/// Clients that request a page and do not read it, or that send half a request, used to occupy every connection, so that disarming was
-/// impossible.
+/// Clients that request a page and do not read it, or send half a request, do not occupy every connection.
 #[test]
 fn hanging_clients_do_not_prevent_disarming() {
     let (_dir, program) = simulated();

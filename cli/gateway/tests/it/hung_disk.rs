@@ -77,7 +77,7 @@ pub(crate) fn preloaded(dir: &Path) -> Option<PathBuf> {
     Some(library)
 }
 
-/// The response to a disarm, and all later ones, used to wait for the disk.
+/// A disarm and its response do not wait for the disk.
 #[test]
 fn disarming_acts_first_and_is_logged_after() {
     let Some(rig) = Rig::start() else {
@@ -125,7 +125,7 @@ fn disarming_acts_first_and_is_logged_after() {
     assert_eq!(program.post("/api/arm", "").status, 200);
 }
 
-/// A stop used to write its record before it ended, and waited for the disk.
+/// A stop does not wait for its record to be written.
 #[test]
 fn stopping_ramps_out_in_time() {
     let Some(mut rig) = Rig::start() else {
@@ -148,7 +148,7 @@ fn stopping_ramps_out_in_time() {
     );
 }
 
-/// The request used to wait for the disk, and the model was activated whenever the disk responded again.
+/// The request times out, and the model is not activated when the disk responds again.
 #[test]
 fn a_model_that_waits_for_the_disk_times_out() {
     let Some(rig) = Rig::start() else {

@@ -39,7 +39,7 @@ fn started(config: &Path) -> Program {
     Program::start(dir, &["--config", path(config)])
 }
 
-/// An earlier version did not report that the standby path had never answered.
+/// A standby path that has never answered is reported.
 #[test]
 fn a_silent_standby_path_is_reported() {
     let dir = tempfile::tempdir().expect("writable");
@@ -70,7 +70,7 @@ fn a_silent_standby_path_is_reported() {
     }
 }
 
-/// An earlier version did not report 77 µm on a standby path: less than the output may move between two readings.
+/// 77 µm on a standby path are reported, although the output may move further between two readings.
 #[test]
 fn a_correction_on_a_standby_path_is_reported() {
     let dir = tempfile::tempdir().expect("writable");
@@ -141,7 +141,7 @@ fn an_unknown_correction_is_shown_as_unknown() {
     }
 }
 
-/// An earlier version showed the correction found at the start as sent, and an error map while the position of the machine was unknown.
+/// A correction found at the start is not shown as sent, and no error map is shown while the position of the machine is unknown.
 #[test]
 fn unsent_and_unknown_values_are_not_shown() {
     let dir = tempfile::tempdir().expect("writable");

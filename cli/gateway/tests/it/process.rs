@@ -251,8 +251,7 @@ fn a_second_signal_leaves_at_once() {
     assert!(audit.contains("\"what\":\"stopped\"") && audit.contains("\"left_um\""));
 }
 
-/// A gateway that never corrected used to ramp out the correction found at its start when it ended, although it may be that of another
-/// gateway.
+/// A gateway that never corrected does not ramp out, at its end, a correction found at its start, which may be that of another gateway.
 #[test]
 fn stopping_leaves_a_found_correction_alone() {
     let (_dir, config, mut gateway) = manual::started("");

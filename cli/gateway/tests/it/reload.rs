@@ -58,7 +58,7 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     wait_for_y(&mut gateway, -25.0);
     gateway.wait_for("compensating");
     assert!(ramps(&gateway) > before, "through the ramp");
-    // The same files again: nothing changes, and the response says so. It used to ramp.
+    // The same files again: nothing changes, without a ramp, and the response says so.
     let before = ramps(&gateway);
     let (status, same) = reload(&mut gateway);
     assert_eq!((status, &same["unchanged"]), (200, &json!(true)), "{same}");
@@ -184,8 +184,8 @@ fn another_machine_file_needs_confirmation_before_arming() {
     assert!(refused.to_string().contains("axis C"), "{refused}");
 }
 
-/// Times and thresholds determine how long a stale correction remains and how far a model may change without confirmation: a reload used to
-/// accept them without a question.
+/// Times and thresholds determine how long a stale correction remains and how far a model may change without confirmation, so a reload
+/// asks.
 #[test]
 fn changed_times_and_thresholds_need_confirmation() {
     let (_dir, config, mut gateway) = started("auto_arm = true");

@@ -307,8 +307,8 @@ fn another_map_takes_the_place_of_the_one_in_use() {
     assert!(seen.is_sorted_by(|was, is| is <= was), "{seen:?}");
 }
 
-/// An earlier version wrote the record of another map in the loop that keeps the first one valid: a hanging disk let it expire. Now the
-/// other map is abandoned after a timeout, and is not activated late.
+/// While the record of another map waits for a hanging disk, the map in use stays valid. The other map is abandoned after a timeout, and is
+/// not activated late.
 #[test]
 fn a_disk_that_hangs_keeps_the_map_in_use() {
     let Some(mut rig) = Rig::new() else {
@@ -351,8 +351,7 @@ fn a_disk_that_hangs_keeps_the_map_in_use() {
     assert!(log.contains("the last records are lost"), "{log}");
 }
 
-/// An earlier version mistook a confirmation that arrived during the rejection of another one for that one, which could not be removed, and
-/// then checked for no further confirmation.
+/// A confirmation that arrives while another one is being rejected is removed and processed separately.
 #[test]
 fn a_confirmation_during_a_refusal_is_separate() {
     let Some(mut rig) = Rig::new() else {

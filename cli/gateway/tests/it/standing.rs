@@ -80,7 +80,7 @@ fn compensating(dir: &Path) -> (PathBuf, Gateway) {
     (config, gateway)
 }
 
-/// A restart with `auto_arm` used to arm what an operator had disarmed.
+/// A restart with `auto_arm` does not arm a gateway that an operator has disarmed.
 #[test]
 fn an_operators_disarm_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
@@ -100,8 +100,8 @@ fn an_operators_disarm_survives_a_restart() {
     gateway.wait_for("compensating");
 }
 
-/// An operator's disarm that could not be written to a full disk used to be never written: after a kill and a restart it armed
-/// automatically.
+/// An operator's disarm that cannot be written to a full disk is written as soon as possible, so that the gateway does not arm
+/// automatically after a kill and a restart.
 #[test]
 fn an_operators_disarm_is_written_as_soon_as_possible() {
     let dir = tempfile::tempdir().expect("writable");
@@ -122,8 +122,7 @@ fn an_operators_disarm_is_written_as_soon_as_possible() {
     assert_eq!(gateway.state()["state"], "disarmed");
 }
 
-/// An operator disarmed on a full disk and got status 200; after a power failure the gateway used to arm automatically. A fault on a full
-/// disk also persists over a power failure.
+/// An operator's disarm on a full disk (status 200) persists over a power failure, and so does a fault.
 #[test]
 fn an_operators_disarm_is_kept_on_a_full_disk() {
     for (is_fault, written, reported, state) in [
@@ -182,8 +181,7 @@ fn without_room_for_the_standing_state_it_does_not_arm() {
     gateway.wait_for("compensating");
 }
 
-/// An operator's disarm while the gateway stops (it still ramps out and responds) must persist: the request used to be dropped, and the
-/// next start armed automatically.
+/// An operator's disarm while the gateway stops, which still ramps out and responds, persists.
 #[test]
 fn a_disarm_while_stopping_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
@@ -208,7 +206,7 @@ fn a_disarm_while_stopping_survives_a_restart() {
     assert!(says(&state, DISARMED), "{state}");
 }
 
-/// Killing a gateway used to acknowledge its fault.
+/// Killing a gateway does not acknowledge its fault.
 #[test]
 fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     let dir = tempfile::tempdir().expect("writable");
@@ -227,7 +225,7 @@ fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     assert_eq!(status, 409, "{refused}");
     let words = "acknowledge the fault first";
     assert!(refused.to_string().contains(words), "{refused}");
-    // It used to be possible to acknowledge it during an emergency stop.
+    // It cannot be acknowledged during an emergency stop.
     let stop = |gateway: &Gateway, is_on| {
         let switch = &gateway.rig.controls.emergency_stop;
         switch.store(is_on, Ordering::Relaxed);
@@ -247,7 +245,7 @@ fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     gateway.wait_for("compensating");
 }
 
-/// The state of unreachable lines is unknown. At an orderly end an earlier version recorded zero for it, which the next run trusted.
+/// The state of unreachable lines is unknown, so an orderly end must not record zero for it, which the next run would trust.
 #[test]
 fn an_unknown_correction_stays_unknown_after_an_orderly_end() {
     let dir = tempfile::tempdir().expect("writable");
@@ -325,8 +323,8 @@ fn let_sensor_jump(gateway: &mut Gateway) {
     gateway.wait("jumped", |state| quality(state).contains("jumped"));
 }
 
-/// A broken sensor was excluded, and the gateway restarted, also after a full disk: its first reading used to be accepted, it armed
-/// automatically, and X moved by the reading.
+/// A broken sensor was excluded, and the gateway restarted, also after a full disk: the first reading is not accepted, and the gateway does
+/// not arm automatically.
 #[test]
 fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
     for is_full in [false, true] {
@@ -359,7 +357,7 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
     }
 }
 
-/// The sensor jumped, and an alarm of the control was acknowledged: this used to accept the sensor as well.
+/// Acknowledging an alarm of the control does not accept a sensor that jumped.
 #[test]
 fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     let dir = tempfile::tempdir().expect("writable");

@@ -316,8 +316,8 @@ fn a_location_states_the_whole_squareness() {
     assert!(is_noted, "{:?}", found.warnings);
 }
 
-/// An unknown tilt of a rotary axis with only one tilt line measured: its change changes that line nearly as much. Alternating between
-/// unknowns and lines did not converge; solved together they are determined.
+/// An unknown tilt of a rotary axis with only one tilt line measured changes that line nearly as much as itself. Alternating between
+/// unknowns and lines does not converge; solved together they are determined.
 #[test]
 fn unknowns_that_lines_contain_are_found_with_them() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tilt");

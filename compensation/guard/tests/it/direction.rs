@@ -31,7 +31,7 @@ impl Memory {
     }
 }
 
-/// A single wrong position used to reverse the direction, with an error of the reversal value until the axis moved.
+/// A single wrong position does not reverse the direction.
 #[test]
 fn one_wrong_position_causes_no_reversal() {
     let [forward, back] = [Direction::Positive, Direction::Negative];
@@ -87,7 +87,7 @@ fn it_reverses_only_beyond_the_threshold_from_the_last_extreme() {
     assert_eq!(at(20.0006), Some(Direction::Positive));
 }
 
-/// An axis that only moved forward used to count as reversed at each passage of 360°.
+/// An axis that only moves forward does not count as reversed when its position wraps at 360°.
 #[test]
 fn rolling_over_is_no_reversal() {
     for (step, direction) in [(0.001, Direction::Positive), (-0.7, Direction::Negative)] {
@@ -175,7 +175,7 @@ fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
     turns
 }
 
-/// With a lag of 20 ms the correction used to oscillate by ±10 µm.
+/// A correction contained in the position, with a lag of 20 ms, causes no oscillation.
 #[test]
 fn no_reversal_is_fed_back_at_standstill() {
     assert!(
@@ -287,7 +287,7 @@ fn many_turns_do_not_change_the_direction() {
     }
 }
 
-/// Two wrong readings in five delay the first direction; half a turn from the first position, right readings used to give the opposite direction.
+/// Two wrong readings in five delay the first direction, but do not invert it half a turn from the first position.
 #[test]
 fn the_first_direction_is_right_half_a_turn_away() {
     let reported = [
@@ -380,7 +380,7 @@ fn wrong_readings() -> impl Strategy<Value = Vec<Option<f64>>> {
 }
 
 proptest! {
-    /// A wrong, a right and a wrong position used to reverse the direction with the median of three readings.
+    /// Up to two wrong readings in five, which a median of three readings would not reject.
     #[test]
     fn two_wrong_readings_in_five_cause_no_reversal(
         wrong in wrong_readings(),

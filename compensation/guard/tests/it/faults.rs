@@ -333,7 +333,8 @@ fn a_slow_correction_is_not_reported_as_held() {
     assert!(world.applied[0] > 0.01);
 }
 
-/// With 72 ms to the control and back, the word had moved on when its frame was seen to be accepted: this used to count as a control held elsewhere.
+/// With 72 ms to the control and back, the word has moved on when its frame is seen to be accepted: this does not count as a control held
+/// elsewhere.
 #[test]
 fn a_slow_path_is_not_reported_as_a_held_control() {
     let scan_ms = Duration::from_millis;

@@ -63,7 +63,7 @@ fn an_acknowledgement_lifts_only_interlocks_of_silent_paths() {
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
 
-/// The barrier keeps moving, with frames and reports in transit: each report used to become the next goal, 27, 44, 30, 40, 34 µm.
+/// The barrier keeps moving, with frames and reports in transit: a report does not become the next goal.
 #[test]
 fn an_axis_holds_in_a_stop_reported_by_another_path() {
     for late in [0, 1, 2, 4] {
@@ -165,7 +165,7 @@ fn stopped(late: usize) -> World {
     world
 }
 
-/// The word goes to the held correction and stays there when limits are lowered; it used to go from 100 µm to 69 µm.
+/// The word goes to the held correction and stays there when limits are lowered.
 #[test]
 fn limits_lowered_in_a_stop_do_not_move_the_word() {
     let mut world = stopped(4);
@@ -197,7 +197,7 @@ fn limits_lowered_as_a_stop_begins_do_not_move_the_word() {
     }
 }
 
-/// The control is released while another path still reports the stop: the axis used to go from 106 µm to 30 µm.
+/// The control is released while another path still reports the stop.
 #[test]
 fn limits_lowered_in_a_stop_reported_by_another_path_move_no_axis() {
     let mut world = stopped(2);

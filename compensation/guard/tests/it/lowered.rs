@@ -58,7 +58,7 @@ fn misses_most(requested: &RequestedCorrection, before: &Limits, after: &Limits)
     (most, vector)
 }
 
-/// X alone came in at its slew, 30 µm ahead of A, which took half a second: the tip was 50 µm off.
+/// X and A approach the lowered limit together: if X alone went there at its slew, the tip would be 50 µm off.
 #[test]
 fn a_lowered_linear_limit_reduces_the_rotary_shares_too() {
     for rotary_slew in [2000e-6, 500e-6, 250e-6, 50e-6] {
@@ -168,7 +168,7 @@ fn a_lowered_acceleration_does_not_overshoot() {
     }
 }
 
-/// Words in transit to a barrier land after the limit was lowered: this used to count as a foreign correction.
+/// Words in transit to a barrier that land after the limit was lowered do not count as a foreign correction.
 #[test]
 fn limits_lowered_in_motion_on_a_slow_path_are_no_fault() {
     for late in [0, 1, 2, 4, 6] {
@@ -242,7 +242,7 @@ fn a_correction_sent_long_before_a_limit_was_lowered_is_a_fault() {
     }
 }
 
-/// A path with another axis order and a limit of 30 µm takes over from one that applies 140 and −70 µm: this used to be a fault.
+/// A path with another axis order and a limit of 30 µm takes over from one that applies 140 and −70 µm without a fault.
 #[test]
 fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     // Corrections found at the take-over: the sent ones, larger ones, and on one axis the word sent on the other.

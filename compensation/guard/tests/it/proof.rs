@@ -170,8 +170,8 @@ fn each_axis_has_its_own_result() {
     assert_eq!(proven([stood_contains, stood]), [Contained, NotProven]);
 }
 
-/// Words of another unit: the position follows both ways by another factor. This used to count as motion of the machine and to repeat for ever (above
-/// 2.5), or was compensated with (2). A tenth of the shift is less than a flickering count: that position stays.
+/// Words of another unit: the position follows by another factor in both directions. This is a contradiction, neither motion of the machine
+/// nor a proof. A tenth of the shift is less than a flickering count: that position stays.
 #[test]
 fn a_position_that_follows_by_another_factor_is_a_contradiction() {
     for factor in [2.0, 10.0, 17.45, 0.5, 0.1, -1.0, -3.0] {
@@ -197,7 +197,7 @@ fn a_position_that_follows_by_another_factor_is_a_contradiction() {
     }
 }
 
-/// A rotary table at zero, which is also a whole turn: the shift used to count as a turn and was repeated for ever.
+/// A rotary table at zero, which is also a whole turn: the shift does not count as a turn.
 #[test]
 fn a_shift_across_the_roll_over_is_found() {
     let mut limits = limits();
@@ -359,7 +359,7 @@ fn a_correction_is_no_motion_of_the_axis() {
     }
 }
 
-/// A constant position with fresh timestamps used to count as one without the correction.
+/// A constant position with fresh timestamps does not prove that it excludes the correction.
 #[test]
 fn a_frozen_position_is_reported_as_not_proven() {
     let mut world = World::new(&Limits {
@@ -384,7 +384,7 @@ fn a_frozen_position_is_reported_as_not_proven() {
     assert_eq!(world.guard.verdict().proven[..2], [false, false]);
 }
 
-/// Positions of another path have another zero: the difference used to count as motion.
+/// Positions of another path have another zero: the difference does not count as motion.
 #[test]
 fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
     let limits = Limits {
@@ -445,7 +445,7 @@ fn proves(world: &mut World, lever_mm: f64) -> [f64; 2] {
     [off, turned]
 }
 
-/// X and a table under a tool 400 mm off its centre used to be shifted at once: the tip was 33 µm off.
+/// X and a table under a tool 400 mm off its centre are shifted so that the tip stays; shifted at once, it would be 33 µm off.
 #[test]
 fn the_tip_stays_while_a_rotary_axis_is_shifted() {
     for includes_correction in [true, false] {
@@ -475,7 +475,7 @@ fn a_rotary_axis_that_cannot_be_followed_is_not_shifted() {
     assert!(output.reasons.contains(Reasons::NOT_PROVEN));
 }
 
-/// Positions come once per second, each a second old: the same position used to count as another reading in every cycle.
+/// Positions come once per second, each a second old: a repeated position does not count as another reading.
 #[test]
 fn slow_positions_prove_what_they_contain() {
     let ms = Duration::from_millis;

@@ -62,7 +62,7 @@ fn a_line_takes_the_ramp_or_as_long_as_its_slowest_axis() {
     assert!((short_s - 0.08).abs() < 0.005, "{short_s}");
 }
 
-/// Bounded by slew, acceleration or the twenty cycles. Without the acceleration it used to be 80 ms instead of 121 ms.
+/// Bounded by slew, acceleration or the twenty cycles.
 #[test]
 fn the_predicted_time_to_zero_is_that_of_a_line() {
     for slew_per_s in [0.05, 0.4, 5.0] {
@@ -158,7 +158,7 @@ fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
     assert!((499..=502).contains(&cycles), "{cycles}");
 }
 
-/// The next motion used to exceed the acceleration by the forgotten rate.
+/// The rate of the line bounds the acceleration of the next motion.
 #[test]
 fn a_motion_after_a_line_starts_with_its_last_rate() {
     let limits = five(0.118);
@@ -198,7 +198,7 @@ fn a_motion_after_a_line_starts_with_its_last_rate() {
     }
 }
 
-/// A single request of 20 mm used to send the correction to the opposite limit for nine seconds.
+/// A single request of 20 mm has no effect after the ramp.
 #[test]
 fn an_absurd_request_at_the_start_of_a_ramp_ends_with_the_ramp() {
     let mut linear = three();

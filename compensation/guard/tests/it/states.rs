@@ -232,7 +232,7 @@ fn a_correction_beyond_the_limit_ramps_out_after_acknowledgement() {
     world.assert_steps(MOST, "ramping out");
 }
 
-/// A reload used to make an unknown correction beyond the limit acceptable; arming or disarming then ramped it out.
+/// Setting the same limits again does not make an unknown correction beyond the limit acceptable.
 #[test]
 fn setting_the_same_limits_accepts_no_correction() {
     for request in [Request::Arm, Request::Disarm] {
@@ -246,7 +246,7 @@ fn setting_the_same_limits_accepts_no_correction() {
     }
 }
 
-/// With three false readings it used to be a step of 1.5 mm, and a real correction was ramped out without acknowledgement.
+/// Three false readings cause no step of 1.5 mm, and an actual correction is not ramped out without acknowledgement.
 #[test]
 fn disarming_does_not_ramp_out_a_correction_beyond_the_limit() {
     for (is_real, is_armed, request) in [
@@ -293,7 +293,7 @@ fn disarming_does_not_ramp_out_a_correction_beyond_the_limit() {
     }
 }
 
-/// A second gateway, disarmed or ended 100 ms after its start, used to ramp out the correction of the first.
+/// A second gateway, disarmed or ended 100 ms after its start, does not ramp out the correction of the first.
 #[test]
 fn disarming_does_not_ramp_out_another_gateways_correction() {
     let mut world = World::new(&limits());
@@ -351,7 +351,7 @@ fn a_frame_of_another_gateway_is_a_fault_until_it_is_gone() {
     }
 }
 
-/// An acknowledged correction beyond the limit used to fault again on the other path.
+/// An acknowledged correction beyond the limit does not fault again on the other path.
 #[test]
 fn ramping_out_from_beyond_the_limit_continues_after_a_change_of_paths() {
     for found_there in [None, Some(0.500)] {

@@ -461,8 +461,7 @@ fn a_limit_scales_every_share_equally() {
     assert!(followed.limited && followed.warned && !followed.slewing);
 }
 
-/// They equal the shares for which the linear ones are solved. They used to differ by up to half a step, and the tip by 3 µm, where rounding exceeded
-/// the limit of a linear axis.
+/// The linear words are solved for the rotary words as rounded, so the tip is not off where rounding exceeds the limit of a linear axis.
 #[test]
 fn at_rest_rotary_words_are_whole_steps() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);

@@ -147,7 +147,7 @@ offset = \"unknown\"
     assert!((stated - expected).abs() < 1e-3, "{stated} {expected}");
 }
 
-/// A machine with rotary axes only cannot move its tip to a sphere: this used to panic.
+/// A machine with rotary axes only cannot move its tip to a sphere.
 #[test]
 fn a_machine_without_linear_axes_is_identified() {
     let lab = Lab::new(

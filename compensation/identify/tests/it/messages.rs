@@ -264,7 +264,7 @@ fn contradictory_observations_are_named() {
     );
 }
 
-/// Observations made by a program may refer to missing parts of the set-up: this used to panic.
+/// Observations made by a program may refer to missing parts of the set-up.
 #[test]
 fn references_outside_the_set_up_are_refused() {
     let lab = Lab::new(MACHINE);

@@ -58,7 +58,7 @@ fn too_few_numbers_are_noted() {
     assert!(matches!(thin, IdentifyError::Frame { .. }), "{thin}");
 }
 
-/// A curve fitted to lines that is unknown here again used to be dropped silently.
+/// A curve fitted to lines that is unknown here again is dropped with a note.
 #[test]
 fn a_curve_that_is_dropped_is_noted() {
     let lab = Lab::new(&format!(

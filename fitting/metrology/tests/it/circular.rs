@@ -507,8 +507,7 @@ fn a_column_of_radii_is_not_read_as_deviations() {
     }
 }
 
-/// On an arc that does not pass a reversal of an axis, the spike there is unknown; all other signatures are recovered. Spikes of 1e41 µm
-/// used to be reported.
+/// On an arc that does not pass a reversal of an axis, the spike there is unknown; all other signatures are recovered.
 #[test]
 fn spikes_outside_an_arc_are_not_estimated() {
     let machine = Machine {

@@ -346,7 +346,7 @@ fn standstills_in_a_log_become_readings() {
 }
 
 /// The last 4 µm of an approach are within the limit of standstill: after positive motion they are before the target, after negative motion
-/// beyond it. An axis without reversal shows none, however slowly it approaches; 0.9 µm used to be found.
+/// beyond it. An axis without reversal shows none, however slowly it approaches.
 #[test]
 fn the_end_of_an_approach_is_not_read_as_reversal() {
     let mut text = String::new();

@@ -249,7 +249,7 @@ fn only_the_displayed_result_is_activated() {
     assert_eq!(model(&program)["hash"], hash);
 }
 
-/// An active model whose file cannot be stored is reported until it can: in an earlier version the next history entry cleared the message.
+/// An active model whose file cannot be stored is reported until it can; other history entries do not clear the message.
 #[test]
 fn a_model_that_cannot_be_kept_is_reported_until_it_is() {
     let rig = Rig::new("");

@@ -96,7 +96,7 @@ fn invalid_and_foreign_models_are_refused() {
     assert_eq!(activate(&program, &made, None).status, 409);
 }
 
-/// The machine file of another machine whose correction hardly differs used to be activated silently.
+/// The machine file of another machine is not activated silently, even if its correction hardly differs.
 #[test]
 fn a_model_of_another_machine_needs_confirmation() {
     let rig = Rig::new("");

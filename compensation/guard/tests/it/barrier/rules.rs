@@ -104,8 +104,7 @@ fn a_frame_for_another_machine_or_other_axes_is_rejected() {
         },
         settings(2),
         settings(4),
-        // A frame for Y X Z or X Y A has as many words as one for X Y Z, and used to be accepted in its place: the correction of one axis
-        // moved another one.
+        // A frame for Y X Z or X Y A has as many words as one for X Y Z, but would move other axes.
         of([AxisName::Y, AxisName::X, AxisName::Z]),
         of([AxisName::X, AxisName::Y, AxisName::A]),
     ] {
@@ -306,7 +305,7 @@ fn invalid_settings_are_refused() {
     }
 }
 
-/// Late and repeated reports used to count as new.
+/// Late and repeated reports do not count as new.
 #[test]
 fn a_report_older_than_the_last_one_is_ignored() {
     let (_, mut sender, report) = held(settings(1));
@@ -335,7 +334,7 @@ fn a_report_older_than_the_last_one_is_ignored() {
     );
 }
 
-/// A repeated report used to be confirmed with the present time. After 5 s of silence any tick is accepted, since it may have wrapped.
+/// A repeated report does not confirm anything at the present time. After 5 s of silence any tick is accepted, since it may have wrapped.
 #[test]
 fn a_repeated_report_confirms_nothing() {
     let settings = settings(1);
@@ -390,8 +389,8 @@ fn answer(barrier: &Barrier, sender: &mut Session, requested: i16, output: &mut 
     words(&report.settings, &frame.expect("the control is free"))
 }
 
-/// One gateway changes to another path; its last frame stays in the first mailbox. It used to be accepted again once tick and sequence had wrapped,
-/// about every minute: the axis ran away.
+/// One gateway changes to another path; its last frame stays in the first mailbox. It is not accepted again when tick and sequence have
+/// wrapped, about every minute.
 #[test]
 fn an_old_frame_in_an_unused_mailbox_is_never_accepted_again() {
     // Scans between two frames, so that tick and sequence wrap at different times.

@@ -10,7 +10,7 @@ use volcomp_guard::{
 
 use crate::world::{PERIOD, SCAN, World, axes, barrier, limits};
 
-/// Scans of 2.45 ms are accepted where 2 ms are configured. Zero used to be assumed at the configured time, with 140 µm, 10 µm and 46 µm still on X.
+/// Scans of 2.45 ms are accepted where 2 ms are configured: zero is assumed only after the longer time, when X is at zero.
 #[test]
 fn a_slow_control_is_at_zero_when_it_is_assumed_to_be() {
     let limits = Limits {
