@@ -227,7 +227,7 @@ impl Vector {
         let seconds = if eased <= at_rate_s * at_rate_s {
             at_rate_s + eased / at_rate_s
         } else {
-            // It brakes before reaching its full rate.
+            // The axis brakes before it reaches its full rate.
             2.0 * libm::sqrt(eased)
         };
         Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)

@@ -237,7 +237,7 @@ impl Sending {
         let Some(checked) = self.before.take() else {
             return false;
         };
-        // It was in use, so it is within the limits.
+        // The previous map was in use, so it is within the limits.
         if self.sender.replace(checked.map.clone()).is_err() {
             return false;
         }

@@ -201,7 +201,7 @@ impl Bench {
         let mut bench = Self::new();
         bench.run(Duration::from_millis(100));
         bench.request(Request::Arm);
-        // It dwells for 1.5 s at the first corner, longer than the test shift takes. Then it ramps in.
+        // The machine dwells for 1.5 s at the first corner, longer than the test shift takes, then the correction ramps in.
         let report = bench.run(Duration::from_secs(2));
         assert_eq!(report.state.name(), "compensating");
         bench

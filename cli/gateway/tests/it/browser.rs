@@ -106,7 +106,7 @@ fn an_engineer_brings_measurements_from_the_studio_into_force() {
     let studio = Studio::listen(folder, "127.0.0.1:0".parse().expect("an address"));
     let studio = studio.expect("a free port");
     let page = studio.url();
-    // It serves until the test program ends.
+    // The studio serves until the test program ends.
     std::thread::spawn(move || studio.run());
     let lasers = examples();
     let arguments = [page.as_str(), &gateway, ENGINEER, path(&lasers)];

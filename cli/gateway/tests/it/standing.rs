@@ -225,7 +225,7 @@ fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     assert_eq!(status, 409, "{refused}");
     let words = "acknowledge the fault first";
     assert!(refused.to_string().contains(words), "{refused}");
-    // It cannot be acknowledged during an emergency stop.
+    // The fault cannot be acknowledged during an emergency stop.
     let stop = |gateway: &Gateway, is_on| {
         let switch = &gateway.rig.controls.emergency_stop;
         switch.store(is_on, Ordering::Relaxed);

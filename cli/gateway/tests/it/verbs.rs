@@ -32,7 +32,7 @@ const TABLE: [(Setting, [u16; 3]); 7] = [
     (Disarmed, [200, 200, 409]),
     (Arming, [200, 200, 409]),
     (Compensating, [200, 200, 409]),
-    // It is armed and continues automatically. The control clears an alarm.
+    // The gateway is armed and continues automatically. The control clears an alarm.
     (HoldingInAnAlarm, [200, 200, 409]),
     (RampingOut, [200, 200, 409]),
     (RampingOutInAnAlarm, [409, 200, 409]),
@@ -109,7 +109,7 @@ fn judge(setting: Setting, ask: &Operation, expected: u16) {
     }
 }
 
-/// It ends in order, and leaves nothing applied if the control accepts writes.
+/// The gateway ends in order, and leaves nothing applied if the control accepts writes.
 fn ends(setting: Setting) {
     let dir = tempfile::tempdir().expect("writable");
     let rig = gateway(setting, dir.path()).stop();

@@ -200,7 +200,7 @@ fn the_first_order_correction_is_newtons_first_step() {
                 left <= neglected + 1e-4,
                 "{structure}: {left} over {neglected}"
             );
-            // It also holds for the correction computed at the target of the first one.
+            // The bound also holds for the correction computed at the target of the first one.
             let second = compiled.first_order(&corrected).delta;
             let left = left_with(&second);
             let neglected = compiled.neglected().there_mm(&found.delta, &second);

@@ -54,7 +54,7 @@ pub(crate) const KINDS: [Kind; 5] = [
 #[expect(clippy::struct_excessive_bools, reason = "separate faults")]
 struct Way {
     read_back: ReadBack,
-    /// It responds and accepts writes.
+    /// The path responds and accepts writes.
     online: bool,
     frozen_at: Option<Duration>,
     /// Reported next instead of the applied correction.
@@ -542,7 +542,7 @@ impl Machine {
             let frame = way.read_back.frame(&output.correction, &limits, &mut words);
             if let Some(length) = frame {
                 self.post(active, words[..length].to_vec(), lands);
-                // It may be in transit for any time.
+                // The frame may be in transit for any time.
                 self.may_stop();
             }
         } else if lands {

@@ -108,7 +108,7 @@ fn a_jump_is_never_accepted_after_a_while() {
         assert_eq!(check.judge(&LINEAR, 600.0, ms(at)), JUMP, "{at} ms");
     }
     assert_eq!(check.judge(&LINEAR, 600.0, ms(2e6)), JUMP);
-    // It moves on from there, and returns to where it could have been in the 10 ms before the jump.
+    // The position moves on from the wrong value, and returns to where it could have been in the 10 ms before the jump.
     for (position, expected) in [
         (400.0, JUMP),
         (210.0, JUMP),

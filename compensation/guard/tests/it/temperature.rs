@@ -149,7 +149,7 @@ fn a_jump_that_was_a_disturbance_ends_after_ten_minutes() {
     assert_eq!(machine.used_after(&[20.8], 500.0), None);
     machine.reads(&[22.5]);
     assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
-    // So does a fault.
+    // A fault has the same effect.
     machine.reads(&[60.0]);
     assert_eq!(machine.used_after(&[20.8], 500.0), None);
     machine.hears(&[SensorReading::Fault]);

@@ -225,7 +225,7 @@ proptest! {
         }
     }
 
-    /// They match the present rotary shares, unless reported as behind.
+    /// The linear words match the present rotary shares, unless the axes are reported as behind.
     #[test]
     fn linear_axes_follow_the_moving_shares(
         requested in any_request(),

@@ -68,7 +68,7 @@ X,Y,x,y,z\n1,2,3,4,5\n | offset = 3 | unknown key
     }
 }
 
-/// Its rows would count twice, or validate the fit that used them. One bar may have several positions, though.
+/// A row file used twice would count twice, or validate the fit that used it. One bar may have several positions, though.
 #[test]
 fn a_row_file_of_two_observations_is_refused_with_both_places() {
     let lab = Lab::new(MACHINE);

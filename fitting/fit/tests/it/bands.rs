@@ -75,7 +75,7 @@ fn bands_cover_the_truth_between_targets() {
     assert!(sparse.share_of_targets() < 0.4, "{sparse:?}");
     // The curves of this fifth give a warning, except for a few that look like a long wave.
     assert!(10 * sparse.warned >= 8 * sparse.curves, "{sparse:?}");
-    // These are too few to determine the coverage, so a hundred more are used.
+    // Twenty undersampled lines are too few to determine the coverage, so a hundred more are used.
     for index in (104..500).step_by(5) {
         sparse.add(covered(&undersampled(29, index), 100));
     }

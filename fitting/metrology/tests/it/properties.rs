@@ -363,7 +363,7 @@ proptest! {
         let _ = (decide(Some(numbers[0]), numbers[1], Some(numbers[2])), parse_tolerances(&tolerance, &["A", "E"]));
     }
 
-    /// So do readers and evaluations of circles.
+    /// Readers and evaluations of circles never panic.
     #[test]
     fn circles_of_arbitrary_points_never_panic(
         rows in prop::collection::vec((-1e4..1e4_f64, -1e4..1e4_f64), 0..60),

@@ -44,7 +44,7 @@ fn a_gateway_that_dies_leaves_nothing() {
     assert_eq!(control.pin("volcomp.owner"), 0.0);
     drop(program);
 
-    // It is restarted, and continues.
+    // The gateway is restarted, and continues.
     let program = gateway(dir.path(), PORT);
     let cycles = control.record(|control| wait_corrected(control, &program));
     no_jump(&cycles, MOST);
@@ -119,7 +119,7 @@ impl Relay {
                         1
                     };
                     for _ in 0..copies {
-                        // One in ten is overtaken by some later ones, one in a hundred by very many.
+                        // Later frames overtake one frame in ten; very many overtake one in a hundred.
                         let ms = match random.random_range(0..100) {
                             0 if is_bad => random.random_range(100..2000),
                             1..10 if is_bad => random.random_range(1..12),

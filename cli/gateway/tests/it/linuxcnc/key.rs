@@ -129,7 +129,7 @@ impl Attack {
                     beside.send(&report, 1, &other);
                     beside.send(&report, 2, &other);
                 }
-                // Each 40 times per second.
+                // Each listener, 40 times per second.
                 for listener in listeners.iter().skip(round % 25).step_by(25) {
                     let forged = encoded(beside.answers(), Content::Listen, &other);
                     let _ = listener.send(&forged);
@@ -200,7 +200,7 @@ fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     wait_corrected(&mut control, &program);
     let cycles = control.record(|control| control.mdi("G1 F600 X60 Y45 Z-25"));
     no_jump(&cycles, MOST);
-    // Its frames queue among the others, for some cycles.
+    // The gateway's frames queue among the others for some cycles.
     let found = residuals(&cycles);
     let [median, most] = [50, 99].map(|of| part(&found, of));
     println!("beside an attack: residual {median:.2} nm median, {most:.1} nm p99");

@@ -143,7 +143,7 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
         assert_eq!(made["step"], "ready", "{made}");
         let after = made["result"]["hash"].clone();
         let client = program.clone();
-        // It may be killed meanwhile. Small changes need no confirmation.
+        // The gateway may be killed meanwhile. Small changes need no confirmation.
         let asked = std::thread::spawn(move || activate(&client, &made, None).status);
         std::thread::sleep(Duration::from_millis(delay_ms));
         program.signal("KILL");
@@ -160,7 +160,7 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     }
     println!("{answered} of 8 were answered before the kill");
     assert!(answered > 0, "none was ever activated");
-    // It corrects with either model.
+    // The gateway corrects with either model.
     program.must_arm();
 }
 
