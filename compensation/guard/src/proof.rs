@@ -161,7 +161,7 @@ impl Span {
         }
     }
 
-    /// Whether it is `times` as long as the required standstill.
+    /// True if it is at least `times` as long as the required standstill, with as many readings.
     fn lasts(&self, times: u32, taken: Duration) -> bool {
         let long = |from| taken.saturating_sub(from) >= STILL_FOR * times;
         self.from.is_some_and(long) && self.readings >= STILL_READINGS * times

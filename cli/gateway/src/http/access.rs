@@ -178,9 +178,9 @@ const ADDRESSES: usize = 1024;
 pub enum Role {
     /// Read state, history, map and metrics.
     View,
-    /// Also arm, disarm, acknowledge and reload.
+    /// In addition arm, disarm, acknowledge and reload.
     Operate,
-    /// Also upload files and activate models.
+    /// In addition upload files and activate models.
     Engineer,
 }
 

@@ -228,7 +228,7 @@ fn the_table_is_for_people() {
     insta::assert_snapshot!(rest);
 }
 
-/// On a terminal of 40 columns no line is longer.
+/// No line is longer than a terminal of 40 columns.
 #[test]
 fn the_table_fits_a_narrow_terminal() {
     let (_dir, file) = changed(|text| without_barrier(&text));

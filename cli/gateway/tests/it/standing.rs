@@ -376,8 +376,7 @@ fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     gateway.wait("believed", |state| quality(state).contains("good"));
 }
 
-/// The cycle has armed when an operator disarms: the service still had the previous state, treated the arming as complete, and lost who
-/// disarmed after it.
+/// An operator disarms when the cycle has armed but the service still has the previous state: who disarmed is recorded.
 #[test]
 fn a_disarm_right_after_arming_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");

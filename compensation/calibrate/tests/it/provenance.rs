@@ -80,7 +80,7 @@ fn a_curve_has_the_provenance_and_quality_of_its_file() {
     );
 }
 
-/// In any folder and at any time.
+/// The bytes depend neither on the folder nor on the time.
 #[test]
 fn the_same_files_give_the_same_bytes() {
     let calibrated = |machine: &str| files(machine).calibrated(CALIBRATION).machine;

@@ -152,7 +152,7 @@ impl Echo {
         Some(same.is_some())
     }
 
-    /// Only these values may be applied.
+    /// Resets the values that may be applied to these.
     fn begin(&mut self, values: &PerChannel<f64>, now: Duration) {
         self.candidates[0] = Candidate {
             since: now,

@@ -411,8 +411,8 @@ fn a_restarted_control_still_fits() {
     }
 }
 
-/// With repeated short outages the barrier had gone to zero each time, a fault; after the acknowledgement earlier failures still counted, and arming
-/// faulted at once.
+/// Repeated short outages, in each of which the barrier goes to zero, are a fault. After its acknowledgement the earlier failures do not
+/// count, and arming works.
 #[test]
 fn arming_works_after_an_acknowledged_fault() {
     let mut faults = 0;

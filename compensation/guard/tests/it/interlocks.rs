@@ -110,8 +110,8 @@ fn the_correction_held_by_a_barrier_in_a_stop_is_adopted() {
     assert_eq!(world.applied, stands);
 }
 
-/// The confirmed correction lags the sent one: when it replaced the word, the axis moved back by 18 µm in one cycle. Words keep the slew in
-/// every time window, and the axis never reverses.
+/// The confirmed correction lags the sent one, so it must not replace the word when a stop begins: the axis would move back by 18 µm. Words
+/// keep the slew in every time window, and the axis never reverses.
 #[test]
 fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
     let slew = limits().axes[0].slew_per_s;

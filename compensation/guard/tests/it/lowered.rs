@@ -108,7 +108,7 @@ fn a_line_that_ends_beyond_a_lowered_limit_is_scaled_as_a_whole() {
     }
 }
 
-/// Also without rotary axes.
+/// The same without rotary axes.
 #[test]
 fn a_lowered_limit_scales_every_share_equally() {
     let requested = RequestedCorrection::linear(of([0.100, -0.050, 0.020]));

@@ -220,7 +220,7 @@ fn a_shift_across_the_roll_over_is_found() {
     }
 }
 
-/// The axes stood still, and the proof kept waiting for standstill.
+/// A single unsent write, even while the axes are at rest, does not keep the proof waiting for standstill.
 #[test]
 fn one_unsent_write_does_not_block_the_proof() {
     for missed in 0..300 {
@@ -335,7 +335,7 @@ fn only_motion_of_the_last_ten_seconds_counts() {
     }
 }
 
-/// With and without the correction in the positions.
+/// The correction does not count as motion, whether positions contain it or not.
 #[test]
 fn a_correction_is_no_motion_of_the_axis() {
     for contains in [false, true] {

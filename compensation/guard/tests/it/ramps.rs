@@ -394,7 +394,7 @@ fn a_correction_between_steps_ramps_out() {
     }
 }
 
-/// The rotary axis, with an acceleration limit, had returned to almost zero, and the ramp never began.
+/// A ramp to zero ends, although the rotary axis, with an acceleration limit, is already almost at zero.
 #[test]
 fn a_ramp_to_zero_ends_with_a_rotary_axis_already_at_zero() {
     let mut limits = limits();

@@ -136,7 +136,7 @@ proptest! {
     }
 }
 
-/// With every kind of control.
+/// Random sequences with every kind of control.
 #[test]
 fn sequences_visit_every_state() {
     for kind in KINDS {

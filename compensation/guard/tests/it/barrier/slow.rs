@@ -50,7 +50,7 @@ fn a_slow_control_is_at_zero_when_it_is_assumed_to_be() {
     }
 }
 
-/// The control's program stopped while its interface kept answering: every 5 s the same report counted as new, and the machine was armed.
+/// If the control's program has stopped while its interface answers, a repeated report never counts as new, and the machine is not armed.
 #[test]
 fn a_report_with_a_constant_tick_is_never_new() {
     let mut world = World::guarded(&limits());
