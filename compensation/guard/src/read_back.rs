@@ -57,8 +57,8 @@ impl ReadBack {
         Self::of(Kind::Echo(Echo::new(watch)), Scheme::Plain)
     }
 
-    /// Scheme for a control whose correction cannot be read back. `control` is the time without a write after which it ramps to zero on its own; `None`:
-    /// it keeps its correction.
+    /// Read-back of a control that does not report its correction. `control` is the time without a write after which it ramps to zero on
+    /// its own; `None`: it keeps its correction.
     #[must_use]
     pub fn no_read_back(control: Option<ControlTimeOut>) -> Self {
         Self::of(
