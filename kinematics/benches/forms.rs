@@ -1,5 +1,5 @@
-//! One error evaluation in each form, error values given, five axes; against a chain of 4×4 products
-//! written by hand in nalgebra. Only ratios within one run mean anything.
+//! One error evaluation in each form with given error values and five axes, against a chain of 4×4 products written by hand in nalgebra.
+//! Only ratios within one run are meaningful.
 
 use std::hint::black_box;
 

@@ -1,12 +1,12 @@
-//! The load program: how much one centre carries, measured on this machine.
+//! Measures the throughput of one centre on this computer.
 //!
 //! `cargo run --release -p volcomp-centre --example load -- --machines 1000 --minutes 5`, after
-//! `cargo build --release -p volcomp-centre`. It starts a `nats-server` and the centre as programs of their own and prints:
+//! `cargo build --release -p volcomp-centre`. Starts a `nats-server` and the centre as separate processes and prints:
 //!
-//! 1. the bytes of the fleet through the bare server (published, stored, consumed, acknowledged), and through the centre
-//!    (the same, and stored in its database), by the same publishers, in turns;
-//! 2. many gateways, each with its own connection and nkey, a condition per second and full telemetry every ten seconds: how
-//!    long a roll-out to all takes, and the memory of the centre over the minutes.
+//! 1. the throughput of the bare server (publish, store, consume, acknowledge) and of the centre (the same, and stored in
+//!    its database), with the same publishers, in alternating rounds;
+//! 2. with many gateways, each with its own connection and nkey, a condition per second and full telemetry every ten
+//!    seconds: the duration of a roll-out to all, and the memory of the centre over the minutes.
 
 #![allow(
     clippy::unwrap_used,
@@ -62,7 +62,7 @@ struct Arguments {
     rounds: u32,
 }
 
-/// The size of the database, MB.
+/// Database size, MB.
 fn size_mb(file: &Path) -> f64 {
     let of = |file: &Path| std::fs::metadata(file).map_or(0, |data| data.len());
     (of(file) + of(&file.with_extension("db-wal"))) as f64 / 1e6
@@ -208,7 +208,7 @@ fn condition() -> Condition {
     }
 }
 
-/// One message of a machine; every eleventh is a whole state.
+/// One message of a machine; every eleventh is full telemetry.
 fn message(instance: &str, number: u64) -> (Kind, Vec<u8>) {
     fn bytes<T: serde::Serialize>(instance: &str, number: u64, body: T) -> Vec<u8> {
         serde_json::to_vec(&Envelope {
@@ -260,7 +260,7 @@ async fn publish(hub: &Hub, site: &str, machines: usize, messages: u64, run: u32
     bytes.load(Ordering::Relaxed)
 }
 
-/// Waits until the centre's place in a stream is at its end: everything is acknowledged, so it is on disk.
+/// Waits until the centre has acknowledged the whole stream, so that every message is on disk.
 async fn acknowledged(hub: &Hub, stream: &str) {
     loop {
         let stream = hub.context().get_stream(stream).await.unwrap();
@@ -279,7 +279,7 @@ async fn throughput(bench: &Bench, arguments: &Arguments) {
         .await
         .unwrap();
     let mut ratios = Vec::new();
-    // One for all rounds: what a second one asks for would be sent to the first for a while.
+    // One pull subscription for all rounds: the server would still send messages to an abandoned one for a while.
     let [mut collection, _] = hub.collections(&bare[0]);
     let count = arguments.machines;
     for round in 0..arguments.rounds {
@@ -298,7 +298,7 @@ async fn throughput(bench: &Bench, arguments: &Arguments) {
         let bare_s = start.elapsed().as_secs_f64();
 
         let centre = bench.start_centre();
-        // It is there when its consumer is, with nothing left of the round before.
+        // The centre is ready when its stream exists and all messages of the previous round are acknowledged.
         while hub.context().get_stream("telemetry-load").await.is_err() {
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
@@ -338,7 +338,7 @@ fn processor_s(process: u32) -> f64 {
         .split_whitespace()
         .filter_map(|one| one.parse().ok())
         .collect();
-    // The state is no number: utime and stime are the 11th and 12th of the rest.
+    // The process state is not a number, so utime and stime are the 11th and 12th of the remaining fields.
     fields
         .get(10)
         .zip(fields.get(11))
@@ -358,7 +358,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
             identity: machine.identity.clone(),
             serial: machine.serial.clone(),
             trusted: vec![bench.key.key.verifying_key()],
-            // Each its own, as gateways draw theirs: the server stores a message that comes twice under one name once.
+            // The server discards a second message with the same id, so every gateway needs its own instance name.
             instance: format!("fleet-{}", machine.identity.machine),
             condition_every: Duration::from_secs(1),
             telemetry_every: Duration::from_secs(10),
@@ -368,7 +368,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
         let seen = gateway::GatewayState::default();
         reported.push(seen.clone());
         tasks.spawn(gateway::run(plan, seen));
-        // They do not all start at one moment.
+        // Spread the starts.
         tokio::time::sleep(Duration::from_millis(2)).await;
     }
     let all = || {
@@ -388,7 +388,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
     let end = Instant::now() + Duration::from_secs(60 * arguments.minutes);
     let mut rolls = Vec::new();
     while Instant::now() < end {
-        // It waits for a database.
+        // The roll-out blocks on the database.
         let took_s = tokio::task::block_in_place(|| roll_out(bench, &reported, number));
         rolls.push(took_s);
         number += 1;
@@ -424,7 +424,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
     );
 }
 
-/// A roll-out to all machines: until each has answered, and the centre has closed it.
+/// Seconds of a roll-out to all machines, until all have answered and the centre has closed it.
 fn roll_out(bench: &Bench, reported: &[gateway::GatewayState], number: u32) -> f64 {
     let new = model(number);
     bench.store.add_model(&new.model, &new.text).unwrap();

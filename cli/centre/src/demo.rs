@@ -327,7 +327,7 @@ fn confirm_due(
                 &UserRequest::Confirm { machine, hash },
                 CONFIRMED_BY,
             ) {
-                // It was resumed or stopped since it was read.
+                // The roll-out was resumed or stopped since it was read.
                 Ok(()) | Err(Error::NotConfirmed(_)) => {}
                 Err(error) => return Err(error),
             }

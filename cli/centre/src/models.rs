@@ -148,7 +148,6 @@ pub fn beyond_every_guard(map: &ErrorMap) -> Option<String> {
 
 /// Number of steps over the travel in which an error motion is sampled.
 const STEPS: u32 = 100;
-/// A day, s.
 const DAY_S: f64 = 86_400.0;
 
 /// An error parameter of a machine: a location error, or the range of an error motion over the travel.

@@ -1,4 +1,4 @@
-//! A thread that does nothing, with the priority of a control thread: what the machine itself adds to its cycles.
+//! A thread that does nothing, with the priority of a control thread: the wake-up latency of the computer itself.
 //!
 //! `idle PERIOD_MS PRIORITY CPU SECONDS` prints for each second the second of the monotonic clock, the longest
 //! wake-up (us) and the periods that were missed. `benches/soak` runs it together with the gateway.

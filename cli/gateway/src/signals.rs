@@ -84,7 +84,7 @@ mod tests {
 
     use super::*;
 
-    /// A signal must not wait for the next iteration of the service, up to 50 ms (regression).
+    /// A signal takes effect without waiting for the next iteration of the service, up to 50 ms.
     #[test]
     fn a_stop_acts_without_a_reader() {
         let patience = Duration::from_secs(10);

@@ -196,8 +196,8 @@ fn without_file(said: &str, path: &Path) -> String {
 }
 
 impl Proposed {
-    /// Whether both have the same error, axis positions, and measured point as far as both know it. Open positions are treated as
-    /// equal.
+    /// Whether both have the same error, the same axis positions and, if both state it, the same measured point. Open positions are treated
+    /// as equal.
     fn is_at_place_of(&self, other: &Self) -> bool {
         let is_one_point = match (self.point(), other.point()) {
             (Some(one), Some(other)) => one == other,
@@ -406,7 +406,6 @@ fn comment(text: &mut String, said: &str) {
 /// have been found.
 ///
 /// # Errors
-/// A folder that cannot be read.
 /// A folder that cannot be read.
 pub fn files_below(
     folder: &Path,

@@ -71,8 +71,7 @@ pub(crate) fn settled(
         let moved = before
             .as_ref()
             .map(|before| moved(before, &found.parameters));
-        // Each round changes the lines, and therefore the next round, by a constant share of the previous change, once
-        // above rounding.
+        // Each round changes the next one by a constant share of its own change, as long as that exceeds rounding.
         let share = match (last_moved, moved) {
             (Some(before), Some(moved)) if moved > SETTLED => moved / before,
             _ => 0.0,

@@ -131,8 +131,8 @@ impl Setup {
     }
 }
 
-/// Assigns coordinates by axis letter, mm or deg, to the indices of the axes in the chain. A coordinate that its axis
-/// cannot reach is rejected: a lever arm would be wrong by as much, or a curve zero where it was never measured.
+/// Assigns coordinates by axis letter, mm or deg, to the indices of the axes in the chain. A coordinate that its axis cannot reach is
+/// rejected: it would make a lever arm wrong, or set the zero of a curve outside its readings.
 pub(crate) fn set_coordinates(
     coordinates: &mut [f64],
     section: &Section<'_>,

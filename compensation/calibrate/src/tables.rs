@@ -42,7 +42,7 @@ pub(crate) fn decode_location(
     let errors = decode_location_errors(section, machine, reference_axes)?;
     let one = section.get("error").is_some();
     let Some(first) = errors.first().copied() else {
-        // There is at least one.
+        // Does not occur: there is at least one error.
         return Ok(Vec::new());
     };
     let kind = first.component.kind();

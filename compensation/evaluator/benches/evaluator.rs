@@ -100,7 +100,7 @@ fn workloads() -> [(&'static str, Machine); 3] {
     ]
 }
 
-/// One pose: independent poses (throughput) and a chain in which each pose waits for the one before.
+/// One pose: independent poses (throughput), and a chain in which each pose depends on the previous result (latency).
 fn one_pose(c: &mut Criterion) {
     for (name, machine) in workloads() {
         let compiled = machine.compile(Tolerance::default()).expect("compiles");
@@ -227,7 +227,7 @@ fn correction(c: &mut Criterion) {
     group.finish();
 }
 
-/// 10⁷ poses from memory, 24 bytes in, 48 out.
+/// 10⁷ scattered poses: 24 bytes read and 48 written per pose.
 fn scattered(c: &mut Criterion) {
     const COUNT: usize = 10_000_000;
     for (name, machine) in [
@@ -259,7 +259,7 @@ fn scattered(c: &mut Criterion) {
         });
         group.bench_function("copy", |b| {
             b.iter(|| {
-                // The same bytes in and out: every pose is read once and written twice.
+                // Memory traffic of the evaluation without its arithmetic: 24 bytes read, 48 written per pose.
                 for (pose, error) in poses.chunks_exact(3).zip(black_box(&mut errors)) {
                     error[..3].copy_from_slice(pose);
                     error[3..].copy_from_slice(pose);
@@ -282,7 +282,7 @@ fn one_by_one(compiled: &CompiledMachine, poses: &[f64], errors: &mut [[f64; 6]]
     }
 }
 
-/// A tensor grid of 400 MB into warm memory.
+/// A tensor grid of 400 MB, written to memory that is already mapped.
 fn grid(c: &mut Criterion) {
     let machine = gantry(mls);
     let compiled = machine.compile(Tolerance::default()).expect("compiles");

@@ -6,7 +6,7 @@ use volcomp_evaluator::kinematics::{Chain, ErrorMotion, State};
 use volcomp_evaluator::vocabulary::{AxisKind, AxisName, Displacement};
 use volcomp_evaluator::{AxisParts, CompiledMachine, MachineParts, Tolerance};
 
-/// At a desk: 10 µm of positioning and 20 µrad of yaw over the metre of X, 30 µrad of squareness of Y.
+/// Offline: compiles a machine with 10 µm positioning deviation and 20 µrad yaw over 1 m of X, and a squareness of Y of 30 µrad.
 fn at_a_desk() -> Result<Vec<u8>, Box<dyn std::error::Error>> {
     let chain = Chain::new("w X' b Y Z t".parse()?);
     let travel = [0.0, 1000.0].map(|end| Displacement::from_coordinate(AxisKind::Linear, end));

@@ -1,6 +1,6 @@
 //! Binary format of a compiled machine, for the gateway and for distribution.
 //!
-//! `VOLCOMPM`, version, SHA-256 of everything after it, then the machine; numbers are little-endian.
+//! Layout: the signature `VOLCOMPM`, the version, the SHA-256 of the remaining bytes, the machine. Numbers are little-endian.
 
 use alloc::{string::ToString, vec::Vec};
 
@@ -274,14 +274,14 @@ fn read_machine(reader: &mut Reader<'_>, version: u32) -> Result<CompiledMachine
         moved.push(name); // at most as many as the structure has
     }
     let mut thermal = Vec::new();
-    // Version 2 lacks them.
+    // Version 2 has no thermal offsets.
     for _ in structure.axes().iter().filter(|_| version >= 3) {
         thermal.push(Thermal {
             at_tip: reader.numbers()?,
             slope_mm: reader.numbers()?,
         });
     }
-    // Versions 2 and 3 lack them.
+    // Versions 2 and 3 have no motion frames.
     for &name in structure.axes().iter().filter(|_| version >= 4) {
         if reader.count(1, "as a motion frame")? == 1 {
             chain
@@ -340,7 +340,7 @@ fn read_table(reader: &mut Reader<'_>) -> Result<Vec<Piece>, BlobError> {
     for place in 0..count {
         let [start, end] = reader.numbers()?;
         let joins = pieces.last().is_none_or(|before| before.end() == start);
-        // The first and the last piece hold the end values.
+        // The first and the last piece are constant at the end values.
         let held = place == 0 || place + 1 == count;
         if !joins || (start >= end) != held || start > end {
             return Err(senseless("pieces that do not follow one another"));

@@ -61,7 +61,7 @@ impl CompiledMachine {
     }
 
     /// Move lengths of the axes (mm, rad, in chain order) for which [`chord_bound_mm`](Self::chord_bound_mm) is within a tolerance anywhere
-    /// in the travels, provided that the moved shares of these lengths add up to at most one. Infinite for axes without effect.
+    /// in the travels, provided that the moves, as fractions of these lengths, add up to at most 1. Infinite for axes without effect.
     pub fn short_ways(&self, tolerance_mm: f64) -> PerAxis<f64> {
         let reach_mm = self.reach_mm();
         // The terms of the bound with products of lengths are linearised with the sum of all lengths.

@@ -108,7 +108,7 @@ impl CompiledMachine {
         Ok(())
     }
 
-    /// The correcting axes if only the axes in `written` can be written: those of the axes that may move, in their order. Does not allocate.
+    /// The correctors of a controller that can write only the axes in `written`: those of them that may move. Does not allocate.
     pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
         let mut names = self.may_move.clone();
         names.retain(|name| written.contains(name));

@@ -12,7 +12,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 /// Constant errors after folding. Displacements are those of the tool tip at machine zero.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Folded {
-    /// Between the last joint and the tool.
+    /// Constant error between the last joint and the tool.
     pub(crate) tool_end: ErrorMotion,
     /// Constant error on the tool side of each joint except the last, unless a table includes it.
     pub(crate) between: PerAxis<ErrorMotion>,

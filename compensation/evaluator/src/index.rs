@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 /// Maximum number of cells of one index.
 const MAX_CELLS: usize = 1 << 12;
-/// Adding this leaves a whole number below 2³² in the low bits of the sum, rounding to the nearest one.
+/// 2⁵²: adding it rounds a number below 2³² to the nearest integer and leaves that in the low bits of the sum.
 const TO_INTEGER: f64 = 4_503_599_627_370_496.0;
 
 /// A cell of an index, with at most one breakpoint if possible.

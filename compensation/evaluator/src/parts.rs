@@ -26,7 +26,7 @@ impl Default for Tolerance {
 }
 
 impl Tolerance {
-    /// A tolerance of `nm` nanometres for displacements and as many nanoradians for rotations.
+    /// A tolerance of `nm` nanometres for displacements and `nm` nanoradians for rotations.
     pub fn from_nm(nm: f64) -> Self {
         Self {
             linear_mm: nm * 1e-6,

@@ -22,13 +22,13 @@ impl CompiledMachine {
         self.evaluate_with(state, Baseline)
     }
 
-    /// The first-order correction by the axes of [`correctors`](Self::correctors): rotary axes on the tool axis with least norm, then
-    /// linear axes on position.
+    /// The first-order correction by the axes of [`correctors`](Self::correctors): the rotary axes correct the tool direction with least
+    /// norm, then the linear axes correct the position.
     pub fn first_order(&self, state: &State) -> FirstOrder {
         self.first_order_of(state, &self.correctors)
     }
 
-    /// The first-order correction by other axes: for a controller to which only some axes of the machine can be written.
+    /// The first-order correction by the axes in `correctors`, for a controller that can write only some axes of the machine.
     pub fn first_order_of(&self, state: &State, correctors: &Correctors) -> FirstOrder {
         #[cfg(feature = "std")]
         return one_correction(self, state, correctors);

@@ -41,8 +41,8 @@ impl CompiledMachine {
 }
 
 impl Slides {
-    /// The correction of a state recomputed with the errors at the target of the first-order correction: mm in chain order. If it is less
-    /// than half of the first step, the errors are unrealistic, and the first step is returned.
+    /// The correction in two steps, mm in chain order: the second step uses the errors at the position that the first one leads to. If the
+    /// second result is less than half of the first, the errors are unrealistic, and the first is returned.
     pub fn two_steps(&self, machine: &CompiledMachine, state: &State) -> PerAxis<f64> {
         #[cfg(feature = "std")]
         return two_steps(machine, state, self);
@@ -63,7 +63,7 @@ impl Slides {
             *q += delta;
         }
         let second = self.delta(&machine.evaluate_with(&corrected, registers));
-        // With errors that grow as fast as their coordinate, the second step swings back to almost nothing.
+        // If an error grows as fast as its coordinate, the second step is almost zero.
         let size =
             |delta: &PerAxis<f64>| delta.iter().fold(0.0, |most, d| libm::fabs(*d).max(most));
         if size(&second) < 0.5 * size(&first) {

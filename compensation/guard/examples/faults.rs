@@ -37,7 +37,7 @@ fn main() -> Result<(), LimitsError> {
     let mut guard = Guard::new(limits)?;
     let mut read_back = ReadBack::plain(Duration::ZERO);
 
-    // The model wants 30 µm all the time; the control applies what is written.
+    // The model requests 30 µm in every cycle; the control applies what is written.
     let mut applied = PerChannel::ZERO;
     let mut target = PerChannel::ZERO;
     target[0] = 0.030;
@@ -67,7 +67,7 @@ fn main() -> Result<(), LimitsError> {
             }),
             read_back: *read_back.status(),
             requested: Some(RequestedCorrection::linear(target)),
-            // Three equal readings, the delay apart, confirm what the control applies.
+            // Three equal readings, one path delay apart, confirm the applied correction.
             request: (cycle == 10).then_some(Request::Arm),
             ..Inputs::default()
         });
@@ -92,7 +92,7 @@ fn main() -> Result<(), LimitsError> {
         "largest step that reached the axis: {:.0} µm",
         1e3 * largest_step
     );
-    // 0.2 mm/s for 4 ms are less than a step of the control.
+    // The slew of 0.2 mm/s in a cycle of 4 ms is less than one step of the control.
     assert!(largest_step < 0.0021 && guard.state() == State::Compensating);
     Ok(())
 }

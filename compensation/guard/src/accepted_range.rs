@@ -1,5 +1,5 @@
-//! Corrections that were sent and may still arrive, and the largest correction that is accepted as a read-back. This is the limit; it is higher
-//! if the limit was lowered, or the previous path had a higher one, provided that this guard sent the excess or knew it before.
+//! Corrections that were sent and may still arrive, and the largest correction that is accepted as a read-back. It is the limit, or more if
+//! this guard sent or confirmed a larger correction before the limit was lowered or the path changed.
 
 use core::time::Duration;
 
@@ -7,8 +7,8 @@ use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::{Limits, step::one_step};
 
-/// Maximum time between sending a word and a reading that still shows it. All frames sent while a report is in transit refer to the same report,
-/// so a barrier accepts one of them per delay of the path: it moves towards one that was sent one delay before the last.
+/// Maximum time between sending a word and a reading that still shows it. All frames sent while a report is in transit refer to the same
+/// report, so a barrier accepts only one of them per path delay, and may move towards a frame sent one delay before the last.
 fn longest_visible(limits: &Limits) -> Duration {
     limits.longest_delay().saturating_mul(2)
 }
@@ -59,15 +59,15 @@ impl AcceptedRange {
         self.recent.slew_per_s[axis].max(self.earlier.slew_per_s[axis])
     }
 
-    /// Largest absolute correction that may be applied, now or by words that are still in transit. `present` is the absolute value of the output and
-    /// of the control.
+    /// Largest absolute correction that may be applied, now or by words that are still in transit. `present` is the larger of the absolute
+    /// output and the absolute confirmed correction.
     fn may_be_applied(&self, axis: usize, present: &PerChannel<f64>) -> f64 {
         let sent = self.recent.largest[axis].max(self.earlier.largest[axis]);
         present[axis].max(sent)
     }
 
-    /// Sets the accepted correction of each axis to its limit, or to the part of the previous one that may still be applied, if that is larger.
-    /// `present` bounds the absolute values of output and control.
+    /// Sets the accepted correction of each axis to its limit, or to the part of the previous one that may still be applied, if that is
+    /// larger. `present`: see `may_be_applied`.
     pub(crate) fn narrow(&mut self, present: &PerChannel<f64>, limits: &Limits) {
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             let left = self.largest[i].min(self.may_be_applied(i, present));
@@ -82,7 +82,7 @@ impl AcceptedRange {
         }
     }
 
-    /// Expires words by the time `confirmed` at which the applied correction was confirmed: those sent long before can no longer arrive.
+    /// Expires words sent long before `confirmed`, the time of the last confirmation: they can no longer arrive.
     pub(crate) fn pass(&mut self, now: Duration, confirmed: Duration, limits: &Limits) {
         if confirmed >= self.earlier_until {
             (self.earlier, self.recent) = (self.recent, SentRange::default());

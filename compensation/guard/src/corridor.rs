@@ -42,8 +42,8 @@ impl Corridor {
         }
     }
 
-    /// Restarts at applied values (mm, rad). If earlier words explain the value of an axis, they still bound its range; otherwise the range
-    /// restarts at the value.
+    /// Restarts at applied values (mm, rad). A value within the range left by earlier words keeps that range; otherwise the range restarts
+    /// at the value.
     pub(crate) fn begin(&mut self, values: &PerChannel<f64>, limits: &Limits) {
         let before = *self;
         *self = Self::about(values, limits);
@@ -56,8 +56,8 @@ impl Corridor {
         }
     }
 
-    /// Tightens the range to the last sent words, one step either way: nothing else was sent until now. Axes whose words are outside `between`,
-    /// the lowest and highest values that may be applied, are unchanged.
+    /// Tightens the range to one step around the last sent words, since nothing else was sent until now. Axes whose words are outside
+    /// `between`, the lowest and highest values that may be applied, are unchanged.
     pub(crate) fn stay(&mut self, between: &[PerChannel<f64>; 2], limits: &Limits) {
         let [lowest, highest] = between;
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {

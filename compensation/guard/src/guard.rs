@@ -22,14 +22,14 @@ const LONGEST_CYCLE_PERIODS: u32 = 5;
 /// Number of consecutive confirmed corrections of an axis that differ from the sent ones, after which it is a fault.
 const MOST_ADOPTED: u32 = 3;
 
-/// Reasons for which the applied correction is left alone until this guard has written.
+/// Reasons that forbid changing the applied correction until this guard has written.
 const FOREIGN: [Reasons; 3] = [
     Reasons::WATCHING,
     Reasons::OTHER_GATEWAY,
     Reasons::LEFT_UNKNOWN,
 ];
 
-/// Fractions of a cycle's motion that are tried until the output is close enough to the confirmed correction.
+/// Fractions of a cycle's motion, tried in order until the output is close enough to the confirmed correction.
 const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 
 /// The guard of a machine: it decides which correction may reach the axes (rules: see the front page of the crate). One path writes at a time.
@@ -195,7 +195,7 @@ impl Guard {
         let decided = now.saturating_sub(self.last_cycle.unwrap_or(now));
         let age = if depends { self.age(now) } else { decided };
         let young = self.limits.hold.checked_sub(age)?;
-        // If positions may be older than that, a decision may not.
+        // Positions may be older than the ceiling (thermal terms only); a decision may not.
         let young = young.min(ceiling::HOLD.checked_sub(decided)?);
         match self.control_acts_at {
             Some(acts_at) => acts_at.checked_sub(now).map(|left| left.min(young)),
@@ -260,7 +260,7 @@ impl Guard {
         }
         self.allow(&inputs, before);
         let resumes = self.at_confirmed && !facts.interlocked;
-        // The end of the ramp continues without another one.
+        // The end of the ramp-in needs no further ramp.
         let arrived = (before, self.state) == (State::Arming(Phase::Ramping), State::Compensating);
         let enters = self.state != before && !arrived;
         if enters || changed || resumes || facts.needs_ramp() {
@@ -337,7 +337,8 @@ impl Guard {
         self.held = self.held.filter(present);
     }
 
-    /// Takes the confirmed correction as the output if it differs from the sent one, and returns whether this is an event.
+    /// Takes the confirmed correction as the output if it differs from the sent one. Returns whether it did, except while idle, during an
+    /// interlock or after a change of path.
     fn adopt(&mut self, inputs: &Inputs) -> bool {
         let status = &inputs.read_back;
         let Some(Confirmed { values, at }) = status.confirmed else {
@@ -365,7 +366,7 @@ impl Guard {
             return false;
         }
         let output = self.output();
-        // A newly confirmed correction that equals the sent one continues unchanged.
+        // A confirmed correction that equals the sent one does not restart the output.
         let mut is_event = false;
         for i in self.limits.places() {
             if !is_same_step(values[i], output[i], self.limits.axes[i].resolution) {
@@ -411,7 +412,7 @@ impl Guard {
         }
     }
 
-    /// Resets the fault counter of axes that reached the sent correction away from the start of the ramp, and so accept words.
+    /// Resets the fault counter of axes whose confirmed correction reached the sent one and left the start of the ramp: they accept words.
     fn count_landed(&mut self, status: &ReadBackStatus, values: &PerChannel<f64>) {
         if status.unlanded_since.is_some() || !status.writable {
             return;
@@ -423,7 +424,8 @@ impl Guard {
         }
     }
 
-    /// Updates the accepted corrections: above the limit only on the way back, after the limit was lowered or the operator has acknowledged.
+    /// Updates the accepted corrections. They exceed the limit only while a correction returns to it, after the limit was lowered or the
+    /// operator acknowledged the excess.
     fn allow(&mut self, inputs: &Inputs, before: State) {
         let Some(present) = self.largest_present() else {
             return;
@@ -596,7 +598,7 @@ impl Guard {
                 let rounding = ROUNDING_STEPS * self.limits.axes[i].resolution;
                 let reach = reach[i] * ROUNDING + rounding;
                 let (mut least, mut largest) = (highest[i] - reach, lowest[i] + reach);
-                // A correction that is reduced from beyond a limit starts where it may be now.
+                // A correction beyond a limit is reduced from the largest value that may be applied now.
                 let mut at_confirmed = lowest[i].abs().max(highest[i].abs());
                 if is_barrier {
                     // The last word is in transit and may be repeated, however far it is from the confirmed correction.

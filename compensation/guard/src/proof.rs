@@ -20,8 +20,8 @@ const MOST_ATTEMPTS: u8 = 3;
 const STAYED_SHARE: f64 = 0.25 + ROUNDING_STEPS;
 /// Movement, as a multiple of the shift, beyond which the machine must have moved the axis.
 const MOVED_SHARE: f64 = 2.5;
-/// The machine is treated as moving if an axis still moves after `LATEST` times the required standstill, or after that standstill and farther
-/// than `FAR_SHIFTS` times the shift.
+/// The machine is treated as moving if a leg lasts `LATEST` times the required standstill, or if an axis is farther away than `FAR_SHIFTS`
+/// times the shift after one such time.
 const LATEST: u32 = 3;
 const FAR_SHIFTS: f64 = 20.0;
 /// Maximum age of a motion that shows, when an axis is shifted, that its position is alive.
@@ -161,7 +161,7 @@ impl Span {
         }
     }
 
-    /// Whether it is `times` as long as the required standstill.
+    /// True if it is at least `times` as long as the required standstill, with as many readings.
     fn lasts(&self, times: u32, taken: Duration) -> bool {
         let long = |from| taken.saturating_sub(from) >= STILL_FOR * times;
         self.from.is_some_and(long) && self.readings >= STILL_READINGS * times
@@ -221,8 +221,8 @@ impl Proof {
         }
     }
 
-    /// Updates with a reading at `now`, the applied correction, and the correction at the start of the proof. Returns the verdict once it is
-    /// complete. A reading from before, or valid before a shift had arrived, is ignored.
+    /// Updates with a reading at `now`, the applied correction, and the correction at the start of the proof. Returns the verdict once it
+    /// is complete. Repeated readings, and those valid before the shift was complete, are ignored.
     pub fn read(
         &mut self,
         now: Duration,

@@ -331,8 +331,8 @@ impl Link {
 pub enum ReportStatus {
     /// The scan counter has not advanced since the last report, or this report is older.
     Old,
-    /// Another sender owns the control, or this sender did before its restart: nothing may be sent until the timeout of the control. This
-    /// includes an owner that has the number of this sender, but a sequence that this sender has not sent in this epoch.
+    /// Another sender owns the control, or this sender did before its restart: nothing may be sent until the timeout of the control. Also
+    /// if the owner has the number of this sender, but this sender has not sent the reported sequence in this epoch.
     Held {
         /// Owner number of the other sender.
         owner: u16,

@@ -44,21 +44,21 @@ enum Kind {
 }
 
 impl ReadBack {
-    /// For a control with a barrier.
+    /// Read-back of a control with a barrier.
     #[must_use]
     pub fn barrier(link: BarrierLink) -> Self {
         Self::of(Kind::Barrier(link), Scheme::Barrier)
     }
 
-    /// For a control without a barrier whose correction can be read back. During `watch` before the first write nothing but this gateway may move
+    /// Read-back of a control without a barrier that reports its correction. During `watch` before the first write nothing but this gateway may move
     /// the correction; this reveals another gateway, or a control that is still ramping to zero.
     #[must_use]
     pub fn plain(watch: Duration) -> Self {
         Self::of(Kind::Echo(Echo::new(watch)), Scheme::Plain)
     }
 
-    /// For a control whose correction cannot be read back. `control` is the time without a write after which it ramps to zero on its own; `None`:
-    /// it keeps its correction.
+    /// Read-back of a control that does not report its correction. `control` is the time without a write after which it ramps to zero on
+    /// its own; `None`: it keeps its correction.
     #[must_use]
     pub fn no_read_back(control: Option<ControlTimeOut>) -> Self {
         Self::of(

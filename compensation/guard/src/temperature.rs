@@ -142,7 +142,6 @@ const UNSEEN_MINUTES_K: f64 = 10.0;
 const UNSEEN_K_PER_MIN: f64 = 20.0 / 60.0;
 const UNSEEN_NIGHT_K: f64 = 20.0;
 
-/// An accepted temperature.
 #[derive(Clone, Copy, Debug)]
 struct AcceptedTemperature {
     degc: f64,

@@ -227,7 +227,7 @@ impl Vector {
         let seconds = if eased <= at_rate_s * at_rate_s {
             at_rate_s + eased / at_rate_s
         } else {
-            // It brakes before reaching its full rate.
+            // The axis brakes before it reaches its full rate.
             2.0 * libm::sqrt(eased)
         };
         Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
@@ -271,7 +271,7 @@ impl Vector {
     fn brakes(&mut self, cycle: &Cycle) -> bool {
         let (mut moving, mut alone) = (PerChannel::ZERO, PerChannel::ZERO);
         for i in cycle.of_kind(AxisKind::Linear) {
-            // Each may use half of a linear axis's acceleration.
+            // Each of the two motions may use half of a linear axis's acceleration.
             moving[i] = 2.0 * self.following[i];
             alone[i] = 2.0 * (self.rate[i] - self.following[i]);
         }

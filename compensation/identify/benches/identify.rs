@@ -14,12 +14,12 @@ axes.C.travel = [-180.0, 180.0]
 axes.B.travel = [-90.0, 90.0]
 ";
 
-/// A number from 0 to 1 that looks like any other.
+/// A pseudorandom number from 0 to 1.
 fn spread(k: u32, of: f64) -> f64 {
     (f64::from(k) * of).fract()
 }
 
-/// Nominal positions of a target 250 mm below the tip, rounded to 10 µm: that is the noise.
+/// Nominal positions of a target 250 mm below the tip; rounding them to 10 µm makes the noise.
 fn rows() -> String {
     let mut text = String::from("X,Y,Z,C,B,x,y,z\n");
     for k in 1..=POSES {

@@ -1,5 +1,5 @@
-//! From a file of observations to a machine file, with what can be said of it: the observations of
-//! `examples/identification`, or the file that is named.
+//! Identifies a machine from a file of observations (default: that of `examples/identification`), and prints its errors with their
+//! uncertainties.
 
 use std::{error::Error, path::PathBuf};
 

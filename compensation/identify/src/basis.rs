@@ -291,7 +291,7 @@ mod tests {
         }
     }
 
-    /// A spline over an empty range: its modes were taken as 0, and the error was silently missed (regression).
+    /// A spline over an empty range is rejected, because all its modes would be 0.
     #[test]
     fn a_spline_over_no_range_is_refused() {
         for range in [[3.0, 3.0], [f64::NAN, 1.0], [0.0, f64::INFINITY]] {

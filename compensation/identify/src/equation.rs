@@ -205,7 +205,8 @@ impl System {
     pub(crate) fn residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
         /// Number of reweighting rounds.
         const ROUNDS: usize = 5;
-        /// Margin on a side beyond ±1, in uncertainties of a reading: the reversal value is uncertain, too, where a row hardly depends on it.
+        /// Margin of an approach direction beyond ±1, in uncertainties of a reading, because the reversal value is uncertain as well if a
+        /// row hardly depends on it.
         const WITHIN: f64 = 8.0;
         let mut equations = self.plain_equations(rows, values, false);
         if equations.sides.len() > 0 {
@@ -217,7 +218,7 @@ impl System {
                 let roots = left.map(|residual| weight(residual).sqrt());
                 let mut weighted = equations.sides.clone();
                 weighted.scale(|equation| roots[equation]);
-                // An axis came from one of two sides: a slip must not be treated as a side.
+                // An axis approaches from one of two sides: an outlier must not be fitted as a side.
                 sides = weighted.estimate(&equations.residuals.component_mul(&roots));
                 for (side, column) in sides.iter_mut().zip(columns.column_iter()) {
                     let most = 1.0 + WITHIN / column.amax().max(f64::MIN_POSITIVE);

@@ -133,7 +133,7 @@ fn most_reducing(
         }
     }
     let (_, own, place) = best?;
-    // Rounding must not turn this into a deterioration.
+    // Rounding must not give a factor below 1.
     let improvement = (before / own.max(f64::MIN_POSITIVE)).max(1.0);
     Some((place, kept[worst], Some(improvement)))
 }

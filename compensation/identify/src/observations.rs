@@ -250,7 +250,7 @@ impl Row {
     }
 }
 
-/// ReadState at a pose. `frame`, `target` and similar fields are indices in [`SetUp`].
+/// Reading at a pose. `frame`, `target` and similar fields are indices in [`SetUp`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum RowReading {
     /// Position of the target on the tool, mm in the frame of the tracker.

@@ -8,8 +8,8 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector, RowDVector};
 const INDEPENDENT_ABOVE: f64 = 1e-4;
 /// A column shorter than this share of the longest is rounding.
 const ZERO_BELOW: f64 = 1e-12;
-/// Minimum share, relative to the largest one, of a column that may be fixed at zero for a combination without effect.
-/// What is fixed at zero moves the others by its share, so with a small share they would grow without bound.
+/// Minimum share, relative to the largest one, of a column that may be fixed at zero for a combination without effect. Fixing a column at
+/// zero changes the others in inverse proportion to its share, without bound for a small one.
 pub(crate) const LEAST_SHARE: f64 = 0.05;
 /// A share in a combination below this, relative to the largest one, is rounding.
 const ROUNDING: f64 = 1e-7;

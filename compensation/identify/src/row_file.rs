@@ -313,8 +313,8 @@ pub(crate) fn read_rows(
     })
 }
 
-/// Rejects a number that no coordinate and no reading can have, at its place in the file: in an equation it would make
-/// the rows of all others look wrong.
+/// Rejects a number that no coordinate and no reading can have, at its place in the file: in an equation it would make all other rows look
+/// wrong.
 fn refuse_absurd_numbers(columns: &Columns<'_>, row: &CsvRow<'_>) -> Result<(), InputError> {
     /// Maximum magnitude: 1000 km in mm, 1 km in µm.
     const MOST: f64 = 1e9;
@@ -609,7 +609,7 @@ impl<'k> ReadingColumns<'k> {
         Ok(is_pair)
     }
 
-    /// ReadState of a row, at a pose or between two named poses.
+    /// Reading of a row, at a pose or between two named poses.
     fn decode(
         &self,
         row: &CsvRow<'_>,

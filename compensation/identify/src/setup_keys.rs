@@ -81,7 +81,7 @@ pub(crate) struct ObservationHeader<'a> {
     pub(crate) section: &'a Section<'a>,
     pub(crate) kind: Kind,
     pub(crate) file: &'a str,
-    /// KeyValue order of drift.
+    /// Stated order of drift.
     pub(crate) drift: usize,
     /// Whether its rows are only predicted; a name then refers to the part of a fitted observation.
     pub(crate) judge: bool,

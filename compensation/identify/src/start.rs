@@ -18,7 +18,7 @@ use crate::{
 /// Minimum number of rows that determine targets and a general matrix for the frame.
 const MIN_ROWS_FOR_MATRIX: usize = 6;
 
-/// Set-ups as the nominal machine sees them, and the set-up parameters that the rows determine.
+/// Set-ups for the nominal machine, and the set-up parameters that the rows determine.
 pub(crate) fn start(
     system: &System,
     observations: &Observations,
@@ -328,7 +328,7 @@ mod tests {
                 let b = (0.7 * row as f64 + 0.4).cos() * scale;
                 [a, b, 0.1 * a + 0.7 * b][column]
             });
-            // Least norm: orthogonal to what is not seen, (0.1, 0.7, −1).
+            // Minimum norm: orthogonal to the null space, (0.1, 0.7, −1).
             let expected = DVector::from_row_slice(&[7.0, -1.0, 0.0]);
             let right = &matrix * &expected;
             let found = least_squares(matrix, &right).expect("found");

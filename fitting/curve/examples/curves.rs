@@ -49,7 +49,7 @@ fn main() -> Result<(), CurveError> {
         println!("at 400 mm, approach {text}: {value_um:.2} µm");
     }
 
-    // What cannot be a curve is refused with what was found and what is expected.
+    // An invalid curve is rejected, and the message states the value found and the expected one.
     let refused = Table::linear(vec![[0.0, 1.0], [0.0, 2.0]]);
     println!("{}", refused.expect_err("two nodes at one place"));
     Ok(())

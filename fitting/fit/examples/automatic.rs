@@ -1,4 +1,4 @@
-//! The automatic choice on 200 generated error curves with known truth, beside every kind of curve alone.
+//! The automatic choice on 200 generated error curves with known truth, compared with each kind of curve alone.
 //!
 //! `cargo run --release -p volcomp-fit --example automatic`
 
@@ -72,7 +72,7 @@ fn main() {
         "truth: geometric mean {mean:.3}, 90 % {:.2}, 97.5 % {:.2}, worst {:.2}",
         all[180][1], all[195][1], all[199][1]
     );
-    // Each kind alone over all lines: geometric mean of its distance from the truth over that of the automatic choice.
+    // Each kind alone over all lines: geometric mean of the ratio of its distance from the truth to that of the automatic choice.
     for kind in [
         "polynomial",
         "Chebyshev series",

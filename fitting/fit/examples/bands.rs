@@ -1,4 +1,4 @@
-//! How often the bands of 500 generated lines hold the truth, a fifth of them with targets too sparse for their screw.
+//! Coverage of the bands of 500 generated lines, a fifth of them with targets too sparse for the pitch of their screw.
 //!
 //! `cargo run --release -p volcomp-fit --example bands`
 

@@ -17,8 +17,8 @@ fn main() -> Result<(), FitError> {
         }
     }
 
-    // The largest residual shows how well a curve follows the readings, the leave-one-out error how well it predicts
-    // readings that it has not seen: that one decides.
+    // The largest residual shows how well a curve follows the readings; the leave-one-out error shows how well it predicts readings that
+    // were left out, and decides.
     let fits: [(&str, Fit); 3] = [
         (
             "straight line",
@@ -41,7 +41,7 @@ fn main() -> Result<(), FitError> {
         );
     }
 
-    // What the readings do not determine is refused, with what is needed.
+    // Readings that do not determine the curve are rejected, and the message states what is needed.
     let refused = fit_polynomial(&[0.0, 100.0], &[0.0, 1.0], 3, [0.0, 800.0]);
     println!("{}", refused.expect_err("two targets for order 3"));
     Ok(())

@@ -1,5 +1,5 @@
-//! What every kind of curve misses of the truth, with 500 sets of 21 targets in places that chance takes, with 500 nearly even ones and with 500 even
-//! ones; how many of those that are grossly wrong are warned of, and how many of those that are not wrong.
+//! Errors of every kind of curve with 21 targets: 500 random sets, 500 nearly even ones and 500 even ones; and the share of grossly wrong
+//! and of correct curves that give a warning.
 //!
 //! `cargo run --release -p volcomp-fit --example gaps`
 

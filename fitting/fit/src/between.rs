@@ -18,9 +18,9 @@ const MORE_THAN_SCATTER: f64 = 2.0;
 /// Multiple of the repeatability that the leave-one-out RMS of sparse targets exceeds. Leaving out a target doubles the gap, so a smooth curve misses
 /// it by four times its error within one gap: at this limit the error within one gap is nearly twice the repeatability.
 const MORE_THAN_REPEATS: f64 = 7.0;
-/// A curve does not follow the readings if the RMS residual of the mean readings exceeds this multiple of their [`unevenness`]. Second differences
-/// estimate the scatter, and more where the error bends between targets. Pure scatter exceeds the limit once in a thousand; a wave shorter than seven
-/// gaps cannot be distinguished from scatter.
+/// A curve does not follow the readings if the RMS residual of the mean readings exceeds this multiple of their [`unevenness`]. Second
+/// differences estimate the scatter; they exceed it where the error bends between targets. Pure scatter exceeds the limit once in a
+/// thousand; a wave shorter than seven gaps cannot be distinguished from scatter.
 const MORE_THAN_UNEVEN: f64 = 3.0;
 /// Limit of this ratio for four, five and six targets. The residuals of a straight line through an arch are at most 1.2, 2.0 and 3.1
 /// times the unevenness of the arch.

@@ -1,5 +1,5 @@
-//! What evaluations reach, over many seeds: straightness by the angular method, squareness from two lines, angles from three parallel lines. Prints
-//! the 95th percentile and the worst; nothing is asserted here.
+//! Accuracy of evaluations over many seeds: straightness by the angular method, squareness from two lines, angles from three parallel
+//! lines. Prints the 95th percentile and the worst; nothing is asserted here.
 
 use std::error::Error;
 
@@ -26,7 +26,7 @@ fn percentile_and_worst(mut errors: Vec<f64>) -> (f64, f64) {
     (at(place), at(errors.len().saturating_sub(1)))
 }
 
-/// The largest difference to the guideway anywhere, both about their lines of least squares.
+/// Largest difference from the guideway anywhere, both relative to their least-squares lines.
 fn angular_method(
     bridge_mm: f64,
     noise_urad: f64,
@@ -55,7 +55,7 @@ fn angular_method(
     Ok(differences.fold(0.0, |m, (a, b)| f64::max(m, (a.1 - b.1).abs())))
 }
 
-/// The error of a squareness from two straight lines with noise, µrad.
+/// Error of a squareness from two straight lines with noise, µrad.
 fn squareness(
     length_mm: f64,
     targets: u32,
@@ -76,7 +76,7 @@ fn squareness(
     Ok(sum.abs())
 }
 
-/// The largest error of the two angles from three lines over all targets, µrad.
+/// Largest error of the two angles from three lines over all targets, µrad.
 fn three_lines(lever_mm: f64, runs: u32, noise_um: f64, seed: u64) -> Result<f64, Box<dyn Error>> {
     const TARGETS: usize = 21;
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
@@ -97,7 +97,7 @@ fn three_lines(lever_mm: f64, runs: u32, noise_um: f64, seed: u64) -> Result<f64
     Ok(errors.fold(0.0, |m: f64, e| m.max(e.abs())))
 }
 
-/// One figure over all seeds.
+/// Prints one figure over all seeds.
 fn figure(
     name: &str,
     unit: &str,

@@ -29,7 +29,7 @@ pub(crate) fn step_of(decimals: impl Iterator<Item = i32>) -> f64 {
     10_f64.powi(-decimals.min().unwrap_or(0))
 }
 
-/// Writes the same lines, CRLF, for the known values; line breaks in texts become blanks.
+/// Writes the lines that `metadata_of` reads, CRLF, for the known values; line breaks in texts become blanks.
 pub(crate) fn head_of(metadata: &Metadata) -> String {
     let texts = [
         ("Machine", &metadata.machine),

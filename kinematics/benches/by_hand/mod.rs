@@ -1,5 +1,5 @@
-//! The volumetric error as a chain of 4×4 products written by hand in nalgebra: what the forms and the
-//! compiled evaluator are measured against.
+//! The volumetric error as a chain of 4×4 products written by hand in nalgebra: the reference for the speed of the forms and the compiled
+//! evaluator.
 
 use volcomp_kinematics::{
     Chain, ErrorSource, Side, State,
@@ -19,7 +19,7 @@ fn about(rotation: &Matrix3<f64>, point: &Vector3<f64>) -> Matrix4<f64> {
     homogeneous(rotation, &(point - rotation * point))
 }
 
-/// The `htm` form as one would write it with 4×4 matrices.
+/// The `htm` form with plain 4×4 matrices.
 pub(crate) fn by_hand<S: ErrorSource>(
     chain: &Chain,
     errors: &S,

@@ -1,10 +1,10 @@
-//! Coordinates go in and corrections come out by the name of the axis.
+//! Coordinates and corrections are assigned to axes by name.
 
 use volcomp_kinematics::{Chain, CorrectionOptions, ErrorMotion, GivenErrors, State, correct};
 use volcomp_test_support::structures::all_types;
 use volcomp_vocabulary::AxisName;
 
-/// The ideal tip of a chain of linear axes is at their coordinates in any order of the chain and of the call.
+/// The ideal tip of a chain of linear axes is at their coordinates, for any order of the chain and of the call.
 #[test]
 fn a_coordinate_goes_to_its_axis() {
     let at = [

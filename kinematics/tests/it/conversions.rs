@@ -67,7 +67,7 @@ fn a_table_moves_as_its_chain_in_every_type() {
             for _ in 0..20 {
                 let state = state(&chain, &mut rng);
                 let ideal = chain.ideal_pose(&state);
-                // Oblique axes can be nearly parallel, their common normal far away.
+                // Oblique axes can be nearly parallel, with a distant common normal.
                 let within = if oblique { 1e-6 } else { 1e-9 };
                 let from_table = plain_product(&table, &chain, &state);
                 assert!(
@@ -108,7 +108,7 @@ fn a_proximal_table_has_its_links_in_the_next_row() {
     let links: Vec<f64> = distal.rows.iter().map(|row| row.a_mm).collect();
     assert_eq!(links, [300.0, 200.0, 0.0]);
     assert_eq!(distal.in_convention(DhConvention::Proximal), proximal);
-    // A first row that leads away from the base.
+    // A first row with a link from the base.
     let mut led = proximal.clone();
     (led.rows[0].a_mm, led.rows[0].alpha_rad) = (50.0, PI / 2.0);
     let chain = led.to_chain(structure).unwrap();
@@ -181,7 +181,7 @@ fn real_axes_are_location_errors() {
             let direction = joint.direction + off.angular_rad.cross(&joint.direction);
             real.set_direction(joint.name, direction.into()).unwrap();
             if joint.kind == AxisKind::Rotary {
-                // Any point of the real line will do.
+                // Any point of the actual line gives the same result.
                 let point = joint.point_mm + off.linear_mm + direction.normalize() * 123.0;
                 real.set_point(joint.name, point.into()).unwrap();
             }

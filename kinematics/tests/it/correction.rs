@@ -1,4 +1,4 @@
-//! Correction undoes the error, stays small near singular poses and says what it leaves.
+//! The correction removes the error, stays small near singular poses, and reports its residual.
 
 use rand::RngExt;
 use volcomp_kinematics::{
@@ -31,8 +31,7 @@ impl ErrorSource for Wavy {
     }
 }
 
-/// Singular values of the nominal rows, by another method: the turning of the tool axis by finite
-/// differences, decomposed by nalgebra.
+/// Singular values of the nominal rows by another method: rotation of the tool axis by finite differences, decomposed by nalgebra.
 fn nominal_singular_values(chain: &Chain, state: &State) -> Vec<f64> {
     let axis = |state: &State| chain.ideal_pose(state).rotation * chain.tool_axis();
     let rotary: Vec<usize> = (0..chain.joints().len())
@@ -68,7 +67,7 @@ fn check(chain: &Chain, source: &impl ErrorSource, state: &State) -> Correction 
         "{structure}: {} iterations",
         found.iterations
     );
-    // The residual is what the actual machine shows at the corrected command.
+    // The residual is the error of the actual machine at the corrected command.
     let mut command = *state;
     for (q, delta) in command.q.iter_mut().zip(found.delta) {
         *q += delta;
@@ -153,8 +152,8 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
     }
 }
 
-/// C took nothing below 0.02 and 50 times the error of the tool axis above: one digit of A that flickered there turned it
-/// by 506 µrad to and fro.
+/// Across the limit of 0.02 for a singular direction, C changes gradually: with a sharp limit a flickering digit of A there would rotate C
+/// by 506 µrad back and forth.
 #[test]
 fn passing_the_edge_of_a_singular_pose_turns_nothing_at_once() {
     let chain = Chain::new("w C' A' b X Y Z t".parse().unwrap());
@@ -181,7 +180,7 @@ fn passing_the_edge_of_a_singular_pose_turns_nothing_at_once() {
         largest = largest.max(here.abs());
         most = most.max((next - here).abs());
     }
-    // Between 0.86° and 1.15° it turns by 500 µrad, over 287 digits.
+    // Between 0.86° and 1.15° it rotates by 500 µrad, over 287 digits.
     assert!(most < 3e-6, "{most}");
     assert!((450e-6..501e-6).contains(&largest), "{largest}");
     assert_eq!(turned(0.8_f64.to_radians()), 0.0);
@@ -204,7 +203,7 @@ fn one_rotary_axis_corrects_what_it_can() {
         (found.delta[3] + 20e-6).abs() < 1e-9,
         "B takes the 20 µrad about Y"
     );
-    // 30 µrad about X tip the axis (0, 0, 1) by −30 µrad along Y, and stay.
+    // 30 µrad about X tilt the axis (0, 0, 1) by −30 µrad along Y, and remain.
     let left = Vector3::new(0.0, -30e-6, 0.0);
     assert!(
         (found.residual_axis - left).norm() < 1e-9,
@@ -230,8 +229,8 @@ fn the_first_axis_of_a_direction_corrects_or_those_named() {
     assert_eq!(moved(&options)[..5], [0.0, 0.0, -5.0, -3.0, -4.0]);
 }
 
-/// One step against errors that change along the way leaves more than the tolerance, and the correction says so; ten
-/// steps do not. A tolerance that nothing can meet is not met either.
+/// If errors change along the way, one step leaves more than the tolerance, which is reported; ten steps do not. A tolerance that cannot be
+/// met is reported as not met.
 #[test]
 fn a_correction_says_whether_it_converged() {
     let chain = Chain::new("w b X Y Z t".parse().unwrap());
@@ -281,7 +280,7 @@ fn a_missing_direction_is_left_as_residual() {
     assert!((found.delta[0] + 3e-3).abs() < 1e-9 && (found.delta[1] + 5e-3).abs() < 1e-9);
 }
 
-/// A coordinate that is no number gives corrections that are no numbers, never a zero that looks like an answer.
+/// A NaN coordinate gives NaN corrections, never a zero that looks valid.
 #[test]
 fn a_pose_that_is_no_number_has_no_correction() {
     let chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());

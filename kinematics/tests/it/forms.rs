@@ -48,8 +48,8 @@ fn errors_in_the_turning_frame_turn_with_the_axis() {
             let fixed = moved(&chain, form);
             chain.set_motion_frame(c, MotionFrame::Turning).unwrap();
             let turning = moved(&chain, form);
-            // On the tool side the frame that turns is the tool's: its X stands along Y of the workpiece. On the
-            // workpiece side it is the workpiece's own, and the one that does not turn is seen from there.
+            // On the tool side the rotating frame is the tool's: its X is along Y of the workpiece. On the workpiece side it is the
+            // workpiece's own, and the non-rotating frame is seen from it.
             let (along_x, along_y) = if sign > 0.0 {
                 (fixed, turning)
             } else {

@@ -1,4 +1,4 @@
-//! Errors set by their names: what cannot be an error of the chain is refused and changes nothing.
+//! Errors set by name: invalid ones are rejected and change nothing.
 
 use volcomp_kinematics::{
     Chain, ChainError, Form, GivenErrors, InsteadConstant, NoEffect, Side, State, volumetric_error,
@@ -37,7 +37,7 @@ fn numbers_that_are_none_and_axes_that_are_not_there_are_refused() {
     assert_eq!(errors, GivenErrors::default());
 }
 
-/// A location error is refused exactly where the chain, computed by hand, is the same with it and without it.
+/// A location error is rejected exactly if the chain, computed by hand, is the same with and without it.
 #[test]
 fn a_location_error_is_refused_where_it_moves_nothing() {
     let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
@@ -129,8 +129,8 @@ fn the_constant_that_is_named_says_the_same() {
             else {
                 panic!("{reason:?}");
             };
-            // Where the table lies higher, the tool stands lower over the workpiece; assembly errors are those of the
-            // chain from the workpiece to the tool.
+            // If the table is higher, the tool is lower relative to the workpiece; assembly errors are those of the chain from the
+            // workpiece to the tool.
             let sign = match joint.side {
                 Side::Tool => 1.0,
                 Side::Workpiece => -1.0,

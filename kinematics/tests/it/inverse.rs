@@ -1,4 +1,4 @@
-//! Inverse kinematics against the chain itself: what a random pose shows leads back to it.
+//! Inverse kinematics against the chain: the pose at random coordinates leads back to the same pose.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -23,7 +23,7 @@ fn tool_axis(chain: &Chain, state: &State) -> Vector3<f64> {
     chain.ideal_pose(state).rotation * chain.tool_axis()
 }
 
-/// Every solution, each led to the tip.
+/// Every solution, with the linear axes moved so that the tip is reached.
 fn solutions(chain: &Chain, at: &State) -> Vec<State> {
     let (tip, axis) = (chain.ideal_tip_mm(at), tool_axis(chain, at));
     let pointings = chain
@@ -53,7 +53,7 @@ fn a_pose_of_every_type_leads_back_to_itself() {
                 chain.set_direction(axis, direction.into()).unwrap();
             }
             let tip = chain.tool_tip_mm();
-            // A tool that is tilted in its holder sees every rotary axis.
+            // The direction of a tool that is tilted in its holder depends on every rotary axis.
             chain.set_tool(tip.into(), [0.2, 0.1, 1.0]).unwrap();
             for _ in 0..100 {
                 let at = state(&chain, &mut rng);
@@ -86,7 +86,7 @@ fn a_pose_of_every_type_leads_back_to_itself() {
 #[test]
 fn a_singular_pose_names_the_axis_that_is_free() {
     let mut held = State::default();
-    // The tool along C at A = 0, on the table and on the head; along the second axis of a head A C it always is.
+    // The tool is along C at A = 0, on the table and on the head; on a head A C it is always along the second axis.
     for (structure, b_or_a, free) in [
         ("w C' A' b X Y Z t", [0.0, 0.0], AxisName::C),
         ("w b X Y Z C A t", [0.0, 0.0], AxisName::C),
@@ -115,7 +115,7 @@ fn a_singular_pose_names_the_axis_that_is_free() {
 
 #[test]
 fn what_cannot_be_reached_says_by_how_much() {
-    // A fork head whose axes enclose 45° swings the tool by at most 90°.
+    // A fork head whose axes include 45° tilts the tool by at most 90°.
     let mut chain = Chain::new("w b X Y Z C B t".parse().unwrap());
     chain.set_direction(AxisName::B, [0.0, 1.0, 1.0]).unwrap();
     let down = -Vector3::z();
@@ -155,7 +155,7 @@ fn what_cannot_be_reached_says_by_how_much() {
     assert_eq!(found.q[..2], [1.0, 2.0]);
 }
 
-/// A portal with a second set of linear axes: the first axis of each direction moves, the second takes what is beyond.
+/// A portal with a second set of linear axes: the first axis of each direction moves, the second covers the remainder.
 #[test]
 fn redundant_linear_axes_share_what_one_cannot_reach() {
     let chain = Chain::new("w X' b Y Z U C A t".parse().unwrap());
@@ -177,7 +177,7 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
         panic!("beyond both")
     };
     assert!((miss_mm - 50.0).abs() < 1e-9, "{miss_mm}");
-    // Random poses with all of them are reached, though by other coordinates.
+    // Random poses with all of them are reached, by other coordinates.
     let mut rng = seeded(72);
     for _ in 0..200 {
         let mut at = State::default();
@@ -204,8 +204,8 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
     }
 }
 
-/// A quill and a slanted ram: an axis at an end of its travel must leave it again where the others take over, so that the tip
-/// of every pose within travel is reached within travel.
+/// A quill and a slanted ram: an axis at an end of its travel must leave it again when the others take over, so that the tip of every pose
+/// within travel is reached within travel.
 #[test]
 fn slanted_redundant_axes_give_back_what_they_took() {
     let travel_of = [[0.0, 200.0], [0.0, 500.0], [0.0, 400.0], [-400.0, 0.0]];
@@ -236,7 +236,7 @@ fn slanted_redundant_axes_give_back_what_they_took() {
                 assert!((low..=high).contains(q), "{found:?}");
             }
         }
-        // Beyond all of them it is as near as it can be: no box holds a point that is nearer.
+        // Beyond all travels the tip is as near as possible: no box contains a nearer point.
         let tip = Vector3::new(900.0, 200.0, 100.0);
         let Err(NoSolution::Tip { miss_mm }) = chain.reaching(&tip, &State::default(), &travel)
         else {
@@ -256,7 +256,7 @@ fn slanted_redundant_axes_give_back_what_they_took() {
     }
 }
 
-/// The tip is brought as near as the linear axes can: all the way with three directions, and else up to what no axis has.
+/// The tip is moved as near as the linear axes can: exactly with three directions, otherwise except for the direction that no axis has.
 #[test]
 fn linear_axes_bring_the_tip_as_near_as_they_can() {
     let mut rng = seeded(72);
@@ -272,8 +272,8 @@ fn linear_axes_bring_the_tip_as_near_as_they_can() {
             assert_eq!(at.q[place], turned.q[place], "{structure}");
         }
     }
-    // C between Y and the others: at 90° X and Y go one way, and nothing goes across it. The second is so near to it that a way
-    // there would be a thousand times as long.
+    // C between Y and the others: at 90° X and Y are parallel, and no axis moves across them. The second pose is so close to it that a move
+    // across would be a thousand times as long.
     let chain = Chain::new("w b X C Y Z t".parse().unwrap());
     let c = chain.structure().index_of(AxisName::C).unwrap();
     for angle in [FRAC_PI_2, FRAC_PI_2 - 1e-7] {
@@ -286,7 +286,7 @@ fn linear_axes_bring_the_tip_as_near_as_they_can() {
             assert!(place == c || q.abs() < 10.0, "{at:?}");
         }
     }
-    // Axes that are refused stay, and a chain without linear axes does not move.
+    // Excluded axes stay, and a chain without linear axes does not move.
     let chain = Chain::new("w b X Y Z t".parse().unwrap());
     let y = chain.structure().index_of(AxisName::Y).unwrap();
     let mut at = State::default();
@@ -305,7 +305,7 @@ fn linear_axes_bring_the_tip_as_near_as_they_can() {
     assert_eq!((left, at), (2.0, State::default()));
 }
 
-/// No type of machine answers with angles that are no numbers; lengths of any size are directions.
+/// No type of machine returns NaN angles; vectors of any length are valid directions.
 #[test]
 fn a_tool_axis_without_a_direction_is_refused_by_every_type() {
     let mut rng = seeded(73);
@@ -339,8 +339,8 @@ fn a_tool_axis_without_a_direction_is_refused_by_every_type() {
     }
 }
 
-/// A rotary axis between Z and X brings them along one line at ±90°: together they leave the tip where it is. By hand: the table Z
-/// carries the workpiece, so that the tip goes by −Z of its turned frame.
+/// A rotary axis between Z and X makes them parallel at ±90°: together they leave the tip in place. By hand: the table Z carries the
+/// workpiece, so that the tip moves by −Z of its rotated frame.
 #[test]
 fn linear_axes_that_a_turn_brings_along_one_another_are_dependent() {
     let chain = Chain::new("w Z' B' b X Y t".parse().unwrap());
@@ -362,12 +362,12 @@ fn linear_axes_that_a_turn_brings_along_one_another_are_dependent() {
             there.q[2] += 70.0 * moves[2];
             let off = chain.ideal_tip_mm(&there) - chain.ideal_tip_mm(&at);
             assert!(off.norm() < 1e-12, "{off}");
-            // Either alone moves it.
+            // Each of them alone moves it.
             there.q[2] = at.q[2];
             assert!((chain.ideal_tip_mm(&there) - chain.ideal_tip_mm(&at)).norm() > 60.0);
         }
     }
-    // Where one of them is at an end the other goes on.
+    // If one of them is at an end of its travel, the other continues.
     at.q[1] = FRAC_PI_2;
     let mut travel = ANY;
     travel[0] = [-10.0, 10.0];
@@ -376,7 +376,8 @@ fn linear_axes_that_a_turn_brings_along_one_another_are_dependent() {
     let found = chain.reaching(&tip, &at, &travel).unwrap();
     assert!((chain.ideal_tip_mm(&found) - tip).norm() < 1e-9);
     assert!(found.q[0].abs() <= 10.0, "{:?}", found.q);
-    // Two axes of one direction are so in every pose, and no structure that keeps its linear axes together has any.
+    // Two axes of one direction are parallel in every pose and do not count; structures that keep their linear axes together have no
+    // dependent moves.
     for structure in [
         "w X' b Y Z U C A t",
         "w C' A' b X Y Z t",

@@ -1,4 +1,4 @@
-//! The model in plain 4×4 arrays, written from its definition alone.
+//! The model in plain 4×4 arrays, from its definition alone.
 
 use volcomp_kinematics::{Chain, Form, GivenErrors, MotionFrame, Side, State};
 use volcomp_vocabulary::AxisKind;

@@ -255,7 +255,6 @@ fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
     }
 }
 
-/// State of one machine.
 struct MachineState<'a> {
     machine: &'a Machine,
     reception: Option<&'a Reception>,

@@ -270,7 +270,7 @@ mod tests {
                 ages.age_s(&machine, made(1001.0 + ahead_s), 1001.0, at(1)),
                 0.0
             );
-            // It falls silent.
+            // The machine falls silent.
             assert_eq!(
                 ages.age_s(&machine, made(1001.0 + ahead_s), 1010.0, at(10)),
                 9.0

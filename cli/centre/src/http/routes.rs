@@ -20,7 +20,6 @@ use crate::users::Role;
 
 /// Maximum size of a request body, bytes.
 const MAX_BODY: usize = 2 * 1024 * 1024;
-/// Request timeout.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A route: method, path and required role.

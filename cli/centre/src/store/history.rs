@@ -18,7 +18,6 @@ use crate::{
     records::{Point, Resolution},
 };
 
-/// An hour, s.
 const HOUR_S: f64 = 3600.0;
 const DAY_S: f64 = 86_400.0;
 

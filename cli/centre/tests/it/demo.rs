@@ -13,7 +13,7 @@ use volcomp_test_support::{peers, until};
 
 use crate::browser;
 
-/// State as shown to the user.
+/// Checks the page in a browser.
 fn in_the_browser(url: &str, password: &str) {
     browser::run("browser_demo.py", &[url, password]);
 }
@@ -81,8 +81,7 @@ fn the_demonstration_corrects_three_machines_and_removes_its_folder() {
     });
     let notice = last["notice"].as_str().unwrap_or_default();
     assert!(notice.starts_with("Demonstration"), "{last}");
-    // The model knows of no error but half a step of 1 µm an axis; the machine has 8 % more than its model, which only the
-    // simulation knows.
+    // The model lacks 8 % of the simulated machine's errors, so the residual of the model is only the rounding to 1 µm per axis.
     let mut machine = serde_json::Value::Null;
     until(
         "the true error is reported",

@@ -1,5 +1,4 @@
-//! The search of the network: against a simulated control, a Modbus server, a gateway, and things that hang, lie
-//! or answer garbage.
+//! The network search against a simulated control, a Modbus server, a gateway, and services that hang, lie or send garbage.
 
 use std::{
     io::{Read, Write},
@@ -19,7 +18,7 @@ use volcomp_centre::discover::{
 };
 use volcomp_focas::simulator::{Options, Simulator, World};
 
-/// A server that does something with each connection, until it is dropped.
+/// A server that passes each connection to a function, until it is dropped.
 struct Peer {
     address: SocketAddr,
     ends: Arc<AtomicBool>,
@@ -162,7 +161,7 @@ fn hanging_and_garbage_services_are_reported_as_other_services() {
     let web = Peer::says(b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\n\r\nhello");
     let terminal = Peer::says(b"\x1b[2J\x1b]0;title\x07 SSH-2.0-x\r\n");
     for peer in [&silent, &closes, &garbage, &web, &terminal] {
-        // An open port is all that is known of OPC UA.
+        // OPC UA is excluded: an open port suffices for it.
         let asked = [Kind::Gateway, Kind::Focas, Kind::Modbus];
         let ports = asked.map(|kind| (kind, peer.port()));
         let begun = Instant::now();
@@ -185,7 +184,7 @@ fn closed_ports_yield_no_devices() {
     assert_eq!(table(&[]), "Nothing was found.\n");
 }
 
-/// A server of OPC UA is found by its port alone.
+/// An OPC UA server is recognized by its port alone.
 #[test]
 fn an_open_opc_ua_port_is_not_queried() {
     let (sends, received) = mpsc::channel();

@@ -184,7 +184,8 @@ fn a_cloned_gateway_raises_an_alarm() {
     });
 }
 
-/// The centre is cut off from the server for longer than every time-out, while machines go on telling; then the wire heals.
+/// The centre is disconnected from the server for longer than every timeout, while the machines continue to send; then the connection is
+/// restored.
 #[test]
 fn no_message_is_lost_while_the_centre_is_disconnected() {
     Shop::run(1, 3, async |shop| {
@@ -194,7 +195,7 @@ fn no_message_is_lost_while_the_centre_is_disconnected() {
         let id = shop.roll_out(7, quick());
         until("the first has it", || gateways[0].0.version() == 1).await;
         wire.cut(true);
-        // Longer than the server waits for an acknowledgement, and than either side waits for a sign of life.
+        // Longer than the acknowledgement timeout of the server and the keep-alive intervals of both sides.
         tokio::time::sleep(Duration::from_secs(40)).await;
         wire.cut(false);
         let gone = || shop.rollout(id);
@@ -301,7 +302,8 @@ fn a_broken_rollout_does_not_block_others() {
     });
 }
 
-/// With one condition in five seconds, four passes of five have no residual: the last known one counts as that before the change.
+/// With a condition every five seconds, four of five passes see no residual: the last reported one counts as the residual before the
+/// change.
 #[test]
 fn a_risen_residual_is_detected_with_rare_conditions() {
     Shop::run(1, 1, async |shop| {
@@ -331,7 +333,7 @@ fn a_risen_residual_is_detected_with_rare_conditions() {
     });
 }
 
-/// What renews a date is tested at the interface, which goes by the same rule.
+/// The HTTP tests cover which models renew the due date; the alarm uses the same rule.
 #[test]
 fn an_overdue_calibration_raises_an_alarm() {
     Shop::run(1, 1, async |shop| {

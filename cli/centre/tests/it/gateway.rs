@@ -25,7 +25,7 @@ pub(crate) struct Plan {
     pub(crate) instance: String,
     pub(crate) condition_every: Duration,
     pub(crate) telemetry_every: Duration,
-    /// Body of its telemetry; empty: none is sent.
+    /// Body of its telemetry; if empty, none is sent.
     pub(crate) telemetry: Arc<serde_json::value::RawValue>,
     /// The reported residual.
     pub(crate) residual_um: Arc<Mutex<f64>>,
@@ -36,9 +36,9 @@ pub(crate) struct Plan {
 pub(crate) struct GatewayState {
     /// The active version.
     pub(crate) version: Arc<AtomicU64>,
-    /// Conditions that the server has acknowledged to it.
+    /// Number of conditions that the server has acknowledged.
     pub(crate) conditions: Arc<AtomicU64>,
-    /// All messages that the server has acknowledged.
+    /// Number of messages that the server has acknowledged.
     pub(crate) all: Arc<AtomicU64>,
     /// Rejected values, except old versions.
     pub(crate) refused: Arc<AtomicU64>,
@@ -91,7 +91,7 @@ pub(crate) async fn run(plan: Plan, reported: GatewayState) {
 }
 
 impl Gateway {
-    /// Sends until the server has stored it; no other message is created meanwhile, as with a full spool.
+    /// Sends until the server has stored the message; no other message is created meanwhile, as with a full spool.
     async fn send<T: serde::Serialize>(&mut self, link: &MachineLink, kind: Kind, body: T) {
         self.number += 1;
         let envelope = Envelope {

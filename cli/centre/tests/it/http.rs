@@ -157,7 +157,7 @@ fn expired_sessions_are_rejected() {
     for garbage in ["volcomp-centre=", "volcomp-centre=../../etc", "x=y"] {
         assert_eq!(page.get("/api/me", garbage).status, 401);
     }
-    // A user who may not log in any more is out at once.
+    // A disabled user loses the session immediately.
     let cookie = page.session(Role::Viewer);
     assert_eq!(page.get("/api/me", &cookie).status, 200);
     let body = json!({ "role": "viewer", "disabled": true });
@@ -551,7 +551,8 @@ fn a_rejected_model_does_not_renew_the_due_date() {
     page.posts("/api/rollouts/1/keep", &engineer, &keep, 409);
 }
 
-/// More conditions than points in a response: the points span all of them, each condition is in one, and the newest is included.
+/// More conditions than points in a response: the points cover the whole time span, each condition counts in one point, and the newest is
+/// included.
 #[test]
 fn a_long_history_is_averaged_over_its_whole_span() {
     const COUNT: u32 = 7000;
@@ -581,8 +582,7 @@ fn a_long_history_is_averaged_over_its_whole_span() {
     assert!(last > from_s + f64::from(COUNT) - together, "{last}");
 }
 
-/// A roll-out that states no rules goes by those of the configuration, which the page shows, and invalid rules start
-/// none.
+/// A roll-out without its own rules uses the configured ones, which the page shows; with invalid rules none is started.
 #[test]
 fn a_rollout_from_the_page_uses_the_configured_rules() {
     let rules = Rules {
@@ -636,13 +636,13 @@ fn concurrent_wrong_passwords_are_counted() {
     });
     let looked_at = statuses.iter().filter(|status| **status == 401).count();
     let turned_away = statuses.iter().filter(|status| **status == 429).count();
-    // Five at once, one concurrent with the fifth, and the two that may wait for their delay.
+    // Five concurrent attempts, one concurrent with the fifth, and the two that may wait for their delay.
     assert!((7..=8).contains(&looked_at), "{statuses:?}");
     assert_eq!(looked_at + turned_away, statuses.len(), "{statuses:?}");
 }
 
-/// A machine was cut off for an hour. Now it is connected again and sends what waited: audit records first, then conditions one after the
-/// other: one of an hour ago is no one of this second. An audit record does not make the condition newer.
+/// A machine reconnects after an hour and sends its queue: audit records first, then the conditions in order. A condition of an hour ago is
+/// not current, and an audit record does not make it newer.
 #[test]
 fn a_condition_of_an_hour_ago_is_not_current() {
     let page = Page::start();
@@ -655,7 +655,7 @@ fn a_condition_of_an_hour_ago_is_not_current() {
     let record = envelope("a", 3, json!({ "checksum": "ab", "record": "{}" }));
     let batch = [
         received("mill-a", Kind::Condition, 1, now - 3600.0, &first),
-        // Made a second later, and an hour on the disk of the gateway.
+        // Created one second after the first, then queued at the gateway for an hour.
         received("mill-a", Kind::Condition, 2, now, &second),
         received("mill-a", Kind::Audit, 1, now, &record),
     ];

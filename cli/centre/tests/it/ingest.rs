@@ -86,8 +86,9 @@ fn a_redelivered_batch_of_many_instances_is_stored_once() {
     assert_eq!((taken.stored, taken.duplicates), (0, 17));
 }
 
-/// A gateway is killed after the server has stored a record and before it has written its cursor (every five seconds), and is started
-/// again after more than the two minutes for which the server knows an id. The record has the same id and the same checksum, and another number.
+/// A gateway is killed after the server has stored an audit record and before the gateway has saved its cursor (every five seconds). It
+/// restarts after the two minutes for which the server knows message ids, and sends the record again with the same checksum under a new
+/// instance.
 #[test]
 fn an_audit_record_resent_after_a_restart_is_stored_once() {
     let folder = tempfile::tempdir().unwrap();
@@ -115,7 +116,6 @@ fn an_audit_record_resent_after_a_restart_is_stored_once() {
     assert_eq!(kept.unwrap().len(), 1);
 }
 
-/// A history longer than the limit returns its newest points.
 #[test]
 fn a_limited_history_returns_its_newest_points() {
     let folder = tempfile::tempdir().unwrap();
@@ -133,7 +133,7 @@ fn a_limited_history_returns_its_newest_points() {
             )
         })
         .map(|mut message| {
-            // Made when it was stored.
+            // The creation time equals the storage time.
             let mut json: serde_json::Value = serde_json::from_slice(&message.bytes).unwrap();
             json["uptime_s"] = (message.stored_s - FROM_S).into();
             message.bytes = serde_json::to_vec(&json).unwrap().into();
@@ -176,8 +176,8 @@ fn message_numbers_up_to_the_maximum_are_counted() {
     assert!(instances.count_missing() > 0);
 }
 
-/// A gateway is killed after the server has stored a record of its log and before it has written its cursor, and started again at once. It sends the
-/// record again under the id and the number of its new start: no number is missing, and the record is there once.
+/// A gateway is killed after the server has stored an audit record and before the gateway has saved its cursor, and restarts at once. It
+/// sends the record again under the same id: no message number is missing, and the record is stored once.
 #[test]
 fn a_record_resent_after_a_kill_is_no_gap() {
     Shop::run(1, 1, async |shop| {
@@ -236,8 +236,8 @@ fn a_record_resent_after_a_kill_is_no_gap() {
     });
 }
 
-/// docs/src/fleet.md: "no condition for five of its intervals, at least 15 s". Only conditions count, by when
-/// they were made, and by its own interval: at 60 s a condition of 20 s ago is a fresh one.
+/// docs/src/fleet.md: "no condition for five of its intervals, at least 15 s". Only the creation times of conditions count, and the
+/// interval is that of the machine: with 60 s, a condition of 20 s ago is current.
 #[test]
 fn a_machine_is_silent_by_its_conditions_and_interval() {
     let folder = tempfile::tempdir().unwrap();
@@ -280,7 +280,7 @@ fn a_machine_is_silent_by_its_conditions_and_interval() {
     ingest.take(&store, &[reported(2, at_s + 2.0)]).unwrap();
     assert!(heard(&mut ingest, None));
     let mut ingest = Ingest::of(&store).unwrap();
-    // It was made at 3 s, and waited for 20 s.
+    // Created at 3 s, queued for 20 s.
     ingest.take(&store, &[reported(3, at_s + 23.0)]).unwrap();
     assert!(!heard(&mut ingest, None));
     assert!(heard(&mut ingest, Some(60)));

@@ -43,7 +43,7 @@ fn a_squareness_error_appears_in_the_diagonals_before_correction_only() {
         "{:?}",
         map.largest_um
     );
-    // Along a diagonal of the box the tip misses by 20 µrad · y · x/d.
+    // Along a diagonal of length d, the deviation of the tip is 20 µrad · y · x/d.
     let d = (500.0_f64.powi(2) + 400.0_f64.powi(2) + 300.0_f64.powi(2)).sqrt();
     let range_um = 20e-3 * 400.0 * 500.0 / d;
     for (name, [before, after]) in &map.diagonals_um {
@@ -80,7 +80,7 @@ fn the_largest_error_covers_the_whole_work_space() {
     );
 }
 
-/// A misplaced decimal separator turns micrometres into metres: beyond the limit of any guard, the model gets a note.
+/// A misplaced decimal separator turns micrometres into metres: an error beyond the limit of any guard adds a note to the model.
 #[test]
 fn an_error_beyond_guard_limits_gets_a_note() {
     // 500 mm of X: 1.9 mm and 2.1 mm at its end.

@@ -28,7 +28,7 @@ pub(crate) struct Page {
     _runtime: tokio::runtime::Runtime,
 }
 
-/// An answer.
+/// An HTTP response.
 #[derive(Debug)]
 pub(crate) struct Answer {
     pub(crate) status: u16,
@@ -89,7 +89,7 @@ impl Page {
         }
     }
 
-    /// The cookie of a new session of a user, made in the store: logging in costs a hash.
+    /// The cookie of a new session, created in the store: logging in would hash a password.
     pub(crate) fn cookie_of(&self, role: Role, now: &BootTime) -> String {
         let token = Token::generate().expect("random numbers");
         let session = Session {
@@ -112,7 +112,7 @@ impl Page {
         stream
             .set_read_timeout(Some(Duration::from_secs(120)))
             .expect("a socket");
-        // A request that is refused is not read to its end.
+        // The server does not read a rejected request to its end.
         let _ = stream.write_all(bytes);
         let mut all = Vec::new();
         let _ = stream.read_to_end(&mut all);
@@ -129,7 +129,7 @@ impl Page {
         }
     }
 
-    /// A request with these further lines of its head.
+    /// A request with additional header lines.
     pub(crate) fn request(&self, method: &str, path: &str, lines: &[String], body: &str) -> Answer {
         let lines: String = lines
             .iter()
@@ -147,7 +147,7 @@ impl Page {
         self.request("GET", path, &[format!("Cookie: {cookie}")], "")
     }
 
-    /// The overview of the current store: the second one built from now on, since the first may have been started before.
+    /// The second overview built from now on; the first may have been started before the latest change.
     pub(crate) fn overview(&self, cookie: &str) -> serde_json::Value {
         let (mut reported, mut made_s) = (serde_json::Value::Null, now_s());
         for _ in 0..2 {
@@ -163,7 +163,7 @@ impl Page {
         reported
     }
 
-    /// A change that is answered with this status.
+    /// A change whose response must have this status.
     pub(crate) fn posts(
         &self,
         path: &str,

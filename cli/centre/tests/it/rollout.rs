@@ -38,7 +38,6 @@ fn issued(actions: &[Action]) -> Vec<MachineId> {
     machines.collect()
 }
 
-/// Machines of the withdraw actions.
 fn withdrawn(actions: &[Action]) -> Vec<MachineId> {
     let machines = actions.iter().filter_map(|action| match action {
         Action::Withdraw { machine } => Some(machine.clone()),
@@ -47,7 +46,7 @@ fn withdrawn(actions: &[Action]) -> Vec<MachineId> {
     machines.collect()
 }
 
-/// A pass with these machines, their versions and residuals.
+/// A pass that observes these machines as (index, version, residual in µm).
 fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
     let seen = seen.iter().map(|(place, version, residual)| {
         let seen = Observation {
@@ -84,7 +83,7 @@ fn a_disarmed_machine_does_not_soak() {
             seen: BTreeMap::from([(name(0), disarmed)]),
         };
         assert_eq!(rollout.step(event), []);
-        // An older version for a moment, which does not add up over moments.
+        // Single passes with an older version do not add up to a timeout.
         assert_eq!(rollout.step(looked(10.0, &[(0, 0, 4.0)])), []);
     }
     assert_eq!(rollout.phase, Phase::Running);
@@ -173,7 +172,7 @@ fn canaries_then_waves_then_done() {
     let actions = rollout.step(looked(1.0, &[]));
     assert_eq!(issue(&mut rollout, &actions), [name(3)]);
     assert!(rollout.step(answered(3, 1, Outcome::Activated)).is_empty());
-    // The soak: two looks of ten seconds.
+    // The soak time: two passes of ten seconds.
     assert!(rollout.step(looked(10.0, &[(3, 1, 4.0)])).is_empty());
     let actions = rollout.step(looked(10.0, &[(3, 1, 4.0)]));
     assert_eq!(issue(&mut rollout, &actions), [name(0), name(1)]);
@@ -243,7 +242,7 @@ fn rejection_timeout_fault_and_residual_stop_the_rollout() {
     risen.step(answered(0, 1, Outcome::Activated));
     assert!(risen.step(looked(10.0, &[(0, 1, 6.5)])).is_empty());
     stopped(&risen, "from 4.0 µm to 6.5 µm");
-    // Half as much again, and 2 µm: either alone is not enough.
+    // An increase by half or by 2 µm alone is not enough.
     for fine_um in [6.0, 5.9] {
         let mut fine = start();
         fine.step(answered(0, 1, Outcome::Activated));
@@ -432,10 +431,10 @@ proptest! {
                 prop_assert!(!rollout.phase.is_over());
                 let target = rollout.targets.iter().find(|target| target.machine == machine).unwrap();
                 if confirm.is_none() {
-                    // Never while it is held or has stopped, and never twice.
+                    // Only while running, and never twice.
                     prop_assert_eq!(&rollout.phase, &Phase::Running);
                     prop_assert!(sent.insert(machine.clone()), "{} twice", machine);
-                    // Not before all machines of earlier waves are done or out.
+                    // Not before all machines of earlier waves are done or have dropped out.
                     for other in rollout.targets.iter().filter(|other| other.wave < target.wave) {
                         let over = matches!(other.step, Step::Done { .. } | Step::Out { .. });
                         prop_assert!(over, "{:?} before {:?}", target, other);
@@ -444,7 +443,7 @@ proptest! {
                             prop_assert!(excused || other.wave > 0);
                         }
                     }
-                    // No machine against the model is ignored, nor more dropouts than tolerated.
+                    // No machine on which the model failed is ignored, and no more machines dropped out than tolerated.
                     let out: Vec<bool> = rollout.targets.iter().filter_map(|target| match target.step {
                         Step::Out { against, excused: false, .. } => Some(against),
                         _ => None,
@@ -465,7 +464,7 @@ proptest! {
                 prop_assert!(all);
             }
         }
-        // Every machine is in it once.
+        // Every machine is in the roll-out once.
         let names: BTreeSet<&MachineId> = rollout.targets.iter().map(|target| &target.machine).collect();
         prop_assert_eq!(names.len(), machines);
         prop_assert!(rollout.targets.iter().any(|target| target.wave == 0));
@@ -481,7 +480,7 @@ fn with_a_canary_that_has_it() -> Rollout {
     rollout
 }
 
-/// docs/src/fleet.md: it stops when "the guard of a machine that has it faults". The canary has it after its soak, too.
+/// docs/src/fleet.md: it stops when "the guard of a machine that has it faults". This includes the canary after its soak time.
 #[test]
 fn a_canary_fault_after_its_soak_stops_the_rollout() {
     let mut rollout = with_a_canary_that_has_it();
@@ -491,7 +490,7 @@ fn a_canary_fault_after_its_soak_stops_the_rollout() {
     }
     assert!(matches!(step_of(&rollout, 0), Step::Done { .. }));
     assert_eq!(issue(&mut rollout, &actions), [name(1)]);
-    // With another version it is not the model's.
+    // A fault with another version active is not caused by the model.
     rollout.step(faulted(0, "thermal runaway"));
     assert_eq!(rollout.phase, Phase::Running);
     rollout.step(faulted(1, "thermal runaway"));
@@ -510,7 +509,7 @@ fn a_machine_with_another_version_does_not_soak() {
     // After the answer timeout the canary drops out, which stops the roll-out.
     rollout.step(looked(10.0, &[(0, 0, 4.0)]));
     stopped(&rollout, "m0: version 0 is active again");
-    // The condition with the version may come after the answer.
+    // The condition with the new version may arrive after the acknowledgement.
     let mut rollout = with_a_canary_that_has_it();
     rollout.step(looked(10.0, &[(0, 0, 4.0)]));
     for _ in 0..2 {
@@ -519,8 +518,8 @@ fn a_machine_with_another_version_does_not_soak() {
     assert!(matches!(step_of(&rollout, 0), Step::Done { .. }));
 }
 
-/// Sent but inactive versions are withdrawn when a roll-out stops, and sent again when the user resumes it. One that
-/// has not answered in time stays out: its previous model is under its key.
+/// When a roll-out stops, sent but inactive versions are withdrawn; they are sent again when the user resumes it. A machine that did not
+/// answer in time stays out, and its key keeps its previous model.
 #[test]
 fn inactive_versions_are_withdrawn_when_the_rollout_stops() {
     let mut rollout = rollout(4, &[0, 1, 2], rules());

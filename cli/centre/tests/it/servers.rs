@@ -1,4 +1,4 @@
-//! The configuration of a cluster's servers, as `nats-config` writes it, on the real server.
+//! The server configurations of a cluster, as written by `nats-config`, on the real server.
 
 use std::{
     io::{Read, Write},
@@ -45,7 +45,7 @@ fn centre() -> tempfile::TempDir {
     folder
 }
 
-/// Writes the configuration of one server; of a cluster: its place and the addresses of all.
+/// Writes the configuration of one server; `cluster` is its index and the addresses of all.
 fn configure(folder: &Path, name: &str, listen: &str, cluster: Option<(usize, &[String])>) {
     let cluster = cluster.map_or_else(String::new, |(place, addresses)| {
         let routes: Vec<String> = addresses.iter().map(|one| format!("nats://{one}")).collect();
@@ -60,7 +60,7 @@ fn configure(folder: &Path, name: &str, listen: &str, cluster: Option<(usize, &[
     std::fs::write(folder.join("centre.toml"), text).unwrap();
 }
 
-/// How many servers are joined to the one whose monitor listens there.
+/// Number of routes to other servers, from the monitoring port of a server.
 fn joined(monitor: &str) -> Option<u64> {
     let mut stream = TcpStream::connect(monitor).ok()?;
     stream.write_all(b"GET /routez HTTP/1.0\r\n\r\n").ok()?;
@@ -71,7 +71,7 @@ fn joined(monitor: &str) -> Option<u64> {
     document["num_routes"].as_u64()
 }
 
-/// Three servers whose configurations one centre has written are a cluster, with TLS and a password between them.
+/// Three servers configured by one centre form a cluster, with TLS and a password between them.
 #[test]
 fn three_servers_of_one_centre_join_with_tls() {
     let Some(server) = program() else {
@@ -145,7 +145,7 @@ fn the_password_of_a_cluster_stays_private() {
             .stdout(printed);
         command.output().unwrap()
     };
-    // Without a cluster there is no secret in it.
+    // A configuration without a cluster contains no secret.
     assert!(print_into("alone.conf", 0o644).status.success());
     let addresses = ["127.0.0.1:6222".to_owned()];
     configure(folder, "one", "127.0.0.1:4222", Some((0, &addresses)));

@@ -140,7 +140,7 @@ impl Shop {
         urls.join(",")
     }
 
-    /// Starts the centre with this address of the server.
+    /// Starts the centre, connected to the server at `url`.
     pub(crate) async fn centre(&self, url: &str) -> Running {
         let settings = Settings {
             link: LinkSettings {
@@ -184,7 +184,7 @@ impl Shop {
         (reported.clone(), tokio::spawn(gateway::run(plan, reported)))
     }
 
-    /// Waits until this version is under the key of a machine; 0: no value.
+    /// Waits until the key of a machine holds this version; 0: no value.
     pub(crate) async fn until_under_key(&self, place: usize, version: u64) {
         let hub = self.hub().await;
         let end = Instant::now() + LONG;
@@ -218,7 +218,7 @@ impl Shop {
         link.unwrap()
     }
 
-    /// Sends a message of a machine until the server has it.
+    /// Sends a message of a machine and waits for the acknowledgement of the server.
     pub(crate) async fn tell(&self, place: usize, kind: Kind, body: &impl serde::Serialize) {
         let link = self.link(place).await;
         let bytes = serde_json::to_vec(body).unwrap();
@@ -231,7 +231,7 @@ impl Shop {
         }
     }
 
-    /// A thief of the first machine's credentials gets a server response stored under the key of the second.
+    /// Simulates a thief of the first machine's credentials: a server response is stored under the key of the second.
     pub(crate) async fn forge(&self) {
         let (thief, key) = &self.machines[0];
         let client = async_nats::ConnectOptions::with_nkey(key.seed().unwrap())
@@ -247,7 +247,7 @@ impl Shop {
         client.flush().await.unwrap();
     }
 
-    /// The database, past the store.
+    /// Direct access to the database.
     pub(crate) fn raw(&self) -> rusqlite::Connection {
         let raw = rusqlite::Connection::open(self.folder.path().join("centre.db")).unwrap();
         raw.busy_timeout(Duration::from_secs(30)).unwrap();
@@ -286,13 +286,13 @@ impl Shop {
         .await;
     }
 
-    /// Starts a roll-out to all machines; another number is another model.
+    /// Starts a roll-out to all machines; each number is a different model.
     pub(crate) fn roll_out(&self, number: u32, rules: Rules) -> u64 {
         let all: Vec<usize> = (0..self.machines.len()).collect();
         self.roll_out_to(number, &all, rules)
     }
 
-    /// The same to some of the machines.
+    /// Starts a roll-out to some of the machines.
     pub(crate) fn roll_out_to(&self, number: u32, places: &[usize], rules: Rules) -> u64 {
         let new = model(number);
         self.store.add_model(&new.model, &new.text).unwrap();
@@ -307,7 +307,7 @@ impl Shop {
     }
 }
 
-/// The usual rules, but for the time for which a machine is watched, s.
+/// The default rules with this soak time, s.
 pub(crate) fn soak(soak_s: f64) -> Rules {
     Rules {
         soak_s,
@@ -329,7 +329,7 @@ pub(crate) fn runtime() -> tokio::runtime::Runtime {
         .unwrap()
 }
 
-/// Waits until it is so.
+/// Waits until the condition holds.
 pub(crate) async fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let end = Instant::now() + LONG;
     while !is_so() {
@@ -399,7 +399,7 @@ async fn pass(
     }
 }
 
-/// The numbers of the conditions of a machine that are stored, over all its runs: how many, and how many twice.
+/// Number of stored conditions of a machine over all its instances, duplicates included.
 pub(crate) fn stored(folder: &Path, machine: &str) -> u64 {
     let connection = rusqlite::Connection::open(folder.join("centre.db")).unwrap();
     let recent: i64 = connection

@@ -41,7 +41,7 @@ fn mill() -> MachineId {
     identity("mill-a").machine
 }
 
-/// A condition a second from `from_s` on, with a residual that is its number.
+/// One condition per second from `from_s`; the residual of each, µm, is its number.
 fn conditions(numbers: std::ops::Range<u64>, from_s: f64) -> Vec<Received> {
     let one = |number: u64| {
         let envelope = envelope("run-1", number, condition(number as f64));
@@ -194,7 +194,7 @@ fn messages_are_stored_once_and_averaged() {
     let batch = conditions(0..90, from_s);
     let taken = ingest.take(&store, &batch[..50]).unwrap();
     assert_eq!((taken.stored, taken.duplicates), (50, 0));
-    // Redelivery of a part, after a lost acknowledgement and after a restart of the centre.
+    // Redelivery of a part: after a lost acknowledgement, and after a restart of the centre.
     let taken = ingest.take(&store, &batch[40..60]).unwrap();
     assert_eq!((taken.stored, taken.duplicates), (10, 10));
     let store = {
@@ -217,13 +217,13 @@ fn messages_are_stored_once_and_averaged() {
     let means: Vec<(u64, f64)> = (minutes.iter())
         .map(|point| (point.count, point.residual_um.unwrap()))
         .collect();
-    // The mean of 0 … 59, and of 60 … 89.
+    // The means of 0 … 59 and 60 … 89.
     assert_eq!(means, [(60, 29.5), (30, 74.5)]);
     assert_eq!(minutes[1].residual_max_um, Some(89.0));
     let hours = history(Resolution::Hour);
     assert_eq!((hours[0].count, hours[0].residual_um), (90, Some(44.5)));
     assert_eq!(hours[0].temperatures_degc["scale X"], 21.5);
-    // Thirty come late into a minute that is closed: minute and hour are those of all.
+    // Thirty late conditions for a closed minute: the means of minute and hour include them.
     ingest.take(&store, &conditions(90..120, from_s)).unwrap();
     assert_eq!(store.close_minutes(from_s + 180.0).unwrap(), 30);
     let minutes = history(Resolution::Minute);
@@ -259,7 +259,7 @@ fn expired_rows_are_deleted_and_hours_kept() {
     store.delete_expired(keep, from_s + 2.0 * 86_400.0).unwrap();
     assert_eq!(points(Resolution::Raw), 0);
     assert_eq!(points(Resolution::Minute), 1);
-    // The first whole state of the hour is kept longer.
+    // The first telemetry of the hour is kept longer.
     assert_eq!(store.telemetry(&mill()).unwrap().unwrap().1["number"], 60);
     store
         .delete_expired(keep, from_s + 40.0 * 86_400.0)
@@ -310,7 +310,7 @@ fn unreadable_messages_are_kept() {
                 stored_s: 1.0,
                 bytes: bytes.to_vec().into(),
             };
-            // Once, however often the server hands it out.
+            // Stored once, however often it is delivered.
             for _ in 0..2 {
                 let taken = ingest.take(&store, std::slice::from_ref(&message)).unwrap();
                 assert_eq!(taken.stored, 0);
@@ -355,7 +355,7 @@ fn a_machine_is_in_one_open_rollout() {
 fn a_failed_transaction_is_rolled_back() {
     let (place, store) = opened();
     store.put_machine(&machine("mill-a"), "anna").unwrap();
-    // The record of the log is the second of the two statements.
+    // The audit record is the second of the two statements.
     place.execute("ALTER TABLE audit RENAME TO gone");
     store.put_machine(&machine("mill-b"), "anna").unwrap_err();
     place.execute("ALTER TABLE gone RENAME TO audit");
@@ -381,7 +381,7 @@ fn minutes_are_closed_machine_by_machine() {
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;
     let name = |machine: u64| format!("mill-{machine}");
-    // Machine m reports the residual 1000 m + n at second n, in three minutes; every third is silent in the second one.
+    // Machine m reports the residual 1000 m + n at second n, over three minutes; every third machine is silent in the second minute.
     let tells =
         |machine: u64, second: u64| !(machine.is_multiple_of(3) && (60..120).contains(&second));
     let batch: Vec<Received> = (0..180)
@@ -415,7 +415,7 @@ fn minutes_are_closed_machine_by_machine() {
         let means: Vec<(f64, u64, Option<f64>)> = (history(Resolution::Minute).iter())
             .map(|point| (point.at_s - from_s, point.count, point.residual_um))
             .collect();
-        // Six in each minute: 0, 10, … 50, and a minute later.
+        // Six conditions per minute, at 0, 10, … 50 s.
         let first = (0.0, 6, Some(base + 25.0));
         let second = (60.0, 6, Some(base + 85.0));
         let expected = if silent {
@@ -538,7 +538,7 @@ fn numbers_are_stored_exactly() {
     );
     ingest.take(&store, &[telemetry]).unwrap();
     assert_eq!(store.telemetry(&mill()).unwrap(), Some((at_s, body)));
-    // A version beyond every number of the database's is held at the end, as everywhere.
+    // A version above the maximum of the database's integers is stored as that maximum.
     let answer = volcomp_fleet::Acknowledgement {
         version: u64::MAX,
         value_sha256: "00".to_owned(),

@@ -151,7 +151,7 @@ fn states_are_set_by_options_and_commands() {
 /// The axes stop during an emergency stop and continue from there without a jump.
 #[test]
 fn the_axes_stop_during_an_emergency_stop() {
-    // 100 mm to and fro within 60 s: at most 5.3 mm/s.
+    // 100 mm back and forth within 60 s: at most 5.3 mm/s.
     let mut simulator = Simulator::start(&["--stroke-mm", "100", "--period-s", "60"]);
     let mut client = simulator.client();
     let mut at = || client.positions(PositionKind::Machine, 3).unwrap()[0];

@@ -18,7 +18,6 @@ const CONDITION_S: u64 = 1;
 const TELEMETRY_S: u64 = 10;
 /// Waiting time after which the disk is reported as hanging.
 const DISK_TIMEOUT: Duration = Duration::from_secs(3);
-/// Polling interval.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
 /// State shared by both threads.
@@ -140,8 +139,7 @@ fn tell(message: &mut Option<String>, hangs: bool, what: &str) {
 mod tests {
     use super::*;
 
-    /// The message is cleared if the waiting thread continued with other work, or its wait ended between two polls
-    /// (regression).
+    /// The message is cleared even if the waiting thread continued with other work, or its wait ended between two polls.
     #[test]
     fn a_disk_message_ends_with_the_wait() {
         let mut message = None;

@@ -32,7 +32,6 @@ use crate::{
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 /// Path for uploads of machine files, which may be slow.
 pub(super) const UPLOAD_PATH: &str = "/api/model/upload";
-/// Timeout of an upload.
 const UPLOAD_TIMEOUT: Duration = Duration::from_secs(300);
 
 /// Access control of the dashboard.
@@ -179,9 +178,9 @@ const ADDRESSES: usize = 1024;
 pub enum Role {
     /// Read state, history, map and metrics.
     View,
-    /// Also arm, disarm, acknowledge and reload.
+    /// In addition arm, disarm, acknowledge and reload.
     Operate,
-    /// Also upload files and activate models.
+    /// In addition upload files and activate models.
     Engineer,
 }
 

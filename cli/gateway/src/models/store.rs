@@ -246,7 +246,7 @@ mod tests {
         let machine = store.machine(&hash);
         fs::write(machine.with_extension("new"), &text[..20]).expect("writable");
         assert_eq!(store.in_force(), Ok(None));
-        // It is there.
+        // The machine file is complete.
         store.keep(&hash, &text).expect("writable");
         assert_eq!(store.in_force(), Ok(None));
         // The activation is half written.

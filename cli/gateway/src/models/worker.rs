@@ -270,7 +270,7 @@ impl ModelWorker {
             reloaded.note = Some(why.clone());
         }
         if let Some(id) = candidate {
-            // It may have been discarded meanwhile.
+            // The candidate may have been discarded meanwhile.
             let _ = self.shared.discard(&id);
         }
         reply

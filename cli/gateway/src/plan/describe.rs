@@ -59,7 +59,6 @@ fn controllers(plan: &Plan, needs: &[Needs]) -> Vec<ControllerPlan> {
     all.enumerate().map(with_memory).collect()
 }
 
-/// Describes a controller from its driver's description.
 fn of_driver(description: &Description) -> ControllerPlan {
     ControllerPlan {
         url: description.device.clone(),

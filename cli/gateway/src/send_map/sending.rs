@@ -237,7 +237,7 @@ impl Sending {
         let Some(checked) = self.before.take() else {
             return false;
         };
-        // It was in use, so it is within the limits.
+        // The previous map was in use, so it is within the limits.
         if self.sender.replace(checked.map.clone()).is_err() {
             return false;
         }
@@ -504,7 +504,6 @@ fn entry(checked: &Checked, what: &str) -> Entry {
     Entry::new("send-map", what, details)
 }
 
-/// Polling interval for a confirmation.
 const CONFIRMATION_POLL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Path of the confirmation.

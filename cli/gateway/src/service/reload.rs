@@ -585,8 +585,8 @@ mod tests {
         );
     }
 
-    /// A gateway started without limits accepted new speeds together with limits: `check` showed the new speeds, but the cycle
-    /// continued with the old ones (regression).
+    /// A gateway started without limits does not accept new speeds together with its first limits: the cycle continues with the old speeds
+    /// until a restart.
     #[test]
     fn speeds_that_come_with_the_first_limits_need_a_restart() {
         let config = |guard: &str| {

@@ -173,7 +173,7 @@ impl Service {
                     self.begin_centre_model(std::mem::take(machine), confirm.take())
                 }
                 Operation::Model(activation) => self.begin_operator_model(activation.clone()),
-                // These are never queued.
+                // These operations are never queued.
                 Operation::Disarm | Operation::Acknowledge | Operation::Centre(_) => return,
             };
             match step {

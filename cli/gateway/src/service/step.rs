@@ -267,7 +267,7 @@ mod tests {
             (State::Holding(Hold::Interlocked), [true, false, true]),
             (State::Holding(Hold::Unconfirmed), [true, false, true]),
             (State::RampingOut(End::Disarmed), [false, true, true]),
-            // It resumes automatically when positions return.
+            // The guard resumes automatically when positions return.
             (State::RampingOut(End::Lost), [true, false, true]),
             (State::Faulted(Cause::DoesNotStick), [false, true, false]),
             (State::Faulted(Cause::Contradiction), [false, true, false]),

@@ -87,8 +87,8 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    /// How often a watchdog of 400 ms is fed within ten seconds, with a cycle of 4 ms that takes place only every
-    /// `every` ms, and a gap of `gap_ms` at 5 s.
+    /// Number of proofs within ten seconds from a watchdog with a timeout of 400 ms, for a cycle of 4 ms that runs only every `every` ms,
+    /// and a gap of `gap_ms` at 5 s.
     fn fed(every: u32, gap_ms: u32) -> u32 {
         let begun = Instant::now();
         let mut dog = Watchdog::new(400 * MS, 4 * MS, 100 * MS, begun);
@@ -112,7 +112,7 @@ mod tests {
         fed
     }
 
-    /// Before, one cycle a second was enough.
+    /// At least every second cycle must come.
     #[test]
     fn cycles_must_come_on_time() {
         assert!(fed(4, 0) >= 95, "each cycle");

@@ -1,5 +1,5 @@
-//! The book and the README files say what the gateway does: configurations are read, console blocks run, and
-//! the tables of keys are those of the decoder.
+//! The book and the README files agree with the gateway: configurations are valid, console blocks run, and the tables of keys are those of
+//! the decoder.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -20,7 +20,7 @@ use volcomp_test_support::{
     },
 };
 
-/// What a part of a configuration is put into.
+/// The configuration into which a fragment is inserted.
 const SMALL: &str = r#"
 machine = "machine.toml"
 [[controller]]
@@ -34,7 +34,7 @@ fn decode(text: &str) -> Result<(), String> {
         .map_err(|e| e.to_string())
 }
 
-/// The text of a configuration, made whole.
+/// A configuration block, completed if it is a fragment.
 fn whole(block: &Block) -> Option<String> {
     if block.is("gateway file") {
         Some(block.text.clone())
@@ -84,7 +84,7 @@ fn every_console_block_prints_what_it_says() {
     );
 }
 
-/// A gateway that simulates; ended with the test.
+/// A gateway with the built-in simulation; ended with the test.
 struct Gateway {
     _running: Running,
     address: String,
@@ -177,7 +177,7 @@ fn every_reason_is_in_the_chapter() {
     );
 }
 
-/// The names of the tests in the table of hazards.
+/// Names of the tests in the table of hazards.
 fn tests_of_hazards() -> BTreeSet<String> {
     let text = fs::read_to_string(chapter("guard.md")).expect("a page");
     let rows = text

@@ -31,7 +31,7 @@ fn configuration(dir: &Path, controller: &str) -> PathBuf {
     file
 }
 
-/// A control on the bus that accepts every write while it answers.
+/// A control on the bus that accepts every write while it responds.
 struct Control {
     stop: Arc<AtomicBool>,
     silent: Arc<AtomicBool>,
@@ -157,7 +157,7 @@ fn over_vcan() {
     assert_eq!(*control.applied.lock().unwrap(), [0.0; 3]);
 }
 
-/// The control's side of a simulated chip.
+/// The control's side of a simulated GPIO chip.
 fn bank(label: &str) -> PathBuf {
     for device in fs::read_dir("/sys/devices/platform").unwrap().flatten() {
         for chip in fs::read_dir(device.path()).into_iter().flatten().flatten() {
@@ -201,7 +201,7 @@ fn over_digital_lines() {
         };
         (0..8).map(level).sum::<u8>().cast_signed()
     };
-    // 32 counts a mm.
+    // 32 counts per mm.
     shows(200 * 32);
     let controller = "url = \"gpio://?position=panel-out:0-14&correction=panel-in:0-7\"\naxes = [\"X\"]\nfixed = { Y = 50.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]";
     let config = configuration(dir.path(), controller);

@@ -1,4 +1,4 @@
-//! `check` and the daemon say the same of a configuration that is wrong: the same message, and exit status 2.
+//! `check` and the daemon report the same message for an invalid configuration, and exit with status 2.
 
 use std::process::Command;
 
@@ -31,7 +31,7 @@ fn folder() -> tempfile::TempDir {
     write("bare.dbc", BARE, 0o644);
     write("barrier.dbc", volcomp_can::BARRIER_DBC, 0o644);
     write("deg.dbc", &BARE.replace("\"um\"", "\"deg\""), 0o644);
-    // A link that leads nowhere, and a folder where the log should be.
+    // A dangling link, and a folder in place of the log.
     std::os::unix::fs::symlink("missing", dir.path().join("nowhere")).expect("writable");
     std::fs::create_dir_all(dir.path().join("odd/audit.log")).expect("writable");
     volcomp_gateway::http::tls::make(dir.path(), &["localhost".to_owned()]).expect("a pair");
@@ -45,7 +45,7 @@ fn check_and_the_daemon_refuse_alike() {
     for case in CASES {
         std::fs::write(dir.path().join("machine.toml"), case.machine).expect("writable");
         let text = case.text();
-        // Files of URLs are relative to where a program was started.
+        // Files in URLs are relative to the working directory.
         let text = text.replace("dbc=", &format!("dbc={}/", path(dir.path())));
         std::fs::write(&config, &text).expect("writable");
         let check = check::check(&config, false, false).expect_err(&text);
@@ -61,7 +61,7 @@ fn check_and_the_daemon_refuse_alike() {
     }
 }
 
-/// The programs say so, too, and with `--json` the message is one object.
+/// The programs report it as well, and with `--json` the message is one object.
 #[test]
 fn a_wrong_configuration_ends_the_programs() {
     let dir = folder();

@@ -1,4 +1,4 @@
-//! What prevents arming, manual or automatic, and what becomes of requests while the control thread hangs.
+//! Conditions that prevent manual or automatic arming, and requests while the control thread hangs.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use crate::{
     standing::standing_text,
 };
 
-/// Axes that move keep the test shift waiting; a person who disarms then is not overruled by auto_arm.
+/// Moving axes delay the test shift; an operator who disarms meanwhile is not overruled by auto-arm.
 #[test]
 fn auto_arm_does_not_overrule_a_person() {
     let dir = tempfile::tempdir().expect("writable");
@@ -32,7 +32,7 @@ fn auto_arm_does_not_overrule_a_person() {
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
 }
 
-/// Without [guard] it runs and shows, and does not arm.
+/// Without `[guard]` it runs and shows its state, but does not arm.
 #[test]
 fn without_limits_it_does_not_arm() {
     let dir = tempfile::tempdir().expect("writable");
@@ -51,7 +51,7 @@ fn without_limits_it_does_not_arm() {
     assert_eq!(gateway.state()["state"], "disarmed");
 }
 
-/// Before, it went on saying what the last cycle had said, and armed when the controller came back.
+/// The state becomes `unknown`, and a request made meanwhile is not executed when the controller responds again.
 #[test]
 fn a_hanging_control_thread_is_reported_and_requests_expire() {
     let (_dir, config, mut gateway) = started("");
@@ -83,7 +83,7 @@ fn a_hanging_control_thread_is_reported_and_requests_expire() {
     ] {
         assert!(text.contains(line), "{text}");
     }
-    // A request of now is not executed later.
+    // A request made now is not executed later.
     let mut arms = gateway.begin(Operation::Arm(None));
     gateway.hang(Duration::from_secs(1));
     let armed = arms.try_recv().expect("answered");
@@ -92,7 +92,7 @@ fn a_hanging_control_thread_is_reported_and_requests_expire() {
     gateway.wait_for("disarmed");
     gateway.run(Duration::from_secs(5));
     assert_eq!(gateway.state()["state"], "disarmed");
-    // Disarming waits for the thread, and is done with its next cycle.
+    // Disarming waits for the thread, and takes effect in its next cycle.
     gateway.must_arm();
     gateway.wait_for("compensating");
     gateway.hang(Duration::from_millis(200));
@@ -107,8 +107,7 @@ fn a_hanging_control_thread_is_reported_and_requests_expire() {
     gateway.wait_for("disarmed");
 }
 
-/// Sixty-four requests that wait for the service: a disarming was carried out, but neither written down nor remembered, so
-/// that the gateway armed automatically after a restart.
+/// With sixty-four requests queued, a disarm takes effect, and is recorded and stored for the next start.
 #[test]
 fn a_disarm_is_recorded_with_a_full_queue() {
     let (dir, _, mut gateway) = started("auto_arm = true");

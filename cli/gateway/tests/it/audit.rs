@@ -26,7 +26,7 @@ use crate::{
     standing::SmallDisk,
 };
 
-/// What belongs to a record of these tests.
+/// Details of a record in these tests.
 fn details(what: &str) -> Details {
     Details {
         model: "none".to_owned(),
@@ -63,7 +63,7 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     let whole = verify(all.as_bytes());
     assert_eq!((whole.end, whole.broken), (all.len(), None));
     assert!(all.contains("\"what\":\"59\"") && !all.contains("\"what\":\"0\""));
-    // Opened again it goes on with the next number.
+    // A reopened log continues with the next number.
     drop(log);
     let (mut log, found) = AuditLog::open(dir.path()).expect("there");
     assert_eq!((found.cut_bytes, found.broken), (0, None));
@@ -71,7 +71,7 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     assert!(read("audit.log").contains("\"seq\":61"));
 }
 
-/// Cut at every byte: what is whole is kept, the rest is cut, and it goes on.
+/// Cut at every byte: complete records are kept, the rest is cut off, and the log continues.
 #[test]
 fn a_tail_torn_anywhere_is_cut() {
     let dir = tempfile::tempdir().expect("writable");
@@ -166,7 +166,7 @@ fn a_hanging_disk_blocks_no_caller_and_lost_records_are_counted() {
     let receipts: Vec<Receipt> = (0..400)
         .map(|n| writer.record(entry(&n.to_string())))
         .collect();
-    // The disk has the one before, 256 wait.
+    // The disk has the previous record, and 256 are queued.
     let lost = receipts
         .iter()
         .filter(|r| r.written() == Some(false))
@@ -187,7 +187,7 @@ fn a_hanging_disk_blocks_no_caller_and_lost_records_are_counted() {
     assert_eq!(text.matches("\"lost\":").count(), 1);
 }
 
-/// A record on its way for longer than a second forbids arming.
+/// A record pending for more than a second forbids arming.
 #[test]
 fn a_silent_disk_is_reported() {
     let dir = tempfile::tempdir().expect("writable");
@@ -201,7 +201,7 @@ fn a_silent_disk_is_reported() {
     soon(|| writer.trouble().is_none());
 }
 
-/// A record that cannot be written is counted in the first that can.
+/// A record that cannot be written is counted in the next one that can.
 #[test]
 fn a_record_that_fails_is_counted_in_the_next() {
     let dir = tempfile::tempdir().expect("writable");
@@ -235,7 +235,7 @@ fn a_record_that_fails_is_counted_in_the_next() {
     assert!(text.contains("\"lost\":2,"), "{text}");
 }
 
-/// What the last record of a start says of the log that was found.
+/// The state of the log found at start-up, from the last record of a start.
 fn found(log: &str) -> Value {
     let line = log.lines().rfind(|line| line.contains("\"started\""));
     let (_, record) = line.and_then(|line| line.split_once(' ')).expect("a start");
@@ -285,7 +285,7 @@ fn a_full_disk_forbids_arming_but_not_correcting_nor_disarming() {
     disk.fill(0);
     gateway.run(Duration::from_secs(30));
     assert_eq!(gateway.state()["state"], "compensating");
-    // Records find room until the last block is full.
+    // Records are accepted until the last block is full.
     let mut refused = None;
     for _ in 0..50 {
         assert_eq!(gateway.ask(Operation::Disarm).0, 200);
@@ -302,7 +302,7 @@ fn a_full_disk_forbids_arming_but_not_correcting_nor_disarming() {
     let words = "audit log cannot be written";
     assert!(answer.to_string().contains(words), "{answer}");
     assert_eq!(gateway.state()["state"], "disarmed");
-    // What is in the log is whole.
+    // The records in the log are complete.
     drop(gateway);
     let (_, found) = AuditLog::open(&disk.0).expect("readable");
     assert_eq!((found.cut_bytes, found.broken), (0, None));

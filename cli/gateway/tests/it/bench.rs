@@ -1,4 +1,4 @@
-//! A cycle on a simulated machine whose time a test counts.
+//! A cycle on a simulated machine with simulated time.
 
 use std::{
     sync::{Arc, Mutex},
@@ -20,7 +20,7 @@ use volcomp_vocabulary::PerChannel;
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
 
-/// A controller that a test can look into while the cycle has it.
+/// A controller whose writes a test can observe and disturb while the cycle owns it.
 pub(crate) struct Watched<C> {
     inner: C,
     description: Description,
@@ -36,22 +36,22 @@ impl<C: Controller> Watched<C> {
         }
     }
 
-    /// On a channel of another name.
+    /// Changes the channel name.
     pub(crate) fn on(mut self, channel: &str) -> Self {
         channel.clone_into(&mut self.description.channel);
         self
     }
 }
 
-/// What was written, and what a test wants to go wrong.
+/// Observed writes, and the faults requested by a test.
 #[derive(Default)]
 pub(crate) struct Seen {
     pub(crate) applied: PerChannel<f64>,
     pub(crate) writes: u64,
-    /// Added to what is read.
+    /// Added to the positions that are read.
     pub(crate) offset: PerChannel<f64>,
     pub(crate) fault: Option<Fault>,
-    /// Writes go nowhere.
+    /// Writes are lost.
     pub(crate) deaf: bool,
 }
 
@@ -92,7 +92,7 @@ impl<C: Controller> Controller for Watched<C> {
     }
 }
 
-/// A cycle, its machine and time.
+/// A cycle with its machine and time.
 pub(crate) struct Bench {
     pub(crate) cycle: Cycle,
     pub(crate) clock: Clock,
@@ -102,7 +102,7 @@ pub(crate) struct Bench {
     pub(crate) forbids: Reasons,
 }
 
-/// The parts of which a test makes the paths of a bench.
+/// Parts from which a test builds the paths of a bench.
 pub(crate) struct Parts<'a> {
     pub(crate) controller: SimulatedController,
     pub(crate) model: &'a Model,
@@ -110,7 +110,7 @@ pub(crate) struct Parts<'a> {
     pub(crate) clock: &'a Clock,
 }
 
-/// A path of a controller, which is planned first.
+/// A path with a controller, which is planned first.
 pub(crate) fn path(
     controller: impl Controller + 'static,
     model: &Model,
@@ -123,7 +123,7 @@ pub(crate) fn path(
     ControlPath::new(Box::new(controller), &plan).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Settings for a control that no other gateway reaches.
+/// Settings for a control that no other gateway can reach.
 pub(crate) fn alone() -> PathSettings {
     PathSettings {
         watch: Duration::ZERO,
@@ -140,7 +140,7 @@ pub(crate) fn unproven() -> PathSettings {
 }
 
 impl Bench {
-    /// The built-in simulation, with the thermometer made into another.
+    /// The built-in simulation with a modified thermometer.
     pub(crate) fn with(
         guard: &GuardSettings,
         thermometer: impl FnOnce(Box<dyn Thermometer>) -> Box<dyn Thermometer>,
@@ -153,7 +153,7 @@ impl Bench {
         Self::of(guard, watched, thermometer)
     }
 
-    /// The built-in simulation with other paths to its controller, and without another thermometer.
+    /// The built-in simulation with other paths to its controller and no other thermometer.
     pub(crate) fn through(
         guard: &GuardSettings,
         paths: impl FnOnce(Parts) -> Vec<ControlPath>,
@@ -196,18 +196,18 @@ impl Bench {
         Self::with(&simulate::guard(), |thermometer| thermometer)
     }
 
-    /// Armed, its ramp passed.
+    /// Armed, with the ramp completed.
     pub(crate) fn compensating() -> Self {
         let mut bench = Self::new();
         bench.run(Duration::from_millis(100));
         bench.request(Request::Arm);
-        // It dwells 1.5 s at the first corner: the test shift takes less. Then it ramps in.
+        // The machine dwells for 1.5 s at the first corner, longer than the test shift takes, then the correction ramps in.
         let report = bench.run(Duration::from_secs(2));
         assert_eq!(report.state.name(), "compensating");
         bench
     }
 
-    /// One cycle, on which nothing is allocated.
+    /// Runs one cycle, in which allocation is forbidden.
     pub(crate) fn step(&mut self, dt: Duration, request: Option<Request>) -> Report {
         self.clock.advance(dt);
         let asked = CycleInput {
@@ -242,7 +242,7 @@ impl Bench {
             .applied
     }
 
-    /// Runs and gives the largest change of a correction between two cycles, mm.
+    /// Runs, and returns the largest change of a correction between two cycles, mm.
     pub(crate) fn largest_step(&mut self, time: Duration) -> f64 {
         let end = self.clock.elapsed() + time;
         let (mut before, mut largest) = (self.applied(), 0.0_f64);

@@ -19,7 +19,7 @@ use crate::{
     program::{OPERATE, Program, change, path, token_file},
 };
 
-/// Runs a script of this folder in the browser; `then` is called when it says that it is ready.
+/// Runs a script of this folder in the browser; `then` is called when the script reports that it is ready.
 fn run(script: &str, arguments: &[&str], screenshot: &str, then: impl FnOnce()) {
     if !Path::new("/usr/bin/chromium").exists() {
         peers::not_run("Chromium");
@@ -90,13 +90,13 @@ fn a_person_sees_what_is_missing_and_what_is_not_known() {
     });
 }
 
-/// A folder of laser files becomes a machine file in the studio, and the gateway corrects with it.
+/// The studio turns a folder of laser files into a machine file, with which the gateway then corrects.
 #[test]
 fn an_engineer_brings_measurements_from_the_studio_into_force() {
     let dir = tempfile::tempdir().expect("writable");
     let control = measured_control();
     let config = measured_rig_in(dir.path(), &control);
-    // Small enough that the model of the example is to be confirmed.
+    // So low that the model of the example must be confirmed.
     change(&config, "confirm_um = 10.0", "confirm_um = 1.0");
     let program = Program::start(dir.path(), &["--config", path(&config)]);
     program.wait_for("compensating");
@@ -106,14 +106,14 @@ fn an_engineer_brings_measurements_from_the_studio_into_force() {
     let studio = Studio::listen(folder, "127.0.0.1:0".parse().expect("an address"));
     let studio = studio.expect("a free port");
     let page = studio.url();
-    // It serves until the test program ends.
+    // The studio serves until the test program ends.
     std::thread::spawn(move || studio.run());
     let lasers = examples();
     let arguments = [page.as_str(), &gateway, ENGINEER, path(&lasers)];
     run("browser_studio.py", &arguments, "studio.png", || {});
     let result = measured.path().join("result/machine.toml");
     let Ok(machine) = Machine::read(&result) else {
-        // Without a browser there is no result, which `run` has reported.
+        // Without a browser there is no result, as `run` has reported.
         return;
     };
     assert_eq!(model(&program)["hash"], machine.checksum().as_str());
@@ -122,8 +122,8 @@ fn an_engineer_brings_measurements_from_the_studio_into_force() {
         .unwrap_or_else(|state| panic!("another correction: {state}"));
 }
 
-/// Whether the published correction is that of a machine at the published position, within 1.5 µm: a step of what is written to the
-/// control, and half of one between two cycles. The correction is some 10 µm.
+/// Whether the published correction is that of a machine at the published position, within 1.5 µm: one step of the words, and half a step
+/// of motion between two cycles. The correction is about 10 µm.
 fn corrects_as(machine: &Machine, state: &Value) -> bool {
     let at = |list: &str, axis: AxisName| state[list][axis.to_string()].as_f64();
     let axes = [AxisName::X, AxisName::Y, AxisName::Z];

@@ -82,7 +82,7 @@ fn status_and_check_speak_for_themselves() {
     }
 }
 
-/// The configuration of the manual.
+/// The configuration in the manual is valid.
 #[test]
 fn the_documented_configuration_is_right() {
     let dir = tempfile::tempdir().expect("writable");
@@ -155,7 +155,7 @@ fn elsewhere_only_with_tls_and_a_token() {
             path(&viewer),
         ])
     };
-    // The page answers before the first cycle.
+    // The dashboard responds before the first cycle.
     let end = Instant::now() + Duration::from_secs(60);
     loop {
         let with = with_token();
@@ -168,7 +168,7 @@ fn elsewhere_only_with_tls_and_a_token() {
         assert!(Instant::now() < end, "{reported}");
         std::thread::sleep(Duration::from_millis(50));
     }
-    // The rest of the file is not read: it may be about to change.
+    // The rest of the file is not read, because it may be being edited.
     change(&config, "slew_um_per_s = 500.0", "slew_um_per_s = \"fast\"");
     let changed = with_token();
     assert_eq!(changed.status.code(), Some(0), "{changed:?}");

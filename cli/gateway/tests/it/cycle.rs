@@ -1,4 +1,4 @@
-//! Arming, following, fallback.
+//! Arming, following and fallback.
 
 use std::{
     collections::BTreeMap,
@@ -48,7 +48,7 @@ fn temperatures_reach_the_correction() {
     let mut bench = Bench::compensating();
     let report = bench.run(PERIOD);
     let (place, cold) = (report.positions, report.wanted);
-    // An hour later the machine is warm; once more through the program to the same place.
+    // An hour later the machine is warm; run the program once more to the same position.
     let mut report = bench.run(3600 * SECOND);
     for _ in 0..200_000 {
         if report.positions == place {
@@ -124,8 +124,7 @@ fn the_fallback_takes_over_and_hands_back() {
     assert_eq!(second.lock().unwrap().applied, left, "only one path writes");
 }
 
-/// Channels that would add: only one path writes at a time, so they are refused. Before, what was remembered of their sum was
-/// believed of each, and at a take-over their sum moved faster than the slew allows.
+/// Channels whose corrections would add are rejected, because only one path writes at a time.
 #[test]
 fn channels_that_would_add_are_refused() {
     let guard = simulate::guard();
@@ -143,8 +142,8 @@ fn channels_that_would_add_are_refused() {
     assert!(matches!(refused.err(), Some(PlanError::Channels { .. })));
 }
 
-/// The second path is one axis on lines, as the published system has it: it corrects that axis alone, and only where
-/// the positions of the others are known: fixed, or shown by another controller.
+/// The second path is one axis on lines, as in the published system: it corrects that axis alone, and only if the positions of the others
+/// are known, either fixed or from another controller.
 #[test]
 fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
     for (fixed, stands_in) in [(Some(1000.0), true), (None, false)] {
@@ -160,7 +159,7 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
             fixed: others,
             ..unproven()
         };
-        // What the first path leaves on the other axes is taken out by its barrier.
+        // The first path's correction of the other axes is removed by its barrier.
         let protection = simulate::protection();
         let barrier = PathSettings {
             barrier: Some(BarrierSettings {
@@ -204,8 +203,8 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
     }
 }
 
-/// Five axes, which the control names in another order than the machine's chain: each gets its own correction, that of
-/// the exact model, with its sign.
+/// Five axes that the control names in another order than the machine's chain: each gets its own correction, equal to that of the exact
+/// model, with its sign.
 #[test]
 fn every_axis_gets_its_own_correction() {
     use volcomp_kinematics::CorrectionOptions;
@@ -274,8 +273,8 @@ fn every_axis_gets_its_own_correction() {
         for (name, applied) in letters.into_iter().zip(bench.applied()) {
             let index = machine.index_of(name).expect("its axis");
             let wanted = exact.delta[index];
-            // Rotary axes stand on whole steps of 1 µrad, and the linear ones belong to them: half a step of two of them
-            // times a lever of less than a metre.
+            // Rotary axes are on whole steps of 1 µrad, to which the linear ones belong: half a step of two of them times a lever of less
+            // than a metre.
             let within = if name.is_rotary() { 2e-6 } else { 1e-3 };
             assert!(
                 (applied - wanted).abs() < within,
@@ -287,8 +286,7 @@ fn every_axis_gets_its_own_correction() {
     }
 }
 
-/// The same machine file read again while the machine warms up. Before, the lags began anew: the correction of Z jumped by
-/// what had still to come.
+/// The same machine file is read again while the machine warms up: the lags continue, and the correction of Z does not jump.
 #[test]
 fn a_reload_keeps_the_lags() {
     let mut bench = Bench::compensating();
@@ -302,17 +300,17 @@ fn a_reload_keeps_the_lags() {
     assert_eq!(taken, Ok(()));
     let after = bench.step(PERIOD, None).wanted;
     for (before, after) in before.iter().zip(&after) {
-        // The machine moves on by 4 mm.
+        // The machine moves by 4 mm meanwhile.
         assert!((after - before).abs() < 0.0015, "{before} to {after} mm");
     }
 }
 
-/// Lengths of the true error before and after, um, cycle by cycle; before an exchange the machine has moved on, so
-/// the residual holds what a cycle of delay costs, too.
+/// True error without and with correction, µm, in every cycle; the machine moves before each exchange, so the residual includes the effect
+/// of one cycle of delay.
 #[test]
 fn the_error_goes_over_the_whole_volume_moving_and_warming_up() {
     let mut bench = Bench::compensating();
-    // Well into the warming up, then through the whole program.
+    // Well into the warm-up, then through the whole program.
     bench.run(Duration::from_secs(5));
     let (mut before, mut after) = (Vec::new(), Vec::new());
     let mut above_floor = 0.0_f64;
@@ -331,10 +329,10 @@ fn the_error_goes_over_the_whole_volume_moving_and_warming_up() {
             .map_while(|sensor| sensor.degc)
             .collect();
         let positions = report.positions;
-        // What was applied when the machine came here.
+        // The correction that was applied when the machine arrived here.
         let b = bench.truth.error(&positions, &degc).norm() * 1e3;
         let a = bench.truth.residual(&positions, &applied, &degc).norm() * 1e3;
-        // What noise of the instrument and steps of 1 um allow: the same model at this very place, rounded.
+        // Residual permitted by the noise of the instrument and steps of 1 µm: the same model at this position, rounded.
         let rounded = report.wanted.map(|mm| (mm * 1e3).round() * 1e-3);
         let floor = bench.truth.residual(&positions, &rounded, &degc).norm() * 1e3;
         above_floor = above_floor.max(a - floor);

@@ -1,5 +1,5 @@
-//! Body diagonals over the wire: the simulated control measures at its targets what is left of its true errors. What a
-//! correction is worth shows there, and so does one that is wrong, limited, or gone.
+//! Body diagonals end to end: the simulated control measures the residual of its true errors at its targets. This shows the effect of a
+//! correction that is right, wrong, limited or missing.
 
 use std::{
     fs,
@@ -19,10 +19,10 @@ use crate::{
 
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// Without and with correction the range of each diagonal, µm.
+/// Range of each diagonal without and with correction, µm.
 type Ranges = Vec<[f64; 2]>;
 
-/// A machine of 400 × 300 × 200 mm whose scales are wrong by 200 µm a metre and more: up to 90 µm at the ends.
+/// A machine of 400 × 300 × 200 mm with scale errors of 200 µm/m and more: up to 90 µm at the ends.
 fn machine() -> String {
     let [x, y, z, square] = [0.2, 0.15, 0.25, 80.0];
     format!(
@@ -52,7 +52,7 @@ fn diagonals() -> String {
     rows.join("\n")
 }
 
-/// A simulated control that stands and waits for the word, and a gateway that corrects it.
+/// A simulated control that is at rest until it is started, and a gateway that corrects it.
 struct Rig {
     dir: tempfile::TempDir,
     control: Running,
@@ -63,7 +63,7 @@ struct Rig {
 const BARRIER: &str = "barrier = { frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 }, machine = 1, scan_ms = 8.0 }";
 
 impl Rig {
-    /// `model` is what the gateway takes the errors for; `way` are the lines of its `[[controller]]` on how it writes.
+    /// `model` is the machine file of the gateway, `way` the lines of its `[[controller]]` about writing.
     fn start(model: &str, way: &str, of_control: &[&str]) -> Self {
         let dir = tempfile::tempdir().expect("writable");
         let file = |name: &str, text: &str| {
@@ -128,7 +128,7 @@ impl Rig {
         serde_json::from_str(&line).expect("JSON")
     }
 
-    /// What one way through the program shows.
+    /// Ranges of one pass through the program.
     fn ranges(&mut self) -> Ranges {
         let pass = self.document();
         assert_eq!(pass["not_settled"], 0, "{pass}");
@@ -147,7 +147,7 @@ impl Rig {
     }
 }
 
-/// A row of the table: corrections of the axes, and how far the tip is off without and with them, µm.
+/// A row of the table: corrections of the axes, and the error of the tip without and with them, µm.
 #[derive(Debug, PartialEq)]
 struct Target {
     correction: [f64; 3],
@@ -174,7 +174,7 @@ fn targets(file: &Path) -> Vec<Target> {
     lines.map(row).collect()
 }
 
-/// The right model takes 90 % of each range away, and the tip is off by the rounding of the words.
+/// The right model reduces each range by 90 %, and the remaining tip error is the rounding of the words.
 #[test]
 fn ranges_fall_by_nine_tenths() {
     let mut rig = Rig::start(&machine(), BARRIER, &[]);
@@ -185,13 +185,13 @@ fn ranges_fall_by_nine_tenths() {
     }
     for target in rig.targets() {
         for part in target.residual {
-            // Half a count and a tenth of one of hysteresis, and 0.02 µm because the error is that of the corrected place.
+            // Half a count plus a tenth of hysteresis, and 0.02 µm because the error is that of the corrected position.
             assert!(part.abs() <= 0.62, "{target:?}");
         }
     }
 }
 
-/// Without a barrier no word is beyond 30 µm, whatever the limit is, and what they leave is in the table.
+/// Without a barrier no word exceeds 30 µm, whatever the limit, and the table contains the residual.
 #[test]
 fn without_a_barrier_words_end_at_thirty_micrometres() {
     let plain = "area = { pmc = \"R\", first = 100, width = 2 }\nunwatched = true";
@@ -208,15 +208,15 @@ fn without_a_barrier_words_end_at_thirty_micrometres() {
     assert_eq!(furthest, 30.0);
     for target in &targets {
         for axis in 0..3 {
-            // This machine's axes are those of the workpiece: what is left is the error and what is applied.
+            // The axes of this machine are those of the workpiece: the residual is the error plus the applied correction.
             let left = target.error[axis] + target.correction[axis];
             assert!((target.residual[axis] - left).abs() < 0.05, "{target:?}");
         }
     }
 }
 
-/// The gateway is killed while the machine is on its way: the barrier takes the correction out, at its rate, and the
-/// following targets report no correction, and the full error of the tool.
+/// The gateway is killed while the machine moves: the barrier removes the correction at its rate, and the following targets have no
+/// correction and the full error of the tool.
 #[test]
 fn a_gateway_that_is_killed_leaves_no_correction() {
     let mut rig = Rig::start(&machine(), BARRIER, &[]);
@@ -230,7 +230,7 @@ fn a_gateway_that_is_killed_leaves_no_correction() {
     let targets = rig.targets();
     assert_eq!(targets.len(), 20);
     let off = |parts: [f64; 3]| parts.into_iter().map(f64::abs).fold(0.0, f64::max);
-    // The one at which it stood may have been measured before and written after.
+    // The target at which it was stopped may have been measured before and written after the kill.
     for target in &targets[before + 1..] {
         assert_eq!(target.correction, [0.0; 3], "{target:?}");
         assert_eq!(target.residual, target.error);

@@ -1,4 +1,4 @@
-//! JSON documents are those of their schemas.
+//! JSON documents match their schemas.
 
 use serde_json::Value;
 use volcomp_gateway::documents::schemas;
@@ -20,7 +20,7 @@ pub(crate) fn validate(name: &str, document: &Value) {
     assert!(errors.is_empty(), "{name}: {errors:?} in {document}");
 }
 
-/// The documents of a running gateway, of its log and of `check` fit their schemas.
+/// The documents of a running gateway, of its log and of `check` match their schemas.
 #[test]
 fn live_documents_fit_their_schemas() {
     let dir = tempfile::tempdir().expect("writable");

@@ -1,5 +1,5 @@
-//! Two ways to one machine, and what was remembered of the run before: what an axis gets when one of them falls silent,
-//! reports less than the other, or has changed meanwhile. On the axis, with a barrier in the control and without.
+//! Two paths to one machine, and the state stored by the previous run: motion of an axis when one path falls silent, reports less than the
+//! other, or has changed meanwhile. Checked at the axis, with and without a barrier.
 
 use std::{
     sync::{Arc, Mutex},
@@ -18,7 +18,7 @@ use volcomp_vocabulary::{PerAxis, PerChannel};
 use crate::bench::{Bench, Seen, Watched, cycle, path, unproven};
 
 const SECOND: Duration = Duration::from_secs(1);
-/// What the guard slews in a cycle, and the barrier in a scan, with a rounding, mm.
+/// The guard's slew per cycle and the barrier's rate per scan, with rounding, mm.
 const MOST: f64 = 0.002 + 1e-9;
 
 /// Two paths to one machine; the second never reports an interlock if it is `blind` to them.
@@ -60,7 +60,7 @@ fn two_ways(barrier: bool, blind: bool) -> Bench {
         seen,
         forbids: Reasons::NONE,
     };
-    // The scans of a barrier are counted for a second, plain values are confirmed by three readings.
+    // The scans of a barrier are counted for a second; plain values are confirmed by three readings.
     bench.run(2 * SECOND);
     bench
 }
@@ -81,8 +81,7 @@ fn silence_first(bench: &Bench, fault: Option<Fault>) {
     bench.seen.lock().expect("no panic").fault = fault;
 }
 
-/// 40 µm were remembered, the control reported 0: 40 µm were shown as applied, and the first write put them on the axis at
-/// once.
+/// The stored correction is 40 µm, but the control reports 0: 0 is shown as applied, and the first write makes no step.
 #[test]
 fn the_reported_correction_replaces_the_remembered_one() {
     for barrier in [false, true] {
@@ -96,8 +95,7 @@ fn the_reported_correction_replaces_the_remembered_one() {
     }
 }
 
-/// The second of two ways to the same axes began from zero when it took over: the axis went from its correction to nearly
-/// nothing in one write.
+/// The second of two paths to the same axes starts from the applied correction when it takes over.
 #[test]
 fn a_standby_path_takes_over_without_a_step() {
     for barrier in [false, true] {
@@ -122,8 +120,7 @@ fn a_standby_path_takes_over_without_a_step() {
     }
 }
 
-/// An emergency stop, seen on the first way, and then that way fell silent: the second, which cannot see the stop, took
-/// over and wrote the correction during it.
+/// The first path reports an emergency stop and then falls silent: the second, which cannot see the stop, does not take over.
 #[test]
 fn an_emergency_stop_causes_no_change_of_path() {
     use std::sync::atomic::Ordering;
@@ -157,7 +154,7 @@ fn an_emergency_stop_causes_no_change_of_path() {
     }
 }
 
-/// Writes that went nowhere while every reading came: the correction was shown as applied for as long as it lasted.
+/// Writes are lost while readings arrive: the correction is not shown as applied.
 #[test]
 fn lost_writes_are_reported() {
     for barrier in [false, true] {
@@ -170,7 +167,7 @@ fn lost_writes_are_reported() {
     }
 }
 
-/// A second path that holds 77 µm while the first corrects: this was not reported.
+/// A second path holds 77 µm while the first corrects.
 #[test]
 fn a_correction_left_on_a_standby_path_is_reported() {
     let clock = Clock::manual();

@@ -1,7 +1,7 @@
-//! The program and a control with a barrier, from end to end: whatever happens to the program, to the wire and to the
-//! control, an axis never moves by more than the barrier's rate in one scan. Without a barrier these were full steps.
+//! The program and a control with a barrier, end to end: under any fault of the program, the connection and the control, an axis never
+//! moves by more than the barrier's rate in one scan. Without a barrier these were full steps.
 //!
-//! Each is done a few times; `VOLCOMP_REPEATS` says how often instead.
+//! Each test repeats a few times, or `VOLCOMP_REPEATS` times.
 
 use std::{
     io::{Read, Write},
@@ -28,10 +28,9 @@ use crate::{
     program::{Program, change, path},
 };
 
-/// Counts of 1 µm that the barrier moves an axis in one scan of 2 ms.
+/// Rate of the barrier: counts of 1 µm per scan of 2 ms.
 const RATE: i64 = 2;
-/// Maximum time until an axis is at zero without frames: 200 ms + 450 ms + 150 µm at 1 mm/s, and some more
-/// for a loaded computer.
+/// Maximum time until an axis is at zero without frames: 200 ms + 450 ms + 150 µm at 1 mm/s, and a margin for a loaded computer.
 const LETS_GO: Duration = Duration::from_millis(1200);
 
 fn repeats() -> u64 {
@@ -39,7 +38,7 @@ fn repeats() -> u64 {
     asked.ok().and_then(|asked| asked.parse().ok()).unwrap_or(3)
 }
 
-/// A time below `most_ms`, another one for each number.
+/// A duration below `most_ms`, different for each number.
 fn some(number: u64, most_ms: u64) -> Duration {
     let mixed = number
         .wrapping_add(1)
@@ -49,7 +48,7 @@ fn some(number: u64, most_ms: u64) -> Duration {
     Duration::from_millis((mixed >> 33) % most_ms)
 }
 
-/// A control whose X goes to and fro, before it starts: 150 counts, 2 counts in a scan of 2 ms.
+/// A control whose X moves back and forth, before it starts: limit 150 counts, rate 2 counts per scan of 2 ms.
 pub(crate) fn world() -> World {
     let axes = [AxisName::X, AxisName::Y, AxisName::Z];
     let settings = volcomp_test_support::barrier::settings(&axes).expect("sensible");
@@ -77,7 +76,7 @@ pub(crate) fn guarded(dir: &Path, control: &Simulator) -> std::path::PathBuf {
     config
 }
 
-/// Armed, and really on the axes: Y gets −20 µm.
+/// Armed, and applied at the axes: Y gets −20 µm.
 fn corrects(program: &Program, control: &Simulator) {
     program.wait_for("compensating");
     for _ in 0..2000 {
@@ -95,8 +94,8 @@ fn no_step(control: &Simulator, of: &str) {
     assert!(steps.iter().all(|step| *step <= RATE), "{of}: {steps:?}");
 }
 
-/// Killed at any moment and started again while the control still has the correction, ramps it out, or has let it go: the
-/// first write of the new one put the remembered correction on the axis at once, from 0 to 40 µm.
+/// Killed at any time, and restarted while the control still has the correction, ramps it out, or is at zero: the new process makes no step
+/// to the stored correction of 40 µm.
 #[test]
 fn killed_and_started_again() {
     let dir = tempfile::tempdir().expect("writable");
@@ -120,8 +119,8 @@ fn killed_and_started_again() {
     no_step(&control, "ended");
 }
 
-/// Stopped for two seconds at any moment, also between reading and writing. The write that was decided before went out two
-/// seconds later: the axis, which the control had taken to zero meanwhile, stepped back to its correction.
+/// Suspended for two seconds at any time, also between reading and writing: an expired write is not sent to an axis that the control has
+/// ramped to zero meanwhile.
 #[test]
 fn stopped_for_two_seconds() {
     let dir = tempfile::tempdir().expect("writable");
@@ -141,8 +140,7 @@ fn stopped_for_two_seconds() {
     }
 }
 
-/// The control begins anew: a reset keeps the words of the axes, switching off and on clears them, and what the gateway
-/// remembered was written over both.
+/// The control restarts: a reset keeps the words of the axes, a power cycle clears them. The gateway continues from the reported words.
 #[test]
 fn a_control_that_begins_anew() {
     let dir = tempfile::tempdir().expect("writable");
@@ -163,8 +161,7 @@ fn a_control_that_begins_anew() {
     }
 }
 
-/// Other numbers in the words of the frame and of the report, again and again: garbage in the words was taken for the
-/// correction, and written back.
+/// Garbage in the words of the frame and of the report is not taken for the correction, and not written back.
 #[test]
 fn garbage_in_the_words() {
     let dir = tempfile::tempdir().expect("writable");
@@ -187,8 +184,8 @@ fn garbage_in_the_words() {
     corrects(&program, &control);
 }
 
-/// 5 mm in the words of an axis at the start, and a gateway with auto-arm: it took them for its own output, far
-/// beyond the limit. The barrier leads them to zero at its rate, and the gateway corrects only after that.
+/// At the start of a gateway with auto-arm an axis has a word of 5 mm, far beyond the limit. The barrier ramps it to zero at its rate, and
+/// the gateway corrects only after that.
 #[test]
 fn a_correction_beyond_the_limit_is_found_at_the_start() {
     let dir = tempfile::tempdir().expect("writable");
@@ -213,8 +210,7 @@ fn a_correction_beyond_the_limit_is_found_at_the_start() {
     no_step(&control, "found at the start");
 }
 
-/// Writes that were on their way when the connection was given up came through half a second to two seconds later: the
-/// axis stepped to a correction of long ago.
+/// Writes in transit when the connection closes arrive 0.5 to 2 s later: the axis does not step to the old correction.
 #[test]
 fn what_was_kept_back_comes_later() {
     let dir = tempfile::tempdir().expect("writable");
@@ -238,9 +234,8 @@ fn what_was_kept_back_comes_later() {
     }
 }
 
-/// The barrier has X, Y, Z, and the configuration `axes` in another order: frames and reports were accepted anyway, so
-/// that X got the correction of Y (20 µm for 0) and Y that of X, shown as compensating with every axis proven, and
-/// `check --online` said nothing.
+/// The barrier has the axes X, Y, Z, and the configuration `axes` another order: frames and reports are rejected, because X would get the
+/// correction of Y, and `check --online` fails.
 #[test]
 fn axes_in_another_order_than_the_barriers_are_refused() {
     let dir = tempfile::tempdir().expect("writable");
@@ -278,17 +273,17 @@ fn axes_in_another_order_than_the_barriers_are_refused() {
     assert_eq!(check(&config, &["--online"]).2, 0);
 }
 
-/// A wire; new connections are refused when it is dropped.
+/// A connection; new connections are refused when it is dropped.
 pub(crate) struct Wire {
     pub(crate) address: SocketAddr,
     made: Arc<AtomicUsize>,
-    /// The connections before this one are kept back.
+    /// Data of the connections before this one is held back.
     kept: Arc<AtomicUsize>,
     done: Arc<AtomicBool>,
 }
 
 impl Wire {
-    /// A wire to a control.
+    /// A connection to a control.
     pub(crate) fn to(control: SocketAddr) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").expect("loopback");
         let wire = Self {
@@ -322,18 +317,18 @@ impl Wire {
         wire
     }
 
-    /// What comes to the control on all connections that are open now is kept until [`deliver`](Self::deliver).
+    /// Holds back the data to the control on all connections that are open now, until [`deliver`](Self::deliver).
     pub(crate) fn keep(&self) {
         let made = self.made.load(Ordering::Relaxed);
         self.kept.store(made, Ordering::Relaxed);
     }
 
-    /// What was kept goes on to the control.
+    /// Delivers the data that was held back.
     pub(crate) fn deliver(&self) {
         self.kept.store(0, Ordering::Relaxed);
     }
 
-    /// How many connections were made.
+    /// Number of connections that were made.
     pub(crate) fn connections(&self) -> usize {
         self.made.load(Ordering::Relaxed)
     }
@@ -342,12 +337,12 @@ impl Wire {
 impl Drop for Wire {
     fn drop(&mut self) {
         self.done.store(true, Ordering::Relaxed);
-        // Wakes who waits for a connection.
+        // Wakes a thread that waits for a connection.
         let _ = TcpStream::connect(self.address);
     }
 }
 
-/// Passes bytes on until one end is gone; what was taken is delivered also when its sender is gone.
+/// Forwards bytes until one end closes; received bytes are delivered even if their sender has closed.
 fn pass(mut from: TcpStream, mut to: TcpStream, waits: impl Fn() -> bool) {
     let _ = to.set_nodelay(true);
     let mut bytes = [0; 4096];

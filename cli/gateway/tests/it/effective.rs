@@ -33,9 +33,9 @@ fn the_plan_shows_effective_and_configured_values() {
     let document = plan.document().expect("a plan");
     let axis = &document.controllers[0].axes[0];
     assert_eq!(axis.limit, 100.0);
-    // Four steps of 2 µm are more than the 5 µm of the default.
+    // Four steps of 2 µm exceed the default of 5 µm.
     assert_eq!(axis.test_shift, 8.0);
-    // The guard says the same.
+    // The limits of the guard agree.
     let limits = plan.limits()[0];
     assert_eq!(limits.ramp_taken(), Duration::from_millis(800));
     assert!((limits.axes[0].reachable() - 0.100).abs() < 1e-12);
@@ -60,7 +60,7 @@ fn the_plan_shows_effective_and_configured_values() {
     assert!(notes.count() > 4, "{text}");
 }
 
-/// What `check` prints is a configuration that means the same, with every default stated.
+/// The output of `check` is an equivalent configuration with every default stated.
 #[test]
 fn what_check_prints_is_a_configuration() {
     let barrier = "barrier = { machine = 7, scan_ms = 8.0, frame = { pmc = \"R\", at = 300 }, report = { pmc = \"R\", at = 400 } }";
@@ -79,7 +79,7 @@ fn what_check_prints_is_a_configuration() {
         let parse = |text: &str| Config::parse(text, "shop/G.toml", Path::new("shop"));
         let config = parse(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
         let printed = config.effective_toml();
-        // Paths are relative to the folder of the file, wherever `check` is called; a name that is the same as that of the folder is no path.
+        // Paths are relative to the folder of the file, wherever `check` is called; a name equal to that of the folder is not a path.
         assert!(!printed.contains("shop/"), "{printed}");
         let again = parse(&printed);
         let again = again.unwrap_or_else(|e| panic!("{e}\n{printed}"));
@@ -113,8 +113,7 @@ fn a_note_for_several_axes_appears_once() {
     assert!(of_limit[0].contains("axes X, Y, Z: "), "{of_limit:?}");
 }
 
-/// Rotary axes of the control that the machine file does not let correct need no limits, and `check` says that they are
-/// held.
+/// Rotary axes of the control that the machine file does not correct need no limits, and `check` reports that they are held.
 #[test]
 fn uncorrected_axes_are_listed_as_held() {
     let dir = tempfile::tempdir().expect("writable");
@@ -139,7 +138,7 @@ fn uncorrected_axes_are_listed_as_held() {
     assert_eq!(letters(&axes), "XYZ");
     let shifts = plan.limits()[0].test_shift;
     assert!(shifts[2] > 0.0 && shifts[3] == 0.0 && shifts[4] == 0.0);
-    // Radians in a machine file are questioned here as well, not by `volcomp` alone.
+    // Radians in a machine file are questioned here as well as in `volcomp`.
     let radians = machine.replace("travel = [-110.0, 110.0]", "travel = [-1.571, 1.571]");
     let plan = of(&format!("correct = [\"X\", \"Y\", \"Z\"]\n{radians}"));
     let notes = plan

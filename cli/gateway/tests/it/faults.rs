@@ -1,4 +1,4 @@
-//! One fault each, injected into the cycle, and what becomes of the correction.
+//! Single faults injected into the cycle, and their effect on the correction.
 
 use std::{sync::atomic::Ordering, time::Duration};
 
@@ -73,7 +73,7 @@ fn a_frozen_position_keeps_its_correction() {
     bench.run(2 * SECOND);
     let held = bench.applied();
     bench.run(3 * SECOND);
-    // The machine goes on warming up: one step.
+    // The machine continues to warm up: one step.
     let now = bench.applied();
     let moved = now.iter().zip(&held).map(|(a, b)| (a - b).abs());
     assert!(
@@ -186,8 +186,8 @@ fn a_starved_processor_makes_no_step() {
     }
 }
 
-/// Answers lost, numbers broken, positions frozen, connections gone, at random for ten minutes: nothing leaves its
-/// bounds, and it corrects again when all is well.
+/// Lost responses, invalid numbers, frozen positions and lost connections, at random for ten minutes: nothing exceeds its limits, and
+/// correction resumes after the faults.
 #[test]
 fn random_faults_of_the_wire_never_make_a_step() {
     for seed in 0..4 {
@@ -208,7 +208,7 @@ fn random_faults_of_the_wire_never_make_a_step() {
         let mut compensated = 0;
         let mut before = bench.applied();
         for number in 0..150_000 {
-            // Arm and acknowledge from time to time, whatever the state.
+            // Arm and acknowledge now and then, in any state.
             let request = match number % 1000 {
                 0 => Some(Request::Arm),
                 500 => Some(Request::Acknowledge),
@@ -229,10 +229,10 @@ fn random_faults_of_the_wire_never_make_a_step() {
     }
 }
 
-/// What a reading becomes.
+/// Modification of a temperature reading.
 type Spoil = fn(&Temperature) -> Temperature;
 
-/// Readings that go bad after a minute: of one sensor, or of all.
+/// Readings that become faulty after a minute: of one sensor, or of all.
 struct Spoiled {
     inner: Box<dyn Thermometer>,
     sensor: Option<usize>,
@@ -322,7 +322,7 @@ fn bad_temperatures_are_excluded_and_reported() {
     }
 }
 
-/// A temperature that jumped stays out until a person acknowledges it.
+/// A temperature that jumped stays excluded until an operator acknowledges it.
 #[test]
 fn an_acknowledged_jump_is_accepted() {
     let mut bench = spoiled(Some(2), |t| with(t, 60.0));

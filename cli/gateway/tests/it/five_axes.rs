@@ -60,8 +60,8 @@ fn length(value: &Value) -> f64 {
     squares.sum::<f64>().sqrt()
 }
 
-/// Before arming the residual equals the error; the correction reduces it; and the record of a stop that leaves a
-/// correction names every axis.
+/// Before arming the residual equals the error; the correction reduces it; and the record of a stop that leaves a correction names every
+/// axis.
 #[test]
 fn errors_and_remaining_corrections_name_every_axis() {
     let dir = tempfile::tempdir().expect("writable");
@@ -111,8 +111,7 @@ test_shift_urad = 0";
     assert_ne!(left["left_urad"]["B"], 0.0, "{left}");
 }
 
-/// The table C stands, and the last digit of its position goes to and fro: 0.001°, twice what turned the direction of
-/// travel. X was moved by 40 µm at every flicker.
+/// The table C is at rest, and the last digit of its position flickers by 0.001°: X does not move by the reversal value of 40 µm.
 #[test]
 fn a_flickering_last_digit_causes_no_reversal() {
     let dir = tempfile::tempdir().expect("writable");
@@ -138,7 +137,7 @@ fn a_flickering_last_digit_causes_no_reversal() {
     let address = control.address().to_string();
     let config = configuration(dir.path(), machine, &address, &axes, keys);
     let program = Program::start(dir.path(), &["--config", path(&config)]);
-    // Five times the last digit goes to and fro, before it is armed and while it compensates.
+    // The last digit flickers five times, before arming and while compensating.
     let flickers = || {
         let found = RefCell::new(Vec::new());
         for at_top in [true, false].repeat(5) {

@@ -1,4 +1,5 @@
-//! A machine of a fleet, with a centre at a real `nats-server` and a simulated control: what it takes, and that no axis steps.
+//! A machine of a fleet, with a centre at a real `nats-server` and a simulated control: accepted and rejected manifests, and no steps of an
+//! axis.
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 
@@ -47,8 +48,8 @@ fn an_order_to_disable_outlives_the_activation_of_an_older_version() {
     }
 }
 
-/// A small change goes through the ramp, a large one waits for its confirmation, one that a person confirmed is taken; no axis
-/// ever moves faster than the slew. After a restart without the centre the machine runs on what it has accepted.
+/// A small change is ramped in, a large one waits for its confirmation, a confirmed one is activated; no axis ever moves faster than the
+/// slew. After a restart without the centre the machine uses the accepted manifest.
 #[test]
 fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
     let Some(mut centre) = Centre::start() else {
@@ -82,7 +83,7 @@ fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
         let key = STANDARD.encode(centre.key.verifying_key().to_bytes());
         let who = format!("\"who\":\"centre {}\",\"what\":\"reload\"", &key[..8]);
         assert_eq!(audit.matches(&who).count(), 2, "{who} in {audit}");
-        // The centre is gone for good; the machine needs neither it nor the configured machine file.
+        // The centre stops for good; the machine needs neither it nor the configured machine file.
         centre.stop();
         program.signal("TERM");
         assert_eq!(program.end(), Some(0));
@@ -98,8 +99,8 @@ fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
     no_step(&trace);
 }
 
-/// What the centre disables ramps out at once, is not armed again automatically, by an operator or after a restart, and comes back when
-/// the centre enables it.
+/// When the centre disables correction, it ramps out at once, is not armed automatically, by an operator or after a restart, and resumes
+/// when the centre enables it.
 #[test]
 fn what_the_centre_disables_stays_disarmed_until_it_enables() {
     let Some(centre) = Centre::start() else {
@@ -136,7 +137,7 @@ fn what_the_centre_disables_stays_disarmed_until_it_enables() {
     assert_eq!(program.state()["fleet"]["enabled"], true);
 }
 
-/// What is not signed for this machine, or older, or damaged changes nothing, and each reason is reported.
+/// A value that is not signed for this machine, is older, or is damaged changes nothing, and the reason is reported.
 #[test]
 fn rogue_values_change_nothing() {
     let Some(centre) = Centre::start() else {
@@ -154,7 +155,7 @@ fn rogue_values_change_nothing() {
     let refused = |version: u64, words: &str| {
         let why = centre.refused(version, words);
         assert!(why.len() < 400, "{why}");
-        // The accepted manifest that could not be activated is its outcome.
+        // The outcome is that of the accepted manifest that could not be activated.
         let fleet = program.state()["fleet"].clone();
         let shown =
             [&fleet["refused"], &fleet["outcome"]].map(|text| text.as_str().unwrap_or_default());
@@ -182,13 +183,13 @@ fn rogue_values_change_nothing() {
     tampered.model = Some(machine_with(29.0));
     centre.put(&tampered.bytes().expect("plain data"));
     refused(10, "does not match the checksum");
-    // Garbage, and as much of it as the server takes.
+    // Garbage, of the maximum size that the server accepts.
     centre.put(b"\xff\x00 no JSON");
     refused(0, "the document of the manifest");
     let huge = format!("{{\"{}\": 1}}", "x".repeat(3_900_000));
     centre.put(huge.as_bytes());
     refused(0, "unknown field");
-    // In the object store another content than the manifest names.
+    // The object store has other content than the manifest names.
     let large = format!("{model}#{}\n", "-".repeat(volcomp_fleet::INLINE_LIMIT));
     let manifest = centre.manifest(11, &large);
     centre.store(&manifest.model.sha256, &large.replace("28.0", "88.0"));
@@ -202,7 +203,7 @@ fn rogue_values_change_nothing() {
     assert_eq!(state["state"], "compensating");
     assert_eq!(state["correction_um"]["Y"], -25.0);
     assert_eq!(state["fleet"]["version"], 6);
-    // And what is right is taken, from the object store, too.
+    // A valid manifest is accepted, also from the object store.
     let manifest = centre.manifest(13, &large);
     centre.store(&manifest.model.sha256, &large);
     centre.send(&manifest, &large);
@@ -224,7 +225,7 @@ fn a_restart_between_acceptance_and_activation_continues() {
     let manifest = centre.manifest(1, &large);
     {
         let mut program = compensating(dir.path(), &config);
-        // Its machine file is not there yet: it is accepted, and waits.
+        // Its machine file is missing: the manifest is accepted, and waits.
         centre.send(&manifest, &large);
         wait(&program, "it is accepted", |state| {
             state["fleet"]["accepted"] == 1 && state["fleet"]["trouble"].is_string()
@@ -236,7 +237,7 @@ fn a_restart_between_acceptance_and_activation_continues() {
     let program = compensating(dir.path(), &config);
     centre.acknowledged(1, "activated");
     corrects_y(&program, -25.0);
-    // The server is killed and comes back: the same value again is no news.
+    // The server is killed and restarted: the same value again changes nothing.
     let arming = program.log().matches("state=\"arming\"").count();
     centre.stop();
     wait(&program, "it notices", |state| {

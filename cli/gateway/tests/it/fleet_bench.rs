@@ -39,7 +39,7 @@ pub(crate) fn machine_with(eyx_um: f64) -> String {
 }
 
 impl Centre {
-    /// A running server; `None` where it is not installed, which fails under CI.
+    /// A running server; `None` if it is not installed, which fails under CI.
     pub(crate) fn start() -> Option<Self> {
         if program().is_none() {
             volcomp_test_support::peers::not_run("nats-server");
@@ -83,7 +83,7 @@ impl Centre {
         Some(bench)
     }
 
-    /// Ends the server as a power cut does.
+    /// Kills the server, as in a power failure.
     pub(crate) fn stop(&mut self) {
         self.server = None;
     }
@@ -112,7 +112,7 @@ impl Centre {
         self.runtime.block_on(made).expect("streams");
     }
 
-    /// Puts bytes under the key of the machine.
+    /// Stores bytes under the key of the machine.
     pub(crate) fn put(&self, value: &[u8]) {
         let context = self.context();
         let value = value.to_vec();
@@ -125,7 +125,7 @@ impl Centre {
         });
     }
 
-    /// Puts a model into the object store of the machine under the checksum of another text perhaps.
+    /// Stores a model in the object store of the machine, possibly under the checksum of another text.
     pub(crate) fn store(&self, sha256: &str, text: &str) {
         let context = self.context();
         let put =
@@ -149,7 +149,7 @@ impl Centre {
         }
     }
 
-    /// Signs a manifest and puts it under the key of the machine; its value.
+    /// Signs a manifest, stores it under the key of the machine, and returns its value.
     pub(crate) fn send(&self, manifest: &Manifest, model: &str) -> Vec<u8> {
         let desired = Desired::sign(manifest, model, &self.key).expect("plain data");
         let value = desired.bytes().expect("plain data");
@@ -157,12 +157,12 @@ impl Centre {
         value
     }
 
-    /// Signs a version of the manifest of a machine file and puts it under the key of the machine.
+    /// Signs a version of the manifest for a machine file, and stores it under the key of the machine.
     pub(crate) fn roll_out(&self, version: u64, model: &str) -> Vec<u8> {
         self.send(&self.manifest(version, model), model)
     }
 
-    /// Everything that a stream holds: the last part of the subject, and the document.
+    /// All messages of a stream: the last part of the subject, and the document.
     pub(crate) fn reported(&self, stream: &str) -> Vec<(String, Value)> {
         let context = self.context();
         let name = format!("{stream}-berlin");
@@ -180,7 +180,7 @@ impl Centre {
         })
     }
 
-    /// The bodies of a kind in a stream, in their order.
+    /// The bodies of a kind in a stream, in order.
     pub(crate) fn bodies(&self, stream: &str, kind: &str) -> Vec<Value> {
         let reported = self.reported(stream).into_iter();
         let of_kind = reported.filter(|(found, _)| found == kind);
@@ -206,7 +206,7 @@ impl Centre {
         }
     }
 
-    /// Waits until a version was refused for a reason with these words; the reason.
+    /// Waits until a version is rejected with a reason that contains these words; returns the reason.
     pub(crate) fn refused(&self, version: u64, words: &str) -> String {
         let end = Instant::now() + PATIENCE;
         loop {
@@ -240,19 +240,19 @@ impl Centre {
     }
 }
 
-/// A machine of the fleet as its own configuration names it.
+/// A machine of the fleet, as in its configuration.
 pub(crate) struct Member<'a> {
     pub(crate) url: &'a str,
     pub(crate) machine: &'a str,
     pub(crate) serial: &'a str,
-    /// The seed of its nkey.
+    /// Seed of its nkey.
     pub(crate) seed: &'a str,
-    /// The key that it trusts, base64.
+    /// Key that it trusts, base64.
     pub(crate) key: &'a str,
 }
 
 impl Member<'_> {
-    /// Adds `[fleet]` to a configuration, with the file of the nkey beside it.
+    /// Adds `[fleet]` to a configuration, and writes the file of the nkey next to it.
     pub(crate) fn join(&self, dir: &Path, config: &Path) {
         use std::os::unix::fs::PermissionsExt;
         let file = dir.join("nkey");
@@ -289,7 +289,7 @@ pub(crate) fn compensating(dir: &Path, config: &Path) -> Program {
     program
 }
 
-/// Waits until a state is as wanted, and fails with `what` otherwise.
+/// Waits until a state satisfies the condition, and fails with `what` otherwise.
 pub(crate) fn wait(program: &Program, what: &str, done: impl Fn(&Value) -> bool) -> Value {
     let end = Instant::now() + PATIENCE;
     loop {
@@ -302,7 +302,7 @@ pub(crate) fn wait(program: &Program, what: &str, done: impl Fn(&Value) -> bool)
     }
 }
 
-/// A machine goes on correcting Y by this, µm. On a computer that is busy with other tests cycles come late: it holds then, and arms again.
+/// The machine continues to correct Y by this, µm. On a busy computer late cycles make it hold and arm again.
 pub(crate) fn goes_on(state: &Value, um: f64) {
     let is_late = matches!(
         state["state"].as_str(),

@@ -1,4 +1,4 @@
-//! What goes wrong in a fleet: no server, a full disk, damaged files, wrong clocks, a machine that is there twice.
+//! Faults of a fleet: no server, a full disk, damaged files, wrong clocks, a duplicated machine.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -21,7 +21,7 @@ fn says(state: &serde_json::Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// The numbers of the messages of each start of a gateway.
+/// Message numbers of each start of a gateway.
 fn numbers(centre: &Centre) -> BTreeMap<String, BTreeSet<u64>> {
     let mut numbers: BTreeMap<String, BTreeSet<u64>> = BTreeMap::new();
     for stream in ["telemetry", "audit"] {
@@ -42,8 +42,8 @@ fn is_whole(numbers: &BTreeSet<u64>) -> bool {
     numbers.last() == Some(&(numbers.len() as u64))
 }
 
-/// Without a server at the start it corrects anyway; the messages of that time come later, all of them, once. The records of
-/// the audit log come in their order with their chain.
+/// Without a server at the start it corrects anyway; the messages of that time arrive later, each once. The records of the audit log arrive
+/// in order with their chain.
 #[test]
 fn messages_queued_while_the_centre_is_away_arrive_later() {
     let Some(mut centre) = Centre::start() else {
@@ -64,7 +64,7 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     centre.restart();
     centre.roll_out(1, &machine_with(25.0));
     centre.acknowledged(1, "activated");
-    // And away once more, in the middle of it.
+    // And once more without the server, in the middle of it.
     centre.stop();
     wait(&program, "it notices", |state| {
         state["fleet"]["connected"] == false
@@ -72,7 +72,7 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     corrects_y(&program, -25.0);
     assert_eq!(program.post("/api/disarm", "").status, 200);
     centre.restart();
-    // The oldest come first, so that behind the last nothing is missing.
+    // The oldest come first, so that nothing is missing before the last one.
     volcomp_test_support::until("all of it comes", Duration::from_secs(60), || {
         let lines = centre.bodies("audit", "audit");
         let is_there = |line: &serde_json::Value| line.to_string().contains("disarm\\\"");
@@ -90,7 +90,7 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     let sent = sent.concat();
     let verified = verify(sent.as_bytes());
     assert_eq!(verified.broken, None, "{sent}");
-    // Its end came after the server had closed, perhaps; nothing in between is missing.
+    // Its last records may come after the server has closed; nothing in between is missing.
     assert!(audit.starts_with(&sent), "{audit}\nsent:\n{sent}");
     assert!(sent.contains("\"what\":\"disarm\""), "{sent}");
     assert_eq!(numbers(&centre).len(), 1, "one start");
@@ -136,7 +136,7 @@ fn a_duplicate_machine_is_detected() {
 
 const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
 
-/// Ten years slow and ten years fast: the same manifests are taken, in the same way.
+/// With clocks ten years slow and ten years fast, the same manifests are accepted in the same way.
 #[test]
 fn no_clock_decides() {
     if !Path::new(FAKETIME).exists() {
@@ -168,7 +168,7 @@ fn no_clock_decides() {
             "activated",
         );
         corrects_y(&program, -um);
-        // A clock that is wrong makes nothing old new.
+        // A wrong clock makes no old manifest valid.
         centre.put(&first);
         centre.refused(1, "has been accepted before");
     }
@@ -187,7 +187,7 @@ fn no_clock_decides() {
 struct Small(PathBuf);
 
 impl Small {
-    /// `None` where nothing can be mounted, which fails under CI.
+    /// `None` if nothing can be mounted, which fails under CI.
     fn mounted(folder: &Path) -> Option<Self> {
         std::fs::create_dir_all(folder).expect("writable");
         let mounted = Command::new("mount")
@@ -213,13 +213,13 @@ impl Small {
 
 impl Drop for Small {
     fn drop(&mut self) {
-        // Nothing else can be done here.
+        // A failure cannot be handled here.
         let _ = Command::new("umount").arg("-l").arg(&self.0).status();
     }
 }
 
-/// On a full disk nothing new is activated, since it could not be kept; disarming waits for no disk. It goes on when there is
-/// room again, and the machine is corrected all the while.
+/// On a full disk nothing new is activated, since it could not be stored; disarming waits for no disk. Activation resumes when there is
+/// room again, and the machine is corrected meanwhile.
 #[test]
 fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     let Some(centre) = Centre::start() else {
@@ -245,7 +245,7 @@ fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     assert_eq!(state["armed"], true, "{state}");
     assert_eq!(state["correction_um"]["Y"], -22.0, "{state}");
     assert_eq!(state["fleet"]["version"], 1, "{state}");
-    // A restart on the full disk: what was kept is whole.
+    // A restart on the full disk: the stored state is complete.
     program.running.kill();
     drop(program);
     let program = compensating(dir.path(), &config);
@@ -267,7 +267,7 @@ fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     drop(program);
 }
 
-/// A machine file that was changed on the machine's own disk is not used: the configured one is, this is reported, and the centre's
+/// A machine file that was changed on the machine's own disk is not used: the configured one is, this is reported, and that of the centre
 /// is fetched again.
 #[test]
 fn a_damaged_machine_file_is_reported_and_fetched_again() {
@@ -297,7 +297,7 @@ fn a_damaged_machine_file_is_reported_and_fetched_again() {
     let text = std::fs::read_to_string(&machine).expect("readable");
     std::fs::write(&machine, text.replace("25.0", "125.0")).expect("writable");
     let trace = watched(&control, || {
-        // 20 and not 25 µm moves the axes by less than would have to be confirmed.
+        // 20 instead of 25 µm changes the axes by less than the confirmation threshold.
         let program = compensating(dir.path(), &config);
         let state = wait(&program, "it says so", |state| {
             says(state, "machine file of the centre damaged")
@@ -313,7 +313,7 @@ fn a_damaged_machine_file_is_reported_and_fetched_again() {
         });
     });
     no_step(&trace);
-    // Everything of the folder is garbage: as after a loss, but nothing corrects before the centre allows it.
+    // Every file of the folder is garbage: as after a loss, but nothing is corrected before the centre permits it.
     for path in files().filter(|path| path.is_file()).collect::<Vec<_>>() {
         std::fs::write(path, "garbage").expect("writable");
     }
@@ -327,8 +327,8 @@ fn a_damaged_machine_file_is_reported_and_fetched_again() {
     corrects_y(&program, -25.0);
 }
 
-/// The disk of the folder hangs, in the middle of an order: the active model continues to correct, the page reports it, and what
-/// forbids correcting acts before the disk does. When the disk answers again everything goes on.
+/// The disk of the folder hangs during an order: the active model continues to correct, the page reports it, and an order that forbids
+/// correcting takes effect before the disk responds. Everything resumes when the disk responds.
 #[test]
 fn a_hanging_disk_delays_no_cycle_and_no_disarm() {
     let Some(centre) = Centre::start() else {
@@ -362,7 +362,7 @@ fn a_hanging_disk_delays_no_cycle_and_no_disarm() {
         };
         let state = tells("trouble", "the disk does not answer: the accepted manifest");
         let count = state["cycle"]["count"].as_u64().expect("a count");
-        // Its place in the log cannot be written either.
+        // The position in the log cannot be written either.
         let state = tells(
             "waiting",
             "the disk does not answer: messages to the centre",

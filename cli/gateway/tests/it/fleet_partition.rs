@@ -1,5 +1,5 @@
-//! The network between a machine and its centre is cut: each is in a separate network namespace, with a pair of virtual
-//! cards between them, and the frames of one direction or of both are lost without a word, as they are where a switch fails.
+//! The network between a machine and its centre is cut: each is in a separate network namespace, connected by a pair of virtual cards, and
+//! the frames of one or both directions are silently lost, as with a failing switch.
 //!
 //! Each test starts itself again in a namespace that is the site; the centre, its server and its page are started in another.
 //! Namespaces and cards end with the programs in them.
@@ -21,17 +21,17 @@ use crate::{
     program::{MACHINE, Program},
 };
 
-/// Set where this program runs in the namespace of the site.
+/// Set if this program runs in the namespace of the site.
 const INSIDE: &str = "VOLCOMP_TEST_SITE";
 const SITE: &str = "10.77.0.2";
 const CENTRE: &str = "10.77.0.1";
-/// The address of no card: frames sent to it are lost.
+/// An address without a card: frames to it are lost.
 const NOBODY: &str = "02:00:00:00:00:99";
-/// The server drops a gateway that is silent for three seconds; the gateway gives up a server within half a minute.
+/// The server disconnects a gateway that is silent for three seconds; the gateway abandons a server within half a minute.
 const SHORT: &str = "ping_interval: \"1s\"\nping_max: 2\nwrite_deadline: \"2s\"\n";
 const Y: usize = 1;
 
-/// What is lost.
+/// The lost direction.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Lost {
     Everything,
@@ -41,7 +41,7 @@ enum Lost {
 
 /// The two namespaces; this program runs in that of the site.
 struct Network {
-    /// Keeps the namespace of the centre.
+    /// Keeps the namespace of the centre alive.
     holder: Running,
 }
 
@@ -120,7 +120,7 @@ fn into_namespace() -> Option<&'static [&'static str]> {
         &["unshare", "--user", "--map-root-user", "--net"],
         &["sudo", "-n", "-E", "unshare", "--net"],
     ];
-    // It must be able to make the cards, too, and to enter another namespace.
+    // It must be able to create the cards and to enter another namespace.
     let probe =
         "ip link add site type veth peer name centre && nsenter --net=/proc/self/ns/net true";
     WAYS.into_iter().find(|way| {
@@ -187,8 +187,7 @@ fn what_goes_to_the_site_is_lost() {
     });
 }
 
-/// The gateway continues to correct without a step, its messages come later, each once, and an order that was given meanwhile
-/// is obeyed.
+/// The gateway continues to correct without a step, its messages arrive later, each once, and an order given meanwhile is obeyed.
 fn partition(lost: Lost) {
     let network = Network::new();
     let whole = Whole::start_at(network.place(), &[("mill-1", "4711", MACHINE)]);
@@ -220,7 +219,7 @@ fn partition(lost: Lost) {
         comes_later(&whole, &program, dir.path(), cut.elapsed());
 
         whole.done("machine enable mill-1");
-        // It was disarmed by an operator, so an operator must arm it.
+        // An operator disarmed it, so an operator must arm it.
         wait(&program, "it may be armed", |state| {
             !state["reasons"]
                 .to_string()
@@ -233,7 +232,7 @@ fn partition(lost: Lost) {
     no_step(&trace);
 }
 
-/// While it is cut off.
+/// Checks during the partition.
 fn alone(whole: &Whole, program: &Program) {
     wait(program, "the gateway notices", |state| {
         goes_on(state, -25.0);
@@ -243,7 +242,7 @@ fn alone(whole: &Whole, program: &Program) {
         let mut alarms = alarms.as_array().expect("a list").iter();
         alarms.any(|alarm| alarm["kind"] == "silent" && alarm["machine"] == "mill-1")
     });
-    // Something for the audit log, and an order.
+    // A record for the audit log, and an order.
     assert_eq!(program.post("/api/disarm", "").status, 200);
     program.wait_for("disarmed");
     assert_eq!(program.post("/api/arm", "").status, 200);
@@ -261,7 +260,7 @@ fn alone(whole: &Whole, program: &Program) {
     assert_eq!(page["silent"], true, "{page}");
 }
 
-/// After it.
+/// Checks after the partition.
 fn comes_later(whole: &Whole, program: &Program, dir: &std::path::Path, cut: Duration) {
     whole.machine_is("its state is reported", "mill-1", |one| {
         one["enable"] == false && one["live"]["condition"]["state"] == "disarmed"
@@ -283,7 +282,7 @@ fn comes_later(whole: &Whole, program: &Program, dir: &std::path::Path, cut: Dur
             stored.iter().any(|one| one == checksum)
         })
     });
-    // Conditions come once a second, those of the cut, too.
+    // Conditions are sent once per second, including those of the partition.
     until("its conditions are there", LONG, || {
         let history = "/api/machines/mill-1/history?resolution=raw&hours=1";
         let history = whole.page(&cookie, history);

@@ -1,4 +1,4 @@
-//! The fleet as it is used: the centre's own program and command line, a real server, gateways on simulated controls.
+//! The fleet as used: the program and command line of the centre, a real server, gateways on simulated controls.
 
 use std::time::Duration;
 
@@ -20,8 +20,8 @@ fn reported(state: &Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// A model end to end: from the command line of the centre to the axes, on a ramp; what moves the axes far is confirmed by a
-/// person; disabling and enabling; the page shows the reported state.
+/// A model end to end: from the command line of the centre to the axes, on a ramp; large changes are confirmed by an operator; disabling
+/// and enabling; the page shows the reported state.
 #[test]
 fn a_model_goes_from_the_centre_to_the_axes() {
     let Some(whole) = Whole::start(&[("mill-1", "4711", MACHINE)]) else {
@@ -36,7 +36,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
         let received = whole.machine_is("it reports", "mill-1", |one| {
             one["live"]["condition"]["state"] == "compensating"
         });
-        // Registered as the gateway has it.
+        // Registered as in the gateway.
         let state = program.state();
         assert_eq!(received["axes"], state["machine"]["axes"], "{received}");
         assert_eq!(
@@ -55,7 +55,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
         let one = whole.machine_is("it reports its model", "mill-1", |one| {
             one["live"]["version"] == 1 && one["live"]["condition"]["correction_um"]["Y"] == -25.0
         });
-        // The checksum by which a gateway names its model is that of the centre.
+        // The gateway names its model by the same checksum as the centre.
         let models = whole.document("model list --json");
         assert_eq!(models[0]["checksum"], one["live"]["model"], "{models}");
 
@@ -95,7 +95,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
         page_shows(&whole, &program);
     });
     no_step(&trace);
-    // The way from 25 to 100 µm, not a jump over it.
+    // A ramp from 25 to 100 µm, not a jump.
     let between = trace.iter().any(|(_, mm)| (-0.090..-0.035).contains(mm));
     assert!(between, "no ramp was seen in {} looks", trace.len());
     let log = whole.done("audit");
@@ -105,7 +105,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     );
 }
 
-/// The page shows the reports of a gateway: its condition, its whole state, its audit records, its versions.
+/// The page shows the reports of a gateway: condition, complete state, audit records, versions.
 fn page_shows(whole: &Whole, program: &Program) {
     let cookie = whole.log_in();
     whole.machine_is("it runs what it shall", "mill-1", |one| {
@@ -153,7 +153,7 @@ fn faults_and_silence_raise_alarms() {
     });
     let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
     let config = whole.member(dir.path(), &control, ("mill-1", "4711"));
-    // The positions do not contain the correction, whatever this says: the guard sees it while the axis moves.
+    // The positions do not contain the correction, contrary to this key: the guard detects it while the axis moves.
     change(&config, "axes =", "includes_correction = true\naxes =");
     change(&config, "test_shift_um = 0", "test_shift_um = 5");
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
@@ -183,7 +183,7 @@ fn faults_and_silence_raise_alarms() {
     assert!(said.contains("mill-1: silent"), "{said}");
 }
 
-/// A model never reaches a machine that is not the one it is meant for, and both sides say in words why not.
+/// A model never reaches a machine that it is not meant for, and both sides state the reason.
 #[test]
 fn the_wrong_machine_is_refused_with_the_reason() {
     // The file names its axes in another order; the axes of the gateway are X, Y, Z.
@@ -236,7 +236,7 @@ fn the_wrong_machine_is_refused_with_the_reason() {
         let stopped = whole.is_in(rollout, "stopped");
         let why = stopped["phase"]["why"].as_str().expect("a text");
         assert!(why.contains(name) && why.contains(words), "{why}");
-        // A person reads it in the status, in the alarms, and at the machine itself.
+        // The reason is shown in the status, in the alarms, and at the machine itself.
         let status = whole.done(&format!("rollout status {rollout}"));
         assert!(status.contains(words), "{status}");
         whole.wait("an alarm reports it", "alarms --json", |alarms| {
@@ -255,7 +255,7 @@ fn the_wrong_machine_is_refused_with_the_reason() {
         corrects_y(&program, -20.0);
         assert_eq!(control.world().shifts()[Y], -0.020);
     }
-    // What does not fit the machine as it is registered is not even sent.
+    // A model that does not match the registered machine is not sent at all.
     let short = whole.add_model(&machine_text("small", 30.0));
     for (name, words) in [("order", "the structure"), ("names", "the structure")] {
         let refused = whole.call(&format!("rollout start --model {short} --machine {name}"));
@@ -268,8 +268,8 @@ fn the_wrong_machine_is_refused_with_the_reason() {
     }
 }
 
-/// The disk of the centre's database hangs in the middle of a roll-out: machines continue to be corrected, and its page reports it. When
-/// the disk answers again the roll-out goes on, and no message of that time is lost.
+/// The disk of the centre's database hangs during a roll-out: machines continue to be corrected, and its page reports it. When the disk
+/// responds the roll-out resumes, and no message of that time is lost.
 #[test]
 fn a_hanging_disk_of_the_centre_delays_no_machine() {
     let at = tempfile::tempdir().expect("writable");
@@ -344,7 +344,7 @@ fn a_killed_centre_resumes_its_roll_out() {
         });
     }
     let short = whole.add_model(&machine_text("small", 25.0));
-    // Long enough to be killed in it, on the slowest computer.
+    // Long enough to be killed during it, on the slowest computer.
     whole.done(&format!(
         "rollout start --model {short} --machine mill-1 --machine mill-2 --soak-s 15"
     ));
@@ -355,7 +355,7 @@ fn a_killed_centre_resumes_its_roll_out() {
     let status = whole.document("rollout status 1 --json");
     assert_eq!(status[0]["phase"]["is"], "running", "{status}");
     assert_eq!(programs[1].state()["fleet"]["version"], 0);
-    // Machines work on, and their messages wait at the server.
+    // Machines continue, and their messages wait at the server.
     std::thread::sleep(Duration::from_secs(3));
     corrects_y(&programs[0], -25.0);
     corrects_y(&programs[1], -20.0);
@@ -370,7 +370,7 @@ fn a_killed_centre_resumes_its_roll_out() {
         assert_eq!(one["live"]["lost"], 0, "{one}");
         assert_eq!(whole.machine(name)["live"]["version"], 1);
     }
-    // Each has taken it once.
+    // Each has activated it once.
     for dir in &folders {
         let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
         assert_eq!(audit.matches("\"what\":\"reload\"").count(), 1, "{audit}");

@@ -1,5 +1,5 @@
-//! The centre as its users have it (its command line, its running program, its page) with a real `nats-server` that runs on
-//! what `nats-config` prints.
+//! The centre as used (its command line, its running program, its page) with a real `nats-server` on the configuration that `nats-config`
+//! prints.
 
 use std::{
     io::Write,
@@ -22,15 +22,15 @@ use crate::{
     program::{Answer, MACHINE, answer, exchange},
 };
 
-/// Everything that is waited for comes within this time, on the slowest computer.
+/// Timeout of all waits, for the slowest computer.
 pub(crate) const LONG: Duration = Duration::from_secs(90);
-/// Names the call of the centre for a test program that is started as the centre.
+/// Arguments of the centre, for a test program that is started as the centre.
 const CALL: &str = "VOLCOMP_TEST_CENTRE_CALL";
-/// What the centre prints stands behind this line.
+/// The output of the centre follows this line.
 const MARK: &str = "-- the centre --";
 const PASSWORD: &str = "an unknown horse";
 
-/// The program `volcomp-centre`: cargo builds the programs of this package only, so this test program takes its place.
+/// The program `volcomp-centre`: cargo builds only the programs of this package, so this test program takes its place.
 #[test]
 #[ignore = "the other tests start this one as the program of the centre"]
 fn the_centre() {
@@ -52,18 +52,18 @@ fn the_centre() {
 /// Where the centre, its server and its page run.
 #[derive(Clone, Default)]
 pub(crate) struct Place {
-    /// What a program is started through; empty: nothing.
+    /// Command through which programs are started; empty: none.
     through: Vec<String>,
-    /// The addresses of the server and of the page; `None`: free ones here.
+    /// Addresses of the server and of the page; `None`: free ones on this computer.
     addresses: Option<[String; 2]>,
-    /// What the server's configuration ends with.
+    /// Last lines of the server's configuration.
     server: &'static str,
     /// Variables of the environment of the running centre.
     pub(crate) environment: Vec<(&'static str, PathBuf)>,
 }
 
 impl Place {
-    /// Another network namespace: through a command that enters it.
+    /// Another network namespace, entered by a command.
     pub(crate) fn elsewhere(
         through: &[&str],
         [server, page]: [&str; 2],
@@ -86,12 +86,12 @@ impl Place {
         command
     }
 
-    /// Bytes to an address there, and what comes back until the other side closes.
+    /// Sends bytes to an address there, and returns the response until the other side closes.
     fn exchange(&self, address: SocketAddr, bytes: &[u8]) -> String {
         if self.through.is_empty() {
             return exchange(address, bytes);
         }
-        // The shell connects there; nothing of this program does.
+        // The shell connects there; this program cannot.
         let (ip, port) = (address.ip(), address.port());
         let script = format!("exec 3<>/dev/tcp/{ip}/{port} && cat >&3 && cat <&3");
         let mut child = (self.command(Path::new("bash")).args(["-c", &script]))
@@ -100,7 +100,7 @@ impl Place {
             .spawn()
             .expect("a shell");
         let mut stdin = child.stdin.take().expect("piped");
-        // The other side may close in the middle of it.
+        // The other side may close during the write.
         let _ = stdin.write_all(bytes);
         drop(stdin);
         let output = child.wait_with_output().expect("it ends");
@@ -129,17 +129,17 @@ fn centre(place: &Place, folder: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// What a call of the centre came to.
+/// Result of a call of the centre.
 pub(crate) struct Called {
     pub(crate) status: Option<i32>,
     pub(crate) out: String,
     pub(crate) err: String,
 }
 
-/// A machine that is registered: name, serial number, machine file.
+/// A registered machine: name, serial number, machine file.
 pub(crate) type Registered<'a> = (&'a str, &'a str, &'a str);
 
-/// A folder of a centre, its server, and its program while it runs.
+/// The folder of a centre, its server, and its program while it runs.
 pub(crate) struct Whole {
     folder: tempfile::TempDir,
     place: Place,
@@ -152,13 +152,12 @@ pub(crate) struct Whole {
 }
 
 impl Whole {
-    /// A running server and a running centre with these machines; `None` where the server is not installed, which fails under
-    /// CI.
+    /// A running server and a running centre with these machines; `None` if the server is not installed, which fails under CI.
     pub(crate) fn start(machines: &[Registered<'_>]) -> Option<Self> {
         Self::start_at(Place::default(), machines)
     }
 
-    /// The same at a place.
+    /// Like `start`, at a place.
     pub(crate) fn start_at(place: Place, machines: &[Registered<'_>]) -> Option<Self> {
         let Some(server) = program() else {
             volcomp_test_support::peers::not_run("nats-server");
@@ -169,7 +168,7 @@ impl Whole {
         let free = || [(); 2].map(|()| volcomp_test_support::free_address());
         let [listen, page] = place.addresses.clone().unwrap_or_else(free);
         let url = format!("nats://{listen}");
-        // A cycle that comes late on a busy computer leaves a residual, and stops no roll-out here.
+        // A late cycle on a busy computer leaves a residual, which must not stop a roll-out here.
         let text = format!(
             "[nats]\nurl = \"{url}\"\n[server]\nlisten = \"{listen}\"\n[page]\nlisten = \"{page}\"\n[rollout]\nsoak_s = 2\nresidual_um = 1000\n"
         );
@@ -232,7 +231,7 @@ impl Whole {
         until("its page answers", LONG, || self.place.listens(self.page));
     }
 
-    /// Kills the program of the centre, as a power cut does.
+    /// Kills the program of the centre, as in a power failure.
     pub(crate) fn kill(&mut self) {
         self.centre = None;
     }
@@ -246,7 +245,7 @@ impl Whole {
         call(&self.place, self.folder.path(), arguments, "")
     }
 
-    /// What a call that must be done prints.
+    /// Output of a call that must succeed.
     pub(crate) fn done(&self, arguments: &str) -> String {
         self.call(arguments).done()
     }
@@ -257,7 +256,7 @@ impl Whole {
         serde_json::from_str(&text).unwrap_or_else(|e| panic!("{arguments}: {e}: {text}"))
     }
 
-    /// Waits until a document that the centre prints is as wanted.
+    /// Waits until a document printed by the centre satisfies a condition.
     pub(crate) fn wait(&self, what: &str, arguments: &str, is: impl Fn(&Value) -> bool) -> Value {
         let end = Instant::now() + LONG;
         loop {
@@ -271,7 +270,7 @@ impl Whole {
         }
     }
 
-    /// Adds a model, and starts its roll-out to machines: the number of the roll-out.
+    /// Adds a model, and starts its roll-out to machines; returns the number of the roll-out.
     pub(crate) fn roll_out(&self, model: &str, machines: &[&str]) -> u64 {
         let short = self.add_model(model);
         let mut call = format!("rollout start --model {short}");
@@ -287,7 +286,7 @@ impl Whole {
         number.unwrap_or_else(|| panic!("it says {said}"))
     }
 
-    /// Adds a model: the beginning of its checksum.
+    /// Adds a model; returns the beginning of its checksum.
     pub(crate) fn add_model(&self, model: &str) -> String {
         std::fs::write(self.folder.path().join("model.toml"), model).expect("writable");
         let said = self.done("model add model.toml");
@@ -344,12 +343,12 @@ impl Whole {
         answer(&text)
     }
 
-    /// Logs in at the page: the cookie.
+    /// Logs in at the page; returns the cookie.
     pub(crate) fn log_in(&self) -> String {
         let body = json!({ "name": "anna", "password": PASSWORD }).to_string();
         let answer = self.ask("POST", "/api/login", "X-Volcomp: 1\r\n", &body);
         assert_eq!(answer.status, 200, "{}", answer.body);
-        // The head is in lower case here, a cookie is not: it is taken from the answer as it came.
+        // The head is in lower case here, unlike the cookie, so the cookie is taken from the raw response.
         let text = self.place.exchange(
             self.page,
             format!(
@@ -395,7 +394,7 @@ fn call(place: &Place, folder: &Path, arguments: &str, input: &str) -> Called {
         .spawn()
         .expect("this program");
     let mut stdin = child.stdin.take().expect("piped");
-    // One that reads nothing may have ended.
+    // A program that does not read its input may have ended.
     let _ = writeln!(stdin, "{input}");
     drop(stdin);
     let output = child.wait_with_output().expect("it ends");
@@ -409,7 +408,7 @@ fn call(place: &Place, folder: &Path, arguments: &str, input: &str) -> Called {
 }
 
 impl Called {
-    /// What it prints, where it must have been done.
+    /// The output, if the call succeeded; otherwise the test fails.
     fn done(self) -> String {
         assert_eq!(self.status, Some(0), "{}{}", self.out, self.err);
         self.out

@@ -1,4 +1,4 @@
-//! What the dashboard answers, and what it refuses.
+//! Responses and rejections of the dashboard.
 
 use std::{
     io::{Read, Write},
@@ -16,7 +16,7 @@ fn simulated() -> (tempfile::TempDir, Served) {
     (dir, gateway)
 }
 
-/// The program with its built-in simulation: its page, its state, its stream, and under a flood of requests.
+/// The program with its built-in simulation: page, state, event stream, and a flood of requests.
 #[test]
 fn the_simulation_lives() {
     let dir = tempfile::tempdir().expect("writable");
@@ -105,7 +105,7 @@ fn tokens_decide() {
     let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
     assert!(audit.contains("\"who\":\"anna\",\"what\":\"disarm\""));
     assert!(!audit.contains(OPERATE));
-    // A token is checked when it is entered, not when it is needed to stop the machine.
+    // A token is checked when it is entered, not only when it is needed to stop the machine.
     for (token, status, role) in [
         (Some(OPERATE), 200, Some("operate")),
         (Some(VIEW), 200, Some("view")),
@@ -116,12 +116,12 @@ fn tokens_decide() {
         assert_eq!(answer.json()["role"].as_str(), role, "{token:?}");
         assert!(!answer.body.contains(OPERATE), "never the token itself");
     }
-    // Four more wrong ones lock out this address for a minute.
+    // Four more wrong tokens block this address for a minute.
     for _ in 0..4 {
         assert_eq!(post("/api/disarm", Some("wrong")), 401);
     }
     assert_eq!(post("/api/disarm", Some("wrong")), 429);
-    // The right token was kept from disarming for a minute, and again by five more wrong ones.
+    // The right token is accepted from the blocked address.
     assert_eq!(post("/api/disarm", Some(OPERATE)), 200);
     assert_eq!(post("/api/disarm", Some("wrong")), 429);
     assert_eq!(program.get("/api/state").status, 200);
@@ -129,8 +129,7 @@ fn tokens_decide() {
     assert_eq!(post("/api/disarm", Some("wrong")), 401, "a minute later");
 }
 
-/// Clients that request a page and do not read it, and clients that send half a request, held every connection: nobody
-/// could disarm as long as they stayed.
+/// Clients that request a page and do not read it, or send half a request, do not occupy every connection.
 #[test]
 fn hanging_clients_do_not_prevent_disarming() {
     let (_dir, program) = simulated();
@@ -155,7 +154,7 @@ fn hanging_clients_do_not_prevent_disarming() {
     program.wait_for("disarmed");
 }
 
-/// At the computer of the gateway disarming needs no token; a page of another origin that a browser there shows cannot disarm.
+/// On the computer of the gateway disarming needs no token, but a page of another origin in a browser there cannot disarm.
 #[test]
 fn at_its_own_computer_disarming_needs_no_token() {
     for has_tokens in [true, false] {
@@ -185,7 +184,7 @@ fn at_its_own_computer_disarming_needs_no_token() {
             let status = disarm(&own, &format!("Origin: {origin}\r\n"));
             assert_eq!(status, 403, "{origin}");
         }
-        // A name that a foreign page lets point here.
+        // A host name that a foreign page resolves to this address.
         let rebound = disarm("evil.example", "Origin: http://evil.example\r\n");
         assert_eq!(rebound, 421);
         assert_eq!(program.state()["state"], "compensating");
@@ -250,7 +249,7 @@ fn foreign_hosts_and_broken_requests_are_refused() {
 fn slow_and_many_connections_are_bounded() {
     let (_dir, program) = simulated();
     let begun = Instant::now();
-    // Headers that never end, 70 of them: more than are served at once.
+    // 70 clients with endless headers, more than are served at once.
     let mut slow: Vec<_> = (0..70)
         .map(|_| {
             let mut stream = program.connect();
@@ -258,7 +257,7 @@ fn slow_and_many_connections_are_bounded() {
             stream
         })
         .collect();
-    // After the time for a header they are gone, and others are served.
+    // After the header timeout they are disconnected, and others are served.
     assert_eq!(program.get("/api/state").status, 200);
     assert!(begun.elapsed() < Duration::from_secs(15));
     let mut rest = Vec::new();
@@ -289,7 +288,7 @@ fn slow_and_many_connections_are_bounded() {
     assert!(streams.iter().any(|(start, _)| start.ends_with("503")));
 }
 
-/// 10 000 requests as fast as they go, over kept connections: the correction goes on.
+/// 10 000 requests as fast as possible over persistent connections: the correction continues.
 fn a_flood_does_not_touch_the_correction(program: &Program) {
     let before = program.state()["cycle"].clone();
     std::thread::scope(|scope| {
@@ -300,7 +299,7 @@ fn a_flood_does_not_touch_the_correction(program: &Program) {
                 for _ in 0..300 {
                     write!(stream, "GET /api/state HTTP/1.1\r\nHost: localhost\r\n\r\n")
                         .expect("sent");
-                    // One answer at a time: its head contains its length.
+                    // One response at a time: its head contains its length.
                     let mut text = String::new();
                     loop {
                         let count = stream.read(&mut buffer).expect("an answer");
@@ -316,7 +315,7 @@ fn a_flood_does_not_touch_the_correction(program: &Program) {
         }
     });
     assert_eq!(program.state()["armed"], true);
-    // A cycle that came late on a busy computer is past.
+    // Ignores a cycle that was late on a busy computer.
     let state = program.wait_for("compensating");
     assert!(state["cycle"]["count"].as_u64() > before["count"].as_u64());
 }

@@ -1,4 +1,4 @@
-//! A disk that hangs, under the real program: neither disarming nor ending waits for it.
+//! The real program on a disk that hangs: neither disarming nor ending waits for it.
 
 use std::{
     path::{Path, PathBuf},
@@ -16,7 +16,7 @@ use crate::{
     program::{Program, change, path},
 };
 
-/// A gateway that corrects a machine at standstill, on a disk that hangs while a file is there.
+/// A gateway that corrects a machine at standstill, on a disk that hangs while a file exists.
 struct Rig {
     control: Simulator,
     program: Program,
@@ -25,7 +25,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// `None` where there is no compiler.
+    /// `None` without a compiler.
     fn start() -> Option<Self> {
         let dir = tempfile::tempdir().expect("writable");
         let library = preloaded(dir.path())?;
@@ -61,7 +61,7 @@ impl Rig {
     }
 }
 
-/// The library that lets the disk hang; `None` where there is no compiler.
+/// The library that makes the disk hang; `None` without a compiler.
 pub(crate) fn preloaded(dir: &Path) -> Option<PathBuf> {
     let library = dir.join("hung_disk.so");
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/hung_disk.c");
@@ -77,7 +77,7 @@ pub(crate) fn preloaded(dir: &Path) -> Option<PathBuf> {
     Some(library)
 }
 
-/// Before, the answer to a disarming and everything behind it waited for the disk.
+/// A disarm and its response do not wait for the disk.
 #[test]
 fn disarming_acts_first_and_is_logged_after() {
     let Some(rig) = Rig::start() else {
@@ -107,7 +107,7 @@ fn disarming_acts_first_and_is_logged_after() {
     assert_eq!(answer.status, 200, "{}", answer.body);
     program.wait_for("disarmed");
     assert_eq!(control.world().shifts(), [0.0; 3]);
-    // All of that before the disk answered. Meanwhile arming is refused with the reason.
+    // All of that happened before the disk responded. Meanwhile arming is rejected with the reason.
     assert!(rig.hangs.exists());
     program
         .wait(|state| state["reasons"].to_string().contains("audit log"))
@@ -125,7 +125,7 @@ fn disarming_acts_first_and_is_logged_after() {
     assert_eq!(program.post("/api/arm", "").status, 200);
 }
 
-/// Before, a stop wrote its record before the end, and waited for as long as the disk did.
+/// A stop does not wait for its record to be written.
 #[test]
 fn stopping_ramps_out_in_time() {
     let Some(mut rig) = Rig::start() else {
@@ -148,7 +148,7 @@ fn stopping_ramps_out_in_time() {
     );
 }
 
-/// Before, the request waited at the disk, and the model came into force whenever that answered again.
+/// The request times out, and the model is not activated when the disk responds again.
 #[test]
 fn a_model_that_waits_for_the_disk_times_out() {
     let Some(rig) = Rig::start() else {

@@ -1,4 +1,4 @@
-//! A state for the tests of other systems, and its quantities.
+//! A state for the tests of the interfaces to other systems, and its quantities.
 
 use serde_json::{Value, json};
 use volcomp_gateway::{
@@ -10,7 +10,7 @@ use volcomp_gateway::{
 };
 use volcomp_vocabulary::AxisName;
 
-/// A state in which everything is known, with changes.
+/// A state in which everything is known, with these changes.
 pub(crate) fn status(changes: &Value) -> Status {
     let times = json!({ "p50_us": 0.0, "p99_us": 0.0, "max_us": 0.0 });
     let mut state = json!({
@@ -98,7 +98,7 @@ fn x_position(status: &Status) -> Reading {
     position.expect("of every axis").read(status)
 }
 
-/// A position without a number, one that is no number, and one that is old.
+/// A missing position, one that is not a number, and an old one.
 #[test]
 fn only_current_values_are_good() {
     for (changes, value, quality) in [
@@ -133,7 +133,7 @@ fn only_current_values_are_good() {
     assert_eq!(x_position(&state).value, None);
 }
 
-/// One row is all that it takes: no way to other systems knows single quantities.
+/// A further quantity takes one row: no interface knows single quantities.
 #[test]
 fn a_further_row_is_served_to_others() {
     const ROW: Row<usize> = Row("play", Kind::Number(Unit::Um), "Play", |status, place| {

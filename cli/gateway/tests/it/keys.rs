@@ -1,4 +1,4 @@
-//! A key that a kind of controller cannot use is refused by name, because it would have no effect.
+//! A key that a kind of controller cannot use is rejected by name, because it would have no effect.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use volcomp_gateway::config::Config;
 use volcomp_port::{Description, DeviceError};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Urad};
 
-/// A URL of each scheme, and what the kind of its controllers is called.
+/// A URL of each scheme, and the name of its kind of controller.
 const URLS: [(&str, &str); 7] = [
     ("focas://192.0.2.10:8193", "a FANUC control"),
     ("can://can0", "a bridge on CAN"),
@@ -49,7 +49,7 @@ fn driver(url: &str) -> &'static Driver {
     address.driver().expect("built in")
 }
 
-/// A good value of a key, and the axis for which it is one.
+/// A valid value of a key, and an axis for which it is valid.
 fn value(key: &str, kind: &str) -> (&'static str, &'static str) {
     match key {
         "barrier" if kind == "a FANUC control" => (
@@ -78,7 +78,7 @@ fn value(key: &str, kind: &str) -> (&'static str, &'static str) {
     }
 }
 
-/// What a controller of this kind needs besides a key.
+/// Further keys that a controller of this kind needs with a key.
 fn needed(key: &str, kind: &str) -> String {
     if kind != "a SINUMERIK control" {
         return String::new();
@@ -123,7 +123,6 @@ fn every_key_with_every_kind_of_controller() {
     assert_eq!([taken, refused], [91, 42]);
 }
 
-/// A controller that is only read has no use for keys about corrections.
 #[test]
 fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
     for (url, kind) in URLS {
@@ -205,7 +204,7 @@ fn keys_of_rotary_axes_need_their_limit() {
     }
 }
 
-/// Ten mistakes in one file, in values, keys and rules of all its tables, are ten messages, each with its line and key.
+/// Ten errors in one file, in values, keys and rules of all its tables, give ten messages, each with line and key.
 #[test]
 fn every_mistake_is_reported_at_once() {
     let text = "cycle_ms = 400.0
@@ -267,7 +266,7 @@ fn parsed(text: &str) -> Result<Config, String> {
     Config::parse(text, "G.toml", Path::new("")).map_err(|e| e.to_string())
 }
 
-/// What the gateway makes of the first controller, before it opens it.
+/// The gateway's description of the first controller, before it is opened.
 fn described(config: &Config) -> Result<Description, DeviceError> {
     volcomp_devices::controller(&config.controllers[0])?.describe()
 }

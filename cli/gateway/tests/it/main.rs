@@ -1,4 +1,4 @@
-//! The gateway: its cycle on a simulated machine, and the program as others see it.
+//! The gateway: its cycle on a simulated machine, and the program as seen by its users.
 
 mod agreement;
 mod arming;

@@ -1,6 +1,6 @@
-//! A whole gateway in this process, on a simulated machine in the place of the configured one, by a clock that the test counts:
-//! cycle, service, audit log, models and files are those of the program; nothing waits for time to pass. And such a gateway behind its
-//! dashboard, for clients over HTTP and other protocols.
+//! A complete gateway in this process, on a simulated machine in place of the configured one, with simulated time: cycle, service, audit
+//! log, models and files are those of the program; nothing waits for real time. Also such a gateway behind its dashboard, for clients over
+//! HTTP and other protocols.
 
 use std::{
     ops::Deref,
@@ -33,9 +33,9 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::program::{Client, token_file};
 
-/// The longest time by the machine's clock in which something has to happen.
+/// Timeout by the machine's clock.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// The longest time for which a disk is waited for.
+/// Timeout for the disk.
 const DISK: Duration = Duration::from_secs(60);
 
 pub(crate) struct Gateway {
@@ -46,13 +46,13 @@ pub(crate) struct Gateway {
     period: Duration,
 }
 
-/// Writes a configuration with its machine, for a controller that no device answers. It arms as soon as it may, with a short
-/// ramp, and holds 20 µm on Y.
+/// Writes a configuration with its machine, for a controller whose device does not respond. It arms as soon as possible, with a short ramp,
+/// and applies 20 µm to Y.
 pub(crate) fn configuration(dir: &Path, more: &str) -> PathBuf {
     configuration_of("127.0.0.1:1", dir, more, "")
 }
 
-/// The same for a controller at an address, with more tables behind it.
+/// Like `configuration`, for a controller at an address and with additional tables.
 pub(crate) fn configuration_of(address: &str, dir: &Path, more: &str, tables: &str) -> PathBuf {
     std::fs::write(dir.join("machine.toml"), crate::program::MACHINE).expect("writable");
     let text = format!(
@@ -81,12 +81,11 @@ heartbeat = {{ pmc = "R", at = 120 }}
     file
 }
 
-/// Whether the reasons of a state or an answer hold these words.
+/// Whether the reasons of a state or a response contain these words.
 pub(crate) fn says(state: &Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// The machine of a configuration.
 pub(crate) fn machine(config: &Path) -> Machine {
     Machine {
         options: Options {
@@ -106,12 +105,12 @@ pub(crate) fn started(more: &str) -> (tempfile::TempDir, PathBuf, Gateway) {
 }
 
 impl Gateway {
-    /// Starts it on a new machine.
+    /// Starts a gateway on a new machine.
     pub(crate) fn start(config: &Path) -> Self {
         Self::on(None, config)
     }
 
-    /// Ends it as a power failure does, and starts it again on the same machine.
+    /// Kills it as in a power failure, and starts it again on the same machine.
     pub(crate) fn killed_and_started(self, config: &Path) -> Self {
         let Self { rig, parts, .. } = self;
         drop(parts);
@@ -119,7 +118,7 @@ impl Gateway {
         Self::on(Some(rig), config)
     }
 
-    /// Starts it on a machine that it or another one has left.
+    /// Starts a gateway on the machine of a previous one.
     pub(crate) fn again(rig: Rig, config: &Path) -> Self {
         Self::on(Some(rig), config)
     }
@@ -150,7 +149,7 @@ impl Gateway {
         }
     }
 
-    /// One cycle, and a turn of the service, whose disk and files are waited for.
+    /// One cycle and one iteration of the service, including its disk and file work.
     pub(crate) fn step(&mut self) {
         self.rig.clock().advance(self.period);
         self.cycles.cycle();
@@ -169,7 +168,7 @@ impl Gateway {
         serde_json::to_value(self.parts.published.latest()).expect("JSON")
     }
 
-    /// Runs until the state is so.
+    /// Runs until the state satisfies a condition.
     pub(crate) fn wait(&mut self, what: &str, done: impl Fn(&Value) -> bool) -> Value {
         let end = self.rig.clock().elapsed() + PATIENCE;
         loop {
@@ -194,7 +193,7 @@ impl Gateway {
         self.wait(words, |state| !says(state, words))
     }
 
-    /// Sends a request of `anna` and runs until the answer: status and document.
+    /// Sends a request of `anna` and runs until the response; returns status and document.
     pub(crate) fn ask(&mut self, ask: Operation) -> (u16, Value) {
         let mut wait = self.begin(ask);
         let end = self.rig.clock().elapsed() + PATIENCE;
@@ -216,14 +215,14 @@ impl Gateway {
         begin(&self.parts.requests, &self.parts.switch, ask)
     }
 
-    /// Waits until it has watched the control for long enough.
+    /// Waits until it has observed the control for long enough.
     pub(crate) fn watch(&mut self) {
         self.wait("watched", |state| {
             state["error_um"].is_array() && !says(state, "watching")
         });
     }
 
-    /// Arms it once it has watched the control for long enough.
+    /// Arms it once it has observed the control for long enough.
     pub(crate) fn must_arm(&mut self) -> Value {
         self.watch();
         let (status, answer) = self.ask(Operation::Arm(None));
@@ -231,7 +230,7 @@ impl Gateway {
         answer
     }
 
-    /// Another sender writes 30 mm into the word of Y, until it is a fault.
+    /// Another sender writes 30 mm to the word of Y, until this is a fault.
     pub(crate) fn fault(&mut self) -> Value {
         let mut far = PerChannel::ZERO;
         far[1] = 30.0;
@@ -246,12 +245,12 @@ impl Gateway {
         panic!("no fault: {}", self.state());
     }
 
-    /// From now on nothing comes to the control, and nothing from it.
+    /// From now on nothing reaches the control or comes from it.
     pub(crate) fn disconnect(&self) {
         self.rig.inject(Injection::Disconnect { calls: u32::MAX });
     }
 
-    /// One cycle of which the service sees nothing yet.
+    /// One cycle without the service.
     pub(crate) fn cycle_alone(&mut self) {
         self.rig.clock().advance(self.period);
         self.cycles.cycle();
@@ -267,12 +266,12 @@ impl Gateway {
         }
     }
 
-    /// Stops it as a signal does, and runs its last cycles.
+    /// Stops it as by a signal, and runs its last cycles.
     pub(crate) fn stop(self) -> Rig {
         self.stop_while(|_| {})
     }
 
-    /// The same, while something else is done between its last cycles.
+    /// Like `stop`, with an action between its last cycles.
     pub(crate) fn stop_while(
         mut self,
         mut act: impl FnMut(&dyn Fn(Operation) -> oneshot::Receiver<Reply>),
@@ -293,7 +292,7 @@ impl Gateway {
         self.rig
     }
 
-    /// What the axes have got, mm.
+    /// Corrections applied to the axes, mm.
     pub(crate) fn shifts(&self) -> PerChannel<f64> {
         self.rig.controls.axes.applied()
     }
@@ -316,8 +315,8 @@ fn begin(
     wait
 }
 
-/// A gateway of this process behind its dashboard, and behind the other ways that its configuration names. Its time goes some three
-/// times as fast as that of its clients.
+/// A gateway of this process behind its dashboard and its other configured interfaces. Its time runs about three times as fast as that of
+/// its clients.
 pub(crate) struct Served {
     client: Client,
     gateway: Arc<Mutex<Gateway>>,
@@ -351,7 +350,7 @@ pub(crate) fn served_configuration(dir: &Path, more: &str) -> PathBuf {
 }
 
 impl Served {
-    /// One that compensates as soon as it may, with tokens in a folder.
+    /// A gateway that compensates as soon as possible, with tokens in a folder.
     pub(crate) fn simulated(dir: &Path) -> Self {
         Self::start(&served_configuration(dir, "auto_arm = true"))
     }
@@ -360,12 +359,12 @@ impl Served {
         Self::of(Gateway::start(config))
     }
 
-    /// Ends it as a power failure does, and starts it again on the same machine.
+    /// Kills it as in a power failure, and starts it again on the same machine.
     pub(crate) fn killed_and_started(self, config: &Path) -> Self {
         Self::of(self.taken().killed_and_started(config))
     }
 
-    /// Stops it as a signal does.
+    /// Stops it as by a signal.
     pub(crate) fn stop(self) -> Rig {
         self.taken().stop()
     }
@@ -379,7 +378,7 @@ impl Served {
         gateway.into_inner().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The same of a gateway in which something was disturbed before.
+    /// Serves a gateway that was disturbed before.
     pub(crate) fn of(mut gateway: Gateway) -> Self {
         let others = Interop::open(&gateway.parts.config).expect("free addresses");
         let shape = gateway.shape.clone();
@@ -404,7 +403,7 @@ impl Served {
                     *largest = largest.max((now - before).abs());
                     before = now;
                     drop(largest);
-                    // Clients and their requests get the processor, and the lock.
+                    // Gives the processor and the lock to clients and their requests.
                     thread::sleep(Duration::from_millis(1));
                 }
             }
@@ -423,7 +422,7 @@ impl Served {
     fn end_cycles(&mut self) {
         self.ends.store(true, Ordering::Relaxed);
         if let Some(cycles) = self.cycles.take() {
-            // Where it has panicked the test fails by what it waits for.
+            // If it has panicked, the test fails at its next wait.
             let _ = cycles.join();
         }
     }

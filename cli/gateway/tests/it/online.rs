@@ -1,4 +1,4 @@
-//! `check --online` reads the control and compares; offline nothing is opened.
+//! `check --online` reads the control and compares its settings; offline nothing is opened.
 
 use std::path::Path;
 
@@ -31,7 +31,7 @@ fn the_shift_words_of_the_control_are_compared() {
     let document: Value = serde_json::from_str(&json).expect("JSON");
     crate::documents::validate("gateway-check.json", &document);
     assert_eq!(document["online"][0]["shift_words"], 100, "{json}");
-    // It takes them from other words: refused, and the parameter named.
+    // The control takes its shifts from other words: rejected, and the parameter is named.
     control.world().parameters.insert((1280, 0), 300.0);
     let (_, errors, status) = check(&config, &["--online"]);
     assert_eq!(status, 1, "{errors}");
@@ -49,7 +49,7 @@ fn the_shift_words_of_the_control_are_compared() {
         text.contains("the control does not report parameters 1203"),
         "{text}"
     );
-    // Offline nothing is requested, and a missing control does not matter.
+    // Offline nothing is requested, and a missing control is irrelevant.
     let asked = control.requests();
     let (json, _, status) = check(&config, &["--json"]);
     assert_eq!(status, 0);

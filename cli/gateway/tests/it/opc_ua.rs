@@ -1,4 +1,4 @@
-//! The server of OPC UA, read by a client on another library.
+//! The OPC UA server, read by a client on another library.
 
 use std::{
     collections::BTreeMap,
@@ -39,7 +39,7 @@ struct Client {
     running: Running,
     orders: Option<ChildStdin>,
     said: BufReader<ChildStdout>,
-    /// The addresses and kinds of protection that the server offers.
+    /// Addresses and security modes offered by the server.
     endpoints: Value,
 }
 
@@ -93,7 +93,7 @@ fn a_client_reads_what_the_dashboard_shows() {
         client.endpoints,
         json!([[format!("opc.tcp://{address}/"), "None_"]])
     );
-    // On a computer that is busy it may hold and go on: a moment in which it corrects.
+    // On a busy computer it may hold briefly: waits for a moment in which it corrects.
     let corrects = |found: &BTreeMap<String, Value>| {
         let reported = |key: &str| (found[key]["value"].clone(), found[key]["status"].clone());
         let good = |value: Value| (value, json!("Good"));
@@ -109,7 +109,7 @@ fn a_client_reads_what_the_dashboard_shows() {
         assert!(Instant::now() < until, "{found:?}");
         found = variables(&mut client);
     }
-    // Those of the list, with its names, and no others.
+    // The variables of the list with its names, and no others.
     let plan = Plan::new(Config::read(&config).expect("right")).expect("right");
     let list = quantities(&plan.shape());
     let mut keys: Vec<&str> = list.iter().map(|own| own.key.as_str()).collect();
@@ -150,10 +150,10 @@ fn a_client_reads_what_the_dashboard_shows() {
         let age = now.expect("after 1970").as_secs_f64() - source;
         assert!(0.0 < age && age < PATIENCE.as_secs_f64(), "{key}: {age} s");
     }
-    // X goes to and fro.
+    // X moves back and forth.
     let values = client.order("watch x_position");
     assert_eq!(values.as_array().map(Vec::len), Some(2), "{values}");
-    // Its control is gone.
+    // Its control is disconnected.
     drop(control);
     let old = client.order("wait x_position UncertainLastUsableValue");
     assert!(old["value"].is_number(), "{old}");
@@ -164,7 +164,7 @@ fn a_client_reads_what_the_dashboard_shows() {
     client.end();
 }
 
-/// A control that never answered: nothing is known of it, and nothing looks as if it were.
+/// A control that never responded: nothing about it is known, and nothing is shown as known.
 #[test]
 fn unknown_values_are_bad_and_empty() {
     let dir = tempfile::tempdir().expect("writable");
@@ -216,7 +216,7 @@ fn nothing_can_be_written_called_added_or_deleted() {
         assert_eq!(after[key]["value"], before[key]["value"], "{key}");
     }
     program.wait_for("compensating");
-    // Nothing is left on the disk.
+    // No files remain on the disk.
     let mut files: Vec<_> = std::fs::read_dir(dir.path())
         .expect("readable")
         .map(|entry| entry.expect("readable").file_name())
@@ -226,8 +226,8 @@ fn nothing_can_be_written_called_added_or_deleted() {
     client.end();
 }
 
-/// Others come by the hundred: those beyond the places are sent away, silent ones are disconnected, and who was there
-/// before reads on. The gateway has no more open files than for its places, and corrects.
+/// Hundreds of further clients: those without a slot are disconnected, silent ones time out, and the existing client continues to read. The
+/// gateway opens no more files than its slots need, and corrects.
 #[test]
 fn a_flood_of_connections_is_bounded() {
     let dir = tempfile::tempdir().expect("writable");
@@ -249,7 +249,8 @@ fn a_flood_of_connections_is_bounded() {
         open.push(TcpStream::connect(target).expect("it listens"));
         most = most.max(files());
     }
-    // A place is a client, and both ends of its way to the server; some were not sent away yet, and others ask meanwhile.
+    // A slot is a client with both ends of its connection to the server; some clients are not disconnected yet, and others connect
+    // meanwhile.
     assert_eq!(client.order("wait machine Good")["value"], "small");
     let bound = before + 3 * MOST + 8;
     let until = Instant::now() + PATIENCE;
@@ -261,7 +262,7 @@ fn a_flood_of_connections_is_bounded() {
         most < before + 400,
         "{most} files at one time, {before} before"
     );
-    // All of them end: those without a place at once, those who do not say hello soon.
+    // All of them are disconnected: those without a slot at once, those without a hello message soon.
     for stream in &mut open {
         stream.set_read_timeout(Some(PATIENCE)).expect("a time");
         let mut rest = Vec::new();
@@ -270,7 +271,7 @@ fn a_flood_of_connections_is_bounded() {
         }
     }
     assert_eq!(client.order("wait machine Good")["value"], "small");
-    // And a place is free again.
+    // A slot is free again.
     let mut again = Client::start(&address).expect("there is a Python");
     assert_eq!(again.order("wait machine Good")["value"], "small");
     program.wait_for("compensating");

@@ -14,7 +14,7 @@ use crate::{
     program::{Program, change, path},
 };
 
-/// A configuration with a second way to the machine, at this address.
+/// A configuration with a second path to the machine, at this address.
 pub(crate) fn two_ways(dir: &Path, first: &Simulator, second: &str) -> PathBuf {
     let config = configuration(dir, first, "");
     let more = format!(
@@ -39,7 +39,7 @@ fn started(config: &Path) -> Program {
     Program::start(dir, &["--config", path(config)])
 }
 
-/// An earlier version did not report that the standby path had never answered.
+/// A standby path that has never answered is reported.
 #[test]
 fn a_silent_standby_path_is_reported() {
     let dir = tempfile::tempdir().expect("writable");
@@ -70,7 +70,7 @@ fn a_silent_standby_path_is_reported() {
     }
 }
 
-/// An earlier version did not report 77 µm on a standby path: less than the output may move between two readings.
+/// 77 µm on a standby path are reported, although the output may move further between two readings.
 #[test]
 fn a_correction_on_a_standby_path_is_reported() {
     let dir = tempfile::tempdir().expect("writable");
@@ -93,7 +93,7 @@ fn a_correction_on_a_standby_path_is_reported() {
     assert!(metrics.contains(line), "{metrics}");
 }
 
-/// The control does not answer any more: what it applies is not known, and nothing says otherwise.
+/// The control does not respond any more: its applied correction is unknown, and is shown as unknown.
 #[test]
 fn an_unknown_correction_is_shown_as_unknown() {
     let dir = tempfile::tempdir().expect("writable");
@@ -120,7 +120,7 @@ fn an_unknown_correction_is_shown_as_unknown() {
         text.contains("unknown: not confirmed by the control"),
         "{text}"
     );
-    // An old confirmation is no current value.
+    // An old confirmation is not a current value.
     let state = program
         .wait(|state| state["controllers"][0]["holds_correction"].is_null())
         .expect("it is not known any more");
@@ -141,8 +141,7 @@ fn an_unknown_correction_is_shown_as_unknown() {
     }
 }
 
-/// An earlier version showed the found correction as sent, and a map of errors while it was unknown where
-/// the machine stood.
+/// A correction found at the start is not shown as sent, and no error map is shown while the position of the machine is unknown.
 #[test]
 fn unsent_and_unknown_values_are_not_shown() {
     let dir = tempfile::tempdir().expect("writable");

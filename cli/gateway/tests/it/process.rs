@@ -25,12 +25,12 @@ use crate::{
     program::{PATIENCE, Program, change, path},
 };
 
-/// Shifts of X over time while something is done.
+/// Shifts of X over time during an action.
 pub(crate) fn watched(control: &Simulator, act: impl FnOnce() + Send) -> Vec<(Instant, f64)> {
     watched_axis(control, 0, act)
 }
 
-/// Shifts of an axis, counted from 0, over time while something is done.
+/// Shifts of the axis at this index, from 0, over time during an action.
 pub(crate) fn watched_axis(
     control: &Simulator,
     axis: usize,
@@ -47,7 +47,7 @@ pub(crate) fn watched_axis(
             }
             trace
         });
-        // Where it fails, too: the scope waits for the thread.
+        // Also on a panic: the scope waits for the thread.
         let acted = std::panic::catch_unwind(std::panic::AssertUnwindSafe(act));
         done.store(true, std::sync::atomic::Ordering::Relaxed);
         if let Err(why) = acted {
@@ -57,7 +57,7 @@ pub(crate) fn watched_axis(
     })
 }
 
-/// Over any window no more than the slew rate, a step, and five cycles that were late.
+/// In any time window no more than the slew, one step, and five late cycles.
 pub(crate) fn no_step(trace: &[(Instant, f64)]) {
     for (index, (then, was)) in trace.iter().enumerate() {
         for (now, is) in &trace[index..] {
@@ -74,8 +74,8 @@ pub(crate) fn no_step(trace: &[(Instant, f64)]) {
     }
 }
 
-/// Killed at several moments of the ramp and of compensating, and started again: no output changes by more than the slew
-/// in a cycle and one step.
+/// Killed at several times during the ramp and during compensation, and restarted: no output changes by more than the slew per cycle and
+/// one step.
 #[test]
 fn killed_in_the_middle_and_started_again_there_is_no_step() {
     let dir = tempfile::tempdir().expect("writable");
@@ -103,7 +103,7 @@ fn killed_in_the_middle_and_started_again_there_is_no_step() {
     );
 }
 
-/// Answers that take longer than a cycle: it corrects anyway, and reports missed cycles.
+/// Responses that take longer than a cycle: it corrects anyway, and reports missed cycles.
 #[test]
 fn a_slow_control_costs_cycles_not_the_connection() {
     let dir = tempfile::tempdir().expect("writable");
@@ -125,8 +125,7 @@ fn a_slow_control_costs_cycles_not_the_connection() {
     assert_eq!(control.open_sessions(), 1);
 }
 
-/// What systemd hears: that it is ready, that cycles go on, that it stops. And it takes as many descriptors as it may have: the usual
-/// soft limit is 1024.
+/// Notifications to systemd: ready, watchdog, stopping. It also raises its limit of file descriptors: the usual soft limit is 1024.
 #[test]
 fn the_service_manager_is_notified() {
     let dir = tempfile::tempdir().expect("writable");
@@ -161,7 +160,7 @@ fn the_service_manager_is_notified() {
     assert_eq!(program.end(), Some(0));
 }
 
-/// Why a gateway does not start, with the port of its dashboard.
+/// The reason why a gateway does not start, with the port of its dashboard.
 fn does_not_start(config: PathBuf, listen: &str) -> String {
     let listen = listen.parse().expect("an address");
     let turn = &mut |_: &mut Service| panic!("it has started");
@@ -170,7 +169,7 @@ fn does_not_start(config: PathBuf, listen: &str) -> String {
     failure.what
 }
 
-/// The port of the dashboard is another program's.
+/// The port of the dashboard is used by another program.
 #[test]
 fn a_port_that_is_taken_ends_it_with_status_1() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback");
@@ -181,8 +180,8 @@ fn a_port_that_is_taken_ends_it_with_status_1() {
     assert!(why.contains(&format!("dashboard {address}")), "{why}");
 }
 
-/// On the same computer the second one finds the lock of the control, whatever its address is called, and that of the folder, in
-/// which one began with the output of the other, 30 µm in one write. As from another computer it sees the heartbeat move.
+/// On the same computer the second gateway finds the lock of the control, for any name of its address, and the lock of the folder; without
+/// that lock one started with the output of the other, 30 µm in one write. From another computer it detects the changing heartbeat.
 #[test]
 fn two_gateways_on_one_controller() {
     let dir = tempfile::tempdir().expect("writable");
@@ -252,8 +251,7 @@ fn a_second_signal_leaves_at_once() {
     assert!(audit.contains("\"what\":\"stopped\"") && audit.contains("\"left_um\""));
 }
 
-/// A gateway that never corrected took out what it had found when it was merely ended, although that may be the correction
-/// of another gateway.
+/// A gateway that never corrected does not ramp out, at its end, a correction found at its start, which may be that of another gateway.
 #[test]
 fn stopping_leaves_a_found_correction_alone() {
     let (_dir, config, mut gateway) = manual::started("");
@@ -264,7 +262,7 @@ fn stopping_leaves_a_found_correction_alone() {
     gateway.watch();
     let rig = gateway.stop();
     assert_eq!(rig.controls.axes.applied(), found);
-    // A person leads it out.
+    // An operator removes it.
     let mut gateway = Gateway::again(rig, &config);
     gateway.wait_until_says("a correction is applied");
     gateway.watch();
@@ -273,7 +271,7 @@ fn stopping_leaves_a_found_correction_alone() {
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
 }
 
-/// A hangup reads the files again; what moves more than `confirm_um` waits for the hash, over HTTP as well.
+/// A hangup signal reloads the files; a change above `confirm_um` waits for the hash, also over HTTP.
 #[test]
 fn sighup_reloads_and_http_confirms() {
     let dir = tempfile::tempdir().expect("writable");
@@ -305,7 +303,7 @@ pub(crate) fn failed(config: PathBuf, slot: &Arc<Slot>, turn: ServiceStep<'_>) -
     failed_at(([127, 0, 0, 1], 0).into(), config, slot, turn)
 }
 
-/// The same with its dashboard at an address.
+/// Like `failed`, with its dashboard at an address.
 pub(crate) fn failed_at(
     listen: SocketAddr,
     config: PathBuf,
@@ -349,7 +347,7 @@ fn a_machine_without_its_control_thread_has_failed() {
     assert!(failure.what.contains(reported), "{}", failure.what);
 }
 
-/// A fault of the program in the service, which is injected here: the correction goes out by its ramp.
+/// A bug in the service, injected here, ramps the correction out.
 #[test]
 fn a_fault_of_the_program_ramps_the_correction_out() {
     let dir = tempfile::tempdir().expect("writable");
@@ -400,7 +398,7 @@ fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
     for jump in ["-10d", "+3650d", "+0"] {
         let before = program.state()["cycle"]["count"].as_u64().expect("a count");
         std::fs::write(&stamp, jump).expect("writable");
-        // On a busy computer it holds for a moment, whatever the clock does.
+        // On a busy computer it may hold briefly, whatever the clock does.
         let went_on = program.wait(|state| {
             state["cycle"]["count"].as_u64() > Some(before + 100)
                 && state["state"] == "compensating"

@@ -14,7 +14,7 @@ use volcomp_test_support::Running;
 
 pub(crate) const OPERATE: &str = "0123456789abcdef0123456789abcdef";
 pub(crate) const VIEW: &str = "fedcba9876543210fedcba9876543210";
-/// A small machine whose corrections are known: -0.05 um/mm on X, -20 um on Y.
+/// A small machine with known corrections: -0.05 µm/mm on X, -20 µm on Y.
 pub(crate) const MACHINE: &str = r#"
 name = "small"
 structure = "w X' b Y Z t"
@@ -29,7 +29,7 @@ EXX = { poly = [0.0, 0.05] }
 EYX = 20.0
 "#;
 
-/// Everything that is waited for comes within this time, on a computer that has other work, too.
+/// Timeout of all waits, for a busy computer.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
 
 /// A client of a dashboard.
@@ -54,7 +54,7 @@ impl Deref for Program {
     }
 }
 
-/// An answer: status, head, body.
+/// A response: status, head, body.
 pub(crate) struct Answer {
     pub(crate) status: u16,
     pub(crate) head: String,
@@ -81,7 +81,7 @@ pub(crate) fn token_file(dir: &Path) -> PathBuf {
 }
 
 impl Program {
-    /// Starts it with these arguments, listening somewhere on loopback.
+    /// Starts it with these arguments, on a free loopback port.
     pub(crate) fn start(dir: &Path, arguments: &[&str]) -> Self {
         Self::spawn(
             Command::new(env!("CARGO_BIN_EXE_volcomp-gateway")),
@@ -114,7 +114,7 @@ impl Program {
         Self { running, client }
     }
 
-    /// A simulated one with tokens.
+    /// The built-in simulation with tokens.
     pub(crate) fn simulated(dir: &Path) -> Self {
         let tokens = token_file(dir);
         let audit = dir.join("audit");
@@ -135,7 +135,7 @@ impl Program {
         self.running.signal(name);
     }
 
-    /// Waits for its end: the status.
+    /// Waits for its end; returns the status.
     pub(crate) fn end(&mut self) -> Option<i32> {
         let ended = self.running.ended(PATIENCE);
         ended
@@ -157,7 +157,7 @@ impl Client {
         std::fs::read_to_string(&self.log).unwrap_or_default()
     }
 
-    /// Bytes as they are, and what comes back until the other side closes.
+    /// Sends raw bytes, and returns the response until the other side closes.
     pub(crate) fn raw(&self, bytes: &[u8]) -> String {
         exchange(self.address, bytes)
     }
@@ -195,13 +195,13 @@ impl Client {
         self.request("POST", path, Some(OPERATE), body)
     }
 
-    /// Arms it, once it has watched the control for long enough.
+    /// Arms it once it has observed the control for long enough.
     pub(crate) fn arm(&self) -> Answer {
         self.watch();
         self.post("/api/arm", "")
     }
 
-    /// Arms it. On a busy computer the control thread may be late once, and arming is refused until it is on time again.
+    /// Arms it. On a busy computer the control thread may be late once, and arming is rejected until it is on time again.
     pub(crate) fn must_arm(&self) -> Answer {
         let end = Instant::now() + PATIENCE;
         loop {
@@ -219,7 +219,7 @@ impl Client {
         }
     }
 
-    /// Waits until it has watched the control for long enough.
+    /// Waits until it has observed the control for long enough.
     pub(crate) fn watch(&self) {
         self.wait(|state| !state["reasons"].to_string().contains("watching"))
             .unwrap_or_else(|state| panic!("it watches for ever: {state}"));
@@ -229,7 +229,7 @@ impl Client {
         self.get("/api/state").json()
     }
 
-    /// Waits until the state is this.
+    /// Waits for this state.
     pub(crate) fn wait_for(&self, name: &str) -> Value {
         self.wait(|state| state["state"] == name)
             .unwrap_or_else(|last| panic!("not {name}: {last}\n{}", self.log()))
@@ -256,10 +256,10 @@ fn connect(address: SocketAddr) -> TcpStream {
     stream
 }
 
-/// Bytes to an address, and what comes back until the other side closes.
+/// Sends bytes to an address, and returns the response until the other side closes.
 pub(crate) fn exchange(address: SocketAddr, bytes: &[u8]) -> String {
     let mut stream = connect(address);
-    // The other side may close in the middle of it.
+    // The other side may close during the write.
     let _ = stream.write_all(bytes);
     let mut answer = Vec::new();
     let _ = stream.read_to_end(&mut answer);
@@ -284,13 +284,12 @@ pub(crate) fn path(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
 
-/// Appends a table to a file.
 pub(crate) fn append(file: &Path, table: &str) {
     let text = std::fs::read_to_string(file).expect("readable") + table;
     std::fs::write(file, text).expect("writable");
 }
 
-/// Writes a file again with something else in it, which must have been there.
+/// Replaces a text in a file, which must occur there.
 pub(crate) fn change(file: &Path, from: &str, to: &str) {
     let text = std::fs::read_to_string(file).expect("readable");
     assert!(text.contains(from), "{from}");

@@ -61,7 +61,7 @@ fn rehearse(dir: &Path, arguments: &[&str]) -> Output {
         .expect("built")
 }
 
-/// Every fault, on the shipped configurations: no rule is broken, the table fits a terminal, the document its schema.
+/// Every fault, on the shipped configurations: no rule is broken, the table fits a terminal, the document matches its schema.
 #[test]
 fn shipped_configurations_pass() {
     let (dir, _) = changed(|text| text);
@@ -81,7 +81,7 @@ fn shipped_configurations_pass() {
     let document: Value = serde_json::from_slice(&output.stdout).expect("one document");
     validate("gateway-rehearsal.json", &document);
     assert_eq!(document["passed"], true);
-    // The data that a filed record needs.
+    // The data required for a filed record.
     let text = fs::read(dir.path().join("gateway.toml")).expect("written");
     let checksum = Sha256::digest(text)
         .iter()
@@ -110,7 +110,7 @@ fn shipped_configurations_pass() {
     );
 }
 
-/// With a barrier no fault is excepted, and several seeds find nothing.
+/// With a barrier no fault is excepted, for several seeds.
 #[test]
 fn with_a_barrier_no_fault_is_excepted() {
     let (_dir, file) = changed(|text| with_thermometer(&text));
@@ -120,7 +120,7 @@ fn with_a_barrier_no_fault_is_excepted() {
         let found = found.expect("limits fit a barrier");
         assert!(found.verdict().is_ok(), "{}", text(&found, COLUMNS));
         let faults = &found.controllers[0].faults;
-        // Each while compensating and while ramping, those of sensors too.
+        // Each fault while compensating and while ramping, including those of sensors.
         assert_eq!(faults.len(), 2 * CATALOGUE.len());
         assert!(
             faults
@@ -128,7 +128,7 @@ fn with_a_barrier_no_fault_is_excepted() {
                 .all(|f| !f.bounded_by_limit && !f.interlock_hidden)
         );
         assert!(faults.iter().all(|f| f.moved_while_held == 0));
-        // The machine was corrected at all.
+        // The machine was corrected.
         assert!(
             faults[0]
                 .axes
@@ -138,8 +138,8 @@ fn with_a_barrier_no_fault_is_excepted() {
     }
 }
 
-/// Whatever `hold_ms` says: reports that stay as they are, again and again for 0.4 s, end in a fault that a person can end.
-/// With 40 to 190 ms it could be acknowledged and armed ten thousand times, and was a fault again each time.
+/// For any `hold_ms`: reports that repeatedly stay constant for 0.4 s end in a fault that an operator can clear. With 40 to 190 ms it could
+/// be acknowledged and armed ten thousand times, and was a fault again each time.
 #[test]
 fn every_hold_passes() {
     for hold_ms in [8, 20, 40, 50, 100, 150, 190, 200] {
@@ -148,7 +148,7 @@ fn every_hold_passes() {
             slower.replace("hold_ms = 200", &format!("hold_ms = {hold_ms}"))
         });
         let plan = Plan::new(Config::read(&file).expect("valid")).expect("valid");
-        // All of them take long.
+        // Each of them takes long.
         let faults = ["constant_100", "constant", "disconnect_50", "all"];
         let names: Vec<String> = match hold_ms {
             40 | 100 => Vec::new(),
@@ -171,7 +171,7 @@ fn every_hold_passes() {
     }
 }
 
-/// A barrier that goes faster than it is said to is found out, with exit status 1.
+/// A barrier that is faster than stated is detected, with exit status 1.
 #[test]
 fn a_barrier_that_is_faster_than_stated_fails() {
     let (_dir, file) = changed(|text| with_thermometer(&text));
@@ -228,7 +228,7 @@ fn the_table_is_for_people() {
     insta::assert_snapshot!(rest);
 }
 
-/// On a terminal of 40 columns no line is longer.
+/// No line is longer than a terminal of 40 columns.
 #[test]
 fn the_table_fits_a_narrow_terminal() {
     let (_dir, file) = changed(|text| without_barrier(&text));
@@ -237,7 +237,7 @@ fn the_table_fits_a_narrow_terminal() {
     let found = Rehearsal::of(1, &faults.map(str::to_owned)).expect("in the catalogue");
     let found = found.run(&plan).expect("it runs");
     let table = text(&found, 40);
-    // A checksum, a path and an address have no place for a break.
+    // A checksum, a path or an address cannot be wrapped.
     let is_long = |line: &&str| line.chars().count() > 40 && line.contains(' ');
     let long: Vec<&str> = table.lines().filter(is_long).collect();
     assert!(

@@ -1,4 +1,4 @@
-//! Configuration and machine file read again while it corrects.
+//! Configuration and machine file are reloaded during correction.
 
 use std::time::Duration;
 
@@ -14,21 +14,21 @@ fn reload(gateway: &mut Gateway) -> (u16, Value) {
     gateway.ask(Operation::Reload(None))
 }
 
-/// The question that a reload asks first.
+/// The question of a reload.
 fn asked(gateway: &mut Gateway) -> Value {
     let (status, asked) = reload(gateway);
     assert_eq!(status, 409, "{asked}");
     asked
 }
 
-/// Repeats a reload with the requested hash.
+/// Repeats a reload with the hash of the question.
 fn confirm(gateway: &mut Gateway, asked: &Value) {
     let hash = asked["model"].as_str().map(str::to_owned);
     let (status, confirmed) = gateway.ask(Operation::Reload(hash));
     assert_eq!(status, 200, "{confirmed}");
 }
 
-/// What a reload is refused for.
+/// A reload is rejected with these words.
 fn refused(gateway: &mut Gateway, words: &str) {
     let (status, refused) = reload(gateway);
     assert_eq!(status, 422, "{refused}");
@@ -58,13 +58,13 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     wait_for_y(&mut gateway, -25.0);
     gateway.wait_for("compensating");
     assert!(ramps(&gateway) > before, "through the ramp");
-    // The same files again: nothing happens, which it says. It went through the ramp.
+    // The same files again: nothing changes, without a ramp, and the response says so.
     let before = ramps(&gateway);
     let (status, same) = reload(&mut gateway);
     assert_eq!((status, &same["unchanged"]), (200, &json!(true)), "{same}");
     gateway.run(Duration::from_secs(1));
     assert_eq!(ramps(&gateway), before, "no ramp");
-    // 75 um: 409, and then with the hash.
+    // 75 µm: status 409, then accepted with the hash.
     change(&machine, "EYX = 25.0", "EYX = 100.0");
     let question = asked(&mut gateway);
     assert!((question["worst_corner_um"].as_f64().expect("a number") - 75.0).abs() < 0.1);
@@ -74,13 +74,12 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     assert_eq!(other.0, 409);
     confirm(&mut gateway, &question);
     wait_for_y(&mut gateway, -100.0);
-    // A limit belongs to what a person confirms; the hash of the machine file alone confirms none. Then it is
-    // approached.
+    // A limit must be confirmed as well; the hash of the machine file alone does not confirm it. Then the correction moves to the limit.
     change(&config, "limit_um = 150.0", "limit_um = 50.0");
     let question = asked(&mut gateway);
     assert_eq!(question["limits"]["limit_um"], json!([150.0, 50.0]));
     assert_eq!(question["worst_corner_um"], 0.0);
-    // No rotary axis is corrected, and none is spoken of.
+    // No rotary axis is corrected, and none is mentioned.
     assert!(question["worst_corner_urad"].is_null(), "{question}");
     gateway.wait_until_says("must be confirmed");
     let hash = gateway.state()["machine"]["hash"]
@@ -92,13 +91,13 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let audit = gateway.audit();
     for words in [
         "\"limits\":{\"limit_um\":[150.0,50.0]}",
-        // The log lists the reasons in the order of the state, not by the alphabet.
+        // The log lists the reasons in the order of the state, not alphabetically.
         "\"reasons\":[\"not proven what positions contain\",",
     ] {
         assert!(audit.contains(words), "{words}: {audit}");
     }
     wait_for_y(&mut gateway, -50.0);
-    // What cannot change is said, what is wrong is refused, and all goes on.
+    // A key that cannot change is reported, an invalid one rejected, and correction continues.
     change(&config, "cycle_ms = 4.0", "cycle_ms = 8.0");
     refused(&mut gateway, "cycle_ms");
     change(&machine, "travel = [0.0, 250.0]", "travel = [250.0, 0.0]");
@@ -114,7 +113,7 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     change(&machine, "travel = [250.0, 0.0]", "travel = [0.0, 250.0]");
     assert_eq!(reload(&mut gateway).0, 200);
     gateway.wait_until_silent_of(reported);
-    // Limits cannot be taken away while it runs.
+    // Limits cannot be removed while it runs.
     let text = std::fs::read_to_string(&config).expect("readable");
     let (before, rest) = text.split_once("[guard]").expect("there");
     let (_, after) = rest.split_once("[[controller]]").expect("there");
@@ -122,8 +121,7 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     refused(&mut gateway, "[guard] is missing");
 }
 
-/// Each of two small changes needs no confirmation, their sum does: the change is measured from the model that was
-/// confirmed last, not only from the active one.
+/// Two small changes need no confirmation separately, but their sum does: a change is also measured from the last confirmed model.
 #[test]
 fn small_changes_do_not_add_up_without_a_confirmation() {
     let dir = tempfile::tempdir().expect("writable");
@@ -151,7 +149,7 @@ fn small_changes_do_not_add_up_without_a_confirmation() {
     change(&machine, "EYX = 44.0", "EYX = 32.0");
     let question = asked(&mut gateway);
     assert!((worst_um(&question) - 12.0).abs() < 0.1, "{question}");
-    // After a restart, arming measures from the same origin, also after one that armed by itself.
+    // After a restart, also after an automatic arming, changes are measured from the same origin.
     change(&machine, "EYX = 32.0", "EYX = 44.0");
     let mut gateway = gateway.killed_and_started(&config);
     wait_for_y(&mut gateway, -44.0);
@@ -160,7 +158,7 @@ fn small_changes_do_not_add_up_without_a_confirmation() {
     gateway.wait_until_says("must be confirmed");
 }
 
-/// The machine file becomes another machine's between two runs: arming asks.
+/// The machine file is replaced by another machine's between two runs: arming asks for a confirmation.
 #[test]
 fn another_machine_file_needs_confirmation_before_arming() {
     let dir = tempfile::tempdir().expect("writable");
@@ -177,7 +175,7 @@ fn another_machine_file_needs_confirmation_before_arming() {
     let hash = asked["model"].as_str().map(str::to_owned);
     assert!(hash.is_some(), "{asked}");
     assert_eq!(gateway.ask(Operation::Arm(hash)).0, 200);
-    // Of other axes: it does not even start.
+    // With other axes it does not even start.
     change(&file, "w X' b Y Z t", "w X' b Y C Z t");
     let axis = "[axes.C]\ntravel = [-180.0, 180.0]\n[errors]";
     change(&file, "[errors]", axis);
@@ -186,8 +184,8 @@ fn another_machine_file_needs_confirmation_before_arming() {
     assert!(refused.to_string().contains("axis C"), "{refused}");
 }
 
-/// Times and confirmations decide how long a stale correction stays and how far a model may move it unasked: before, a
-/// reload took them without a question.
+/// Times and thresholds determine how long a stale correction remains and how far a model may change without confirmation, so a reload
+/// asks.
 #[test]
 fn changed_times_and_thresholds_need_confirmation() {
     let (_dir, config, mut gateway) = started("auto_arm = true");

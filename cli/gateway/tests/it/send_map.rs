@@ -1,5 +1,5 @@
-//! `send-map` as a program: a map in a simulated SINUMERIK or FANUC control whose PLC does the look-up, and what happens when the sender is
-//! ended, killed, started twice, or given another map.
+//! `send-map` as a program: a map in a simulated SINUMERIK or FANUC control whose PLC does the look-up, and a sender that is ended, killed,
+//! started twice, or given another map.
 
 use std::{
     io::{BufRead as _, BufReader, Read as _, Write as _},
@@ -19,7 +19,7 @@ use crate::{
     program::{change, path},
 };
 
-/// Long enough for a loaded machine.
+/// Long enough for a loaded computer.
 const PATIENCE: Duration = Duration::from_secs(90);
 const MACHINE: u16 = 1002;
 /// The map is valid for 2 s after the last frame of its sender; then 0.2 mm/s to zero, in steps of one scan.
@@ -37,7 +37,7 @@ zero_after_ms = 2000.0
 time_out_ms = 2000.0
 "#;
 
-/// The control: its output, which answers the typed command `report`.
+/// The control, with its output in response to the typed command `report`.
 struct Control {
     running: Running,
     output: BufReader<ChildStdout>,
@@ -66,7 +66,7 @@ impl Control {
         serde_json::from_str(&line).expect("JSON")
     }
 
-    /// What the control adds to X of the map, µm.
+    /// Correction of X from the map in the control, µm.
     fn x_um(&mut self) -> f64 {
         let report = self.report();
         report["map_um"]["X"]
@@ -81,7 +81,7 @@ impl Control {
     }
 }
 
-/// A map over 1000 mm that corrects X by `largest_um` at its upper end, in a folder with the file of its sender.
+/// A map over 1000 mm that corrects X by `largest_um` at its upper end, in a folder with the configuration of its sender.
 fn write(dir: &Path, url: &str, largest_um: f64) -> PathBuf {
     write_map(dir, largest_um, 7);
     let file = dir.join("map-sender.toml");
@@ -129,7 +129,7 @@ fn said(output: &Output) -> String {
     text(&output.stdout) + &text(&output.stderr)
 }
 
-/// The hash that confirms the map, from the output without it.
+/// The hash that confirms the map, from the output of a call without it.
 fn hash(file: &Path) -> String {
     let output = command(file, &[]).output().expect("it starts");
     let text = said(&output);
@@ -138,7 +138,7 @@ fn hash(file: &Path) -> String {
     hash.to_owned()
 }
 
-/// A control with a sender's files, the sender not started.
+/// A control with the files of a sender that is not started.
 struct Rig {
     dir: tempfile::TempDir,
     control: Control,
@@ -154,7 +154,7 @@ struct Sender {
 }
 
 impl Rig {
-    /// `None` without the peer.
+    /// `None` without the simulated control.
     fn new() -> Option<Self> {
         let dir = tempfile::tempdir().expect("writable");
         let (control, url) = Control::start("127.0.0.1:0")?;
@@ -172,14 +172,14 @@ impl Rig {
         self.sender_by(command(&self.file, &["--confirm", &confirmed]))
     }
 
-    /// Starts a sender by this command; the control reaches the correction.
+    /// Starts a sender by this command, and waits until the control reaches the correction.
     fn sender_by(&mut self, command: Command) -> Sender {
         let sender = Sender::start(command, self.dir.path());
         self.control.reaches(40.0);
         sender
     }
 
-    /// Confirms the map for the running sender: exit status and output.
+    /// Confirms the map for the running sender; returns exit status and output.
     fn replace(&self) -> (Option<i32>, String) {
         let call = ["--confirm", &hash(&self.file), "--replace"];
         result(&self.file, &call)
@@ -218,7 +218,7 @@ impl Sender {
         line
     }
 
-    /// Ends it by a signal: the rest of its output.
+    /// Ends it by a signal; returns the rest of its output.
     fn stop(mut self) -> String {
         self.running.signal("TERM");
         let mut rest = String::new();
@@ -235,7 +235,7 @@ fn result(file: &Path, more: &[&str]) -> (Option<i32>, String) {
     (output.status.code(), said(&output))
 }
 
-/// A call that is refused with this status and words.
+/// A call that is rejected with this status and these words.
 fn refused(file: &Path, more: &[&str], expected: i32, words: &str) {
     let (status, text) = result(file, more);
     assert_eq!(status, Some(expected), "{text}");
@@ -250,7 +250,7 @@ fn a_signal_ends_it_when_the_corrections_are_zero() {
     let sender = rig.sender();
     assert_eq!(sender.stop(), "the corrections are zero\n");
     assert!(rig.control.x_um().abs() < 0.5);
-    // On record, from the beginning to the end.
+    // Everything is recorded, from start to end.
     let files = std::fs::read_dir(rig.dir.path().join("audit")).expect("a folder");
     let texts = files.map(|file| std::fs::read(file.expect("listed").path()).unwrap_or_default());
     let log = String::from_utf8_lossy(&texts.collect::<Vec<_>>().concat()).into_owned();
@@ -263,8 +263,7 @@ fn a_signal_ends_it_when_the_corrections_are_zero() {
     }
 }
 
-/// From the value of one map to that of another, at the rate of the control and never through zero; a map that cannot replace
-/// it changes nothing.
+/// From the value of one map to that of another, at the rate of the control and never through zero; an incompatible map changes nothing.
 #[test]
 fn another_map_takes_the_place_of_the_one_in_use() {
     let Some(mut rig) = Rig::new() else {
@@ -299,7 +298,7 @@ fn another_map_takes_the_place_of_the_one_in_use() {
     });
     assert_eq!(sender.line(), "map 8 is in use\n");
     seen.extend((0..100).map(|_| rig.control.x_um()));
-    // From 40 to 30 µm, downwards and no further.
+    // From 40 to 30 µm, downwards and no farther.
     let (least, most) = (
         seen.iter().copied().fold(f64::INFINITY, f64::min),
         seen.iter().copied().fold(0.0, f64::max),
@@ -308,8 +307,8 @@ fn another_map_takes_the_place_of_the_one_in_use() {
     assert!(seen.is_sorted_by(|was, is| is <= was), "{seen:?}");
 }
 
-/// An earlier version wrote the record of another map in the loop that keeps the first one valid: a hanging disk let it
-/// expire. Now the other map is given up after a timeout, and is not activated late.
+/// While the record of another map waits for a hanging disk, the map in use stays valid. The other map is abandoned after a timeout, and is
+/// not activated late.
 #[test]
 fn a_disk_that_hangs_keeps_the_map_in_use() {
     let Some(mut rig) = Rig::new() else {
@@ -338,11 +337,11 @@ fn a_disk_that_hangs_keeps_the_map_in_use() {
         rig.keeps(40.0);
         sender.log().contains("the audit log is written again")
     });
-    // Confirmed again it is activated.
+    // It is activated if it is confirmed again.
     rig.must_replace();
     rig.control.reaches(30.0);
     assert_eq!(sender.line(), "map 8 is in use\n");
-    // With the disk gone again it still ends properly, and reports the missing records.
+    // With the disk hanging again it still ends properly, and reports the missing records.
     std::fs::write(&hangs, "").expect("writable");
     sender.running.signal("TERM");
     let ended = sender.running.ended(PATIENCE).expect("it ends");
@@ -352,8 +351,7 @@ fn a_disk_that_hangs_keeps_the_map_in_use() {
     assert!(log.contains("the last records are lost"), "{log}");
 }
 
-/// An earlier version took a confirmation that arrived during the refusal of another one for that one, which could not be
-/// removed, and then checked for no further confirmation.
+/// A confirmation that arrives while another one is being rejected is removed and processed separately.
 #[test]
 fn a_confirmation_during_a_refusal_is_separate() {
     let Some(mut rig) = Rig::new() else {
@@ -385,8 +383,7 @@ fn a_confirmation_during_a_refusal_is_separate() {
     rig.control.reaches(30.0);
 }
 
-/// After a kill the control ramps to zero alone. Then another sender takes over, and a control that lost everything is sent
-/// the map again.
+/// After a kill the control ramps to zero alone. Then another sender takes over, and a control that lost its memory gets the map again.
 #[test]
 fn a_killed_sender_leaves_zero_behind_and_the_next_one_goes_on() {
     let Some(mut rig) = Rig::new() else {
@@ -396,7 +393,7 @@ fn a_killed_sender_leaves_zero_behind_and_the_next_one_goes_on() {
     sender.running.kill();
     rig.control.reaches(0.0);
     let _sender = rig.sender();
-    // The control is switched off and on again under the same address.
+    // The control is power-cycled under the same address.
     let listen = rig.url.trim_start_matches("opc.tcp://");
     let listen = listen.split('/').next().expect("one part at least");
     rig.control.running.kill();
@@ -422,12 +419,12 @@ fn a_second_sender_and_another_map_are_refused() {
     let why = "another gateway on this computer uses it";
     refused(&elsewhere, &["--confirm", &hash(&elsewhere)], 1, why);
     rig.keeps(40.0);
-    // The map was exchanged after it was confirmed.
+    // The map was replaced after it was confirmed.
     let file = write(other.path(), &rig.url, 60.0);
     refused(&file, &["--confirm", &confirmed], 2, "expected");
 }
 
-/// The same into the PMC of a FANUC control, which `focas-sim` simulates: a program of another package, built before.
+/// The same with the PMC of a FANUC control, simulated by `focas-sim`, a program of another package that is built before.
 #[test]
 fn a_fanuc_control_looks_up_as_well() {
     let built = Path::new(env!("CARGO_BIN_EXE_volcomp-gateway")).with_file_name("focas-sim");

@@ -1,4 +1,4 @@
-//! The adapter of MTConnect: its lines, its clients, and the description for an agent.
+//! The MTConnect adapter: its lines, its clients, and the device description for an agent.
 
 use std::{
     io::{BufRead, BufReader, Read, Write},
@@ -25,7 +25,7 @@ use crate::{
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A five-axis gateway whose state a test makes.
+/// A five-axis gateway whose state is set by a test.
 fn shape() -> Shape {
     Shape {
         machine: "m".to_owned(),
@@ -35,7 +35,7 @@ fn shape() -> Shape {
     }
 }
 
-/// The time of the states.
+/// Time of the states.
 fn noon() -> SystemTime {
     SystemTime::UNIX_EPOCH + Duration::from_secs(20_778 * 86_400 + 12 * 3600)
 }
@@ -67,7 +67,7 @@ fn every_item_is_sent_once_then_its_changes() {
             "{line} in {first}"
         );
     }
-    // One is the availability, and reasons are conditions.
+    // One item is the availability, and reasons are conditions.
     let count = 1 + quantities(&shape()).len() - 1 + items.conditions.len();
     assert_eq!(first.lines().count(), count, "{first}");
     let mut next = |changes: Value| reported.changes(&items, &status(&changes), noon());
@@ -165,7 +165,7 @@ fn conditions_end_by_their_codes() {
             "WARNING|no_barrier|||no barrier"
         ]
     );
-    // Where it is faulted, what forbids arming is a fault; the other reason is as it was.
+    // If it is faulted, a reason that forbids arming is a fault; the other reason is unchanged.
     assert_eq!(
         next(
             "faulted",
@@ -181,7 +181,7 @@ fn conditions_end_by_their_codes() {
         ["NORMAL|emergency_stop|||"]
     );
     assert_eq!(next("disarmed", &[]), ["NORMAL||||"]);
-    // Where a wrong position is, is no news.
+    // A changed wrong position is no news.
     let jumped = |at: &str| format!("position jumped: X {at} mm");
     assert_eq!(
         next("holding", &[&jumped("4000.000")]),
@@ -190,8 +190,8 @@ fn conditions_end_by_their_codes() {
     assert!(next("holding", &[&jumped("4000.013")]).is_empty());
 }
 
-/// The fields of a line as the reference agent takes them, written from its rules: fields are split at `|`; one that begins
-/// with `"` goes to the next `"` that is followed by `|` or the end, and a `\` in it takes the next sign as it is.
+/// The fields of a line as the reference agent parses them, by its rules: fields are split at `|`; one that begins with `"` extends to the
+/// next `"` followed by `|` or the end, and a `\` in it escapes the next character.
 fn taken(line: &str) -> Vec<String> {
     let signs: Vec<char> = line.chars().collect();
     let (mut fields, mut at) = (Vec::new(), 0);
@@ -223,7 +223,7 @@ fn taken(line: &str) -> Vec<String> {
 }
 
 proptest! {
-    /// Whatever the texts are, a reader takes as many fields as were written, with the same texts but for control signs.
+    /// For any texts, a reader gets the written number of fields with the same texts, except for control characters.
     #[test]
     fn a_reader_takes_what_was_written(texts in prop::collection::vec(r#"[a-z|"\\\n\r\t |"]{0,8}|.{0,12}"#, 1..6)) {
         let line: Vec<String> = texts.iter().map(|text| escaped(text)).collect();
@@ -329,7 +329,7 @@ fn an_agent_reads_what_the_dashboard_shows() {
         "guard",
         &json!(["WARNING", "no_barrier", null, null, "no barrier"]),
     );
-    // Its control is gone.
+    // Its control is disconnected.
     gateway.gateway().disconnect();
     agent.hears("x_position", &json!(["UNAVAILABLE"]));
     agent.hears("y_correction", &json!(["UNAVAILABLE"]));
@@ -356,7 +356,7 @@ fn an_agent_reads_what_the_dashboard_shows() {
     assert_eq!(read["ids"], json!(keys));
 }
 
-/// Prints the name of the device and the sorted identifiers of its data items, and refuses identifiers that are not unique.
+/// Prints the name of the device and the sorted identifiers of its data items, and rejects duplicate identifiers.
 const READ_DEVICE: &str = r#"
 import json, sys, xml.etree.ElementTree as tree
 root = tree.parse(sys.stdin.buffer).getroot()
@@ -370,7 +370,7 @@ device = root.find(f".//{space}Device")
 print(json.dumps({"name": device.get("name"), "ids": sorted(item.get("id") for item in items)}))
 "#;
 
-/// A client may say what it likes: nothing happens, and a line without an end closes its connection. One asks and never reads: it is
+/// Nothing received from a client has an effect, and an endless line closes its connection. A client that sends requests and never reads is
 /// disconnected, and the other one continues to receive.
 #[test]
 fn received_data_neither_commands_nor_delays() {
@@ -388,7 +388,7 @@ fn received_data_neither_commands_nor_delays() {
         assert!(read > 0, "it was closed");
     }
     assert_eq!(gateway.state()["armed"], false);
-    // It may be closed in the middle of it.
+    // It may be closed during the write.
     let _ = stream.write_all(&[b'x'; 5000]);
     loop {
         match stream.read(&mut buffer) {
@@ -402,7 +402,7 @@ fn received_data_neither_commands_nor_delays() {
     }
     let deaf = client(&address);
     let mut asks = deaf.try_clone().expect("a handle");
-    // It asks until the gateway takes no more, and then until it ends the connection.
+    // It sends requests until the gateway accepts no more, and then until the gateway closes the connection.
     let asking = std::thread::spawn(move || {
         let pings = b"* PING\n".repeat(1000);
         let end = Instant::now() + PATIENCE;

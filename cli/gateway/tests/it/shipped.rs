@@ -50,7 +50,7 @@ impl Control {
         self.report.lock().expect("no panic").clone()
     }
 
-    /// How far the tool misses, µm: without and with the correction.
+    /// Tool error, µm, without and with the correction.
     fn misses_um(&self) -> Option<[f64; 2]> {
         let report = self.report()?;
         let length = |name: &str| {
@@ -86,7 +86,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// The arguments behind ` -- ` of the command in the comments that runs `program`.
+/// The arguments after ` -- ` of the command in the comments that runs `program`.
 fn arguments<'a>(text: &'a str, program: &str) -> Vec<&'a str> {
     let begins = format!("#     cargo run --bin {program} -- ");
     let command = text.lines().find_map(|line| line.strip_prefix(&begins));
@@ -127,7 +127,7 @@ fn rehearse(configuration: &str) {
             return false;
         };
         seen.lock().expect("no panic").push(misses);
-        // Where there is much to correct.
+        // At a position with a large error.
         misses[0] > 20.0 && misses[1] < 0.2 * misses[0]
     });
     assert!(
@@ -147,7 +147,7 @@ fn five_axes_as_shipped() {
     rehearse("gateway-five-axis.toml");
 }
 
-/// What a control refuses is in the log, with the return code in words.
+/// Rejections by a control are logged, with the return code in words.
 #[test]
 fn a_refusal_is_logged_with_its_code() {
     let (dir, examples) = copied_examples();

@@ -1,5 +1,5 @@
-//! The gateway on a simulated SINUMERIK control, an OPC UA server on another library: a thermal drift is removed, and what
-//! the control does wrong is found.
+//! The gateway on a simulated SINUMERIK control, an OPC UA server on another library: a thermal drift is corrected, and faults of the
+//! control are detected.
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
@@ -17,10 +17,10 @@ use crate::{
     program::{Program, change, path, token_file},
 };
 
-/// Long enough for a loaded machine: a cycle takes 100 ms here, and the correction of the drift some seconds.
+/// Long enough for a loaded computer: a cycle takes 100 ms here, and the correction of the drift some seconds.
 const PATIENCE: Duration = Duration::from_secs(90);
 
-/// The model: X and Y grow with the bed. Its geometric error is one that this path must not correct.
+/// The model: X and Y grow with the bed. This path must not correct its geometric error.
 const MACHINE: &str = r#"
 name = "mill"
 structure = "w b X Y Z t"
@@ -64,7 +64,7 @@ impl Control {
                 "--truth",
                 path(&machine),
             ])
-            // Where the axes are and move makes no difference to what temperatures do.
+            // The positions of the axes have no effect on thermal corrections.
             .args([
                 "--at",
                 "X=400,Y=150,Z=50",
@@ -102,7 +102,7 @@ impl Control {
         self.report()[key][axis].as_f64().expect("a number")
     }
 
-    /// Waits until the control reports this.
+    /// Waits until the report of the control satisfies a condition.
     fn wait(&mut self, program: &Program, what: &str, done: impl Fn(&Value) -> bool) {
         let end = Instant::now() + PATIENCE;
         loop {
@@ -199,7 +199,7 @@ fn armed(dir: &Path, config: &Path) -> Program {
     wait(&program, "it has watched", |state| {
         !state["reasons"].to_string().contains("watching") && state["state"] == "disarmed"
     });
-    // Until then something may stand against it: no temperature, no reading.
+    // Until then arming may be forbidden: no temperature, no reading.
     let end = Instant::now() + PATIENCE;
     loop {
         let answer = program.post("/api/arm", "");
@@ -237,7 +237,7 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
     );
 
     let program = armed(dir.path(), &config);
-    // At the reference temperature there is nothing to correct, whatever the machine file says of the geometry.
+    // At the reference temperature there is no correction, whatever the geometric errors of the machine file.
     assert!(is_zero(&control.report()));
     control.type_in("temperature bed=24");
     control.wait(&program, "the drift is removed", |report| {
@@ -254,13 +254,12 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
         "{state}"
     );
 
-    // Disarmed it goes back on a ramp.
+    // After disarming the correction ramps out.
     assert!(program.post("/api/disarm", "").status < 300);
     control.wait(&program, "it went back", is_zero);
 }
 
-/// Old positions hold the correction, then ramp it out. If the emergency stop is unknown as well, nothing new is
-/// written at all.
+/// Old positions hold the correction, then ramp it out. If the emergency stop is unknown as well, no new correction is written.
 #[test]
 fn a_stopped_sampler_holds_and_old_positions_ramp_out() {
     let dir = tempfile::tempdir().expect("writable");
@@ -348,7 +347,7 @@ fn a_control_that_ignores_corrections_is_refused() {
     assert!(program.post("/api/arm", "").status >= 400);
 }
 
-/// What `check` refuses before it connects.
+/// Configurations that `check` rejects before connecting.
 #[test]
 fn configurations_that_this_control_cannot_have() {
     let dir = tempfile::tempdir().expect("writable");

@@ -47,7 +47,7 @@ impl SmallDisk {
         None
     }
 
-    /// Fills it but for some room.
+    /// Fills it, except for `left` bytes.
     pub(crate) fn fill(&self, left: u64) {
         let path = self.0.join("filler");
         let mut filler = File::create(&path).expect("writable");
@@ -80,7 +80,7 @@ fn compensating(dir: &Path) -> (PathBuf, Gateway) {
     (config, gateway)
 }
 
-/// Before, a restart with `auto_arm` armed what a person had disarmed.
+/// A restart with `auto_arm` does not arm a gateway that an operator has disarmed.
 #[test]
 fn an_operators_disarm_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
@@ -100,8 +100,8 @@ fn an_operators_disarm_survives_a_restart() {
     gateway.wait_for("compensating");
 }
 
-/// A person's disarming that could not be written, since the disk was full, was never written again: after a kill and a
-/// restart it armed itself.
+/// An operator's disarm that cannot be written to a full disk is written as soon as possible, so that the gateway does not arm
+/// automatically after a kill and a restart.
 #[test]
 fn an_operators_disarm_is_written_as_soon_as_possible() {
     let dir = tempfile::tempdir().expect("writable");
@@ -122,8 +122,7 @@ fn an_operators_disarm_is_written_as_soon_as_possible() {
     assert_eq!(gateway.state()["state"], "disarmed");
 }
 
-/// A person disarmed on a full disk and was answered 200; after a power failure the gateway armed itself again. A fault there
-/// is one after a power failure, too.
+/// An operator's disarm on a full disk (status 200) persists over a power failure, and so does a fault.
 #[test]
 fn an_operators_disarm_is_kept_on_a_full_disk() {
     for (is_fault, written, reported, state) in [
@@ -160,7 +159,7 @@ fn an_operators_disarm_is_kept_on_a_full_disk() {
     }
 }
 
-/// Where there is no room for what may have to be kept, nothing is armed; once there is, it arms.
+/// Without space for the standing state nothing is armed; once there is, it arms.
 #[test]
 fn without_room_for_the_standing_state_it_does_not_arm() {
     let dir = tempfile::tempdir().expect("writable");
@@ -182,8 +181,7 @@ fn without_room_for_the_standing_state_it_does_not_arm() {
     gateway.wait_for("compensating");
 }
 
-/// A person who disarms while the gateway already stops (it still ramps out, and still listens) has disarmed: before, the
-/// request was dropped, and the next start armed automatically.
+/// An operator's disarm while the gateway stops, which still ramps out and responds, persists.
 #[test]
 fn a_disarm_while_stopping_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
@@ -208,7 +206,7 @@ fn a_disarm_while_stopping_survives_a_restart() {
     assert!(says(&state, DISARMED), "{state}");
 }
 
-/// Before, killing a gateway was a way to acknowledge its fault.
+/// Killing a gateway does not acknowledge its fault.
 #[test]
 fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     let dir = tempfile::tempdir().expect("writable");
@@ -227,7 +225,7 @@ fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     assert_eq!(status, 409, "{refused}");
     let words = "acknowledge the fault first";
     assert!(refused.to_string().contains(words), "{refused}");
-    // During an emergency stop it could be acknowledged anyway.
+    // The fault cannot be acknowledged during an emergency stop.
     let stop = |gateway: &Gateway, is_on| {
         let switch = &gateway.rig.controls.emergency_stop;
         switch.store(is_on, Ordering::Relaxed);
@@ -247,8 +245,7 @@ fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     gateway.wait_for("compensating");
 }
 
-/// The state of unreachable lines is unknown. At an orderly end an earlier version recorded zero for it,
-/// which the next run took for true.
+/// The state of unreachable lines is unknown, so an orderly end must not record zero for it, which the next run would trust.
 #[test]
 fn an_unknown_correction_stays_unknown_after_an_orderly_end() {
     let dir = tempfile::tempdir().expect("writable");
@@ -294,7 +291,7 @@ token_file = "tokens"
     }
 }
 
-/// The scale of X expands by 11.5 µm a metre and kelvin.
+/// The scale of X expands by 11.5 µm/(m·K).
 fn with_thermometer(dir: &Path) -> PathBuf {
     let config = configuration(dir, "auto_arm = true");
     let profile = "name = \"ONE\"\n[channels]\nfunction = 4\naddress = 0\ncount = 1\ntype = \"i16\"\nscale = 0.1\nunit = \"degc\"\nvalid_degc = [-50.0, 200.0]\n";
@@ -326,8 +323,8 @@ fn let_sensor_jump(gateway: &mut Gateway) {
     gateway.wait("jumped", |state| quality(state).contains("jumped"));
 }
 
-/// A broken sensor was out, and the gateway was started again, also after a full disk: its first reading was believed, it armed
-/// automatically, and X was moved by the reading.
+/// A broken sensor was excluded, and the gateway restarted, also after a full disk: the first reading is not accepted, and the gateway does
+/// not arm automatically.
 #[test]
 fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
     for is_full in [false, true] {
@@ -360,7 +357,7 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
     }
 }
 
-/// The sensor jumped, and an alarm of the control was acknowledged: with it the sensor was believed.
+/// Acknowledging an alarm of the control does not accept a sensor that jumped.
 #[test]
 fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     let dir = tempfile::tempdir().expect("writable");
@@ -379,8 +376,7 @@ fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     gateway.wait("believed", |state| quality(state).contains("good"));
 }
 
-/// The cycle has armed when a person disarms: the service still sees the state of before, took the arming as done, and forgot
-/// who disarmed it after that.
+/// An operator disarms when the cycle has armed but the service still has the previous state: who disarmed is recorded.
 #[test]
 fn a_disarm_right_after_arming_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");

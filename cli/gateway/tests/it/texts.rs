@@ -1,4 +1,4 @@
-//! What people read in a terminal.
+//! Texts shown in a terminal.
 
 use volcomp_gateway::{check, config::Config, documents::Status, plan::Plan, status};
 

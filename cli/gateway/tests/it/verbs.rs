@@ -11,7 +11,7 @@ use crate::{
     program::change,
 };
 
-/// A state of the gateway, and what brings it about.
+/// A state of the gateway, and how it is reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Setting {
     Disarmed,
@@ -27,12 +27,12 @@ use Setting::{
     Arming, Compensating, Disarmed, Faulted, HoldingInAnAlarm, RampingOut, RampingOutInAnAlarm,
 };
 
-/// Each setting with the statuses of arm, disarm and acknowledge: 409 where there is nothing to acknowledge.
+/// Each setting with the statuses of arm, disarm and acknowledge: 409 if there is nothing to acknowledge.
 const TABLE: [(Setting, [u16; 3]); 7] = [
     (Disarmed, [200, 200, 409]),
     (Arming, [200, 200, 409]),
     (Compensating, [200, 200, 409]),
-    // It is armed and continues automatically. An alarm ends at the control.
+    // The gateway is armed and continues automatically. The control clears an alarm.
     (HoldingInAnAlarm, [200, 200, 409]),
     (RampingOut, [200, 200, 409]),
     (RampingOutInAnAlarm, [409, 200, 409]),
@@ -44,7 +44,7 @@ fn gateway(setting: Setting, dir: &Path) -> Gateway {
     let config = configuration(dir, "");
     change(&config, "[guard]", "[guard]\nstop_s = 1");
     match setting {
-        // While the axes move the test shift waits.
+        // Moving axes delay the test shift.
         Arming => change(&config, "test_shift_um = 0", "test_shift_um = 5"),
         RampingOut | RampingOutInAnAlarm => change(&config, "ramp_s = 0.1", "ramp_s = 20"),
         Disarmed | Compensating | HoldingInAnAlarm | Faulted => {}
@@ -86,7 +86,7 @@ fn gateway(setting: Setting, dir: &Path) -> Gateway {
     gateway
 }
 
-/// The answer matches the state.
+/// The response matches the state.
 fn judge(setting: Setting, ask: &Operation, expected: u16) {
     let dir = tempfile::tempdir().expect("writable");
     let mut gateway = gateway(setting, dir.path());
@@ -109,12 +109,12 @@ fn judge(setting: Setting, ask: &Operation, expected: u16) {
     }
 }
 
-/// It ends in order, and leaves nothing applied where the control takes writes.
+/// The gateway ends in order, and leaves nothing applied if the control accepts writes.
 fn ends(setting: Setting) {
     let dir = tempfile::tempdir().expect("writable");
     let rig = gateway(setting, dir.path()).stop();
     if matches!(setting, Disarmed | Arming | Compensating | Faulted) {
-        // What was written last is on the axes a scan later.
+        // The last write is applied one scan later.
         rig.clock().advance(Duration::from_millis(20));
         let applied = rig.controls.axes.applied();
         assert_eq!(applied, PerChannel::ZERO, "{setting:?}");

@@ -1,10 +1,10 @@
-//! Configurations in which one thing is wrong, and what is said of each.
+//! Configurations with one error each, and the resulting messages.
 
 use crate::program::MACHINE;
 
 const FIVE: &str = include_str!("../../../../examples/five-axis.toml");
 
-/// A configuration in which nothing is wrong.
+/// A valid configuration.
 pub(crate) const RIGHT: &str = r#"
 machine = "machine.toml"
 cycle_ms = 4.0
@@ -25,7 +25,7 @@ listen = "127.0.0.1:0"
 token_file = "tokens"
 "#;
 
-/// What is wrong: changes of [`RIGHT`], and what the message holds.
+/// An error: changes of [`RIGHT`], and a part of the message.
 pub(crate) struct Wrong {
     change: (&'static str, &'static str),
     more: &'static [(&'static str, &'static str)],
@@ -62,7 +62,7 @@ const fn wrong(from: &'static str, to: &'static str, says: &'static str) -> Wron
     }
 }
 
-/// Another table.
+/// An additional table.
 const fn table(table: &'static str, says: &'static str) -> Wrong {
     Wrong {
         table,
@@ -70,7 +70,7 @@ const fn table(table: &'static str, says: &'static str) -> Wrong {
     }
 }
 
-/// Another key of the controller.
+/// An additional key of the controller.
 const fn key(key: &'static str, says: &'static str) -> Wrong {
     Wrong {
         key,
@@ -89,7 +89,7 @@ const fn on_lines(from: &'static str, to: &'static str, says: &'static str) -> W
 const HEARTBEAT: &str = "heartbeat = { pmc = \"R\", at = 120 }";
 pub(crate) const FOCAS: &str = "url = \"focas://127.0.0.1:1\"\naxes = [\"X\", \"Y\", \"Z\"]\nheartbeat = { pmc = \"R\", at = 120 }";
 
-/// The published scheme on the lines of a chip, instead of [`FOCAS`]; nothing is wrong with it where limits are below 127 µm.
+/// The published scheme on the lines of a chip, instead of [`FOCAS`]; it is valid if limits are below 127 µm.
 const LINES: &str = "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]\n[controller.digital]\ncorrection_bits = 8";
 
 /// One case for each rule that a configuration can break.
@@ -106,7 +106,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "at = 120 }\nreferenced = { pmc = \"R\", at = 101 }",
         "the byte of the referenced axes R101 lies within",
     ),
-    // A position stated for an axis that the control shows, and one that is no number of a machine.
+    // A fixed position for an axis that the control reports, and an impossible one.
     key(
         "fixed = { Z = 50.0 }",
         "axis Z is one of the controller's axes",
@@ -163,7 +163,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "resolution_um = 200.0",
         "limit_um of axis X: found 30 µm, expected at least one step",
     ),
-    // Limits against what a word can carry: 8 lines, one byte.
+    // Limits against the range of a word: 8 lines, one byte.
     wrong(
         FOCAS,
         "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nunwatched = true",
@@ -215,7 +215,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "url = \"can://can9\"\naxes = [\"X\", \"Y\", \"Z\"]\n[controller.barrier]\nmachine = 7\nscan_ms = 2.0",
         "the DBC file has no words of a barrier",
     ),
-    // A longer hold is for thermal terms alone, and a machine has to have some.
+    // A longer hold is only for thermal terms, which the machine must have.
     key("hold_ms = 1000.0", "hold_ms: found 1000"),
     key("terms = [\"curves\"]", "expected [\"thermal\"]"),
     key(
@@ -226,43 +226,43 @@ pub(crate) const CASES: &[Wrong] = &[
         "terms = [\"thermal\"]",
         "carries thermal terms only, and the machine",
     ),
-    // To the checksum the machine 65535 is the machine 0.
+    // The checksum does not distinguish machine 65535 from machine 0.
     wrong(
         HEARTBEAT,
         "[controller.barrier]\nmachine = 65535\nscan_ms = 8.0\nframe = { pmc = \"R\", at = 200 }\nreport = { pmc = \"R\", at = 240 }",
         "machine: found 65535",
     ),
-    // A barrier never takes the words of lines without a latch.
+    // A barrier never accepts words on lines without a latch.
     wrong(
         HEARTBEAT,
         "[controller.barrier]\nmachine = 7\nscan_ms = 8.0\nframe = { pmc = \"R\", at = 200 }\nreport = { pmc = \"R\", at = 240 }\n[[controller]]\nurl = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]",
         "controller[1].digital.latch: missing for gpio://?position=a:0-14&correction=b:0-7",
     ),
-    // Two ways of which one would leave its correction on an axis that the other does not write.
+    // Two paths, one of which would leave its correction on an axis that the other does not write.
     wrong(
         HEARTBEAT,
         "heartbeat = { pmc = \"R\", at = 120 }\n[[controller]]\nurl = \"focas://127.0.0.2:1\"\naxes = [\"X\", \"Y\"]\nreads = [\"Z\"]\nunwatched = true",
         "axis Z is not written by focas://127.0.0.2:1, which may take over",
     ),
-    // Positions beyond the word: 15 lines of 1/128 mm are 256 mm.
+    // Positions beyond the range of the word: 15 lines of 1/128 mm are 256 mm.
     on_lines(
         "correction_bits = 8",
         "position_mm_per_count = 0.0078125",
         "axis X: found a travel from",
     ),
-    // A latch beside eight lines, of which there are eight.
+    // A latch in addition to all eight lines of the module.
     on_lines(
         "correction_bits = 8",
         "latch = 8",
         "outputs: found 8, expected a line below 8",
     ),
-    // Without a latch the control sees no edge that could fail to come.
+    // Without a latch the control has no edge to time out on.
     on_lines(
         "correction_bits = 8",
         "time_out_ms = 450",
         "found this key without latch",
     ),
-    // Bytes that only the control writes, and words beyond the end of an area.
+    // Bytes that only the control writes, and words beyond the end of a memory area.
     wrong(
         "at = 120 }",
         "at = 120 }\narea = { pmc = \"F\", first = 100, width = 2 }",
@@ -291,7 +291,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "tcp://127.0.0.1:1",
         "controller[0].url: tcp://127.0.0.1:1: found the scheme `tcp`",
     ),
-    // Before what it would mean for the other keys, and with the line.
+    // Reported before its consequences for other keys, and with the line.
     Wrong {
         more: &[(
             "heartbeat = { pmc = \"R\", at = 120 }",
@@ -328,7 +328,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "[[controller]]\nurl = \"focas://127.0.0.1:1\"\naxes = [\"X\"]\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
         "is configured in two [[controller]]",
     ),
-    // Channels that a control does not have, and words that two controllers write.
+    // Channels that a control does not have, and words written by two controllers.
     key("channel = \"nope\"", "channel: found \"nope\""),
     key("channel = \"\"", "controller[0].channel"),
     key("channel = \"a\\u0007\"", "controller[0].channel"),
@@ -342,7 +342,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\narea = { pmc = \"R\", first = 200, width = 2 }\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
         ":17: controller[1].heartbeat: the heartbeat R120 lies within the heartbeat R120 (controller[0].heartbeat in line 12)",
     ),
-    // A barrier: its words, and the keys that have no place beside it.
+    // A barrier: its words, and keys that it excludes.
     wrong(
         HEARTBEAT,
         "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 217 } }",
@@ -357,7 +357,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 } }",
         "key `report` is missing",
     ),
-    // By then no write is remembered any more.
+    // No write is remembered for that long.
     wrong(
         HEARTBEAT,
         "barrier = { machine = 1, scan_ms = 100.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
@@ -490,7 +490,7 @@ pub(crate) const CASES: &[Wrong] = &[
         machine: FIVE,
         ..wrong("", "", "in reads = [\"C\", \"B\"] where they are not")
     },
-    // A rotary axis that turns is not where a number says.
+    // A fixed number cannot state the position of a rotating axis.
     Wrong {
         machine: FIVE,
         ..key("fixed = { B = 0.0, C = 0.0 }", "name it in reads = [\"B\"]")
@@ -513,7 +513,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "digital = { position_bits = 8 }",
         "digital: found this key for a FANUC control",
     ),
-    // Ceilings that no configuration raises.
+    // Ceilings that no configuration can raise.
     wrong("limit_um = 150.0", "limit_um = 2000.1", "guard.limit_um"),
     wrong(
         "slew_um_per_s = 500.0",

@@ -60,13 +60,13 @@ fn one_file_with_defaults_yields_a_machine_file() {
     let report = fs::read_to_string(dir.path().join("result/report.html")).expect("written");
     let path = dir.path().canonicalize().expect("there");
     assert!(report.contains("exx.csv") && !report.contains(&path.display().to_string()));
-    // Everything is in the folder: another start finds it.
+    // The folder holds the whole state: a restart restores it.
     let again = Folder::open(dir.path()).expect("there");
     let state = again.state().expect("readable");
     assert_eq!(state.draft.expect("drafted").open, 0);
     assert_eq!(state.results, ["result/machine.toml", "result/report.html"]);
     assert!(!state.is_stale);
-    // What was fitted is not sent or exported once an input is another or gone, whatever the dates of the files say.
+    // A result is neither sent nor exported once an input has changed or is missing, whatever the dates of the files.
     let exx = dir.path().join("exx.csv");
     let text = fs::read_to_string(&exx).expect("there");
     let date = fs::metadata(&exx)
@@ -88,7 +88,7 @@ fn one_file_with_defaults_yields_a_machine_file() {
     assert!(is_stale());
 }
 
-/// What a user changes in the file that the page wrote is the user's.
+/// A file written by the page and then edited belongs to the user.
 #[test]
 fn a_hand_edited_calibration_file_is_not_overwritten() {
     let (dir, folder) = small();
@@ -104,7 +104,7 @@ fn a_hand_edited_calibration_file_is_not_overwritten() {
     assert_eq!(fs::read_to_string(&path).expect("there"), changed);
 }
 
-/// A pipe would be read for ever.
+/// Reading a pipe would block forever.
 #[test]
 fn a_pipe_in_place_of_a_studio_file_is_rejected() {
     let dir = tempfile::tempdir().expect("writable");
@@ -116,7 +116,7 @@ fn a_pipe_in_place_of_a_studio_file_is_rejected() {
     assert!(refused.contains("expected a file"), "{refused}");
 }
 
-/// The gantry of the examples: its laser files were simulated from `truth.toml`, which the studio does not see.
+/// The gantry of the examples: its laser files were simulated from `truth.toml`, which the studio does not read.
 #[test]
 fn the_gantry_files_reproduce_their_machine() {
     let example = root().join("examples/from-files/gantry");
@@ -128,7 +128,7 @@ fn the_gantry_files_reproduce_their_machine() {
     )
     .expect("writable");
     let folder = Folder::open(dir.path()).expect("there");
-    // What the set-up was is in the calibration file of the example; a key that is not there has its default.
+    // The set-up is in the calibration file of the example; a missing key has its default.
     let text = fs::read_to_string(example.join("calibration.toml")).expect("there");
     let stated: toml::Table = text.parse().expect("TOML");
     let rows = |key: &str| stated[key].as_array().expect("a list").clone();
@@ -161,7 +161,7 @@ fn the_gantry_files_reproduce_their_machine() {
             })
             .collect::<Vec<_>>()
     };
-    // An error or a unit that is answered may bring further questions.
+    // Answering an error or a unit may open further questions.
     for _ in 0..2 {
         folder.answer(&answers()).expect("answers");
     }
@@ -243,7 +243,7 @@ fn the_error_answer_determines_the_open_questions() {
         refused.contains("scan.csv: error: found \"EYQ\""),
         "{refused}"
     );
-    // A file that is gone takes its answers with it.
+    // Removing a file removes its answers.
     fs::remove_file(dir.path().join("scan.csv")).expect("there");
     assert_eq!(folder.state().expect("readable").files, []);
 }
@@ -366,7 +366,7 @@ fn tables_and_programs_contain_the_correction() {
         ("result/nc/part.ngc", 1)
     );
     let text = fs::read_to_string(dir.path().join(&done.file)).expect("written");
-    // The table goes 8 µm too far: it is sent to 399.992.
+    // The table moves 8 µm too far: it is sent to 399.992.
     assert!(text.contains("X399.992"), "{text}");
     let wrong = folder.nc("part.ngc", b"G1 X1 F1000\nG1 X1.2.3\n", 1.0);
     let wrong = wrong.expect_err("no number").to_string();
@@ -374,16 +374,16 @@ fn tables_and_programs_contain_the_correction() {
         wrong.starts_with("part.ngc: ") && wrong.contains('2'),
         "{wrong}"
     );
-    // What was written before is no measurement.
+    // Written programs are not listed as measurements.
     assert_eq!(folder.state().expect("readable").files.len(), 1);
-    // Tables and programs are those of the result, and of none before.
+    // Tables and programs belong to the present result only.
     folder.fit("").expect("fitted");
     let left = folder.state().expect("readable").results;
     assert_eq!(left, ["result/machine.toml", "result/report.html"]);
     // They are kept, because the user may have edited them.
     let aside = dir.path().join("result/before-1/nc/part.ngc");
     assert_eq!(fs::read_to_string(aside).expect("kept"), text);
-    // However many earlier programs there are, no measurement is left out for them.
+    // Any number of earlier programs leaves room for the measurements.
     let earlier = dir.path().join("result/before-7/nc");
     fs::create_dir_all(&earlier).expect("writable");
     for number in 0..450 {

@@ -42,7 +42,7 @@ fn raw(address: SocketAddr, request: &str, headers: &str, body: &str) -> Answer 
     let text = format!(
         "{request} HTTP/1.1\r\n{headers}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
     );
-    // A body that is too large is refused before its end.
+    // A body that is too large is rejected before its end.
     let _ = stream.write_all(text.as_bytes());
     let mut answer = String::new();
     let _ = stream.read_to_string(&mut answer);
@@ -204,7 +204,7 @@ fn other_origins_and_hosts_are_rejected() {
     let page = page();
     let (host, at) = (format!("Host: {}\r\n", page.address), page.address);
     let state = format!("GET {}api/state", page.path);
-    // Without the token there is nothing.
+    // Without the token every path is rejected.
     for path in [
         "/",
         "/api/state",
@@ -315,7 +315,7 @@ fn the_machine_file_is_sent_to_gateway_and_centre_with_authentication() {
             && received[1].contains("X-Volcomp: 1")
     );
     assert!(received[2].starts_with("POST /api/logout"));
-    // A refusal reaches the page in its words.
+    // The page shows the message of a rejection.
     let refused = (
         "401 Unauthorized",
         json!({ "error": "a valid token is needed" }).to_string(),

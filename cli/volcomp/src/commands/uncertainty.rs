@@ -190,7 +190,7 @@ impl Measured {
     }
 }
 
-/// The notes on unmeasured errors, introduced by their meaning for an uncertainty.
+/// The notes on unmeasured errors, after a sentence on what they mean for an uncertainty.
 fn as_if_known(not_measured: Vec<String>) -> Vec<String> {
     let what = "errors that were not measured are in the uncertainty as if they were known";
     let heading = (!not_measured.is_empty()).then(|| what.to_owned());

@@ -1,5 +1,5 @@
-//! The book and the README files say what the program does: their TOML blocks are read, their console blocks
-//! run, and their tables of keys are those of the decoders.
+//! Checks the book and the README files against the program: their TOML blocks parse, their console blocks run, and their tables of keys
+//! match the decoders.
 
 use std::{collections::BTreeSet, fs, path::Path};
 
@@ -15,7 +15,7 @@ use volcomp_test_support::{
     root,
 };
 
-/// What a part of a machine file is put into.
+/// The machine file to which a part of a machine file is added.
 const SMALL_MACHINE: &str = r#"
 structure = "w C' A' b X Y Z t"
 [axes.X]
@@ -30,7 +30,7 @@ travel = [-120.0, 30.0]
 travel = [0.0, 360.0]
 "#;
 
-/// What every block marked `toml` must begin with.
+/// The first line of every block marked `toml` begins with one of these.
 const KINDS: [&str; 15] = [
     "machine file",
     "part of a machine file",
@@ -42,11 +42,11 @@ const KINDS: [&str; 15] = [
     "part of an observations file",
     "set-up file",
     "part file",
-    // Read in the tests of volcomp-gateway.
+    // Parsed in the tests of volcomp-gateway.
     "gateway file",
     "part of a gateway file",
     "file of a map sender",
-    // Read in the tests of volcomp-centre.
+    // Parsed in the tests of volcomp-centre.
     "centre file",
     "part of a centre file",
 ];
@@ -57,7 +57,7 @@ fn machine(text: &str) -> Result<(), String> {
         .map_err(|e| e.to_string())
 }
 
-/// Reads a text as if it stood in a folder of `examples`.
+/// Reads a text as a file in a copy of a folder of `examples`.
 fn beside_the_examples<T, E: ToString>(
     examples: &str,
     text: &str,
@@ -73,10 +73,10 @@ fn beside_the_examples<T, E: ToString>(
     read(&file).map(drop).map_err(|e| e.to_string())
 }
 
-/// Reads a text as the program does.
+/// Parses a text as the program does.
 type Decode = fn(&str) -> Result<(), String>;
 
-/// The text of a block made whole, and its decoder; `None` where another test reads it.
+/// The complete text of a block and its decoder; `None` if another test parses it.
 fn decoder(block: &Block) -> Option<(String, Decode)> {
     let calibration = |text: &str| beside_the_examples("calibration", text, CalibrationFile::read);
     let shop = |text: &str| beside_the_examples("calibration", text, Shop::read);
@@ -143,7 +143,7 @@ fn every_toml_block_is_read_by_the_program() {
     assert!(count > 2, "only {count} blocks were read");
 }
 
-/// The documented keys of a chapter are those that the decoders know, and each is shown in a block.
+/// The documented keys of a chapter are those that the decoders know, and a block shows each.
 fn keys_of(name: &str, free: &[&str]) {
     let page = chapter(name);
     let (mut decoded, mut used) = (BTreeSet::new(), BTreeSet::new());
@@ -214,7 +214,7 @@ fn every_crate_is_in_the_chapters_on_crates() {
                     integrators.contains(&format!("\n## {name}\n")),
                     "integrators.md: {name}"
                 );
-                // What the chapter shows of it.
+                // The chapter includes this example.
                 let readme = fs::read_to_string(folder.join("README.md")).expect("a README");
                 assert!(
                     readme.contains("<!-- ANCHOR: example -->\n```rust"),

@@ -65,7 +65,7 @@ fn correction_has_every_axis_and_leaves_nothing() {
         correction.keys().collect::<Vec<_>>(),
         ["X", "Y", "Z", "B", "C"]
     );
-    // The corrected position is the command with the correction added.
+    // The corrected position is the command plus the correction.
     for (axis, per_unit) in [("X", 1e3), ("B", 1e6 * std::f64::consts::PI / 180.0)] {
         let number = |key: &str| float(&answer[key][axis]);
         let difference = (number("corrected") - number("command")) * per_unit;
@@ -89,7 +89,7 @@ fn correction_has_every_axis_and_leaves_nothing() {
     );
 }
 
-/// From the middle, then from end to end of the travels, whatever other axes there are where `--at` has them.
+/// The program starts from the middle, then runs each diagonal from end to end; the other axes are at their `--at` coordinates.
 #[test]
 fn diagonals_are_written_as_a_program() {
     let folder = Folder::new();
@@ -221,7 +221,7 @@ fn fit_gives_a_curve_of_the_machine_file() {
     assert_eq!(auto["meets_required"], json!(true));
 }
 
-/// Beyond its range a curve keeps its end values, and `fit` says where.
+/// Outside its range a curve keeps its end values, and `fit` lists these positions.
 #[test]
 fn fit_says_where_it_is_asked_outside_the_measured_range() {
     let dir = Folder::new();
@@ -276,7 +276,7 @@ fn calibrate_writes_a_machine_file_that_error_reads() {
 fn form_of_points_in_a_file() {
     let folder = Folder::new();
     let path = folder.file("points.csv");
-    // A square of four points and the middles of its sides, two of them 20 µm nearer to the centre.
+    // A square: its four corners, and the middles of its sides, two of them 20 µm nearer to the centre.
     let points = "name;x mm;y mm;z mm\na;10;0;5\nb;0;9,98;5\nc;-10;0;5\n\nd;0;-9,98;5\n";
     std::fs::write(&path, points).expect("written");
     let call = ["form", &path, "--feature", "circle", "--plane", "xy"];
@@ -294,7 +294,7 @@ fn form_of_points_in_a_file() {
     assert_eq!(answer["notes"][0], "columns that are not read: name");
 }
 
-/// Every other point of two circles, and a circle in µm: the call is answered, and a note says what is odd.
+/// Alternating points of two circles, and a circle in µm: the call succeeds with a note.
 #[test]
 fn points_that_are_no_feature_are_noted() {
     let folder = Folder::new();

@@ -53,7 +53,7 @@ fn sizes_and_corners_are_those_of_the_file() {
     assert_eq!(corners[1]["at"], json!({ "X": 8000.0, "Y": 0.0, "Z": 0.0 }));
 }
 
-/// The words must follow the structure: what stands left of `b` carries the workpiece.
+/// The described motion follows the structure: axes left of `b` carry the workpiece.
 #[test]
 fn positive_motions_are_told_for_table_and_spindle() {
     let motion = |machine: &str, axis: &str| {
@@ -68,8 +68,8 @@ fn positive_motions_are_told_for_table_and_spindle() {
     assert!(motion("five-axis", "B").ends_with("the tool turns right-handed about +Y"));
 }
 
-/// On an axis that counts against its letter a positive deviation is a negative error. The truth is the rotation that
-/// the model gives: the tool turned 10 µrad too far about −Z is one of −10 µrad about Z.
+/// On an axis whose direction is opposite to its letter, a positive deviation is a negative error: a tool that turns 10 µrad too far about
+/// −Z has an error of −10 µrad about Z, as in the model.
 #[test]
 fn signs_of_errors_on_reversed_and_slanted_axes_are_told() {
     let folder = Folder::new();
@@ -135,7 +135,7 @@ fn an_error_stated_as_zero_is_told_apart_from_one_not_stated() {
     }
 }
 
-/// The bytes are those that the evaluator reads, and give the error of the exact form to first order.
+/// The evaluator reads the bytes, and computes the same error as the exact form to first order.
 #[test]
 fn a_compiled_machine_is_read_back() {
     let folder = Folder::new();
@@ -149,7 +149,7 @@ fn a_compiled_machine_is_read_back() {
     state.q[0] = 1000.0;
     let found = machine.evaluate(&state).into_six();
     assert!((found[0] * 1e3 - (7.3 - 0.21)).abs() < 0.01, "{found:?}");
-    // The hash is that of what follows the head.
+    // The hash covers the bytes after the header.
     let hash = answer["sha256"].as_str().expect("digits");
     assert_eq!(hash.len(), 64);
     let again = json(&["compile", GANTRY, "-o", &name]);
@@ -165,7 +165,7 @@ fn a_compiled_machine_is_read_back() {
     assert_eq!(volcomp(&["compile", GANTRY]).status.code(), Some(2));
 }
 
-/// Travel of a rotary axis in radians is noted wherever the machine is read, not only by `check`.
+/// Every command that reads the machine notes a travel of a rotary axis in radians, not only `check`.
 #[test]
 fn travel_in_radians_is_asked_about() {
     let folder = Folder::new();

@@ -48,7 +48,7 @@ fn standards_and_editions_beside_one_another() {
     );
 }
 
-/// B is 43.46 µm, A 204.75 µm. U(B) = √(2/5) · E_VE/√3.
+/// B is 43.46 µm, A is 204.75 µm. U(B) = √(2/5) · E_VE/√3.
 #[test]
 fn limits_are_judged_with_and_without_uncertainty() {
     let judged = |options: &[&str]| json(&[&["iso230", POSITIONING], options].concat());
@@ -118,7 +118,7 @@ fn a_test_far_from_twenty_degrees_says_so_and_how_it_was_compensated() {
     );
     let said = warm["material_compensation"].as_str().expect("a text");
     contains(said, "11 µm/(m·K)");
-    // 8 m: α L R/√3 and ΔT L R(α)/√3 with what the file states.
+    // At 8 m: α L R/√3, and ΔT L R(α)/√3 with the temperatures of the file.
     let contribution = |k: usize| warm["uncertainty"]["contributions"][k]["u_um"].clone();
     close(&contribution(2), 11.0 * 8.0 / 3.0_f64.sqrt(), 1e-9);
     close(&contribution(3), 6.2 * 8.0 * 2.0 / 3.0_f64.sqrt(), 1e-9);
@@ -162,7 +162,7 @@ fn one_bad_file_does_not_hide_the_others() {
     );
 }
 
-/// A cube of 300 mm with a squareness of 20 µrad: each diagonal grows by ∓ a b EC0Y / D.
+/// A cube of 300 mm with a squareness error of 20 µrad: each diagonal grows by ∓ a b EC0Y / D.
 #[test]
 fn diagonals_are_named_by_file_or_option_and_hint_at_squareness() {
     let folder = Folder::new();
@@ -191,7 +191,7 @@ fn diagonals_are_named_by_file_or_option_and_hint_at_squareness() {
     close(&quantity(&found, "B_d")["value"], 1.0, 1e-9);
     close(&quantity(&found, "E_d")["value"], growth + 1.0, 1e-6);
     close(&quantity(&found, "spread")["value"], 2.0 * growth, 1e-6);
-    // The names of the call go before those of the files.
+    // The diagonals named in the call override those of the files.
     let turned = call(&["--diagonals", "NPP,PPP,PPN,PNP", "--box-mm", "300,300,300"]);
     close(&turned["squareness"][0]["urad"], -20.0, 1e-6);
     refuses(
@@ -207,21 +207,21 @@ fn straightness_and_squareness_of_the_examples() {
     let profile = list(&found["profile"]);
     close(&profile[0][1], 0.0, 1e-9);
     close(&profile[10][1], 0.0, 1e-9);
-    // A bow of 4 µm, made with 0.2 µm of noise and a slope of −9 µrad.
+    // The file has a bow of 4 µm, a noise of 0.2 µm and a slope of −9 µrad.
     close(&quantity(&found, "minimum-zone")["value"], 4.0, 0.3);
     close(&found["slopes_urad"][0], -9.0, 0.4);
     close(&found["reversal_um"], 0.4, 0.4);
     let square = json(&format!(
         "squareness {exy} {eyx} --error EC0Y --reference-angle-urad 1.5"
     ));
-    // 1.5 + 9 + 6.
+    // Reference angle 1.5, slopes 9 and 6 µrad.
     close(&square["squareness_urad"], 16.5, 0.6);
     let other = json(&format!(
         "squareness {exy} {eyx} --error EC0Y --reference minimum-zone"
     ));
     assert_eq!(other["uncertainty_urad"], Value::Null);
     assert_eq!(other["uncertainty"], Value::Null);
-    // What is stated is added: a square of 1 µrad, an edge of 0.5 µm under lines of 600 and 800 mm, a range of 3 µrad.
+    // Stated contributions: a square of 1 µrad, a straight edge of 0.5 µm under lines of 600 and 800 mm, a temperature range of 3 µrad.
     let stated = json(&format!(
         "squareness {exy} {eyx} --error EC0Y --square-urad 1 --straight-edge-um 0.5 --temperature-urad 3"
     ));
@@ -238,7 +238,7 @@ fn straightness_and_squareness_of_the_examples() {
         &open,
         "left out of the measurement uncertainty, not stated: square, straight edge, temperature",
     );
-    // Tilts of a bridge of 250 mm: waves of 12 and 5 µm.
+    // Bridge of 250 mm; the straightness has waves of 12 and 5 µm.
     let tilts = json(&["straightness", "examples/tilts.csv", "--bridge-mm", "250"]);
     assert_eq!(tilts["method"], "angular-method");
     let wave = |q: f64| {
@@ -257,7 +257,7 @@ fn straightness_and_squareness_of_the_examples() {
     );
 }
 
-/// A file in another unit than its head says is a thousand times too large.
+/// A file whose header states a wrong unit has values a thousand times too large or too small.
 #[test]
 fn a_wrong_unit_and_an_angle_are_told() {
     let folder = Folder::new();
@@ -300,7 +300,7 @@ fn a_wrong_unit_and_an_angle_are_told() {
     );
 }
 
-/// The file says X; material far from 20 °C is told of lengths, not of angles.
+/// The file states axis X. A material temperature far from 20 °C gets a note for lengths, not for angles.
 #[test]
 fn the_axis_of_a_file_is_not_another_one() {
     let folder = Folder::new();
@@ -378,7 +378,7 @@ iso230 $circle --part 4 --feed 0 => expected mm/min above zero
     );
 }
 
-/// The rule by which a draft takes the error from a title.
+/// The rule by which a draft infers the error from a title.
 #[test]
 fn a_title_that_names_no_positioning_is_not_judged_as_one() {
     let folder = Folder::new();

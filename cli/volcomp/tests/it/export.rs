@@ -1,4 +1,4 @@
-//! `volcomp export` and `volcomp import`: files, answers, the way back, what is refused.
+//! `volcomp export` and `volcomp import`: files, results, the round trip, and rejected calls.
 
 use std::fs;
 
@@ -24,7 +24,7 @@ fn from_a_machine_to_tables_and_back_to_curves() {
             "export -m {MILL} --format {format} --step 25 -o {tables}"
         ));
         assert_eq!(answer["format"], format);
-        // Besides the second coordinate that the mill has through its pitch, what is lost is small beside what is corrected.
+        // Apart from the second coordinate, on which the mill depends through its pitch, the loss is small compared with the correction.
         let x = &answer["loss"]["axes"][0];
         assert_eq!(
             (x["axis"].as_str(), x["unit"].as_str()),
@@ -54,7 +54,7 @@ fn from_a_machine_to_tables_and_back_to_curves() {
     }
 }
 
-/// The facts of each format name what is written, and state the numbers of the axes for the way back.
+/// The facts file of each format lists the written files, and states the axis numbers for the import.
 #[test]
 fn facts_of_each_format_and_back_without_numbers() {
     let (_folder, all) = folder();
@@ -99,7 +99,7 @@ fn facts_of_each_format_and_back_without_numbers() {
         all
     };
     assert_eq!(outputs(&back), outputs(&answer));
-    // The type of a file of LinuxCNC stands nowhere else.
+    // Only the facts file states the type of a LinuxCNC file.
     let linuxcnc = format!("{all}/linuxcnc");
     json(&format!(
         "export -m {GANTRY} --format linuxcnc-type1 --step 250 -o {linuxcnc}"
@@ -107,7 +107,8 @@ fn facts_of_each_format_and_back_without_numbers() {
     assert_eq!(json(&["import", &linuxcnc])["format"], "linuxcnc-type1");
 }
 
-/// A head from -110 deg does not fit into 0 to 360 deg: the other axes are written, and what is left out is named.
+/// The travel of a tilting head begins at −110°, outside a table of 0 to 360°: the other axes are written, and a note names what is left
+/// out.
 #[test]
 fn a_tilting_axis_is_left_out_and_the_others_are_written() {
     let (_folder, tables) = folder();
@@ -175,7 +176,7 @@ fn what_people_read() {
             "{line}"
         );
     }
-    // Odd things are told on standard error, and the curves printed.
+    // Implausible rows get a note on standard error, and the curves are printed.
     let comp = format!("{tables}/X.comp");
     fs::write(&comp, "0 0.001 0\n50 50.002 50\n\n100 100 100\n").expect("written");
     let output = volcomp(&["import", &comp, "--format", "linuxcnc"]);
@@ -243,7 +244,7 @@ fn what_cannot_be_is_refused() {
     assert!(fs::metadata(&curves).is_err());
 }
 
-/// A mill with a pitch error of X: far above the reference position a table without the lever of Z is the wrong one.
+/// A mill with a pitch error of X: far above the reference position, a table that ignores the lever of Z makes the error worse.
 #[test]
 fn a_table_that_does_harm_is_told() {
     let (folder, tables) = folder();
@@ -265,7 +266,7 @@ fn a_table_that_does_harm_is_told() {
         (told, String::from_utf8_lossy(&output.stdout).into_owned())
     };
     fs::write(&machine, of_travel(0.0, 400.0)).expect("written");
-    // The lever from Z = 500 is taken away at Z = -500, where it is of the other sign: as far again.
+    // The lever at Z = 500 has the opposite sign at Z = −500, so the table doubles the error there.
     let (told, said) = run(&["--at", "X=0,Z=500"]);
     contains(
         &told,
@@ -278,11 +279,11 @@ fn a_table_that_does_harm_is_told() {
     contains(&told, "are taken to stand at X=0,Z=0");
     contains(&told, "--at X=200,Z=0");
     assert!(!told.contains("WARNING"), "{told}");
-    // EXX is 5 µm everywhere, at the reference position, too.
+    // EXX is 5 µm everywhere, including the reference position.
     let facts = fs::read_to_string(format!("{tables}/volcomp-tables-linuxcnc.txt")).expect("read");
     contains(&facts, "Deviations at the reference position: X ");
     contains(&facts, "does not begin at zero there");
-    // The middle of the travel is where the axes stand.
+    // The reference position 0 is now the middle of the travel.
     fs::write(&machine, of_travel(-200.0, 200.0)).expect("written");
     assert!(!run(&[]).0.contains("--at is not given"));
 }
@@ -297,7 +298,7 @@ fn tables_of_two_formats_in_one_folder_are_told() {
         (output.status.code(), told)
     };
     assert_eq!(export("linuxcnc", &[]).0, Some(0));
-    // The same again: nothing is told, since nothing changes.
+    // Exporting the same tables again replaces nothing.
     let (status, told) = export("linuxcnc", &[]);
     assert!(status == Some(0) && !told.contains("replaced"), "{told}");
     let (status, told) = export("linuxcnc", &["--step", "25"]);

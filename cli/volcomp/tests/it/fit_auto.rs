@@ -1,15 +1,15 @@
-//! `volcomp fit --method auto`: the curve that the readings ask for, with its candidates and its band.
+//! `volcomp fit --method auto`: the chosen curve, its candidates and its confidence band.
 
 use std::{f64::consts::TAU, fmt::Write as _, fs};
 
 use crate::{Draw, Folder, contains, float, json, list, text, volcomp};
 
-/// Three runs both ways over 21 targets: `f`, 2 µm of reversal, and a scatter of so many µm.
+/// Three bidirectional runs over 21 targets: `f`, a reversal of 2 µm, and noise of standard deviation `scatter`, µm.
 fn file(scatter: f64, f: impl Fn(f64) -> f64) -> (Folder, String) {
     headed("target,run,direction,deviation_um", 50.0, scatter, f)
 }
 
-/// The same with another head, from target to target so far.
+/// As `file`, with another header and distance between targets.
 fn headed(head: &str, distance: f64, scatter: f64, f: impl Fn(f64) -> f64) -> (Folder, String) {
     let mut text = format!("{head}\n");
     let mut draw = Draw(20_261_126);
@@ -28,7 +28,7 @@ fn headed(head: &str, distance: f64, scatter: f64, f: impl Fn(f64) -> f64) -> (F
     (folder, path.display().to_string())
 }
 
-/// The score of the method that was chosen.
+/// The score of the chosen method.
 fn chosen(choice: &serde_json::Value) -> &serde_json::Value {
     let scores = list(&choice["scores"]);
     let mut chosen = scores
@@ -49,7 +49,7 @@ fn kind(score: &serde_json::Value) -> String {
     }
 }
 
-/// A parabola with little scatter is one, and its band holds the truth at 19 targets of 21 or more.
+/// A parabola with little noise is recognized, and its band contains the truth at 19 or more of 21 targets.
 #[test]
 fn a_parabola_is_chosen_with_its_reason_and_its_band() {
     let truth = |x: f64| 1e-5 * x * x - 0.004 * x;
@@ -63,7 +63,7 @@ fn a_parabola_is_chosen_with_its_reason_and_its_band() {
     assert_eq!(answer["band"]["from"], "runs");
     let halves = list(&answer["band"]["half_widths"]);
     let values = list(&answer["values"]);
-    // Seven places between neighbours.
+    // Seven positions between neighbouring targets.
     assert_eq!((halves.len(), values.len()), (161, 21));
     let number = |of: &serde_json::Value| of.as_f64().expect("a number");
     let mut held = 0;
@@ -77,9 +77,9 @@ fn a_parabola_is_chosen_with_its_reason_and_its_band() {
         assert!(half > 0.0 && half < 0.5, "{x}: {half}");
         held += usize::from(miss.abs() <= half);
     }
-    // 95 % at each target by itself.
+    // The band holds 95 % at each target separately.
     assert!(held >= 19, "{held} of 21");
-    // The same file with the kind stated is the same curve.
+    // A polynomial requested explicitly gives the same curve.
     let stated = json(&["fit", &path, "--method", "polynomial", "--order", "2"]);
     assert_eq!(stated["curve"], answer["curve"]);
     assert!(stated.get("choice").is_none() && stated.get("band").is_none());
@@ -88,7 +88,7 @@ fn a_parabola_is_chosen_with_its_reason_and_its_band() {
     contains(&shown, "95 % band: ±");
 }
 
-/// What only a table can follow, ten times what the runs scatter, beside a wave that a table misses by far.
+/// A wave that a table misses, plus a zigzag of ten times the scatter of the runs that only a table can follow.
 #[test]
 fn a_curve_that_does_not_follow_is_warned_of() {
     let (_folder, path) = file(0.02, |x| {
@@ -106,8 +106,8 @@ fn a_curve_that_does_not_follow_is_warned_of() {
     assert_eq!(chosen(&answer["choice"])["follows"], false);
 }
 
-/// Two harmonics, read from 0 to 360 deg or up to one step before: they are found with their coefficients, and the curve closes. The same readings
-/// over mm, or over half a turn, have no harmonics among their candidates.
+/// Two harmonics, measured from 0 to 360 deg or to one step before 360 deg, are found with their coefficients, and the curve is periodic.
+/// With the same readings over mm or over half a turn, no harmonics are among the candidates.
 #[test]
 fn a_turn_is_a_fourier_series_and_nothing_else_is() {
     const DEG: &str = "target_deg,run,direction,deviation_urad";
@@ -133,13 +133,13 @@ fn a_turn_is_a_fourier_series_and_nothing_else_is() {
         let found = list(&answer["curve"]["fourier"]);
         assert!(found.len() >= 5, "{found:?}");
         let wanted = [0.0, 0.0, 30.0, 12.0, 0.0].into_iter();
-        // What is beyond two harmonics is scatter.
+        // Coefficients beyond the second harmonic are noise.
         for (found, wanted) in found.iter().zip(wanted.chain(std::iter::repeat(0.0))) {
             let found = found.as_f64().expect("a number");
             assert!((found - wanted).abs() < 0.3, "{found} {wanted}");
         }
         assert_eq!(answer["curve"]["period"], 360.0);
-        // Of others there is the constant alone: nothing else closes.
+        // The only other candidate is the constant: no other kind of curve is periodic.
         for score in list(&choice["scores"]) {
             let coefficients = float(&score["coefficients"]);
             assert!(kind(score) == "fourier" || coefficients < 1.5, "{score}");
@@ -160,7 +160,8 @@ fn a_turn_is_a_fourier_series_and_nothing_else_is() {
     }
 }
 
-/// Three runs with zeros far apart, of which the second stops half-way: the curve has no step there, and the band is that of complete runs.
+/// Three runs with widely different zeros, the second of which stops half-way: the curve has no step there, and the band is that of
+/// complete runs.
 #[test]
 fn a_run_that_stops_changes_neither_curve_nor_band() {
     let fitted = |stops: bool| {

@@ -28,7 +28,7 @@ fn examples(command: &str) -> Vec<String> {
     block.map(|line| line.trim().to_owned()).collect()
 }
 
-/// A folder with the files that the examples name: those of `examples/` and of the demo.
+/// A folder with the files that the examples use: those of `examples/` and of the demo.
 fn scratch() -> Folder {
     let folder = Folder::new();
     json(&["demo", "-o", &folder.path().display().to_string()]);
@@ -77,7 +77,7 @@ fn every_command_has_two_examples_that_run() {
                 example.split_whitespace().any(|word| word == command),
                 "{example}"
             );
-            // It serves until it is ended, and opens a browser: `studio.rs` runs it.
+            // The studio runs until it is stopped, and opens a browser; `studio.rs` tests it.
             if command == "studio" {
                 continue;
             }
@@ -88,7 +88,7 @@ fn every_command_has_two_examples_that_run() {
                 .output()
                 .expect("a shell");
             let said = String::from_utf8_lossy(&output.stderr);
-            // A tolerance of an example need not be met.
+            // The tolerance of an example need not be met.
             let is_done = output.status.success()
                 || example.contains("--tolerance") && output.status.code() == Some(3);
             assert!(is_done, "{example}\n{said}");
@@ -114,7 +114,7 @@ fn help_fits_eighty_columns_and_speaks_of_micrometres() {
         let mut among_values = false;
         for line in help.lines() {
             assert!(line.chars().count() <= 80, "{command}: {line}");
-            // Values that are typed as they stand.
+            // Option values are printed as the user types them.
             among_values |= line.contains("[possible") || line.contains("Possible values");
             if among_values {
                 among_values = !line.ends_with(']');

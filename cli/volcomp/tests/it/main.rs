@@ -1,4 +1,4 @@
-//! The real program: what it prints, its JSON, its exit status.
+//! The `volcomp` program: its output, its JSON documents, its exit status.
 
 mod answers;
 mod bounds;
@@ -39,7 +39,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 pub(crate) use volcomp_test_support::root;
 
-/// A call as it is typed, with a blank between its words, or word by word.
+/// A command line as one text with spaces, or as a list of arguments.
 pub(crate) trait Call {
     fn words(&self) -> Vec<&str>;
 }
@@ -82,12 +82,12 @@ impl Folder {
         Self(tempfile::tempdir().expect("a folder"))
     }
 
-    /// The path of a file in it.
+    /// The path of a file in the folder.
     pub(crate) fn file(&self, name: &str) -> String {
         self.path().join(name).display().to_string()
     }
 
-    /// Writes a file; its path.
+    /// Writes a file and returns its path.
     pub(crate) fn write(&self, name: &str, text: impl AsRef<[u8]>) -> String {
         let path = self.file(name);
         fs::write(&path, text).expect("written");
@@ -112,12 +112,12 @@ pub(crate) fn volcomp(call: &(impl Call + ?Sized)) -> Output {
         .expect("the program was built for this test")
 }
 
-/// The words of a call as it is typed.
+/// The arguments of a command line.
 pub(crate) fn words(call: &str) -> Vec<&str> {
     call.split(' ').collect()
 }
 
-/// Runs a call that must succeed: status 0, or 3 where it states a tolerance, which may not be met.
+/// Runs a call that must succeed: status 0, or 3 with a tolerance, which need not be met.
 #[track_caller]
 fn done(call: &(impl Call + ?Sized), first: &[&str]) -> Output {
     let words = [first, &call.words()].concat();
@@ -134,31 +134,31 @@ pub(crate) fn json(call: &(impl Call + ?Sized)) -> Value {
     serde_json::from_slice(&done(call, &["--json"]).stdout).expect("one JSON document")
 }
 
-/// The text for people of a call that must succeed.
+/// The text output of a call that must succeed.
 #[track_caller]
 pub(crate) fn text(call: &(impl Call + ?Sized)) -> String {
     String::from_utf8(done(call, &[]).stdout).expect("UTF-8")
 }
 
-/// What a call that must succeed says on standard error, its lines drawn together.
+/// Standard error of a call that must succeed, joined into one line.
 #[track_caller]
 pub(crate) fn notes(call: &(impl Call + ?Sized)) -> String {
     one_line(&String::from_utf8_lossy(&done(call, &[]).stderr))
 }
 
-/// A text without its line breaks and indents.
+/// A text without line breaks and indents.
 pub(crate) fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// A call must have ended with a status and a message that has this part.
+/// Checks the exit status and a part of the message.
 #[track_caller]
 pub(crate) fn ended(output: &Output, status: i32, part: &str) {
     assert_eq!(output.status.code(), Some(status), "{output:?}");
     contains(&String::from_utf8_lossy(&output.stderr), part);
 }
 
-/// The message of a call that must be refused: status 2, nothing on standard output.
+/// The message of a call that must fail with status 2 and without standard output.
 #[track_caller]
 pub(crate) fn refused(call: &(impl Call + ?Sized)) -> String {
     let output = volcomp(call);
@@ -173,7 +173,7 @@ pub(crate) fn refused(call: &(impl Call + ?Sized)) -> String {
     stderr
 }
 
-/// A call must be refused with a message that has this part.
+/// Checks that a call fails with a message that contains this part.
 #[track_caller]
 pub(crate) fn refuses(call: &(impl Call + ?Sized), part: &str) {
     contains(&refused(call), part);
@@ -185,7 +185,7 @@ pub(crate) fn cases(table: &str) -> impl Iterator<Item = (&str, &str)> {
     rows.map(|row| row.split_once(" => ").expect("a case and what is expected"))
 }
 
-/// Each call of a table must be refused with a message that has what stands behind its `=>`; names of `files` stand for their paths.
+/// Checks that each call of a table fails with a message that contains the part after `=>`; the names in `files` are replaced by paths.
 #[track_caller]
 pub(crate) fn refuse_each(table: &str, files: &[(&str, &str)]) {
     for (call, expected) in cases(table) {
@@ -202,7 +202,7 @@ pub(crate) fn contains(text: &str, part: &str) {
     assert!(text.contains(part), "no {part:?} in\n{text}");
 }
 
-/// Seeded numbers from -1 to 1, about evenly.
+/// Seeded pseudo-random numbers, uniform from -1 to 1.
 pub(crate) struct Draw(pub(crate) u64);
 
 impl Draw {
@@ -214,25 +214,23 @@ impl Draw {
         2.0 * ((self.0 >> 11) as f64 / (1_u64 << 53) as f64) - 1.0
     }
 
-    /// About normal, with this standard deviation.
+    /// Approximately normal noise with this standard deviation.
     pub(crate) fn noise(&mut self, deviation: f64) -> f64 {
         deviation * (0..12).map(|_| 0.5 * self.next()).sum::<f64>()
     }
 }
 
-/// A number of a document.
 #[track_caller]
 pub(crate) fn float(value: &Value) -> f64 {
     value.as_f64().expect("a number")
 }
 
-/// A list of a document.
 #[track_caller]
 pub(crate) fn list(value: &Value) -> &Vec<Value> {
     value.as_array().expect("a list")
 }
 
-/// A number of a document is near another.
+/// Checks that a number is within a tolerance.
 #[track_caller]
 pub(crate) fn close(value: &Value, expected: f64, tolerance: f64) {
     let found = value.as_f64().unwrap_or(f64::NAN);

@@ -8,7 +8,7 @@ use crate::{Folder, contains, float, json, notes, refuses, root, text, words};
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
 
-/// A map with its uncertainty on so many threads: the document and the file.
+/// Runs a map with uncertainty on a number of threads; returns the document and the file.
 fn uncertain(folder: &Path, threads: &str, file: &str, seed: &str) -> (Value, String) {
     let calibration = folder.join("calibration.toml");
     let map = folder.join(file);
@@ -40,7 +40,7 @@ fn the_uncertainty_is_the_same_on_any_number_of_cores() {
     assert_eq!((&answer, &csv), (&again, &same));
     assert_ne!(uncertain(path, "2", "map.csv", "4").1, csv);
     assert_eq!(answer["uncertainty"]["trials"], 12);
-    // 1 um of noise, five runs each way, over lines that also make slopes and squareness.
+    // Noise of 1 µm, five runs in each direction, on lines from which slopes and squareness are computed, too.
     let largest = float(&answer["uncertainty"]["largest_um"]);
     assert!((0.3..5.0).contains(&largest), "{largest}");
     let mut lines = csv.lines();
@@ -58,7 +58,7 @@ fn the_uncertainty_is_the_same_on_any_number_of_cores() {
         })
         .collect();
     assert_eq!(rows.len(), 60);
-    // At the reference all positioning curves are zero by convention.
+    // At the reference all positioning curves are zero by definition.
     assert!(rows[0][9..12].iter().all(|u| *u < 1.0), "{:?}", rows[0]);
     let (_, vti) = uncertain(path, "2", "map.vti", "3");
     assert_eq!(vti.matches("NumberOfComponents=\"3\"").count(), 4);
@@ -80,7 +80,7 @@ fn an_uncertainty_of_another_machine_is_refused() {
     refuses(&[&map[..], &["--trials", "5"]].concat(), "--uncertainty");
 }
 
-/// A grid over no axis would be one node: the refusal says why.
+/// A grid without axes would be one node: the message gives the reason.
 #[test]
 fn a_machine_without_linear_axes_has_no_map() {
     let folder = Folder::new();
@@ -93,7 +93,7 @@ fn a_machine_without_linear_axes_has_no_map() {
     );
 }
 
-/// A map and diagonals with a table turned: what `error` says at the same places.
+/// Map and diagonals with a turned table agree with `error` at the same positions.
 #[test]
 fn rotary_axes_stand_where_at_says() {
     const MACHINE: &str = "examples/trunnion.toml";
@@ -125,7 +125,7 @@ fn rotary_axes_stand_where_at_says() {
     let diagonals = json(&[&["diagonals", "-m", MACHINE, "--points", "2"][..], &at].concat());
     let found = float(&diagonals["PPP"]["deviation_um"][1]);
     let (low, high) = (error("X=0,Y=0,Z=-400"), error("X=600,Y=500,Z=0"));
-    // The diagonal in workpiece axes: the table's coordinates, C within A, go round with it.
+    // The diagonal in workpiece axes, which rotate with the table (C on A).
     let ((sin_a, cos_a), (sin_c, cos_c)) = (
         (-40.0_f64).to_radians().sin_cos(),
         75.0_f64.to_radians().sin_cos(),
@@ -160,8 +160,8 @@ fn rotary_axes_stand_where_at_says() {
     );
 }
 
-/// Constants and a rotation of all axes together are where the workpiece lies: 22.9 µm and 40 µrad are errors against the machine's zero, and
-/// none of the form. The same for a model against a truth with another zero.
+/// Constants and a common rotation of all axes shift the workpiece: 22.9 µm and 40 µrad are errors in machine coordinates, but not of form.
+/// The same applies to a model compared with a truth of another zero.
 #[test]
 fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
     let folder = Folder::new();
@@ -173,7 +173,7 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
         fs::write(&path, text).expect("written");
         path
     };
-    // All axes turned by the same angle about Z.
+    // All axes rotated by the same angle about Z.
     let turned = machine("turned.toml", "EXX = 22.9\nEC0X = 40.0\nEC0Y = 40.0\n");
     let number = |map: &Value, key: &str| float(&map[key]);
     for form in ["compiled", "twist"] {
@@ -188,7 +188,7 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
     let map = json(&["map", "-m", &shifted, "--truth", &truth, "--grid", "5x4x3"]);
     assert!((number(&map, "rms_um") - 400.0).abs() < 1.0, "{map}");
     assert!(number(&map, "form_rms_um") < 0.01, "{map}");
-    // A scale error is one of form: 10 µm/m over 20 m, whose root of the mean square is that of five places 50 µm apart.
+    // A scale error is an error of form: 10 µm/m over 20 m, with the RMS of five positions 50 µm apart.
     let map = json(&["map", "-m", &truth, "--grid", "5x4x3"]);
     let spread = 50.0 * 2.0_f64.sqrt();
     assert!((number(&map, "form_rms_um") - spread).abs() < 1e-3, "{map}");
@@ -200,8 +200,8 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
     );
 }
 
-/// A location error of a table does nothing on the grid, where the table stands at 0; over poses of all axes it shows, and one rigid motion
-/// does not hide it. With the model that knows it, nothing is left.
+/// A location error of a table has no effect on the grid, where the table is at 0. Over poses of all axes it does, and one alignment cannot
+/// remove it. A model that contains it leaves nothing.
 #[test]
 fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     const TRUTH: &str = "examples/table-tilting.toml";
@@ -227,7 +227,7 @@ fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     let [known, unknown] = [&known["all_axes"], &unknown["all_axes"]];
     assert_eq!(known["poses"], 4096);
     assert!(number(known, "form_rms_um") < 0.05, "{known}");
-    // What the perfect correction leaves about the tool axis does not look like a tilt.
+    // The rotation about the tool axis that a perfect correction leaves does not count as a tilt.
     assert!(number(known, "form_tilt_rms_urad") < 10.0, "{known}");
     assert!(number(known, "form_about_tool_rms_urad") > 100.0, "{known}");
     assert!(number(unknown, "form_rms_um") > 10.0, "{unknown}");
@@ -238,7 +238,7 @@ fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     assert_eq!(judged(TRUTH), judged(TRUTH));
 }
 
-/// Read back by Apache Arrow's own reader.
+/// Apache Arrow reads the file.
 #[cfg(feature = "parquet")]
 #[test]
 fn arrow_reads_the_parquet_map() {
@@ -267,8 +267,8 @@ fn arrow_reads_the_parquet_map() {
     assert!(output.status.success(), "{output:?}");
 }
 
-/// A table whose axis is known within 5 µm along X: at C the tip is uncertain by 2·5·|sin(C/2)| µm, over a whole turn √2·5 in the root of
-/// the mean square and 2·5 at the most. On the grid, with C at 0, nothing of it shows.
+/// A table whose axis has an uncertainty of 5 µm along X: at C the standard uncertainty of the tip is 2·5·|sin(C/2)| µm; over a full turn
+/// its RMS is √2·5 µm and its maximum 2·5 µm. On the grid, with C at 0, it is zero.
 #[test]
 fn poses_of_all_axes_have_their_uncertainty() {
     let folder = Folder::new();
@@ -288,11 +288,11 @@ fn poses_of_all_axes_have_their_uncertainty() {
         "{found}"
     );
     let own = &found["all_axes"]["uncertainty"];
-    // 2000 machines tell a standard deviation within 1.6 %: three of these.
+    // 2000 samples determine a standard deviation within 1.6 %; the tolerance is three times that.
     let near = |found: f64, expected: f64| (found / expected - 1.0).abs() < 0.048;
     assert!(near(number(&own["rms_um"]), 5.0 * 2.0_f64.sqrt()), "{own}");
     assert!(near(number(&own["largest_um"]), 10.0), "{own}");
-    // Both by the same draws: their ratio is known better.
+    // Both figures come from the same samples, so their ratio is more accurate.
     let ratio = number(&own["largest_um"]) / number(&own["rms_um"]);
     assert!((ratio / 2.0_f64.sqrt() - 1.0).abs() < 0.03, "{ratio}");
     assert!(
@@ -301,11 +301,11 @@ fn poses_of_all_axes_have_their_uncertainty() {
     );
     let shown = text(&[&map[..], &asked].concat());
     contains(&shown, "standard uncertainty: root mean square 7.");
-    // Without it nothing is said.
+    // Without `--uncertainty` there is none.
     assert!(json(&map)["all_axes"]["uncertainty"].is_null());
 }
 
-/// The numbers between the tags of an array of a VTK file.
+/// The numbers of an array in a VTK file.
 fn array(vtk: &str, name: &str) -> Vec<f64> {
     let (_, from) = vtk.split_once(&format!("Name=\"{name}\"")).expect(name);
     let (_, from) = from.split_once('>').expect("the end of the tag");
@@ -322,7 +322,7 @@ fn attribute<'v>(vtk: &'v str, name: &str) -> Vec<&'v str> {
     value.split(' ').collect()
 }
 
-/// Machines that lack an axis: its places in a VTK file hold one node at 0, and X fastest.
+/// For a missing axis a VTK file has one node at 0; X varies fastest.
 #[test]
 fn vtk_files_hold_each_axis_at_its_own_place() {
     let folder = Folder::new();
@@ -347,7 +347,7 @@ fn vtk_files_hold_each_axis_at_its_own_place() {
         attribute(&vtr, "WholeExtent"),
         ["0", "2", "0", "0", "0", "1"]
     );
-    // EZZ = 0.1 µm/mm from the reference on: along Z alone, the three nodes of X first.
+    // EZZ = 0.1 µm/mm from the reference depends on Z only; the three nodes along X come first.
     let position = array(&vtr, "position_um");
     assert_eq!(position.len(), 3 * 6);
     let along_z: Vec<f64> = position.chunks(3).map(|node| node[2]).collect();
@@ -370,8 +370,8 @@ fn vtk_files_hold_each_axis_at_its_own_place() {
     assert_eq!(array(&alone, "Z_mm"), [-40.0, 60.0]);
 }
 
-/// A table whose every rotation is known: 50 µrad tilt the tool against it, 200 µrad turn it about the tool, which has no part in
-/// that. The tool stands along Z for all poses.
+/// A table with an error of 50 µrad that tilts the tool relative to it, and of 200 µrad about the tool axis, which is no tilt. The tool is
+/// parallel to Z in all poses.
 #[test]
 fn the_tilt_of_the_tool_is_told_apart_from_the_rotation_about_it() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! `volcomp map-table`: the file, what is said of it, what is refused.
+//! `volcomp map-table`: the file, the result, and rejected calls.
 
 use std::fs;
 

@@ -1,4 +1,4 @@
-//! Measurement files of several kinds: what `inspect` says, and a calibration file drafted from a folder.
+//! Measurement files of several kinds: the result of `inspect`, and a calibration file drafted from a folder.
 
 use std::fs;
 
@@ -45,7 +45,7 @@ fn inspect_takes_several_files_and_tells_the_odd_ones() {
     assert!(refused(&["inspect", &cut]).contains("ezz.rtl:"));
 }
 
-/// The files of the virtual shop: their names and headers say which error each is, nothing says where lines ran.
+/// The files of the virtual shop: their names and headers state the error, but not the position of the line.
 #[test]
 fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     let folder = Folder::new();
@@ -79,7 +79,7 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     let message = refused(&["calibrate", &drafted, "-o", &result]);
     contains(&message, "open question");
     contains(&message, "drafted.toml:");
-    // A draft that is as it was is written once more, one with an answer only where the call says so.
+    // An unchanged draft is overwritten; an edited one only with `--replace`.
     json(&call);
     let draft = fs::read_to_string(&drafted).expect("the draft");
     let answered = draft.replacen("\"?\"", "0.0", 1);
@@ -93,7 +93,7 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     json(&[&call[..], &["--replace"]].concat());
     assert_eq!(kept(), draft);
     assert!(refused(&["calibrate", &drafted, "--replace", "-o", &result]).contains("--draft"));
-    // The draft does not take the place of what it was made from.
+    // The draft must not overwrite one of its sources.
     let laser = folder.file("exx.rtl");
     let call = [
         "calibrate",
@@ -112,7 +112,8 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     assert!(refused(&call).contains("it holds no files"));
 }
 
-/// The error is answered together with what is asked beside it; what falls away with it is told, what comes with it can be answered too.
+/// One call answers the error and its further questions. An answer that does not apply to the error gets a note; one that applies only to
+/// it is accepted.
 #[test]
 fn an_error_is_answered_in_one_call_with_what_follows() {
     let folder = Folder::new();
@@ -136,7 +137,7 @@ fn an_error_is_answered_in_one_call_with_what_follows() {
     contains(&text, "\nsign = -1\n");
 }
 
-/// A folder with two straightnesses and a mill, and the call that drafts them.
+/// A folder with two straightness files and a mill, and the call that drafts a calibration from them.
 fn straightnesses() -> (Folder, Vec<String>) {
     let folder = Folder::new();
     for name in ["eyx.csv", "exy.csv"] {
@@ -161,7 +162,7 @@ fn straightnesses() -> (Folder, Vec<String>) {
     (folder, call)
 }
 
-/// A draft of two straightnesses, each with a question on which side its point rode.
+/// A draft of two straightness files, each with the question which side the measured point moves with.
 #[test]
 fn the_narrower_answer_counts_whatever_the_order() {
     let (_folder, call) = straightnesses();
@@ -266,7 +267,7 @@ fn several_files_end_in_a_table() {
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     contains(&told, "not read");
     contains(&told, "notes.pdf");
-    // Verdicts at the end, each name once, and the serial numbers.
+    // Verdicts at the end, each name once, and a note on different serial numbers.
     let output = volcomp(&["iso230", &one, &other, "--tolerance", "B=1.4,E=1"]);
     let (said, told) = (
         String::from_utf8_lossy(&output.stdout).into_owned(),
@@ -283,7 +284,7 @@ fn several_files_end_in_a_table() {
             && verdicts.matches("FAIL").count() == 2,
         "{verdicts}"
     );
-    // Who is refused is named, for scripts, too.
+    // Rejected files are named, in JSON as well.
     let wrong = folder.write("lasers/eyy.rtl", "HEADER::\r\n");
     let output = volcomp(&["--json", "iso230", &one, &wrong]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -1,4 +1,4 @@
-//! NC programs: the example, what is not kept, what is refused.
+//! NC programs: the example, results that are rejected, and wrong calls.
 
 use std::{fs, path::Path};
 
@@ -26,7 +26,7 @@ fn answered(output: &Path, more: &[&str]) -> serde_json::Value {
     serde_json::from_slice(&ran.stdout).expect("JSON")
 }
 
-/// The language is that of the name's ending.
+/// The file extension determines the language.
 #[test]
 fn the_examples_of_other_languages_are_better_afterwards() {
     let folder = Folder::new();
@@ -72,7 +72,7 @@ fn the_example_is_better_afterwards() {
     assert!(fs::read_to_string(picture).is_ok_and(|svg| svg.starts_with("<svg")));
 }
 
-/// The real errors are the other way round: with the result the tool is twice as far off.
+/// The real errors have the opposite sign: with the result the deviation of the tool doubles.
 #[test]
 fn a_worse_result_is_not_kept() {
     let folder = Folder::new();
@@ -107,7 +107,8 @@ fn a_worse_result_is_not_kept() {
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 4);
 }
 
-/// The model has the wrong sign, by less than what rounding could explain: the result is kept, and the summary says that its form is worse.
+/// The model has the wrong sign, but the difference could be due to rounding: the result is kept, and the summary says that its form is
+/// worse.
 #[test]
 fn a_slightly_worse_form_is_stated() {
     let folder = Folder::new();
@@ -132,8 +133,8 @@ fn a_slightly_worse_form_is_stated() {
     assert!(!verified(&truth).contains(worse));
 }
 
-/// A model with another zero moves the whole part by 400 µm, and its form is right: it is kept, with a note. Where there is no form to be
-/// better, as with one hole, it is refused as before; and so is one whose form is worse while the part as a whole lies nearer.
+/// A model with another zero shifts the whole part by 400 µm, but the form is correct: the result is kept with a note. It is rejected if
+/// there is no form, as with a single hole, or if the form is worse although the part as a whole is nearer.
 #[test]
 fn a_part_that_lies_elsewhere_is_judged_by_its_form() {
     const TRUTH: &str = "examples/parts/old-mill.toml";
@@ -169,7 +170,7 @@ fn a_part_that_lies_elsewhere_is_judged_by_its_form() {
     let ran = compensated(&hole, &shifted, TRUTH);
     assert_eq!(ran.status.code(), Some(1), "{ran:?}");
 
-    // Nearer as a whole, by 400 µm, and askew by 400 µrad more than it is.
+    // As a whole 400 µm nearer, but with a squareness error that is 400 µrad larger.
     let far = write("far.toml", scale, "EZZ = { poly = [400.0, 0.03] }");
     let text = fs::read_to_string(&shifted).expect("a file");
     let bent = path("bent.toml");
@@ -178,7 +179,7 @@ fn a_part_that_lies_elsewhere_is_judged_by_its_form() {
     ended(&ran, 1, "after alignment of the part at most");
 }
 
-/// The mean correction judged on the machine: the place is right, the form stays.
+/// The mean correction, verified on the machine: it corrects the position, and the form is unchanged.
 #[test]
 fn the_mean_correction_is_judged_as_well() {
     let folder = Folder::new();
@@ -212,7 +213,7 @@ fn what_is_wrong_is_told() {
     assert!(!result.exists());
 }
 
-/// Each message names the option, what was found and what was expected; nothing is written.
+/// Each message names the option, the value found and the value expected; nothing is written.
 #[test]
 fn options_without_sense_are_refused_before_the_work() {
     let folder = Folder::new();
@@ -278,7 +279,7 @@ fn options_without_sense_are_refused_before_the_work() {
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1);
 }
 
-/// A feature that no line cuts is told with the file and its key, and the others are evaluated.
+/// A feature without cut lines is reported with file and key, and the others are evaluated.
 #[test]
 fn a_feature_that_nothing_cuts_is_told_with_its_key() {
     let folder = Folder::new();
@@ -302,7 +303,7 @@ fn a_feature_that_nothing_cuts_is_told_with_its_key() {
     }
 }
 
-/// The verification reads the program twice, a pipe gives it once; without it a pipe is as good as a file.
+/// The verification reads the program twice, but a pipe can be read only once. Without verification a pipe works like a file.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_piped_program_is_compensated_but_not_verified() {
@@ -324,7 +325,7 @@ fn a_piped_program_is_compensated_but_not_verified() {
             .stderr(Stdio::piped())
             .spawn()
             .expect("it runs");
-        // What refuses the program may be gone before it has read it.
+        // The program may exit before it has read its input.
         let mut pipe = child.stdin.take().expect("a pipe");
         let _ = pipe.write_all(&program);
         drop(pipe);
@@ -343,7 +344,7 @@ fn a_piped_program_is_compensated_but_not_verified() {
     }
 }
 
-/// Without work nothing wears: the machine that is written has the curves of the one that was read.
+/// Without work there is no wear: the written machine has the same curves.
 #[test]
 fn a_machine_of_no_months_is_as_it_was() {
     let folder = Folder::new();
@@ -401,7 +402,7 @@ fn the_mean_correction_is_in_the_work_offset() {
     assert_eq!(added.len(), 2, "{text}");
 }
 
-/// A bar along X whose place is stated: its readings go into the work offset; one whose place is unknown says nothing.
+/// A ball row along X with a stated position determines the work offset; with an unknown position it is rejected.
 #[test]
 fn the_mean_of_a_ball_row_is_in_the_work_offset() {
     let folder = Folder::new();
@@ -440,7 +441,7 @@ fn the_mean_of_a_ball_row_is_in_the_work_offset() {
     ended(&output, 2, "bar.csv has an unknown `origin`");
 }
 
-/// A truth of another structure is no truth of this machine, and a result does not take the place of a file that the program may call.
+/// A truth with another structure is rejected, and so is an output that would replace a file that the program may call.
 #[test]
 fn other_machines_and_files_of_subroutines_are_refused() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! Parts that a virtual machine cuts, compensated by a model that was found from measurements of it and never saw the machine itself.
+//! Parts cut by a virtual machine, compensated by a model identified from measurements of that machine alone.
 
 use std::fs;
 
@@ -6,12 +6,12 @@ use serde_json::Value;
 
 use crate::{Folder, float, json};
 
-/// A program compensated by a model, judged on the truth.
+/// The features of a part compensated by a model, inspected on the truth.
 fn inspected(folder: &Folder, model: &str, truth: &str, part: &str, setup: Option<&str>) -> Value {
     inspected_with(folder, model, truth, part, setup, &[])
 }
 
-/// The same with more options.
+/// As `inspected`, with more options.
 fn inspected_with(
     folder: &Folder,
     model: &str,
@@ -32,7 +32,7 @@ fn inspected_with(
     json(&call)["verified"]["features"].clone()
 }
 
-/// A figure of a feature before and after, printed for the book.
+/// A quantity of a feature before and after, printed for the book.
 fn number(features: &Value, name: &str, key: &str) -> [f64; 2] {
     let all = features.as_array().expect("features");
     let feature = all.iter().find(|f| f["name"] == name).expect("the feature");
@@ -41,8 +41,8 @@ fn number(features: &Value, name: &str, key: &str) -> [f64; 2] {
     both
 }
 
-/// The guideways of a bed of 4800 mm and of a worktable of 4000 mm, measured with a bridge: down by 90 % and more (published: from 19 to 3.5,
-/// 33 to 5.2, 34 to 4.6 and 50 to 6.8 µm).
+/// The guideways of a bed of 4800 mm and of a worktable of 4000 mm, measured with a bridge: the straightness errors decrease by 85 % or
+/// more (published: from 19 to 3.5, 33 to 5.2, 34 to 4.6 and 50 to 6.8 µm).
 #[test]
 fn a_bed_and_a_worktable_become_straight() {
     let folder = Folder::new();
@@ -62,7 +62,7 @@ fn a_bed_and_a_worktable_become_straight() {
     }
 }
 
-/// The model of a machine from the measurements of a shop.
+/// The model calibrated from the measurements of a shop.
 fn calibrated(folder: &Folder, shop: &str) -> String {
     let files = folder.file("measured");
     json(&["simulate", shop, "-o", &files]);
@@ -76,8 +76,8 @@ const OLD_MILL: &str = "examples/parts/old-mill.toml";
 const OLD_MILL_SHOP: &str = "examples/parts/old-mill-shop.toml";
 const OLD_MILL_SETUP: Option<&str> = Some("examples/parts/old-mill-setup.toml");
 
-/// A rear hub on an old machining centre: the mean correction in the work offset, and point by point, with words of 1 µm and of 0.1 µm. Goal
-/// position: the mean distance of the six holes and of the contour's centre from where they belong, from a zero that was probed on the machine.
+/// A rear hub on an old machining centre, corrected by the mean in the work offset, and point by point with words of 1 µm and of 0.1 µm.
+/// Compared quantity: the mean position error of the six holes and the centre of the contour, relative to a zero probed on the machine.
 #[test]
 fn a_rear_hub_is_better_point_by_point_than_by_the_mean() {
     let folder = Folder::new();
@@ -103,7 +103,7 @@ fn a_rear_hub_is_better_point_by_point_than_by_the_mean() {
         coarse_position[1] <= 0.1 * coarse_position[0],
         "{coarse_position:?}"
     );
-    // The mean takes away where the part lies; the places of the holes to each other and the form stay.
+    // The mean corrects the position of the part, but neither the positions of the holes relative to each other nor the form.
     assert!(mean_position[1] > 2.0 * position[1], "{mean_position:?}");
     assert!(
         (mean_roundness[1] - mean_roundness[0]).abs() < 0.5,
@@ -112,7 +112,7 @@ fn a_rear_hub_is_better_point_by_point_than_by_the_mean() {
     assert!(roundness[1] < 0.1 * roundness[0], "{roundness:?}");
 }
 
-/// The outlines of ISO 10791-7 on the same machine, aligned by the part's own points.
+/// The contours of ISO 10791-7 on the same machine, aligned by points of the part.
 #[test]
 fn a_test_piece_has_its_outlines() {
     let folder = Folder::new();
@@ -140,7 +140,7 @@ fn a_test_piece_has_its_outlines() {
     }
     let form = |of: &Value, name: &str| number(of, name, "minimum_zone_um");
     let direction = |of: &Value, name: &str| number(of, name, "direction_urad");
-    // The circle stays round to what the play of 0.6 µm leaves where an axis turns.
+    // The remaining error of the circle is the backlash of 0.6 µm at the reversal of an axis.
     let [before, after] = form(&found, "circle");
     assert!(before > 10.0 && after < 0.1 * before, "{before} {after}");
     for side in ["front", "right", "back", "left"] {
@@ -165,7 +165,8 @@ fn a_test_piece_has_its_outlines() {
     );
 }
 
-/// The frustum of a cone of ISO 10791-7, tilted and off the middle of the table: all five axes move, and the errors of the machine are in its form.
+/// The cone frustum of ISO 10791-7, tilted and away from the middle of the table: all five axes move, and the machine errors show in its
+/// form.
 #[test]
 fn a_tilted_frustum_is_round_and_coaxial() {
     let folder = Folder::new();

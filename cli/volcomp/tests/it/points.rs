@@ -1,4 +1,4 @@
-//! Positions on the command line and in CSV files: heads with units, columns that pass through, slips of the hand.
+//! Positions on the command line and in CSV files: headers with units, copied columns, typing mistakes.
 
 use std::fs;
 
@@ -27,7 +27,7 @@ fn a_head_may_name_its_unit() {
         let points = folder.write("p.csv", format!("{header}\n700,0,30\n"));
         assert_eq!(first(FIVE_AXES, &points), expected, "{header}");
     }
-    // Heads in other units have a table in the program itself.
+    // A column in another unit is an error.
     let wrong = "
 X in,Y,C => found column `X in` with the unit `in`, expected positions of X in mm: X or X_mm
 X,Y,C [rad] => found column `C [rad]` with the unit `rad`, expected positions of C in deg: C or C_deg
@@ -44,10 +44,10 @@ X,Y,C: => expected positions of C in deg: C or C_deg
         assert!(message.contains(expected), "{header}: {message}");
         contains(&message, "p.csv:1: header: ");
     }
-    // Targets in another frame stand beside positions under small letters.
+    // Lower-case columns next to upper-case ones are targets in another frame.
     let points = folder.write("p.csv", "x,X,Y,C,y\n9,700,0,30,8\n");
     assert_eq!(first(FIVE_AXES, &points), expected);
-    // Where the position itself is there, another column of the letter is one that passes through.
+    // With a column of positions, another column of the same letter is copied.
     for header in ["X,X_um,Y,C", "X,X remark,Y,C", "X,A:remark,Y,C"] {
         let points = folder.write("p.csv", format!("{header}\n700,1,0,30\n"));
         assert_eq!(first(FIVE_AXES, &points), expected, "{header}");
@@ -96,7 +96,7 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     );
     assert!(lines[2].starts_with("2,0,,0,,,"), "{file}");
 
-    // The answer is a table of positions again: the same numbers, no column twice.
+    // The result is a table of positions: the same numbers, and no column twice.
     assert_eq!(correct(&once, &twice), answer);
     assert_eq!(fs::read_to_string(&twice).expect("written"), file);
     let said = notes(&["correct", "-m", GANTRY, "--points", &once, "-o", &twice]);
@@ -104,7 +104,7 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     let errors = json(&["error", "-m", GANTRY, "--points", &once]);
     assert_eq!(errors, json(&["error", "-m", GANTRY, "--points", &points]));
 
-    // So are the corrections of one position, and a map.
+    // The same applies to the correction of a single position, and to a map.
     json(&format!(
         "correct -m {FIVE_AXES} --at X=700,B=10,C=30 -o {once}"
     ));

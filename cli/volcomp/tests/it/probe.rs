@@ -55,8 +55,7 @@ fn a_device_that_is_not_there_is_a_failed_work() {
     assert!(refused(&["probe", "can://can77", "--within=-1"]).contains("--within"));
 }
 
-/// Which devices there are depends on the computer; the document always has its three lists, and a device cannot be
-/// asked at the same time.
+/// The devices depend on the computer, but the document always has its three lists. Listing excludes probing a device.
 #[test]
 fn devices_are_listed() {
     let answer = json(&["probe", "--list"]);
@@ -68,7 +67,7 @@ fn devices_are_listed() {
     refused(&["probe"]);
 }
 
-/// A profile that is named by its file is read from there; a mistake in it is the caller's.
+/// A profile named by a path is read from that file; an error in it is an invalid call.
 #[test]
 fn a_profile_may_be_a_file() {
     let url = "modbus://127.0.0.1:1?profile=examples/temperature-module.toml";

@@ -1,4 +1,4 @@
-//! `volcomp report`: the file that it writes, the verdict, and what it refuses.
+//! `volcomp report`: the written file, the verdict, and rejected calls.
 
 use std::fs;
 
@@ -46,14 +46,14 @@ fn the_same_call_gives_the_same_bytes() {
     assert_eq!(report(&call).1, report(&call).1);
 }
 
-/// The truth of the example is what its files were measured on: the correction leaves less than half.
+/// The truth of the example is the machine on which its files were measured: the correction reduces the error.
 #[test]
 fn a_truth_shows_what_a_compensation_leaves() {
     let (document, page) = report(&[CALIBRATION, "--truth", "examples/calibration/truth.toml"]);
     let of = |state: &str| float(&document[state]["form_max_um"]);
     assert!(of("after") < of("before"), "{document}");
     assert!(page.contains("what the compensation by this model leaves of the stated truth"));
-    // V is of another state than the figures of tests, and says so.
+    // V belongs to another state than the test quantities, and names it.
     let truth = ["--truth", "examples/calibration/truth.toml"];
     let judged = [&[CALIBRATION][..], &truth, &["--tolerance", "V=99,E=99"]].concat();
     for check in list(&report(&judged).0["checks"]) {
@@ -63,7 +63,7 @@ fn a_truth_shows_what_a_compensation_leaves() {
             "{check}"
         );
     }
-    // Against itself nothing is left of a machine but what its correction neglects.
+    // Compared with itself, the only residual is what the correction neglects.
     let (document, _) = report(&["examples/gantry.toml", "--truth", "examples/gantry.toml"]);
     let after = float(&document["after"]["max_um"]);
     assert!(after < 0.01, "{document}");
@@ -118,7 +118,8 @@ fn people_read_the_verdict() {
     contains(&said, "wrote ");
 }
 
-/// At one rotary pose wrong rotary axes are a rigid motion of the workpiece, which alignment takes away; over all axes they are not.
+/// At a single rotary pose, errors of rotary axes are a rigid motion of the workpiece, which the alignment removes; over all axes they are
+/// not.
 #[test]
 fn wrong_rotary_axes_do_not_pass() {
     let folder = Folder::new();
@@ -133,13 +134,13 @@ fn wrong_rotary_axes_do_not_pass() {
     for axis in ["X", "Y", "Z", "A", "C"] {
         assert!(of["worst_at"][axis].is_number(), "{document}");
     }
-    // The figure of `map`, whatever its grid, to the last digit.
+    // The value equals that of `map` with any grid, to the last digit.
     let map = json(&["map", "-m", &machine, "--grid", "3x3x3"]);
     assert_eq!(map["all_axes"]["form_max_um"], of["position_um"]);
     assert_eq!(map["all_axes"]["tilt_max_urad"], of["tilt_urad"]);
 }
 
-/// The volumetric error of the report is that of the command `map`.
+/// The volumetric error of the report equals that of the command `map`.
 #[test]
 fn the_volume_of_a_gantry_has_one_figure() {
     let (document, _) = report(&["examples/gantry.toml"]);
@@ -150,7 +151,7 @@ fn the_volume_of_a_gantry_has_one_figure() {
     );
 }
 
-/// Its uncertainty, too: the expanded one of the verdict is twice the largest that the map of the same machine has.
+/// The expanded uncertainty of the verdict is twice the largest standard uncertainty of the map of the same machine.
 #[test]
 fn the_uncertainty_of_the_volume_is_one_figure() {
     let folder = Folder::new();
@@ -195,7 +196,7 @@ fn the_exit_status_is_that_of_the_verdict() {
     }
 }
 
-/// A machine of which no error is known meets no tolerance, and of one of which some are known it is told that they are some.
+/// A machine without known errors meets no tolerance; with some known errors, the verdict says that it covers only those.
 #[test]
 fn what_was_not_measured_is_not_met() {
     let folder = Folder::new();
@@ -219,7 +220,7 @@ fn what_was_not_measured_is_not_met() {
     assert!(page.contains("of the measured errors alone"));
 }
 
-/// An unknown that the observations leave open is no error of 0: a rotary table that never turned has its axis anywhere.
+/// An error that the observations leave open is not zero: the axis of a rotary table that never turned may be anywhere.
 #[test]
 fn what_observations_leave_open_is_not_met() {
     let folder = Folder::new();
@@ -263,7 +264,7 @@ fn what_observations_leave_open_is_not_met() {
         "errors that the measurements do not bear out"
     );
     assert_eq!(checks[2]["outcome"], "undecided");
-    // A wave that no unknown describes is as far from what was found as from nothing.
+    // A wave that no unknown describes makes the fit inconsistent with the readings.
     let wave = |x: f64| x + 0.06 * (x / 48.0).sin();
     let rows = rows.lines().skip(1).map(|row| {
         let mut cells: Vec<String> = row.split(',').map(str::to_owned).collect();
@@ -280,7 +281,8 @@ fn what_observations_leave_open_is_not_met() {
     assert!(page.contains("not determined by the observations, taken as 0: EX0C, EB0C"));
 }
 
-/// Lengths and angles have no limit in common: a symbol alone is refused where both kinds are tested, and has what no narrower one has.
+/// A limit for lengths does not apply to angles: a symbol alone is rejected if both are tested, and applies where no more specific limit
+/// does.
 #[test]
 fn a_limit_is_of_one_unit() {
     const BOTH: &str = "examples/from-files/five-axis/calibration.toml";
@@ -310,7 +312,7 @@ fn a_limit_is_of_one_unit() {
         })
         .collect();
     found.sort_by(|a, b| a.0.cmp(&b.0));
-    // No A is in ezz.pos, which holds means over the runs.
+    // ezz.pos contains means over the runs, so it has no A.
     let row = |error: &str, limit, unit: &str, outcome: &str| {
         (error.to_owned(), limit, unit.to_owned(), outcome.to_owned())
     };
@@ -337,14 +339,14 @@ fn a_report_that_is_replaced_is_told() {
         assert_eq!(output.status.code(), Some(0));
         String::from_utf8_lossy(&output.stderr).contains("replaced the file that was there")
     };
-    // The same text replaces nothing.
+    // An identical report replaces nothing.
     assert_eq!(
         [told(&[]), told(&[]), told(&["--serial", "7"])],
         [false, false, true]
     );
 }
 
-/// At another temperature than that of the reference the volumetric error is another one: below its limit it is not decided.
+/// The volumetric error changes with temperature, so a value below its limit is undecided.
 #[test]
 fn thermal_terms_leave_the_volumetric_error_undecided() {
     for (limit, outcome) in [("V=1000", "undecided"), ("V=1", "fail")] {
@@ -359,7 +361,7 @@ fn thermal_terms_leave_the_volumetric_error_undecided() {
     }
 }
 
-/// Thermal terms of the real machine are left out as those of the model are, and curves over a part of the travel are no whole
+/// Thermal terms of the real machine are left out like those of the model, and curves over a part of the travel do not cover the whole
 /// machine.
 #[test]
 fn a_volumetric_error_of_a_part_of_the_machine_is_told() {

@@ -36,7 +36,7 @@ pub(crate) fn validate(name: &str, document: &Value) {
         .map(|e| format!("{}: {e}", e.instance_path()))
         .collect();
     assert!(wrong.is_empty(), "{name}: {wrong:?}\n{document}");
-    // A key that the schema does not know is one that nobody documented.
+    // A key missing in the schema is undocumented.
     let known = schema.to_string();
     if let Value::Object(keys) = document {
         for key in keys.keys() {

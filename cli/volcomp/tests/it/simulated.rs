@@ -1,4 +1,4 @@
-//! What `volcomp simulate` writes, what it never writes over, and what it says to run next.
+//! `volcomp simulate`: the written files, the protected files, and the commands to run next.
 
 use std::{
     collections::BTreeMap,
@@ -9,7 +9,7 @@ use std::{
 
 use serde_json::Value;
 
-/// Scales that are wrong and axes that are not square; nothing that lines or observations do not show.
+/// Errors of scale and squareness, all of which lines or observations determine.
 const TRUTH: &str = "structure = \"w X' b Y Z t\"
 [axes]
 X.travel = [0, 500]
@@ -57,7 +57,7 @@ fn what_the_shop_reads_is_not_written_over() {
         ("machine.toml", "shop.toml", "", "machine.toml"),
         ("truth.toml", "calibration.toml", "", "calibration.toml"),
         ("truth.toml", "observations.toml", "", "observations.toml"),
-        // Not written by this command, but by the next one that it names.
+        // Written by the next command.
         ("calibrated.toml", "shop.toml", "", "calibrated.toml"),
         ("truth.toml", "shop.toml", "points.csv", "points.csv"),
     ] {
@@ -129,7 +129,7 @@ fn files_of_an_earlier_run_are_counted() {
     assert_eq!(document["replaced"], document["files"]);
 }
 
-/// What somebody else wrote, or changed since, is not written over, whichever of the files it is; nothing at all is written then.
+/// A file that is foreign or was changed is not overwritten, and the run writes nothing.
 #[test]
 fn files_of_others_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -167,13 +167,13 @@ fn files_of_others_are_refused() {
     for seed in [1, 2, 2] {
         assert_eq!(shop(seed).status.code(), Some(0));
     }
-    // Own readings in the place of simulated ones.
+    // Own readings instead of simulated ones.
     let own = written(&out)["points.csv"].clone() + "\n";
     fs::write(out.join("points.csv"), own).expect("written");
     refused(3, "points.csv");
     fs::remove_file(out.join("points.csv")).expect("removed");
     assert_eq!(shop(3).status.code(), Some(0));
-    // Without the list the files of this run itself are no loss, those of another are.
+    // Without the list, identical files of this run may be overwritten, those of another run may not.
     fs::remove_file(out.join("simulated-files.sha256")).expect("removed");
     assert_eq!(shop(3).status.code(), Some(0));
     fs::remove_file(out.join("simulated-files.sha256")).expect("removed");
@@ -183,7 +183,7 @@ fn files_of_others_are_refused() {
     assert!(help.contains("simulated-files.sha256"), "{help}");
 }
 
-/// The demo keeps its files by the same rule.
+/// The same rule protects files from the demo.
 #[test]
 fn the_demo_writes_over_no_files_of_others() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -199,8 +199,7 @@ fn the_demo_writes_over_no_files_of_others() {
     }
 }
 
-/// Runs the commands that were printed, word by word, where they were printed; the ranges of the body diagonals that the
-/// machine file of the last one leaves of the truth.
+/// Runs the printed commands, and returns the ranges of the body diagonals that a correction by the last machine file leaves on the truth.
 fn ranges_after_the_printed_commands(lines: &str, output: &str) -> Vec<f64> {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -219,7 +218,7 @@ fn ranges_after_the_printed_commands(lines: &str, output: &str) -> Vec<f64> {
         .collect();
     assert!(!commands.is_empty(), "{printed}");
     for command in &commands {
-        // As a shell reads it: double quotes keep a path together.
+        // Splits words like a shell: double quotes keep a path together.
         let mut quoted = false;
         let words: Vec<String> = command
             .split(|c: char| {
@@ -255,23 +254,23 @@ fn ranges_after_the_printed_commands(lines: &str, output: &str) -> Vec<f64> {
 #[test]
 fn the_printed_commands_lead_to_a_good_machine() {
     let largest = |ranges: Vec<f64>| ranges.into_iter().fold(0.0, f64::max);
-    // Lines and observations: each finds what the other does not.
+    // Lines and observations together determine all errors.
     for output in ["out", "plans/out", ".", "a folder/with blanks"] {
         let all = format!("{UNKNOWN}{LINES}{OBSERVED}");
         let left = largest(ranges_after_the_printed_commands(&all, output));
         assert!(left < 0.05, "{output}: {left}");
     }
-    // The observations alone, of all that is wrong.
+    // Observations alone, with all errors as unknowns.
     let unknown = "unknown = [\"EC0Y\", \"EA0Z\", \"EB0Z\", { error = \"EXX\", legendre = 1 }, { error = \"EYY\", legendre = 1 }, { error = \"EZZ\", legendre = 1 }]\n";
     let alone = format!("{unknown}{OBSERVED}");
     let left = largest(ranges_after_the_printed_commands(&alone, "out"));
     assert!(left < 0.05, "{left}");
-    // The lines alone leave the squareness.
+    // Lines alone leave the squareness errors.
     let left = largest(ranges_after_the_printed_commands(LINES, "out"));
     assert!(left > 10.0, "{left}");
 }
 
-/// The commands that are printed are one word for each path in a shell, whatever stands in the name of the folder.
+/// In a printed command each path is one shell word, whatever the name of the folder.
 #[cfg(unix)]
 #[test]
 fn printed_commands_keep_paths_in_one_word() {
@@ -297,7 +296,7 @@ fn printed_commands_keep_paths_in_one_word() {
         let output = run(folder.path(), &["--json", "simulate", "shop.toml", &output]);
         let answer: Value = serde_json::from_slice(&output.stdout).expect("JSON");
         let command = answer["next"][0].as_str().expect("a command");
-        // The shell itself takes the line apart.
+        // A real shell splits the command.
         let script = format!("volcomp() {{ printf '%s' \"$2\"; }}\n{command}\n");
         let output = std::process::Command::new("sh")
             .args(["-c", &script])

@@ -36,7 +36,7 @@ fn sixty_errors_are_twenty_motions() {
         let found = float(&null[0][name]);
         assert!((found - weight).abs() < 1e-9, "{}", null[0]);
     }
-    // Without --assembly: six error motions and the location errors that move something.
+    // Without --assembly: six error motions per axis, and the location errors that have an effect.
     let found = json(&["sensitivity", "-m", BLADE, "--grid", "2"]);
     assert_eq!(found["errors"].as_array().map(Vec::len), Some(44));
     let shown = text(&["sensitivity", "-m", BLADE, "--assembly", "--grid", "3"]);
@@ -55,7 +55,7 @@ fn positions_of_a_file_are_judged() {
         "sensitivity -m examples/first.toml --points {points}"
     ));
     assert_eq!(found["positions"], 2);
-    // ECX of w X' b Y Z t, tip at the origin: the table turns under the tool, which stands 0 and 100 mm away from it.
+    // ECX of w X' b Y Z t, tip at the origin: the table rotates under the tool, which is 0 and 100 mm away from it.
     let errors = list(&found["errors"]);
     let ecx = errors.iter().find(|e| e["name"] == "ECX").expect("ECX");
     close(&ecx["position_max_um"], 0.1, 1e-12);
@@ -89,7 +89,7 @@ fn the_published_formulas_are_printed() {
     assert!(latex.ends_with("\\end{align}\n"), "{latex}");
 }
 
-/// The solutions lead back to the tip: `volcomp error` of a machine whose only error is the whole way there.
+/// Solutions against closed forms; singular and unreachable poses are named.
 #[test]
 fn axes_are_found_and_a_singular_pose_is_named() {
     let trunnion = "examples/trunnion.toml";
@@ -103,7 +103,7 @@ fn axes_are_found_and_a_singular_pose_is_named() {
     for (solution, c) in solutions.iter().zip([0.0, -360.0, 360.0]) {
         let number = |axis: &str| float(&solution[axis]);
         assert!((number("A") - tilt).abs() < 1e-9 && (number("C") - c).abs() < 1e-9);
-        // The tip lies on the crossing of both centre lines, where only the slides move it.
+        // The tip is at the intersection of both centre lines, where only the linear axes move it.
         for (axis, mm) in [("X", 300.0), ("Y", 250.0), ("Z", -300.0)] {
             assert!((number(axis) - mm).abs() < 1e-9, "{solution}");
         }
@@ -117,7 +117,7 @@ fn axes_are_found_and_a_singular_pose_is_named() {
     contains(&shown, "Singular pose: C does not turn");
     let shown = text(&["axes", "-m", trunnion, "--tip", "10,20,5000"]);
     contains(&shown, "beyond the travel of Z");
-    // A rotary axis between Z and X turns one along the other.
+    // A rotary axis between Z and X can make them parallel.
     let folder = Folder::new();
     let path = folder.path().join("machine.toml");
     let machine = "structure = \"w Z' B' b X Y t\"\n[axes]\nZ.travel = [-500, 500]\nB.travel = [-180, 180]\nX.travel = [-500, 500]\nY.travel = [-500, 500]\n";
@@ -157,7 +157,7 @@ fn axes_are_found_and_a_singular_pose_is_named() {
     );
 }
 
-/// What `dh` prints, put into a machine file, places the axes where they were.
+/// The output of `dh`, inserted into a machine file, gives the same axes.
 #[test]
 fn a_printed_table_makes_the_same_machine() {
     let folder = Folder::new();
@@ -216,7 +216,7 @@ fn a_turning_frame_is_told() {
     assert_eq!(found["axes"][0]["motion_frame"], Value::Null);
 }
 
-/// The values of the machine file in place of one unit each: the largest first, each that of its curve at the nodes.
+/// Effects of the values of the machine file instead of unit errors: sorted from the largest, each from its curve at the nodes.
 #[test]
 fn effects_of_the_values_of_the_machine_file() {
     let call = ["sensitivity", "-m", "examples/gantry.toml", "--values"];
@@ -230,7 +230,7 @@ fn effects_of_the_values_of_the_machine_file() {
         .collect();
     assert!(sizes.windows(2).all(|pair| pair[0] >= pair[1]), "{sizes:?}");
     let of = |name: &str| errors.iter().find(|e| e["name"] == name).expect("there");
-    // EXX of the file at 0, 2000 … 8000 mm moves the tool by itself.
+    // EXX at 0, 2000 … 8000 mm is the displacement of the tool.
     let exx = [0.0, 2000.0, 4000.0, 6000.0, 8000.0].map(|x: f64| 0.0073 * x - 2.1e-7 * x * x);
     let rms = (exx.iter().map(|um| um * um).sum::<f64>() / 5.0).sqrt();
     assert!((number(of("EXX"), "position_rms_um") - rms).abs() < 1e-9);
@@ -245,7 +245,7 @@ fn effects_of_the_values_of_the_machine_file() {
     );
 }
 
-/// ECC = 12 µrad · sin C on an axis of ±360°: over evenly spaced places of one turn its mean square is half of 144.
+/// ECC = 12 µrad · sin C on an axis of ±360°: over evenly spaced positions of one turn the mean square is 144/2.
 #[test]
 fn a_run_out_shows_whatever_the_number_of_nodes() {
     let call = |grid: &str| {
@@ -262,7 +262,7 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
         let rms = float(&of["orientation_rms_urad"]);
         assert!((rms - 12.0 / 2.0_f64.sqrt()).abs() < 1e-6, "{grid}: {rms}");
     }
-    // A turn as some controls state it.
+    // Some controls state a full turn like this.
     let folder = Folder::new();
     let nearly = folder.file("nearly.toml");
     let text = std::fs::read_to_string(root().join("examples/trunnion.toml")).expect("read");
@@ -282,7 +282,7 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
     );
 }
 
-/// One node of an axis that turns all the way round is the middle of its travel, as of any other axis.
+/// A single node of an axis with a full turn is the middle of its travel, as for any other axis.
 #[test]
 fn one_node_of_a_turn_is_the_middle() {
     let folder = Folder::new();
@@ -300,7 +300,7 @@ fn one_node_of_a_turn_is_the_middle() {
     assert!((of("EXX", "position_rms_um") - 20.0).abs() < 1e-6);
 }
 
-/// An axis 0.02 mm beside the origin: its lever is a weight of 0.00001, which would print as zero. JSON has it.
+/// An axis 0.02 mm beside the origin: its lever gives a weight of 0.00001, which the text leaves out with a note. JSON contains it.
 #[test]
 fn weights_that_would_print_as_zero_are_left_out_and_said() {
     let folder = Folder::new();

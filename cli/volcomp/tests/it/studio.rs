@@ -1,4 +1,4 @@
-//! `volcomp studio` as a program: what it prints, and the page behind it.
+//! `volcomp studio` as a program: its output, and the page that it serves.
 
 use std::{
     fs,

@@ -7,14 +7,14 @@ use crate::{Folder, contains, float, json, refused, refuses, root, text, volcomp
 const OBSERVATIONS: &str = "examples/identification/observations.toml";
 const TRIALS: &str = "120";
 
-/// A machine file of what the observations of the example show.
+/// The machine file identified from the example observations.
 fn identified(folder: &Folder) -> String {
     let machine = folder.file("found.toml");
     json(&["identify", OBSERVATIONS, "-o", &machine]);
     machine
 }
 
-/// The three uncertainties of position at every node of the map, µm.
+/// The three standard uncertainties of position at every node of the map, µm.
 fn mapped(machine: &str, from: &str, csv: &std::path::Path) -> Vec<[f64; 3]> {
     let csv = csv.display().to_string();
     json(&format!(
@@ -31,8 +31,7 @@ fn mapped(machine: &str, from: &str, csv: &std::path::Path) -> Vec<[f64; 3]> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// The covariance against the whole identification, repeated with readings drawn again: a file with a key of calibrations
-/// is one whose readings are drawn.
+/// Samples from the covariance agree with repeated identifications from redrawn readings. A calibration key in the file selects the latter.
 #[test]
 fn bands_of_the_covariance_are_those_of_repeated_identifications() {
     let folder = Folder::new();
@@ -50,7 +49,7 @@ fn bands_of_the_covariance_are_those_of_repeated_identifications() {
     let again = again.display().to_string();
     let repeated = mapped(&machine, &again, &folder.path().join("repeated.csv"));
     assert_eq!(drawn.len(), 18);
-    // Four standard deviations of the ratio of two spreads over 120 draws each.
+    // Four standard deviations of the ratio of two standard deviations, each from 120 samples.
     let allowed = 4.0 / 120.0_f64.sqrt();
     for (drawn, repeated) in drawn.iter().flatten().zip(repeated.iter().flatten()) {
         assert!(*repeated > 0.05, "{repeated}");
@@ -61,7 +60,7 @@ fn bands_of_the_covariance_are_those_of_repeated_identifications() {
     }
 }
 
-/// Where only X, Y and Z correct, the correction is minus the position error: it is as uncertain.
+/// If only X, Y and Z correct, the correction is the negative position error and has the same uncertainty.
 #[test]
 fn a_correction_of_linear_axes_is_as_uncertain_as_the_error() {
     let folder = Folder::new();
@@ -86,7 +85,7 @@ fn a_correction_of_linear_axes_is_as_uncertain_as_the_error() {
             "{axis}: {found} {expected}"
         );
     }
-    // Axes that are held are not corrected.
+    // Axes excluded by `--axes` are not corrected.
     assert_eq!(float(&uncertainty["B"]), 0.0);
     let csv = fs::read_to_string(&output).expect("written");
     let mut lines = csv.lines().map(|line| line.split(','));
@@ -102,12 +101,12 @@ fn a_correction_of_linear_axes_is_as_uncertain_as_the_error() {
     assert!(without.get("uncertainty").is_none());
 }
 
-/// What the program says besides its answer.
+/// The notes on standard error.
 fn notes(call: &str) -> Vec<String> {
     let output = volcomp(call);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(0), "{said}");
-    // A note that was folded goes on in lines that are indented.
+    // Continuation lines of a note are indented.
     let mut notes: Vec<String> = Vec::new();
     for line in said.lines() {
         match (line.strip_prefix("note: "), notes.last_mut()) {
@@ -119,7 +118,7 @@ fn notes(call: &str) -> Vec<String> {
     notes
 }
 
-/// What nothing measured is named by an uncertainty in the words of `calibrate`; from observations too.
+/// The uncertainty names unmeasured errors in the words of `calibrate`, also with observations.
 #[test]
 fn what_nothing_measured_is_named() {
     let folder = Folder::new();
@@ -177,14 +176,14 @@ fn observations_of_another_machine_are_refused() {
     );
 }
 
-/// What a call says besides its answer.
+/// Standard error of a map with uncertainty.
 fn said(machine: &str, from: &str) -> String {
     crate::notes(&format!(
         "map -m {machine} --grid 2x2x2 --trials 4 --uncertainty {from}"
     ))
 }
 
-/// A machine file with one change, and without the checksum that no longer fits.
+/// A machine file with one change, and without checksums, which would no longer match.
 fn with_change(text: &str, from: &str, to: &str) -> String {
     assert!(text.contains(from), "{from}\n{text}");
     let changed = text.replacen(from, to, 1);
@@ -192,7 +191,7 @@ fn with_change(text: &str, from: &str, to: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// A file that did not make the machine: by its name, by the values of errors, wherever they stand, or by the place of an axis.
+/// A file that did not produce the machine is recognized by the machine name, by the values of errors, or by the point of an axis.
 #[test]
 fn a_file_that_did_not_make_the_machine_is_noted() {
     let folder = Folder::new();
@@ -214,7 +213,7 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
         &words,
         "is of the machine \"fork-head\", --machine is \"another\"",
     );
-    // The first, the last and a curve in the middle, by values: the others agree.
+    // Two location errors, one at a time; the others agree.
     let value = |name: &str| -> f64 {
         let line = text
             .lines()
@@ -244,7 +243,7 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
         .expect("UTF-8");
         contains(&words, "was not made");
     }
-    // A point of an axis elsewhere is another machine.
+    // Another point of an axis makes it another machine.
     let output = {
         changed("400.0]", "410.0]");
         refused(&format!(
@@ -254,7 +253,7 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
     contains(&output, "point of axis");
 }
 
-/// The same with a calibration: a curve that was changed, and an error that no measurement of the file knows.
+/// The same with a calibration: a changed curve, and an error that the file does not measure.
 #[test]
 fn a_calibration_that_did_not_make_the_machine_is_noted() {
     let folder = Folder::new();
@@ -280,7 +279,7 @@ fn a_calibration_that_did_not_make_the_machine_is_noted() {
     let words = said(&other, &calibration);
     contains(&words, "was not made from");
     contains(&words, "at most EYY by");
-    // Errors at another point of a linear axis, and another travel.
+    // Errors stated at another point of a linear axis, and another travel.
     for (from, to, expected) in [
         (
             "point = [0.0, 0.0, -650.0]",
@@ -297,7 +296,7 @@ fn a_calibration_that_did_not_make_the_machine_is_noted() {
         let words = said(&other, &calibration);
         contains(&words, expected);
     }
-    // Assembly errors and thermal terms that the machine of the file has not.
+    // Assembly errors and thermal terms that the calibration does not give.
     let unsigned = text
         .lines()
         .filter(|line| !line.contains("sha256") && *line != "[assembly]");

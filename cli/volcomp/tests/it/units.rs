@@ -1,4 +1,4 @@
-//! No angle under a key of lengths, and no file in a unit that it does not have.
+//! Angles have no keys of lengths, and no file is read in a unit other than its own.
 
 use std::fs;
 
@@ -8,7 +8,7 @@ use crate::{Folder, contains, json, list, refused, refuses, text};
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
 
-/// Every key of a document, however deep.
+/// All keys of a document, at any depth.
 fn keys(document: &Value) -> Vec<String> {
     match document {
         Value::Object(entries) => entries
@@ -38,7 +38,7 @@ fn angles_stand_under_keys_of_angles() {
     let lengths = json(&["iso230", &file("exx.rtl")]);
     assert_eq!(lengths["unit"], "um");
     assert_eq!(ending_in(&lengths, "_urad"), Vec::<String>::new());
-    // The same symbols under both units, down to the readings of a target.
+    // Both units have the same symbols, down to the readings of a target.
     let symbols = |document: &Value, unit: &str| -> Vec<String> {
         let keys = ending_in(document, unit).into_iter();
         let mut symbols: Vec<String> = keys.map(|key| key.replace(unit, "")).collect();
@@ -58,7 +58,7 @@ fn angles_stand_under_keys_of_angles() {
         assert_eq!(is_angular, curve["unit"] == "urad", "{curve}");
     }
 
-    // The option states the unit of a file that does not; it never turns angles into lengths.
+    // The option states the unit of a file without one; it never turns angles into lengths.
     for (name, unit, found, expected) in [
         ("eay.rta", "um", "µrad", "µm"),
         ("exx.rtl", "urad", "µm", "µrad"),
@@ -73,7 +73,7 @@ fn angles_stand_under_keys_of_angles() {
     );
 }
 
-/// The same deviations stated in other units are the same evaluation.
+/// The same deviations in different units give the same evaluation.
 #[test]
 fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
     let folder = Folder::new();
@@ -112,7 +112,7 @@ fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
         );
     }
     assert!(text(&["iso230", "--unit", "arcsec", &write(1.0)]).contains("all values in µrad"));
-    // The unit of the header may be repeated, and is applied once.
+    // The option may repeat the unit of the header, which is applied once.
     let path = folder.path().join("stated.csv");
     fs::write(&path, "target,deviation mm\n0,0.001\n10,0.003\n20,0.006\n").expect("written");
     let stated = path.display().to_string();
@@ -125,7 +125,7 @@ fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
     contains(&message, said);
 }
 
-/// A table of a spreadsheet in a country of decimal commas, with a column that nobody reads.
+/// A spreadsheet table with decimal commas and an unused column.
 #[test]
 fn tables_with_semicolons_and_decimal_commas_are_read() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! From a truth machine over laser files to a corrected machine, with the real program.
+//! From a truth machine through laser files to a corrected machine.
 
 use std::{fmt::Write as _, fs};
 
@@ -8,18 +8,17 @@ use crate::{Folder, contains, float, json, list, refused, refuses, root, text, v
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
 
-/// The goals after correction; the sizes before are those of the paper, below.
 #[test]
 fn the_demo_reaches_its_goals() {
     let answer = json(&["demo"]);
     let lines = list(&answer["lines"]);
     for line in lines {
-        // The floor does not have the noise of tilts that are summed up.
+        // The floor does not include the noise of accumulated tilts.
         let from_tilts =
             ["EYX", "EZX", "EXY", "EZY"].contains(&line["error"].as_str().expect("a name"));
         let most = if from_tilts { 2.2 } else { 1.5 };
         assert!(float(&line["times_floor"]) <= most, "{line}");
-        // Noise of the mean and 1 um output cannot leave nothing.
+        // The noise of the mean and the output step of 1 µm set a lower bound.
         assert!(float(&line["floor_um"]) > 0.9, "{line}");
     }
     let mean = &answer["mean_percent"];
@@ -34,7 +33,7 @@ fn the_demo_reaches_its_goals() {
     }
 }
 
-/// The published sizes before, and better than the paper's figure in every row that it prints.
+/// Before correction the published sizes; after it, better than the paper in every row.
 #[test]
 fn the_published_gantry_is_passed_in_every_row() {
     let folder = Folder::new();
@@ -84,7 +83,7 @@ fn the_published_gantry_is_passed_in_every_row() {
             );
         }
     }
-    // The pitch that two heights of Y show is nearly linear: the tilts as measured against their own line.
+    // The pitch measured at two heights of Y is nearly linear: the tilts compared with their own line.
     let pitch = json(&format!("fit {kept}/eay.rta --method poly --order 1"));
     let left = &pitch["residual_urad"];
     let span = json(&["iso230", &format!("{kept}/eay.rta")]);
@@ -98,8 +97,8 @@ fn the_published_gantry_is_passed_in_every_row() {
     insta::assert_snapshot!(text);
 }
 
-/// Moving least squares on every line, each with a setting of its own: better than one setting for all, order 4 over a third
-/// of the range, which left 5.6, 10.0 and 4.8 %.
+/// Moving least squares on every line, each with its own setting, is better than one setting for all (order 4, a third of the range), which
+/// left 5.6, 10.0 and 4.8 %.
 #[test]
 fn the_demo_with_moving_least_squares_alone() {
     let folder = Folder::new();
@@ -115,7 +114,7 @@ fn the_demo_with_moving_least_squares_alone() {
     assert!(float(&mean["positioning"]) <= -95.0, "{mean}");
     assert!(float(&mean["straightness"]) <= -91.0, "{mean}");
     assert!(float(&mean["diagonals"]) <= -96.0, "{mean}");
-    // The settings are stated, they are those of the kept machine, and not all alike.
+    // The settings are those of the kept machine, and they differ.
     let settings = list(&answer["curves"]);
     assert_eq!(settings.len(), 36, "18 errors, two directions");
     let of = |setting: &Value| {
@@ -139,15 +138,14 @@ fn the_demo_with_moving_least_squares_alone() {
     let printed = text(&["demo", "--curve", "mls"]);
     assert!(printed.lines().all(|line| line.len() <= 80), "{printed}");
     contains(&printed, "moving least squares  direction  order  support");
-    // What was kept says how it was fitted: calibrated once more it is the same machine.
+    // The kept calibration file states the settings, so calibrating again gives the same machine.
     let again = folder.file("again.toml");
     let calibration = folder.file("calibration.toml");
     json(&["calibrate", &calibration, "-o", &again]);
     assert_eq!(fs::read_to_string(again).expect("written"), calibrated);
 }
 
-/// A residual of 2 um is met on every linear axis of the demo, and the leave-one-out error is no worse than that of the
-/// default setting.
+/// Every linear axis of the demo meets a residual of 2 µm, and the leave-one-out error is no larger than with the default setting.
 #[test]
 fn the_automatic_mode_meets_2_um_on_the_demo() {
     let folder = Folder::new();
@@ -166,7 +164,7 @@ fn the_automatic_mode_meets_2_um_on_the_demo() {
             leave_one_out <= float(&default["leave_one_out_um"]),
             "{file}"
         );
-        // The scan has the setting that was taken.
+        // The scan contains the chosen setting.
         let scan = list(&automatic["scan"]);
         let curve = &automatic["curve"]["mls"];
         let is_taken = |trial: &&Value| {
@@ -202,7 +200,7 @@ fn laser_files_make_a_machine_file() {
     let told = told.replace(&folder.path().display().to_string(), "[folder]");
     insta::assert_snapshot!(told);
     let answer = json(&["calibrate", &calibration, "-o", &machine]);
-    // The straightness files are told once, together; nothing else is odd.
+    // One warning covers the straightness files; there are no others.
     let [told] = &list(&answer["warnings"])[..] else {
         panic!("{}", answer["warnings"]);
     };
@@ -214,7 +212,7 @@ fn laser_files_make_a_machine_file() {
     assert_eq!(answer["file"], machine);
     let curves = list(&answer["curves"]);
     assert_eq!(curves.len(), 36, "18 errors in two directions");
-    // The reversals of the truth, 3, -2 and 2.5 um.
+    // The reversals of the truth: 3, −2 and 2.5 µm.
     for (error, reversal) in [("EXX", 3.0), ("EYY", -2.0), ("EZZ", 2.5)] {
         let curve = curves.iter().find(|c| c["error"] == error).expect("fitted");
         let found = float(&curve["reversal"]);
@@ -323,7 +321,7 @@ fn an_interrupt_leaves_nothing_half_written() {
         .stderr(std::process::Stdio::piped())
         .spawn()
         .expect("started");
-    // The unfinished file is there once work has begun.
+    // The unfinished file exists once work has begun.
     let begun = std::time::Instant::now();
     while fs::read_dir(folder.path()).expect("a folder").count() == 0 {
         assert!(begun.elapsed().as_secs() < 60, "no work began");
@@ -338,13 +336,13 @@ fn an_interrupt_leaves_nothing_half_written() {
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 0);
 }
 
-/// Where the others within the support hardly weigh against a target there is no leave-one-out error, and the table says so.
+/// If the other targets within the support have almost no weight at a target, there is no leave-one-out error, and the table says so.
 #[test]
 fn settings_without_a_leave_one_out_error_are_told() {
     let folder = Folder::new();
     let path = folder.path().join("uneven.csv");
     let mut table = "target,deviation\n".to_owned();
-    // Clusters of targets: seen from the last one, others stand just inside of the edge of some supports.
+    // Clusters of targets: seen from the last target, others are just inside the edge of some supports.
     for x in [0, 12, 24, 150, 186, 198, 312, 324, 336, 450, 498, 612] {
         let reading = (0.02 * f64::from(x)).sin() + 0.3 * f64::from(x * 7 % 5);
         let _ = writeln!(table, "{x},{reading}");

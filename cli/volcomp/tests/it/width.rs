@@ -1,4 +1,4 @@
-//! Nothing that people read is wider than 80 columns: every command on every example.
+//! No text output is wider than 80 columns: every command on every example.
 
 use std::{fs, process::Command};
 
@@ -19,14 +19,14 @@ fn machines() -> Vec<String> {
     machines
 }
 
-/// Standard output and notes of a call, judged line by line.
+/// Checks every line of standard output and standard error.
 fn fits(arguments: &str) {
     let output = volcomp(arguments);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
     let shown = String::from_utf8(output.stdout).expect("UTF-8");
     for line in shown.lines().chain(said.lines()) {
-        // A path is as long as it is, and a piece of a machine file stays one line.
+        // Long paths and pieces of a machine file are not wrapped.
         let is_path = line.split_whitespace().any(|word| word.contains('/'));
         let is_toml = line.contains(" = {");
         let wide = line.chars().count();
@@ -93,7 +93,7 @@ fn every_measurement_in_every_command() {
     }
     for file in ["exx.rtl", "eay.rta"] {
         for method in ["poly", "chebyshev", "mls", "bspline"] {
-            // The curve itself is one line of a machine file, however long.
+            // The curve is one line of a machine file, whatever its length.
             let shown = text(&format!(
                 "fit {place}demo/{file} --method {method} --at 0,4000"
             ));
@@ -104,7 +104,7 @@ fn every_measurement_in_every_command() {
     }
 }
 
-/// A reader that goes away is no failure, a narrow terminal and no colours change nothing.
+/// A reader that closes the pipe is not a failure; a narrow terminal and missing colours change nothing.
 #[cfg(unix)]
 #[test]
 fn closed_pipes_and_narrow_terminals() {

@@ -1,4 +1,4 @@
-//! Files of another kind, and slips in machine files: the message names what was found and what was meant.
+//! Files of another kind, and mistakes in machine files: the message names the content found and the likely intention.
 
 use std::fs;
 
@@ -58,7 +58,7 @@ fn a_file_that_is_read_is_not_written_over() {
     assert_eq!(fs::read_to_string(&points).expect("read"), "X\n1\n");
 }
 
-/// A text in another encoding has one message, whichever command reads it.
+/// Every command gives the same message for a text in another encoding.
 #[test]
 fn bytes_that_are_not_utf_8_are_told_with_their_place() {
     let folder = Folder::new();
@@ -76,7 +76,7 @@ fn bytes_that_are_not_utf_8_are_told_with_their_place() {
     }
 }
 
-/// Slips that the table of messages of volcomp-model does not have.
+/// Mistakes that the message table of volcomp-model does not cover.
 #[test]
 fn slips_in_a_machine_file_are_told_with_what_was_meant() {
     let folder = Folder::new();

@@ -6,7 +6,7 @@ use crate::{Folder, contains, refuse_each, refused, refuses, root, volcomp};
 
 const GANTRY: &str = "examples/gantry.toml";
 
-/// A call, and what its message must say; `$m` is the machine of the calls, `$axis` a positioning test.
+/// A call and the expected part of its message; `$m` is the machine, `$axis` a positioning test.
 const WRONG_CALLS: &str = "
 error $m --at Q=1 => found axis `Q`
 error $m --at A=1 => has no axis A
@@ -118,7 +118,7 @@ fn broken_files_are_named_with_their_line_unbroken() {
 
 #[test]
 fn a_disk_that_fills_up_leaves_nothing_behind() {
-    // /dev/full takes no byte: standard output on it is a failure of the work.
+    // /dev/full accepts no bytes, so writing to standard output fails.
     let Ok(full) = fs::OpenOptions::new().write(true).open("/dev/full") else {
         panic!("this system has no /dev/full");
     };
@@ -133,7 +133,7 @@ fn a_disk_that_fills_up_leaves_nothing_behind() {
 
 #[test]
 fn an_output_is_opened_before_the_work_starts() {
-    // 10^9 nodes would take minutes: the refusal comes at once, or this test does not end.
+    // 10^9 nodes would take minutes; the failure must be immediate.
     refuses(
         "map -m examples/gantry.toml --grid 1000x1000x1000 -o nowhere/m.csv",
         "nowhere/m.csv: cannot be written",
@@ -141,7 +141,7 @@ fn an_output_is_opened_before_the_work_starts() {
     assert_eq!(volcomp(&["--version"]).status.code(), Some(0));
 }
 
-/// An option that would be passed over is refused.
+/// An option without effect is rejected.
 #[test]
 fn options_of_a_fit_that_have_no_effect_are_refused() {
     let folder = Folder::new();
@@ -185,7 +185,6 @@ fn options_of_a_fit_that_have_no_effect_are_refused() {
     }
 }
 
-/// Hidden commands are no answer to a slip of the keyboard.
 #[test]
 fn a_mistyped_command_is_told_no_hidden_one() {
     for (typed, meant) in [("chek", "check"), ("schem", "")] {

@@ -118,7 +118,7 @@ fn noise(profiles: [&Profile<'_>; 2], beside: &ParallelReadings) -> Option<f64> 
     let mut variance = 0.0;
     for (profile, values) in profiles.iter().zip(&beside.lines) {
         let points = beside.places.iter().zip(values);
-        // Each direction separately: from the end of one to the beginning of the other a value jumps by the whole slope.
+        // Each direction separately: between the end of one and the beginning of the other a value jumps by the whole slope.
         let uneven = Direction::BOTH.into_iter().filter_map(|direction| {
             let own = points.clone().filter(|((of, _), _)| *of == direction);
             unevenness(

@@ -5,7 +5,7 @@ use std::path::Path;
 use volcomp_calibrate::{Answer, AnswerError, CalibrationFile, Draft, Subject, calibrate, draft};
 use volcomp_model::Machine;
 
-/// A folder with the machine of the example and what `fill` writes there, and its draft.
+/// A folder with the machine of the example and the files that `fill` writes, and the draft for it.
 fn drafted_in(fill: impl FnOnce(&Path, &Path)) -> (tempfile::TempDir, Draft) {
     let dir = tempfile::tempdir().expect("writable");
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration");
@@ -40,7 +40,6 @@ fn drafted_of(files: &[(&str, &str)]) -> (tempfile::TempDir, Draft) {
     })
 }
 
-/// Keys that are open.
 fn open_keys(draft: &Draft) -> Vec<String> {
     draft.questions.iter().map(|of| of.key.clone()).collect()
 }
@@ -59,7 +58,7 @@ fn place(draft: &Draft, file: &str) -> usize {
         .expect(file)
 }
 
-/// Every question answered: the file is read, and calibrates to the slope that the example's machine has.
+/// With every question answered, the file can be read, and its calibration has the slope of the example's machine.
 #[test]
 fn an_answered_draft_is_a_calibration_file() {
     let (dir, found) = drafted(&["exx.csv"]);
@@ -78,7 +77,7 @@ fn an_answered_draft_is_a_calibration_file() {
         answers.push(answer(first.clone(), &question.key, value));
     }
     assert!(!answers.is_empty());
-    // One is missing: it stays open, and the file is refused with its question.
+    // A missing answer stays open, and the file is rejected with its question.
     let open = found.answered(&answers[1..]).expect("right");
     assert_eq!(open.questions.len(), 1);
     let file = dir.path().join("calibration.toml");
@@ -129,7 +128,7 @@ fn invalid_answers_are_refused_by_key() {
             "{message}"
         );
     }
-    // Answers without a question, and to a missing measurement.
+    // Answers without a question, and for a missing measurement.
     let key = found.answered(&[answer(of.clone(), "machine", "x")]);
     assert!(matches!(key, Err(AnswerError::Key { .. })), "{key:?}");
     let missing = found.answered(&[answer(Subject::Measurement(99), "sign", "1")]);
@@ -139,7 +138,7 @@ fn invalid_answers_are_refused_by_key() {
     );
 }
 
-/// Nothing that is typed leaves its value: the text stays a calibration file with the same tables.
+/// No typed text can end its value: the file keeps the same tables.
 #[test]
 fn an_answer_cannot_inject_other_keys() {
     let (_dir, found) = drafted(&["exx.log"]);
@@ -150,7 +149,7 @@ fn an_answer_cannot_inject_other_keys() {
     assert!(!text.contains("\n[[squareness]]"), "{text}");
 }
 
-/// A measurement that is left out takes its squareness with it.
+/// Omitting a measurement also omits its squareness.
 #[test]
 fn measurements_left_out_are_listed() {
     let (_dir, found) = drafted(&["eyx.csv", "exy.csv"]);
@@ -181,13 +180,13 @@ fn measurements_left_out_are_listed() {
     );
 }
 
-/// Readings in an angle under the name of a straightness come from a level on a bridge, so its length is an open question.
+/// Angular readings of a straightness come from a level on a bridge, so its length is an open question.
 #[test]
 fn a_unit_of_angle_opens_the_question_for_the_bridge() {
     let (_dir, found) = drafted(&["ezx-level.csv"]);
     let of = Subject::Measurement(0);
     assert!(!open_keys(&found).contains(&"bridge_mm".to_owned()));
-    // In whichever order they come.
+    // In any order.
     let answers = [
         answer(of.clone(), "bridge_mm", "150"),
         answer(of.clone(), "unit", "urad"),
@@ -249,7 +248,7 @@ fn an_error_of_another_axis_opens_the_question_for_that_position() {
     );
 }
 
-/// Two tests of one error at one place, before and after a compensation: one has to be chosen, never the mean of both.
+/// Two tests of one error on one line, before and after a compensation: one has to be chosen, never the mean of both.
 #[test]
 fn two_files_answered_for_the_same_line_are_a_conflict() {
     let after = "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,0.6\n300,1,+,0.8\n450,1,+,0.6\n600,1,+,0.1\n";
@@ -277,7 +276,7 @@ fn two_files_answered_for_the_same_line_are_a_conflict() {
     for name in ["scan-before.csv", "scan-after.csv", "EXX"] {
         assert!(refused.contains(name), "{refused}");
     }
-    // Another line, one of them alone, and the two directions of one test are no two tests.
+    // Another line, a single test, and the two directions of one test are no conflict.
     let read = |text: &str| {
         std::fs::write(&file, text).expect("writable");
         CalibrationFile::read(&file).map(|file| file.measurements.len())
@@ -293,7 +292,7 @@ fn two_files_answered_for_the_same_line_are_a_conflict() {
     assert_eq!(read(&done.text).expect("two directions"), 2);
 }
 
-/// What a draft asks can be answered together with the error, as the page shows all questions at once.
+/// The questions of a draft can be answered together with the error, since the page shows all questions at once.
 #[test]
 fn follow_up_questions_can_be_answered_with_the_error() {
     let (_dir, found) = drafted_of(&[("scan-1.csv", ARCH), ("exx.csv", ARCH)]);
@@ -309,7 +308,7 @@ fn follow_up_questions_can_be_answered_with_the_error() {
             format!("scan-1.csv: {key} is no question for {error}: the answer {value} is not used");
         assert!(done.notes.contains(&said), "{:?}", done.notes);
     }
-    // A sign that was answered before the error became another one.
+    // A sign answered before the error was changed.
     let with = [
         answer(scan.clone(), "error", "EXX"),
         answer(scan, "sign", "-1"),

@@ -1,5 +1,5 @@
-//! Readings of straightness lines on both sides of `b`, from products of homogeneous matrices that this file writes out, on a
-//! machine whose file keeps a constant turn of a rotary axis.
+//! Readings of straightness lines on both sides of `b`, from homogeneous matrices written out here, on a machine whose file keeps a
+//! constant rotation of a rotary axis.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use crate::lab::Lab;
 
 type M = [[f64; 4]; 4];
 
-/// The constant of ECC that the machine file keeps, and the squareness, rad.
+/// Constant of ECC kept from the machine file, and the squareness, rad.
 const TURN: f64 = 100e-6;
 const SQUARE: f64 = 22e-6;
 /// A point on the table and one on the tool, mm.
@@ -41,28 +41,28 @@ fn about_z(angle: f64) -> M {
     ]
 }
 
-/// `w X' b Y Z C B t` with X and Y moving: the tool in workpiece axes. Y goes to −X as it goes, and C, which is at 0, holds its
-/// constant turn.
+/// `w X' b Y Z C B t` with X and Y moving: the tool in workpiece axes. Y also moves to −X in proportion, and C, at 0, has its constant
+/// rotation.
 fn tool(x: f64, y: f64) -> M {
     let slide = shift(-SQUARE.sin() * y, SQUARE.cos() * y);
     product(&product(&shift(x, 0.0), &slide), &about_z(TURN))
 }
 
-/// The way back: the workpiece in tool axes.
+/// The inverse: the workpiece in tool axes.
 fn table(x: f64, y: f64) -> M {
     let slide = shift(SQUARE.sin() * y, -SQUARE.cos() * y);
     product(&product(&about_z(-TURN), &slide), &shift(-x, 0.0))
 }
 
-/// EYX, µm: a point of the table passes by a straightedge in the spindle that was laid along the X of the workpiece. The tool is
-/// further along Y than it should be where the point is further back.
+/// EYX, µm: a point of the table moves past a straightedge in the spindle that was aligned to the X of the workpiece. The error is positive
+/// if the point is farther back along Y.
 fn eyx(x: f64) -> f64 {
     let aligned = about_z(TURN);
     let across = |x: f64| image(&aligned, image(&table(x, 0.0), ON_TABLE))[1];
     (across(0.0) - across(x)) * 1e3
 }
 
-/// EXY, µm: a point of the tool goes along a straightedge on the table.
+/// EXY, µm: a point of the tool moves along a straightedge on the table.
 fn exy(y: f64) -> f64 {
     (image(&tool(0.0, y), ON_TOOL)[0] - image(&tool(0.0, 0.0), ON_TOOL)[0]) * 1e3
 }

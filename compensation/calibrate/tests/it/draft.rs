@@ -127,9 +127,9 @@ fn headers_and_file_names_give_proposals_and_questions() {
         expected.iter().all(|error| errors.contains(error)),
         "{errors:?}"
     );
-    // The angle of Y and the table of which nothing says what it is.
+    // The angle of Y, and the table without any indication of its content.
     assert_eq!(unknown, 2);
-    // Where both other axes stood is known of the first.
+    // The first file states the positions of both other axes.
     assert_eq!(keys(&found, "laser/x-y50.rtl"), ["point", "rides"]);
     assert!(
         found.text.contains("at = { Y = 50.0, Z = -20.0 }"),
@@ -161,7 +161,7 @@ fn headers_and_file_names_give_proposals_and_questions() {
     }
     let unread = "# not used: notes.pdf: found";
     assert!(found.text.contains(unread), "{}", found.text);
-    // Every question is in the text, as a value and as a comment.
+    // The text has every question, as a value and as a comment.
     assert_eq!(
         found.text.matches("# QUESTION").count(),
         found.questions.len()
@@ -253,7 +253,7 @@ fn columns_of_the_calibration_file_are_those_of_its_tables() {
         .map(|r| r.deviation)
         .fold(0.0, f64::max);
     assert!((largest - 4.0).abs() < 1e-6, "{largest}");
-    // Compensation values need an answer about their meaning.
+    // Compensation values need an answer about their sign and unit.
     let export = |keys: &str| {
         format!(
             "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"x.ren\"\n{keys}"
@@ -270,7 +270,7 @@ fn columns_of_the_calibration_file_are_those_of_its_tables() {
     assert_eq!(file.measurements[0].readings.readings[1].deviation, -2.0);
 }
 
-/// The file of another machine, whose axis is longer, and one that states this machine.
+/// A file of another machine with a longer axis, and one that states this machine.
 #[test]
 fn files_of_another_machine_and_targets_beyond_the_travel_are_noted() {
     let of = |machine: &str, axis: &str, scale: f64| {
@@ -318,7 +318,7 @@ fn files_of_another_machine_and_targets_beyond_the_travel_are_noted() {
     );
 }
 
-/// Three lines with the same answers: one for all, but for one error another.
+/// Three lines with the same answers: one for all, with an exception for one error.
 #[test]
 fn one_answer_applies_to_every_question_of_its_key() {
     let shop = Shop::new(&[

@@ -33,8 +33,7 @@ fn truth(text: &str) -> Machine {
     Machine::parse(&format!("{}[errors]\n{text}", axes()), "truth").expect("a valid machine")
 }
 
-/// Readings of `error` along its axis, 11 targets, computed by the rule of the measured line:
-/// δ + ε × lever, lever given.
+/// Writes the readings of `error` along its axis, 11 targets, by the rule of the measured line: δ + ε × lever.
 fn write_line(lab: &Lab, machine: &Machine, error: &str, lever: impl Fn(f64) -> [f64; 3]) {
     let name: ErrorName = error.parse().expect("an error name");
     let index = machine.index_of(name.axis).expect("an axis");
@@ -79,18 +78,18 @@ fn the_volumetric_error_comes_back() {
     for error in ["EAX", "EBX", "ECX", "EAY", "EBY", "ECY", "EAZ", "EBZ"] {
         measure(error, "", &|_| [0.0; 3]);
     }
-    // X: retro on the spindle at Y = 300, Z = 400 — the tool side, while the table moves.
+    // X: retroreflector on the spindle at Y = 300, Z = 400, on the tool side, while the table moves.
     measure(
         "EXX",
         "at = { Y = 300, Z = 400 }\npoint = [0, 300, 400]\nrides = \"other\"",
         &|q| [q, 300.0, 400.0],
     );
     measure("EYX", "", &|_| [0.0; 3]);
-    // Y at two heights: through the pitch.
+    // Y at two heights, for the pitch.
     measure("EYY", "at = { Z = 650 }\npoint = [0, 0, 650]", &|_| {
         [0.0, 0.0, 650.0]
     });
-    // Z beside its own point, which Y = 500 carries along: the lever is the rest.
+    // Z away from its own point, which Y = 500 carries along: the lever arm is the remainder.
     measure("EZZ", "at = { Y = 500 }\npoint = [70, 530, 0]", &|_| {
         [70.0, 30.0, 0.0]
     });
@@ -118,15 +117,15 @@ fn the_volumetric_error_comes_back() {
             .expect("a state");
         machine.error_at(&state, Form::Exact, &none).position_mm * 1e3
     };
-    // The gauge frees a constant.
+    // The zero of the curves leaves a constant free.
     let origin = error(&found.machine, [0.0; 3]) - error(&expected, [0.0; 3]);
     for x in [0.0, 700.0, 2000.0] {
         for y in [0.0, 400.0, 1000.0] {
             for z in [0.0, 300.0, 800.0] {
                 let difference =
                     error(&found.machine, [x, y, z]) - error(&expected, [x, y, z]) - origin;
-                // A straightness of third order has a least-squares slope over 11 targets,
-                // which is removed with the line: the truth's is taken off below.
+                // A third-order straightness has a least-squares slope over 11 targets, which is removed with the line; it is subtracted
+                // from the truth below.
                 let t = x / 1000.0 - 1.0;
                 let slope = straightness_slope();
                 let expected_y = -5.0 * slope * (t + 1.0);
@@ -159,8 +158,8 @@ fn straightness_slope() -> f64 {
 #[test]
 fn squareness_is_cleared_of_the_tilt_at_the_held_position() {
     let lab = Lab::new(&axes());
-    // Physical lines: EXY seen at X = 500, where ECX = 30 µrad turns the table: slope −30 µrad
-    // plus the tilt's −ECX·y … and EYX with a slope of 4 µrad.
+    // Physical lines: EXY measured at X = 500, where ECX = 30 µrad rotates the table: slope −30 µrad plus −ECX·y of the tilt; and EYX with
+    // a slope of 4 µrad.
     let write = |name: &str, f: &dyn Fn(f64) -> f64, length: f64| {
         let mut csv = String::from("target,deviation\n");
         for step in 0..=10 {
@@ -197,8 +196,8 @@ reference_angle_urad = -3.0
     );
 }
 
-/// The readings are the chain's own volumetric error: a tool at rest at the MCS origin while
-/// the table yaws under it sees the yaw over the travelled distance.
+/// The readings are the volumetric error of the chain: for a tool at rest at the MCS origin, the yaw of the table below it acts over the
+/// distance travelled.
 #[test]
 fn the_travel_is_a_lever_on_the_other_side_without_a_stated_point() {
     let lab = Lab::new(&axes());

@@ -1,4 +1,4 @@
-//! Two runs with a zero each, of which the second stops half-way: curve, band and Monte Carlo samples are those of complete runs.
+//! Two runs with separate zeros, the second of which stops half-way: curve, band and Monte Carlo samples are those of complete runs.
 
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ fn truth(x: f64, sign: &str) -> f64 {
     0.02 * x + 3.0 * (x / 130.0).sin() + half
 }
 
-/// Targets each 50 mm both ways; run 2 is 40 µm higher and ends at `last` mm of its way out, or is complete.
+/// Targets every 50 mm in both directions; run 2 is 40 µm higher and, with `last`, ends at that target (mm) of its forward part.
 fn file(curve: &str, last: Option<f64>) -> CalibrationFile {
     let mut csv = String::from("target,run,direction,deviation_um\n");
     for (run, offset) in [(1, 0.0), (2, 40.0)] {
@@ -57,7 +57,7 @@ fn a_run_that_stops_makes_no_step() {
     );
 }
 
-/// The runs scatter by their zeros alone, and these are known of both.
+/// The runs differ only in their zeros, which are known for both.
 #[test]
 fn band_and_samples_are_those_of_complete_runs() {
     let [complete, stopped] =
@@ -69,7 +69,7 @@ fn band_and_samples_are_those_of_complete_runs() {
         };
         let [a, b] = [a, b].map(|curve| curve.band().expect("a band"));
         assert_eq!(a.at, b.at);
-        // The way back was made once, which leaves its residuals only.
+        // The backward direction was run once, so only its residuals are available.
         let same = a.source == b.source;
         assert_eq!(same, direction.name() == "forward");
         for (a, b) in a.half_width.iter().zip(&b.half_width).filter(|_| same) {
@@ -84,7 +84,7 @@ fn band_and_samples_are_those_of_complete_runs() {
                     [from, to].map(|file| file.measurements[0].readings.readings[place]);
                 to.deviation - from.deviation
             };
-            // The first run out holds the same places in both files.
+            // The first forward run has the same targets in both files.
             (0..21)
                 .map(|place| shift(file, &varied, place))
                 .collect::<Vec<f64>>()

@@ -1,4 +1,4 @@
-//! A simulated instrument: readings from the exact chain with every error in it, written as measurement files.
+//! A simulated instrument: readings from the exact chain with every error, written as measurement files.
 
 use std::fmt::Write as _;
 
@@ -24,20 +24,20 @@ impl Noise {
     }
 }
 
-/// A line along one axis, all rotary axes but the measured one at 0.
+/// A line along one axis, with all other rotary axes at 0.
 pub(crate) struct Line<'a> {
     pub(crate) error: &'a str,
-    /// Where the other linear axes stand, mm.
+    /// Positions of the other linear axes, mm.
     pub(crate) at: &'a [(AxisName, f64)],
-    /// The measured point, mm in MCS with the measured axis at 0; it goes with a carriage that carries it.
+    /// The measured point, mm in MCS with the measured axis at 0; it moves with the component that carries it.
     pub(crate) point: [f64; 3],
-    /// Whether the measured point stands on the other side of the joint.
+    /// Whether the measured point is on the other side of the joint.
     pub(crate) other: bool,
     pub(crate) targets: usize,
     pub(crate) runs: usize,
 }
 
-/// What a perfect instrument reads, µm or µrad, in the sign of the error.
+/// Reading of a perfect instrument, µm or µrad, in the sign of the error.
 pub(crate) fn reading(truth: &Machine, line: &Line<'_>, target: f64) -> f64 {
     let name: ErrorName = line.error.parse().expect("an error name");
     let index = truth.index_of(name.axis).expect("an axis");
@@ -53,7 +53,7 @@ pub(crate) fn reading(truth: &Machine, line: &Line<'_>, target: f64) -> f64 {
             Side::Tool => tool = tool * joint.motion(q),
         }
     }
-    // Of a linear axis the point goes along with its carriage; a rotary axis turns under it.
+    // The point moves with the carriage of a linear axis; a rotary axis rotates below it.
     let goes = match (joint.side, line.other || name.axis.is_rotary()) {
         (_, true) => 0.0,
         (Side::Tool, false) => target,
@@ -75,7 +75,7 @@ pub(crate) fn reading(truth: &Machine, line: &Line<'_>, target: f64) -> f64 {
     }
 }
 
-/// Writes the readings of a line with noise (µm or µrad) and gives its table for the calibration file.
+/// Writes the readings of a line with noise (µm or µrad), and returns its table for the calibration file.
 pub(crate) fn measure(
     lab: &Lab,
     truth: &Machine,

@@ -22,7 +22,7 @@ impl Lab {
         fs::write(self.folder().join(name), text).expect("written");
     }
 
-    /// Reads a calibration file of this text, which follows the name of the machine file in its first line.
+    /// Reads a calibration file with the name of the machine file in its first line, followed by this text.
     pub(crate) fn read(&self, text: &str) -> Result<CalibrationFile, CalibrateError> {
         let text = format!("machine = \"machine.toml\"\n{text}");
         self.write("calibration.toml", &text);
@@ -37,7 +37,7 @@ impl Lab {
         self.tried(text).expect("calibrated")
     }
 
-    /// The message of what is refused.
+    /// The message with which the text is rejected.
     pub(crate) fn refused(&self, text: &str) -> String {
         match self.tried(text) {
             Ok(_) => panic!("calibrated, expected a refusal of\n{text}"),

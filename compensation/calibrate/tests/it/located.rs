@@ -1,4 +1,4 @@
-//! A five-axis machine with every error motion measured and its location errors given directly.
+//! A five-axis machine with all error motions measured along lines and its location errors stated.
 
 use std::fmt::Write as _;
 
@@ -42,7 +42,7 @@ pub(crate) const LOCATIONS: [(&str, f64); 7] = [
     ("EC0A", -18.0),
     ("EA0C", -16.0),
 ];
-/// The others of the two rotary axes.
+/// The remaining ones of the two rotary axes.
 pub(crate) const MORE: [(&str, f64); 4] = [
     ("EZ0A", -12.0),
     ("EX0C", 15.0),
@@ -50,7 +50,7 @@ pub(crate) const MORE: [(&str, f64); 4] = [
     ("EB0C", 12.0),
 ];
 
-/// Motions that are 0 at 0; a straightness has no least-squares line over equal targets from end to end.
+/// Motions that are 0 at 0; straightnesses have no least-squares line over equally spaced targets from end to end.
 pub(crate) fn truth() -> Machine {
     let mut errors = String::new();
     for (place, (axis, low, high)) in [("X", 0.0, 600.0), ("Y", 0.0, 500.0), ("Z", 0.0, 400.0)]
@@ -60,7 +60,7 @@ pub(crate) fn truth() -> Machine {
         for (k, component) in ["EX", "EY", "EZ", "EA", "EB", "EC"].into_iter().enumerate() {
             let wave = |f: f64| (f * (7 * place + 5 * k + 2) as f64).sin();
             let coefficients = if k < 3 && k != place {
-                // t² minus its mean over 11 equal targets, t from −1 to 1 over the travel.
+                // t² minus its mean over 11 equally spaced targets, t from −1 to 1 over the travel.
                 let (middle, half) = (0.5_f64 * (low + high), 0.5_f64 * (high - low));
                 let size = 8.0 * wave(1.1);
                 [
@@ -81,7 +81,7 @@ pub(crate) fn truth() -> Machine {
     }
     for (k, component) in ["EX", "EY", "EZ", "EA", "EB", "EC"].into_iter().enumerate() {
         let size = 6.0 + k as f64;
-        // The parallelism of A must not be taken for this slope.
+        // The parallelism of A must not be identified as this slope.
         let slope = if component == "EB" {
             0.049
         } else {
@@ -106,7 +106,7 @@ pub(crate) fn truth() -> Machine {
     Machine::parse(&format!("{GEOMETRY}[errors]\n{errors}"), "truth").expect("a machine")
 }
 
-/// All 30 lines, 0.3 µm or µrad of noise, as tables of a calibration file; `rotary` decides which errors of rotary axes.
+/// Tables of all 30 lines of a calibration file, with 0.3 µm or µrad of noise; `rotary` selects the errors of rotary axes.
 pub(crate) fn lines(lab: &Lab, truth: &Machine, rotary: impl Fn(&str) -> bool) -> String {
     use AxisName::{X, Y, Z};
     let mut noise = Noise::new(5);
@@ -133,7 +133,7 @@ pub(crate) fn lines(lab: &Lab, truth: &Machine, rotary: impl Fn(&str) -> bool) -
             false,
             "poly = { order = 2 }",
         ),
-        // The table of X has gone to −X by 300 mm: the axes are at −280 and 20.
+        // The table of X has moved to −X by 300 mm: the axes are at −280 and 20.
         (
             "A",
             &[(X, 300.0)],
@@ -216,7 +216,7 @@ fn every_motion_and_the_locations_make_the_machine() {
     let truth = truth();
     let mut text = lines(&lab, &truth, |_| true);
     let mut noise = Noise::new(9);
-    // One after the other, and several of one instrument in its own sign.
+    // One location error per table, and several of one instrument with its own sign.
     for (name, value) in LOCATIONS {
         let unit = if name.starts_with("EY") { "um" } else { "urad" };
         let value = value + noise.normal(0.3);
@@ -231,7 +231,7 @@ fn every_motion_and_the_locations_make_the_machine() {
     let found = lab.calibrated(&text);
     let left = largest_difference_um(&found.machine, &truth);
     assert!(left <= 2.0, "{left} µm are left");
-    // A tilt of 18 µrad would make −0.31 µrad/deg of it.
+    // A tilt of 18 µrad would give −0.31 µrad/deg.
     let [found_slope, expected] =
         [&found.machine, &truth].map(|machine| slope(machine, "EBA", -30.0, 30.0));
     assert!(
@@ -257,7 +257,7 @@ fn tilt_of_c_um(about_y: bool) -> f64 {
     largest * 10e-3
 }
 
-/// What nothing measured is named with what it can do.
+/// Errors that were not measured are listed with their possible effect.
 #[test]
 fn unmeasured_errors_are_listed_with_their_effect() {
     let geometry = "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 300]\nY.travel = [0, 200]\nZ.travel = [0, 400]\nC.travel = [0, 360]\n";
@@ -288,13 +288,13 @@ fn unmeasured_errors_are_listed_with_their_effect() {
     );
 }
 
-/// Both tilts of a pair make its squareness: a table that states one of them states all of it, whatever the machine file
-/// had for the other, and the same as [[squareness]] does.
+/// Both tilts of a pair form its squareness: a table that states one of them states all of it, like [[squareness]], whatever the machine
+/// file had for the other.
 #[test]
 fn a_location_states_the_whole_squareness() {
     let geometry = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 300]\nY.travel = [0, 200]\nZ.travel = [0, 400]\n";
     let lab = Lab::new(&format!("{geometry}[errors]\nEC0X = 5.0\n"));
-    // The angle between X and Y is what the tilt of Y has more than that of X.
+    // The angle between X and Y is the tilt of Y minus that of X.
     let square = |found: &Calibration| {
         let tilt = |name: &str| {
             let name: ErrorName = name.parse().expect("a name");
@@ -316,8 +316,8 @@ fn a_location_states_the_whole_squareness() {
     assert!(is_noted, "{:?}", found.warnings);
 }
 
-/// An unknown tilt of a rotary axis of which only one tilt line was measured: a change of it changes that line nearly as much. Rounds
-/// of unknowns and lines by turns led nowhere; together they are found.
+/// An unknown tilt of a rotary axis with only one tilt line measured changes that line nearly as much as itself. Alternating between
+/// unknowns and lines does not converge; solved together they are determined.
 #[test]
 fn unknowns_that_lines_contain_are_found_with_them() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tilt");

@@ -1,4 +1,4 @@
-//! Measurements computed from a truth machine's kinematics come back as its volumetric error.
+//! Calibrations of readings computed from a known machine give its volumetric error.
 
 mod answers;
 mod both_sides;

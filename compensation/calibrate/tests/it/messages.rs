@@ -1,4 +1,4 @@
-//! Wrong calibration files are refused with file, line and key.
+//! Rejection of wrong calibration files, with file, line and key.
 
 use std::fmt::Write;
 
@@ -91,7 +91,7 @@ fn every_wrong_key_of_a_location_is_reported() {
     }
 }
 
-/// Tilts without a place, arc seconds that are called milliradians, and another machine's serial number.
+/// Tilts without a position, arc seconds stated as milliradians, and the serial number of another machine.
 #[test]
 fn implausible_settings_are_refused_or_noted() {
     let lab = Lab::new(
@@ -153,7 +153,7 @@ fn implausible_settings_are_refused_or_noted() {
     }
 }
 
-/// One note for all lines without a point, however many: it names each with its file, its place, and its tilts.
+/// One note lists all lines without a point, with file, place and tilts of each.
 #[test]
 fn lines_without_a_point_are_listed_in_one_note() {
     let lab = two_axes();
@@ -314,7 +314,7 @@ fn targets_are_in_the_unit_of_the_axis() {
     }
 }
 
-/// `unit` may repeat what the header of the file states, which is applied once, and nothing else.
+/// `unit` may repeat the unit in the header of the file, which is applied once; any other unit is rejected.
 #[test]
 fn a_unit_agrees_with_the_header_of_the_file() {
     let lab = two_axes();
@@ -376,7 +376,7 @@ fn stated_values_have_the_size_of_a_machine() {
     }
 }
 
-/// Of a target that was read in one direction only the mean would be half of the reversal off.
+/// The mean of a target that was read in one direction only would be wrong by half of the reversal.
 #[test]
 fn a_target_that_lacks_a_direction_is_refused() {
     let lab = two_axes();
@@ -389,7 +389,7 @@ fn a_target_that_lacks_a_direction_is_refused() {
         error.contains("a.csv: target 100: found no reading in direction -"),
         "{error}"
     );
-    // One direction throughout is no lack.
+    // A single direction throughout is accepted.
     lab.write(
         "a.csv",
         "target,run,direction,deviation\n0,1,+,0\n50,1,+,1\n100,1,+,2\n",
@@ -399,8 +399,8 @@ fn a_target_that_lacks_a_direction_is_refused() {
 
 type Truth = fn(f64) -> f64;
 
-/// Five runs of a wave shorter than two gaps between targets, and of a clustered line with a stated polynomial: a warning names file and axis. What the
-/// targets show well is not warned of.
+/// Five runs of a wave shorter than two gaps between targets, and of a clustered line with a stated polynomial: a warning names file and
+/// axis. There is none where the targets are dense enough.
 #[test]
 fn curves_unsupported_between_targets_are_noted() {
     let even: Vec<f64> = (0..=20).map(|k| 5.0 * f64::from(k)).collect();
@@ -430,7 +430,7 @@ fn curves_unsupported_between_targets_are_noted() {
         let mut text = "target,run,direction,deviation\n".to_owned();
         for run in 1..=5_u32 {
             for (index, x) in targets.iter().enumerate() {
-                // A scatter of ±0.1 µm that is no wave.
+                // A scatter of ±0.1 µm without a wave.
                 let scatter =
                     0.1 * (f64::from(run * run * 31) + 17.0 * (index * index) as f64).sin();
                 let _ = writeln!(text, "{x},{run},+,{}", truth(*x) + scatter);

@@ -1,5 +1,5 @@
-//! Lines and observations of the whole machine together: the unknown location errors are found, and the measured lines,
-//! which were taken against the commanded pose, are cleared of them.
+//! Lines together with observations of the whole machine: the unknown location errors are identified, and their contributions removed from
+//! the lines, which were measured against the commanded pose.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -17,7 +17,7 @@ use crate::{
     located::{GEOMETRY, LOCATIONS, MORE, largest_difference_um, lines, slope, truth},
 };
 
-/// The rotary errors that have a line; the truth has no others.
+/// The rotary errors with a line; the true machine has no others.
 const MEASURED: [&str; 3] = ["EAA", "EBA", "ECC"];
 const UNKNOWN: &str =
     "unknown = [\"EY0A\", \"EZ0A\", \"EB0A\", \"EC0A\", \"EX0C\", \"EY0C\", \"EA0C\", \"EB0C\"]\n";
@@ -40,7 +40,7 @@ fn partial_truth() -> Machine {
     machine
 }
 
-/// Positions of the tip in a frame that lies elsewhere, as a tracker gives them.
+/// Positions of the tip in a displaced frame, as from a tracker.
 pub(crate) fn tracker(lab: &Lab, truth: &Machine, poses: usize, sigma_um: f64) {
     use AxisName::{A, C, X, Y, Z};
     let mut random = ChaCha8Rng::seed_from_u64(21);
@@ -105,7 +105,7 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
         }
         let expected = value_of(&parameter.name);
         let u = parameter.uncertainty.expect("determined");
-        // The lines are uncertain by 0.3 µm and 0.3 µrad beside what the rows are.
+        // The lines contribute an uncertainty of 0.3 µm and 0.3 µrad to that of the rows.
         let allowed = 4.0 * u + 1.0;
         assert!(
             (parameter.value - expected).abs() < allowed,
@@ -128,7 +128,7 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
     );
 }
 
-/// Where no line depends on what is found, it is found once; a drawn calibration varies the rows too.
+/// If no line depends on the unknowns, they are identified once; samples vary the rows, too.
 #[test]
 fn lines_independent_of_the_unknowns_are_fitted_once() {
     let lab = Lab::new(GEOMETRY);
@@ -180,7 +180,7 @@ unknown = ["EX0C"] | yes | | key `observation` is missing
     }
 }
 
-/// Uncertainties of unknowns against the whole calibration repeated with other readings.
+/// Uncertainties of unknowns against repeated calibrations with other readings.
 fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
     const REPEATS: u64 = 40;
     let stated = &mut file.uncertainty;
@@ -188,7 +188,7 @@ fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
     let found = calibrate(&file, |_, _| {}).expect("found");
     let found = found.identified.expect("unknowns").found;
     let repeat = |trial| calibrated_machine(&file.varied(3, trial)).expect("found");
-    // Half of them on another processor.
+    // Half of them on another core.
     let (half, others) = (0..REPEATS / 2, REPEATS / 2..REPEATS);
     let repeated: Vec<Machine> = std::thread::scope(|scope| {
         let others = scope.spawn(|| others.map(repeat).collect::<Vec<_>>());
@@ -213,7 +213,7 @@ fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
     }
 }
 
-/// Lines and unknowns that are found by turns.
+/// Lines and unknowns that are solved alternately.
 #[test]
 fn uncertainties_of_unknowns_identified_together_with_lines() {
     let lab = Lab::new(GEOMETRY);
@@ -232,14 +232,14 @@ fn uncertainties_of_unknowns_identified_together_with_lines() {
     uncertainties_are_those_of_repeats(lab.read(&text).expect("read"));
 }
 
-/// Lines that follow their unknowns.
+/// Lines and unknowns that are solved together.
 #[test]
 fn uncertainties_of_unknowns_that_lines_follow() {
     let tilt = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tilt/c.toml");
     uncertainties_are_those_of_repeats(CalibrationFile::read(&tilt).expect("read"));
 }
 
-/// A location error with the wrong sign is named where observations contradict it, and only there.
+/// A location error with the wrong sign is reported if observations contradict it, and only then.
 #[test]
 fn a_location_with_the_wrong_sign_is_noted() {
     let lab = Lab::new(GEOMETRY);
@@ -288,7 +288,7 @@ fn a_location_with_the_wrong_sign_is_noted() {
         "{said:?}"
     );
     assert_eq!(notes(others, &[("EX0C", 60.0, 1.0)], 1.0).len(), 1);
-    // Right, small beside its uncertainty, small beside that of the observations.
+    // Correct, small relative to its uncertainty, small relative to that of the observations.
     for (value, uncertainty, noise_um) in [(15.0, 1.0, 1.0), (-15.0, 10.0, 1.0), (-15.0, 1.0, 60.0)]
     {
         let said = notes(others, &[("EX0C", value, uncertainty)], noise_um);
@@ -299,7 +299,6 @@ fn a_location_with_the_wrong_sign_is_noted() {
     }
 }
 
-/// Uncertainties that are no uncertainties.
 #[test]
 fn invalid_uncertainties_are_refused_and_implausible_ones_noted() {
     let lab = Lab::new(GEOMETRY);

@@ -42,7 +42,7 @@ fn lab() -> Lab {
     Lab::new(&volcomp_test_support::machines::gantry(TRAVEL))
 }
 
-/// How far Y goes too far from 0 to 4000 mm at a height, µm.
+/// Positioning deviation of Y from 0 to 4000 mm at a height, µm.
 fn positioning_um(machine: &Machine, z: f64) -> f64 {
     let none = Temperatures::new();
     let at = |y| {
@@ -99,7 +99,7 @@ fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
     let doubled = gantry("EAY = { poly = [0, 0.0316, 2.25e-7] }\n");
     lines[2] = line(&lab, &doubled, "EAY", [0.0, 0.0], 0.3);
     let bad = lab.calibrated(&lines.concat());
-    // 65 µrad over 400 mm are 26 µm, half of it about the mean, a little more at the end of the bent curve.
+    // 65 µrad over 400 mm are 26 µm, half of it about the mean, and a little more at the end of the curve.
     let words = [
         "EYY: ",
         "EYY-0-1050.csv and ",
@@ -119,7 +119,7 @@ fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
         .and_then(|rest| rest.split(' ').next());
     let size: f64 = size.expect("a size").parse().expect("a number");
     assert!((size - 13.1).abs() < 0.8, "{note}");
-    // Two contradictory files of one tilt are noted, too.
+    // Two contradictory files of one tilt are noted as well.
     lines[2] = line(&lab, &truth, "EAY", [0.0, 0.0], 0.3);
     lines.push(line(&lab, &doubled, "EAY", [0.0, 500.0], 0.3));
     let words = [
@@ -175,7 +175,7 @@ fn lines_that_do_not_separate_the_tilts_are_noted() {
     }
 }
 
-/// Two lines 600 mm apart with little noise, and the pitch with much, run once.
+/// Two lines 600 mm apart with little noise, and a single run of the pitch with much.
 fn with_noisy_pitch(lab: &Lab, pitch: &Machine, truth: &Machine, seed: u64) -> Calibration {
     let mut noise = Noise::new(seed);
     let mut tables = String::new();
@@ -200,7 +200,7 @@ fn with_noisy_pitch(lab: &Lab, pitch: &Machine, truth: &Machine, seed: u64) -> C
     lab.calibrated(&tables)
 }
 
-/// Two lines of 0 and 40 µm/m: neither both directions nor targets at other places make noise of their slopes.
+/// Lines with slopes of 0 and 40 µm/m: neither both directions nor other targets turn their slopes into noise.
 #[test]
 fn lines_of_different_slopes_contradict_each_other() {
     let lab = lab();
@@ -213,7 +213,7 @@ fn lines_of_different_slopes_contradict_each_other() {
                     for place in 0..targets {
                         let share = f64::from(place) / f64::from(targets - 1);
                         let at = 1000.0 * if name == "uneven" { share * share } else { share };
-                        // The zero of each run is its own: it is no scatter of the slope.
+                        // Each run has its own zero, which is no scatter of the slope.
                         let value = 10.0 * f64::from(run) + slope * at + noise.normal(0.1);
                         let _ = writeln!(text, "{at},{run},{direction},{value}");
                     }
@@ -233,7 +233,7 @@ fn lines_of_different_slopes_contradict_each_other() {
     }
 }
 
-/// Slopes that differ as those of single runs do, of a beam that is aligned anew, contradict nothing.
+/// Slopes that differ by the scatter of single runs, with a beam that was realigned, do not contradict each other.
 #[test]
 fn slopes_within_the_scatter_of_runs_do_not_contradict() {
     let lab = lab();
@@ -258,8 +258,8 @@ fn slopes_within_the_scatter_of_runs_do_not_contradict() {
     }
 }
 
-/// What the noise of a tilt adds over the difference of the levers is no contradiction: 2 µrad over 600 mm are 1.2 µm. A
-/// tilt that is twice too large is one, whatever the noise draws.
+/// The noise of a tilt times the difference of the lever arms is no contradiction: 2 µrad over 600 mm are 1.2 µm. A doubled tilt is one,
+/// for any noise.
 #[test]
 fn a_noisy_tilt_is_no_contradiction_and_a_doubled_one_is() {
     let lab = lab();

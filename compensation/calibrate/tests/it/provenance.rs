@@ -4,7 +4,7 @@ use std::{fmt::Write as _, fs};
 
 use crate::lab::Lab;
 
-/// Its least-squares line is 0.4 all along: it leaves −0.4 and 0.6 in turn.
+/// The least-squares line is constant at 0.4: the residuals alternate between −0.4 and 0.6.
 const ZIGZAG: &str = "target,deviation_um\n0,0\n25,1\n50,0\n75,1\n100,0\n";
 /// `sha256sum` of it.
 const HASH: &str = "b9af90ed6d5058fb6b01448ab165fd6962ec85b08a981b326ff5500030b11f7d";
@@ -31,7 +31,7 @@ fn files(machine: &str) -> Lab {
     lab
 }
 
-/// Residual and leave-one-out error by hand: the leverages of a line through five even targets are 0.6, 0.3, 0.2, 0.3, 0.6.
+/// Residual and leave-one-out error by hand: the leverages of a line through five equally spaced targets are 0.6, 0.3, 0.2, 0.3, 0.6.
 #[test]
 fn a_curve_has_the_provenance_and_quality_of_its_file() {
     let found = files(MACHINE).calibrated(CALIBRATION);
@@ -80,7 +80,7 @@ fn a_curve_has_the_provenance_and_quality_of_its_file() {
     );
 }
 
-/// Wherever the files are and whenever it is done.
+/// The bytes depend neither on the folder nor on the time.
 #[test]
 fn the_same_files_give_the_same_bytes() {
     let calibrated = |machine: &str| files(machine).calibrated(CALIBRATION).machine;
@@ -90,7 +90,7 @@ fn the_same_files_give_the_same_bytes() {
         "{text}"
     );
     assert_eq!(calibrated(MACHINE).to_toml(), text);
-    // Provenance of errors that are measured anew is replaced, that of others stays.
+    // Provenance of errors that are measured again is replaced, that of others is kept.
     let other = text.replace("EXX", "EZY");
     let other: String = other.lines().filter(|l| !l.starts_with("checksum")).fold(
         String::new(),
@@ -127,8 +127,8 @@ fn a_file_is_listed_once_for_an_error() {
     );
 }
 
-/// A wave of 50 µm that a curve of few terms follows, and a zigzag of 0.3 µm that only a table can, ten times what the runs scatter:
-/// a table misses targets left out by more than a micrometre. That runs have zeros and slopes of their own changes nothing.
+/// A wave of 50 µm that a curve of few terms fits, and a zigzag of 0.3 µm, ten times the scatter of the runs, that only a table fits: the
+/// leave-one-out error of a table exceeds a micrometre. Different zeros and slopes of the runs change nothing.
 #[test]
 fn a_curve_that_does_not_follow_its_readings_is_noted() {
     let readings = |zigzag: f64, alignment: f64| {
@@ -162,7 +162,7 @@ fn a_curve_that_does_not_follow_its_readings_is_noted() {
     }
 }
 
-/// A straightness a thousand times too large, with the slope of its beam, and the right one.
+/// A straightness a thousand times too large, including the slope of its beam, and the correct one.
 #[test]
 fn a_straightness_in_the_wrong_unit_is_noted() {
     let lab = Lab::new(MACHINE);

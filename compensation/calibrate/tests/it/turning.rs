@@ -1,4 +1,4 @@
-//! A turning axis measured over another turn than its travel: the right error at every angle.
+//! A rotary axis measured over another turn than its travel: the error is right at every angle.
 
 use std::fmt::Write as _;
 
@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName;
 
 use crate::lab::Lab;
 
-/// The machine that a calibration of ECC = 20·sin C µrad makes.
+/// The machine from a calibration of ECC = 20·sin C µrad.
 fn calibrated(travel: &str, targets: impl Iterator<Item = i32>, curve: &str) -> Machine {
     tried(travel, targets, curve).expect("calibrated")
 }
@@ -36,7 +36,7 @@ fn tried(
     Ok(lab.tried(&text)?.machine)
 }
 
-/// The largest difference of ECC from 20·sin C over two turns, µrad, where no curve may be outside of its range.
+/// Largest difference of ECC from 20·sin C over two turns, µrad; no curve may be outside its range.
 fn largest_difference(machine: &Machine) -> f64 {
     let mut largest = 0.0_f64;
     for step in -144..=144 {
@@ -68,7 +68,7 @@ fn no_half_turn_is_lost() {
     }
 }
 
-/// The last target of a turn is the first one again and need not be measured twice.
+/// The last target of a turn equals the first one and need not be measured twice.
 #[test]
 fn a_full_turn_is_closed() {
     for (travel, first, last) in [("[0, 360]", 0, 345), ("[-180, 180]", -165, 180)] {
@@ -80,7 +80,7 @@ fn a_full_turn_is_closed() {
     }
 }
 
-/// A part of a turn is not closed by an invented reading: its ends are held, and where these differ the machine refuses the jump.
+/// A partial turn is not closed by an invented reading: the end values are held, and if they differ the machine rejects the jump.
 #[test]
 fn a_part_of_a_turn_stays_one() {
     // 20·sin from 60° to 120° has the same value at both ends.
@@ -108,7 +108,8 @@ fn a_part_of_a_turn_stays_one() {
     );
 }
 
-/// An instrument that does not turn sees two motions of a turning frame mixed: read as they are they would be silently wrong.
+/// An instrument that does not rotate measures a mixture of two motions of a rotating frame: used directly, its readings would be silently
+/// wrong.
 #[test]
 fn lines_of_motions_that_turn_with_the_axis_are_refused() {
     for (frame, error, is_read) in [

@@ -17,7 +17,7 @@ const MACHINE: &str =
 const TARGETS: usize = 6;
 const RUNS: usize = 5;
 
-/// Runs that move as a whole besides their noise, so that targets are correlated.
+/// Runs with a common shift in addition to their noise, so that targets are correlated.
 fn runs() -> Vec<[f64; TARGETS]> {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut run = |_| {
@@ -59,7 +59,7 @@ fn uncertainty(ensemble: &Ensemble, machine: &Machine, x: f64, y: f64) -> [f64; 
     ensemble.standard_uncertainty(&state.expect("a state"))
 }
 
-/// The curve is zero at 0, so what counts at a target is its difference from the first.
+/// The curve is zero at 0, so the spread at a target is that of its difference from the first one.
 #[test]
 fn the_spread_is_that_of_the_means_of_the_runs() {
     let file = written("");
@@ -85,7 +85,7 @@ fn the_spread_is_that_of_the_means_of_the_runs() {
 fn stated_uncertainties_are_carried() {
     let more = "[uncertainty]\nlaser_um_per_m = 20.0\nsquare_urad = 5.0\n[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 12.0";
     let mut file = written(more);
-    // Without scatter only the stated ones are left.
+    // Without scatter only the stated uncertainties remain.
     for reading in &mut file.measurements[0].readings.readings {
         reading.deviation = 1.0;
     }

@@ -1,4 +1,4 @@
-//! Machines of several turns, and stated values in another unit, halved or doubled.
+//! Machines with axes of several turns, and stated values in another unit, halved or doubled.
 
 use volcomp_calibrate::CalibrateError;
 use volcomp_kinematics::Form;
@@ -9,7 +9,7 @@ use crate::{lab::Lab, located::GEOMETRY, observed::tracker};
 
 const POINTS: &str = "[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n";
 
-/// The machine with these errors, and what a tracker sees of it.
+/// A machine with these errors, and the observations of a tracker.
 fn seen(machine: &str, errors: &str) -> Lab {
     let lab = Lab::new(machine);
     let truth = format!("{machine}[errors]\n{errors}");
@@ -18,7 +18,7 @@ fn seen(machine: &str, errors: &str) -> Lab {
     lab
 }
 
-/// However many turns C has: 10 µm of EX0C move the tool by 20 µm over half a turn, and the lines of EXC and EYC hold it.
+/// For any number of turns of C: 10 µm of EX0C move the tool by 20 µm over half a turn, and the lines of EXC and EYC contain it.
 #[test]
 fn axes_of_several_turns_are_evaluated_over_one() {
     for turns in ["-360.0, 360.0", "-1440.0, 1440.0", "-36000.0, 36000.0"] {
@@ -62,7 +62,7 @@ fn axes_of_several_turns_are_evaluated_over_one() {
     }
 }
 
-/// EX0C is 23.8 µm, and stated in another sign or unit, doubled or halved. Rows that are right must not be blamed.
+/// EX0C is 23.8 µm, stated with another sign or unit, doubled or halved. Correct rows must not be blamed.
 #[test]
 fn a_value_contradicted_by_observations_is_noted() {
     let lab = seen(GEOMETRY, "EX0C = 23.8\nEY0C = -13.0\n");
@@ -89,7 +89,7 @@ fn a_value_contradicted_by_observations_is_noted() {
         );
         assert!(first.starts_with(&expected), "{value}: {first}");
     }
-    // So far off that the rows are refused.
+    // The deviation is so large that the rows are rejected.
     let refused = tried("23800").expect_err("23.8 mm");
     assert!(matches!(refused, CalibrateError::Identify(_)), "{refused}");
     for value in ["23.8", "24.5"] {
@@ -102,8 +102,8 @@ fn a_value_contradicted_by_observations_is_noted() {
     }
 }
 
-/// The example of the book: an indicator on the head of Z runs 300 mm up a mandrel on the table, at C 0 and 180°. It reads where the
-/// mandrel is against the tip, along the direction of the dial, and rises where its plunger is pressed in.
+/// The example of the book: an indicator on the head of Z runs 300 mm up a mandrel on the table, at C 0 and 180°. It measures the mandrel
+/// relative to the tip along the direction of the dial, and its reading increases when the plunger is pressed in.
 #[test]
 fn a_dial_along_a_mandrel_reads_as_the_book_states() {
     let geometry = "structure = \"w C' X' b Y Z t\"\naxes.X.travel = [-300, 300]\naxes.Y.travel = [-300, 300]\naxes.Z.travel = [0, 400]\naxes.C.travel = [-360, 360]\n";
@@ -117,7 +117,7 @@ fn a_dial_along_a_mandrel_reads_as_the_book_states() {
     ] {
         let machine =
             Machine::parse(&format!("{geometry}[errors]\n{errors}\n"), "truth").expect("a machine");
-        // Tip against mandrel in the axes of the bed; the table has turned by C.
+        // Tip relative to the mandrel in the axes of the bed; the table is rotated by C.
         let reading = |z: f64, c: f64| {
             let state = machine
                 .state(&[(AxisName::Z, z), (AxisName::C, c)])
@@ -132,7 +132,7 @@ fn a_dial_along_a_mandrel_reads_as_the_book_states() {
     }
 }
 
-/// A squareness that is stated with the wrong sign is named where it stands.
+/// A squareness stated with the wrong sign is reported with its place in the file.
 #[test]
 fn a_squareness_of_the_wrong_sign_is_noted() {
     let lab = seen(GEOMETRY, "EX0C = 23.8\nEC0Y = 40.0\n");

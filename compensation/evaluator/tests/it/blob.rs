@@ -1,5 +1,5 @@
-//! A compiled machine as bytes: the same machine when read again, thermal offsets and motion frames included; older versions are
-//! read, broken bytes are refused and never panic.
+//! Binary format: a machine is unchanged by writing and reading, including thermal offsets and motion frames; older versions can be read;
+//! invalid bytes are rejected without a panic.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -15,7 +15,7 @@ use crate::{
     machines::{machine, random_state},
 };
 
-/// Bytes of head: letters, version, checksum.
+/// Length of the header, bytes: signature, version, checksum.
 const HEAD: usize = 44;
 /// Bytes of the thermal offsets of one axis: six numbers at the tip and three slopes.
 const THERMAL: usize = 9 * 8;
@@ -37,7 +37,7 @@ fn places() -> impl Iterator<Item = State> {
     })
 }
 
-/// The same machine as the version before thermal offsets would have written it.
+/// The machine in format version 2, without thermal offsets.
 fn version_2(machine: &CompiledMachine) -> Vec<u8> {
     let mut blob = version_3(machine);
     blob.truncate(blob.len() - THERMAL * machine.chain().joints().len());
@@ -45,7 +45,7 @@ fn version_2(machine: &CompiledMachine) -> Vec<u8> {
     with_checksum(blob)
 }
 
-/// The same machine as the version before motion frames would have written it.
+/// The machine in format version 3, without motion frames.
 fn version_3(machine: &CompiledMachine) -> Vec<u8> {
     let mut blob = machine.to_blob();
     blob.truncate(blob.len() - FRAME * machine.chain().joints().len());
@@ -176,7 +176,7 @@ fn a_blob_is_the_same_machine() {
 
 proptest::proptest! {
     #![proptest_config(proptest::test_runner::Config::with_cases(2000))]
-    /// Changed bytes with a corrected checksum make a machine or an error, and evaluate without panic.
+    /// Changed bytes with a corrected checksum give a machine or an error, and evaluation does not panic.
     #[test]
     fn changed_blobs_do_not_panic(place in 44..40_000_usize, byte in 0..=255_u8, cut in 0..3_usize) {
         static BLOB: std::sync::LazyLock<Vec<u8>> = std::sync::LazyLock::new(|| {
@@ -184,7 +184,7 @@ proptest::proptest! {
             machine.compile(Tolerance::from_nm(100.0)).unwrap().to_blob()
         });
         let mut blob = BLOB.clone();
-        // Small places hold the counts and names, the rest is mostly numbers.
+        // The first bytes hold counts and names, the rest mostly numbers.
         let place = if place % 2 == 0 { 44 + place % 400 } else { place };
         if let Some(there) = blob.get_mut(place) {
             *there = byte;

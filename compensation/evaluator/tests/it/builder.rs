@@ -1,4 +1,4 @@
-//! Public input that makes no machine is refused by name, and nothing panics.
+//! Invalid public input is rejected by name, without a panic.
 
 use proptest::prelude::*;
 use volcomp_evaluator::{
@@ -19,7 +19,7 @@ fn ideal<'a>(axis: AxisName) -> AxisParts<'a> {
     AxisParts::without_errors(travel(axis))
 }
 
-/// All axes of a gantry but one.
+/// All axes of a gantry except one.
 fn without(left_out: AxisName) -> MachineParts<'static> {
     let others = [AxisName::X, AxisName::Y, AxisName::Z].into_iter();
     others
@@ -152,7 +152,7 @@ fn a_curve_that_is_not_finite_is_refused_by_name() {
     );
 }
 
-/// Without a word about breakpoints a function is compiled over the whole travel; breakpoints only add.
+/// Without breakpoints a function is compiled over the whole travel; breakpoints can only extend it.
 #[test]
 fn a_function_is_compiled_over_the_travel() {
     let linear = |x: f64, _| ErrorMotion::from_um_urad([0.01 * x, 0.0, 0.0, 0.0, 0.0, 0.0]);
@@ -255,7 +255,7 @@ fn all_parts_act_as_in_closed_form() {
 }
 
 proptest! {
-    /// Whatever the arguments of public calls: an answer or an error.
+    /// For any arguments, public calls return a result or an error.
     #[test]
     fn nothing_panics(
         axis in 0..9_usize, index in 0..20_usize, q in proptest::num::f64::ANY, number in proptest::num::f64::ANY,

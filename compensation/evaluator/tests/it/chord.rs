@@ -1,4 +1,4 @@
-//! The bound of the distance from a straight line, against the error at many places between.
+//! The chord bound against the error at many points of the move.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName;
 
 use crate::machines::{machine, random_state};
 
-/// The largest distance between error and straight line at many places, mm.
+/// Largest distance between error and chord at many points, mm.
 fn found_mm(machine: &volcomp_evaluator::CompiledMachine, from: &State, to: &State) -> f64 {
     let at = |share: f64| {
         let mut state = *to;
@@ -55,7 +55,8 @@ fn the_bound_holds_on_every_type() {
     }
 }
 
-/// Without curvature nothing is to be split; with a curve the bound falls with the square of the length, to the nearest 4.
+/// Without curvature the bound is 0; with a curve it shrinks with the square of the length and exceeds the deviation by at most a factor of
+/// 4.
 #[test]
 fn the_bound_is_as_tight_as_the_curves_are() {
     let text = |curve: &str| {
@@ -90,7 +91,7 @@ fn the_bound_is_as_tight_as_the_curves_are() {
     let compiled = compiled.compile(Tolerance::default()).unwrap();
     for x in [1.0, 10.0, 100.0, 400.0] {
         let [from, to] = ends(x);
-        // 1e-4 µm/mm² over x: the parabola is off its chord by 1e-4·x²/4 µm in the middle.
+        // 1e-4 µm/mm² over x: the parabola deviates from its chord by 1e-4·x²/4 µm in the middle.
         let exact = 1e-7 * x * x / 4.0;
         let found = found_mm(&compiled, &from, &to);
         assert!(
@@ -105,7 +106,7 @@ fn the_bound_is_as_tight_as_the_curves_are() {
     }
 }
 
-/// Within the short ways no bound is above the tolerance, and where the axes pass a part of them, none above that part of it.
+/// Within `short_ways` no bound exceeds the tolerance, and for a fraction of these lengths none exceeds that fraction of it.
 #[test]
 fn short_ways_are_within_the_tolerance() {
     let mut rng = ChaCha8Rng::seed_from_u64(22);

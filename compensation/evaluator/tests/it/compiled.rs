@@ -1,4 +1,4 @@
-//! The compiled machine follows its source.
+//! The compiled machine agrees with its source.
 
 use proptest::prelude::*;
 use volcomp_kinematics::{CorrectionOptions, ErrorSource, Form, State, correct, volumetric_error};
@@ -85,7 +85,7 @@ fn a_tolerance_that_cannot_be_kept_is_refused() {
     );
 }
 
-/// What a real-time cycle calls: errors of a compiled machine, the volumetric error, the correction.
+/// The calls of a real-time cycle: errors of a compiled machine, volumetric error, correction.
 #[test]
 fn a_cycle_allocates_nothing() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();

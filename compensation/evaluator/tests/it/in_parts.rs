@@ -1,4 +1,4 @@
-//! The parts of a correction against the whole of it, and against central differences of the ideal chain.
+//! The parts of a correction against the whole correction, and against central differences of the ideal chain.
 
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
@@ -10,7 +10,7 @@ use volcomp_vocabulary::{MAX_AXES, PerAxis};
 
 use crate::machines::{machine, random_state};
 
-/// Machines of every type whose axes are up to some degrees off their letters, with some or all axes correcting.
+/// Machines of every type whose axes deviate by up to some degrees from their letters, with some or all axes correcting.
 fn over_all_types(
     mut check: impl FnMut(&CompiledMachine, &Correctors, &State, &mut ChaCha8Rng, bool),
 ) {
@@ -87,8 +87,8 @@ fn tip(chain: &Chain, state: &State, delta: &PerAxis<f64>) -> Vector3<f64> {
     chain.ideal_tip_mm(&there)
 }
 
-/// With all linear axes correcting: the tip stays where it is when a rotary axis moves and the linear axes follow it,
-/// and the position share moves it against the position error.
+/// With all linear axes correcting, the tip stays in place when a rotary axis moves and the linear axes follow it, and the position share
+/// moves the tip against the position error.
 #[test]
 fn the_tip_stays_while_linear_axes_follow() {
     over_all_types(|compiled, correctors, state, rng, all| {
@@ -126,7 +126,7 @@ fn parts_allocate_nothing() {
     });
 }
 
-/// The lever is how far the tip goes for each rad of an axis, whatever the axis's own coordinate.
+/// The lever is the motion of the tip per rad of an axis, whatever the axis's own coordinate.
 #[test]
 fn levers_are_central_differences_of_the_tip() {
     over_all_types(|compiled, _, state, _, _| {
@@ -143,8 +143,7 @@ fn levers_are_central_differences_of_the_tip() {
     });
 }
 
-/// Where no axis turns, three axes take a position error as Gaussian elimination finds it, and fewer axes as the corrections that any
-/// machine has.
+/// Without rotary axes, three axes correct a position error as Gaussian elimination does, and fewer axes as the general correction does.
 #[test]
 fn slides_take_the_whole_error() {
     let mut solved = 0;

@@ -152,7 +152,7 @@ impl Echo {
         Some(same.is_some())
     }
 
-    /// Only these values may be applied.
+    /// Resets the values that may be applied to these.
     fn begin(&mut self, values: &PerChannel<f64>, now: Duration) {
         self.candidates[0] = Candidate {
             since: now,
@@ -217,7 +217,7 @@ impl Echo {
         self.count += 1;
     }
 
-    /// The values sent on another path until now may be applied, and are unknown here.
+    /// Values sent on another path may be applied and are not known here: the applied correction is unknown.
     pub(super) fn take_over(&mut self, now: Duration, status: &mut ReadBackStatus) {
         self.sent = self.sent.max(Some(now));
         (self.count, self.equal, status.writable) = (0, None, false);

@@ -242,7 +242,7 @@ impl NoReadBack {
         }
     }
 
-    /// Nothing is applied.
+    /// Sets the confirmed correction to zero.
     fn set_zero(&mut self, now: Duration, status: &mut ReadBackStatus) {
         self.unknown = false;
         status.confirmed = Some(Confirmed {

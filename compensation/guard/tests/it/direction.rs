@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, Direction};
 
 use crate::world::{PERIOD, STEP, limits};
 
-/// A memory and the number of its readings, one in each cycle.
+/// A direction memory with one reading per cycle, and their number.
 #[derive(Default)]
 struct Memory {
     memory: DirectionMemory,
@@ -22,7 +22,7 @@ impl Memory {
         self.memory.at(taken, position, threshold, turn)
     }
 
-    /// Readings in a row, so that the position counts.
+    /// Repeats a reading until its position counts.
     fn stays(&mut self, position: f64, threshold: f64, turn: Option<f64>) -> Option<Direction> {
         for _ in 0..4 {
             self.at(position, threshold, turn);
@@ -31,7 +31,7 @@ impl Memory {
     }
 }
 
-/// A single wrong position used to reverse the direction, with an error of the reversal value until the axis moved.
+/// A single wrong position does not reverse the direction.
 #[test]
 fn one_wrong_position_causes_no_reversal() {
     let [forward, back] = [Direction::Positive, Direction::Negative];
@@ -56,7 +56,7 @@ fn one_wrong_position_causes_no_reversal() {
                     memory.memory.at(taken, reported, 0.005, None);
                 }
             }
-            // Nor where it is the first one.
+            // Also if the first reading is the wrong one.
             let mut memory = Memory::default();
             memory.at(position + wrong, 0.005, None);
             for _ in 0..10 {
@@ -87,7 +87,7 @@ fn it_reverses_only_beyond_the_threshold_from_the_last_extreme() {
     assert_eq!(at(20.0006), Some(Direction::Positive));
 }
 
-/// An axis that only moved forward used to count as reversed at each passage of 360°.
+/// An axis that only moves forward does not count as reversed when its position wraps at 360°.
 #[test]
 fn rolling_over_is_no_reversal() {
     for (step, direction) in [(0.001, Direction::Positive), (-0.7, Direction::Negative)] {
@@ -98,7 +98,7 @@ fn rolling_over_is_no_reversal() {
             position = (position + step).rem_euclid(TAU);
             assert_eq!(memory.stays(position, 8.7e-6, Some(TAU)), Some(direction));
         }
-        // Back by more than the threshold, over the end of the turn.
+        // Back by more than the threshold, across the wrap.
         position = (-0.5 * step.signum() * 1e-5_f64).rem_euclid(TAU);
         memory.memory.commanded(position, direction);
         let back = (position - 1e-5 * step.signum()).rem_euclid(TAU);
@@ -149,8 +149,8 @@ fn the_threshold_follows_kind_step_and_lag() {
     );
 }
 
-/// A reversal value of 20 µm on an axis whose position contains the correction, but shows it so many cycles after the
-/// read-back does: how often the direction turns at standstill.
+/// Number of reversals at standstill of an axis with a reversal value of 20 µm whose position contains the correction, but shows it `lag`
+/// cycles after the read-back.
 fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
     let slew = limits().axes[0].slew_per_s * PERIOD.as_secs_f64();
     let mut memory = Memory::default();
@@ -159,7 +159,7 @@ fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
     let mut turns = 0;
     let mut before = None;
     for cycle in 0..2000_u32 {
-        // Forward by 1 mm, a short while after that back by 6 µm, then it stands.
+        // Forward by 1 mm, shortly after that back by 6 µm, then standstill.
         let commanded =
             0.01 * f64::from(cycle.min(100)) - 0.006 * f64::from(cycle.saturating_sub(110).min(1));
         history.push_back(output);
@@ -175,7 +175,7 @@ fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
     turns
 }
 
-/// With a lag of 20 ms the correction used to oscillate by ±10 µm.
+/// A correction contained in the position, with a lag of 20 ms, causes no oscillation.
 #[test]
 fn no_reversal_is_fed_back_at_standstill() {
     assert!(
@@ -220,7 +220,7 @@ fn a_creeping_axis_reverses_once_beyond_the_threshold() {
     let mut random = ChaCha8Rng::seed_from_u64(11);
     let (mut memory, mut position) = (Memory::default(), 100.0);
     let mut turns: Vec<(Direction, f64)> = Vec::new();
-    // Extremes 100.009 and 99.996: what lies between them and 5 um from them turns nothing.
+    // Extremes 100.009 and 99.996: targets less than 5 µm from the last extreme cause no reversal.
     for target in [
         100.009, 100.0045, 100.0085, 99.996, 99.996, 100.0, 99.9965, 100.004,
     ] {
@@ -249,7 +249,7 @@ fn a_creeping_axis_reverses_once_beyond_the_threshold() {
     assert_eq!(turns.len(), expected.len(), "{turns:?}");
     for ((direction, at), (expected, beyond)) in turns.iter().zip(expected) {
         assert_eq!(*direction, expected);
-        // Flicker, and the readings that must agree: five before the first extreme, and three for each turn.
+        // The flicker, and the readings that must agree: five before the first extreme, and three for each reversal.
         assert!((at - beyond).abs() < 6e-5, "{at} mm, {beyond} mm");
     }
 }
@@ -263,12 +263,12 @@ fn many_turns_do_not_change_the_direction() {
         let mut rolled = Memory::default();
         let mut position = 0.0_f64;
         let reported = |position: f64| position.rem_euclid(TAU);
-        // 5000 turns of 20 readings.
+        // 5000 turns, 20 readings each.
         for _ in 0..100_000 {
             position += sign * TAU / 20.0;
             rolled.at(reported(position), THRESHOLD, Some(TAU));
         }
-        // Another one that begins a turn before the end of it.
+        // A second memory that starts one turn before the end.
         let mut fresh = Memory::default();
         for k in (0..20).rev() {
             let before = position - sign * TAU / 20.0 * f64::from(k);
@@ -287,7 +287,7 @@ fn many_turns_do_not_change_the_direction() {
     }
 }
 
-/// Two wrong readings in five delay the first direction; half a turn from the first position, right readings used to give the opposite direction.
+/// Two wrong readings in five delay the first direction, but do not invert it half a turn from the first position.
 #[test]
 fn the_first_direction_is_right_half_a_turn_away() {
     let reported = [
@@ -296,7 +296,7 @@ fn the_first_direction_is_right_half_a_turn_away() {
     for (sign, direction) in [(1.0, Direction::Positive), (-1.0, Direction::Negative)] {
         let mut memory = Memory::default();
         let mut seen = None;
-        // 20° a reading; wrong are the second, the fourth, the eighth and the ninth.
+        // 20° per reading; the second, fourth, eighth and ninth are wrong.
         for position in reported
             .into_iter()
             .chain((10..20).map(|k| 20.0 * f64::from(k)))
@@ -339,7 +339,7 @@ fn with_two_wrong_readings_in_five_every_direction_is_a_real_one() {
                     continue;
                 }
                 let sign = found.expect("kept").sign();
-                // The furthest that it went in this direction since the last turn.
+                // Farthest position in this direction since the last reversal.
                 let (mut went, mut least) = (0.0_f64, f64::INFINITY);
                 for way in ways[since..].iter().map(|way| way * sign) {
                     least = least.min(way);
@@ -358,7 +358,7 @@ fn with_two_wrong_readings_in_five_every_direction_is_a_real_one() {
     }
 }
 
-/// Wrong positions of any size, at most two in any five readings in a row.
+/// Wrong positions of any size, at most two in any five consecutive readings.
 fn wrong_readings() -> impl Strategy<Value = Vec<Option<f64>>> {
     let wrong = prop_oneof![
         -0.05..0.05_f64,
@@ -380,7 +380,7 @@ fn wrong_readings() -> impl Strategy<Value = Vec<Option<f64>>> {
 }
 
 proptest! {
-    /// A wrong, a right and a wrong position used to reverse the direction with the median of three readings.
+    /// Up to two wrong readings in five, which a median of three readings would not reject.
     #[test]
     fn two_wrong_readings_in_five_cause_no_reversal(
         wrong in wrong_readings(),
@@ -395,13 +395,13 @@ proptest! {
         let mut position = 3.0;
         let mut went = 0.0;
         for (wrong, way) in wrong.iter().zip(&ways) {
-            // In four readings less than a quarter of a turn.
+            // Less than a quarter of a turn in four readings.
             position += way * sign;
             went += way;
             let found = memory.at(reported(position + wrong.unwrap_or(0.0)), 0.005, turn);
             prop_assert!(found.is_none() || found == direction, "{found:?} at {position}");
         }
-        // It knows by then that it went, and a way back is seen with the fourth reading, if all are right.
+        // By now the motion is known, and its reversal is detected with the fourth reading if all are right.
         for _ in 0..8 {
             position += 0.01 * sign;
             memory.at(reported(position), 0.005, turn);

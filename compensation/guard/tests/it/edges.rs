@@ -1,4 +1,5 @@
-//! Faults at the edges of the guard: read-back, late writes, stored corrections. Each is judged at the axis, with and without a barrier.
+//! Faults at the interfaces of the guard: read-back, late writes, stored corrections. Each test checks the motion of the axes, with and
+//! without a barrier.
 
 use std::{f64::consts::TAU, time::Duration};
 
@@ -25,7 +26,7 @@ fn readable(limits: &Limits) -> Vec<World> {
     vec![World::new(limits), World::guarded(limits)]
 }
 
-/// The same, and lines.
+/// The same controls, and lines.
 fn all(limits: &Limits) -> Vec<World> {
     let mut worlds = readable(limits);
     worlds.push(World::lines(limits));
@@ -36,7 +37,7 @@ fn scheme(world: &World) -> Scheme {
     world.status().scheme
 }
 
-/// 40 µm were stored; the control had gone to zero and reported it. The first write used to move the axis by 40 µm.
+/// 40 µm are stored; the control has gone to zero and reports it. The first write makes no step of 40 µm.
 #[test]
 fn the_control_overrides_the_stored_correction() {
     for mut world in readable(&with_delay(1)) {
@@ -53,7 +54,7 @@ fn the_control_overrides_the_stored_correction() {
     }
 }
 
-/// A reading off by 256 µm used to move the axis by that much; one of −65.536 mm was written back. Also wrong: another axis's values, NaN.
+/// A reading that is off by 256 µm, is −65.536 mm, has another axis's values or NaN moves no axis and is not written back.
 #[test]
 fn one_wrong_reading_moves_nothing() {
     for reading in [
@@ -94,8 +95,8 @@ fn one_wrong_word_of_a_report_moves_nothing() {
     assert_eq!(world.applied, axes(0.040, -0.020));
 }
 
-/// Readings 96 ms old on a path with 60 ms used to count as foreign corrections, and the axis stepped back to them; readings 160 ms old happened to
-/// be equal three times. With a barrier, frames that answer a late report are rejected for their tick.
+/// Readings later than the path allows do not count as foreign corrections to which the axis steps back, even if a late reading repeats
+/// three times. With a barrier, frames that answer a late report are rejected for their tick.
 #[test]
 fn a_read_back_older_than_allowed_makes_no_step() {
     for late in [16, 24, 40, 100, 130] {
@@ -115,7 +116,7 @@ fn a_read_back_older_than_allowed_makes_no_step() {
     }
 }
 
-/// The control refused every write for 10 s; the state used to stay `arming` with 40 µm shown as applied.
+/// The control refuses every write for 10 s: the state is `faulted`, and nothing is shown as applied.
 #[test]
 fn refused_writes_are_a_fault_and_nothing_is_shown_as_applied() {
     for mut world in all(&with_delay(1)) {
@@ -131,7 +132,7 @@ fn refused_writes_are_a_fault_and_nothing_is_shown_as_applied() {
     }
 }
 
-/// Y rejects its words while X follows a moving machine: this used to stay unreported for a minute. Each row is the request for Y, and the motion of
+/// Y rejects its words while X follows a moving machine: the guard faults within 5 s. Each row is the request for Y, and the motion of
 /// X.
 #[test]
 fn one_axis_that_rejects_every_write_is_a_fault() {
@@ -159,8 +160,7 @@ fn one_axis_that_rejects_every_write_is_a_fault() {
     }
 }
 
-/// Lines that could not be written kept their levels while the guard ramped to zero: once restored, the axis used to move from 40 µm to 0 in one
-/// write.
+/// Lines that cannot be written keep their levels while the guard ramps to zero: once restored, the axis makes no step from 40 µm to 0.
 #[test]
 fn restored_lines_make_no_step() {
     for arms_again in [false, true] {
@@ -183,7 +183,7 @@ fn restored_lines_make_no_step() {
     }
 }
 
-/// A reading lost during an emergency stop on the ramp out used to lift the stop, and lines were written.
+/// A reading lost during an emergency stop on the ramp out does not lift the stop, and no lines are written.
 #[test]
 fn a_lost_reading_does_not_lift_an_emergency_stop() {
     for world in all(&limits()) {
@@ -229,8 +229,8 @@ fn a_nan_read_back_is_not_reported_as_compensating() {
     }
 }
 
-/// The correction is not reported for some cycles. Without a barrier it was cleared meanwhile: the guard used to write the previous 40 µm in one
-/// step. A barrier that receives nothing ramps out after its timeout.
+/// The correction is not reported for some cycles. Without a barrier it was cleared meanwhile: the guard returns to 40 µm by a ramp. A
+/// barrier that receives nothing ramps out after its timeout.
 #[test]
 fn a_correction_that_is_not_reported_comes_back_by_a_ramp() {
     for silent in [1, 3, 12, 100, 500] {
@@ -256,7 +256,7 @@ fn a_correction_that_is_not_reported_comes_back_by_a_ramp() {
     }
 }
 
-/// The program was stopped for 2 s between reading and writing while the control was cleared: the late write used to move the axis by 40 µm.
+/// The program is stopped for 2 s between reading and writing while the control is cleared: the late write is not sent.
 #[test]
 fn an_expired_decision_is_not_sent() {
     for world in readable(&limits()) {
@@ -272,8 +272,8 @@ fn an_expired_decision_is_not_sent() {
     }
 }
 
-/// Two readings repeated a write of 32 ms before, as a late path may: the axis used to step from 25 to 20 µm. A value once confirmed to be replaced
-/// is not applied any more.
+/// Two readings repeat a write of 32 ms before, as a late path may: a value once confirmed to be replaced is not applied any more, so the
+/// axis does not step back to it.
 #[test]
 fn readings_that_repeat_an_earlier_write_make_no_step() {
     for (repeated, back) in (1..12).flat_map(|repeated| (1..=8).map(move |back| (repeated, back))) {
@@ -310,7 +310,8 @@ fn a_lost_write_before_a_late_reading_makes_no_step() {
     }
 }
 
-/// In another fault, three false readings of 1.5 mm used to be written to the axis, and 1.5 mm that were found were ramped out without the operator.
+/// In another fault, three false readings of 1.5 mm are not written to the axis, and an actual correction of 1.5 mm stays until the
+/// operator acknowledges it.
 #[test]
 fn a_correction_beyond_the_limit_needs_acknowledgement_in_any_fault() {
     let faulted = || {
@@ -340,7 +341,7 @@ fn a_correction_beyond_the_limit_needs_acknowledgement_in_any_fault() {
     world.assert_steps(MOST, "acknowledged");
 }
 
-/// A reading dated 10 s ahead used to keep its positions fresh.
+/// A reading dated 10 s ahead does not keep its positions fresh.
 #[test]
 fn a_reading_from_the_future_counts_as_present() {
     let mut world = World::compensating(&limits());
@@ -352,11 +353,11 @@ fn a_reading_from_the_future_counts_as_present() {
     assert!(output.reasons.contains(Reasons::POSITIONS_STALE));
 }
 
-/// A wrong message repeated with each new position used to count as three readings.
+/// A wrong message repeated with each new position does not count as three readings.
 #[test]
 fn one_repeated_message_is_one_reading() {
     let mut world = World::new(&with_delay(15));
-    // As long as the path may lag.
+    // As long as the maximum lag of the path.
     for _ in 0..15 {
         world.false_reading = Some(axes(-0.020, 0.0));
         world.run(Duration::ZERO);
@@ -389,7 +390,7 @@ fn an_axis_that_does_not_follow_is_reported() {
     assert!(reported > 20, "{reported} of 100 cycles");
 }
 
-/// The scans are counted anew after a restart of the control: for a second the barrier used to be reported as unfit.
+/// The scans are counted anew after a restart of the control, and the barrier is not reported as unfit meanwhile.
 #[test]
 fn a_restarted_control_still_fits() {
     for tick in [0, 40, 30_000, 65_000] {
@@ -410,8 +411,8 @@ fn a_restarted_control_still_fits() {
     }
 }
 
-/// With repeated short outages the barrier had gone to zero each time, a fault; after the acknowledgement earlier failures still counted, and arming
-/// faulted at once.
+/// Repeated short outages, in each of which the barrier goes to zero, are a fault. After its acknowledgement the earlier failures do not
+/// count, and arming works.
 #[test]
 fn arming_works_after_an_acknowledged_fault() {
     let mut faults = 0;

@@ -43,7 +43,7 @@ fn after_a_reboot_it_ramps_from_the_applied_correction() {
     assert!(silent.reasons.contains(Reasons::NO_CONTROLLER));
     world.applied = PerChannel::ZERO;
     world.answers = true;
-    // One reading is no proof: three are, each of which may be another message.
+    // One reading is no confirmation; three are, if each is a separate message.
     let back = world.run(3 * PERIOD);
     assert!(!back.write && back.state.name() != "arming");
     let back = world.run(Duration::ZERO);
@@ -84,7 +84,7 @@ fn a_cleared_correction_ramps_in_again() {
     assert_eq!(output.state.name(), "arming");
     assert!(world.largest_step <= STEP, "{}", world.largest_step);
     assert_eq!(world.run(2 * SECOND).state, State::Compensating);
-    // Each further one is another event.
+    // Each further reset is handled in the same way.
     for _ in 0..5 {
         world.applied = PerChannel::ZERO;
         world.largest_step = 0.0;
@@ -102,7 +102,7 @@ fn a_write_that_does_not_stick_is_a_fault() {
     let output = world.run(2 * SECOND);
     assert_eq!(output.state.name(), "faulted");
     assert!(output.reasons.contains(Reasons::DOES_NOT_STICK));
-    // The cause is still there.
+    // The cause persists.
     assert_eq!(world.request(Request::Acknowledge).state.name(), "faulted");
     world.sticks = true;
     world.run(2 * SECOND);
@@ -151,9 +151,9 @@ fn interlocks_freeze_the_correction_and_it_ramps_in_again() {
         set(&mut world, true);
         let output = world.run(SECOND);
         assert_eq!((output.state.name(), output.write), ("holding", false));
-        // It rebooted meanwhile.
+        // The control rebooted meanwhile.
         world.applied = PerChannel::ZERO;
-        // A silence in between changes nothing.
+        // Silence in between changes nothing.
         world.answers = false;
         assert!(!world.run(SECOND).write);
         world.answers = true;
@@ -225,7 +225,7 @@ fn a_continuing_program_is_not_left_with_the_test_shift() {
         let goes_on = |world: &mut World, cycles: u32| {
             let mut shifted = 0;
             for cycle in 0..cycles {
-                // To and fro at 20 mm/s, then feeds of 0.2 mm/s.
+                // Back and forth at 20 mm/s, then feeds of 0.2 mm/s.
                 let rate = if cycle < cycles / 2 { 20.0 } else { 0.2 };
                 let sign = if cycle % 100 < 50 { 1.0 } else { -1.0 };
                 let way = sign * rate * PERIOD.as_secs_f64();
@@ -302,7 +302,7 @@ fn lost_writes_are_no_event() {
 fn a_barrier_held_by_its_control_is_reported_and_continues() {
     let mut world = World::guarded(&limits()).arm();
     world.holds = true;
-    // Where it stands is where it is to be.
+    // The applied correction is the goal, so holding it is not noticed.
     let output = world.run(Duration::from_secs(1));
     assert_eq!(output.state, State::Compensating);
     world.target = Some(axes(0.140, -0.020));
@@ -317,7 +317,7 @@ fn a_barrier_held_by_its_control_is_reported_and_continues() {
     assert!((world.applied[0] - 0.140).abs() < 1e-9);
 }
 
-/// One count in half a second.
+/// One count every half second.
 #[test]
 fn a_slow_correction_is_not_reported_as_held() {
     let mut limits = limits();
@@ -333,7 +333,8 @@ fn a_slow_correction_is_not_reported_as_held() {
     assert!(world.applied[0] > 0.01);
 }
 
-/// With 72 ms to the control and back, the word had moved on when its frame was seen to be accepted: this used to count as a control held elsewhere.
+/// With 72 ms to the control and back, the word has moved on when its frame is seen to be accepted: this does not count as a control held
+/// elsewhere.
 #[test]
 fn a_slow_path_is_not_reported_as_a_held_control() {
     let scan_ms = Duration::from_millis;
@@ -347,12 +348,12 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
         (150, scan_ms(2), 1),
         (150, scan_ms(10), 10),
     ] {
-        // A cycle that is long enough for the delay to be stated.
+        // A cycle long enough for the delay to be configured.
         let period = Duration::from_millis(10);
         let cycles = delay_ms / 20;
         let limits = Limits {
             period,
-            // Longer than a frame takes until it is reported.
+            // Longer than the time until a frame is reported.
             hold: Duration::from_millis(50).max(Duration::from_millis(
                 u64::try_from(delay_ms + 30).expect("few"),
             )),
@@ -377,7 +378,7 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
         world.dates_reports = true;
         world.cycle_after(period, Some(Request::Arm));
         for cycle in 0..2600_u32 {
-            // Creeps by a step in 20 to 300 ms, as a table that turns slowly or a machine that warms up asks for.
+            // Creeps by a step every 20 to 300 ms, as for a slowly rotating table or a machine that warms up.
             let sign = if (cycle / 100).is_multiple_of(2) {
                 -1.0
             } else {

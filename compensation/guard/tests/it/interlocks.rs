@@ -13,7 +13,7 @@ fn an_interlock_on_one_path_holds_all_until_the_same_path_clears_it() {
     interlocks.update(0, CLEAR);
     interlocks.update(1, STOP);
     assert_eq!(interlocks.reasons(), Reasons::EMERGENCY_STOP);
-    // Another path that sees nothing of it lifts nothing, and neither does silence.
+    // Neither another path that does not see the stop, nor silence, clears it.
     interlocks.update(0, CLEAR);
     interlocks.update(1, None);
     let reported = interlocks.reasons();
@@ -63,14 +63,14 @@ fn an_acknowledgement_lifts_only_interlocks_of_silent_paths() {
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
 
-/// The barrier keeps moving, with frames and reports in transit: each report used to become the next goal, 27, 44, 30, 40, 34 µm.
+/// The barrier keeps moving, with frames and reports in transit: a report does not become the next goal.
 #[test]
 fn an_axis_holds_in_a_stop_reported_by_another_path() {
     for late in [0, 1, 2, 4] {
         for at in 60..70 {
             let mut world = World::ramping(late, at);
             world.interlocks.update(1, STOP);
-            // What was on its way lands, and is led back.
+            // Words in transit arrive and move the axis before it holds.
             world.run(20 * PERIOD);
             let stands = world.applied;
             assert!(stands[0] > 0.02, "{stands:?}");
@@ -103,15 +103,15 @@ fn the_correction_held_by_a_barrier_in_a_stop_is_adopted() {
             .reasons
             .contains(Reasons::UNCONFIRMED)
     );
-    // Only the barrier is free again.
+    // Only the barrier is released.
     (world.emergency_stop, world.answers) = (false, true);
     world.interlocks.update(1, STOP);
     world.run(Duration::from_secs(1));
     assert_eq!(world.applied, stands);
 }
 
-/// The confirmed correction lags the sent one; becoming the word, it moved the axis back by 18 µm in one cycle. Words keep the slew in every window
-/// of time, and the axis never reverses.
+/// The confirmed correction lags the sent one, so it must not replace the word when a stop begins: the axis would move back by 18 µm. Words
+/// keep the slew in every time window, and the axis never reverses.
 #[test]
 fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
     let slew = limits().axes[0].slew_per_s;
@@ -119,7 +119,7 @@ fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
         // The control holds, or only another path reports the stop; for a short time, or until its position is known.
         for (holds, cycles) in [(true, 4), (true, 80), (false, 4), (false, 80)] {
             let mut world = World::ramping(late, 60);
-            // Times, words, and where the axis was.
+            // Times, words, and positions of the axis.
             let mut words = Vec::new();
             let mut furthest = 0.0_f64;
             for cycle in 0..400 {
@@ -156,7 +156,7 @@ fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
     }
 }
 
-/// A barrier some cycles away that holds by an emergency stop, which began in the middle of a ramp.
+/// A barrier `late` cycles away that holds because of an emergency stop in the middle of a ramp.
 fn stopped(late: usize) -> World {
     let mut world = World::ramping(late, 100);
     world.emergency_stop = true;
@@ -165,7 +165,7 @@ fn stopped(late: usize) -> World {
     world
 }
 
-/// The word goes to the held correction and stays there when limits are lowered; it used to go from 100 µm to 69 µm.
+/// The word goes to the held correction and stays there when limits are lowered.
 #[test]
 fn limits_lowered_in_a_stop_do_not_move_the_word() {
     let mut world = stopped(4);
@@ -197,7 +197,7 @@ fn limits_lowered_as_a_stop_begins_do_not_move_the_word() {
     }
 }
 
-/// The control is released while another path still reports the stop: the axis used to go from 106 µm to 30 µm.
+/// The control is released while another path still reports the stop.
 #[test]
 fn limits_lowered_in_a_stop_reported_by_another_path_move_no_axis() {
     let mut world = stopped(2);
@@ -216,7 +216,7 @@ fn limits_lowered_in_a_stop_reported_by_another_path_move_no_axis() {
 /// After the stop the correction is reduced at the guard's slew, not at the barrier's rate.
 #[test]
 fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
-    // How far the axis goes beyond the slew in any window of time, mm.
+    // Largest excess of the motion of the axis over the slew in any time window, mm.
     let goes_beyond = |late, limit| {
         let mut world = stopped(late);
         world.lower_limits(limit);
@@ -236,7 +236,7 @@ fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
         }
         most
     };
-    // One step for rounding, and one since the barrier goes by its own rate within a cycle.
+    // One step for rounding, and one because the barrier moves at its own rate within a cycle.
     for (late, limit) in [(4, 0.150), (0, 0.030), (2, 0.030), (4, 0.030)] {
         let beyond = goes_beyond(late, limit);
         assert!(beyond <= 0.002 + 1e-9, "{late}, to {limit}: {beyond}");
@@ -260,8 +260,8 @@ fn limits_lowered_as_a_stop_begins_do_not_reverse_an_axis() {
     }
 }
 
-/// X of a control some cycles away that holds by a stop which nothing shows, in the middle of a ramp, so long that it was seen to
-/// stand.
+/// X of a control `late` cycles away that holds for a reason that no path reports, in the middle of a ramp, long enough to be seen as
+/// stationary.
 fn held_by_itself(late: usize) -> World {
     let mut world = World::ramping(late, 90);
     world.holds = true;
@@ -327,7 +327,7 @@ fn a_control_released_early_in_a_stop_goes_to_the_word() {
             world.interlocks.update(1, STOP);
             world.run(Duration::from_millis(after));
             world.holds = false;
-            // Until this is seen, and what was sent until then has landed.
+            // Until this is seen, and all words sent until then have arrived.
             for _ in 0..4 * late + 20 {
                 world.run(Duration::ZERO);
             }

@@ -1,4 +1,4 @@
-//! Lines with reported levels: the levels are applied, not the last write. And lines without.
+//! Lines with reported levels, whose levels count as applied instead of the last write; and lines without.
 
 use core::time::Duration;
 
@@ -23,7 +23,7 @@ fn reporting(x: f64) -> World {
     world
 }
 
-/// The same, armed, with a correction of 40 µm.
+/// Armed lines with a correction of 40 µm.
 fn armed() -> World {
     let mut world = reporting(0.0);
     world.run(SECOND);
@@ -51,7 +51,7 @@ fn confirmed(world: &World) -> Option<PerChannel<f64>> {
     world.status().confirmed.map(|confirmed| confirmed.values)
 }
 
-/// A module without power for 1 s reports outputs at 0: the stored 40 µm used to be written in one step, and shown as applied meanwhile.
+/// A module without power for 1 s reports outputs at 0: the stored 40 µm are neither shown as applied nor written in one step.
 #[test]
 fn lines_that_were_off_ramp_in_from_their_levels() {
     let mut world = armed();
@@ -69,7 +69,7 @@ fn lines_that_were_off_ramp_in_from_their_levels() {
     assert!((world.applied[0] - 0.040).abs() < 1e-9);
 }
 
-/// A module ignores accepted writes for 45 ms: 18 µm of slew used to be written in one step afterwards.
+/// A module ignores accepted writes for 45 ms: the slew of that time is not written in one step afterwards.
 #[test]
 fn delayed_writes_do_not_accumulate() {
     let mut world = armed();
@@ -110,8 +110,7 @@ fn readable_lines_ramp_out_when_positions_are_lost() {
     world.assert_steps(MOST, "without positions");
 }
 
-/// Nothing is stored: with reported levels the output starts there, without them the operator must check. It used to count as zero and was written
-/// in one step.
+/// Nothing is stored: with reported levels the output starts there, without them the operator must check.
 #[test]
 fn an_unknown_stored_correction_is_not_zero() {
     for reports in [true, false] {
@@ -131,7 +130,7 @@ fn an_unknown_stored_correction_is_not_zero() {
     }
 }
 
-/// The state used to be "ramping-out" until an acknowledgement.
+/// The state is `disarmed`, and nothing is written, until an acknowledgement.
 #[test]
 fn disarming_does_not_ramp_out_an_unknown_correction() {
     let mut world = World::lines(&limits());
@@ -145,7 +144,7 @@ fn disarming_does_not_ramp_out_an_unknown_correction() {
     arms(&mut world, "acknowledged");
 }
 
-/// Lines kept the levels of an earlier outage of the other path, and used to start at zero.
+/// Lines start at the levels that they kept from an earlier outage of the other path.
 #[test]
 fn lines_that_take_over_start_at_their_levels() {
     let mut world = reporting(0.020);
@@ -199,7 +198,7 @@ fn levels_of_a_control_that_times_out_count_only_while_it_is_written() {
     world.run_to(3 * SECOND, State::Compensating);
 }
 
-/// Lines without read-back used to start at zero whenever they took over, although the control keeps its correction.
+/// Lines without read-back start at their last write when they take over again, because the control keeps its correction.
 #[test]
 fn lines_that_take_over_again_start_at_their_last_write() {
     let mut world = World::lines(&limits()).arm();

@@ -1,4 +1,4 @@
-//! Limits and accelerations that are lowered while the correction is applied: the whole vector comes in on one line.
+//! Limits and accelerations that are lowered while the correction is applied: the whole vector returns on one straight line.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use crate::{
 
 const CYCLE_S: f64 = 0.004;
 
-/// X follows A with 500 mm for each rad, and no position is wanted beside: the tip misses by X − 500·A.
+/// X follows A with 500 mm/rad, without a position share: the tip error is X − 500·A.
 fn following_a() -> RequestedCorrection {
     let mut follow = PerChannel::default();
     follow[3] = of([500.0]);
@@ -23,7 +23,7 @@ fn following_a() -> RequestedCorrection {
     }
 }
 
-/// X and A of a tilting head in fine steps.
+/// X and A of a tilting head with small steps.
 fn tilting(rotary_slew: f64) -> Limits {
     let mut limits = five(0.0);
     for (i, axis) in limits.axes.iter_mut().enumerate().take(5) {
@@ -42,7 +42,7 @@ fn with_accel(limits: &Limits, accel_per_s2: f64) -> Limits {
     limits
 }
 
-/// The most by which the tip misses (mm) on the way within limits that were lowered, as the guard does it.
+/// Largest tip error (mm) while the guard reduces the correction to lowered limits.
 fn misses_most(requested: &RequestedCorrection, before: &Limits, after: &Limits) -> (f64, Vector) {
     let mut vector = Vector::at(&PerChannel::ZERO);
     for _ in 0..2000 {
@@ -58,7 +58,7 @@ fn misses_most(requested: &RequestedCorrection, before: &Limits, after: &Limits)
     (most, vector)
 }
 
-/// X alone came in at its slew, 30 µm ahead of A, which took half a second: the tip was 50 µm off.
+/// X and A approach the lowered limit together: if X alone went there at its slew, the tip would be 50 µm off.
 #[test]
 fn a_lowered_linear_limit_reduces_the_rotary_shares_too() {
     for rotary_slew in [2000e-6, 500e-6, 250e-6, 50e-6] {
@@ -101,14 +101,14 @@ fn a_line_that_ends_beyond_a_lowered_limit_is_scaled_as_a_whole() {
             let output = vector.output();
             most = most.max((output[0] - 500.0 * output[3]).abs());
         }
-        // A step of A at its lever, since words are rounded towards zero while they are reduced, and one of X.
+        // One step of A at its lever, since words are rounded towards zero while they are reduced, and one of X.
         assert!(most <= 1e-7 * 500.0 + 1e-5, "{linear} {rotary}: {most}");
         let within = |i: usize| vector.output()[i].abs() <= after.axes[i].limit * (1.0 + 1e-9);
         assert!(within(0) && within(3), "{vector:?}");
     }
 }
 
-/// Also without rotary axes.
+/// The same without rotary axes.
 #[test]
 fn a_lowered_limit_scales_every_share_equally() {
     let requested = RequestedCorrection::linear(of([0.100, -0.050, 0.020]));
@@ -168,7 +168,7 @@ fn a_lowered_acceleration_does_not_overshoot() {
     }
 }
 
-/// Words in transit to a barrier land after the limit was lowered: this used to count as a foreign correction.
+/// Words in transit to a barrier that land after the limit was lowered do not count as a foreign correction.
 #[test]
 fn limits_lowered_in_motion_on_a_slow_path_are_no_fault() {
     for late in [0, 1, 2, 4, 6] {
@@ -182,7 +182,7 @@ fn limits_lowered_in_motion_on_a_slow_path_are_no_fault() {
                 let case = format!("{late} cycles late, after {after}, to {limit}");
                 assert_eq!(state, State::Compensating, "{case}: {:?}", world.applied);
                 assert!((world.applied[0] - limit).abs() < 1e-9, "{case}");
-                // The barrier goes by its own rate, twice the slew, and no further in a cycle.
+                // The barrier moves at its own rate, twice the slew, but by no more than the slew in a cycle.
                 assert!(world.largest_step <= 0.002 + 1e-9, "{case}");
             }
         }
@@ -242,10 +242,10 @@ fn a_correction_sent_long_before_a_limit_was_lowered_is_a_fault() {
     }
 }
 
-/// A path with another axis order and a limit of 30 µm takes over from one that applies 140 and −70 µm: this used to be a fault.
+/// A path with another axis order and a limit of 30 µm takes over from one that applies 140 and −70 µm without a fault.
 #[test]
 fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
-    // What the words hold when it takes over: what was sent; more than that; and on one axis what was sent on the other.
+    // Corrections found at the take-over: the sent ones, larger ones, and on one axis the word sent on the other.
     for (found, is_expected) in [
         (axes(-0.070, 0.140), true),
         (axes(-0.070, 0.142), false),
@@ -268,7 +268,7 @@ fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
         let state = world.run(Duration::from_secs(3)).state;
         if is_expected {
             assert_eq!(state, State::Compensating, "{:?}", world.applied);
-            // Both by one factor.
+            // Both axes by one factor.
             let comes_in = axes(-0.015, 0.030);
             let off = |i: usize| (world.applied[i] - comes_in[i]).abs();
             assert!(off(0) < 1e-9 && off(1) < 1e-9, "{:?}", world.applied);
@@ -298,7 +298,7 @@ fn sent_corrections_are_carried_over_two_changes_of_path() {
     world.request(Request::TakeOver);
     let state = world.run(Duration::from_secs(3)).state;
     assert_eq!(state, State::Compensating, "{:?}", world.applied);
-    // An axis that the path before did not write has sent nothing.
+    // An axis that the previous path did not write has no sent words.
     let mut world = World::compensating(&world::limits());
     world.target = Some(axes(0.140, -0.020));
     world.run(Duration::from_secs(2));

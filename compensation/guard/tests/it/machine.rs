@@ -1,5 +1,5 @@
-//! A machine with one to three ways to its control, as a gateway drives it, and everything that may go wrong on the way. What
-//! its axes get, write by write and scan by scan, is what counts.
+//! A machine with one to three paths to its control, driven as by a gateway, with all faults on the way. The tests check the motion of its
+//! axes, write by write and scan by scan.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -18,28 +18,27 @@ use crate::world::{MACHINE, PERIOD, SCAN, limits, same_places};
 
 /// Interval at which a standby path is read.
 const STANDBY_EVERY: Duration = Duration::from_millis(100);
-/// Timeout of lines, after which they go to zero, and the maximum time that this takes.
+/// Timeout of lines, after which they ramp to zero, and the maximum duration of the ramp.
 const LINES_TIME_OUT: ControlTimeOut = ControlTimeOut {
     after: Duration::from_millis(300),
     to_zero: Duration::from_millis(300),
 };
-/// How long before the first write nothing else may have moved a control without a barrier.
+/// Time before the first write in which nothing else may have moved a control without a barrier.
 const WATCH: Duration = Duration::from_millis(700);
-/// No reading is older.
+/// Maximum age of a reading.
 const OLDEST: Duration = Duration::from_millis(500);
 
-/// How the control is reached.
+/// Interface to the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// Words that can be read back, however late; none of them is lost.
+    /// Words with read-back at any delay; none is lost.
     Late,
-    /// Words that can be read back within the delay of the path; any of them may be lost.
+    /// Words with read-back within the delay of the path; any may be lost.
     Lossy,
     /// Lines without read-back.
     Lines,
-    /// Lines that go to zero by themselves when nothing comes.
+    /// Lines whose control ramps to zero when writes stop.
     LinesWithTimeOut,
-    /// A barrier.
     Barrier,
 }
 
@@ -51,21 +50,21 @@ pub(crate) const KINDS: [Kind; 5] = [
     Kind::Barrier,
 ];
 
-/// One way to the control.
+/// One path to the control.
 #[expect(clippy::struct_excessive_bools, reason = "separate faults")]
 struct Way {
     read_back: ReadBack,
-    /// It answers and takes what is sent.
+    /// The path responds and accepts writes.
     online: bool,
     frozen_at: Option<Duration>,
     /// Reported next instead of the applied correction.
     false_reading: Option<PerChannel<f64>>,
-    /// A word of the next report, and what is wrong with its bits.
+    /// A word of the next report, and its flipped bits.
     flipped_word: Option<(usize, u16)>,
     /// Age of the reported correction.
     late: Duration,
     hides_correction: bool,
-    /// What is written is lost.
+    /// Writes are lost.
     loses: bool,
     /// Writes return an error, whether they are lost or not.
     fails: bool,
@@ -74,14 +73,14 @@ struct Way {
     sent: Option<Duration>,
 }
 
-/// Words on their way to a mailbox.
+/// Words in transit to a mailbox.
 struct Late {
     at: Duration,
     way: usize,
     words: Vec<u16>,
 }
 
-/// How often frames to a barrier are lost, late, doubled and torn.
+/// Probabilities of lost, late, duplicated and torn frames to a barrier.
 #[derive(Clone, Copy, Default)]
 struct Channel {
     lost: f64,
@@ -104,40 +103,40 @@ pub(crate) struct Machine {
     mailboxes: Vec<Vec<u16>>,
     in_transit: Vec<Late>,
     channel: Channel,
-    /// When words or lines were written last, and what.
+    /// When words or lines were last written, and the values.
     got: Duration,
     written: PerChannel<f64>,
     pub(crate) applied: PerChannel<f64>,
     /// Largest possible correction of each axis when its limit was lowered, or after a foreign write.
     beyond: PerChannel<f64>,
-    /// What was applied, and from when on, for readings that are late.
+    /// Applied corrections and their start times, for late readings.
     past: VecDeque<(Duration, PerChannel<f64>)>,
     requested: Option<RequestedCorrection>,
     positions: PerChannel<f64>,
     interlock: Interlock,
     really_includes: bool,
     forbids: Reasons,
-    /// Until then readings are not delayed, after a foreign change of the correction.
+    /// Until this time readings are not delayed, after a foreign change of the correction.
     prompt_until: Duration,
     pub(crate) seen: AxisMotion,
 }
 
-/// What an axis did since this was taken.
+/// Motion of an axis since this was last read.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct AxisMotion {
-    /// The largest change by one write or in one scan, as a part of what is allowed.
+    /// The largest change by one write or scan, as a fraction of the permitted one.
     pub(crate) step: f64,
-    /// The largest correction that a write led further out, as a part of its limit, or of what was beyond it when the limit
-    /// was lowered or a foreign write.
+    /// The largest correction after a write that increased it, as a fraction of its limit, or of the value beyond the limit when the limit
+    /// was lowered or a foreign write occurred.
     pub(crate) out: f64,
     pub(crate) not_finite: bool,
     /// A foreign change of the correction.
     pub(crate) changed: bool,
-    /// Limits were changed, or another run of the gateway or another way began: windows of time begin anew.
+    /// Limits changed, the gateway restarted, or another path took over: time windows restart.
     pub(crate) began: bool,
 }
 
-/// X, Y, Z, and A and C where there are five axes: 0.15 mm and 150 µrad, steps of 1 µm and 5 µrad.
+/// X, Y, Z, and with five axes also A and C: 0.15 mm and 150 µrad, steps of 1 µm and 5 µrad.
 fn full_limits(axes: usize) -> Limits {
     let mut limits = limits();
     limits.count = axes;
@@ -178,7 +177,7 @@ fn barrier(limits: &Limits, tick: u16, epoch: u16, applied: &PerChannel<f64>) ->
         axes: layout(limits.count),
         machine: MACHINE,
         limit: PerChannel::from_fn(|i| counts(i, limits.axes[i].limit)),
-        // 1 mm/s and 2.5 mrad/s: at least twice what the guard slews.
+        // 1 mm/s and 2.5 mrad/s: at least twice the slew of the guard.
         rate: PerChannel::from_fn(|i| if i < 3 { 2 } else { 1 }),
         step_scans: 1,
         hold_scans: 25,
@@ -262,7 +261,7 @@ impl Machine {
         self.selector.active()
     }
 
-    /// What a wrong model may ask for.
+    /// Any request that a wrong model may make.
     fn any_request(&mut self) -> RequestedCorrection {
         let count = self.limits.count;
         let random = &mut self.random;
@@ -285,7 +284,7 @@ impl Machine {
         self.interlock.is_set()
     }
 
-    /// Time passes, and the control scans.
+    /// Advances the time, and runs the scans of the control.
     pub(crate) fn pass(&mut self, time: Duration) {
         self.now += time;
         while self.scanned + SCAN <= self.now {
@@ -299,7 +298,7 @@ impl Machine {
         if self.kind == Kind::LinesWithTimeOut
             && self.scanned.saturating_sub(self.got) > LINES_TIME_OUT.after
         {
-            // 0.15 mm and 150 µrad in less than 300 ms.
+            // From 0.15 mm and 150 µrad to zero in less than 300 ms.
             let to_zero = PerChannel::from_fn(|i| {
                 let step = self.limits.axes[i].resolution;
                 let toward = (self.applied[i].abs() - step).max(0.0);
@@ -345,7 +344,7 @@ impl Machine {
         self.put(PerChannel::from_fn(|i| f64::from(after[i]) * resolution(i)));
     }
 
-    /// The axes get this.
+    /// Applies values to the axes.
     fn put(&mut self, values: PerChannel<f64>) {
         if values != self.applied {
             self.past.push_back((self.scanned.max(self.now), values));
@@ -356,7 +355,7 @@ impl Machine {
         self.applied = values;
     }
 
-    /// Words or lines are written.
+    /// Writes words or lines.
     fn write(&mut self, values: PerChannel<f64>) {
         for i in self.axes() {
             let axis = &self.limits.axes[i];
@@ -374,7 +373,7 @@ impl Machine {
     }
 
     fn read(&mut self, index: usize, now: Duration) {
-        // The answer comes late within its deadline.
+        // The response is late but within its deadline.
         let exchange = Duration::from_micros(self.random.random_range(0..1000));
         self.pass(exchange);
         let barrier = self.barrier;
@@ -419,7 +418,7 @@ impl Machine {
         self.interlocks.update(index, interlock);
     }
 
-    /// Whether what the axes have is known once this way writes.
+    /// Whether the applied correction is known once this path writes.
     fn is_ready(&self, index: usize) -> bool {
         let known = self.ways[index].read_back.status();
         if index == self.active() {
@@ -436,7 +435,7 @@ impl Machine {
         }
     }
 
-    /// Chooses the way that corrects; whether it is another one.
+    /// Selects the active path; returns whether it changed.
     fn select(&mut self, now: Duration) -> bool {
         let stays = matches!(self.guard.state(), State::Faulted(_))
             || !self.interlocks.reasons().is_empty();
@@ -473,7 +472,7 @@ impl Machine {
         choice.switched
     }
 
-    /// The program is stopped for a while, at any place between two of its steps.
+    /// Suspends the program for a while, at random, between two of its steps.
     fn may_stop(&mut self) {
         if self.random.random_range(0..800) == 0 {
             let most = if self.random.random() { 60 } else { 3000 };
@@ -536,14 +535,14 @@ impl Machine {
         let way = &mut self.ways[active];
         let has_no_read_back = way.read_back.status().scheme == Scheme::NoReadBack;
         let ok = way.online && !way.fails;
-        // What fails may have landed, but on lines.
+        // A failed write may have arrived, except on lines.
         let lands = way.online && !way.loses && (ok || !has_no_read_back);
         if self.barrier.is_some() {
             let mut words = [0; FRAME_WORDS];
             let frame = way.read_back.frame(&output.correction, &limits, &mut words);
             if let Some(length) = frame {
                 self.post(active, words[..length].to_vec(), lands);
-                // It may be in transit for any time.
+                // The frame may be in transit for any time.
                 self.may_stop();
             }
         } else if lands {
@@ -559,7 +558,7 @@ impl Machine {
         }
     }
 
-    /// A frame goes into the channel. Where the way is cut it may be delivered after a reconnect.
+    /// Sends a frame into the channel. If the path is cut, it may be delivered after a reconnect.
     fn post(&mut self, way: usize, words: Vec<u16>, lands: bool) {
         let now = self.now;
         let late = Duration::from_millis(self.random.random_range(0..1000));
@@ -616,7 +615,7 @@ impl Way {
 
 /// Random faults, and their repair.
 impl Machine {
-    /// A random thing happens: any fault, any request, or that all is well.
+    /// A random event: any fault, any request, or the end of all faults.
     pub(crate) fn random_event(&mut self) -> Option<Request> {
         let index = self.random.random_range(0..self.ways.len());
         let now = self.now;
@@ -700,7 +699,7 @@ impl Machine {
         }
     }
 
-    /// All is well, readings come at once, and the axes may go as fast as they ever might.
+    /// Ends all faults and delays, and restores the full limits.
     pub(crate) fn repair(&mut self) {
         self.all_is_well();
         for way in &mut self.ways {
@@ -718,7 +717,7 @@ impl Machine {
         (self.really_includes, self.seen.began) = (self.limits.axes[0].includes_correction, true);
     }
 
-    /// One reading is torn, of another axis, no number, or far off.
+    /// Falsifies one reading: torn, of another axis, not a number, or far off.
     fn falsify(&mut self, index: usize) {
         let mut false_reading = self.applied;
         match self.random.random_range(0..4) {
@@ -750,7 +749,7 @@ impl Machine {
         self.may_be_beyond();
     }
 
-    /// What stands now may lie beyond a limit.
+    /// The present correction may be beyond a limit.
     fn may_be_beyond(&mut self) {
         for i in self.axes() {
             let axis = &self.limits.axes[i];
@@ -759,7 +758,7 @@ impl Machine {
         }
     }
 
-    /// Limits, slews and accelerations change in the middle of whatever goes on.
+    /// Changes limits, slews and accelerations at any time.
     fn change_limits(&mut self) {
         let full = full_limits(self.limits.count);
         for i in self.axes() {
@@ -784,7 +783,7 @@ impl Machine {
         self.guard.set_limits(self.limits).expect("valid");
     }
 
-    /// The control starts anew. Its words are kept.
+    /// Restarts the control; its words are retained.
     fn power_up(&mut self) {
         if let Some(before) = self.barrier {
             let epoch = before.memory().link.epoch;
@@ -794,7 +793,7 @@ impl Machine {
         }
     }
 
-    /// The gateway starts anew, under another number.
+    /// Restarts the gateway with another owner number.
     fn restart(&mut self) {
         let has_no_read_back = matches!(self.kind, Kind::Lines | Kind::LinesWithTimeOut);
         if has_no_read_back && self.ways.len() > 1 {

@@ -1,5 +1,3 @@
-//! The guard against its rules.
-
 mod barrier;
 mod direction;
 mod edges;

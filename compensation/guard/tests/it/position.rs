@@ -1,4 +1,4 @@
-//! A position is believed where the axis can be and where it can have come to, and nothing else.
+//! A position is accepted only within the travel and within reach of the axis.
 
 use core::time::Duration;
 
@@ -7,7 +7,7 @@ use volcomp_guard::{PositionCheck, PositionFlaw, PositionLimits};
 
 /// 100 m/min, in mm/s.
 const RAPID: f64 = 100_000.0 / 60.0;
-/// 200 turns a minute, in deg/s: the judge does not ask for the unit.
+/// 200 rev/min, in deg/s: the check does not depend on the unit.
 const TURNS: f64 = 1200.0;
 
 const LINEAR: PositionLimits = PositionLimits {
@@ -34,7 +34,7 @@ fn ms(ms: f64) -> Duration {
     Duration::from_secs_f64(ms / 1e3)
 }
 
-/// What is said of each reading: (ms, position, verdict).
+/// Checks the verdict of each reading: (ms, position, verdict).
 fn reported(
     world: &str,
     limits: &PositionLimits,
@@ -108,7 +108,7 @@ fn a_jump_is_never_accepted_after_a_while() {
         assert_eq!(check.judge(&LINEAR, 600.0, ms(at)), JUMP, "{at} ms");
     }
     assert_eq!(check.judge(&LINEAR, 600.0, ms(2e6)), JUMP);
-    // It moves on from there, and comes back to where it could have come in the 10 ms before the jump.
+    // The position moves on from the wrong value, and returns to where it could have been in the 10 ms before the jump.
     for (position, expected) in [
         (400.0, JUMP),
         (210.0, JUMP),
@@ -122,7 +122,7 @@ fn a_jump_is_never_accepted_after_a_while() {
             "{position}"
         );
     }
-    // Armed anew.
+    // Re-armed.
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_300.0)), JUMP);
     check.forget();
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_310.0)), OK);
@@ -200,7 +200,7 @@ proptest! {
             let passed = f64::from(*cycle) + if index % 10 == 9 { f64::from(silence) } else { 0.0 };
             let goes = (RAPID * speed * passed / 1e3).clamp(-before, 4000.0 - before);
             at += passed;
-            // As the position was, or will be, on the way with the same speed.
+            // The position of an earlier or later time on the way at the same speed.
             let reported = (before + goes * (1.0 + late / passed)).clamp(
                 (before + goes - RAPID * 0.025).max(0.0),
                 (before + goes + RAPID * 0.025).min(4000.0),

@@ -1,4 +1,4 @@
-//! The test shift at arming: what it shows of each axis, and that what it does not see is not believed.
+//! The test shift at arming: its finding for each axis, and no finding without evidence.
 
 use std::{collections::VecDeque, f64::consts::TAU, time::Duration};
 
@@ -12,11 +12,11 @@ use AxisProof::{Contained, NotContained, NotProven};
 use crate::world::{PERIOD, SECOND, STEP, World, axes, limits, same_places};
 
 const SHIFT: f64 = 5.0 * STEP;
-/// What one axis of the machine does.
+/// Behaviour of one axis of the machine.
 #[derive(Clone, Copy)]
 struct Axis {
     contains: bool,
-    /// The reported position, whatever happens.
+    /// The reported position, whatever the axis does.
     frozen: Option<f64>,
     /// Delay of the reported position, cycles.
     lag: usize,
@@ -27,11 +27,11 @@ struct Axis {
     stood: bool,
     /// Factor of the applied correction: another unit than configured. `None`: 1.
     factor: Option<f64>,
-    /// The position begins anew after a turn.
+    /// The position wraps after a turn.
     rolls_over: bool,
 }
 
-/// A moving axis without the correction.
+/// A moving axis whose position does not contain the correction.
 const PLAIN: Axis = Axis {
     contains: false,
     frozen: None,
@@ -53,7 +53,7 @@ struct Rig {
     now: Duration,
     machine: [Axis; 2],
     history: VecDeque<[f64; 2]>,
-    /// Where the program has the axes.
+    /// Programmed position of the axes.
     place: f64,
     output: PerChannel<f64>,
 }
@@ -126,7 +126,7 @@ impl Rig {
                 return (verdict, reached);
             }
             let goal = proof.goal(&from, &self.limits);
-            // At the slew: 2 µm in a cycle.
+            // At the slew: 2 µm per cycle.
             self.output =
                 PerChannel::from_fn(|i| output[i] + (goal[i] - output[i]).clamp(-0.002, 0.002));
             reached = [
@@ -170,8 +170,8 @@ fn each_axis_has_its_own_result() {
     assert_eq!(proven([stood_contains, stood]), [Contained, NotProven]);
 }
 
-/// Words of another unit: the position follows both ways by another factor. This used to count as motion of the machine and to repeat for ever (above
-/// 2.5), or was compensated with (2). A tenth of the shift is less than a flickering count: that position stays.
+/// Words of another unit: the position follows by another factor in both directions. This is a contradiction, neither motion of the machine
+/// nor a proof. A tenth of the shift is less than a flickering count: that position stays.
 #[test]
 fn a_position_that_follows_by_another_factor_is_a_contradiction() {
     for factor in [2.0, 10.0, 17.45, 0.5, 0.1, -1.0, -3.0] {
@@ -197,7 +197,7 @@ fn a_position_that_follows_by_another_factor_is_a_contradiction() {
     }
 }
 
-/// A rotary table at zero, which is also a whole turn: the shift used to count as a turn and was repeated for ever.
+/// A rotary table at zero, which is also a whole turn: the shift does not count as a turn.
 #[test]
 fn a_shift_across_the_roll_over_is_found() {
     let mut limits = limits();
@@ -220,7 +220,7 @@ fn a_shift_across_the_roll_over_is_found() {
     }
 }
 
-/// The axes stood still, and the proof kept waiting for standstill.
+/// A single unsent write, even while the axes are at rest, does not keep the proof waiting for standstill.
 #[test]
 fn one_unsent_write_does_not_block_the_proof() {
     for missed in 0..300 {
@@ -249,7 +249,7 @@ fn slow_creeping_and_flickering_positions() {
             let [shown, _] = proven([Axis { lag, ..axis }, PLAIN]);
             assert_eq!(shown, truth, "lag {lag}");
         }
-        // Later than the axis stands: nothing is shown, and nothing wrong is believed.
+        // Later than the required standstill: no finding, and no wrong one.
         for lag in [65, 70, 80, 100, 120] {
             let [shown, _] = proven([Axis { lag, ..axis }, PLAIN]);
             let believed = [truth, NotProven];
@@ -261,7 +261,7 @@ fn slow_creeping_and_flickering_positions() {
         };
         assert_eq!(proven([flicker, PLAIN])[0], truth);
     }
-    // As fast as the slowest shift looks in one leg: one way it fits, the other way it does not.
+    // Creep as fast as the slowest response to a shift in one leg: it matches one direction but not the other.
     for creep_mm_per_s in [0.002, 0.004, 0.01, 0.015, 0.02, -0.015] {
         let creeps = Axis {
             creep_mm_per_s,
@@ -286,7 +286,7 @@ fn the_shift_goes_both_ways_and_stays_within_the_limit() {
         (0.147, [0.142, 0.147]),
         (0.145, [0.140, 0.150]),
         (-0.150, [-0.150, -0.145]),
-        // Left over from a larger limit: led in first.
+        // Remaining from a larger limit: reduced first.
         (0.162, [0.145, 0.162]),
     ] {
         let mut rig = Rig::new(&limits(), machine, axes(from, 0.0));
@@ -335,7 +335,7 @@ fn only_motion_of_the_last_ten_seconds_counts() {
     }
 }
 
-/// Whether positions contain it or not.
+/// The correction does not count as motion, whether positions contain it or not.
 #[test]
 fn a_correction_is_no_motion_of_the_axis() {
     for contains in [false, true] {
@@ -359,7 +359,7 @@ fn a_correction_is_no_motion_of_the_axis() {
     }
 }
 
-/// A constant position with fresh timestamps used to count as one without the correction.
+/// A constant position with fresh timestamps does not prove that it excludes the correction.
 #[test]
 fn a_frozen_position_is_reported_as_not_proven() {
     let mut world = World::new(&Limits {
@@ -371,7 +371,7 @@ fn a_frozen_position_is_reported_as_not_proven() {
     world.request(Request::Arm);
     let mut last = None;
     for _ in 0..800 {
-        // The reported position stays, whatever is applied.
+        // The reported position is constant, whatever is applied.
         world.positions = PerChannel::from_fn(|i| frozen[i] - world.applied[i]);
         last = Some(world.run(Duration::ZERO));
     }
@@ -384,7 +384,7 @@ fn a_frozen_position_is_reported_as_not_proven() {
     assert_eq!(world.guard.verdict().proven[..2], [false, false]);
 }
 
-/// Positions of another path have another zero: the difference used to count as motion.
+/// Positions of another path have another zero: the difference does not count as motion.
 #[test]
 fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
     let limits = Limits {
@@ -407,7 +407,7 @@ fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
 
 const COUNT_RAD: f64 = 17.453_292_519_943_295e-6;
 
-/// X, and a table that is turned by four counts of 0.001° where X is shifted by 5 µm.
+/// X, and a table that is rotated by four counts of 0.001° when X is shifted by 5 µm.
 fn with_table(includes_correction: bool) -> Limits {
     let mut limits = limits();
     limits.axes[1] = AxisLimits {
@@ -425,8 +425,8 @@ fn with_table(includes_correction: bool) -> Limits {
     limits
 }
 
-/// Arms a machine whose table turns under a tool so far from its centre; how far the tip was off during the proof, mm, and
-/// how far the table was turned, rad.
+/// Arms a machine whose table rotates under a tool `lever_mm` from its centre. Returns the largest tip error (mm) and the largest rotation
+/// of the table (rad) during the proof.
 fn proves(world: &mut World, lever_mm: f64) -> [f64; 2] {
     (world.target, world.follow[1][0]) = (Some(PerChannel::ZERO), lever_mm);
     world.run(PERIOD);
@@ -445,7 +445,7 @@ fn proves(world: &mut World, lever_mm: f64) -> [f64; 2] {
     [off, turned]
 }
 
-/// X and a table under a tool 400 mm off its centre used to be shifted at once: the tip was 33 µm off.
+/// X and a table under a tool 400 mm off its centre are shifted so that the tip stays; shifted at once, it would be 33 µm off.
 #[test]
 fn the_tip_stays_while_a_rotary_axis_is_shifted() {
     for includes_correction in [true, false] {
@@ -475,7 +475,7 @@ fn a_rotary_axis_that_cannot_be_followed_is_not_shifted() {
     assert!(output.reasons.contains(Reasons::NOT_PROVEN));
 }
 
-/// Positions come once per second, each a second old: the same position used to count as another reading in every cycle.
+/// Positions come once per second, each a second old: a repeated position does not count as another reading.
 #[test]
 fn slow_positions_prove_what_they_contain() {
     let ms = Duration::from_millis;
@@ -509,7 +509,7 @@ fn slow_positions_prove_what_they_contain() {
             run(3 * ms(every), None);
             let (output, shown) = run(60 * SECOND, Some(Request::Arm));
             let truth = if really { Contained } else { NotContained };
-            // Five readings so far apart take too long for a position to be known as alive.
+            // Five readings at this interval take longer than a position is known to be alive.
             if every >= 1500 && !really {
                 assert!([truth, NotProven].contains(&shown[0]), "{shown:?}");
                 assert_eq!(output.state, State::Compensating);

@@ -1,4 +1,4 @@
-//! Ramps and lines: how long they take, and where they begin and end.
+//! Ramps and lines: duration, start and end.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use crate::{
     world::{PERIOD, STEP, World, axes, limits},
 };
 
-/// How long a line takes, s.
+/// Duration of a line, s.
 fn line_s(limits: &Limits, from: &PerChannel<f64>, to: &PerChannel<f64>) -> f64 {
     let mut vector = Vector::at(from);
     vector.begin_line(to);
@@ -45,13 +45,13 @@ fn a_line_takes_the_ramp_or_as_long_as_its_slowest_axis() {
     slow.axes[4].slew_per_s = 50e-6;
     let slow_s = line_s(&slow, &from, &to);
     assert!((slow_s - 1.0).abs() < 0.01, "{slow_s}");
-    // A tenth of a second to the slew of 0.1 mm/s.
+    // A tenth of a second to reach the slew of 0.1 mm/s.
     let mut eased = limits;
     eased.axes[0].slew_per_s = 0.1;
     eased.axes[0].accel_per_s2 = 1.0;
     let eased_s = line_s(&eased, &from, &to);
     assert!((1.09..1.3).contains(&eased_s), "{eased_s}");
-    // Twenty cycles at the least.
+    // At least twenty cycles.
     let mut short = limits;
     short.ramp = Duration::ZERO;
     short
@@ -62,7 +62,7 @@ fn a_line_takes_the_ramp_or_as_long_as_its_slowest_axis() {
     assert!((short_s - 0.08).abs() < 0.005, "{short_s}");
 }
 
-/// Bounded by slew, acceleration or the twenty cycles. Without the acceleration it used to be 80 ms instead of 121 ms.
+/// Bounded by slew, acceleration or the twenty cycles.
 #[test]
 fn the_predicted_time_to_zero_is_that_of_a_line() {
     for slew_per_s in [0.05, 0.4, 5.0] {
@@ -158,11 +158,11 @@ fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
     assert!((499..=502).contains(&cycles), "{cycles}");
 }
 
-/// The next motion used to exceed the acceleration by the forgotten rate.
+/// The rate of the line bounds the acceleration of the next motion.
 #[test]
 fn a_motion_after_a_line_starts_with_its_last_rate() {
     let limits = five(0.118);
-    // Back to where it came from.
+    // Back to the start.
     let requested = RequestedCorrection::linear(of([0.260, 0.0, 0.0]));
     for from_um in 1..150_u32 {
         for dt in [0.004, 0.0013, 0.020] {
@@ -198,7 +198,7 @@ fn a_motion_after_a_line_starts_with_its_last_rate() {
     }
 }
 
-/// A single request of 20 mm used to send the correction to the opposite limit for nine seconds.
+/// A single request of 20 mm has no effect after the ramp.
 #[test]
 fn an_absurd_request_at_the_start_of_a_ramp_ends_with_the_ramp() {
     let mut linear = three();
@@ -268,7 +268,7 @@ fn a_request_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
     vector.begin_ramp();
     let mut largest = 0.0_f64;
     for cycle in 0..500 {
-        // The machine goes on: 0.2 µm more in each cycle.
+        // The request increases by 0.2 µm per cycle.
         let x = (0.100 + 0.0002 * f64::from(cycle)).min(0.155);
         let before = vector.smooth()[1];
         vector.follow(
@@ -279,11 +279,11 @@ fn a_request_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
         let rate = (vector.smooth()[1] - before).abs() / 0.004;
         largest = largest.max(rate);
     }
-    // 120 µm in 5 s, and some for the limit that takes a part of all.
+    // 120 µm in 5 s, plus a margin for the limit, which reduces all shares.
     assert!(largest <= 0.05, "{largest} mm/s");
 }
 
-/// By how much the tip is off along X, Y, Z, mm: the linear axes against what belongs to A and C where these are.
+/// Tip error along X, Y, Z, mm: the linear axes against the values that match the present A and C.
 fn tip_misses(requested: &RequestedCorrection, at: &PerChannel<f64>) -> f64 {
     let off = |l: usize| {
         let follows = requested.follow[3][l] * at[3] + requested.follow[4][l] * at[4];
@@ -292,7 +292,7 @@ fn tip_misses(requested: &RequestedCorrection, at: &PerChannel<f64>) -> f64 {
     (0..3).map(|l| off(l).powi(2)).sum::<f64>().sqrt()
 }
 
-/// What is wanted of five axes, by any levers to 0.4 m.
+/// A random five-axis request with levers up to 0.4 m.
 fn any_request(random: &mut ChaCha8Rng) -> RequestedCorrection {
     let mut share = |size: f64| random.random_range(-size..size);
     let mut follow = PerChannel::default();
@@ -394,7 +394,7 @@ fn a_correction_between_steps_ramps_out() {
     }
 }
 
-/// The rotary axis, with an acceleration limit, had returned to almost zero, and the ramp never began.
+/// A ramp to zero ends, although the rotary axis, with an acceleration limit, is already almost at zero.
 #[test]
 fn a_ramp_to_zero_ends_with_a_rotary_axis_already_at_zero() {
     let mut limits = limits();
@@ -413,7 +413,7 @@ fn a_ramp_to_zero_ends_with_a_rotary_axis_already_at_zero() {
     (world.target, world.rotary[1]) = (Some(axes(0.080, 0.0)), 50e-6);
     let world = &mut world.arm();
     assert!((world.applied[1] - 50e-6).abs() < 1e-9);
-    // The machine goes to where the rotary axis needs no correction.
+    // The machine moves to a position where the rotary axis needs no correction.
     world.rotary[1] = 0.0;
     world.run(Duration::from_secs(4));
     assert_eq!(world.applied[1], 0.0);
@@ -422,7 +422,7 @@ fn a_ramp_to_zero_ends_with_a_rotary_axis_already_at_zero() {
     assert_eq!((out.state, world.applied[0]), (State::Disarmed, 0.0));
 }
 
-/// How long the ramp takes of a correction that is wanted beyond the limit, s; infinite: two minutes and more.
+/// Duration of the ramp to a request beyond the limit, s; infinite: two minutes or more.
 fn ramp_s(limit: f64, slew: f64, accel: f64, ramp: Duration, requested: [f64; 2]) -> f64 {
     let mut limits = limits();
     limits.ramp = ramp;

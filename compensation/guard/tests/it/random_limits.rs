@@ -1,5 +1,5 @@
-//! Limits, slews, paths and stops that change at random while the correction moves: no fault, no word faster than the slew, no axis
-//! that moves in a stop.
+//! Random changes of limits, slews, paths and stops while the correction moves: no fault, no word faster than the slew, no motion during a
+//! stop.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::world::{self, MACHINE, PERIOD, SCAN, SLEW, STEP, World, axes, layout, same_places};
 
-/// Any limits up to 150 steps.
+/// Random limits up to 150 steps.
 fn any_limits(world: &World, random: &mut ChaCha8Rng) -> Limits {
     let mut limits = *world.guard.limits();
     let limit = f64::from(random.random_range(5..150)) * STEP;
@@ -28,7 +28,7 @@ fn any_target(random: &mut ChaCha8Rng) -> PerChannel<f64> {
     axes(share(), share())
 }
 
-/// A stop, or none, that another path shows.
+/// Another path reports an emergency stop, or that there is none.
 fn shows(world: &mut World, emergency_stop: bool) {
     let interlock = Interlock {
         emergency_stop,
@@ -51,7 +51,7 @@ fn read_standby(standby: &mut ReadBack, world: &World) {
 /// Behind a barrier some cycles away, with a second path to it.
 #[test]
 fn random_changes_of_limits_are_no_fault() {
-    // Beside any: those in which an axis moved in a stop, and one in which what was sent was a fault, once.
+    // Besides random ones: seeds in which an axis moved during a stop, and one in which a sent correction was a fault.
     for seed in (0..60).chain([81, 237, 320, 1473]) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let late = random.random_range(0..5);
@@ -59,7 +59,7 @@ fn random_changes_of_limits_are_no_fault() {
         let takes_over = seed % 2 == 1;
         let mut standby = ReadBack::barrier(BarrierLink::new(99, MACHINE, layout(), SCAN));
         standby.also_sent(world.read_back.last_frame().expect("it moves"));
-        // What was on its way when a stop began has landed, and moved the axis.
+        // Words in transit when a stop began have arrived and moved the axis.
         let settled = 2 * late + 6;
         let (mut word, mut written) = (Some(world.guard.output()[0]), 0);
         let (mut stopped, mut stood) = (0_usize, world.applied);
@@ -77,7 +77,7 @@ fn random_changes_of_limits_are_no_fault() {
                     shows(&mut world, emergency_stop);
                 }
                 3 if world.emergency_stop || is_clear => {
-                    // The control is stopped for longer than any other path shows it.
+                    // The control is stopped for longer than any other path reports it.
                     world.emergency_stop ^= true;
                     shows(&mut world, false);
                 }
@@ -131,7 +131,7 @@ fn random_changes_of_limits_are_no_fault() {
     }
 }
 
-/// Where a correction may be: within one step of where it was at any time before, and of what it was slewed since, mm.
+/// Permitted range of a correction, mm: within one step plus the slew of every earlier value.
 struct Window {
     lowest: f64,
     highest: f64,
@@ -212,7 +212,7 @@ fn random_changes_of_limits_without_a_barrier_are_no_fault() {
             );
             let is_beyond = output.state == State::Faulted(Cause::BeyondLimit);
             assert!(!is_beyond, "{case}");
-            // What was decided before a slew was lowered may land after it.
+            // A decision made before the slew was lowered may arrive after it.
             let slewed = slew[0].max(slew[1]) * PERIOD.as_secs_f64();
             slew[0] = slew[1];
             for (i, window) in windows.iter_mut().enumerate() {

@@ -9,7 +9,7 @@ use crate::world::{PERIOD, STEP, limits};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// Hears the same values in each of some cycles, as of `late` before each of them. What is known then, and when that was.
+/// Receives the same values in several cycles, each time dated `late` before the cycle. Returns the resulting status and its time.
 fn received(read_back: &mut ReadBack, late: Duration) -> (ReadBackStatus, Duration) {
     let (limits, values) = (limits(), PerChannel::leading([5.0 * STEP]));
     let mut now = Duration::from_secs(1);
@@ -75,7 +75,7 @@ fn late_readings_reveal_the_levels_of_lines() {
         assert_eq!(read_back.status().confirmed, None);
         let (known, now) = received(&mut read_back, 7 * MS);
         let at = known.confirmed.map(|confirmed| confirmed.at);
-        // Lines do not show that their control has gone to zero.
+        // Lines do not show that their control has ramped to zero.
         let expected = if control.is_none() {
             now.saturating_sub(7 * MS)
         } else {

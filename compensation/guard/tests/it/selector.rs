@@ -10,13 +10,13 @@ const DOWN: PathHealth = PathHealth {
     usable: false,
     ready: false,
 };
-/// It answers, and what the path before has left is not known.
+/// The path responds, but the correction left by the previous path is unknown.
 const UNKNOWN: PathHealth = PathHealth {
     usable: true,
     ready: false,
 };
 
-/// Seconds, the health of both paths, and the choice: active, wanted, switched, blocked.
+/// Seconds, the health of both paths, and the choice: active, preferred, switched, blocked.
 type Step = (u64, [PathHealth; 2], (usize, usize, bool, bool));
 
 #[test]
@@ -25,10 +25,10 @@ fn the_next_path_takes_over_and_hands_back_with_hysteresis() {
         (1, [UP, UP], (0, 0, false, false)),
         (2, [DOWN, UP], (1, 1, true, false)),
         (3, [DOWN, UP], (1, 1, false, false)),
-        // Back for a second: not yet.
+        // Usable for one second: not yet.
         (4, [UP, UP], (1, 1, false, false)),
         (5, [UP, UP], (1, 1, false, false)),
-        // A dropout begins the time again.
+        // A dropout restarts the hand-back time.
         (5, [DOWN, UP], (1, 1, false, false)),
         (6, [UP, UP], (1, 1, false, false)),
         (8, [UP, UP], (0, 0, true, false)),

@@ -1,5 +1,5 @@
-//! Random sequences of all faults in random order, on machines of three and five axes with one to three paths to their control:
-//! principle 2 holds at the axis. `VOLCOMP_SEQUENCES` is the number of sequences, `VOLCOMP_CYCLES` their length.
+//! Random sequences of all faults in random order, on machines of three and five axes with one to three paths to their control: the axes
+//! never step, and never exceed their slew and limits. `VOLCOMP_SEQUENCES` is the number of sequences, `VOLCOMP_CYCLES` their length.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -9,7 +9,7 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::machine::{KINDS, Kind, Machine};
 
-/// The number in a variable of the environment, or another one.
+/// Number in an environment variable, or the default.
 fn environment(name: &str, otherwise: u32) -> u32 {
     let environment = std::env::var(name).ok();
     environment
@@ -20,7 +20,7 @@ fn environment(name: &str, otherwise: u32) -> u32 {
 /// Checks after each cycle.
 #[derive(Default)]
 struct Watch {
-    /// When, and what the axes had, since windows of time began last.
+    /// Times and corrections of the axes since the time windows last restarted.
     trace: VecDeque<(f64, PerChannel<f64>)>,
 }
 
@@ -73,7 +73,7 @@ impl Watch {
     }
 }
 
-/// Runs a sequence; all states that it went through, or what was wrong.
+/// Runs a sequence. Returns all states that occurred, or the first violation.
 fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<Vec<State>, String> {
     let mut machine = Machine::new(seed, kind, axes, ways);
     let mut watch = Watch::default();
@@ -98,8 +98,8 @@ fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<V
     machine.repair();
     for cycle in 0..1600 {
         let request = match cycle {
-            // Three times: a disarming that finds a correction beyond the limit is a fault, and what was confirmed only
-            // meanwhile may be beyond it, too.
+            // Three times: disarming faults on a correction beyond the limit, and one that was confirmed only meanwhile may be beyond it,
+            // too.
             300 | 700 | 1100 => Some(Request::Acknowledge),
             320 | 720 | 1120 => Some(Request::Disarm),
             _ => None,
@@ -136,7 +136,7 @@ proptest! {
     }
 }
 
-/// With every kind of control.
+/// Random sequences with every kind of control.
 #[test]
 fn sequences_visit_every_state() {
     for kind in KINDS {

@@ -1,5 +1,4 @@
-//! A barrier behind a way on which frames and reports take their time: what was sent is not confirmed yet when limits, the way
-//! or the direction change.
+//! A barrier behind a slow path: sent corrections are not confirmed yet when limits, path or direction change.
 
 use std::time::Duration;
 
@@ -9,15 +8,15 @@ use crate::world::{PERIOD, SLEW, STEP, STOP, World, axes, limits};
 
 const LATE: [usize; 5] = [0, 1, 2, 4, 6];
 
-/// What is seen of X from some time on, mm.
+/// Observations of X from some time on, mm.
 #[derive(Debug, Default)]
 struct Watch {
     word: Option<f64>,
     highest: f64,
-    /// How far the axis went back, and by how much a word was further from the one before than slew and step.
+    /// How far the axis moved back, and the largest excess of a word over the previous one plus slew and step.
     back: f64,
     jump: f64,
-    /// The most cycles in a row without a frame.
+    /// Maximum number of consecutive cycles without a frame.
     unsent: u32,
     silent: u32,
 }
@@ -74,7 +73,7 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
                 let case = format!("{late} late, after {after}, slew x {part}: {watch:?}");
                 assert!(watch.back < 1e-9, "{case}");
                 assert_eq!(watch.unsent, 0, "{case}");
-                // From then on never faster than the lower rate, but for what was on its way.
+                // From then on never faster than the lower rate, except for words in transit.
                 let word = world.guard.output()[0];
                 watch.look(&mut world, 50, None);
                 let most = part * SLEW * 50.0 * PERIOD.as_secs_f64() + STEP;
@@ -112,7 +111,7 @@ fn a_correction_that_reverses_at_full_rate_is_sent_in_every_cycle() {
 fn another_path_to_the_same_barrier_takes_over_in_motion() {
     for late in LATE {
         for after in [60, 80, 100] {
-            // With other limits than before, and the slew of before lowered a moment ago, too.
+            // With changed limits, and also with a slew lowered shortly before.
             for (before, then) in [(1.0, 1.0), (1.0, 0.1), (0.1, 0.1)] {
                 let mut world = World::ramping(late, after);
                 let limits = *world.guard.limits();
@@ -174,7 +173,7 @@ fn words_sent_long_before_a_take_over_are_not_carried_over() {
     for late in LATE {
         let mut world = World::ramping(late, 80);
         let limits = *world.guard.limits();
-        // The control takes no frame, and does not move.
+        // The control accepts no frame, and does not move.
         world.sticks = false;
         world.holds = true;
         world.run(Duration::from_millis(20));

@@ -60,7 +60,7 @@ fn a_request_beyond_the_limit_is_clamped_and_reported() {
 fn arming_is_refused_with_reasons() {
     type Case = (fn(&mut World), Duration, Reasons, Reasons);
     let (none, stale) = (Reasons::NONE, Reasons::POSITIONS_STALE);
-    // A cause, how long it lasts before the request, and the reasons that are given and not given.
+    // A cause, its duration before the request, and the reasons that must and must not be reported.
     let cases: [Case; 6] = [
         (|world| world.forbids = Reasons::AUDIT, PERIOD, none, none),
         (
@@ -75,7 +75,7 @@ fn arming_is_refused_with_reasons() {
             Reasons::NO_CONTROLLER | stale,
             none,
         ),
-        // A single missing answer.
+        // A single missing response.
         (
             |world| world.answers = false,
             Duration::ZERO,
@@ -171,7 +171,7 @@ fn limits_beyond_the_ceilings_are_refused() {
         let found = Guard::new(times(period, hold)).err();
         assert_eq!(found.map(|error| error.what), refused, "{period:?}");
     }
-    // An axis does not change its kind.
+    // The kind of an axis cannot change.
     let mut guard = Guard::new(limits()).expect("valid");
     let turned = with(|l| {
         (l.axes[0].kind, l.axes[0].limit, l.axes[0].warn) = (Rotary, 0.002, 0.002);
@@ -232,7 +232,7 @@ fn a_correction_beyond_the_limit_ramps_out_after_acknowledgement() {
     world.assert_steps(MOST, "ramping out");
 }
 
-/// A reload used to make an unknown correction beyond the limit acceptable; arming or disarming then ramped it out.
+/// Setting the same limits again does not make an unknown correction beyond the limit acceptable.
 #[test]
 fn setting_the_same_limits_accepts_no_correction() {
     for request in [Request::Arm, Request::Disarm] {
@@ -246,7 +246,7 @@ fn setting_the_same_limits_accepts_no_correction() {
     }
 }
 
-/// With three false readings it used to be a step of 1.5 mm, and a real correction was ramped out without acknowledgement.
+/// Three false readings cause no step of 1.5 mm, and an actual correction is not ramped out without acknowledgement.
 #[test]
 fn disarming_does_not_ramp_out_a_correction_beyond_the_limit() {
     for (is_real, is_armed, request) in [
@@ -293,7 +293,7 @@ fn disarming_does_not_ramp_out_a_correction_beyond_the_limit() {
     }
 }
 
-/// A second gateway, disarmed or ended 100 ms after its start, used to ramp out the correction of the first.
+/// A second gateway, disarmed or ended 100 ms after its start, does not ramp out the correction of the first.
 #[test]
 fn disarming_does_not_ramp_out_another_gateways_correction() {
     let mut world = World::new(&limits());
@@ -303,12 +303,12 @@ fn disarming_does_not_ramp_out_another_gateways_correction() {
     assert!(reasons.contains(Reasons::WATCHING), "{reasons:?}");
     world.request(Request::Disarm);
     world.run_to(4 * SECOND, State::Disarmed);
-    // Also if the other one is detected later.
+    // Also if the other gateway is detected later.
     world.read_back.report_other_gateway(world.now);
     world.request(Request::Disarm);
     world.run(SECOND);
     assert_eq!(world.applied, axes(0.020, 0.0));
-    // Without another gateway the end of the program leaves it, the operator removes it.
+    // Without another gateway, the end of the program leaves the correction, and disarming removes it.
     world.run(8 * SECOND);
     world.request(Request::End);
     world.run_to(SECOND, State::Disarmed);
@@ -351,7 +351,7 @@ fn a_frame_of_another_gateway_is_a_fault_until_it_is_gone() {
     }
 }
 
-/// An acknowledged correction beyond the limit used to fault again on the other path.
+/// An acknowledged correction beyond the limit does not fault again on the other path.
 #[test]
 fn ramping_out_from_beyond_the_limit_continues_after_a_change_of_paths() {
     for found_there in [None, Some(0.500)] {

@@ -23,7 +23,7 @@ impl Machine {
         }
     }
 
-    /// The next round of readings, measured now.
+    /// Checks the next round of readings, measured now.
     fn hears(&mut self, readings: &[SensorReading]) -> Vec<SensorReport> {
         self.now += self.pause;
         let now = Duration::from_secs_f64(self.now);
@@ -88,9 +88,9 @@ fn every_flaw() {
     assert_eq!(check(&mut one, 3, f64::NAN, 3), out(SensorFlaw::OutOfRange));
     assert_eq!(check(&mut one, 4, 850.0, 4), out(SensorFlaw::OutOfRange));
     assert_eq!(check(&mut one, 40, 21.0, 5), out(SensorFlaw::Stale));
-    // 2.5 K are what may happen in the 30 s that a faulty time counts for.
+    // 2.5 K is the permitted change in 30 s, the most that a time with a fault counts.
     assert_eq!(check(&mut one, 65, 23.9, 65), (Some(23.9), None));
-    // The same reading again and again is fine.
+    // Repeating the same reading is no fault.
     assert_eq!(check(&mut one, 66, 23.9, 65), (Some(23.9), None));
     assert_eq!(check(&mut one, 67, 25.0, 67), out(SensorFlaw::Jumped));
     for readings in [SensorReading::Silence, SensorReading::Fault] {
@@ -110,7 +110,6 @@ fn every_flaw() {
     }
 }
 
-/// It used to be accepted after 475 s.
 #[test]
 fn a_jump_of_forty_kelvin_is_never_accepted() {
     let mut alone = Machine::new(1, SensorLimits::default());
@@ -122,7 +121,7 @@ fn a_jump_of_forty_kelvin_is_never_accepted() {
         among.used_after(&[60.0, 21.0, 25.0, 22.0], 5.0 * 3600.0),
         None
     );
-    // The others are not drawn into it.
+    // The other sensors are not affected.
     assert_eq!(among.reads(&[60.0, 21.0, 25.0, 22.0])[1..], [None; 3]);
 }
 
@@ -145,12 +144,12 @@ fn a_jump_that_was_a_disturbance_ends_after_ten_minutes() {
     machine.reads(&[20.0]);
     assert_eq!(machine.reads(&[60.0]), [Some(SensorFlaw::Jumped)]);
     assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
-    // A reading that does not agree lets the ten minutes begin anew.
+    // A reading that disagrees restarts the ten minutes.
     machine.reads(&[60.0]);
     assert_eq!(machine.used_after(&[20.8], 500.0), None);
     machine.reads(&[22.5]);
     assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
-    // And so does a fault.
+    // A fault has the same effect.
     machine.reads(&[60.0]);
     assert_eq!(machine.used_after(&[20.8], 500.0), None);
     machine.hears(&[SensorReading::Fault]);
@@ -253,7 +252,7 @@ fn an_acknowledged_jump_is_accepted() {
     assert_eq!(machine.used_after(&[60.0, 20.0], 3600.0), None);
     machine.acknowledge();
     assert_eq!(machine.reads(&[60.0, 20.0]), [None; 2]);
-    // What was not out is not let in by it.
+    // The acknowledgement readmits only sensors that have jumped.
     machine.acknowledge();
     assert_eq!(machine.reads(&[60.0, 60.0])[1], Some(SensorFlaw::Jumped));
 }
@@ -269,7 +268,7 @@ fn a_cold_morning_is_accepted() {
     assert_eq!(machine.reads(&[16.0, 15.0]), [None; 2]);
 }
 
-/// A replaced or reconfigured thermometer used to be accepted although 22 K off.
+/// A replaced or reconfigured thermometer may be 22 K off.
 #[test]
 fn a_sensor_far_off_after_minutes_of_silence_is_rejected() {
     let mut machine = Machine::new(1, SensorLimits::default());
@@ -372,7 +371,7 @@ proptest! {
                 machine.hears(&[SensorReading::Silence]);
                 continue;
             }
-            // Within the range of the machine the temperature goes up or down and then stands.
+            // The temperature rises or falls within the range of the machine and then stays constant.
             let true_degc = (50.0 + k_per_min * machine.now / 60.0).clamp(-15.0, 110.0);
             let read = ((true_degc + noise[round % noise.len()]) / resolution).round() * resolution;
             prop_assert_eq!(machine.reads(&[read]), vec![None], "round {} at {}", round, read);
@@ -402,7 +401,7 @@ proptest! {
             machine.hears(&readings);
         }
         for round in 0_u32..4000 {
-            // The machine drifts by up to 4 K, there and back.
+            // The machine drifts by up to 4 K and back.
             let now = drift * (f64::from(round) / 500.0).sin();
             let mut degc: Vec<f64> = usual[..sensors].iter().map(|usual| usual + now).collect();
             degc[0] += wrong;

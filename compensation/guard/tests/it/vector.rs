@@ -1,5 +1,5 @@
-//! The correction of all axes as one vector, against its limits and in any cycles; what it does to the tool of a
-//! machine is tested with the runtime.
+//! The correction of all axes as one vector, against its limits and in any cycles; its effect on the tool of a machine is tested with the
+//! runtime.
 
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -40,7 +40,7 @@ pub(crate) fn of<const N: usize>(values: [f64; N]) -> PerChannel<f64> {
     PerChannel::leading(values)
 }
 
-/// What no machine asks for, but a wrong model may: any shares, and levers to 0.6 m.
+/// Any request that a wrong model may make: any shares, and levers up to 0.6 m.
 fn any_request() -> impl Strategy<Value = RequestedCorrection> {
     let share = |size: f64| -size..size;
     let row = move || [share(600.0), share(600.0), share(600.0)];
@@ -87,8 +87,8 @@ fn any_task() -> impl Strategy<Value = Task> {
     ]
 }
 
-/// Every cycle of some tasks: the vector before and after, and the time of the cycle. `stopped` where the rate
-/// is zero by itself.
+/// Runs tasks and passes every cycle to `cycle_seen`: the vector before and after, the cycle time, and `stopped`, true if the rate was
+/// reset.
 fn run(
     tasks: &[Task],
     dts: &[f64],
@@ -225,7 +225,7 @@ proptest! {
         }
     }
 
-    /// They match the present rotary shares, unless reported as behind.
+    /// The linear words match the present rotary shares, unless the axes are reported as behind.
     #[test]
     fn linear_axes_follow_the_moving_shares(
         requested in any_request(),
@@ -241,8 +241,8 @@ proptest! {
         for cycle in 0..6_000 {
             let followed = vector.follow(&requested, &limits, dts[cycle % dts.len()]);
             prop_assert!(!followed.limited);
-            // All parts of the position share are equal on the ramp: x = s·x, so the shares of the linear axes beside
-            // what follows are proportional to the position share.
+            // On the ramp all position shares are reduced by one factor: without the motion that follows the rotary axes, the linear shares
+            // are proportional to the position share.
             let rotary = PerChannel::from_fn(|i| if i >= 3 { vector.smooth()[i] } else { 0.0 });
             let following = RequestedCorrection { position: PerChannel::ZERO, rotary, ..requested }.full();
             let beside = |i: usize| vector.smooth()[i] - following[i];
@@ -297,7 +297,7 @@ proptest! {
     ) {
         let limits = five(0.0);
         let mut vector = Vector::default();
-        // Inside the limits, so that no factor moves with the noise.
+        // Within the limits, so that no factor changes with the noise.
         let requested = RequestedCorrection {
             position: requested.position.map(|x| 0.1 * x),
             rotary: requested.rotary.map(|x| 0.1 * x),
@@ -324,7 +324,7 @@ proptest! {
                 *changes += u32::from(vector.output()[i] != before[i]);
             }
         }
-        // The rotary word may change once; the linear words then follow it, and change once by themselves.
+        // The rotary word may change once; the linear words then follow it, and may change once more.
         prop_assert!(changes[3] <= 1 && changes[4] <= 1, "{changes:?}");
         prop_assert!(changes[..3].iter().all(|changes| *changes <= 3), "{changes:?}");
     }
@@ -397,7 +397,7 @@ fn one_absurd_request_does_not_end_the_ramp() {
                         vector.follow(now, &limits, 0.004);
                         let differs = |i: usize| (vector.smooth()[i] - calm.smooth()[i]).abs();
                         let now = (0..3).map(differs).fold(0.0, f64::max);
-                        // Two slews away and back, and then a cycle of the ramp ahead.
+                        // At most two slews apart for 20 cycles, and then one cycle of the ramp.
                         let most = if cycle < at + 20 { 0.004 } else { 0.001 };
                         assert!(
                             now <= most,
@@ -461,8 +461,7 @@ fn a_limit_scales_every_share_equally() {
     assert!(followed.limited && followed.warned && !followed.slewing);
 }
 
-/// They equal the shares for which the linear ones are solved. They used to differ by up to half a step, and the tip by 3 µm, where rounding exceeded
-/// the limit of a linear axis.
+/// The linear words are solved for the rotary words as rounded, so the tip is not off where rounding exceeds the limit of a linear axis.
 #[test]
 fn at_rest_rotary_words_are_whole_steps() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);

@@ -1,4 +1,4 @@
-//! A control as seen by a guard, with injected faults; the tests judge what the axes get.
+//! A control as seen by a guard, with injected faults; the tests check the motion of the axes.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -14,7 +14,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerChannel};
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
 pub(crate) const SCAN: Duration = Duration::from_millis(2);
 pub(crate) const STEP: f64 = 0.001;
-/// mm/s.
+/// Slew of the guard, mm/s.
 pub(crate) const SLEW: f64 = 0.5;
 /// Slew per cycle, and the barrier's rate per scan, with rounding, mm.
 pub(crate) const MOST: f64 = 0.002 + 1e-9;

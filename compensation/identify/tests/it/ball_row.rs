@@ -23,8 +23,8 @@ fn lab() -> Lab {
     lab
 }
 
-/// A scale that is 20 µm/m too long and a straightness of 4 µm in the middle, on a bar that is askew by 150 µrad in the
-/// plane and 80 µrad out of it, read by indicators.
+/// A scale that is 20 µm/m too long and a straightness of 4 µm in the middle, on a bar tilted by 150 µrad in the plane and 80 µrad out of
+/// it, read by indicators.
 #[test]
 fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
     let lab = lab();
@@ -64,8 +64,8 @@ fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
 /// The squareness error of the test below, µrad.
 const URAD: f64 = 40.0;
 
-/// Two rows across the table at ±45° as the touch probe finds them: one grows, the other shrinks, and that is squareness.
-/// At the ball at √2·a the probe is off by a·ε in y, which is ε·a/√2 along the row.
+/// Two rows across the table at ±45°, read by a touch probe: squareness lengthens one and shortens the other. The ball at the distance √2·a
+/// is found a·ε off along X, which is ε·a/√2 along the row.
 #[test]
 fn squareness_from_rows_along_both_diagonals() {
     let lab = lab();
@@ -97,7 +97,7 @@ fn squareness_from_rows_along_both_diagonals() {
     );
 }
 
-/// A distance that is calibrated within 2 µm and read by 3 µm ± 1 µm off: the mean by weights.
+/// A distance calibrated within 2 µm and measured 3 µm ± 1 µm off: the weighted mean.
 #[test]
 fn a_calibrated_distance_is_one_more_observation() {
     let lab = lab();

@@ -27,8 +27,8 @@ kind = \"sphere\"
 file = \"s.csv\"
 ";
 
-/// Where a ball at [120, 40, −300] or [−150, 60, −280] on the table is met with the tool of `length`: closed form. C turns the
-/// table, so that the tool goes round it by +C (ISO 841), B the tool.
+/// Rows of a tool of `length` at a ball at [120, 40, −300] or [−150, 60, −280] on the table, in closed form. C rotates the table, so that
+/// the tool moves around it by +C (ISO 841); B rotates the tool.
 fn rows(
     header: &str,
     length: f64,
@@ -66,12 +66,12 @@ fn found(text: &str) -> Result<Identification, IdentifyError> {
     lab.identify(UNKNOWN)
 }
 
-/// The spheres of another file are others.
+/// Gives the spheres of another file other names.
 fn apart(name: &mut &str, [one, two]: [&'static str; 2]) {
     *name = if *name == "one" { one } else { two };
 }
 
-/// The files that are far off, each with how many of how many rows, the worst first.
+/// The rejected files, worst first: name, number of far rows, number of rows.
 fn far(result: Result<Identification, IdentifyError>) -> Vec<(String, usize, usize)> {
     match result {
         Err(IdentifyError::FarRows { files }) => files
@@ -82,7 +82,7 @@ fn far(result: Result<Identification, IdentifyError>) -> Vec<(String, usize, usi
     }
 }
 
-/// Signs, units, tools, offsets and names that no machine explains: a refusal that names the file, and no numbers.
+/// Signs, units, tools, offsets and names that no machine explains: rejected with the name of the file, without a result.
 #[test]
 fn implausible_rows_are_refused() {
     type Change = fn(&mut [f64; 5]);
@@ -121,7 +121,7 @@ fn implausible_rows_are_refused() {
         "good.csv",
         &rows(HEADER, 200.0, |_, _, name| apart(name, ["three", "four"])),
     );
-    // Diagonals never are far off: most of all rows, they must not hide a file that is.
+    // Rows along diagonals are never far off; although they are most of the rows, they must not hide a file that is.
     let diagonal = (0..200).map(|k| {
         let at = f64::from(k) * 2.0 - 200.0;
         [at, at, at, 0.3 * f64::from(k % 3)]
@@ -172,7 +172,7 @@ fn rows_of_another_sphere_are_refused() {
     assert!(lab.identify(&both).is_ok());
 }
 
-/// A tracker's frame turns with a mirrored cloud of points, and takes none of it up.
+/// A frame cannot absorb the mirroring of a cloud of points.
 #[test]
 fn a_left_handed_frame_is_refused() {
     let lab = Lab::new(
@@ -195,7 +195,7 @@ fn a_left_handed_frame_is_refused() {
     }
 }
 
-/// The zero of an axis, or a sphere, that moves by millimetres between two rows: no machine explains the rows.
+/// If the zero of an axis or a sphere moves by millimetres between two rows, no machine explains the rows.
 #[test]
 fn a_shift_between_rows_is_refused() {
     for seed in 1..4 {
@@ -209,7 +209,7 @@ fn a_shift_between_rows_is_refused() {
                 other => panic!("{shift} {first}: {other:?}"),
             }
         }
-        // By tenths of a millimetre the result is kept, and what is left of it is stated.
+        // For tenths of a millimetre there is a result, with its residuals.
         let text = rows(HEADER, 200.0, |k, at, _| {
             at[0] += if k >= 12 { 0.1 } else { 0.0 };
         });
@@ -218,7 +218,7 @@ fn a_shift_between_rows_is_refused() {
     }
 }
 
-/// One slip stays a note, and robust weights take any that is not far off.
+/// A single slip is only noted, and robust weights discount any that is not far off.
 #[test]
 fn an_outlier_does_not_refuse_a_file() {
     let slip = |by: f64| {
@@ -246,7 +246,7 @@ const HEADER: &str = "X,Y,Z,C,B,sphere";
 fn rows_of_the_machine_are_accepted() {
     let found = found(&rows(HEADER, 200.0, |_, _, _| ())).expect("found");
     assert!(value(&found, "EX0C").0.abs() < 1.0);
-    // Instead of a place of the tip that no ball has, one that turns about a ball.
+    // The proposed pose rotates the tool about a ball, instead of moving the tip away from every ball.
     let next = found.next.expect("a pose");
     let of = |axis| next.pose.get(&axis).copied();
     let [x, y, z, c, b] = [
@@ -290,7 +290,7 @@ X,Y,Z,C_actual,B,sphere | found a column `C_actual`, expected `C`
         let error = found(&rows(header, 200.0, |_, _, _| ())).expect_err(header);
         assert!(error.to_string().contains(expected), "{error}");
     }
-    // With none of its three columns a file is that of a touch probe; one that is missing or misspelt does not make it one.
+    // Without its three columns a file is that of a touch probe; a single missing or misspelt column does not turn it into one.
     for [columns, expected] in &cases(
         "
 dx_mm,dy_mm,dz_mm | found a column `dx_mm`, expected `dx_um`
@@ -303,7 +303,7 @@ dx_um,foo,bar | `dy_um`
         let error = found(&text).expect_err(columns).to_string();
         assert!(error.contains(expected), "{columns}: {error}");
     }
-    // A tracker column in another unit is named itself, not the axis of the same letter.
+    // A tracker column in another unit is named, instead of the axis with the same letter.
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", "X,Y,x mm,y mm,z_um\n1,2,3,4,5\n");
     let message =
@@ -439,7 +439,7 @@ direction = [1, 1, 0]
     let found = lab.identify(observed).expect("found");
     let words = crate::lab::words(&found);
     assert!(words.contains("r.csv: looks inverted"), "{words}");
-    // As large a contradiction with the same sign.
+    // A contradiction of the same size with the same sign.
     lab.write("r.csv", &right);
     lab.write("d.csv", &diagonals(3.0));
     let found = lab.identify(observed).expect("found");
@@ -473,7 +473,7 @@ fn rows_over_a_small_part_of_the_travel_are_noted() {
     let words = crate::lab::words(&found);
     assert!(words.contains("% of their travel at most"), "{words}");
     assert!(found.undecided().is_empty());
-    // A judged row far off is named, too.
+    // A single judged row that is far off is named as well.
     lab.write("j.csv", "X,Y,x,y,z\n2,2,2,2,0\n9,9,9,9,0\n20,15,70,15,0\n");
     let judged =
         format!("{observed}[[observation]]\nkind = \"points\"\nfile = \"j.csv\"\njudge = true\n");
@@ -481,7 +481,7 @@ fn rows_over_a_small_part_of_the_travel_are_noted() {
     let words = crate::lab::words(&found);
     assert!(words.contains("j.csv:4: this judged row is 50"), "{words}");
     assert!(found.undecided().is_empty());
-    // A judged file that is far off as a whole proves nothing of what was found, nor does a fitted one that the others contradict.
+    // A judged file that is far off as a whole leaves the errors undecided, and so does a fitted file that the others contradict.
     lab.write(
         "j.csv",
         "X,Y,x,y,z\n2,2,2.3,2,0\n9,9,9.3,9,0\n20,15,20.3,15,0\n",
@@ -510,7 +510,7 @@ fn rows_over_a_small_part_of_the_travel_are_noted() {
     assert!(!found.undecided().is_empty());
 }
 
-/// Lengths between poses move the axes from the one pose to the other: only the ends to which they go lie close together.
+/// Lengths between poses move the axes from one pose to the other: only the end poses are close together.
 #[test]
 fn lengths_between_poses_count_as_travel() {
     let lab = Lab::new("structure = \"w b X t\"\naxes.X.travel = [-300.0, 300.0]\n");
@@ -554,7 +554,7 @@ fn truth() -> Machine {
     Machine::parse(&format!("{HEAD_MACHINE}{ERRORS}"), "truth").expect("a machine")
 }
 
-/// Readings of a line of sight along `direction` about the middle of the travels, µm.
+/// Readings of a line of sight along `direction` through the middle of the travels, µm.
 fn line(seed: u64, direction: [f64; 3], sign: f64) -> String {
     let (truth, nominal) = (
         truth(),
@@ -596,8 +596,7 @@ fn lines_observed() -> String {
     text
 }
 
-/// Diagonals of which one was read the other way: this one is named, and nothing where none was. Of two that were, the
-/// contradiction remains.
+/// A diagonal that was read with the opposite sign is named, and none if none was. If two were, the contradiction remains.
 #[test]
 fn an_inverted_diagonal_is_named() {
     for seed in 0..4 {
@@ -620,7 +619,7 @@ fn an_inverted_diagonal_is_named() {
     }
 }
 
-/// Ball rows across the table, read along and to the sides; one of three files with the indicators the other way.
+/// Ball rows across the table, read along and to the sides; in one of three files the indicators have the opposite sign.
 #[test]
 fn inverted_ball_rows_are_named() {
     let (truth, nominal) = (

@@ -1,4 +1,4 @@
-//! The stated uncertainty is the one that occurs.
+//! Coverage of the stated uncertainties.
 
 use volcomp_identify::{identify, machine_with};
 use volcomp_kinematics::{
@@ -18,13 +18,13 @@ travel = [0.0, 400.0]
 ";
 const RUNS: u32 = 500;
 
-/// 95 % bands hold the truth in 93 to 97 % of 500 runs; so do those of a robust fit where one number in twelve scatters ten times
-/// as much as stated.
+/// 95 % bands contain the truth in 93 to 97 % of 500 runs; so do those of a robust fit in which one reading in twelve scatters ten times as
+/// much as stated.
 #[test]
 fn coverage_of_95_percent_bands() {
     let truth = worn(MACHINE, "EC0Y = 20.0\nEXX = { poly = [-5.0, 0.02] }\n");
     let lab = Lab::new(MACHINE);
-    // Columns and rows of poses, mm apart; the slope is 0.02 µm/mm over half of what they cover in X.
+    // Columns and rows of poses and their spacing, mm; the slope is 0.02 µm/mm times half of their extent in X.
     for (seed, robust, [columns, rows], [by_x, by_y], slope) in [
         (5, false, [4, 3], [160.0, 190.0], 4.8),
         (6, true, [6, 4], [100.0, 125.0], 5.0),
@@ -69,7 +69,7 @@ travel = [-400.0, 0.0]
 ";
 const MOTIONS: [&str; 6] = ["EXX", "EYX", "EZX", "EAX", "EBX", "ECX"];
 
-/// A target away from the tip of a machine without rotary axes: tilts of X act at the target with another lever than at the tip. The
+/// A target away from the tip of a machine without rotary axes: tilts of X act at the target with another lever arm than at the tip. The
 /// tracker does not determine the difference; a ruler does, and the uncertainty at the tip includes that of the ruler.
 #[test]
 #[expect(clippy::too_many_lines, reason = "one world, from readings to bands")]
@@ -123,7 +123,7 @@ fn coverage_at_the_tip_with_a_ruler_measured_target() {
                 [noise.normal(size), noise.normal(size)]
             })
             .collect();
-        // The tool hangs on Z, Z on Y and Y on X, so that an error of X turns all that X carries.
+        // The tool is carried by Z, Z by Y and Y by X, so that an error of X rotates everything that X carries.
         let tip = |[x, y, z]: [f64; 3], offset: Vector3<f64>| {
             let t = x / 300.0 - 1.0;
             let of = |k: usize| curves[k][0] * t + curves[k][1] * (1.5 * t * t - 0.5);
@@ -182,7 +182,7 @@ fn coverage_at_the_tip_with_a_ruler_measured_target() {
     println!("{inside:?} of {WORLDS}");
     let share = f64::from(inside.iter().sum::<u32>()) / f64::from(6 * WORLDS);
     assert!((0.92..=0.98).contains(&share), "{inside:?} of {WORLDS}");
-    // Without the ruler the machine would be right at the target alone.
+    // Without the ruler the machine would be right only at the target.
     let message = lab.refused(&format!(
         "folds = 0\nunknown = [{}]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\ntarget = \"unknown\"\n",
         unknown.join(", ")

@@ -1,5 +1,5 @@
-//! Rows before an axis first moved: the machine came from one side or from the other, and no file says from which. Readings are
-//! made by formulas of the test's own.
+//! Rows before an axis first moved: the axis had approached from one side or the other, which no file states. The readings are computed by
+//! independent formulas.
 
 use std::fmt::Write as _;
 
@@ -14,14 +14,14 @@ axes.Z.travel = [0.0, 600.0]
 ";
 const BAND_OF_95_PERCENT: f64 = 1.959_964;
 
-/// From which side an axis came to the first row.
+/// Side from which an axis approached the first row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum First {
-    /// One or the other, drawn.
+    /// Random.
     Drawn,
-    /// As if it were the mean of both.
+    /// The mean of both.
     Mean,
-    /// The machine overran before it began, as ISO 230-2 asks.
+    /// The machine overran before the first row, as ISO 230-2 requires.
     Overrun,
 }
 
@@ -37,7 +37,7 @@ impl First {
     }
 }
 
-/// No note of correct data names another sign or a slip.
+/// Correct data gives no note on an inverted sign or an outlier.
 fn assert_no_cause(found: &Identification) {
     let notes = words(found);
     for said in ["inverted", "outlier"] {
@@ -49,7 +49,7 @@ const EC0Y: f64 = 20.0;
 const DIAGONAL_NOISE_UM: f64 = 0.2;
 const TARGETS: u32 = 9;
 
-/// Readings, µm, along a diagonal of X and Y where both have a reversal value: at y the tip is off the diagonal by EC0Y·y in −X.
+/// Readings, µm, along a diagonal of X and Y, both with a reversal value: at y the tip deviates by EC0Y·y in −X.
 fn diagonal(noise: &mut Noise, first: First, reversal_um: f64) -> Vec<[f64; 2]> {
     let sides = first.side(noise) + first.side(noise);
     let rows = (0..TARGETS).map(|k| {
@@ -84,14 +84,14 @@ offset = \"unknown\"
 uncertainty_um = 0.2
 ";
 
-/// The straight line through the targets, of which the first has the half reversal values of both axes as uncertainties more.
+/// Straight-line fit through the targets; the half reversal values of both axes are additional uncertainties of the first one.
 fn straight_line(rows: &[[f64; 2]], reversal_um: f64) -> (f64, f64) {
     let square = DIAGONAL_NOISE_UM.powi(2);
     let weighted = rows.iter().enumerate().map(|(k, row)| {
         let more = 2.0 * (0.5 * reversal_um / 2.0_f64.sqrt()).powi(2);
         (1.0 / (square + if k == 0 { more } else { 0.0 }), *row)
     });
-    // Readings after the first row have both halves.
+    // Readings after the first row contain both halves.
     let both = 2.0 * 0.5 * reversal_um / 2.0_f64.sqrt();
     let [mut w, mut wx, mut wxx, mut wy, mut wxy] = [0.0; 5];
     for (k, (weight, [at, read])) in weighted.enumerate() {
@@ -180,7 +180,7 @@ fn a_first_row_alone_determines_no_reversal_value() {
             let parameter = found.parameters.iter().find(|p| p.name == name);
             assert!(parameter.is_some_and(|p| !p.determined), "{name} {first:?}");
         }
-        // As with a reversal value that may have any size.
+        // As with a reversal value of any size.
         let expected = straight_line(&rows, 1e5);
         let (value, uncertainty) = value(&found, "EC0Y");
         assert!(
@@ -223,7 +223,7 @@ fn an_axis_at_rest_has_one_approach_direction_per_file() {
         let found = lab
             .identify(&format!("folds = 0\nunknown = [\"EC0Y\"]\n{observations}"))
             .expect("found");
-        // Both files have the same variance of their mean, and EC0Y moves it by −y: least squares through the origin.
+        // Both files have the same variance of their mean, which EC0Y changes by −y: least squares through the origin.
         let variance = NOISE_UM.powi(2) / 40.0 + (0.5 * REVERSAL_UM).powi(2);
         let square = 0.05_f64.powi(2) + 0.55_f64.powi(2);
         let expected = -(0.05 * means[0] + 0.55 * means[1]) / square;
@@ -240,7 +240,7 @@ fn an_axis_at_rest_has_one_approach_direction_per_file() {
 
 const TRACKER_WORLDS: u32 = 150;
 
-/// Poses of a tracker all over the travels, where reversal values are to be found too.
+/// Tracker poses all over the travels, from which reversal values are identified as well.
 fn tracker(noise: &mut Noise, first: First, poses: u32, reversal_um: f64, slips: bool) -> String {
     let reversals = [reversal_um, -reversal_um, reversal_um];
     let slopes = [5.0, -8.0, 3.0];
@@ -286,7 +286,7 @@ fn of_tracker(more: &str) -> String {
     )
 }
 
-/// How often the bands of squareness and reversal values hold the truth.
+/// Share of the bands of squareness and reversal values that contain the truth.
 fn share_of_tracker(first: First, poses: u32, reversal_um: f64, slips: bool) -> f64 {
     let lab = Lab::new(AXES);
     let mut noise = Noise::new(35);

@@ -47,7 +47,7 @@ impl Lab {
         identify(&self.read(text)?, |_, _| {})
     }
 
-    /// The message of what is refused.
+    /// The message with which the text is rejected.
     pub(crate) fn refused(&self, text: &str) -> String {
         match self.identify(text) {
             Ok(_) => panic!("found something, expected a refusal"),
@@ -56,7 +56,7 @@ impl Lab {
     }
 }
 
-/// A table of numbers.
+/// CSV table of numbers.
 pub(crate) fn csv<const N: usize>(head: &str, rows: impl IntoIterator<Item = [f64; N]>) -> String {
     let mut text = format!("{head}\n");
     for row in rows {

@@ -1,4 +1,4 @@
-//! What observations may hold: numbers that a file may state, numbers that a program may give, and distances that grow with the machine.
+//! Limits of observations: numbers in files, numbers from programs, and distances that scale with the machine.
 
 use volcomp_document::Document;
 use volcomp_identify::{
@@ -22,7 +22,7 @@ file = \"t.csv\"
 frame = [0, 0, 0, 0, 0, 0]
 ";
 
-/// Poses of a machine without errors but EXX, in the axes of the workpiece.
+/// Poses of a machine whose only error is EXX, in workpiece axes.
 fn lab() -> Lab {
     let truth = format!("{MACHINE}[errors]\nEXX = {{ poly = [0.0, 0.02] }}\n");
     let truth = Machine::parse(&truth, "truth").expect("a machine");
@@ -44,7 +44,7 @@ fn observations(lab: &Lab) -> Observations {
     lab.read(&format!("{unknown}{POINTS}")).expect("read")
 }
 
-/// C of a small machine counts the other way: half of that the sphere's place takes up, and less than 10 mm is left of it.
+/// C of a small machine is inverted: the position of the sphere absorbs half of the residual, and less than 10 mm remain.
 #[test]
 fn an_inverted_axis_of_a_small_machine_is_refused() {
     let machine = "structure = \"w C' b X Y Z t\"
@@ -60,7 +60,7 @@ tip = [0.0, 0.0, -20.0]
         let lab = Lab::new(machine);
         let mut noise = Noise::new(8);
         let rows = (0..24_u8).map(|k| {
-            // C turns the table, so that the tool follows a ball at [8, 3, −10] by +C (ISO 841).
+            // C rotates the table, so that the tool follows a ball at [8, 3, −10] by +C (ISO 841).
             let c = 15.0 * f64::from(k) - 170.0;
             let (sin, cos) = c.to_radians().sin_cos();
             let mut n = || noise.normal(0.0005);
@@ -86,7 +86,7 @@ tip = [0.0, 0.0, -20.0]
     }
 }
 
-/// A gantry of 20 m whose bed is bent by 20 mm: its own errors, and no other machine.
+/// A gantry of 20 m whose bed is bent by 20 mm: its own errors, not another machine.
 #[test]
 fn limits_grow_with_a_20_m_machine() {
     let machine = "structure = \"w b X Y Z t\"
@@ -151,7 +151,7 @@ fn all_uncertainties_have_the_same_bounds() {
     }
 }
 
-/// Its square has no end: it would become the zero vector, and the readings would count nowhere.
+/// The square of its length is infinite: it would become the zero vector, and the readings would have no effect.
 #[test]
 fn a_direction_of_infinite_length_is_refused() {
     let lab = lab();
@@ -171,10 +171,10 @@ fn a_direction_of_infinite_length_is_refused() {
     }
 }
 
-/// What a program does to observations.
+/// Makes observations invalid.
 type Spoil = fn(&mut Observations);
 
-/// What no file can state, and a program can.
+/// Observations that no file can state, but a program can.
 #[test]
 fn invalid_observations_of_a_program_are_refused() {
     let lab = lab();
@@ -283,7 +283,7 @@ fn known_errors_of_another_structure_are_refused() {
     );
 }
 
-/// Every unknown is read back as it was, whatever the root of the file says of penalties.
+/// Every unknown is read back as it was written, whatever penalty the root of the file states.
 #[test]
 fn an_unknown_is_read_back_as_it_was_written() {
     let machine = Machine::parse(MACHINE, "machine").expect("a machine");

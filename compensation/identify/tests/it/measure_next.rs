@@ -1,4 +1,4 @@
-//! What to measure next: a pose that the instrument can take and has not taken, of any file.
+//! The proposed next pose: one that the instrument of a file can measure and has not measured.
 
 use std::fmt::Write;
 
@@ -18,7 +18,7 @@ fn next_at(found: &Identification) -> Vec<f64> {
     next.pose.values().copied().collect()
 }
 
-/// The tip at the end of a ballbar of 150 mm about [10, 20, −30] on a machine that only travels: in the plane of X and Y.
+/// Tips at the end of a ballbar of 150 mm about [10, 20, −30] in the XY plane, on a machine with linear axes only.
 fn ballbar() -> (String, Vec<[f64; 3]>) {
     let mut noise = Noise::new(3);
     let stood = (0..29).map(|k| {
@@ -50,7 +50,7 @@ fn a_ballbar_on_three_axes_gets_a_new_pose() {
     };
     assert!((apart(&[10.0, 20.0, -30.0]) - 150.0).abs() < 0.01, "{at:?}");
     assert!(stood.iter().all(|row| apart(row) > 0.01), "{at:?}");
-    // Within the arc that it can take, 0 to 140 deg.
+    // Within its reachable arc, 0 to 140 deg.
     let angle = (at[1] - 20.0).atan2(at[0] - 10.0).to_degrees();
     assert!(
         (-0.1..=140.1).contains(&angle) && (at[2] + 30.0).abs() < 0.01,
@@ -58,7 +58,7 @@ fn a_ballbar_on_three_axes_gets_a_new_pose() {
     );
 }
 
-/// A sphere on three axes can only be met where it was, and a step gauge has faces only where it was read.
+/// A sphere on three axes can only be probed where it was, and a step gauge has faces only where it was read.
 #[test]
 fn measured_poses_are_not_proposed_again() {
     let lab = Lab::new(THREE_AXES);
@@ -87,8 +87,7 @@ file = \"g.csv\"
     assert_eq!(found.next, None);
 }
 
-/// Of the squareness of Z to X lines in the plane of X and Y say nothing wherever they are read: the pose is then the one for
-/// what can be found.
+/// Lines in the XY plane contain no information about the squareness of Z to X: the proposed pose then improves what can be determined.
 #[test]
 fn without_an_informative_pose_the_most_reducing_one_is_proposed() {
     let lab = Lab::new(THREE_AXES);
@@ -111,8 +110,8 @@ direction = [1, 1, 0]
     assert!(next.improvement.is_some_and(|by| by >= 1.0), "{next:?}");
 }
 
-/// Three rows more of the best kind cannot make an unknown much surer than thirty did, but the effect of one row is reported in full
-/// though what is left is ten times the stated uncertainty: σ² counts the stated ones.
+/// Three more rows of the best kind hardly improve an unknown after thirty, but the effect of one row is reported in full although the
+/// residuals are ten times the stated uncertainty: σ² refers to the stated one.
 #[test]
 fn the_improvement_follows_from_the_stated_uncertainties() {
     let lab = Lab::new("structure = \"w b X t\"\naxes = { X = { travel = [0, 1000] } }\n");
@@ -148,7 +147,7 @@ offset = \"unknown\"
     assert!((stated - expected).abs() < 1e-3, "{stated} {expected}");
 }
 
-/// A machine that only turns has no linear axis to bring its tip to a sphere: that was a panic.
+/// A machine with rotary axes only cannot move its tip to a sphere.
 #[test]
 fn a_machine_without_linear_axes_is_identified() {
     let lab = Lab::new(
@@ -167,7 +166,7 @@ fn a_machine_without_linear_axes_is_identified() {
     lab.write("s.csv", &text);
     let observed =
         "folds = 0\nunknown = [\"EX0C\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n";
-    // Whether anything is found of so short a part of a turn is another matter.
+    // Any result is accepted for so short a part of a turn.
     let _ = lab.identify(observed);
     lab.write(
         "b.csv",
@@ -181,7 +180,7 @@ file = \"b.csv\"
 point = [0, 0, -50]
 ";
     let found = lab.identify(observed).expect("found");
-    // All lengths are alike, so that the axis goes through the point.
+    // All lengths are equal, so the axis passes through the point.
     let own = found.parameters.iter().find(|p| p.name == "EX0C");
     let own = own.expect("an unknown");
     assert!(own.determined && own.value.abs() < 0.1, "{own:?}");
@@ -195,14 +194,14 @@ point = [0, 0, -50]
     }
 }
 
-/// A squareness that was seen on a small part of the travel moves the tool by far more elsewhere than curves of some hundredths
-/// of a µm that are hard to distinguish on these rows. µm and µrad are compared where they are largest.
+/// A squareness observed on a small part of the travel moves the tool far more elsewhere than curves of some hundredths of a µm that these
+/// rows hardly distinguish. µm and µrad are compared by their largest effect.
 #[test]
 fn errors_are_compared_by_their_largest_effect() {
     let lab = Lab::new(THREE_AXES);
     let mut noise = Noise::new(14);
     let rows = (0..40).map(|k| {
-        // Most rows at one end of X: the modes of EXX are hard to distinguish. Y keeps to 60 mm.
+        // Most rows are at one end of X: the modes of EXX are hard to distinguish. Y stays within 60 mm.
         let x = if k < 36 {
             250.0 + f64::from(k)
         } else {
@@ -246,7 +245,7 @@ frame = [0, 0, 0, 0, 0, 0]
     assert!(y.abs() > 200.0, "{next:?}");
 }
 
-/// The tool of a pose is as much a part of it as its coordinates.
+/// The tool belongs to a pose like its coordinates.
 #[test]
 fn the_tool_of_the_next_pose_is_named() {
     let lab = Lab::new(&format!(
@@ -281,7 +280,7 @@ fn the_tool_of_the_next_pose_is_named() {
     }
 }
 
-/// Positions of spheres on a rotary table, as in the book. Uncertainties of the line of C, by the effect at 300 mm.
+/// Positions of spheres on a rotary table, as in the book. Uncertainties of the line of C as effects at 300 mm.
 #[test]
 fn spheres_far_from_the_axis_and_at_two_heights_are_better_than_poses() {
     let lab = Lab::new(
@@ -302,7 +301,7 @@ axes.C.travel = [-360.0, 360.0]
             );
             let (radius, height) = spheres[sphere];
             let (sin, cos) = c.to_radians().sin_cos();
-            // The table turns the sphere by −C (ISO 841: the tool goes round it by +C).
+            // The table rotates the sphere by −C (ISO 841: the tool moves around it by +C).
             let mut n = || noise.normal(0.0003);
             let (x, y) = (radius * cos + n(), -radius * sin + n());
             let _ = writeln!(text, "{x:?},{y:?},{:?},{c:?},s{sphere}", height + n());
@@ -325,7 +324,7 @@ axes.C.travel = [-360.0, 360.0]
     let near_more = largest(&[(60.0, 100.0)], 48);
     let far = largest(&[(240.0, 100.0)], 24);
     let two_far = largest(&[(240.0, 20.0), (240.0, 220.0)], 24);
-    // As the table of the book has it.
+    // Values of the table in the book.
     let stated = [near, near_more, far, two_far];
     let book = [[1.46, 2.06], [1.02, 1.44], [0.36, 0.51], [0.31, 0.51]];
     for (found, expected) in stated.iter().flatten().zip(book.iter().flatten()) {

@@ -1,4 +1,4 @@
-//! What is refused or noted, and in what words.
+//! Rejections and notes, and their wording.
 
 use std::fmt::Write as _;
 
@@ -68,7 +68,7 @@ X,Y,x,y,z\n1,2,3,4,5\n | offset = 3 | unknown key
     }
 }
 
-/// Its rows would count twice, or judge what was fitted to them. One bar may lie in several places, though.
+/// A row file used twice would count twice, or validate the fit that used it. One bar may have several positions, though.
 #[test]
 fn a_row_file_of_two_observations_is_refused_with_both_places() {
     let lab = Lab::new(MACHINE);
@@ -235,7 +235,7 @@ fn readings_in_another_unit_are_refused() {
 #[test]
 fn contradictory_observations_are_named() {
     let lab = Lab::new(MACHINE);
-    // One gauge says that X is 20 µm/m too long, the other that it is 20 µm/m too short.
+    // One gauge shows X 20 µm/m too long, the other 20 µm/m too short.
     for (file, sign) in [("long.csv", -1.0), ("short.csv", 1.0), ("y.csv", 0.0)] {
         let letter = if file == "y.csv" { "Y" } else { "X" };
         let mut text = format!("pose,{letter},from,to,length_mm\n");
@@ -264,7 +264,7 @@ fn contradictory_observations_are_named() {
     );
 }
 
-/// Observations that are made by hand may speak of parts of the set-up that are not there: that was a panic.
+/// Observations made by a program may refer to missing parts of the set-up.
 #[test]
 fn references_outside_the_set_up_are_refused() {
     let lab = Lab::new(MACHINE);
@@ -282,7 +282,7 @@ fn references_outside_the_set_up_are_refused() {
     assert!(identify(&observations, |_, _| {}).is_err());
 }
 
-/// What cannot follow an unknown is refused where it is made, or with the observations that do not have the unknown.
+/// Invalid followers are rejected when they are created, or with observations that lack the unknown.
 #[test]
 fn invalid_followers_are_refused() {
     let lab = Lab::new(MACHINE);

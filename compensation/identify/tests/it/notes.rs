@@ -1,4 +1,4 @@
-//! Notes on observations that are too few, on errors that are too large, and on what the uncertainties count.
+//! Notes on too few observations, on large errors, and on the basis of the uncertainties.
 
 use std::fmt::Write;
 
@@ -39,7 +39,7 @@ fn too_few_numbers_are_noted() {
     lab.write("t.csv", &points(30, 0.0, 1.0));
     let square = observed("unknown = [\"EC0Y\"]", &["t.csv"]);
     assert_eq!(words(&lab, &square), "");
-    // Nine numbers for six of the frame and the squareness, in ten parts.
+    // Nine readings for six unknowns of the frame and the squareness, in ten folds.
     lab.write("t.csv", &points(3, 0.0, 1.0));
     let few = words(&lab, &square);
     assert!(few.contains("9 numbers in 3 poses for 7 unknowns"), "{few}");
@@ -47,7 +47,7 @@ fn too_few_numbers_are_noted() {
         few.contains("no cross-validation: 3 poses cannot be split into 10 parts"),
         "{few}"
     );
-    // A second tracker that sees one point finds nothing but itself; pooled, the numbers would be enough.
+    // A second tracker that sees one point determines only its own frame, although the total number of readings would be sufficient.
     lab.write("t.csv", &points(30, 0.0, 1.0));
     lab.write("u.csv", "X,Y,x,y,z\n0,0,0,0,0\n");
     let thin = lab.identify(&observed(
@@ -58,7 +58,7 @@ fn too_few_numbers_are_noted() {
     assert!(matches!(thin, IdentifyError::Frame { .. }), "{thin}");
 }
 
-/// A curve that was fitted to lines and is unknown here again was dropped without a word.
+/// A curve fitted to lines that is unknown here again is dropped with a note.
 #[test]
 fn a_curve_that_is_dropped_is_noted() {
     let lab = Lab::new(&format!(
@@ -123,7 +123,7 @@ fn uncertainties_with_penalties_are_not_multiplied_twice() {
     assert!((with_of_six / with - 6.0).abs() < 1.5, "{found:?}");
 }
 
-/// `unknown = []`: nothing but the set-up is found, and the rows judge a machine file.
+/// `unknown = []`: only the set-up is identified, and the rows validate a machine file.
 #[test]
 fn a_machine_file_is_validated_with_an_identified_set_up() {
     let lab = Lab::new(MACHINE);
@@ -152,7 +152,7 @@ fn a_judged_file_that_is_far_off_is_noted() {
         "{}[[observation]]\nkind = \"points\"\nfile = \"j.csv\"\njudge = true\n",
         observed("folds = 0\nunknown = [\"EC0Y\"]", &["t.csv"])
     );
-    // The fitted rows are off by 1.7 µm RMS; 1 µrad moves the judged ones by some 0.2 µm.
+    // The fitted rows deviate by 1.7 µm RMS; 1 µrad moves the judged ones by about 0.2 µm.
     for (urad, is_far) in [(300.0, true), (50.0, true), (5.0, false)] {
         lab.write("j.csv", &points(12, urad, 1.0));
         let noted = words(&lab, &observed);
@@ -180,7 +180,7 @@ fn a_ballbar_in_another_unit_is_refused_and_a_long_gauge_is_not() {
         message.contains("found a length of 150000 mm") && message.contains("is it another unit?"),
         "{message}"
     );
-    // 6 mm on 10 m is a machine that was cold, not another unit.
+    // 6 mm on 10 m is a cold machine, not another unit.
     let long = Lab::new("structure = \"w b X t\"\naxes = { X = { travel = [0, 12000] } }\n");
     let mut gauge = String::from("pose,X,from,to,length_mm\n");
     for x in [0, 5000, 10000] {
@@ -192,7 +192,7 @@ fn a_ballbar_in_another_unit_is_refused_and_a_long_gauge_is_not() {
         .expect("found");
 }
 
-/// C at 0, 360 and −720 deg is one pose where it goes round, and so is what is a rounding away in deg.
+/// C at 0, 360 and −720 deg is one pose with a `modulo`, and so are angles that differ by rounding.
 #[test]
 fn a_turn_of_a_modulo_is_the_same_pose() {
     for (modulo, is_one) in [(", modulo = 360", true), ("", false)] {
@@ -215,7 +215,7 @@ fn a_turn_of_a_modulo_is_the_same_pose() {
     }
 }
 
-/// The same rows under another name count twice.
+/// The same rows under another name would count twice.
 #[test]
 fn one_test_under_two_names_is_noted() {
     let lab = Lab::new(MACHINE);
@@ -232,7 +232,7 @@ fn one_test_under_two_names_is_noted() {
     assert!(!twin.contains("the same content"), "{twin}");
 }
 
-/// An absurd number is refused at its cell, and not another row because of it; a time may have any size.
+/// An absurd number is rejected at its cell, instead of another row because of it; a time may have any size.
 #[test]
 fn an_absurd_number_is_refused_at_its_cell() {
     let lab = Lab::new(MACHINE);

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, process::Command};
 use volcomp_identify::{Observations, identify};
 use volcomp_test_support::root;
 
-/// Our names of the unknowns of `tests/reference/exact.py`.
+/// Our names of the unknowns in `tests/reference/exact.py`.
 const NAMES: [&str; 13] = [
     "EC0Y",
     "EA0Z",

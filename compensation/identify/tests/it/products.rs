@@ -1,4 +1,4 @@
-//! Errors that depend on a second axis are found, and only where the observations say so.
+//! Errors that depend on a second axis are identified, and only if the observations show them.
 
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName::{X, Y, Z};
@@ -13,8 +13,8 @@ travel = [0.0, 800.0]
 [axes.Z]
 travel = [-400.0, 0.0]
 ";
-/// A cross-beam that sags under the ram: the more, the further the ram is out, 24 µm in the middle of the beam at the
-/// lower end; straight between nodes 50 mm apart.
+/// A cross-beam that sags under the ram, the more the farther the ram is extended: 24 µm in the middle of the beam at the lower end, linear
+/// between nodes 50 mm apart.
 fn truth() -> Machine {
     let ys: Vec<f64> = (0..=16).map(|k| 50.0 * f64::from(k)).collect();
     let row = |y: &f64| {
@@ -73,11 +73,11 @@ fn a_sag_over_a_second_axis_is_found() {
     lab.write("t.csv", &tracker(&truth, 150, 0.5));
     let plain = lab.identify(&text("")).expect("found");
     let found = lab.identify(&text(SECOND)).expect("found");
-    // Noise of 0.5 µm in three directions is 0.87 µm; what the curves alone cannot follow comes on top of it.
+    // Noise of 0.5 µm in three directions is 0.87 µm, plus the part of the error that single-axis curves cannot fit.
     let [before, after] =
         [&plain, &found].map(|found| found.left_out.expect("judged").figures.rms_um);
     assert!(before > 2.0 && after < 1.0, "{before} {after}");
-    // The identified machine agrees too where nothing was observed, apart from a rigid motion of the whole.
+    // The identified machine also agrees where nothing was observed, apart from a rigid-body motion.
     let error = |machine: &Machine, y: f64, z: f64| {
         let at = [(X, 500.0), (Y, y), (Z, z)];
         1e3 * tip(machine, &at, [0.0; 3]).z - 1e3 * z
@@ -101,7 +101,7 @@ fn a_sag_over_a_second_axis_is_found() {
         ),
         "{curve:?}"
     );
-    // What is not there takes next to nothing.
+    // Products without a true effect are almost zero.
     let second: f64 = found
         .parameters
         .iter()
@@ -109,7 +109,7 @@ fn a_sag_over_a_second_axis_is_found() {
         .map(|p| p.value.abs())
         .sum();
     assert!(second < 0.4, "{second}");
-    // The file that is written gives the same machine.
+    // The written file gives the same machine.
     let written = Machine::parse(&found.machine.to_toml(), "written").expect("a machine");
     for (y, z) in [(70.0, -310.0), (430.0, -20.0)] {
         let difference = error(&written, y, z) - error(&found.machine, y, z);
@@ -146,7 +146,7 @@ file = \"t.csv\"
     assert!((twist - 9.0).abs() < 1e-6, "{twist}");
     let (other, _) = value(&found, "EZX legendre 2 × Y legendre 2");
     assert!(other.abs() < 1e-6, "{other}");
-    // A turn of the frame and a slope over Y are the same thing.
+    // A rotation of the frame and a slope over Y are indistinguishable.
     let named = crate::lab::words(&found);
     assert!(
         named.contains("× Y legendre 1 cannot be distinguished"),

@@ -54,7 +54,7 @@ proptest! {
         lab.write_bytes("t.csv", &table);
         lab.write_bytes("row.csv", &row);
         let _ = lab.identify(&String::from_utf8_lossy(&keys));
-        // Valid keys with any bytes in their files, and with bytes put over some of them.
+        // Valid keys with arbitrary bytes in their files, and with overwritten bytes.
         let _ = lab.identify(VALID);
         let end = (place + cut).min(VALID.len());
         let damaged = format!("{}{}{}", &VALID[..place], String::from_utf8_lossy(&keys), &VALID[end..]);
@@ -66,7 +66,7 @@ proptest! {
 
 const VALID: &str = "folds = 2\nunknown = [{ error = \"EXX\", legendre = 1 }]\n[[observation]]\nkind = \"ball-row\"\nfile = \"t.csv\"\nrow = \"row.csv\"\nside1 = [0, 1, 0]\nuncertainty_um = 2\ndrift = 1\n";
 
-/// Both tilts of a squareness turn the whole machine: whichever combination is found, it would be by the set-up alone.
+/// Both tilts of a squareness rotate the whole machine: their combination would only follow from the set-up.
 #[test]
 fn both_tilts_of_a_squareness_are_refused() {
     let lab = Lab::new(MACHINE);

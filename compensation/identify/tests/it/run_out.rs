@@ -11,7 +11,7 @@ axes.Z.travel = [-500.0, 500.0]
 axes.C = { travel = [0.0, 360.0], modulo = 360 }
 ";
 
-/// How many of the unknowns are left at zero, by the first letters of their names.
+/// Number of unknowns fixed at zero, by the first letters of their names.
 fn left(spheres: &[[f64; 3]], unknown: &[(&str, usize)]) -> Vec<(String, usize)> {
     let lab = Lab::new(MACHINE);
     let mut text = String::from("X,Y,Z,C,sphere,dx_um,dy_um,dz_um\n");
@@ -129,7 +129,7 @@ fn a_series_from_half_a_turn_closes() {
             .error_at(&state, volcomp_kinematics::Form::Exact, &none);
         error.rotation_rad.z * 1e6
     };
-    // 0 and 360 are one place, and half a turn apart it is another: the size is that of what was observed.
+    // The curve has the same value at 0 and 360°, and between 0 and 180° the observed difference.
     assert!((at(0.0) - at(360.0)).abs() < 1e-9);
     let difference = at(0.0) - at(180.0);
     assert!((difference.abs() - 50.0).abs() < 0.1, "{difference}");

@@ -1,4 +1,4 @@
-//! Machines drawn from the covariance, against the whole identification repeated with new readings.
+//! Monte Carlo samples from the covariance, against repeated identifications with new readings.
 
 use volcomp_identify::{Identification, IdentifyError, MachineSampler};
 use volcomp_kinematics::Form;
@@ -70,7 +70,7 @@ fn samples_spread_like_repeated_identifications() {
     let observations = lab.read(KEYS).expect("read");
     let draws = MachineSampler::new(&observations, &once).expect("of these observations");
     let drawn = |trial| errors(&draws.machine(3, trial).expect("drawn"));
-    // Twice the stated uncertainty is left of the rows: the machines lie twice as far apart.
+    // The residuals are twice the stated uncertainty: the samples spread twice as far.
     assert_eq!(once.excess, 1.0);
     let more = Identification {
         excess: 2.0,

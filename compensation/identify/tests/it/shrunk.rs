@@ -1,4 +1,4 @@
-//! What a penalty draws towards zero is as uncertain as the observations leave it.
+//! Unknowns shrunk by a penalty are as uncertain as the observations leave them.
 
 use volcomp_identify::{MachineSampler, identify};
 use volcomp_kinematics::{State, nalgebra::Vector3};
@@ -46,7 +46,7 @@ const TRUTH: [(&str, f64); 10] = [
     ("EZY legendre 2", 1.0),
 ];
 
-/// How often bands of 95 % hold the truth: of the coefficients in the order of the truth, of EBX, and of the position at some poses.
+/// Number of 95 % bands that contain the truth: of the coefficients in the order of the truth, of EBX, and of the position at some poses.
 struct Held {
     coefficients: [u32; 11],
     places: u32,
@@ -85,7 +85,7 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
     for _ in 0..worlds {
         let rows = (0..12).map(|k| {
             let [mut x, mut y, z] = [(); 3].map(|()| noise.between(-240.0, 240.0));
-            // Curves go as far as the poses.
+            // Curves extend as far as the poses.
             match k {
                 0 => x = -250.0,
                 1 => x = 250.0,
@@ -150,8 +150,7 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
     held
 }
 
-/// Whatever the size of what a penalty may draw to zero: 95 % bands of coefficients and of places hold the truth as often as without a
-/// penalty.
+/// 95 % bands of coefficients and positions contain the truth as often as without a penalty, whatever the size of the shrunk errors.
 #[test]
 fn bands_cover_errors_that_a_penalty_shrinks() {
     let worlds = 150_u32;
@@ -172,11 +171,11 @@ fn bands_cover_errors_that_a_penalty_shrinks() {
             (0.93..=0.97).contains(&share),
             "{penalty} {ebx_urad}: {share}"
         );
-        // Of 150 worlds 95 % are 142.5 ± 2.7.
+        // 95 % of 150 simulations are 142.5 ± 2.7.
         for (place, count) in held.coefficients.into_iter().enumerate() {
             assert!(count >= 134, "{penalty} {ebx_urad}: {place}: {count}");
         }
-        // The observations hardly determine EBX: its uncertainty is that of no penalty, about 10 µrad.
+        // The observations hardly determine EBX: its uncertainty is that without a penalty, about 10 µrad.
         assert!((8.5..11.0).contains(&held.widths), "{}", held.widths);
     }
 }

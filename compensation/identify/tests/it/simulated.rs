@@ -1,4 +1,4 @@
-//! Known errors are found again.
+//! Identification recovers known errors.
 
 use std::fmt::Write as _;
 
@@ -37,7 +37,7 @@ fn tracker(truth: &Machine, poses: usize, noise_um: f64) -> String {
         let seen = tip(truth, &at, [3.0, -2.0, 5.0]);
         let [x, y, z] = [seen.x, seen.y, seen.z].map(|x| x + noise.normal(noise_um * 1e-3));
         let [q_x, q_y, q_z, q_c, q_b] = at.map(|(_, q)| q);
-        // Turned by +90° about Z and shifted: workpiece = (−y', x', z') + (1000, 0, −50).
+        // Rotated by +90° about Z and shifted: workpiece = (−y', x', z') + (1000, 0, −50).
         [q_x, q_y, q_z, q_c, q_b, y, 1000.0 - x, z + 50.0]
     });
     csv("X,Y,Z,C,B,x,y,z", rows)
@@ -63,11 +63,11 @@ target = \"unknown\"
 ",
         )
         .expect("found");
-    // What is left at zero is the same only to the first order: products of errors of 30 µrad are left.
+    // Fixing unknowns at zero is equivalent only to first order: products of errors of 30 µrad remain.
     assert!(found.residual.max_um < 1e-3, "{:?}", found.residual);
     let left = found.left_out.expect("judged").figures;
     assert!(left.max_um < 1e-2, "{left:?}");
-    // Single parameters depend on what is left at zero; the volumetric errors do not, but for one rigid motion.
+    // Single parameters depend on the unknowns fixed at zero; volumetric errors do not, apart from a rigid-body motion.
     let (frame_c, _) = value(&found, "t.csv:frame.c");
     assert!((frame_c - 90.0).abs() < 0.01, "{frame_c}");
     let others = [(X, 100.0), (Y, 50.0), (Z, 200.0), (C, 30.0), (B, 20.0)];
@@ -75,8 +75,8 @@ target = \"unknown\"
     assert!((tip(machine, &others, [0.0; 3]) - tip(&truth, &others, [0.0; 3])).norm() < 0.2);
 }
 
-/// Error motions that turn with their axis, on the workpiece side and on the tool side. The readings come from the exact model of
-/// the kinematics, which applies the frame itself.
+/// Error motions that rotate with their axis, on the workpiece side and on the tool side. The readings come from the exact model of the
+/// kinematics, which applies the frame itself.
 #[test]
 fn error_motions_that_turn_with_their_axis_are_found() {
     for (c, b) in [
@@ -142,7 +142,7 @@ target = \"unknown\"
         )
         .expect("found");
     assert!(found.left_out.is_none());
-    // C stands between the frame and X: a shift of X turns with C, and so does one of the axis of C.
+    // C is between the frame and X: a displacement of X rotates with C, and so does one of the axis of C.
     let null: Vec<&(String, f64)> = found.null.iter().flatten().collect();
     assert_eq!(found.null.len(), 1, "{null:?}");
     let names: Vec<&str> = null.iter().map(|(name, _)| name.as_str()).collect();
@@ -216,7 +216,7 @@ offset = \"unknown\"
 
 #[test]
 fn distances_between_poses_and_from_a_point() {
-    // X is 10 µm too long on 600 mm: a step gauge along it says so, and a ballbar about a point does.
+    // X is 10 µm too long on 600 mm, as a step gauge along it and a ballbar about a point show.
     let truth = worn(
         MACHINE,
         "EXX = { poly = [0.0, 0.0166666666666667] }\nEYY = { poly = [0.0, -0.02] }\n",
@@ -309,7 +309,7 @@ target = \"unknown\"
         .expect("judged");
     assert_eq!(judged.rows, 10);
     assert!(judged.max_um < 1e-6, "{judged:?}");
-    // With the wrong unknown something is left.
+    // With the wrong unknown a residual remains.
     let judged = lab
         .identify(&text("\"EA0Z\""))
         .expect("found")
@@ -318,7 +318,7 @@ target = \"unknown\"
     assert!(judged.rms_um > 0.5, "{judged:?}");
 }
 
-/// A Fourier series found over a part of a turn holds its end values beyond it, and says that it does not go round.
+/// A Fourier series identified over part of a turn holds its end values beyond it, and a note says that it does not close.
 #[test]
 fn a_series_over_a_part_of_a_turn_stays_within_it() {
     let truth = worn(
@@ -366,7 +366,7 @@ fn a_series_over_a_part_of_a_turn_stays_within_it() {
     }
 }
 
-/// The machine goes to the poses that are named in the order in which they stand, whichever lengths are between them.
+/// The machine moves to the named poses in the order of the file, whichever lengths are between them.
 #[test]
 fn reversal_values_are_found_from_lengths_between_poses() {
     let lab = Lab::new(MACHINE);
@@ -379,7 +379,7 @@ fn reversal_values_are_found_from_lengths_between_poses() {
         ("F", 50.0, 0.0),
         ("G", 80.0, 70.0),
     ];
-    // X is 20 µm/m too long and lags by 6 µm where it turns, Y 10 µm/m and −8 µm; the file does not tell from where they came first.
+    // X is 20 µm/m too long and lags by 6 µm at reversals, Y 10 µm/m and −8 µm; the file does not state their first approach direction.
     let mut text = String::from("pose,X,Y,from,to,length_mm\n");
     let mut before: Option<[f64; 2]> = None;
     let mut sides = [-1.0, 1.0];
@@ -422,7 +422,7 @@ uncertainty_um = 0.001
 ",
         )
         .expect("found");
-    // What 4 µm across a length of 150 mm bend, 4²/(2·150) nm, is no part of equations that are straight in the sides.
+    // 4 µm across a length of 150 mm add 4²/(2·150) nm, which equations that are linear in the sides do not contain.
     assert!(found.residual.max_um < 1e-4, "{:?}", found.residual);
     for (name, expected) in [("EXX reversal", 6.0), ("EYY reversal", -8.0)] {
         let (reversal, _) = value(&found, name);

@@ -1,5 +1,5 @@
-//! Which location errors a measurement finds on each of the twelve five-axis types: the table of the book's chapter "Which
-//! measurement finds which error" is computed here and compared with the page.
+//! Location errors that each measurement determines on the twelve five-axis types, compared with the table in the book's chapter "Which
+//! measurement finds which error".
 
 use std::{fmt::Write as _, fs, path::Path};
 
@@ -16,7 +16,7 @@ const TOOLS: [(&str, f64); 2] = [("short", -100.0), ("long", -260.0)];
 const UNKNOWN: &str = "unknown = [\"EC0Y\", \"EA0Z\", \"EB0Z\", \"EX0C\", \"EY0C\", \"EA0C\", \"EB0C\", \"EY0A\", \"EZ0A\", \"EB0A\", \"EC0A\"]\nfolds = 0\n";
 const ERRORS: usize = 11;
 
-/// The kinds of measurement: the head of the column, and what its file of observations says.
+/// Kinds of measurement: column head, and content of the file of observations.
 const MEASUREMENTS: [(&str, &[Part]); 7] = [
     ("diagonals", &[Part::Diagonals]),
     ("ball rows", &[Part::BallRows]),
@@ -41,7 +41,7 @@ enum Part {
     Sphere { tools: usize },
     /// A ballbar of unknown dead length from an unknown point on the table to the tip, at many angles.
     Ballbar,
-    /// A tracker in an unknown frame sees an unknown target on two tools anywhere.
+    /// A tracker in an unknown frame measures an unknown target on two tools at arbitrary poses.
     Tracker,
 }
 
@@ -59,7 +59,7 @@ fn machine_text(translational: usize, rotary: usize) -> String {
     text
 }
 
-/// The readings of a machine without errors: which errors are found does not depend on them.
+/// Readings of a machine without errors: which errors are determined does not depend on them.
 struct Readings<'m> {
     machine: &'m Machine,
     noise: Noise,
@@ -78,7 +78,7 @@ impl Readings<'_> {
         [[-300.0, 300.0], [-250.0, 250.0], [-200.0, 200.0]].map(|range| self.between(range))
     }
 
-    /// The tip at a place, `beyond` being how much further down the tool reaches, mm.
+    /// The tip at a pose of a tool that is longer by `beyond`, mm.
     fn tip(&self, linear: [f64; 3], angles: [f64; 2], beyond: f64) -> Vector3<f64> {
         let at: Vec<_> = LINEAR
             .into_iter()
@@ -88,7 +88,7 @@ impl Readings<'_> {
         tip(self.machine, &at, [0.0, 0.0, beyond])
     }
 
-    /// Where the linear axes are with the tip at a point of the workpiece: it goes with each of them in proportion.
+    /// Coordinates of the linear axes with the tip at a point of the workpiece; the tip is linear in them.
     fn linear_at(&self, point: Vector3<f64>, angles: [f64; 2], beyond: f64) -> [f64; 3] {
         let zero = self.tip([0.0; 3], angles, beyond);
         let along = |axis: usize| {
@@ -101,7 +101,7 @@ impl Readings<'_> {
         (inverse * (point - zero)).into()
     }
 
-    /// A row file and its table in the file of observations.
+    /// Writes a row file, and returns its table in the file of observations.
     fn of(&mut self, part: Part, lab: &Lab) -> String {
         match part {
             Part::Diagonals => Self::diagonals(lab),
@@ -225,7 +225,7 @@ impl Readings<'_> {
     }
 }
 
-/// How many location errors are found, and which are left at zero.
+/// Number of determined location errors, and the names of those fixed at zero.
 fn found(translational: usize, rotary: usize, parts: &[Part]) -> (usize, Vec<String>) {
     let lab = Lab::new(&machine_text(translational, rotary));
     let machine = lab.machine();

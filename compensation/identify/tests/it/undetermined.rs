@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName::{X, Y, Z};
 
 use crate::lab::{Lab, Noise};
 
-/// Targets at two tools whose distances from the line of Z differ by so much, mm; beside it all is known.
+/// Targets at two tools whose distances from the line of Z differ by `differ_mm`; everything else is known.
 fn lab(differ_mm: f64, noise_mm: f64) -> Lab {
     let machine = format!(
         "structure = \"w b X Y Z t\"
@@ -60,8 +60,8 @@ frame = [0, 0, 0, 0, 0, 0]
     )
 }
 
-/// One target at 50 mm from the line of Z: a yaw of 1 µrad and a straightness of −0.05 µm are one. At a tool at 150 mm the yaw is the
-/// difference of the levers, 100 mm, times it.
+/// One target at 50 mm from the line of Z: a yaw of 1 µrad and a straightness of −0.05 µm are indistinguishable. At a tool at 150 mm the
+/// yaw acts with the difference of the lever arms, 100 mm.
 #[test]
 fn undetermined_combinations_state_their_lever() {
     let lab = lab(0.0, 1e-3);
@@ -119,7 +119,7 @@ fn undetermined_combinations_state_their_lever() {
 }
 
 /// Two targets 0.05 mm apart distinguish a yaw from a straightness, but with noise of 5 µm only to some 0.1 rad/√n: it is reported as
-/// undetermined with this number. With targets 100 mm apart, or without noise, both are found.
+/// undetermined with this number. With targets 100 mm apart, or without noise, both are determined.
 #[test]
 fn unknowns_below_the_noise_are_undetermined() {
     let is_determined = |found: &Identification| {
@@ -142,8 +142,8 @@ fn unknowns_below_the_noise_are_undetermined() {
             .next()
             .and_then(|n| n.parse().ok())
             .expect(&said);
-        // Slopes of 20 readings each at two tools: σ/0.05 mm · √(2/20 · 3), half more or less for where they are; the last
-        // one that is left takes what the others then know.
+        // Slopes of 20 readings each at two tools: σ/0.05 mm · √(2/20 · 3), within a factor that depends on the positions and on the
+        // unknowns fixed before.
         let expected = 5.0 / 0.05 * 1e3 * (2.0_f64 / 20.0 * (2.0 * f64::from(order) + 1.0)).sqrt();
         assert!(
             (0.6..1.6).contains(&(figure / expected)),

@@ -7,7 +7,7 @@ use volcomp_curve::{
 };
 use volcomp_vocabulary::Direction;
 
-/// Any number, the absurd ones often.
+/// Any number, often an absurd one.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
         any::<f64>(),
@@ -24,7 +24,7 @@ fn count() -> impl Strategy<Value = usize> {
     prop_oneof![0..10_usize, any::<usize>()]
 }
 
-/// Increasing nodes, so that constructors are passed, with absurd values and gaps.
+/// Increasing nodes, which constructors accept, with absurd values and gaps.
 fn nodes() -> impl Strategy<Value = Vec<[f64; 2]>> {
     let rising = vec(
         (
@@ -129,7 +129,7 @@ proptest! {
         }
     }
 
-    /// The lag stays between where it was and its input, and two half steps are one whole step.
+    /// The lag stays between its previous value and its input, and two half steps equal one whole step.
     #[test]
     fn a_lag_moves_towards_its_input(
         before in -50.0..50.0_f64, input in -50.0..50.0_f64, dt in 0.0..1e4_f64, lag in 0.0..1e4_f64,
@@ -141,7 +141,7 @@ proptest! {
         prop_assert!((twice - after).abs() < 1e-9);
     }
 
-    /// Between where it was and the ends of the ramp, and two halves of a ramp are the whole of it.
+    /// The lag stays between its previous value and the ends of the ramp, and two half ramps equal the whole one.
     #[test]
     fn a_lag_follows_a_ramp(
         before in -50.0..50.0_f64, from in -50.0..50.0_f64, to in -50.0..50.0_f64, dt in 0.0..1e4_f64, lag in 0.0..1e4_f64,
@@ -165,7 +165,7 @@ proptest! {
     }
 }
 
-/// After one time constant 1 − 1/e of a step is reached (closed form), and time never runs back.
+/// After one time constant the lag has reached 1 − 1/e of a step (closed form); negative time steps count as 0.
 #[test]
 fn a_lag_in_closed_form() {
     let reached = first_order_lag(20.0, 30.0, 600.0, 600.0);
@@ -176,8 +176,8 @@ fn a_lag_in_closed_form() {
     }
 }
 
-/// On a ramp that is long compared with the lag, the output trails by slope times lag (closed form); a ramp of many short
-/// steps is one long step.
+/// On a ramp that is long compared with the time constant, the lag trails by slope times time constant (closed form); a ramp of many short
+/// steps equals one long step.
 #[test]
 fn a_lag_of_a_ramp_in_closed_form() {
     let behind = first_order_lag_of_ramp(20.0, 20.0, 50.0, 3e4, 600.0);

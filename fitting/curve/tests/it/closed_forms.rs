@@ -35,7 +35,7 @@ fn chebyshev_is_the_cosine_of_multiple_angles() {
         close(eyx.value(x), value);
         close(eyx.derivative(x), slope / 3950.0);
     }
-    // c0 counts fully; all terms are 1 at the upper end.
+    // c0 is not halved; all terms are 1 at the upper end.
     close(eyx.value(8000.0), 0.4 - 1.2 + 3.0 + 0.7 - 2.2);
 }
 

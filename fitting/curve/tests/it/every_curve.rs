@@ -1,4 +1,4 @@
-//! What every kind of curve owes its caller.
+//! Properties of every kind of curve.
 
 use proptest::prelude::*;
 use volcomp_curve::{BSpline, Chebyshev, Curve, Fourier, MovingLeastSquares, Polynomial, Table};

@@ -1,4 +1,4 @@
-//! Curves through serde: what is read passes the checks of the constructors.
+//! Curves through serde: deserialised curves are checked as by their constructors.
 
 use volcomp_curve::{
     BSpline, Chebyshev, Curve, ErrorCurve, Field, Fourier, Grid, MovingLeastSquares, Polynomial,

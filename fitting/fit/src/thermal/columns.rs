@@ -9,7 +9,7 @@ use super::{
     record::{ThermalRecord, ThermalRun},
 };
 
-/// Number of columns of the moments before the features: 1 and the displacement.
+/// Number of columns of the moments before the features: the constant 1 and the displacement.
 pub(super) const BEFORE: usize = 2;
 
 /// Splits rows into `parts` stretches that are as equal as possible.
@@ -221,7 +221,7 @@ impl Sums {
         })
     }
 
-    /// Ridge regression on some columns, scaled to unit variance: one weight per column; `None` if nothing moves.
+    /// Ridge regression on some columns, scaled to unit variance: one weight per column; `None` if all columns are constant.
     pub(super) fn ridge(&self, columns: &[usize], penalty: f64) -> Option<Vec<f64>> {
         let covariance = |i: usize, j: usize| self.centred[(i, j)] / self.rows;
         let plan: Vec<usize> = columns.iter().map(|column| BEFORE + column).collect();
@@ -304,7 +304,8 @@ pub(super) fn ridge(moments: &DMatrix<f64>, plan: &[usize], penalty: f64) -> Opt
     Some(Ridge { weights, constant })
 }
 
-/// Weights of a ridge regression of column 1 on the columns of a plan, from the covariance of any two columns; `None` if nothing moves.
+/// Weights of a ridge regression of column 1 on the columns of a plan, from the covariance of any two columns; `None` if all columns are
+/// constant.
 pub(super) fn ridge_weights(
     covariance: impl Fn(usize, usize) -> f64,
     plan: &[usize],

@@ -1,4 +1,4 @@
-//! Whatever readings are given: a fit or an error, never a panic.
+//! Any readings give a fit or an error, never a panic.
 
 use proptest::{collection::vec, prelude::*};
 use volcomp_fit::{
@@ -7,7 +7,7 @@ use volcomp_fit::{
     fit_mls_auto, fit_polynomial, fit_thermal,
 };
 
-/// Any number, the absurd ones often.
+/// Any number, often an absurd one.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
         4 => (0..9_u8).prop_map(f64::from),
@@ -17,7 +17,7 @@ fn number() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// A number that passes as a reading, the largest and smallest too.
+/// A valid reading, including the largest and the smallest.
 fn reading() -> impl Strategy<Value = f64> {
     number().prop_filter("finite", |x| x.is_finite())
 }
@@ -104,7 +104,7 @@ proptest! {
     }
 }
 
-/// Over no row there is no residual, also where a range ends before it begins.
+/// Without rows there is no residual, also if a range ends before it begins.
 #[test]
 fn no_rows_have_no_residual() {
     let record = ThermalRecord {

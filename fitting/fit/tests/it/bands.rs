@@ -1,4 +1,4 @@
-//! Bands of 95 % against known truth.
+//! 95 % bands against known truth.
 
 use volcomp_fit::{
     Band, BandOptions, BandSource, FitOptions, Method, band, choose, fit_polynomial,
@@ -13,7 +13,7 @@ fn of_side(side: &Side, targets: &[f64], method: Method, at: &[f64]) -> Band {
     band(method, &runs, at, &BandOptions::default()).expect("a band")
 }
 
-/// The share of places at which bands hold the truth, of lines with the choice of their own.
+/// Share of positions at which the bands of automatically chosen curves contain the truth.
 #[test]
 fn bands_cover_the_truth_of_generated_lines() {
     let mut all = [0_u32; 2];
@@ -53,8 +53,8 @@ fn bands_cover_the_truth_of_generated_lines() {
     assert!((0.90..=0.99).contains(&share), "{share}");
 }
 
-/// Drawn at the targets and between them, bands hold the truth of a hundred lines, a fifth of them with targets too sparse for their screw; of these
-/// those of the targets alone hold hardly anything.
+/// At the targets and between them, plotted bands contain the truth of a hundred lines, a fifth of them with targets too sparse for the
+/// pitch of their screw; for these lines the bands of the targets alone hardly contain it anywhere.
 #[test]
 fn bands_cover_the_truth_between_targets() {
     let mut all = [Covered::default(); 2];
@@ -73,16 +73,16 @@ fn bands_cover_the_truth_between_targets() {
     assert!((0.92..=0.98).contains(&together.share()), "{together:?}");
     assert!((0.92..=0.98).contains(&others.share()), "{others:?}");
     assert!(sparse.share_of_targets() < 0.4, "{sparse:?}");
-    // The curves of a fifth are warned of, but for a few that look like a long wave.
+    // The curves of this fifth give a warning, except for a few that look like a long wave.
     assert!(10 * sparse.warned >= 8 * sparse.curves, "{sparse:?}");
-    // A few of them do not determine the share: a hundred.
+    // Twenty undersampled lines are too few to determine the coverage, so a hundred more are used.
     for index in (104..500).step_by(5) {
         sparse.add(covered(&undersampled(29, index), 100));
     }
     assert!((0.93..=0.97).contains(&sparse.share()), "{sparse:?}");
 }
 
-/// Of a line through many runs the textbook knows the band: ±1.96 σ √(h/m).
+/// The textbook band of a line through many runs: ±1.96 σ √(h/m).
 #[test]
 fn the_band_of_many_runs_matches_the_textbook() {
     let x = targets(11);
@@ -94,7 +94,7 @@ fn the_band_of_many_runs_matches_the_textbook() {
     let line = Method::Polynomial { order: 1 };
     let found = band(line, &parts, &at, &BandOptions::default()).unwrap();
     assert_eq!(found.source, BandSource::Runs);
-    // h = 1/n + (x − x̄)²/Σ(x − x̄)², of eleven even targets 1/11 in the middle and 1/11 + 25/110 at the ends.
+    // h = 1/n + (x − x̄)²/Σ(x − x̄)²; for eleven even targets 1/11 in the middle and 1/11 + 25/110 at the ends.
     for (half, h) in found
         .half_width
         .iter()
@@ -105,7 +105,7 @@ fn the_band_of_many_runs_matches_the_textbook() {
     }
 }
 
-/// Of one run: ±t s √h with the residual standard deviation s, and a part for the shape, but for what chance the resampling has.
+/// The band of one run: ±t s √h with the residual standard deviation s, plus a part for the shape, within the randomness of the resampling.
 #[test]
 fn the_band_of_one_run_matches_the_textbook() {
     let x = targets(21);
@@ -125,7 +125,7 @@ fn the_band_of_one_run_matches_the_textbook() {
         .iter()
         .zip([1.0 / 21.0 + 100.0 / 770.0, 1.0 / 21.0])
     {
-        // A quarter of the variance counts as shape.
+        // A quarter of the variance is attributed to shape.
         let expected = s * (2.093_f64.powi(2) * h + 4.0 * 0.25).sqrt();
         assert!((half / expected - 1.0).abs() < 0.06, "{half} {expected}");
     }

@@ -5,8 +5,8 @@ use volcomp_fit::{Between, Method, fit_polynomial};
 use crate::gaps::{KINDS, NOISE, Warned, between, even, irregular, nearly_even};
 use crate::{noisy, targets};
 
-/// Of every kind, whatever misses the truth by more than 30 µm is warned of, whether the noise is known or not; the sets are the first ones of
-/// `examples/gaps.rs`, which samples 500, and those of it in which few kinds miss as much. Of what is right hardly anything is warned of.
+/// For every kind, a curve that misses the truth by more than 30 µm gives a warning, with known and with unknown noise; a correct curve
+/// hardly ever does. The sets are the first of the 500 of `examples/gaps.rs`, and those of them in which few kinds miss as much.
 #[test]
 fn curves_that_miss_the_truth_in_a_gap_are_warned_of() {
     let sets = || (0..40).chain([131, 161, 198, 248, 413]);
@@ -14,7 +14,7 @@ fn curves_that_miss_the_truth_in_a_gap_are_warned_of() {
         let (name, _) = kind;
         let found = Warned::of(kind, irregular, sets());
         assert!(found.silent.is_empty(), "{name} {found:?}");
-        // A smoothing B-spline misses nothing by as much.
+        // A smoothing B-spline never misses by as much.
         assert!(found.gross > 0 || name == "B-spline", "{name} {found:?}");
         if ["B-spline", "auto"].contains(&name) {
             assert!(10 * found.cried <= found.harmless, "{name} {found:?}");
@@ -22,7 +22,7 @@ fn curves_that_miss_the_truth_in_a_gap_are_warned_of() {
         for make in [even, nearly_even] {
             let found = Warned::of(kind, make, 0..40);
             assert!(found.silent.is_empty(), "{name} {found:?}");
-            // A series of twelve orders through 21 targets leaves hardly any out.
+            // A series of order twelve through 21 targets has large leave-one-out errors and warns more often.
             if !name.starts_with("Chebyshev") {
                 assert!(20 * found.cried <= found.harmless, "{name} {found:?}");
             }
@@ -30,7 +30,7 @@ fn curves_that_miss_the_truth_in_a_gap_are_warned_of() {
     }
 }
 
-/// Of sets without an error hardly one is warned of.
+/// Sets without an error hardly ever give a warning.
 #[test]
 fn scatter_alone_is_not_warned_of() {
     let warned = (0..100).filter(|index| {
@@ -45,7 +45,7 @@ fn scatter_alone_is_not_warned_of() {
     assert!(warned.count() <= 5);
 }
 
-/// A polynomial through clustered targets swings in the gap, which is named.
+/// A polynomial through clustered targets swings in the gap, which the warning names.
 #[test]
 fn a_kind_that_swings_in_a_gap_is_warned_of() {
     let x = [
@@ -62,7 +62,7 @@ fn a_kind_that_swings_in_a_gap_is_warned_of() {
     );
 }
 
-/// A wave of 1.3 gaps is missed by targets left out; what 21 targets show well is not warned of, nor is scatter.
+/// Targets that are left out reveal a wave of 1.3 gaps; an error that 21 targets resolve gives no warning, nor does scatter.
 #[test]
 fn targets_that_are_too_sparse_are_warned_of() {
     let x = targets(21);
@@ -92,7 +92,7 @@ fn targets_that_are_too_sparse_are_warned_of() {
     assert!(!unknown.is_too_sparse());
 }
 
-/// A parabola through waves of five gaps leaves nearly all of them; a table follows them, and a parabola follows a bend.
+/// A parabola does not follow waves of five gaps; a table does, and a parabola follows a bend.
 #[test]
 fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
     let x = targets(31);
@@ -104,7 +104,7 @@ fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
         let u = noisy(&x, NOISE, 3, truth);
         between(&method.fit(&x, &u).expect("a curve"), &x, &u)
     };
-    // A slope in addition to the waves hides nothing.
+    // A slope in addition to the waves does not hide them.
     let steep = |x: f64| wave(x) + 0.3 * x;
     assert!(of(&steep, parabola).is_not_followed());
     let found = of(&wave, parabola);
@@ -147,7 +147,7 @@ fn a_curve_that_does_not_follow_one_run_is_warned_of() {
             "{count}"
         );
     }
-    // Three runs with different zeros, which they repeat.
+    // Three runs with different zeros.
     let shifts = [-10.0, 0.0, 10.0];
     let u: Vec<f64> = (shifts.iter())
         .flat_map(|shift| x.iter().map(move |x| shift - 1e-6 * x * (x - 8000.0)))

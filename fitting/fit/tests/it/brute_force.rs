@@ -1,5 +1,5 @@
-//! Moving least squares as its formula is written, by other code: powers of the distance over the half width, roots
-//! of the weights as rows, solved by singular values; every target left out in turn and everything solved anew.
+//! Independent implementation of moving least squares from the formula: powers of the distance over the half width, roots of the weights as
+//! rows, solved by singular values; every target is left out in turn and everything solved again.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -31,13 +31,12 @@ fn rows(nodes: &[[f64; 2]], order: usize, h: f64, at: f64) -> (DMatrix<f64>, DVe
     (matrix, right)
 }
 
-/// The value at `at`.
 pub(crate) fn value(nodes: &[[f64; 2]], order: usize, h: f64, at: f64) -> f64 {
     let (matrix, right) = rows(nodes, order, h, at);
     matrix.svd(true, true).solve(&right, 0.0).unwrap()[0]
 }
 
-/// What the curve through all other nodes misses of each node; the half width stays.
+/// Error of the curve through all other nodes at each node, with the half width kept.
 pub(crate) fn left_out(nodes: &[[f64; 2]], order: usize, h: f64) -> Vec<f64> {
     let miss = |i: usize| {
         let mut others = nodes.to_vec();
@@ -47,8 +46,8 @@ pub(crate) fn left_out(nodes: &[[f64; 2]], order: usize, h: f64) -> Vec<f64> {
     (0..nodes.len()).map(miss).collect()
 }
 
-/// Whether the nodes carry an order and a half width, on a fine uniform grid and just where a node enters: order + 2 nodes
-/// of positive weight, and singular values that are not further apart than 1e10.
+/// Whether the nodes support an order and a half width, checked on a fine uniform grid and just where a node enters: order + 2 nodes of
+/// positive weight, and a ratio of the singular values of at most 1e10.
 pub(crate) fn carried(nodes: &[[f64; 2]], order: usize, h: f64) -> bool {
     let (first, last) = (nodes[0][0], nodes[nodes.len() - 1][0]);
     let enters = nodes.iter().flat_map(|n| [n[0] - h, n[0] + h]);
@@ -71,10 +70,10 @@ pub(crate) fn tried() -> Vec<(usize, f64)> {
     grid.chain([(4, 1.0 / 3.0)]).collect()
 }
 
-/// A setting that the nodes carry: order, support, largest residual, leave-one-out RMS.
+/// A setting that the nodes support: order, support, largest residual, leave-one-out RMS.
 pub(crate) type Trial = (usize, f64, f64, f64);
 
-/// Every setting that the nodes carry.
+/// Every setting that the nodes support.
 pub(crate) fn scan(nodes: &[[f64; 2]]) -> Vec<Trial> {
     let range = nodes[nodes.len() - 1][0] - nodes[0][0];
     let carried = |&(order, support): &(usize, f64)| carried(nodes, order, support * range);

@@ -10,8 +10,8 @@ fn none() -> FitOptions {
     FitOptions::default()
 }
 
-/// On 200 generated lines the choice is in leave-one-out never worse than twice the best single kind, by its own account and by refits
-/// that really leave targets out; and it is never far from the kind that turns out nearest to the truth.
+/// On 200 generated lines the leave-one-out error of the choice is at most twice that of the best single kind, as reported and by refits
+/// without each target; and the choice is never much farther from the truth than the best kind.
 #[test]
 fn never_worse_than_twice_the_best_single_kind() {
     let mut from_truth = Vec::new();
@@ -23,7 +23,7 @@ fn never_worse_than_twice_the_best_single_kind() {
             .map(|s| s.leave_one_out_rms)
             .fold(f64::INFINITY, f64::min);
         assert!(score(&row) <= 2.0 * best, "{index}: {} {best}", score(&row));
-        // A spline that is refitted chooses its smoothness anew; all other kinds keep their settings.
+        // A refitted spline chooses its smoothing again; all other kinds keep their settings.
         if row.choice.method != Method::BSpline && row.line.targets.len() <= 31 {
             let refitted = row.automatic.leave_one_out;
             assert!(
@@ -40,12 +40,12 @@ fn never_worse_than_twice_the_best_single_kind() {
     }
     from_truth.sort_by(f64::total_cmp);
     let mean = (from_truth.iter().sum::<f64>() / 200.0).exp();
-    // Against the kind that is nearest by hindsight.
+    // Against the kind that is nearest to the truth.
     assert!(mean < 1.15, "{mean}");
     assert!(from_truth[180].exp() < 1.5, "{}", from_truth[180].exp());
 }
 
-/// Of pure noise nothing is left but its mean, nearly.
+/// Pure noise gives nearly a constant, its mean.
 #[test]
 fn noise_gives_nearly_a_constant() {
     let mut constants = 0;
@@ -103,7 +103,7 @@ fn no_chosen_curve_leaves_the_band() {
 #[test]
 fn few_equal_and_repeated_targets() {
     let chosen = |x: &[f64], u: &[f64]| fit_auto(x, u, &none()).unwrap();
-    // The same target again and again is one.
+    // Repeated readings at one place are one target.
     let one = chosen(&[3.0; 4], &[1.0, 2.0, 3.0, 6.0]);
     assert_eq!(one.fit.curve, Curve::Constant(3.0));
     assert_eq!(one.choice.reason, Reason::FewTargets);
@@ -116,7 +116,7 @@ fn few_equal_and_repeated_targets() {
     let x = [0.0, 10.0, 20.0, 0.0, 10.0, 20.0];
     let bent = chosen(&x, &[0.0, 6.0, 10.0, 0.01, 5.99, 10.01]);
     assert!((bent.fit.curve.value(10.0) - 5.995).abs() < 1e-9);
-    // A repeated reading weighs as two of the same target, in whatever order they come.
+    // A repeated reading counts as two of the same target, in any order.
     let (x, u) = (
         [0.0, 1.0, 2.0, 3.0, 1.0, 4.0],
         [0.0, 1.2, 1.9, 3.1, 1.0, 4.0],
@@ -131,7 +131,7 @@ fn few_equal_and_repeated_targets() {
     assert!(choose(&[], &none()).is_err());
 }
 
-/// What the readings scatter decides whether a bend of one target is followed.
+/// The scatter of the readings decides whether a bend at one target is followed.
 #[test]
 fn a_known_scatter_decides_what_is_followed() {
     let x = targets(9);
@@ -151,7 +151,7 @@ fn a_known_scatter_decides_what_is_followed() {
     assert!(with(2.0) > 0.5, "{}", with(2.0));
 }
 
-/// A scale error of a rotary axis that does not go all the way round: few targets far from one another are no full turn.
+/// A scale error of a rotary axis over part of a turn: a few widely spaced targets do not cover a full turn.
 #[test]
 fn targets_over_a_part_of_a_turn_get_no_fourier_series() {
     let round = FitOptions {
@@ -183,7 +183,7 @@ fn targets_over_a_part_of_a_turn_get_no_fourier_series() {
     }
 }
 
-/// Round a rotary axis nothing jumps where it closes.
+/// Curves of a rotary axis do not jump where the turn closes.
 #[test]
 fn periodic_readings_get_periodic_curves() {
     let round = FitOptions {
@@ -217,14 +217,14 @@ fn periodic_readings_get_periodic_curves() {
         );
         assert!(closes, "{}", score.method);
     }
-    // Over a part of the turn other kinds are candidates too.
+    // Over part of a turn other kinds are candidates as well.
     let part: Vec<f64> = (0..9).map(|i| 15.0 * f64::from(i)).collect();
     let line = at(&part, |x| 0.1 * x);
     let chosen = fit_auto(&part, &line, &round).unwrap();
     assert_eq!(chosen.choice.method, Method::Polynomial { order: 1 });
 }
 
-/// Both directions of a line get one kind, and each its own curve.
+/// Both directions of a line get one kind with separate curves.
 #[test]
 fn several_sets_get_one_method() {
     let x = targets(21);

@@ -1,4 +1,4 @@
-//! How often a drawn band holds the truth.
+//! Coverage of a plotted band.
 
 use volcomp_fit::{BandOptions, Between, FitOptions, Noise, band, band_places, choose};
 
@@ -10,11 +10,11 @@ pub(crate) struct Covered {
     pub(crate) places: u32,
     pub(crate) held: u32,
     pub(crate) held_by_targets: u32,
-    /// The sum of half of the width of the band.
+    /// Sum of the half widths of the band.
     pub(crate) width: f64,
-    /// The sum of the magnitudes of what the curve misses.
+    /// Sum of the absolute errors of the curve.
     pub(crate) missed: f64,
-    /// Curves, and how many of them are warned of for sparse targets.
+    /// Number of curves, and of those with a warning about sparse targets.
     pub(crate) curves: u32,
     pub(crate) warned: u32,
 }
@@ -40,14 +40,14 @@ impl Covered {
     }
 }
 
-/// The value at a place on the straight lines through ascending places.
+/// Linear interpolation between ascending places.
 fn drawn(at: &[f64], half: &[f64], x: f64) -> f64 {
     let next = at.partition_point(|at| *at < x).clamp(1, at.len() - 1);
     let part = (x - at[next - 1]) / (at[next] - at[next - 1]);
     half[next - 1] + part * (half[next] - half[next - 1])
 }
 
-/// The scatter of the mean of all runs, pooled over the targets; `None` where runs do not differ.
+/// Scatter of the mean of all runs, pooled over the targets; `None` if the runs do not differ.
 fn noise_of_mean(runs: &[Vec<f64>], means: &[f64]) -> Option<Noise> {
     let of_run =
         |run: &Vec<f64>| -> f64 { run.iter().zip(means).map(|(u, m)| (u - m).powi(2)).sum() };
@@ -57,7 +57,7 @@ fn noise_of_mean(runs: &[Vec<f64>], means: &[f64]) -> Option<Noise> {
     (deviation > 0.0 && deviation.is_finite()).then_some(Noise { deviation, freedom })
 }
 
-/// Of one line, with the curve that is chosen for it, at this number of positions.
+/// Coverage for one line with its automatically chosen curve, at this number of positions.
 pub(crate) fn covered(line: &Generated, places: u32) -> Covered {
     let readings = line.sides.iter().map(|s| s.readings(&line.targets));
     let sets: Vec<(Vec<f64>, Vec<f64>)> = readings.collect();

@@ -1,4 +1,4 @@
-//! Few thermal terms, found from several runs of a simulated machine and judged on runs that are left out.
+//! Few thermal terms, found from several runs of a simulated machine and assessed on runs that were left out.
 
 use volcomp_fit::{
     FitError, ThermalEffect, ThermalOptions, ThermalRun, ThermalSearch, ThermalTerms, fit_thermal,
@@ -19,7 +19,7 @@ fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
 /// Steps of a lag between two rows.
 const PARTS: u32 = 100;
 
-/// Record minus what the numbers make of the temperatures, by a separate loop, from the mean of the first three rows.
+/// Record minus the prediction from the coefficients, computed by a separate loop, relative to the mean of the first three rows.
 fn rms_by_hand(terms: &ThermalTerms, run: &ThermalRun) -> f64 {
     let record = &run.record;
     let mut error = record.displacement.clone();
@@ -52,7 +52,7 @@ fn rms_by_hand(terms: &ThermalTerms, run: &ThermalRun) -> f64 {
     rms(error.iter().map(|e| e - zero))
 }
 
-/// Eight runs of six hours: what few terms leave of a run that they have not seen.
+/// Eight runs of six hours: residual of few terms in runs that were not used.
 #[test]
 fn eight_runs_judged_by_runs_left_out() {
     let runs = runs(1, 8);
@@ -65,7 +65,7 @@ fn eight_runs_judged_by_runs_left_out() {
     assert!(left < 0.05 * moved, "{left} of {moved}: {left_out:?}");
     let terms = search_thermal(&runs, &search).unwrap();
     assert!(terms.sensors().len() <= 6 && terms.lags_s().len() <= 3);
-    // The sensor in the cabinet has no part.
+    // The sensor in the cabinet is not used.
     assert!(!terms.sensors().contains(&6), "{:?}", terms.numbers);
     for (left, expected) in left_out.iter().enumerate() {
         let mut others = runs.clone();
@@ -73,11 +73,11 @@ fn eight_runs_judged_by_runs_left_out() {
         let by_hand = rms_by_hand(&search_thermal(&others, &search).unwrap(), &run);
         assert!((by_hand - expected).abs() < 1e-5, "{by_hand} {expected}");
     }
-    // Runs that no search has seen are predicted as well as those left out.
+    // Runs outside the search are predicted as well as those left out.
     let fresh = rms((101..109).map(|seed| terms.rms_from_start(&run(seed))));
     println!("fresh {fresh:.3} µm");
     assert!(fresh < 1.3 * left, "{fresh} {left}");
-    // The rule: the fewest numbers within one standard error of the smallest error.
+    // The rule: the fewest coefficients within one standard error of the smallest error.
     let best = terms
         .path
         .iter()
@@ -92,8 +92,8 @@ fn eight_runs_judged_by_runs_left_out() {
     assert_eq!(terms.numbers.len(), fewest);
 }
 
-/// A single run is chosen on its first part and judged on the rest: on average over forty machines better than a regression on all
-/// temperatures without lags.
+/// The terms of a single run are chosen on its first part and assessed on the rest: on average over forty machines they are better than a
+/// regression on all temperatures without lags.
 #[test]
 fn one_run_is_judged_by_time() {
     let rows = 252;
@@ -115,7 +115,7 @@ fn one_run_is_judged_by_time() {
     assert!(few < 0.8 * plain, "{few} {plain}");
     let run = run(31);
     let terms = search_thermal_rows(&run, 0..rows, &ThermalSearch::default()).unwrap();
-    // What comes later does not reach back.
+    // Later rows have no effect on earlier ones.
     let mut changed = run.clone();
     for row in rows..run.record.len() {
         changed.record.displacement[row] += 100.0;
@@ -125,8 +125,8 @@ fn one_run_is_judged_by_time() {
     assert_eq!(again, terms);
 }
 
-/// The displacement is 3 µm/K of one sensor with a lag of 900 s: the number is found, and its uncertainty is that of its
-/// scatter over many tests.
+/// The displacement is 3 µm/K of one sensor with a lag of 900 s: the coefficient is found, and its uncertainty equals its scatter over many
+/// tests.
 #[test]
 fn coefficient_uncertainties_match_their_scatter() {
     let (mut values, mut uncertainties) = (Vec::new(), Vec::new());
@@ -139,7 +139,7 @@ fn coefficient_uncertainties_match_their_scatter() {
                 if row > 0 {
                     lagged += (record.degc[1][row] - lagged) * (1.0 - (-60.0_f64 / 900.0).exp());
                 }
-                // Noise that wanders, as a room does: rows next to one another are not independent.
+                // Noise that drifts like a room, so that neighbouring rows are not independent.
                 let wanders =
                     0.8 * (0.002 * record.time_s[row] + (seed * 7 + index as u64) as f64).sin();
                 record.displacement[row] = 3.0 * lagged + wanders;
@@ -175,7 +175,7 @@ fn an_expansion_is_found_where_the_position_was_varied() {
         .iter()
         .filter(|number| number.effect == ThermalEffect::Expansion)
         .collect();
-    // The upper column is next to the scale and may replace a part of it.
+    // The upper column is next to the scale, and its coefficient may replace a part of the scale's.
     let sum: f64 = expansion.iter().map(|number| number.value * 1e3).sum();
     assert!(!expansion.is_empty());
     assert!((sum - 11.5).abs() < 0.6, "{sum}");
@@ -198,7 +198,7 @@ fn an_expansion_is_found_where_the_position_was_varied() {
 fn the_lag_free_drift_counts_as_a_time_constant() {
     let mut runs: Vec<ThermalRun> = (41..45).map(moving).collect();
     for run in &mut runs {
-        // A drift with a lag on top, which every search would like to have.
+        // An additional drift with a lag, which every search would select.
         let mut lagged = run.record.degc[0][0];
         for row in 0..run.record.len() {
             lagged += (run.record.degc[0][row] - lagged) * (1.0 - (-60.0_f64 / 900.0).exp());
@@ -229,7 +229,7 @@ fn tested_sensor_ranges_are_reported() {
         assert_eq!(seen.degc[0], all().fold(f64::INFINITY, f64::min));
         assert_eq!(seen.degc[1], all().fold(f64::NEG_INFINITY, f64::max));
         assert!(seen.k_per_min[0] <= 0.0 && seen.k_per_min[1] > 0.0);
-        // Smoothed over ten minutes, it is slower than from row to row.
+        // Smoothed over ten minutes, the rate is lower than from row to row.
         let fastest = runs.iter().flat_map(|run| {
             let degc = &run.record.degc[seen.sensor];
             degc.windows(2).map(|pair| pair[1] - pair[0])
@@ -239,7 +239,7 @@ fn tested_sensor_ranges_are_reported() {
     assert_eq!(terms.seen.len(), terms.sensors().len());
 }
 
-/// Ten sensors of which eight show what two others show: no more than two are taken.
+/// Ten sensors, eight of which follow two others: at most two are selected.
 #[test]
 fn redundant_sensors_are_left_out() {
     let mut runs = runs(61, 3);

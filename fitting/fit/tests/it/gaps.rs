@@ -1,4 +1,4 @@
-//! Irregular targets, with a truth and what a curve misses of it.
+//! Irregular targets with a truth, and errors of curves through them.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -11,7 +11,7 @@ use volcomp_fit::{
 pub(crate) const NOISE: f64 = 0.45;
 /// Maximum error of an acceptable curve, µm.
 const GROSS: f64 = 30.0;
-/// Who misses it by less is not: three times what a smoothing B-spline misses with 21 even targets.
+/// Maximum error of a correct curve, µm: three times that of a smoothing B-spline with 21 even targets.
 const HARMLESS: f64 = 3.0;
 const RANGE: f64 = 8000.0;
 
@@ -40,7 +40,7 @@ pub(crate) fn truth(x: f64) -> f64 {
     -30.0 * (x / 1300.0).sin() + 8.0 * (x / 420.0 + 1.0).sin() - 0.004 * x
 }
 
-/// 21 targets over 8 m in places that chance takes, and readings.
+/// 21 random targets over 8 m, with readings.
 pub(crate) fn irregular(index: u64) -> (Vec<f64>, Vec<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(index);
     let mut x: Vec<f64> = (0..19).map(|_| RANGE * random.random::<f64>()).collect();
@@ -50,7 +50,7 @@ pub(crate) fn irregular(index: u64) -> (Vec<f64>, Vec<f64>) {
     (x, u)
 }
 
-/// Even targets, of which one to three neighbours are missing, or each moved by up to 90 % of half its gap.
+/// Even targets with one to three neighbouring ones missing, or each moved by up to 90 % of half its gap.
 pub(crate) fn nearly_even(index: u64) -> (Vec<f64>, Vec<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(index);
     let mut x: Vec<f64> = (0..21).map(|k| RANGE * f64::from(k) / 20.0).collect();
@@ -80,7 +80,7 @@ fn read(x: &[f64], random: &mut ChaCha8Rng) -> Vec<f64> {
     x.iter().map(|&x| truth(x) + NOISE * normal()).collect()
 }
 
-/// The largest of what a curve misses of the truth over the range.
+/// Largest error of a curve over the range.
 pub(crate) fn missed(fit: &Fit) -> f64 {
     let places = (0..=2000).map(|k| RANGE * f64::from(k) / 2000.0);
     places
@@ -88,7 +88,7 @@ pub(crate) fn missed(fit: &Fit) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// What a curve does between its targets, with the noise known.
+/// Assessment of a curve between its targets, with known noise.
 pub(crate) fn between(fit: &Fit, x: &[f64], u: &[f64]) -> Between {
     let noise = Noise {
         deviation: NOISE,
@@ -97,21 +97,21 @@ pub(crate) fn between(fit: &Fit, x: &[f64], u: &[f64]) -> Between {
     Between::of(fit, x, u, Some(noise))
 }
 
-/// How curves that are grossly wrong, and those that are not wrong at all, are warned of.
+/// Warnings for grossly wrong curves and for correct ones.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Warned {
-    /// The largest miss of each set, in the order of the sets.
+    /// The largest error of each set, in the order of the sets.
     pub(crate) misses: Vec<f64>,
     pub(crate) gross: u32,
-    /// Sets that are grossly wrong without a warning, be the noise known or not.
+    /// Sets that are grossly wrong without a warning, with known or with unknown noise.
     pub(crate) silent: Vec<u64>,
     pub(crate) harmless: u32,
-    /// Harmless sets with a warning, the noise being known.
+    /// Number of correct sets with a warning, with known noise.
     pub(crate) cried: u32,
 }
 
 impl Warned {
-    /// Of a kind of curve over numbered sets; of moving least squares those are missing whose support holds too few targets.
+    /// Warnings for a kind of curve over numbered sets; for moving least squares, sets with too few targets in the support are omitted.
     pub(crate) fn of(
         (_, fit): Kind,
         make: fn(u64) -> (Vec<f64>, Vec<f64>),
@@ -140,7 +140,8 @@ impl Warned {
     }
 }
 
-/// With cross-validation alone one of these curves leaves readings within some tens of µm by hundreds, between targets that are clustered.
+/// With cross-validation alone, one of these curves deviates by hundreds of µm from readings within some tens of µm, between clustered
+/// targets.
 #[test]
 fn a_smoothing_spline_does_not_overshoot_in_gaps() {
     for (make, most) in [

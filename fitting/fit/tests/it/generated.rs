@@ -15,7 +15,7 @@ const COUNTS: [u32; 10] = [5, 7, 9, 11, 15, 21, 31, 51, 101, 200];
 pub(crate) struct Side {
     /// The readings of every run, one after the other.
     pub(crate) runs: Vec<Vec<f64>>,
-    /// What is true at a coordinate.
+    /// True value at a coordinate.
     pub(crate) truth: Box<dyn Fn(f64) -> f64>,
 }
 
@@ -43,7 +43,7 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
     (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
 }
 
-/// The curve number `index` of a seed.
+/// Line number `index` of a seed.
 pub(crate) fn generated(seed: u64, index: u32) -> Generated {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(u64::from(index));
@@ -53,7 +53,7 @@ pub(crate) fn generated(seed: u64, index: u32) -> Generated {
     let runs = random.random_range(1..=10);
     let range = 1000.0;
     let step = range / f64::from(count - 1);
-    // A third of the lines have targets off their even places, as ISO 230-2 asks for.
+    // A third of the lines have unevenly spaced targets, as ISO 230-2 requires.
     let jitter = if index.is_multiple_of(3) { 0.3 } else { 0.0 };
     let targets: Vec<f64> = (0..count)
         .map(|k| step * (f64::from(k) + jitter * (random.random::<f64>() - 0.5)))
@@ -83,8 +83,8 @@ pub(crate) fn generated(seed: u64, index: u32) -> Generated {
     }
 }
 
-/// The line number `index` of a seed whose targets are too sparse: the pitch error of its screw is shorter than two gaps between them, and not
-/// close to one gap, where no target can see it.
+/// Line number `index` of a seed with too sparse targets: the pitch of its screw is shorter than two gaps between them, and not close to
+/// one gap, where no target would show it.
 #[allow(dead_code, reason = "the tests of bands ask for it")]
 pub(crate) fn undersampled(seed: u64, index: u32) -> Generated {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -122,7 +122,7 @@ pub(crate) fn undersampled(seed: u64, index: u32) -> Generated {
     }
 }
 
-/// Waves, a polygon and steps, whose sum is a truth.
+/// Waves, a polygon and steps, whose sum is the true curve.
 #[derive(Clone, Default)]
 struct Truth {
     slope: f64,

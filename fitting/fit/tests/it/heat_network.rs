@@ -1,5 +1,5 @@
-//! A machine as a network of heat: masses that conduct to one another and to the room, a spindle that heats, a room that
-//! drifts. It shares no code with what it judges.
+//! A machine as a thermal network: masses that conduct heat to one another and to the room, a spindle that heats, a room that drifts. It
+//! shares no code with the fits under test.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,9 +17,9 @@ const CONDUCTION: [(usize, usize, f64); 5] = [
 ];
 /// Convection to the room, W/K.
 const CONVECTION: [f64; 6] = [4.0, 10.0, 14.0, 14.0, 30.0, 3.0];
-/// What a displacement of the tool takes of each mass, µm/K.
+/// Displacement of the tool by each mass, µm/K.
 const EFFECT: [f64; 6] = [1.2, 3.0, 4.0, -2.5, -1.5, 0.0];
-/// Rows of a run and their distance, s.
+/// Number of rows of a run, and their interval, s.
 const ROWS: usize = 360;
 const STEP_S: f64 = 60.0;
 const SECONDS: u32 = 60;
@@ -32,9 +32,9 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
 /// A run of six hours: temperatures of the six masses and the room, with noise, and the true ones.
 pub(crate) struct Simulated {
     pub(crate) time_s: Vec<f64>,
-    /// As sensors show them: bearing, head, upper column, bed, scale, room, and one in the cabinet that has no part.
+    /// Readings of the sensors: bearing, head, upper column, bed, scale, room, and one in the cabinet without effect.
     pub(crate) degc: Vec<Vec<f64>>,
-    /// As they are, of each mass.
+    /// True temperature of each mass.
     pub(crate) truth: Vec<Vec<f64>>,
 }
 
@@ -55,7 +55,7 @@ pub(crate) fn simulated(seed: u64) -> Simulated {
     };
     for row in 0..ROWS {
         let hours = row as f64 * STEP_S / 3600.0;
-        // The machine stood in its room before: the run begins with all at one temperature.
+        // All masses are at the temperature of the room when the run begins.
         let room = begun + swing * ((hours + phase).sin() - phase.sin()) + trend * hours;
         if row % 20 == 0 {
             watt = [0.0, 150.0, 400.0, 900.0][random.random_range(0..4)];
@@ -69,7 +69,7 @@ pub(crate) fn simulated(seed: u64) -> Simulated {
         for (all, degc) in found.degc.iter_mut().zip(shown) {
             all.push(degc + 0.03 * normal(&mut random));
         }
-        // A second at a time: no mass follows faster than minutes.
+        // Steps of one second; every mass has a time constant of minutes.
         for _ in 0..SECONDS {
             let mut flow = [0.0; 6];
             flow[0] += watt;

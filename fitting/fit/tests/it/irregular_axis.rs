@@ -32,7 +32,7 @@ fn moving_least_squares_residual_is_a_third_of_a_polynomial() {
         "{}",
         moving.max_abs()
     );
-    // Against the truth, between the targets as well.
+    // Against the truth, also between the targets.
     let (by_moving, by_polynomial) = (
         worst_between(&moving.curve),
         worst_between(&polynomial.curve),

@@ -1,4 +1,4 @@
-//! The leave-one-out error against fits that really leave a reading out.
+//! The leave-one-out error against refits without each reading.
 
 use nalgebra::{DMatrix, DVector};
 use volcomp_fit::curve::{BSpline, Curve};
@@ -8,7 +8,7 @@ use volcomp_fit::{
 
 use crate::{noisy, targets};
 
-/// Every target left out with all its readings, each of which is predicted.
+/// Leaves out every target with all its readings, and predicts each of these.
 fn brute_force(x: &[f64], u: &[f64], fit: impl Fn(&[f64], &[f64]) -> Result<Fit, FitError>) -> f64 {
     let square = |(target, reading): (&f64, &f64)| {
         let pairs = || x.iter().copied().zip(u.iter().copied());
@@ -18,8 +18,8 @@ fn brute_force(x: &[f64], u: &[f64], fit: impl Fn(&[f64], &[f64]) -> Result<Fit,
     (x.iter().zip(u).map(square).sum::<f64>() / x.len() as f64).sqrt()
 }
 
-/// Three lines that differ by more than the curve misses: the leave-one-out error of any kind stays above the residual of the
-/// same readings. With the mean of each target predicted in place of its readings it was a fraction of it.
+/// Three lines that differ by more than the error of the curve: the leave-one-out error of any kind is at least the residual of the same
+/// readings. Predicting the mean of each target instead of its readings gave a fraction of it.
 #[test]
 fn several_lines_do_not_make_it_less_than_the_residual() {
     let one = targets(21);
@@ -35,7 +35,7 @@ fn several_lines_do_not_make_it_less_than_the_residual() {
     ];
     for fit in fits {
         let fit = fit.unwrap();
-        // The lines alone leave 4 times the root mean square of −1, 0 and 1.
+        // The offsets of the lines alone leave 4 times the root mean square of −1, 0 and 1.
         let least = 4.0 * (2.0_f64 / 3.0).sqrt();
         let kind = fit.curve.kind();
         assert!(fit.rms() >= least * (1.0 - 1e-9), "{kind}: {}", fit.rms());
@@ -57,7 +57,7 @@ fn same(found: f64, expected: f64) {
 
 #[test]
 fn polynomial_with_runs() {
-    // Two runs, and a third that broke off: targets of unequal weight.
+    // Two complete runs and an incomplete one: targets of unequal weight.
     let x = [targets(11), targets(11), targets(11)[..4].to_vec()].concat();
     let u = noisy(&x, 1.0, 3, |x| (x / 1000.0).sin() * 10.0);
     let fit = |x: &[f64], u: &[f64]| fit_polynomial(x, u, 5, [0.0, 8000.0]);
@@ -78,7 +78,7 @@ fn fourier() {
     );
 }
 
-/// Everything solved anew without each target, the end targets too, by other code.
+/// Independent solutions without each target, including the end targets.
 #[test]
 fn moving_least_squares_with_its_half_width_kept() {
     let x = targets(21);
@@ -124,8 +124,7 @@ fn a_table_predicts_its_inner_targets() {
     same(found, (squares / 7.0).sqrt());
 }
 
-/// The penalised system solved anew without each row, at the smoothing parameter that gives the
-/// whole fit's residual.
+/// The penalised system is solved again without each row, at the smoothing parameter that gives the residual of the whole fit.
 #[test]
 fn a_spline_with_its_smoothing_kept() {
     let x: Vec<f64> = (0..15).map(|i| 100.0 * f64::from(i)).collect();

@@ -1,5 +1,5 @@
-//! Thermal tests that a logger samples more or less often, of a machine that is simulated every five seconds: the numbers, and what
-//! the terms leave where they are stepped in every cycle.
+//! Thermal tests logged at various intervals, on a machine simulated every five seconds: coefficients, and residual of the terms when they
+//! are stepped in every cycle.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,7 +10,7 @@ use volcomp_fit::{
 
 const STEP_S: f64 = 5.0;
 const HOURS: usize = 8;
-/// Steps in an hour.
+/// Steps per hour.
 const HOUR: usize = 720;
 
 /// Eight hours in steps of five seconds: spindle, bed, room, and a displacement of 3.2 µm/K of the spindle with a lag of 600 s less
@@ -58,7 +58,7 @@ fn world(seed: u64) -> World {
     }
 }
 
-/// A lag that is stepped as a machine steps it: its input holds for each short step.
+/// A lag stepped as on a machine: the input is constant during each short step.
 fn stepped(degc: &[f64], lag_s: f64) -> Vec<f64> {
     let mut value = degc[0];
     let follows = if lag_s > 0.0 {
@@ -83,11 +83,11 @@ fn steps(seconds: f64) -> usize {
     (seconds / STEP_S) as usize
 }
 
-/// What a logger writes of a world, with 0.1 µm of noise: a row each `every_s`, or at random intervals of 0.2 to 1.8 of that.
+/// Log of a world with 0.1 µm of noise: a row every `every_s`, or at random intervals of 0.2 to 1.8 of that.
 fn logged(world: &World, every_s: f64, is_regular: bool, seed: u64) -> ThermalRun {
     let mut random = ChaCha8Rng::seed_from_u64(seed + 1_000_000);
     let all = world.moved.len();
-    // The first row is that of the machine at one temperature, at which every lag starts.
+    // In the first row the machine is at one temperature, at which every lag starts.
     let mut rows = vec![0];
     loop {
         let share = if is_regular {
@@ -113,7 +113,7 @@ fn logged(world: &World, every_s: f64, is_regular: bool, seed: u64) -> ThermalRu
     .into()
 }
 
-/// Root mean square of what the terms leave of worlds that no logger saw, about its mean, stepped every five seconds.
+/// Root mean square residual of the terms about its mean, in worlds that were not logged, stepped every five seconds.
 fn at_run_time(terms: &ThermalTerms) -> f64 {
     let mut squares = Vec::new();
     for seed in 500..503 {
@@ -181,7 +181,7 @@ fn the_claimed_error_is_met_at_run_time_for_any_logger() {
                 run_time < 1.2 * claimed,
                 "{every_s} s: {run_time} of {claimed}"
             );
-            // Holding each row over the interval before it left 1.5 µm at run time of rows that are 300 s apart.
+            // Treating each row as constant over the interval before it left 1.5 µm at run time for rows 300 s apart.
             assert!(
                 run_time < if every_s < 200.0 { 0.12 } else { 0.3 },
                 "{run_time}"
@@ -196,8 +196,8 @@ fn the_claimed_error_is_met_at_run_time_for_any_logger() {
     }
 }
 
-/// A logger that stops for an hour while the spindle goes on: what the temperature did meanwhile is unknown, and no row
-/// that would need it counts until it is forgotten.
+/// A logger that stops for an hour while the spindle continues: the temperature in the gap is unknown, and rows that depend on it are
+/// excluded.
 #[test]
 fn a_gap_in_time_is_not_bridged() {
     let mut runs: Vec<ThermalRun> = (0..4).map(|s| logged(&world(s), 60.0, true, s)).collect();
@@ -213,7 +213,8 @@ fn a_gap_in_time_is_not_bridged() {
     let gaps = record.gaps(&search.lags_s);
     assert_eq!(gaps.len(), 1);
     assert_eq!((gaps[0].from_s, gaps[0].to_s), (10_740.0, 14_400.0));
-    // Of a step in the gap 1 − exp(−3660/5400) is in the slowest lag at its end, which goes down to a twentieth: by hand 5400·ln(9.845) s.
+    // At the end of the gap the slowest lag contains 1 − exp(−3660/5400) of a step in it, which decays to a twentieth in 5400·ln(9.845) s,
+    // computed by hand.
     let known = gaps[0].left_out.clone();
     assert_eq!(known.start, from);
     let behind_s = 60.0 * known.len() as f64;
@@ -221,7 +222,7 @@ fn a_gap_in_time_is_not_bridged() {
         (behind_s - 5400.0 * (20.0 * (1.0 - (-3660.0_f64 / 5400.0).exp())).ln()).abs() < 61.0,
         "{behind_s}"
     );
-    // Without a lag nothing is remembered; an irregular log has no gap; the rows left out have no part.
+    // Without a lag no row depends on a gap; an irregular log has no gap; excluded rows have no effect.
     assert!(
         record
             .gaps(&[0.0])
@@ -258,7 +259,7 @@ fn a_gap_in_time_is_not_bridged() {
         };
         assert!((number.value - truth).abs() < 0.02, "{number:?}");
     }
-    // A run that is all but its beginning a gap says how many rows are known.
+    // For a run that is a gap except for its beginning, the message states the number of known rows.
     runs[1]
         .record
         .time_s

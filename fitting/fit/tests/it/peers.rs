@@ -8,7 +8,7 @@ use volcomp_fit::{Fit, fit_bspline, fit_chebyshev, fit_cubic_table, fit_mls, fit
 
 use crate::{noisy, targets};
 
-/// What the script makes of the readings; `None` where there is no Python.
+/// Results of the script for these readings; `None` without Python.
 fn peer(given: &Value) -> Option<Value> {
     let python = volcomp_test_support::peers::python()?;
     let script = volcomp_test_support::root().join("fitting/fit/tests/reference/fits.py");
@@ -30,8 +30,8 @@ fn peer(given: &Value) -> Option<Value> {
     Some(serde_json::from_slice(&output.stdout).unwrap())
 }
 
-/// Values at 101 places and the leave-one-out error, of three runs and one that broke off. Least squares, moving least squares and the
-/// table agree but for rounding. The smoothing of the spline is searched to 0.01 in its logarithm here, to 1e-6 there.
+/// Values at 101 places and the leave-one-out error, of three runs and an incomplete one. Least squares, moving least squares and the table
+/// agree up to rounding. The smoothing of the spline is searched to 0.01 in its logarithm here, to 1e-6 there.
 #[test]
 fn every_kind_is_that_of_numpy_and_scipy() {
     for (seed, order, support) in [(1, 6, 0.6), (2, 4, 1.0 / 3.0), (3, 3, 0.3)] {

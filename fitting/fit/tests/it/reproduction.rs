@@ -12,7 +12,7 @@ const RANGE: [f64; 2] = [0.0, 8000.0];
 #[test]
 fn order_eight_over_eight_metres() {
     let x = targets(41);
-    // The Chebyshev polynomial T8 has the worst powers of all.
+    // The powers of the Chebyshev polynomial T8 are the worst conditioned.
     let f = |x: f64| 50.0 * (8.0 * (x / 4000.0 - 1.0).clamp(-1.0, 1.0).acos()).cos();
     let fit = fit_polynomial(&x, &at(&x, f), 8, RANGE).unwrap();
     let Curve::Polynomial(polynomial) = &fit.curve else {

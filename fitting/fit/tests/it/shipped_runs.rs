@@ -11,7 +11,7 @@ const RUNS: [(&str, u64); 4] = [
     ("wednesday.csv", 3),
     ("thursday.csv", 4),
 ];
-/// Columns of the file and the sensors of the simulated machine that they hold.
+/// Columns of the file, and the index of each sensor on the simulated machine.
 const SENSORS: [(&str, usize); 5] = [
     ("bearing", 0),
     ("head", 1),
@@ -48,7 +48,7 @@ fn file(seed: u64) -> String {
     text
 }
 
-/// With `VOLCOMP_WRITE` in the environment the files are written first.
+/// If `VOLCOMP_WRITE` is set in the environment, the files are written first.
 #[test]
 fn shipped_runs_are_those_of_the_simulated_machine() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/thermal");

@@ -4,8 +4,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_fit::{FitError, ThermalOptions, ThermalRecord, fit_thermal};
 
-/// Three sensors that wander; the displacement is 2 um/K of the first with a lag of 900 s, less 3 um/K of the
-/// second at once, 1 um at the start, and noise; the third has no part in it.
+/// Three sensors that drift randomly. The displacement is 2 µm/K of the first with a lag of 900 s, minus 3 µm/K of the second without a
+/// lag, plus 1 µm at the start and noise; the third has no effect.
 fn record(rows: u32, noise_um: f64, seed: u64) -> ThermalRecord {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let time_s: Vec<f64> = (0..rows).map(|i| 20.0 * f64::from(i)).collect();

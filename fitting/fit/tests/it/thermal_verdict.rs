@@ -1,4 +1,4 @@
-//! Whether thermal terms are worth having, on many drawn tests.
+//! Verdicts on thermal terms over many random tests.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -7,8 +7,8 @@ use volcomp_fit::{
     judge_thermal_runs,
 };
 
-/// Four tests with this number of rows, one a minute: the temperature of the spindle goes up and down by 10 K, the displacement is this many µm/K of it
-/// and noise of 0.2 µm.
+/// Four tests with this number of rows, one per minute: the spindle temperature rises and falls by 10 K, and the displacement is `um_per_k`
+/// times this temperature plus noise of 0.2 µm.
 fn tests(rows: u32, seed: u64, um_per_k: f64) -> Vec<ThermalRun> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut draw = move || random.random_range(-1.0..1.0_f64);
@@ -32,8 +32,8 @@ fn tests(rows: u32, seed: u64, um_per_k: f64) -> Vec<ThermalRun> {
     (0..4).map(test).collect()
 }
 
-/// 3 µm/K, no lag: terms with lags predict as well as those without, and must never be refused for noise. Where temperatures move
-/// nothing, terms are good by chance only.
+/// At 3 µm/K without a lag, terms with lags predict as well as those without, and must never be rejected because of noise. If temperatures
+/// have no effect, terms are accepted by chance only.
 #[test]
 fn useful_terms_are_accepted_and_useless_ones_rejected() {
     let search = ThermalSearch::default();
@@ -49,7 +49,7 @@ fn useful_terms_are_accepted_and_useless_ones_rejected() {
     assert!(by_chance <= 2, "{by_chance} of 40");
 }
 
-/// Of a single test the first rows predict the others.
+/// The first rows of a single test predict the others.
 #[test]
 fn a_single_test_is_judged_by_its_last_rows() {
     let run = tests(360, 1, 3.0).remove(0);

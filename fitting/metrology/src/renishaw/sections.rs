@@ -177,10 +177,8 @@ fn raw_rows<'t>(
     Ok(rows)
 }
 
-/// Meaning of the middle column of DEVIATIONS, decided once for the whole file.
-///
-/// Meaning of the middle column: the number of the target in the list (from 1) if every row permits this, else the
-/// target itself.
+/// Meaning of the middle column of DEVIATIONS, decided once for the whole file: the number of the target in the list (from 1) if every row
+/// permits this, else the target itself.
 enum TargetColumn {
     Number,
     Value,

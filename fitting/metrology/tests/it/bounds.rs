@@ -1,5 +1,5 @@
-//! How far noise reaches, against the bound of Cramér and Rao: no unbiased way of evaluating the same readings scatters less, since nothing is
-//! assumed of the course of a guideway or of a tilt between targets. The bound is the inverse of Fisher's information.
+//! Spread of results due to noise, against the Cramér–Rao bound: no unbiased evaluation of the same readings scatters less, since nothing
+//! is assumed about the shape of a guideway or of a tilt between targets. The bound is the inverse of Fisher's information.
 
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -12,10 +12,10 @@ use volcomp_metrology::{
 use volcomp_vocabulary::{Direction, ErrorName, Urad};
 
 const DRAWS: usize = 1500;
-/// With this number of samples a standard deviation is known within 2 %.
+/// Accepted ratio to the bound: with this number of samples a standard deviation is known within 2 %.
 const AS_GOOD: std::ops::RangeInclusive<f64> = 0.9..=1.1;
 
-/// Standard deviations of what is linear in the parameters (a row of `wanted` each), of readings that are linear in the parameters (a
+/// Standard deviations of linear functions of the parameters (a row of `wanted` each), from readings that are linear in the parameters (a
 /// row of `design` each) with this noise.
 fn bound(design: &DMatrix<f64>, wanted: &DMatrix<f64>, noise: f64) -> DVector<f64> {
     let information = design.transpose() * design / (noise * noise);
@@ -43,7 +43,7 @@ fn read(truth: &[(f64, f64)], runs: u32, noise: f64, rng: &mut ChaCha8Rng) -> Me
     }
 }
 
-/// The spread of errors over many draws by the bound.
+/// Ratio of the spread of errors over many samples to the bound.
 fn ratio(bound: &DVector<f64>, seed: u64, error: impl Fn(&mut ChaCha8Rng) -> Vec<f64>) -> f64 {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let squares: f64 = (0..DRAWS)
@@ -120,7 +120,7 @@ fn squareness_from_two_lines_scatters_as_little_as_it_can() {
         let places: Vec<f64> = (0..targets)
             .map(|k| length_mm * f64::from(k) / f64::from(targets - 1))
             .collect();
-        // Intercept and slope of either line; wanted is the sum of the slopes, µrad.
+        // Intercept and slope of each line; the requested quantity is the sum of the slopes, µrad.
         let count = places.len();
         let design = DMatrix::from_fn(2 * count, 4, |row, column| {
             let own = column / 2 == row / count;
@@ -185,7 +185,7 @@ fn angles_from_parallel_lines_scatter_as_little_as_they_can() {
         let ratio = ratio(&least, 3, error);
         assert!(AS_GOOD.contains(&ratio), "{} lines: {ratio}", offsets.len());
         if offsets.len() == 3 {
-            // Closed: √2 of the noise over the lever, µrad.
+            // Closed form: √2 times the noise over the lever, µrad.
             let closed = (2.0 / f64::from(runs)).sqrt();
             assert!((least[0] / closed - 1.0).abs() < 1e-9, "{}", least[0]);
         }

@@ -117,7 +117,7 @@ fn two_runs_and_rounded_readings_give_no_hint() {
     assert_eq!(outlier_hints(&rounded), []);
 }
 
-/// A parabola with this deviation, µm, at its middle about a line of 5 mm from the optics.
+/// A parabola with this deviation, µm, at its middle, on a line of 5 mm due to the alignment of the optics.
 fn straightness(middle_um: f64) -> Measurement {
     let mut text = String::from("target,deviation_um\n");
     for step in 0..=10 {

@@ -1,4 +1,4 @@
-//! ISO 230-4 on circles of a machine whose errors are known: positions are moved about, not their radial deviations.
+//! ISO 230-4 on circles of a machine with known errors, which displace positions, not radial deviations.
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
@@ -14,26 +14,26 @@ use crate::samples::near;
 
 const RADIUS_MM: f64 = 150.0;
 
-/// The errors of a machine with the axes X and Y.
+/// Errors of a machine with the axes X and Y.
 #[derive(Clone, Copy, Default)]
 struct Machine {
     centre_um: [f64; 2],
-    /// Y turned away from X, µrad.
+    /// Rotation of Y away from X, µrad.
     squareness: f64,
-    /// µm/m.
+    /// Scale errors, µm/m.
     scales: [f64; 2],
-    /// B, µm.
+    /// Reversal values B, µm.
     backlash: [f64; 2],
-    /// The delay of each axis as the arc of the path that it takes, µm.
+    /// Lag of each axis as a length of the path, µm.
     lag: [f64; 2],
-    /// Overshoot where an axis turns round, µm.
+    /// Overshoot at reversals of an axis, µm.
     spikes: [f64; 2],
 }
 
 const SPIKE_DEG: f64 = 2.0;
 
 impl Machine {
-    /// Where the tool is at an angle of the path, mm.
+    /// Position of the tool at an angle of the path, mm.
     fn position(&self, angle: f64, sense: Sense) -> [f64; 2] {
         let d = sense.sign();
         let at = |lag_um: f64| angle - d * lag_um * 1e-3 / RADIUS_MM;
@@ -88,7 +88,7 @@ fn found(signatures: &Signatures, kind: SignatureKind) -> (f64, f64) {
     (one.size, one.uncertainty)
 }
 
-/// What each signature is, by the machine.
+/// Expected size of each signature.
 fn expected(machine: &Machine) -> [(SignatureKind, f64); 7] {
     [
         (SignatureKind::Squareness, machine.squareness),
@@ -98,7 +98,7 @@ fn expected(machine: &Machine) -> [(SignatureKind, f64); 7] {
         ),
         (SignatureKind::BacklashFirst, machine.backlash[0]),
         (SignatureKind::BacklashSecond, machine.backlash[1]),
-        // The radius at 45° grows by half of what X lags behind more than Y.
+        // The radius at 45° grows by half of the lag of X minus that of Y.
         (
             SignatureKind::ServoMismatch,
             0.5 * (machine.lag[0] - machine.lag[1]),
@@ -124,8 +124,7 @@ fn recovered(machine: &Machine, noise_um: f64, seed: u64) -> Signatures {
     signatures
 }
 
-/// Beyond one turn a part of the circle comes twice: one turn is evaluated, whatever the overshoot, the form of the table and
-/// the number of senses, and the rest is named.
+/// Of more than one turn a single one is evaluated, for any overshoot, form of the table and number of senses, and a note names the rest.
 #[test]
 fn one_turn_is_evaluated_and_the_rest_is_noted() {
     let machine = Machine {
@@ -139,7 +138,7 @@ fn one_turn_is_evaluated_and_the_rest_is_noted() {
         let mut text = if by_angle { "angle,deviation" } else { "x,y" }.to_owned();
         text += if stated { ",direction\n" } else { "\n" };
         for (sense, turned) in Sense::BOTH.into_iter().zip(turned) {
-            // No sum of steps ends in half a degree, which a message rounds up or down.
+            // No sum of steps ends in half a degree, which a message could round up or down.
             let steps = (0_u32..).map(|step| f64::from(step) * 0.4);
             for at in steps.take_while(|at| *at <= turned + 0.1) {
                 // A ballbar feeds in before 0°.
@@ -180,7 +179,7 @@ fn one_turn_is_evaluated_and_the_rest_is_noted() {
             for turned in [450.0, 540.0, 720.0, 800.0] {
                 let (found, trace) = evaluated([turned, turned], by_angle, stated);
                 for (found, one) in found.g_um.into_iter().zip(one.g_um) {
-                    // Reversal spikes are sampled every 0.4°, and at other angles of each turn.
+                    // Reversal spikes are sampled every 0.4°, at other angles in each turn.
                     near(found.unwrap(), one.unwrap(), 0.05);
                 }
                 near(found.g_b_um.unwrap(), one.g_b_um.unwrap(), 0.02);
@@ -288,7 +287,7 @@ fn all_signatures_together_are_recovered_over_many_seeds() {
     }
 }
 
-/// The stated uncertainty holds: about 95 % of the sizes lie within it.
+/// About 95 % of the sizes are within the stated uncertainty.
 #[test]
 fn the_uncertainty_of_a_signature_matches_simulations() {
     let machine = Machine {
@@ -306,7 +305,7 @@ fn the_uncertainty_of_a_signature_matches_simulations() {
     assert!((180..=199).contains(&within), "{within}");
 }
 
-/// An ellipse with the half axes R ± 5 µm, off its place by 40 and −30 µm: G = G(b) = 10 µm, F = ±5 µm, D = 0.
+/// An ellipse with the half axes R ± 5 µm, displaced by 40 and −30 µm: G = G(b) = 10 µm, F = ±5 µm, D = 0.
 #[test]
 fn deviations_of_an_ellipse_by_hand() {
     let machine = Machine {
@@ -323,7 +322,7 @@ fn deviations_of_an_ellipse_by_hand() {
     }
     near(found.g_b_um.unwrap(), 10.0, 0.01);
     near(found.d_um.unwrap(), 0.0, 0.01);
-    // The centre of positions is taken out when they are read.
+    // The centre of positions is removed when they are read.
     near(found.centre_um[0].hypot(found.centre_um[1]), 0.0, 0.01);
     assert!(
         trace.notes[0].contains("0.0400, -0.0300 mm"),
@@ -373,7 +372,7 @@ fn the_sense_follows_the_order_of_rows_and_one_sense_determines_less() {
         assert!(trace.points.iter().all(|p| p.sense == sense));
         let deviations = circular_deviations(&trace).unwrap();
         assert_eq!((deviations.g_b_um, deviations.d_um), (None, None));
-        // Without a stated radius nothing is known of F.
+        // Without a stated radius F is unknown.
         assert_eq!(deviations.f_max_um, [None; 2]);
         let signatures = circular_signatures(&trace).unwrap();
         let kinds: Vec<_> = signatures.ranked.iter().map(|s| s.kind).collect();
@@ -420,14 +419,14 @@ fn tables_that_are_no_circle_are_refused() {
     assert!(circular_signatures(&trace).is_err());
 }
 
-/// Encoders jitter: 50 points at a standstill are run in no other sense, neither before the circle, nor within it, nor after it.
+/// Encoders jitter: 50 points at a standstill before, within or after the circle are assigned to no other sense.
 #[test]
 fn a_standstill_changes_no_sense() {
     let table = |stands: &[usize]| {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
         let jitter = Normal::new(0.0, 1e-4).unwrap();
         let mut text = "x,y\n".to_owned();
-        // Once round counter-clockwise, and back.
+        // One turn counter-clockwise, and back.
         for k in 0..=1440_usize {
             let angle = TAU * (720 - k.abs_diff(720)) as f64 / 720.0;
             let [x, y] = [RADIUS_MM * angle.cos(), RADIUS_MM * angle.sin()];
@@ -462,7 +461,7 @@ fn a_standstill_changes_no_sense() {
             near(one.g_um[k].unwrap(), other.g_um[k].unwrap(), 1.0);
         }
     }
-    // Where the path turns round, the points of the stand alone may belong to either.
+    // Where the path reverses, only the points at standstill may belong to either sense.
     let with = table(&[720]);
     for (k, point) in with.points.iter().enumerate() {
         if k < 720 {
@@ -508,8 +507,7 @@ fn a_column_of_radii_is_not_read_as_deviations() {
     }
 }
 
-/// On an arc that does not pass a place where an axis turns round, nothing is known of the spike there; all else is found as it was
-/// put in. Before, spikes of 1e41 µm were reported.
+/// On an arc that does not pass a reversal of an axis, the spike there is unknown; all other signatures are recovered.
 #[test]
 fn spikes_outside_an_arc_are_not_estimated() {
     let machine = Machine {
@@ -524,7 +522,7 @@ fn spikes_outside_an_arc_are_not_estimated() {
     ] {
         let mut text = String::from("x,y,direction\n");
         for sense in Sense::BOTH {
-            // None of them at a place where an axis turns round.
+            // None of the points is at a reversal of an axis.
             let steps = (0..441).map(|step| (f64::from(step) + 0.3) / 441.0);
             for share in steps {
                 let share = if sense.sign() > 0.0 {

@@ -7,8 +7,8 @@ use crate::samples::near;
 const EDGES: [f64; 3] = [800.0, 600.0, 500.0];
 const RUNS: u32 = 2;
 
-/// The deviation along a diagonal of a machine with three squarenesses (µrad), scales (µm/m) and a reversal of X (µm), by moving the
-/// corner points themselves.
+/// Deviation along a diagonal of a machine with three squareness errors (µrad), scale errors (µm/m) and a reversal value of X (µm), from
+/// its displaced corner points.
 struct Known {
     ec0y: f64,
     ea0z: f64,
@@ -24,7 +24,7 @@ impl Known {
         let lengths: [f64; 3] = std::array::from_fn(|k| EDGES[k] * signs[k].abs());
         let length = lengths.iter().map(|l| l * l).sum::<f64>().sqrt();
         let unit: [f64; 3] = std::array::from_fn(|k| signs[k] * lengths[k] / length);
-        // Each diagonal starts where its moving axes have the ends that it runs away from.
+        // Each diagonal starts at the ends from which its moving axes move away.
         let start: [f64; 3] = std::array::from_fn(|k| if signs[k] < 0.0 { EDGES[k] } else { 0.0 });
         let mut readings = Vec::new();
         for run in 1..=RUNS {

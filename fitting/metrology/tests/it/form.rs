@@ -1,4 +1,4 @@
-//! Circles, planes and lines against closed forms, searches without any idea and published numbers.
+//! Circles, planes and lines against closed forms, brute-force searches and published numbers.
 
 use std::f64::consts::TAU;
 
@@ -26,7 +26,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// From any quaternion but zero.
+    /// A motion from any non-zero quaternion and a shift.
     pub(crate) fn new([w, x, y, z]: [f64; 4], shift: Point) -> Self {
         let n = (w * w + x * x + y * y + z * z).sqrt();
         let [w, x, y, z] = [w / n, x / n, y / n, z / n];
@@ -115,8 +115,8 @@ fn lobes_have_twice_their_amplitude() {
     }
 }
 
-/// Published: W. Gander, G. H. Golub, R. Strebel, Least-squares fitting of circles and ellipses, BIT 34 (1994) 558–578:
-/// six points, the circle of least distances.
+/// Published: W. Gander, G. H. Golub, R. Strebel, Least-squares fitting of circles and ellipses, BIT 34 (1994) 558–578: six points, the
+/// least-squares circle.
 #[test]
 fn the_circle_of_gander_golub_and_strebel() {
     let points = [(1, 7), (2, 6), (5, 8), (7, 7), (9, 5), (3, 7)];
@@ -146,7 +146,7 @@ fn ring_width(points: &[Point], x: f64, y: f64) -> f64 {
     high - low
 }
 
-/// Grids about the best centre so far, each finer: on the first one the whole neighbourhood is searched.
+/// Grid search about the best centre so far, successively finer; the first grid covers the whole neighbourhood.
 fn ring_by_grid(points: &[Point], start: [f64; 2], reach: f64) -> f64 {
     const STEPS: i32 = 40;
     let (mut centre, mut reach) = (start, reach);
@@ -174,7 +174,7 @@ fn ring_by_grid(points: &[Point], start: [f64; 2], reach: f64) -> f64 {
 #[test]
 fn the_minimum_zone_ring_is_that_of_a_search_over_grids() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    // From profiles of a workpiece to ones that are hardly round.
+    // From profiles of a workpiece to hardly round ones.
     for size in [0.003, 0.05, 1.0, 5.0] {
         let points = rough(&mut rng, 37, size);
         let form = evaluate_form(&points, CIRCLE_XY).unwrap();
@@ -186,8 +186,8 @@ fn the_minimum_zone_ring_is_that_of_a_search_over_grids() {
     }
 }
 
-/// Of the narrowest ring two points at least touch the outer and two the inner circle, and they alternate: no half plane
-/// through the centre separates the outer ones from the inner ones.
+/// At least two points touch the outer circle of the narrowest ring and two the inner one, and they alternate: no half plane through the
+/// centre separates the outer ones from the inner ones.
 #[test]
 fn the_contacts_of_a_ring_alternate() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -364,7 +364,7 @@ fn straightness_in_a_plane_is_the_narrowest_of_all_strips() {
 #[test]
 fn a_helix_about_a_line_has_its_diameter() {
     let motion = Motion::random(&mut ChaCha8Rng::seed_from_u64(8), 1e5);
-    // Two threads opposite each other, so that the line of least squares is in their middle.
+    // Two opposite threads, so that the least-squares line is in their middle.
     let threads = [0.004, -0.004].into_iter();
     let points: Vec<Point> = threads
         .flat_map(|r| (0..400).map(move |k| (r, f64::from(k))))
@@ -376,7 +376,7 @@ fn a_helix_about_a_line_has_its_diameter() {
     near(form.axis.unwrap().length_mm(), 1197.0, 1e-9);
     assert_eq!(form.minimum_zone, None);
 
-    // A step to one side and back is symmetric, so that the line of least squares is known: the mean.
+    // A step to one side and back is symmetric, so that the least-squares line is known: the mean.
     let step = [(0.0, 0.01), (100.0, -0.01), (200.0, -0.01), (300.0, 0.01)];
     let points = step.map(|(s, h)| [s, 0.0, h]);
     let form = evaluate_form(&points, Feature::Line { plane: None }).unwrap();

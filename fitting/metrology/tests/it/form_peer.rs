@@ -14,7 +14,7 @@ use volcomp_metrology::form::{CoordinatePlane, Feature, evaluate_form};
 use crate::form::{Motion, Point};
 use crate::samples::near;
 
-/// The numbers of the script; `None` where there is no Python.
+/// Results of the script; `None` without Python.
 fn scipy(feature: &str, points: &[Point]) -> Option<Vec<f64>> {
     let python = volcomp_test_support::peers::python()?;
     let script = volcomp_test_support::root().join("fitting/metrology/tests/reference/form.py");

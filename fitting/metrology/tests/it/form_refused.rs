@@ -1,4 +1,4 @@
-//! Points and tables that are refused, with their messages.
+//! Rejected points and tables, with their messages.
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -82,7 +82,7 @@ fn points_that_do_not_determine_the_feature() {
         .collect();
     assert!(refused(&cube, ALL[2]).contains("as high as they are broad"));
     assert!(refused(&cube, ALL[0]).contains("do not lie near a plane"));
-    // Along x in the plane of y and z every point is the same.
+    // Points along x coincide in the plane of y and z.
     let along_x = Feature::Line {
         plane: Some(CoordinatePlane::Yz),
     };
@@ -132,7 +132,7 @@ x,y,z\n1,2\n | p.csv:2:
     }
 }
 
-/// Points on a coarse grid are often doubled, in line, in a plane or in a circle; some coordinates are huge, tiny or none.
+/// Points on a coarse grid often coincide, or are on a line, in a plane or on a circle; some coordinates are huge, tiny or not finite.
 #[test]
 fn arbitrary_points_give_a_finite_result_or_an_error() {
     let mut rng = ChaCha8Rng::seed_from_u64(31);

@@ -214,7 +214,8 @@ proptest! {
     }
 }
 
-/// Points that were taken at a few heights in turn, a little oval: every n-th of them is of one height, which makes no cone.
+/// Points taken at a few heights in turn on a slightly oval part: every n-th of them has the same height, and such a selection determines
+/// no cone.
 #[test]
 fn heights_in_turn_make_a_cone() {
     let slope = 15.0_f64.to_radians();

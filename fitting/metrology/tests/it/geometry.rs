@@ -1,4 +1,4 @@
-//! Straightness, squareness and Abbe against rigid bodies that are moved about.
+//! Straightness, squareness and Abbe's principle against displaced rigid bodies.
 
 use volcomp_metrology::{
     CarriedSide, ReferenceLine, Rides, TiltReading, Travel, abbe_um, angular_method_um, lever_mm,
@@ -50,7 +50,7 @@ fn rotated(v: Vector, w: Vector) -> Vector {
     )
 }
 
-/// Where the carriage's error motion (δ in mm, ε in rad, stated at `c`) takes a point given at axis position 0.
+/// Position of a point, given at axis position 0, after the error motion of the carriage (δ in mm, ε in rad, stated at `c`).
 fn disturbed(p: Vector, delta: Vector, epsilon: Vector, c: Vector) -> Vector {
     add(add(c, delta), rotated(sub(p, c), epsilon))
 }
@@ -90,7 +90,7 @@ fn near(found: Vector, expected: Vector) {
 
 #[test]
 fn a_point_on_the_carriage_moves_with_it() {
-    // The carriage carries the point to m + u q and tilts there about its own point: the distance is m − c.
+    // The carriage moves the point to m + u q and tilts there about its own point: the lever is m − c.
     for side in [CarriedSide::Tool, CarriedSide::Workpiece] {
         near(
             model_deviation_um(Rides::Carriage, side),
@@ -101,13 +101,13 @@ fn a_point_on_the_carriage_moves_with_it() {
 
 #[test]
 fn a_fixed_point_meets_another_place_of_the_carriage_at_each_position() {
-    // Tool-side axis: the place of the carriage that passes the fixed point was u q behind it at zero.
+    // Tool-side axis: the point of the carriage that passes the fixed point was u q behind it at position zero.
     let passing = sub(POINT, scaled(DIRECTION, POSITION_MM));
     near(
         model_deviation_um(Rides::Other, CarriedSide::Tool),
         rigid_body_deviation_um(passing),
     );
-    // Workpiece-side axis: a fixed tool point runs +u q over the table, which is what `E?N` describes.
+    // Workpiece-side axis: a fixed tool point moves by +u q over the table, which is what `E?N` describes.
     let reached = add(POINT, scaled(DIRECTION, POSITION_MM));
     near(
         model_deviation_um(Rides::Other, CarriedSide::Workpiece),
@@ -128,7 +128,7 @@ fn axis_of(letter: u8) -> Vector {
     std::array::from_fn(|i| f64::from(u8::from(i == usize::from(letter - b'X'))))
 }
 
-/// A bridge (a rigid body) is laid foot to foot along a known profile; its tilt as a rotation vector gives the reading.
+/// A bridge (a rigid body) is moved foot to foot along a known profile; its tilt as a rotation vector gives the reading.
 #[test]
 fn bridge_readings_give_the_profile_back_for_every_error() {
     let bridge_mm = 100.0;
@@ -240,7 +240,7 @@ fn a_line_needs_two_targets() {
     insta::assert_snapshot!(ReferenceLine::least_squares(&[(1.0, 2.0)]).unwrap_err(), @"least-squares reference line: points: found 1, expected at least two different targets");
 }
 
-/// Two axis lines that are really out of square, measured against beams that are out of square in their own way.
+/// Two axis lines that are out of square, measured against beams that are out of square by another angle.
 #[test]
 fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
     // For each pair: first axis p, second axis s, the axis of rotation from p to s, and the error's name.
@@ -257,9 +257,9 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
             "EA0Z" => [1.0, 0.0, 0.0],
             _ => [0.0, 1.0, 0.0],
         };
-        // The first axis runs true; the second is turned by the squareness error, right-handed.
+        // The first axis is aligned; the second is rotated by the squareness error, right-handed.
         let second_line = rotated(unit(s), scaled(rotation, out_urad * 1e-6));
-        // Beam p is turned within the plane by `beam`, beam s is at π/2 + reference to it.
+        // Beam p is rotated within the plane by `beam`, beam s is at π/2 + reference to it.
         let turned = |angle: f64| add(scaled(unit(p), angle.cos()), scaled(unit(s), angle.sin()));
         let beam_p = turned(beam_urad * 1e-6);
         let beam_s = turned((beam_urad + reference_urad) * 1e-6 + std::f64::consts::FRAC_PI_2);
@@ -286,7 +286,7 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
     }
 }
 
-/// Against the angle between two lines of which one is turned: every tilt of X, Y and Z about every direction.
+/// Against the angle between two lines of which one is rotated: every tilt of X, Y and Z about every direction.
 #[test]
 fn a_tilt_opens_or_closes_the_angle_of_its_axes() {
     const URAD: f64 = 100.0;
@@ -321,13 +321,13 @@ fn squareness_of_invalid_names_is_refused() {
     assert!(squareness(named("EC0Y"), Urad(0.0), [slopes[0]; 2]).is_err());
 }
 
-/// The width of the narrowest strip around a slope, by looking at every point.
+/// Width of the narrowest strip of a given slope, by checking every point.
 fn width(points: &[(f64, f64)], slope: f64) -> f64 {
     let heights = || points.iter().map(|(q, x)| x - slope * q);
     heights().fold(f64::NEG_INFINITY, f64::max) - heights().fold(f64::INFINITY, f64::min)
 }
 
-/// The narrowest strip against brute force: the slopes through all pairs of points, and a search in ever narrower steps.
+/// The narrowest strip against brute force: the slopes through all pairs of points, and a successively finer search.
 #[test]
 fn the_minimum_zone_is_that_of_brute_force() {
     let mut state = 1_u64;
@@ -381,7 +381,7 @@ fn the_minimum_zone_is_that_of_brute_force() {
             assert!((found - width(&points, 0.5 * (low + high))).abs() < 1e-9);
         }
     }
-    // Two values at one target, and a point that is the same twice.
+    // Two values at one target, and a repeated point.
     let doubled = [
         (0.0, 0.0),
         (0.0, 2.0),

@@ -17,7 +17,7 @@ fn truth(target: usize, direction: Direction) -> f64 {
     0.2 * x * x - 1.7 * x + (1.3 * x).sin() + reversal * (1.0 + 0.1 * x)
 }
 
-/// Runs 1, 2, … with these offsets, both ways over all targets that `holds` (run, direction, target) accepts.
+/// Runs 1, 2, … with these offsets, in both directions over all targets that `holds` (run, direction, target) accepts.
 fn measured(
     offsets: &[f64],
     holds: impl Fn(u32, Direction, usize) -> bool,
@@ -42,7 +42,7 @@ fn measured(
     }
 }
 
-/// Mean curves minus the truth, forward and backward: the same constant at each target if no run makes a step.
+/// Mean curves minus the truth, forward and backward: the same constant at each target if no run causes a step.
 fn errors(measurement: &Measurement) -> Vec<f64> {
     let of = |direction| {
         let curve = measurement.mean_curve_in(direction).into_iter();
@@ -58,7 +58,7 @@ fn range(values: &[f64]) -> f64 {
     largest - values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// Without noise the curve of both directions is the truth but for one constant, whichever readings are missing.
+/// Without noise the curve of both directions is the truth up to one constant, whichever readings are missing.
 #[test]
 fn runs_that_lack_targets_make_no_step_and_no_reversal() {
     type Holds = fn(u32, Direction, usize) -> bool;
@@ -147,7 +147,7 @@ fn two_runs_follow_the_closed_form() {
             "{target}: {mean} {expected}"
         );
     }
-    // ISO 230-2 takes the readings as they are.
+    // ISO 230-2 uses the readings as they are.
     let iso = evaluate(&measurement).unwrap();
     assert_eq!(
         iso.targets[5].forward.unwrap().mean,
@@ -156,7 +156,7 @@ fn two_runs_follow_the_closed_form() {
     assert_eq!(iso.targets[6].forward.unwrap().mean, read(1, 6));
 }
 
-/// Forward and backward passes that were zeroed separately: neither branch has a step, and the reversal is that of the readings.
+/// Forward and backward passes with separate zeros: neither branch has a step, and the reversal is that of the readings.
 #[test]
 fn passes_with_zeros_of_their_own_make_no_step() {
     let own = |run, way, _| f64::from(run) * if way == Positive { 20.0 } else { -35.0 };
@@ -167,7 +167,7 @@ fn passes_with_zeros_of_their_own_make_no_step() {
     assert!(range(forward) < 1e-9 && range(backward) < 1e-9);
     // Means of the zeros: 40 and −70.
     assert!((forward[0] - backward[0] - 110.0).abs() < 1e-9);
-    // Passes numbered one after the other, so that no number has both directions: as it was.
+    // Passes numbered consecutively, so that no number has both directions: unchanged.
     let mut one_by_one = measured(&[5.0, 9.0], |_, _, _| true, own);
     for reading in &mut one_by_one.readings {
         reading.run = 2 * reading.run - u32::from(reading.direction == Positive);
@@ -175,7 +175,8 @@ fn passes_with_zeros_of_their_own_make_no_step() {
     assert!(matches!(one_by_one.completed_readings(), Cow::Borrowed(_)));
 }
 
-/// A run that drifts has no constant offset. What is left where it ends is half its drift over the common targets, shared by the runs.
+/// A run that drifts has no constant offset. The remaining step where it ends is half its drift over the common targets, shared by the
+/// runs.
 #[test]
 fn a_drift_leaves_only_its_own_part_of_the_step() {
     let drift = |run: u32, _, target: usize| if run == 2 { 0.4 * target as f64 } else { 0.0 };
@@ -185,7 +186,7 @@ fn a_drift_leaves_only_its_own_part_of_the_step() {
     assert!((step - 0.5 * (0.4 * 2.5)).abs() < 1e-9, "{step}");
 }
 
-/// The scatter of runs with ends is that of the readings about the common curve, not that of the steps.
+/// The scatter of incomplete runs is that of the readings about the common curve, without the steps.
 #[test]
 fn the_scatter_has_no_step_in_it() {
     let noise =
@@ -261,7 +262,7 @@ fn layout() -> impl Strategy<Value = Measurement> {
 }
 
 proptest! {
-    /// A constant in all readings of a run moves the whole curve by one constant, and changes neither reversal nor scatter.
+    /// A constant in all readings of a run shifts the whole curve by one constant, and changes neither reversal nor scatter.
     #[test]
     fn offsets_of_runs_do_not_change_the_curve(measurement in layout(), run in 0..5_u32, offset in -1e3..1e3_f64) {
         let mut moved = measurement.clone();
@@ -281,8 +282,8 @@ proptest! {
         }
     }
 
-    /// Least squares of reading = target + run: completed by the fit, the two-way table leaves no residual where a reading was missing, and its means
-    /// are the curve but for a constant.
+    /// Least squares of reading = target + run: completed by the fit, the two-way table has no residual at missing readings, and its means
+    /// are the curve up to a constant.
     #[test]
     fn missing_readings_are_completed_by_least_squares(measurement in layout()) {
         let completed = measurement.completed_readings();
@@ -309,7 +310,7 @@ proptest! {
         }
     }
 
-    /// Complete runs are averaged as they are, bit for bit.
+    /// Complete runs are averaged unchanged, bit for bit.
     #[test]
     fn complete_runs_stay_as_they_are(deviations in prop::collection::vec(-1e3..1e3_f64, 2 * TARGETS * 3)) {
         let noise = |run: u32, way: Direction, target: usize| deviations[(run as usize - 1) * 2 * TARGETS + way as usize * TARGETS + target];

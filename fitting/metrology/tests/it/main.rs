@@ -1,4 +1,3 @@
-//! Behaviour of the crate, seen from outside.
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 mod bad_input;

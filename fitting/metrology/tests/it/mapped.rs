@@ -42,7 +42,7 @@ fn shown(m: &Measurement) -> Vec<(f64, u32, &'static str, f64)> {
     m.readings.iter().map(row).collect()
 }
 
-/// A head that ends in a unit states it, as those of volcomp's own tables do.
+/// A head that ends in a unit states it, like those of volcomp's own tables.
 #[test]
 fn the_unit_in_the_head_of_a_named_column_is_used() {
     let read = |heads: [&str; 2], unit: &str| {
@@ -85,7 +85,7 @@ fn the_unit_in_the_head_of_a_named_column_is_used() {
             Some(DeviationUnit::Um),
             100.0,
         ),
-        // No known unit: noted, and read as µm.
+        // An unknown unit: noted, and read as µm.
         (["Soll", "Abw [1/1000 mm]"], "", None, 0.1),
         (["Soll", "Millimeter"], "", None, 0.1),
         (["Soll", "Abweichung"], "", None, 0.1),
@@ -149,7 +149,7 @@ fn columns_are_found_by_name_or_number_in_any_dialect() {
     assert_eq!(ways, ["+", "+", "-", "-"]);
 }
 
-/// A blank line is a line: what an editor shows as line 3 is the third.
+/// Blank lines count: line 3 is the one that an editor shows as line 3.
 #[test]
 fn header_rows_are_lines_of_the_file() {
     for (separator, cell) in [(",", ","), ("blank", " "), ("tab", "\t")] {
@@ -160,7 +160,7 @@ fn header_rows_are_lines_of_the_file() {
             let rows = format!("{end}t{cell}d{end}{end}0{cell}1{end}{end}10{cell}2{end}");
             let m = table(&toml, &rows).unwrap();
             assert_eq!(shown(&m), [(0.0, 1, "+", 1.0), (10.0, 1, "+", 2.0)]);
-            // And messages name the line.
+            // Messages name the same lines.
             let wrong = rows.replace("10", "1x");
             let message = table(&toml, &wrong).unwrap_err().to_string();
             assert!(message.starts_with("x.csv:6: target"), "{message}");
@@ -248,8 +248,8 @@ fn invalid_mappings_are_refused() {
     }
 }
 
-/// Standstills at 0, 10, 20, an overrun, and back; the laser reports 2 µm too much forward and 1 µm too little backward, and never
-/// while nothing changes; the motor reports its way, one line late.
+/// Standstills at 0, 10, 20, an overrun, and back; the laser is 2 µm too high forward and 1 µm too low backward, and reports nothing while
+/// nothing changes; the motor reports its position one line late.
 pub(crate) fn log() -> String {
     let mut text = String::new();
     let mut time = 0.0;
@@ -260,7 +260,7 @@ pub(crate) fn log() -> String {
     };
     let mut from = -5.0;
     for (index, place) in places.into_iter().enumerate() {
-        // On the way.
+        // In motion.
         for step in 1..4 {
             let at = from + (place - from) * f64::from(step) / 4.0;
             writeln!(text, "M:X.RBV {} {at:.4}", stamp(time)).unwrap();
@@ -268,7 +268,7 @@ pub(crate) fn log() -> String {
             time += 0.1;
         }
         let off = if index < 4 { 0.002 } else { -0.001 };
-        // The line of the axis comes after that of the laser which is later.
+        // The line of the axis follows that of the laser, although it is earlier.
         writeln!(text, "LASER:POS {} {:.5}", stamp(time + 0.3), place + off).unwrap();
         writeln!(text, "M:X.RBV {} {:.4}", stamp(time), place).unwrap();
         writeln!(text, "AIR:T {} 20.{index} LOLO MAJOR", stamp(time)).unwrap();
@@ -325,7 +325,7 @@ fn standstills_in_a_log_become_readings() {
         "{:?}",
         m.notes
     );
-    // Without stated targets the overrun is one of them.
+    // Without stated targets the overrun is a target.
     let mut found = channels.clone();
     found.targets.clear();
     assert_eq!(
@@ -345,8 +345,8 @@ fn standstills_in_a_log_become_readings() {
     );
 }
 
-/// The last 4 µm of an approach lie within the limit of standing: after positive motion they are before the target, after negative
-/// motion beyond it. An axis without reversal has none, however slowly it comes in. Before, 0.9 µm of it were found.
+/// The last 4 µm of an approach are within the limit of standstill: after positive motion they are before the target, after negative motion
+/// beyond it. An axis without reversal shows none, however slowly it approaches.
 #[test]
 fn the_end_of_an_approach_is_not_read_as_reversal() {
     let mut text = String::new();
@@ -365,7 +365,7 @@ fn the_end_of_an_approach_is_not_read_as_reversal() {
         .enumerate()
     {
         let sign = (target - from).signum();
-        // On the way, then 3 s at 10 Hz: the rest of the way falls to 1/e in 0.3 s, and readings scatter by ±0.05 µm.
+        // In motion, then 3 s at 10 Hz: the remaining distance decays to 1/e in 0.3 s, and readings scatter by ±0.05 µm.
         say(time, "M:X.RBV", f64::midpoint(from, target));
         for sample in 0..30_u32 {
             let since = f64::from(sample) * 0.1;
@@ -393,13 +393,13 @@ fn the_end_of_an_approach_is_not_read_as_reversal() {
         let [up, down] = [Positive, Negative].map(|way| m.mean_at(target, way).unwrap());
         assert!((up - down).abs() < 0.1, "{target}: {up} and {down} µm");
     }
-    // Where the targets are not stated, they are where it came to rest.
+    // Without stated targets, the positions of rest are the targets.
     channels.targets.clear();
     let m = readings_at_dwells(&log, &channels).unwrap();
     assert_eq!(m.targets(), [0.0, 10.0, 20.0, 21.0]);
 }
 
-/// An axis that creeps at a target, or overruns it by less than counts as the target, approached it once.
+/// An axis that creeps at a target, or overruns it by less than the reach of the target, approached it once.
 #[test]
 fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
     let Mapping::Channels(channels) = mapping(CHANNELS) else {
@@ -409,7 +409,7 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
         let log = parse_camonitor(text.as_bytes(), "x.log").unwrap();
         readings_at_dwells(&log, &channels).unwrap()
     };
-    // Two stands of 1.2 s instead of one of 3 s, and a way back where the axis overran.
+    // Two standstills of 1.2 s instead of one of 3 s, and a return after the overrun.
     let moved = |target: f64, steps: &[(f64, f64)]| {
         let mut text = String::new();
         let mut arrived = false;
@@ -447,7 +447,7 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
         for steps in [
             &[(1.5, 0.01)][..],
             &[(1.5, -0.01)],
-            // Forth and back, with no stand between, and with one.
+            // Forward and back, without a standstill between, and with one.
             &[(1.3, 0.04), (1.5, 0.0)],
             &[(1.1, 0.04), (2.2, 0.0)],
         ] {
@@ -468,7 +468,7 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
     assert_ne!(left.readings, straight.readings);
 }
 
-/// Lines out of their order change nothing but a note.
+/// Lines out of order change nothing, except for a note.
 #[test]
 fn a_log_out_of_order_gives_the_same_readings() {
     let text = log();

@@ -24,7 +24,7 @@ fn straightness_files_are_read_as_micrometres_with_a_note() {
         m.notes
     );
     assert_eq!(read(&write_renishaw(&m)).unwrap(), m);
-    // A linear file under this name, and the other way round.
+    // A linear file under this name, and vice versa.
     assert!(matches!(
         read(BIDIRECTIONAL_RTL),
         Err(MetrologyError::Kind(_))
@@ -49,7 +49,7 @@ fn material_far_from_20_degrees_is_flagged_with_its_expansion() {
         compensation,
         "8 µm/(m·K) and one material temperature stated"
     );
-    // Within 1 K there is nothing to say; at −10 °C no sensor is connected.
+    // Within 1 K there is no note; −10 °C means that no sensor is connected.
     assert_eq!(
         notes(given, "Mat temp 1 : 19.000000 21.000000 0").0,
         "material temperature 1 was 19.00 to 21.00 °C, changing by 2.00 K during the test: with 8 µm/(m·K) the material is 8.0 µm/m from its length at 20 °C; whether the readings were compensated for it the file does not say"
@@ -114,7 +114,7 @@ Position   \tBidirectional Avg Error\r\n-50.000\t0.0010\r\n0.000\t0.0000\r\n50.0
 Position   \tForward Directional Avg Error\r\n-50.000\t0.0015\r\n0.000\t0.0000\r\n50.000\t-0.0030\r\n\r\n\
 Position   \tBackward Directional Avg Error\r\n50.000\t-0.0020\r\n0.000\t0.0000\r\n-50.000\t0.0005\r\n";
 
-/// The errors are mm: 0.0015 is 1.5 µm; targets are matched by their value, in whatever order the tables have them.
+/// Errors are in mm: 0.0015 is 1.5 µm. Targets are matched by value, in any order of the tables.
 #[test]
 fn api_files_hold_means_in_millimetres() {
     let m = parse_pos(POS.as_bytes(), "x.pos").unwrap();
@@ -124,7 +124,7 @@ fn api_files_hold_means_in_millimetres() {
     assert_eq!(m.mean_at(-50.0, Negative), Some(0.5));
     assert_eq!(m.mean_at(50.0, Negative), Some(-2.0));
     assert_eq!(m.metadata.axis.as_deref(), Some("X"));
-    // Of means alone neither A nor R is known, B is.
+    // Means alone determine B, but neither A nor R.
     let evaluated = evaluate(&m).unwrap();
     assert_eq!((evaluated.a, evaluated.r), (None, None));
     assert!((evaluated.b.unwrap() - 1.0).abs() < 1e-9);
@@ -257,7 +257,7 @@ fn columns_of_reports_are_checked_against_each_other() {
     );
 }
 
-/// Numbers with exponents prove the columns to their own last digit: 2.0E-03 is known to 0.0001.
+/// Columns with exponents are checked to their last digit: 2.0E-03 is known to 0.0001.
 #[test]
 fn columns_with_exponents_are_checked_against_each_other() {
     let head = REPORT.split("1  -254").next().unwrap();
@@ -272,7 +272,7 @@ fn columns_with_exponents_are_checked_against_each_other() {
         message.contains("dead zone: found 0.002, expected -0.002"),
         "{message}"
     );
-    // A zero has no last digit that would let everything pass.
+    // A zero has no last digit, but must not be compatible with everything.
     assert!(read("1.0E+01 4.0E-03 0.0E+00 2.0E-03 1.0E-03 1.0E-03 4.0E-03").is_err());
     // Large numbers are rounded to their own last digit: −280 where the rounded means differ by −200.
     assert!(read("1.0E+01 1.2E+03 1.0E+03 1.1E+03 1.0E+01 1.0E+01 -2.8E+02").is_ok());
@@ -296,7 +296,7 @@ fn means_of_api_files_with_exponents_are_checked() {
     assert!(parse_pos(fine.as_bytes(), "x.pos").is_ok());
 }
 
-/// Every kind whose numbers stand between blanks and tabs reads the same with commas as with points, and refuses both in one file.
+/// In every format whose numbers are separated by blanks and tabs, commas are read like points, and both in one file are rejected.
 #[test]
 fn decimal_commas_are_read_where_they_are_not_separators() {
     type Parser = fn(&[u8]) -> Result<volcomp_metrology::Measurement, MetrologyError>;
@@ -323,7 +323,7 @@ fn decimal_commas_are_read_where_they_are_not_separators() {
         let (found, expected) = (parse(&comma).unwrap(), parse(bytes).unwrap());
         assert_eq!(found.readings, expected.readings);
         assert_eq!(found.environment, expected.environment);
-        // The last comma back to a point.
+        // Changes the last comma back to a point.
         let mut mixed = comma;
         let last = mixed.iter().rposition(|byte| *byte == b',').unwrap();
         mixed[last] = b'.';

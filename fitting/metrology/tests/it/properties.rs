@@ -1,4 +1,4 @@
-//! Readers on arbitrary and on damaged bytes, and what is written read back.
+//! Readers on arbitrary and on damaged bytes, and round trips of written files.
 
 use std::fmt::Write as _;
 
@@ -16,7 +16,7 @@ use crate::samples::BIDIRECTIONAL_RTL;
 const TABLE: &str =
     "target,run,direction,deviation\n-10,1,+,1.25\n5,1,+,2.5\n5,1,-,0.5\n-10,1,-,3\n";
 
-/// Reads as every format; what is accepted must be sound and survive its own format.
+/// Reads the bytes as every format; accepted content must be valid and survive a round trip in its own format.
 fn exercise(bytes: &[u8]) {
     let read = [
         parse_renishaw(bytes, "x", RenishawKind::Linear),
@@ -213,14 +213,14 @@ fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value =
         )
 }
 
-/// What was written, read again, without the notes that readers make.
+/// A written text read again, without the notes of the reader.
 fn read_again(text: &str, kind: RenishawKind) -> Measurement {
     let mut read = parse_renishaw(text.as_bytes(), "x", kind).unwrap();
     read.notes.clear();
     read
 }
 
-/// Readings as no instrument gives them: any number, any run, few different targets.
+/// Implausible readings: any number, any run, few different targets.
 fn odd_readings() -> impl Strategy<Value = Vec<Reading>> {
     let target = prop_oneof![any::<f64>(), (0..4).prop_map(f64::from), Just(f64::NAN)];
     let direction = prop::sample::select(Direction::BOTH.to_vec());
@@ -235,7 +235,7 @@ fn odd_readings() -> impl Strategy<Value = Vec<Reading>> {
 }
 
 proptest! {
-    /// Public functions answer or refuse, whatever a measurement built in code holds.
+    /// Public functions return a result or an error for any measurement built in code.
     #[test]
     fn odd_measurements_built_in_code_do_not_panic(readings in odd_readings(), at in any::<f64>()) {
         let m = Measurement { readings, ..Measurement::default() };
@@ -321,7 +321,7 @@ fn any_number() -> impl Strategy<Value = f64> {
 }
 
 proptest! {
-    /// Evaluations of arbitrary readings answer or refuse; none panics.
+    /// Evaluations of arbitrary readings return a result or an error.
     #[test]
     fn evaluations_of_arbitrary_readings_never_panic(
         rows in prop::collection::vec((any_number(), 0..4_u32, any::<bool>(), any_number()), 0..40),
@@ -363,7 +363,7 @@ proptest! {
         let _ = (decide(Some(numbers[0]), numbers[1], Some(numbers[2])), parse_tolerances(&tolerance, &["A", "E"]));
     }
 
-    /// So do readers and evaluations of circles.
+    /// Readers and evaluations of circles never panic.
     #[test]
     fn circles_of_arbitrary_points_never_panic(
         rows in prop::collection::vec((-1e4..1e4_f64, -1e4..1e4_f64), 0..60),

@@ -1,4 +1,4 @@
-//! Other standards beside ISO 230-2, its editions, what it asks of a test, its uncertainty, and tolerances.
+//! Standards other than ISO 230-2, its editions, its requirements on a test, its uncertainty, and tolerances.
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -42,7 +42,7 @@ fn vdi_3441_needs_both_directions_and_several_runs() {
     assert_eq!(vdi_3441(&evaluate(&one_run).unwrap()), None);
 }
 
-/// VDI/DGQ 3441 once more, on the published readings and straight from their table.
+/// Second implementation of VDI/DGQ 3441, on the published readings.
 #[test]
 fn vdi_3441_of_the_published_readings() {
     let text = include_str!("../data/iso230-2-axis.csv");
@@ -102,7 +102,7 @@ fn editions_name_the_same_values_differently() {
     assert_eq!(asme[0].value, result.a);
 }
 
-/// What the standard asks for at the borders of its kinds of axes.
+/// Requirements at the limits of the kinds of axes.
 #[test]
 fn required_targets_and_runs() {
     use AxisKind::{Linear, Rotary};
@@ -130,7 +130,7 @@ fn tests_smaller_than_required_are_noted() {
     2 targets over 10 mm: ISO 230-2:2014 asks for 5 at least on linear axes up to 2000 mm
     2 runs in a direction: ISO 230-2:2014 asks for 5 in each direction on linear axes up to 2000 mm
     ");
-    // Over 2 m one run each way is required.
+    // Over 2 m one run in each direction is required.
     let long: Vec<_> = (0..=32)
         .flat_map(|k| Direction::BOTH.map(|d| (f64::from(k) * 250.0, 1, d, 1.0)))
         .collect();
@@ -172,7 +172,7 @@ fn contributions_to_the_uncertainty_by_hand() {
         near(contribution.u_um.unwrap(), expected, 0.041 * expected);
     }
     near(u.contributions[0].u_um.unwrap(), 0.875, 1e-12);
-    // A beam that runs off by 1 mm over 1.75 m measures 0.2857 µm too little: U = 0.2857/√3.
+    // A beam misaligned by 1 mm over 1.75 m measures 0.2857 µm too little: U = 0.2857/√3.
     let short_um = (1750.0_f64.hypot(1.0) - 1750.0) * 1e3;
     near(
         u.contributions[1].u_um.unwrap(),
@@ -219,7 +219,7 @@ fn the_environment_spreads_the_results_as_stated() {
     near(twice_sd(&draws[0]), u.e_um, 0.02 * u.e_um);
     near(twice_sd(&draws[1]), u.m_um, 0.02 * u.m_um);
     near(twice_sd(&draws[2]), u.b_um, 0.02 * u.b_um);
-    // A machine that repeats perfectly is given 4 s = 2 U_EVE by its surroundings.
+    // A machine with perfect repeatability gets 4 s = 2 U_EVE from its environment.
     let mean_square = draws[3].iter().map(|s| s * s).sum::<f64>() / TRIALS as f64;
     near(
         4.0 * mean_square.sqrt(),
@@ -239,7 +239,7 @@ fn unstated_contributions_are_listed() {
     U_E: difference to 20 °C and range of the expansion coefficient not stated
     U_EVE: environment variation not stated
     ");
-    // Without a drift test nothing is known of B and R.
+    // Without a drift test the uncertainties of B and R are unknown.
     let no_drift = UncertaintyInputs {
         environment_um: None,
         ..INPUTS

@@ -50,7 +50,7 @@ fn runs_of_both_directions_make_one_profile_and_their_difference() {
     assert!(straightness_of(&single).is_err());
 }
 
-/// Runs whose slopes differ, as of a beam that is aligned anew, make the slope as uncertain as these are: (−60, 10, 50) µrad scatter by 55.7.
+/// Runs with different slopes, as with a realigned beam, make the slope as uncertain as their scatter: (−60, 10, 50) µrad scatter by 55.7.
 #[test]
 fn different_slopes_of_runs_widen_the_uncertainty() {
     let stated = |slopes: [f64; 3]| {
@@ -69,7 +69,7 @@ fn different_slopes_of_runs_widen_the_uncertainty() {
     assert!(stated([0.0, 0.0, 0.0]) < 0.2);
 }
 
-/// The stated standard uncertainty of a slope is the scatter of slopes over seeds.
+/// The stated standard uncertainty of a slope equals the scatter of slopes over seeds.
 #[test]
 fn the_uncertainty_of_a_slope_matches_simulations() {
     let noise = Normal::new(0.0, 1.0).unwrap();
@@ -89,7 +89,7 @@ fn the_uncertainty_of_a_slope_matches_simulations() {
     near(stated, scatter, 0.03 * scatter);
 }
 
-/// δ = E + ε_Y c − ε_Z b for a point at (b, c) across X: four lines whose deviations are made by hand.
+/// δ = E + ε_Y c − ε_Z b for a point at (b, c) across X: four lines with deviations by hand.
 #[test]
 fn parallel_lines_give_back_the_angles() {
     let truth = [(3.0, [10.0, -20.0]), (-1.0, [0.0, 7.5])];

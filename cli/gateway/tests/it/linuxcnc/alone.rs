@@ -1,4 +1,4 @@
-//! Whether a test of LinuxCNC goes on here, and how it has a LinuxCNC for itself.
+//! Whether a LinuxCNC test can run here, with an isolated LinuxCNC.
 
 use std::{
     os::unix::fs::PermissionsExt as _,
@@ -15,14 +15,14 @@ use super::peer::HERE;
 /// The folder of LinuxCNC's components.
 const MODULES: &str = "/usr/lib/linuxcnc/modules";
 
-/// What starts it, and the file with which it says that one runs.
+/// The start script, and the file that marks a running LinuxCNC.
 const LINUXCNC: &str = "/usr/bin/linuxcnc";
 const RUNS: &str = "LOCKFILE=/tmp/linuxcnc.lock\n";
 
-/// In the environment of such a test: a folder with the components of LinuxCNC and the bridge, and with what starts it.
+/// Environment variable of such a test: a folder with the components of LinuxCNC and the bridge, and with the start script.
 const WITH_BRIDGE: &str = "VOLCOMP_MODULES";
 
-/// Declares tests that run with a LinuxCNC of their own.
+/// Declares tests that run with an isolated LinuxCNC.
 macro_rules! alone {
     ($module:ident: $($name:ident),* $(,)?) => {
         mod on_linuxcnc {
@@ -56,10 +56,10 @@ fn can_start() -> bool {
     is_root
 }
 
-/// What is in [`WITH_BRIDGE`], built once for all tests of this run.
+/// The folder of [`WITH_BRIDGE`], built once for all tests of this run.
 static WITH_BRIDGE_BUILT: OnceLock<TempDir> = OnceLock::new();
 
-/// One LinuxCNC in each place: its servo thread needs the real time that this computer has.
+/// One LinuxCNC per slot: its servo thread needs the real time of this computer.
 static PLACES: [Mutex<()>; 2] = [const { Mutex::new(()) }; 2];
 
 fn run(command: &mut Command) {
@@ -87,9 +87,9 @@ fn build() -> TempDir {
     dir
 }
 
-/// Whether the test of this name goes on. Two LinuxCNC on one computer share their memory and a file that says that one runs, and
-/// the one that ends first kills the programs of the other, which it knows by their names: so a test is started once more in
-/// separate namespaces, which end with it, and its result is that of the test here.
+/// Whether the test of this name continues. Two instances of LinuxCNC on one computer share their memory and the file that marks a running
+/// one, and the first to end kills the programs of the other by name. Therefore a test is started again in separate namespaces, which end
+/// with it, and its result is used here.
 pub(crate) fn goes_on(name: &str) -> bool {
     if let Some(folder) = std::env::var_os(WITH_BRIDGE) {
         for (own, of_all) in [("modules", MODULES), ("linuxcnc", LINUXCNC)] {
@@ -102,7 +102,7 @@ pub(crate) fn goes_on(name: &str) -> bool {
         return false;
     }
     let free = PLACES.iter().find_map(|place| place.try_lock().ok());
-    // A test that failed has released it.
+    // A failed test has released its slot.
     let _place = free.unwrap_or_else(|| PLACES[0].lock().unwrap_or_else(PoisonError::into_inner));
     let folder = WITH_BRIDGE_BUILT.get_or_init(build).path();
     for tried in 1.. {
@@ -120,11 +120,10 @@ pub(crate) fn goes_on(name: &str) -> bool {
 /// Maximum number of attempts of a test in which LinuxCNC itself stalls. A failure of our own ends it the first time.
 const TRIES: usize = 3;
 
-/// What the user interface says when LinuxCNC ignores a command and nothing moves. Without a real-time kernel
-/// it does that on a busy computer.
+/// Message of the user interface if LinuxCNC ignores a command and nothing moves, as happens on a busy computer without a real-time kernel.
 const STANDS: &str = "LinuxCNC stands:";
 
-/// Runs the test of this name in separate namespaces: whether it succeeds, and its output.
+/// Runs the test of this name in separate namespaces. Returns whether it succeeded, and its output.
 fn inside(name: &str, folder: &Path) -> (bool, String) {
     let inside = std::env::current_exe().expect("this program");
     let output = Command::new("unshare")

@@ -1,4 +1,4 @@
-//! A reversal error where the axis creeps, stands, and goes back and forth by less than counts as a reversal.
+//! A reversal error if the axis creeps, stops, and moves back and forth by less than the reversal threshold.
 
 use super::{PORT, alone::alone, configuration_of, peer::LinuxCnc, start};
 
@@ -17,12 +17,11 @@ travel = [-300.0, 10.0]
 EXX = { mean = { poly = [0.0] }, reversal = 3.0 }
 "#;
 
-/// Half of the reversal error, mm, and how much of it counts as this side.
+/// Half of the reversal error, mm, and the fraction of it that identifies a side.
 const SIDE: f64 = 1.5e-3;
 const NEARLY: f64 = 1.4e-3;
 
-/// The nominal positions of X at which another side begins to be left, and the sides: 1 is that of a way to larger positions, -1 the
-/// other one.
+/// Nominal positions of X at which the side changes, and the sides: 1 after motion to larger positions, -1 otherwise.
 fn sides(cycles: &[super::Cycle]) -> Vec<(i32, f64)> {
     let mut found: Vec<(i32, f64)> = Vec::new();
     for cycle in cycles {
@@ -46,7 +45,7 @@ fn the_side_of_a_reversal_changes_once_and_only_after_its_way() {
     control.mdi("X50");
     control.wait("axis.x.eoffset", |has| (has + SIDE).abs() < 3e-6);
 
-    // 0.2 mm/min are 3.3 nm a cycle. A reversal counts after 5 um from where the axis was last: 50.003, and then 49.996.
+    // 0.2 mm/min is 3.3 nm per cycle. A reversal counts 5 µm from the extreme: at 50.003, and then at 49.996.
     let cycles = control.record(|control| {
         for line in [
             "G1 F0.2 X50.003",
@@ -67,11 +66,11 @@ fn the_side_of_a_reversal_changes_once_and_only_after_its_way() {
     let found = sides(&cycles);
     let order: Vec<i32> = found.iter().map(|(side, _)| *side).collect();
     assert_eq!(order, [1, -1, 1], "{found:?}");
-    // Some readings must agree, and the offset goes by its own rate.
+    // Some readings must agree, and the offset moves at its own rate.
     for ((_, at), expected) in found[1..].iter().zip([49.998, 50.001]) {
         assert!((at - expected).abs() < 1e-4, "{at} mm, {expected} mm");
     }
-    // On the way from side to side it goes one way: nothing comes and goes.
+    // From side to side it moves in one direction, without fluctuation.
     let offsets = || cycles.iter().map(|cycle| cycle.offset[0]);
     let moved: f64 = offsets()
         .zip(offsets().skip(1))

@@ -1,4 +1,4 @@
-//! What goes wrong: a gateway or a bridge that dies, a second gateway, a network that loses, doubles, delays and reorders.
+//! Faults: a gateway or a bridge that dies, a second gateway, a network that loses, duplicates, delays and reorders.
 
 use std::{
     net::UdpSocket,
@@ -29,12 +29,12 @@ fn a_gateway_that_dies_leaves_nothing() {
         ini.replace("AXES = XYZ\n", "")
     });
     let epoch = control.pin("volcomp.epoch");
-    // The disk hangs: the writer of the epoch waits, and nothing waits for it.
+    // The disk hangs: the writer of the epoch waits for it, and nothing waits for the writer.
     let hangs = dir.path().join("volcomp.epoch.new");
     let made = Command::new("mkfifo").arg(&hangs).status();
     assert!(made.expect("a program of the system").success());
 
-    // The gateway is killed: after its time-out the barrier goes to zero, and its epoch moves on.
+    // The gateway is killed: after its timeout the barrier goes to zero, and its epoch is incremented.
     let cycles = control.record(|control| {
         program.running.kill();
         wait_zero(control);
@@ -44,11 +44,11 @@ fn a_gateway_that_dies_leaves_nothing() {
     assert_eq!(control.pin("volcomp.owner"), 0.0);
     drop(program);
 
-    // It is started again, and goes on.
+    // The gateway is restarted, and continues.
     let program = gateway(dir.path(), PORT);
     let cycles = control.record(|control| wait_corrected(control, &program));
     no_jump(&cycles, MOST);
-    // The disk goes on.
+    // The disk responds again.
     let both = std::fs::File::options().read(true).write(true).open(&hangs);
     std::fs::remove_file(&hangs).expect("ours");
     drop(both.expect("a pipe"));
@@ -60,7 +60,7 @@ fn a_gateway_that_dies_leaves_nothing() {
 
     // A second gateway with its own folders does not move an axis.
     let other = tempfile::tempdir().expect("writable");
-    // By another address: by the same one it is refused at its start, since both are on this computer.
+    // Under another address: under the same one it is refused at its start, since both are on this computer.
     let mut relay = Relay::start(47_101, PORT);
     let config = super::configuration(other.path(), 47_101);
     let second = Program::start(other.path(), &["--config", path(&config)]);
@@ -74,7 +74,7 @@ fn a_gateway_that_dies_leaves_nothing() {
     relay.end();
 }
 
-/// Datagrams between a gateway and the bridge, some of them lost, doubled, late or in another order.
+/// Datagrams between a gateway and the bridge, some of them lost, duplicated, late or reordered.
 struct Relay {
     stop: Arc<AtomicBool>,
     bad: Arc<AtomicBool>,
@@ -119,7 +119,7 @@ impl Relay {
                         1
                     };
                     for _ in 0..copies {
-                        // One in ten is overtaken by some that come after it, one in a hundred by very many.
+                        // Later frames overtake one frame in ten; very many overtake one in a hundred.
                         let ms = match random.random_range(0..100) {
                             0 if is_bad => random.random_range(100..2000),
                             1..10 if is_bad => random.random_range(1..12),
@@ -153,7 +153,7 @@ impl Relay {
         }
     }
 
-    /// Datagrams that came, and those that were doubled or late.
+    /// Number of received datagrams, and of those duplicated or late.
     fn end(&mut self) -> [u64; 2] {
         self.stop.store(true, Ordering::Relaxed);
         let thread = self.thread.take().expect("ended once");
@@ -182,6 +182,6 @@ fn a_network_that_loses_doubles_and_delays_moves_nothing_wrongly() {
     wait_corrected(&mut control, &program);
     let counts = relay.end();
     assert!(counts[0] > 5000 && counts[1] > 300, "{counts:?}");
-    // No frames any more: zero by the timeout.
+    // Without frames: zero after the timeout.
     wait_zero(&mut control);
 }

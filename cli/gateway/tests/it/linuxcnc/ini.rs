@@ -6,7 +6,7 @@ use volcomp_test_support::root;
 
 use crate::program::path;
 
-/// The shipped example with this change in its INI file: the status of `check` and its output.
+/// The shipped example with a change in its INI file: exit status and output of `check`.
 fn check(from: &str, to: &str) -> (Option<i32>, String) {
     let dir = tempfile::tempdir().expect("writable");
     for file in ["gateway.toml", "machine.toml", "mill.ini"] {

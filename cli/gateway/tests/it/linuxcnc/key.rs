@@ -1,5 +1,5 @@
-//! Other programs on the control's computer: without the key they move nothing and shut nobody out, and one that has it is another
-//! gateway.
+//! Other programs on the control's computer: without the key they move nothing and lock nobody out, and one with the key is treated as
+//! another gateway.
 
 use std::{
     net::UdpSocket,
@@ -31,7 +31,7 @@ use crate::online::check;
 alone!(key: without_the_key_nothing_moves_and_no_gateway_is_locked_out, a_program_with_the_key_is_another_gateway);
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
-/// Sockets that request states: many times the places that the bridge has.
+/// Sockets that request states: many times the number of slots of the bridge.
 const LISTENERS: usize = 100;
 
 fn socket() -> UdpSocket {
@@ -53,7 +53,7 @@ fn encoded(answers: [u32; 2], content: Content, key: &Key) -> Vec<u8> {
     bytes[..length].to_vec()
 }
 
-/// A program that knows everything of the bridge, by its key, and sends frames under a key.
+/// A program that knows everything about the bridge except possibly its key, and sends frames with a key.
 struct Beside {
     socket: UdpSocket,
     key: Key,
@@ -86,7 +86,7 @@ impl Beside {
         report
     }
 
-    /// Requests the whole limit of the bridge under the owner's number, as a frame that comes next.
+    /// Requests the full limit of the bridge with the owner's number, as if it were the next frame.
     fn send(&self, report: &Report, ahead: u16, key: &Key) {
         let up = report.tick % 1000 < 500;
         let frame = Frame {
@@ -106,7 +106,7 @@ impl Beside {
     }
 }
 
-/// Everything at once, until it ends.
+/// All attacks at once, until it is ended.
 struct Attack {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -120,7 +120,7 @@ impl Attack {
         let thread = std::thread::spawn(move || {
             let other = Key::new([9; 16]);
             let listeners: Vec<UdpSocket> = (0..LISTENERS).map(|_| socket()).collect();
-            // Right ones that were recorded are too old by the time they are sent again.
+            // Valid recorded frames are too old when they are sent again.
             beside.report();
             let recorded = encoded(beside.answers(), Content::Listen, &beside.key);
             let mut round = 0_usize;
@@ -129,12 +129,12 @@ impl Attack {
                     beside.send(&report, 1, &other);
                     beside.send(&report, 2, &other);
                 }
-                // Each 40 times a second.
+                // Each listener, 40 times per second.
                 for listener in listeners.iter().skip(round % 25).step_by(25) {
                     let forged = encoded(beside.answers(), Content::Listen, &other);
                     let _ = listener.send(&forged);
                     let _ = listener.send(&recorded);
-                    // Bytes of any kind.
+                    // Arbitrary bytes.
                     let _ = listener.send(&recorded[..round % recorded.len()]);
                 }
                 round += 1;
@@ -200,7 +200,7 @@ fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     wait_corrected(&mut control, &program);
     let cycles = control.record(|control| control.mdi("G1 F600 X60 Y45 Z-25"));
     no_jump(&cycles, MOST);
-    // Frames wait among the others, some cycles.
+    // The gateway's frames queue among the others for some cycles.
     let found = residuals(&cycles);
     let [median, most] = [50, 99].map(|of| part(&found, of));
     println!("beside an attack: residual {median:.2} nm median, {most:.1} nm p99");
@@ -210,7 +210,7 @@ fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     attack.end();
 }
 
-/// A frame of the gateway's own number that it has not sent: it does not take the barrier's word for its own, and is a fault.
+/// A frame with the gateway's own number that it has not sent is not taken for its own, and is a fault.
 fn a_program_with_the_key_is_another_gateway() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| ini);

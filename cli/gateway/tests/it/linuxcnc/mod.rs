@@ -1,4 +1,4 @@
-//! The gateway on a real LinuxCNC, moved without a display: what its motors do against what the errors ask for.
+//! The gateway on a real LinuxCNC without a display: motion of its motors against the corrections of the errors.
 
 mod adrift;
 mod alone;
@@ -24,10 +24,10 @@ use crate::program::{Program, path, token_file};
 /// The port of the bridge.
 const PORT: u16 = 47_001;
 
-/// What the barrier moves in a cycle and LinuxCNC's own planner may catch up, mm.
+/// Maximum motion per cycle of the barrier and of LinuxCNC's own planner, mm.
 const MOST: f64 = 0.005;
 
-/// The errors, um of mm: of X against the motion of the workpiece, of the others against that of the tool.
+/// The errors, µm per mm: of X against the motion of the workpiece, of the others against that of the tool.
 const MACHINE: &str = r#"
 name = "mill"
 structure = "w X' b Y Z t"
@@ -45,7 +45,7 @@ EZZ = { poly = [0.0, 0.02] }
 EZX = { poly = [-3.0, 0.01] }
 "#;
 
-/// The corrections of the same errors on paper, mm: what a motor must do besides its program.
+/// The corrections of the same errors by hand, mm: the additional motion of each motor.
 fn oracle([x, y, z]: [f64; 3]) -> [f64; 3] {
     [
         -(2.0 + 0.03 * x) * 1e-3,
@@ -54,7 +54,7 @@ fn oracle([x, y, z]: [f64; 3]) -> [f64; 3] {
     ]
 }
 
-/// The configuration of a gateway for the mill, whose bridge has this port.
+/// Configuration of a gateway for the mill, whose bridge uses this port.
 fn configuration(dir: &Path, port: u16) -> PathBuf {
     configuration_of(dir, port, MACHINE)
 }
@@ -71,7 +71,7 @@ fn key_file(dir: &Path) {
     std::fs::set_permissions(file, own).expect("ours");
 }
 
-/// One with further lines for its controller.
+/// A configuration with further lines for its controller.
 fn write_configuration(dir: &Path, port: u16, machine: &str, more: &str) -> PathBuf {
     std::fs::write(dir.join("machine.toml"), machine).expect("writable");
     token_file(dir);
@@ -106,7 +106,7 @@ token_file = "tokens"
     file
 }
 
-/// A gateway on the bridge at this port, with as much real time as there is.
+/// A gateway for the bridge at this port, with as much real time as available.
 fn gateway(dir: &Path, port: u16) -> Program {
     start(dir, &configuration(dir, port))
 }
@@ -120,7 +120,7 @@ fn start(dir: &Path, config: &Path) -> Program {
     program
 }
 
-/// The mill with other lines in its INI file, and its gateway: on, homed and corrected at this point.
+/// The mill with a modified INI file, and its gateway: switched on, homed and corrected at this point.
 fn corrected_at(point: &str, dir: &Path, edit: impl Fn(String) -> String) -> (LinuxCnc, Program) {
     let mut control = LinuxCnc::start(dir, edit);
     let program = gateway(dir, PORT);
@@ -130,8 +130,8 @@ fn corrected_at(point: &str, dir: &Path, edit: impl Fn(String) -> String) -> (Li
     (control, program)
 }
 
-/// The distances of what the motors did from what they should, nm, sorted: the correction in each cycle is that of the
-/// nominal position as many cycles before as a command needs to the motor.
+/// Sorted deviations of the motors from the expected motion, nm: the correction in each cycle is that of the nominal position as many
+/// cycles earlier as a command takes to reach the motor.
 fn residuals(cycles: &[Cycle]) -> Vec<f64> {
     residuals_of(cycles, |at| oracle(at.nominal))
 }
@@ -143,8 +143,8 @@ fn residuals_of(cycles: &[Cycle], oracle: impl Fn(&Cycle) -> [f64; 3]) -> Vec<f6
     })
 }
 
-/// The distances of the offsets from what they should be where the motors are, nm, sorted. Unlike [`residuals`] it knows nothing
-/// of how LinuxCNC smooths the motion of a motor, by 300 nm while it accelerates, with or without a correction.
+/// Sorted deviations of the offsets from those expected at the positions of the motors, nm. Unlike [`residuals`] they do not include
+/// LinuxCNC's smoothing of a motor's motion, 300 nm during acceleration, with or without a correction.
 fn offset_residuals(cycles: &[Cycle]) -> Vec<f64> {
     distances(cycles, |now, then| {
         let wanted = oracle([0, 1, 2].map(|axis| now.motor[axis] - then.offset[axis]));
@@ -152,8 +152,8 @@ fn offset_residuals(cycles: &[Cycle]) -> Vec<f64> {
     })
 }
 
-/// The lengths of what is off between a cycle of the motor and the one of its command, nm, sorted: the way from the command to the
-/// motor is one of whole cycles, the same one for the whole record, which is found here.
+/// Sorted lengths of the deviation between a motor's cycle and the cycle of its command, nm. The delay from the command to the motor is a
+/// whole number of cycles, constant over the record, and is determined here.
 fn distances(cycles: &[Cycle], off_mm: impl Fn(&Cycle, &Cycle) -> [f64; 3]) -> Vec<f64> {
     let of = |shift: usize| {
         let pairs = cycles.iter().skip(shift).zip(cycles);
@@ -172,7 +172,7 @@ fn part(sorted: &[f64], per_cent: usize) -> f64 {
     sorted[sorted.len() * per_cent / 100]
 }
 
-/// The figures that count: median and 99 %.
+/// Checks the figures that count: median and 99th percentile.
 fn corrected(what: &str, cycles: &[Cycle]) {
     corrected_by(what, cycles, |at| oracle(at.nominal));
 }
@@ -190,13 +190,13 @@ fn corrected_by(what: &str, cycles: &[Cycle], oracle: impl Fn(&Cycle) -> [f64; 3
     );
 }
 
-/// Offsets that the control has now, mm.
+/// Present offsets of the control, mm.
 fn offsets(control: &mut LinuxCnc) -> [f64; 3] {
     let found = control.get(&["axis.x.eoffset", "axis.y.eoffset", "axis.z.eoffset"]);
     found.try_into().expect("three")
 }
 
-/// Waits until the control stands corrected.
+/// Waits until the control is at rest and corrected.
 fn wait_corrected(control: &mut LinuxCnc, program: &Program) {
     let end = std::time::Instant::now() + std::time::Duration::from_secs(60);
     loop {
@@ -224,7 +224,7 @@ fn wait_zero(control: &mut LinuxCnc) {
     }
 }
 
-/// No motor moved by more in a cycle than the program and the largest rate of an offset make it, mm.
+/// Checks that no motor moves in a cycle by more than the program and the maximum rate of an offset permit, mm.
 fn no_jump(cycles: &[Cycle], most: f64) {
     for pair in cycles.windows(2) {
         for axis in 0..3 {

@@ -14,13 +14,13 @@ use std::{
 use serde_json::{Value, json};
 use volcomp_test_support::root;
 
-/// How long LinuxCNC may take to start on a computer that is busy.
+/// Timeout of the start of LinuxCNC on a busy computer.
 const STARTS_WITHIN: Duration = Duration::from_secs(120);
 
 /// The user of the real-time part.
 const UID: u32 = 65_533;
 
-/// What takes longer hangs.
+/// Timeout of a response; a longer one counts as hanging.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(300);
 
 /// Identifies the processes of a test.
@@ -33,7 +33,7 @@ pub(crate) struct LinuxCnc {
     hears: BufReader<UnixStream>,
 }
 
-/// The cycles of a record: nominal positions, motor positions, offsets, and where there are A and C, deg, their nominal positions.
+/// A recorded cycle: nominal positions, motor positions, offsets, and, with A and C, their nominal positions, deg.
 pub(crate) struct Cycle {
     pub(crate) nominal: [f64; 3],
     pub(crate) motor: [f64; 3],
@@ -42,12 +42,12 @@ pub(crate) struct Cycle {
 }
 
 impl LinuxCnc {
-    /// Starts the mill of the examples with other lines in its INI file.
+    /// Starts the mill of the examples with a modified INI file.
     pub(crate) fn start(dir: &Path, edit: impl Fn(String) -> String) -> Self {
         Self::start_example("mill", dir, edit)
     }
 
-    /// Starts a machine of the examples with other lines in its INI file.
+    /// Starts a machine of the examples with a modified INI file.
     pub(crate) fn start_example(name: &str, dir: &Path, edit: impl Fn(String) -> String) -> Self {
         let open = std::fs::Permissions::from_mode(0o1777);
         std::fs::set_permissions(dir, open).expect("ours");
@@ -64,8 +64,8 @@ impl LinuxCnc {
                 "../../drivers/linuxcnc/bridge/volcomp.tcl",
                 &format!("{}\nHALFILE = record.hal", bridge.display()),
             );
-        // A command that the servo thread does not answer within this time is lost without a message; the default is a
-        // second, for which it can stand where nothing is in real time.
+        // A command that the servo thread does not process within this time is lost without a message. The default is one second, for which
+        // the thread may stall without real time.
         let patient = "[EMCMOT]\nCOMM_TIMEOUT = 20\n";
         assert!(ini.contains("[EMCMOT]\n"), "{ini}");
         let ini = edit(ini.replace("[EMCMOT]\n", patient));
@@ -78,11 +78,11 @@ impl LinuxCnc {
         let listener = UnixListener::bind(&socket).expect("writable");
         listener.set_nonblocking(true).expect("a socket");
         super::key_file(dir);
-        // The real-time part refuses to run as root; this number is unused. Root reads the key, too.
+        // The real-time part refuses to run as root; this number is unused. Root can read the key as well.
         std::os::unix::fs::chown(dir.join("volcomp.key"), Some(UID), Some(UID)).expect("ours");
         let log = std::fs::File::create(dir.join("linuxcnc.log")).expect("writable");
-        // Before it has real time, and where the computer is busy, its parts would wait for one another in vain: while it starts,
-        // it loses commands to its own servo thread. Who may not do this starts it as it is.
+        // Before it has real time, on a busy computer, its parts would wait for one another in vain: while it starts, it loses commands to
+        // its own servo thread. Without the permission it starts with normal priority.
         let mut command = Command::new("nice");
         command
             .args(["-n", "-15", "linuxcnc", "-r"])
@@ -92,7 +92,7 @@ impl LinuxCnc {
             .env("VOLCOMP_UI", &socket)
             .env(HERE, dir)
             .env("RTAPI_FIFO_PATH", dir.join("fifo"))
-            // Its parts share the tool table by a file there.
+            // Its parts share the tool table through a file there.
             .env("HOME", dir)
             .stdin(Stdio::null())
             .stdout(log.try_clone().expect("a file"))
@@ -173,11 +173,11 @@ impl LinuxCnc {
         self.ask("hal", &json!({ "arguments": arguments }));
     }
 
-    /// Waits until a pin has such a value.
+    /// Waits until the value of a pin satisfies a condition.
     pub(crate) fn wait(&mut self, pin: &str, done: impl Fn(f64) -> bool) -> f64 {
         let end = Instant::now() + Duration::from_secs(60);
         loop {
-            // A pin may come only later, with the program whose it is.
+            // A pin may be created later, by its program.
             let value = self.try_ask("get", &json!({ "pins": [pin] }));
             if let Some(value) = value.as_ref().ok().and_then(|value| value[0].as_f64())
                 && done(value)
@@ -189,7 +189,7 @@ impl LinuxCnc {
         }
     }
 
-    /// Records every cycle while something is done.
+    /// Records every cycle during an action.
     pub(crate) fn record(&mut self, act: impl FnOnce(&mut Self)) -> Vec<Cycle> {
         let path = self.dir.join("record.txt");
         self.ask("record", &json!({ "path": path }));
@@ -248,7 +248,7 @@ impl Drop for LinuxCnc {
         while Instant::now() < end && matches!(self.child.try_wait(), Ok(None)) {
             std::thread::sleep(Duration::from_millis(50));
         }
-        // Some of its programs outlive its start script for a while, and would take requests for the next one.
+        // Some of its programs outlive its start script for a while, and would take the requests for the next instance.
         let end = Instant::now() + Duration::from_secs(30);
         loop {
             let left = self.processes("");
@@ -261,12 +261,13 @@ impl Drop for LinuxCnc {
             std::thread::sleep(Duration::from_millis(50));
         }
         let _ = self.child.wait();
-        // What it shared goes with it, in the namespace that is ours alone: the next one finds no old state there.
+        // Removes its shared memory in this private namespace, so that the next instance finds no old state.
         let _ = Command::new("ipcrm").arg("--all").status();
     }
 }
 
-/// A record of every cycle of the servo thread. The bridge has connected the pins already; without one they have no signals.
+/// HAL commands that record every cycle of the servo thread. With the bridge the pins are already connected; without it they have no
+/// signals.
 fn record(has_bridge: bool, rotary: bool) -> String {
     let more = if rotary { "ff" } else { "" };
     let mut text = format!(

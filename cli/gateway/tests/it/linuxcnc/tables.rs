@@ -1,5 +1,5 @@
-//! Compensation tables of LinuxCNC on the running control, and the same part uncorrected, with tables, and corrected live:
-//! what each leaves of a virtual truth with squareness, straightness, pitch (Abbe) and reversal.
+//! Compensation tables of LinuxCNC on the running control. The same part runs uncorrected, with tables, and corrected live: residual of
+//! each against a virtual truth with squareness, straightness, pitch (Abbe) and reversal.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -18,7 +18,7 @@ use super::{
 
 alone!(tables: the_same_part_uncorrected_with_tables_and_live);
 
-/// The truth as a machine file; on the next page the same on paper.
+/// The truth as a machine file; `truth` is the same by hand.
 const MACHINE: &str = r#"
 name = "truth"
 structure = "w b X Y Z t"
@@ -39,8 +39,7 @@ EC0Y = 25.0
 EA0Z = -15.0
 "#;
 
-/// The error of the tool on paper, mm: a chain of small motions from the bed to the tool, each lever taken as it is.
-/// `forward`: the direction of X.
+/// Error of the tool by hand, mm: a chain of small motions from the bed to the tool with ideal levers. `forward`: the direction of X.
 fn truth([x, y, z]: [f64; 3], forward: f64) -> [f64; 3] {
     let um = 1e-3;
     let urad = 1e-6;
@@ -72,8 +71,8 @@ fn run(control: &mut LinuxCnc) -> Vec<Cycle> {
     })
 }
 
-/// What is left at the tool, um: root of the mean square, and the largest. Cycles in which X turns are left out: a table and
-/// the model may differ by when they take a reversal for one.
+/// Residual at the tool, µm: root mean square, and maximum. Cycles in which X reverses are omitted, because a table and the model may
+/// detect a reversal at different times.
 fn left(cycles: &[Cycle]) -> [f64; 2] {
     let (mut squares, mut largest, mut count) = (0.0, 0.0_f64, 0.0);
     let mut since_turn = 0;
@@ -103,7 +102,7 @@ fn left(cycles: &[Cycle]) -> [f64; 2] {
     [(squares / count).sqrt() * 1e3, largest.sqrt() * 1e3]
 }
 
-/// Writes the tables as `volcomp export` does, with as many lines as LinuxCNC takes, and the lines for the INI file.
+/// Writes the tables like `volcomp export`, with the maximum number of lines of LinuxCNC. Returns the lines for the INI file.
 fn tables(dir: &Path, format: Format) -> Vec<String> {
     let machine = Machine::parse(MACHINE, "truth").expect("valid");
     let options = TableOptions {
@@ -151,7 +150,7 @@ fn tables(dir: &Path, format: Format) -> Vec<String> {
     lines
 }
 
-/// An INI file without the bridge, with these lines of the joints.
+/// An INI file without the bridge, with these lines for the joints.
 fn with_tables(ini: &str, lines: &[String]) -> String {
     let mut text: String = ini
         .lines()
@@ -164,7 +163,7 @@ fn with_tables(ini: &str, lines: &[String]) -> String {
     text
 }
 
-/// At rest, on the line for which the tables were made, both types and both directions: what a motor stands beside its joint.
+/// Checks at rest, on the line for which the tables were made, for both types and both directions: offset of a motor from its joint.
 fn on_the_line(control: &mut LinuxCnc) -> f64 {
     control.mdi("G21 G90 G0 X0 Y90 Z-90");
     let mut worst = 0.0_f64;
@@ -177,7 +176,7 @@ fn on_the_line(control: &mut LinuxCnc) -> f64 {
     ] {
         control.mdi(&format!("G0 X{x}"));
         std::thread::sleep(std::time::Duration::from_millis(500));
-        // What the joint gets besides its position; halcmd shows seven digits, so not the positions themselves.
+        // The addition to the joint's position; halcmd prints seven digits, which is too few for the positions themselves.
         let found = control.pin("joint.0.backlash-filt");
         let wanted = -truth([x, 90.0, -90.0], forward)[0];
         worst = worst.max((found - wanted).abs() * 1e3);
@@ -218,7 +217,7 @@ fn the_same_part_uncorrected_with_tables_and_live() {
             100.0 * rms / rows[0].1[0]
         );
     }
-    // A table over one axis cannot hold what another axis makes; the gateway can.
+    // A table over one axis cannot represent the errors due to another axis; the gateway can.
     assert!(
         rows[1].1[0] > 0.3 * rows[0].1[0] && rows[2].1[0] > 0.3 * rows[0].1[0],
         "{rows:?}"

@@ -1,4 +1,4 @@
-//! Machine files that are sent: whole, bounded, and in memory only until activation.
+//! Uploaded machine files: complete, bounded, and only in memory until activation.
 
 use std::{
     io::{Read, Write},
@@ -9,7 +9,7 @@ use std::{
 use super::{ENGINEER, Rig, activate, candidate, machine_file, model, upload, with_y};
 use crate::program::{PATIENCE, path};
 
-/// A file that ends in the middle, and names that lead elsewhere: nothing of the first stays, and the second are a plain name.
+/// A truncated file leaves nothing, and names that lead elsewhere are reduced to a plain name.
 #[test]
 fn a_file_is_taken_whole_under_a_plain_name() {
     let rig = Rig::new("");
@@ -40,7 +40,7 @@ fn a_file_is_taken_whole_under_a_plain_name() {
     );
 }
 
-/// On a full disk (a small file system) the model is not activated, and the audit log keeps its room.
+/// On a full disk (a small file system) the model is not activated, and the space of the audit log stays reserved.
 #[test]
 fn a_full_disk_refuses_a_model_and_keeps_the_log() {
     let rig = Rig::new("");
@@ -56,20 +56,20 @@ fn a_full_disk_refuses_a_model_and_keeps_the_log() {
     }
     let program = rig.start();
     let before = model(&program)["hash"].clone();
-    // Less than what the audit log needs is free from the start.
+    // From the start less is free than the audit log needs.
     let made = machine_file(&program, &with_y(21.0));
     let refused = activate(&program, &made, None);
     let after = model(&program)["hash"].clone();
     program.must_arm();
     drop(program);
-    // Nothing else can be done where it fails.
+    // A failure cannot be handled here.
     let _ = Command::new("umount").arg("-l").arg(&folder).status();
     assert_eq!(refused.status, 507, "{}", refused.body);
     assert!(refused.body.contains("full"), "{}", refused.body);
     assert_eq!(before, after);
 }
 
-/// Four clients that send nothing hold the places; once they are gone the fifth is served, and never holds up disarming.
+/// Four clients that send nothing occupy the slots; once they are disconnected the fifth is served. They never delay disarming.
 #[test]
 fn silent_clients_do_not_prevent_disarming() {
     let rig = Rig::new("");
@@ -90,7 +90,7 @@ fn silent_clients_do_not_prevent_disarming() {
         upload(&program, &query, text.as_bytes()).status
     };
     let end = Instant::now() + PATIENCE;
-    // A file without a name begins no candidate, which would send the four away.
+    // A file without a name starts no candidate, which would disconnect the four.
     while send("..") != 503 {
         assert!(Instant::now() < end, "the places are not held");
         std::thread::sleep(Duration::from_millis(20));

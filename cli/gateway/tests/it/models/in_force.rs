@@ -1,4 +1,4 @@
-//! A model goes into force, whole and without a step, and is gone back from.
+//! Activation of a complete model without a step, and reverting it.
 
 use std::{sync::atomic::Ordering, time::Duration};
 
@@ -11,7 +11,7 @@ use crate::{
     program::{Client, Program, change, path},
 };
 
-/// Back to the model before, and to the first of all.
+/// Reverts to the previous model, and to the first one.
 fn goes_back(program: &Client, before: &Value) {
     let history = model(program)["history"].clone();
     let first = &history.as_array().expect("a list").last().expect("one")["hash"];
@@ -24,8 +24,8 @@ fn goes_back(program: &Client, before: &Value) {
     }
 }
 
-/// Uploaded while it corrects; confirmed; ramped in without a step; outlives a kill; a reload leaves it; the
-/// configured file is taken back only when a person says so.
+/// A model is uploaded during correction, confirmed, and ramped in without a step; it survives a kill and a reload; the configured file is
+/// activated only on request of an engineer.
 #[test]
 fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     let rig = Rig::new("auto_arm = true");
@@ -57,7 +57,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     );
     let taken = activate(&program, &made, Some(&asked["model"]));
     assert_eq!(taken.status, 200, "{}", taken.body);
-    // The published state is consistent with the answer at once, not only after the next poll of the disk.
+    // The published state is consistent with the response at once, not only after the next poll of the disk.
     let at_once = model(&program);
     assert_eq!(at_once["put_in_force"]["who"], "erna", "{at_once}");
     assert_eq!(at_once["history"][0]["outcome"], "in-force", "{at_once}");
@@ -85,13 +85,13 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
         audit.contains("\"who\":\"erna\",\"what\":\"model\""),
         "{audit}"
     );
-    // The answered activation is on disk.
+    // After the response the activation is on disk.
     let program = program.killed_and_started(&rig.config);
     assert_eq!(rig.standing()["in_force"]["hash"], made["result"]["hash"]);
     let state = model(&program);
     assert_eq!(state["hash"], made["result"]["hash"]);
     y(&program, -100.0);
-    // The configured file changes: a reload says that it is not used.
+    // The configured file changes: a reload reports that it is not used.
     change(
         &rig.dir.path().join("machine.toml"),
         "EYX = 20.0",
@@ -103,7 +103,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert!(reloaded.body.contains("was not read"), "{}", reloaded.body);
     let state = wait_model(&program, |now| now["configured"]["differs"] == true);
     assert_eq!(state["hash"], made["result"]["hash"]);
-    // A person goes back to it: 75 µm, by the same question and the same ramp.
+    // An engineer reverts to it: 75 µm, with the same question and the same ramp.
     program.largest_step_um();
     let asked = post(&program, "back", &json!({ "hash": null }));
     assert_eq!(asked.status, 409, "{}", asked.body);
@@ -124,8 +124,8 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert_eq!(nobody.status, 404, "{}", nobody.body);
 }
 
-/// Killed at any moment of an activation: after the restart it is one of the two models, whole; and the new one where the answer
-/// had come.
+/// Killed at any time during an activation: after the restart one of the two models is active and complete, and it is the new one if the
+/// response had been sent.
 #[test]
 fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     let dir = tempfile::tempdir().expect("writable");
@@ -135,7 +135,7 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     let start = || Program::start(dir.path(), &["--config", path(&config)]);
     let mut program = start();
     let mut answered = 0;
-    // The whole takes some ten milliseconds on a computer that has nothing else to do.
+    // The activation takes some ten milliseconds on an idle computer.
     for (round, delay_ms) in [0, 4, 10, 20, 40, 80, 160, 1500].into_iter().enumerate() {
         let before = model(&program)["hash"].clone();
         let um = 20.5 + f64::from(u8::try_from(round).expect("few"));
@@ -143,7 +143,7 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
         assert_eq!(made["step"], "ready", "{made}");
         let after = made["result"]["hash"].clone();
         let client = program.clone();
-        // It may be killed in the middle of it. Small moves need no confirmation.
+        // The gateway may be killed meanwhile. Small changes need no confirmation.
         let asked = std::thread::spawn(move || activate(&client, &made, None).status);
         std::thread::sleep(Duration::from_millis(delay_ms));
         program.signal("KILL");
@@ -160,15 +160,15 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     }
     println!("{answered} of 8 were answered before the kill");
     assert!(answered > 0, "none was ever activated");
-    // Whichever it is: it corrects.
+    // The gateway corrects with either model.
     program.must_arm();
 }
 
-/// A fault in the middle of the ramp to a new model: no step, and the new model goes on once the fault is over.
+/// A fault during the ramp to a new model: no step, and the ramp continues after the fault.
 #[test]
 fn a_fault_on_the_ramp_makes_no_step() {
     let rig = Rig::new("auto_arm = true");
-    // Long enough for an alarm in the middle of it.
+    // Long enough for an alarm during the ramp.
     change(&rig.config, "ramp_s = 0.1", "ramp_s = 5");
     let program = rig.start();
     y(&program, -20.0);
@@ -209,7 +209,7 @@ fn a_damaged_model_is_not_loaded() {
     let program = program.killed_and_started(&rig.config);
     let now = model(&program);
     assert_eq!(now["from"], "file", "{now}");
-    // The page says so, and goes on to.
+    // The page reports it continuously.
     let is_told = |now: &Value| {
         let trouble = now["trouble"].as_str().unwrap_or_default();
         trouble.contains(&hash) && trouble.contains("was not loaded")
@@ -221,7 +221,7 @@ fn a_damaged_model_is_not_loaded() {
     std::thread::sleep(Duration::from_secs(3));
     let now = model(&program);
     assert!(is_told(&now), "{now}");
-    // An engineer reverts to the configured one.
+    // An engineer reverts to the configured model.
     let taken = post(&program, "back", &json!({ "hash": null }));
     assert_eq!(taken.status, 200, "{}", taken.body);
     let now = wait_model(&program, |now| now["trouble"].is_null());
@@ -249,7 +249,7 @@ fn only_the_displayed_result_is_activated() {
     assert_eq!(model(&program)["hash"], hash);
 }
 
-/// An active model whose file cannot be kept is reported until it can: in an earlier version the next history entry cleared the message.
+/// An active model whose file cannot be stored is reported until it can; other history entries do not clear the message.
 #[test]
 fn a_model_that_cannot_be_kept_is_reported_until_it_is() {
     let rig = Rig::new("");
@@ -263,7 +263,7 @@ fn a_model_that_cannot_be_kept_is_reported_until_it_is() {
         .checksum();
     let digits = hash.strip_prefix("sha256:").expect("a hash");
     let kept = rig.dir.path().join("audit/models");
-    // A folder in the place of the file that is written first.
+    // A folder in place of the file that is written first.
     let stands_in = kept.join(format!("machine-{digits}.new"));
     std::fs::create_dir_all(&stands_in).expect("writable");
     std::fs::write(&machine, other).expect("writable");

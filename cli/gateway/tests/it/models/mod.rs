@@ -84,7 +84,7 @@ pub(crate) fn candidate(program: &Client) -> Value {
     program.get("/api/model/candidate").json()
 }
 
-/// Waits until nothing works at the candidate any more.
+/// Waits until the candidate is no longer processed.
 fn settled(program: &Client) -> Value {
     let end = Instant::now() + Duration::from_secs(60);
     loop {
@@ -97,7 +97,7 @@ fn settled(program: &Client) -> Value {
     }
 }
 
-/// Uploads a machine file: its candidate.
+/// Uploads a machine file; returns its candidate.
 pub(crate) fn machine_file(program: &Client, text: &str) -> Value {
     let sent = upload(program, "kind=machine&name=m.toml", text.as_bytes());
     assert_eq!(sent.status, 200, "{}", sent.body);
@@ -105,7 +105,7 @@ pub(crate) fn machine_file(program: &Client, text: &str) -> Value {
 }
 
 pub(crate) fn activate(program: &Client, candidate: &Value, confirm: Option<&Value>) -> Answer {
-    // One without a result has no hash.
+    // A candidate without a result has no hash.
     let hash = candidate["result"]["hash"].as_str().unwrap_or("none");
     let mut body = json!({ "candidate": candidate["id"], "hash": hash });
     if let Some(hash) = confirm {
@@ -124,7 +124,7 @@ pub(crate) fn with_y(um: f64) -> String {
     MACHINE.replace("EYX = 20.0", &format!("EYX = {um:?}"))
 }
 
-/// Waits until the desk has taken something over.
+/// Waits until the model state satisfies a condition.
 pub(crate) fn wait_model(program: &Client, done: impl Fn(&Value) -> bool) -> Value {
     let end = Instant::now() + PATIENCE;
     loop {
@@ -137,7 +137,7 @@ pub(crate) fn wait_model(program: &Client, done: impl Fn(&Value) -> bool) -> Val
     }
 }
 
-/// The machine of the example's measurements, and an engineer.
+/// The machine of the example's measurements, with an engineer.
 pub(crate) fn measured_rig_in(dir: &Path, control: &Simulator) -> PathBuf {
     let config = configuration(dir, control, "auto_arm = true");
     let machine = std::fs::read_to_string(examples().join("machine.toml")).expect("there");

@@ -1,4 +1,4 @@
-//! What is no model of this machine, and who may not bring one.
+//! Files that are no model of this machine, and users who may not upload one.
 
 use std::time::{Duration, Instant};
 
@@ -32,7 +32,7 @@ fn only_engineers_send_models() {
     }
     assert!(model(&program)["candidate"].is_null());
     assert_eq!(program.get("/api/model/candidate").status, 404);
-    // An engineer may operate, too.
+    // An engineer may operate as well.
     let token = program
         .request("GET", "/api/token", Some(ENGINEER), "")
         .json();
@@ -63,7 +63,7 @@ fn invalid_and_foreign_models_are_refused() {
             200
         );
     }
-    // Another machine's axes.
+    // The axes of another machine.
     let axes = MACHINE
         .replace("w X' b Y Z t", "w X' b Y t")
         .replace("[axes.Z]\ntravel = [0.0, 250.0]\n", "");
@@ -86,7 +86,7 @@ fn invalid_and_foreign_models_are_refused() {
     );
     assert_eq!(newest["from"], "file");
     post(&program, "discard", &json!({ "candidate": made["id"] }));
-    // Another structure: reported, and confirmed if it moves anything.
+    // Another structure: reported, and confirmed if it moves any axis.
     let made = machine_file(
         &program,
         &with_y(90.0).replace("w X' b Y Z t", "w X' Y' b Z t"),
@@ -96,7 +96,7 @@ fn invalid_and_foreign_models_are_refused() {
     assert_eq!(activate(&program, &made, None).status, 409);
 }
 
-/// The machine file of another machine whose correction hardly moves: it went into force with no word.
+/// The machine file of another machine is not activated silently, even if its correction hardly differs.
 #[test]
 fn a_model_of_another_machine_needs_confirmation() {
     let rig = Rig::new("");
@@ -117,7 +117,7 @@ fn a_model_of_another_machine_needs_confirmation() {
     assert_eq!(asked["differences"].as_array().expect("a list").len(), 2);
     let taken = activate(&program, &made, Some(&asked["model"]));
     assert_eq!(taken.status, 200, "{}", taken.body);
-    // Reverting needs the same confirmation, and arming no second one.
+    // Reverting needs the same confirmation, and arming needs no second one.
     let back = post(&program, "back", &json!({ "hash": null }));
     assert_eq!(back.status, 409, "{}", back.body);
     assert!(back.body.contains("gantry-8000"), "{}", back.body);
@@ -143,7 +143,7 @@ fn two_engineers_do_not_mix_their_files() {
     assert_eq!(second.status, 409, "{}", second.body);
     assert!(second.body.contains("erna"), "{}", second.body);
     assert_eq!(settled(&program)["file"]["name"], "first.toml");
-    // Measurement files, another kind, no name.
+    // A measurement file, another kind of file, no name.
     for (query, says) in [
         ("kind=measurement&name=exx.csv", "volcomp studio"),
         ("kind=rubbish&name=a.csv", "expected kind=machine"),
@@ -163,7 +163,7 @@ fn two_engineers_do_not_mix_their_files() {
     assert_eq!(activate(&program, &json!({ "id": id }), None).status, 409);
 }
 
-/// A comparison cannot be stopped: however many files are discarded, only one computes at a time.
+/// A comparison cannot be stopped: however many candidates are discarded, only one comparison runs at a time.
 #[test]
 fn one_comparison_at_a_time_also_of_discarded_files() {
     let rig = Rig::new("");
@@ -193,7 +193,7 @@ fn one_comparison_at_a_time_also_of_discarded_files() {
     assert!(settled(&program)["error"].is_null());
 }
 
-/// A broken machine file takes fifty times its size in memory: without the bound one upload ended the process that corrects.
+/// Parsing a broken machine file takes fifty times its size in memory: without the bound one upload ended the process that corrects.
 #[test]
 fn no_upload_is_too_large_for_the_program_that_corrects() {
     let dir = tempfile::tempdir().expect("writable");

@@ -72,7 +72,6 @@ pub(super) enum Field {
     Parquet(Box<super::parquet::ParquetField>),
 }
 
-/// A field as text.
 pub(super) struct TextField {
     file: OutputFile,
     format: TextFormat,

@@ -1,9 +1,8 @@
-//! Every world within bounds: two senders that may die and start again at any scan, read and send at any scan (also long
-//! after they read), frames that are lost, late, doubled and reordered, power-ups at any scan. The barrier and the senders are
-//! the real ones. What is equal up to the numbers that counters happen to have is visited once. One or two ways lead to the
-//! control, and any frame may come on any of them.
+//! Exhaustive search within bounds: two senders that may crash, restart, read and send at any scan (also long after a read), frames that
+//! are lost, late, duplicated and reordered, and power-ups of the control at any scan. The barrier and the senders are the real ones.
+//! Worlds that differ only in counter offsets are visited once. The control has one or two mailboxes; any frame may arrive in any of them.
 //!
-//! Taking away one of the three things that make a frame belong to now (owner, age, epoch kept over power-off) has to be found.
+//! The search must find a violation if a frame's owner, its age or the retained epoch is not checked.
 
 mod canonical;
 
@@ -17,35 +16,35 @@ use volcomp_guard::{
 
 use canonical::{canonical, print_of};
 
-/// What the channel holds of a frame, and what only an observer knows of it.
+/// A frame in transit, with properties that only the observer knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 struct Flying {
     frame: Frame,
     /// Scans since the report that it answers was published, up to a bound.
     age: u8,
-    /// The control has started anew or timed out since.
+    /// The control has restarted or timed out since.
     stale: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Sender {
     session: Session,
-    /// As of [`Flying`], of the report that it read last; `None`: none that it may answer.
+    /// Age and `stale` flag, as in [`Flying`], of the last report read; `None`: no report to answer.
     knows: Option<(u8, bool)>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct World {
     barrier: Memory,
-    /// The first sender of which a frame was taken in this epoch; 0: none.
+    /// The first sender of which a frame was accepted in this epoch; 0: none.
     first: u16,
     senders: [Option<Sender>; 2],
     in_transit: Vec<Flying>,
-    /// What lies in each mailbox; only the first of them where there is one way.
+    /// The frame in each mailbox; with a single path only the first is used.
     mailboxes: [Option<Flying>; 2],
 }
 
-/// What is left out of the protocol.
+/// The check that is omitted from the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Without {
     Nothing,
@@ -56,21 +55,21 @@ enum Without {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 enum Violation {
-    /// A frame from before a power-up or time-out was taken.
+    /// A frame from before a power-up or timeout was accepted.
     Stale,
-    /// A frame was taken that answers a report older than the bound.
+    /// A frame was accepted that answers a report older than the bound.
     Old,
-    /// Frames of two senders were taken in one epoch.
+    /// Frames of two senders were accepted in one epoch.
     TwoOwners,
-    /// An axis moved by more than its rate, or stands beyond its limit.
+    /// An axis moved by more than its rate, or is beyond its limit.
     Step,
-    /// A sender has taken its own frame for that of another one.
+    /// A sender took its own frame for that of another sender.
     OwnForOther,
 }
 
 struct Bounds {
     settings: Settings,
-    /// Frames in the channel at once.
+    /// Maximum number of frames in transit.
     in_transit: usize,
     /// Number of mailboxes of the control; any frame may arrive in any of them.
     ways: usize,
@@ -78,7 +77,7 @@ struct Bounds {
     most_worlds: usize,
 }
 
-/// One of the things that a sender does between two scans.
+/// Action of a sender between two scans.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Does {
     Nothing,
@@ -89,7 +88,7 @@ enum Does {
     ReadsAndSends,
 }
 
-/// What each sender wants, counts.
+/// Requested correction of each sender, counts.
 const WANTS: [i16; 2] = [2, -2];
 
 fn explore(bounds: &Bounds) -> (usize, bool, Vec<Violation>) {
@@ -196,7 +195,7 @@ fn acts(
     }
 }
 
-/// The control starts anew; the tick that it begins with may be any: that which makes frames look young is the worst.
+/// Restarts the control. Its new tick may be any; the worst one makes old frames look recent.
 fn start_anew(world: &mut World, tick: i16, bounds: &Bounds) {
     let before = world.barrier;
     let kept = match bounds.without {
@@ -295,7 +294,7 @@ fn owners(world: &World) -> HashSet<u16> {
         .collect()
 }
 
-/// At most one frame reaches the mailbox, and stays in the channel or not; or one is lost.
+/// Delivers at most one frame to the mailbox, and keeps it in the channel or not; or loses one frame.
 fn deliver(world: &World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<Violation>)) {
     scan(world.clone(), bounds, tell);
     for at in 0..world.in_transit.len() {
@@ -345,7 +344,7 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
     let mut barrier = start();
     barrier.scan(&mailboxes[..bounds.ways], false);
     let after = barrier.memory();
-    // Which of them were taken: the second one may be besides the first.
+    // Which frames were accepted: the second one may be accepted in addition to the first.
     let mut first_alone = start();
     first_alone.scan(&mailboxes[..1], false);
     let first_alone = first_alone.memory();
@@ -414,7 +413,7 @@ fn small(hold_scans: u16, time_out_scans: u16) -> Settings {
     }
 }
 
-/// Hold and time-out in scans, frames in the channel, ways to the control.
+/// Hold and timeout in scans, maximum number of frames in transit, number of mailboxes.
 type Size = (u16, u16, usize, usize);
 
 const SIZES: [Size; 6] = [

@@ -1,5 +1,5 @@
-//! Frames and reports as words, and whose they are: what a barrier reports that this sender has not sent is another's; what it
-//! has sent never is.
+//! Encoding of frames and reports, and their senders: a reported frame that this sender has not sent is another sender's; one that it has
+//! sent never is.
 
 use proptest::prelude::*;
 use volcomp_guard::{
@@ -10,12 +10,12 @@ use volcomp_guard::{
 
 use super::{at_zero, layout, settings, words};
 
-/// Fletcher's sums by definition: the second one weighs each word by its distance from the end.
+/// Fletcher's sums by definition: the second one weights each word by its distance from the end.
 #[test]
 fn the_checksum_matches_its_definition() {
     let some = [1_u16, 65535, 40000, 0, 7, 65534, 3];
     let n = some.len() as u64;
-    // The axes W C V A X B: their number is more than a word holds.
+    // The layout number of W C V A X B does not fit into one word.
     let axes = [
         AxisName::W,
         AxisName::C,
@@ -76,7 +76,7 @@ proptest! {
         let _ = Report::decode(4711, layout(axes), &some);
     }
 
-    /// The control sees the first words of one frame and the last words of another.
+    /// The control reads the first words of one frame and the last words of another.
     #[test]
     fn a_torn_frame_is_one_of_the_two_or_refused(
         one in frames(),
@@ -98,7 +98,7 @@ proptest! {
             let torn: Vec<u16> = a[..torn_at].iter().chain(&b[torn_at..]).copied().collect();
             if let Some(seen) = Frame::decode(&settings, &torn) {
                 let near = |whole: &Frame| {
-                    // The words 0 and -1 weigh the same.
+                    // The checksum does not distinguish the words 0 and -1.
                     seen.values.iter().zip(&whole.values).all(|(s, w)| s.abs_diff(*w) <= 1)
                 };
                 prop_assert!(near(&one) || near(&two), "{one:?} {two:?} {seen:?}");
@@ -140,7 +140,7 @@ fn report(epoch: u16, owner: u16, sequence: u16) -> Report {
 
 #[test]
 fn a_report_of_an_unsent_frame_belongs_to_another_sender() {
-    // Frames that were sent (epoch and sequence), what is reported, and whether it may be of these.
+    // Sent frames (epoch and sequence), the reported frame, and whether it may be one of them.
     type Numbers = (u16, u16);
     let table: [(&[Numbers], Numbers, bool); 17] = [
         (&[], (7, 0), false),
@@ -150,21 +150,21 @@ fn a_report_of_an_unsent_frame_belongs_to_another_sender() {
         (&[(7, 1), (7, 2), (7, 3)], (7, 1), true),
         (&[(7, 1), (7, 2), (7, 3)], (7, 3), true),
         (&[(7, 1), (7, 2), (7, 3)], (7, 4), false),
-        // In another order, by two paths.
+        // Reordered by two paths.
         (&[(7, 3), (7, 2)], (7, 3), true),
-        // The sequence goes round.
+        // The sequence wraps.
         (&[(7, 65_535), (7, 0)], (7, 65_534), true),
         (&[(7, 65_535), (7, 0)], (7, 0), true),
         (&[(7, 65_535), (7, 0)], (7, 1), false),
         (&[(7, 65_535)], (7, 0), false),
-        // A new epoch, in which nothing was sent; one in which something was; a late report of the one before.
+        // A new epoch without sent frames; one with sent frames; a late report of the previous epoch.
         (&[(7, 5)], (8, 5), false),
         (&[(7, 5), (8, 6)], (8, 6), true),
         (&[(7, 5), (8, 6)], (7, 5), true),
         (&[(7, 5), (8, 6)], (7, 6), false),
-        // The epoch goes round.
+        // The epoch wraps.
         (&[(65_535, 5), (0, 6)], (1, 6), false),
-        // A frame that answers a late report of an old epoch does not push out what is newer.
+        // A frame that answers a late report of an old epoch does not displace newer entries.
         (
             &[(9, 5), (5, 1), (4, 1), (3, 1), (2, 1), (1, 1)],
             (9, 5),
@@ -186,7 +186,7 @@ fn a_report_of_an_unsent_frame_belongs_to_another_sender() {
         if !is_own {
             assert_eq!(session.frame(&Counts::default()), None);
         }
-        // Free, or another's: the numbers do not matter.
+        // No owner, or another one: the numbers do not matter.
         let free = session.read(report(epoch.wrapping_add(1), 0, sequence).head());
         assert!(matches!(free, ReportStatus::Confirmed { .. }), "{free:?}");
         let other = session.read(report(epoch.wrapping_add(2), 3, sequence).head());
@@ -194,12 +194,12 @@ fn a_report_of_an_unsent_frame_belongs_to_another_sender() {
     }
 }
 
-/// What happens between a gateway with two paths and a barrier.
+/// Events between a gateway with two paths and a barrier.
 #[derive(Clone, Copy, Debug)]
 enum Step {
-    /// The control scans, with the frame at this place of all that were sent, if there is one.
+    /// The control scans; the frame at this index among all sent ones arrives, if any.
     Scan(Option<prop::sample::Index>),
-    /// A path reads what the control publishes now, or what it published at an earlier time.
+    /// A path reads the present report, or an earlier one.
     Read(usize, Option<prop::sample::Index>),
     Send(usize),
     PowerUp(u16),
@@ -234,7 +234,7 @@ proptest! {
         for step in steps {
             match step {
                 Step::Scan(frame) => {
-                    // Of the last ones, so that some are young enough.
+                    // Among the last frames, so that some are recent enough.
                     let young = &frames[frames.len().saturating_sub(8)..];
                     let frame: &[u16] = match frame {
                         Some(index) if !young.is_empty() => index.get(young).as_slice(),

@@ -1,4 +1,4 @@
-//! The barrier: single rules, random worlds, and every world within bounds.
+//! The barrier: single rules, random worlds, and an exhaustive search within bounds.
 
 mod explored;
 mod frames;

@@ -29,9 +29,9 @@ fn axes() -> Vec<Axis> {
 fn physical_units_become_counts_and_scans() {
     let settings = Protection::default().settings(&axes()).expect("valid");
     assert_eq!(settings.axes.number(), 126);
-    // 250 µm, what Y's device can express, 250 µrad at 10 µrad.
+    // 250 µm; the largest value that the device of Y can express; 250 µrad in steps of 10 µrad.
     assert_eq!(settings.limit, PerChannel::leading([250, 100, 25]));
-    // C: 1000 µrad/s are 0.2 counts in a scan, so a step is made every five scans; X and Y make 2 counts in a scan.
+    // C: 1000 µrad/s is 0.2 counts per scan, hence a step every five scans. X and Y: 2 counts per scan.
     assert_eq!(settings.step_scans, 5);
     assert_eq!(settings.rate, PerChannel::leading([10, 10, 1]));
     assert_eq!((settings.hold_scans, settings.time_out_scans), (25, 100));

@@ -1,5 +1,4 @@
-//! Random worlds over long times: everything that a channel, a control and two senders may do, in random order. What an axis
-//! does is looked at in every scan.
+//! Long random runs: all faults of a channel, a control and two senders in random order. The axes are checked in every scan.
 
 use std::collections::HashMap;
 
@@ -14,23 +13,23 @@ use volcomp_guard::{
 use super::{settings, words};
 
 const AXES: usize = 3;
-/// A sender's largest change in a scan, counts: half of the barrier's.
+/// A sender's largest change per scan, counts: half of the barrier's rate.
 const SLEW: i16 = 1;
 
-/// A sender that leads its output to what it wants at its own slew, from what is confirmed.
+/// A sender that moves its output to the requested value at its own slew, from the confirmed value.
 struct Sender {
     session: Session,
     output: Option<Counts>,
     requested: Counts,
 }
 
-/// Words on their way, and when they arrive.
+/// Words in transit, and when they arrive.
 struct Late {
     at: u32,
     words: Vec<u16>,
 }
 
-/// How often each thing goes wrong, in a scan.
+/// Probability of each fault per scan.
 #[derive(Clone, Copy, Default)]
 struct Faults {
     lost: f64,
@@ -46,9 +45,9 @@ struct World {
     settings: Settings,
     barrier: Barrier,
     now: u32,
-    /// How often the epoch moved on.
+    /// Number of new epochs.
     epochs: u32,
-    /// The scan in which the report that senders read was published.
+    /// The report that senders read, and the scan in which it was published.
     published: (Report, u32),
     in_transit: Vec<Late>,
     mailbox: Vec<u16>,
@@ -69,7 +68,7 @@ impl World {
             time_out_scans: 30,
             ..settings(AXES)
         };
-        // Counters close to where they wrap around, as often as not.
+        // In about half of the worlds the counters start close to where they wrap.
         let near = |rng: &mut ChaCha8Rng| rng.random_range(0..80_u16).wrapping_sub(40);
         let barrier = Barrier::start(settings, near(&mut rng), near(&mut rng), &Counts::default())
             .expect("valid");
@@ -133,7 +132,7 @@ impl World {
             }
             3 if self.senders.len() < 2 => self.start_sender(),
             4 => {
-                // Off and on: what the axes hold remains, the tick does not.
+                // Power-off and power-on: the axes keep their corrections, the tick restarts.
                 let before = self.barrier.memory();
                 let tick = self.rng.random();
                 self.barrier =
@@ -209,7 +208,7 @@ impl World {
         self.in_transit.push(late);
     }
 
-    /// What arrives lies in the mailbox; of a torn frame only some words do before the scan, the rest after it.
+    /// Delivers arriving frames to the mailbox; of a torn frame only some words before the scan, the rest after it.
     fn arrive(&mut self, faults: &Faults) -> Option<Vec<u16>> {
         let now = self.now;
         let (mut arrived, in_transit) = std::mem::take(&mut self.in_transit)
@@ -291,7 +290,7 @@ fn no_channel_fault_makes_an_axis_step_and_a_live_sender_succeeds() {
         world.cut_until = 0;
         world.holds_until = 0;
         if seed % 2 == 0 {
-            // Everybody dies: zero within the age of a frame, the time-out and the way.
+            // All senders stop: zero within the maximum age of a frame, the timeout and the ramp.
             world.senders.clear();
             let furthest = world
                 .barrier
@@ -301,7 +300,7 @@ fn no_channel_fault_makes_an_axis_step_and_a_live_sender_succeeds() {
                 .map(|a| a.abs())
                 .max()
                 .unwrap_or(0);
-            // A frame on its way may still be taken, and lead away from zero first.
+            // A frame in transit may still be accepted, and move the axis away from zero first.
             let way = i32::midpoint(i32::from(furthest), 2 * 20);
             let bound = i32::from(world.settings.hold_scans + world.settings.time_out_scans) + way;
             for _ in 0..bound {

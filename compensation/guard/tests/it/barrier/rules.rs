@@ -18,7 +18,7 @@ fn values(values: &[i16]) -> Counts {
     PerChannel::from_fn(|axis| values.get(axis).copied().unwrap_or(0))
 }
 
-/// A barrier that has taken one frame of owner 7, and the report after it.
+/// A barrier that has accepted one frame of owner 7, and the report after it.
 fn held(settings: Settings) -> (Barrier, Session, Report) {
     let mut barrier = at_zero(settings);
     let mut sender = Session::new(7);
@@ -54,11 +54,11 @@ fn each_wrong_frame_is_refused_with_its_reason() {
         (|frame| add(&mut frame.head.epoch, -1), Refusal::Epoch),
         (|frame| frame.head.owner = 8, Refusal::Owner),
         (|frame| frame.head.owner = 0, Refusal::Owner),
-        // The scan that judges it is one more than the report's.
+        // The frame is checked one scan after the report.
         (|frame| add(&mut frame.head.tick, -4), Refusal::None),
         (|frame| add(&mut frame.head.tick, -5), Refusal::Tick),
         (|frame| add(&mut frame.head.tick, 2), Refusal::Tick),
-        // Counted from the next one.
+        // Relative to the next sequence.
         (|frame| add(&mut frame.head.sequence, -2), Refusal::Sequence),
         (
             |frame| add(&mut frame.head.sequence, i16::MAX - 1),
@@ -104,8 +104,7 @@ fn a_frame_for_another_machine_or_other_axes_is_rejected() {
         },
         settings(2),
         settings(4),
-        // The words of a frame for Y X Z, or for X Y A, are as many as those for X Y Z, and were taken for them: the
-        // correction of one axis moved another one.
+        // A frame for Y X Z or X Y A has as many words as one for X Y Z, but would move other axes.
         of([AxisName::Y, AxisName::X, AxisName::Z]),
         of([AxisName::X, AxisName::Y, AxisName::A]),
     ] {
@@ -159,7 +158,7 @@ fn without_frames_it_goes_to_zero_and_rejects_earlier_frames() {
     }
     let before = barrier.report();
     assert_eq!(before.applied, values(&[20, -8]));
-    // The last frame comes late, and then nothing.
+    // The last frame arrives late, and no other follows.
     let begun = barrier.scan(&[&last], false);
     let mut scans = 0;
     while barrier.report().applied != Counts::default() {
@@ -170,7 +169,7 @@ fn without_frames_it_goes_to_zero_and_rejects_earlier_frames() {
     assert!(scans <= bound, "{scans} scans");
     let after = barrier.report();
     assert_eq!((after.epoch, after.owner), (begun.epoch.wrapping_add(1), 0));
-    // What lies in a mailbox is judged once; the same frame that comes another way is judged there.
+    // A frame in a mailbox is checked once; the same frame in another mailbox is checked there.
     assert_eq!(after.refusal, Refusal::None);
     let after = barrier.scan(&[&last, &last], false);
     assert_eq!((after.refusal, after.owner), (Refusal::Epoch, 0));
@@ -258,7 +257,7 @@ fn a_sender_waits_for_another_and_for_its_own_previous_run() {
         }
     );
     assert_eq!(first.read(report.head()), ReportStatus::Old);
-    // The first is gone; the second waits for the time-out.
+    // The first sender has stopped; the second waits for the timeout.
     let mut waited = 0;
     loop {
         let report = barrier.scan(&[], false);
@@ -286,7 +285,7 @@ fn invalid_settings_are_refused() {
     let time_out = |hold, time_out| SettingsError::TimeOut { hold, time_out };
     let counts = |axis, found| SettingsError::Counts { axis, found };
     let cases: [Case; 7] = [
-        // To the checksum it is the machine 0.
+        // The checksum does not distinguish it from machine 0.
         (
             |s| s.machine = 65_535,
             SettingsError::Machine { found: 65_535 },
@@ -306,7 +305,7 @@ fn invalid_settings_are_refused() {
     }
 }
 
-/// Late and repeated reports used to count as new.
+/// Late and repeated reports do not count as new.
 #[test]
 fn a_report_older_than_the_last_one_is_ignored() {
     let (_, mut sender, report) = held(settings(1));
@@ -317,7 +316,7 @@ fn a_report_older_than_the_last_one_is_ignored() {
     assert_ne!(seen(30_000), ReportStatus::Old);
     assert_eq!(seen(29_999), ReportStatus::Old);
     assert_eq!(seen(0), ReportStatus::Old);
-    // The tick goes round.
+    // The tick wraps.
     assert_ne!(seen(60_000), ReportStatus::Old);
     assert_ne!(seen(65_535), ReportStatus::Old);
     assert_ne!(seen(5), ReportStatus::Old);
@@ -335,7 +334,7 @@ fn a_report_older_than_the_last_one_is_ignored() {
     );
 }
 
-/// A repeated report used to be confirmed with the present time. After 5 s of silence any tick is accepted, since it may have wrapped.
+/// A repeated report does not confirm anything at the present time. After 5 s of silence any tick is accepted, since it may have wrapped.
 #[test]
 fn a_repeated_report_confirms_nothing() {
     let settings = settings(1);
@@ -376,7 +375,7 @@ fn one_axis() -> Limits {
     }
 }
 
-/// Reads the report and sends what is wanted, at half the rate of the barrier.
+/// Reads the report and sends the requested correction, at half the rate of the barrier.
 fn answer(barrier: &Barrier, sender: &mut Session, requested: i16, output: &mut i16) -> Vec<u16> {
     let report = barrier.report();
     if let ReportStatus::Confirmed {
@@ -390,11 +389,11 @@ fn answer(barrier: &Barrier, sender: &mut Session, requested: i16, output: &mut 
     words(&report.settings, &frame.expect("the control is free"))
 }
 
-/// One gateway changes to another path; its last frame stays in the first mailbox. It used to be accepted again once tick and sequence had wrapped,
-/// about every minute: the axis ran away.
+/// One gateway changes to another path; its last frame stays in the first mailbox. It is not accepted again when tick and sequence have
+/// wrapped, about every minute.
 #[test]
 fn an_old_frame_in_an_unused_mailbox_is_never_accepted_again() {
-    // How many scans pass between two frames, so that tick and sequence go round at different times.
+    // Scans between two frames, so that tick and sequence wrap at different times.
     for every in [1, 2, 3, 7] {
         let settings = Settings {
             rate: PerChannel::leading([20]),

@@ -1,4 +1,4 @@
-//! The reference barrier in the control of a simulated machine: what the axes get, whatever comes over the wire.
+//! The reference barrier in the control of a simulated machine: motion of the axes under arbitrary faults of the wire.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -49,7 +49,7 @@ fn start(clock: Clock) -> (SimulatedController, Settings, Arc<Controls>) {
     (controller, settings, controls)
 }
 
-/// A sender that wants a goal, and sends it in every cycle.
+/// A sender that sends its goal in every cycle.
 struct Sender {
     session: Session,
     settings: Settings,
@@ -88,7 +88,7 @@ fn the_axes_follow_the_barriers_rate_hold_during_stops_and_go_to_zero_without_a_
     let period = Duration::from_millis(4);
     for cycle in 0..200 {
         clock.advance(period);
-        // A stop in the middle of the way.
+        // A stop in the middle of the motion.
         let stopped = (20..60).contains(&cycle);
         controls.emergency_stop.store(stopped, Ordering::Relaxed);
         sender.cycle(&mut controller, &goal);
@@ -113,7 +113,7 @@ fn the_axes_follow_the_barriers_rate_hold_during_stops_and_go_to_zero_without_a_
     clock.advance(period);
     let seen = other.cycle(&mut second, &PerChannel::leading([-150, 40]));
     assert_eq!(seen, Some(ReportStatus::Held { owner: 77 }));
-    // The gateway dies: within the time-out and the way the axes are at zero, and they never step.
+    // The gateway stops: the axes are at zero within the timeout and the ramp, without a step.
     let plant = controller.plant();
     drop(controller);
     let way = Duration::from_secs_f64(0.150 / 1.0);
@@ -179,7 +179,7 @@ fn no_fault_of_the_wire_makes_an_axis_step() {
                     sender.session = Session::new(rng.random());
                 }
                 if rng.random_bool(0.02) {
-                    // Also beyond the limit, which no guard would ask for.
+                    // Also beyond the limit, which no guard would request.
                     let mut some = || rng.random_range(-300..=300);
                     goals[index] = PerChannel::leading([some(), some()]);
                 }

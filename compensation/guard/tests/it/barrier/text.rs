@@ -1,4 +1,4 @@
-//! The Structured Text that is shipped, run by a small interpreter, against the barrier: the same frames, the same words.
+//! The shipped Structured Text, run by a small interpreter, against the barrier: equal words for equal frames.
 
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
@@ -17,7 +17,7 @@ fn number(count: usize) -> i64 {
     i64::try_from(count).expect("few")
 }
 
-/// A control that runs the text.
+/// A control that runs the Structured Text.
 struct Control {
     block: Block,
 }
@@ -112,7 +112,7 @@ fn random_settings(rng: &mut ChaCha8Rng) -> Settings {
     }
 }
 
-/// Frames that are taken, and frames with one thing wrong.
+/// Valid frames, and frames with one defect.
 fn random_frame(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier) -> Vec<u16> {
     let now = barrier.report();
     let mut frame = Frame {
@@ -160,7 +160,7 @@ fn random_frame(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier) ->
     words
 }
 
-/// Another word on the lines and an edge, mostly one that the axis can follow.
+/// Sets another word on the lines and toggles the latch; mostly a word that the axis can follow.
 fn random_lines(
     rng: &mut ChaCha8Rng,
     settings: &Settings,

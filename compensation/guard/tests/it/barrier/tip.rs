@@ -1,4 +1,4 @@
-//! What the axes behind a barrier make of a correction of five axes: the tool tip while the rotary axes move.
+//! A five-axis correction behind a barrier: error of the tool tip while the rotary axes move.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -17,9 +17,9 @@ const LEVER_MM: f64 = 300.0;
 struct Case {
     linear_step: f64,
     rotary_step: f64,
-    /// Cycles from the guard to the barrier, and back.
+    /// Delay from the guard to the barrier, and back, cycles.
     delay: usize,
-    /// The rate of the barrier over the slew of the guard.
+    /// Ratio of the barrier's rate to the guard's slew.
     rate: f64,
 }
 
@@ -47,7 +47,7 @@ fn limits(case: &Case) -> Limits {
     limits
 }
 
-/// The most by which the tip is off (mm) by what the axes have, where nothing slews.
+/// Largest tip error (mm) of the applied correction in cycles without slew limitation.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -63,7 +63,7 @@ fn off(case: &Case) -> f64 {
         AxisName::C,
     ];
     let layout = Layout::of(layout).expect("each once");
-    // A scan in 2 ms.
+    // One scan every 2 ms.
     let in_a_scan =
         |i: usize| limits.axes[i].slew_per_s * case.rate * 0.002 / limits.axes[i].resolution;
     let step_scans = (0..5)
@@ -93,7 +93,7 @@ fn off(case: &Case) -> f64 {
         rotary: of([0.0, 0.0, 0.0, 100e-6, -60e-6]),
         ..RequestedCorrection::default()
     };
-    // Nothing is wanted of Y and Z but to follow A and C.
+    // Y and Z are requested only to follow A and C.
     requested.follow[3] = of([0.0, LEVER_MM]);
     requested.follow[4] = of([0.0, 0.0, -0.7 * LEVER_MM]);
     for cycle in 0..1200_u32 {
