@@ -115,7 +115,7 @@ fn changes_by_a_test_take_effect() {
     );
 }
 
-/// It used to move on during emergency stop and alarm, and jumped by seconds of travel afterwards.
+/// The machine must not move during emergency stop and alarm. It used to move on internally and jump afterwards.
 #[test]
 fn it_stops_while_motion_is_forbidden_and_continues_from_there() {
     let clock = Clock::manual();
