@@ -75,7 +75,7 @@ enum Due {
     NextWrite,
 }
 
-/// The delayed writes, oldest first.
+/// The delayed writes, in no particular order, because free slots are reused.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct DelayedWrites([Option<(Write, Due)>; MAX_DELAYED]);
 
