@@ -83,7 +83,7 @@ fn a_row_is_unrolled_if_its_corrections_differ() {
         text(step, program),
         "G0 X0 Y0 Z10\n(G91 G81 X100 R-5 Z-5 L3 F100 a row)\nG91 G81 X100.010 R-5 Z-5 F100 (a row)\nX100.000\nX100.000\nG80\nM2\n"
     );
-    // Their heights differ.
+    // The holes have different heights.
     let bent = "[errors]\nEZX = { poly = [0.0, 0.1] }\n";
     assert_eq!(
         text(bent, program),
