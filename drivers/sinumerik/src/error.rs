@@ -69,7 +69,7 @@ pub enum SinumerikError {
         "found a server that is not trusted, fingerprint (SHA-1) {fingerprint}, expected one in {}: compare the fingerprint with the one that the control shows, then move {} there", .trusted.display(), .file.display()
     )]
     Untrusted {
-        /// The fingerprint of its certificate.
+        /// The fingerprint of the server's certificate.
         fingerprint: String,
         /// Where the certificate was saved.
         file: PathBuf,

@@ -14,7 +14,7 @@ pub const PORT: u16 = 4840;
 /// The OPC UA server of a control, and its polling settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Server {
-    /// Its URL, `opc.tcp://HOST:4840`.
+    /// URL of the server, `opc.tcp://HOST:4840`.
     pub url: String,
     /// Namespace of its nodes. Its index is looked up in the server's NamespaceArray at every connection.
     pub namespace: String,

@@ -29,7 +29,7 @@ pub(super) struct WriteRequest {
     /// Increasing sequence number; 0: no write was requested yet.
     pub(super) number: u64,
     pub(super) corrections: PerChannel<f64>,
-    /// Not sent after this time.
+    /// Time after which the request is not sent.
     pub(super) deadline: Option<Instant>,
 }
 

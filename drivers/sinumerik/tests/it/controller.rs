@@ -82,13 +82,13 @@ fn positions_states_and_corrections() {
     });
     assert_eq!(read(&mut controller).positions[0], 100.5);
 
-    // A value that is already set is not written again,
+    // A value that is already set is not written again.
     let [written, missed] = controller.writes();
     controller.apply(&expected, soon()).unwrap();
     next(&mut controller);
     next(&mut controller);
     assert_eq!(controller.writes(), [written, missed]);
-    // but a value changed by another client is.
+    // A value changed by another client is written again.
     peer.type_in("set X=0");
     until("the change is seen", TIMEOUT, || {
         read(&mut controller).applied.unwrap()[0] == 0.0
