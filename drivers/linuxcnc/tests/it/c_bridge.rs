@@ -73,7 +73,7 @@ pub(crate) struct ScanOutput {
     /// The counts of the first axis.
     counts: i64,
     pub(crate) state: State,
-    /// Of the first axis, mm.
+    /// Probed position of the first axis, mm.
     probed: f64,
 }
 
@@ -234,7 +234,7 @@ fn settings_beyond_the_word_range_are_rejected() {
     for (line, fits) in [
         ("set XY 7 1 100 300 5 1 30000 30000 2000 2000", "1"),
         ("set XY 7 1 100 300 5 1 32767 1 32767 1", "1"),
-        // It was published as a timeout of 300 scans, which never occurred.
+        // A larger value was once published as a timeout of 300 scans, which never occurred.
         ("set XY 7 1 65636 65836 5 1 30000 30000 2000 2000", "0"),
         ("set XY 7 1 100 32768 5 1 30000 30000 2000 2000", "0"),
         ("set XY 7 1 100 199 5 1 30000 30000 2000 2000", "0"),
