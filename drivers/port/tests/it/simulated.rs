@@ -26,7 +26,7 @@ fn moves_respect_feed_and_acceleration() {
     let (mut controller, _, _) = machine(clock.clone()).start();
     let step = Duration::from_millis(1);
     let mut places = Vec::new();
-    // 1.7 + 2.2 + 0.1 + 2.7 s, then again.
+    // Twice the program of 1.7 + 2.2 + 0.1 + 2.7 s.
     for _ in 0..14_000 {
         places.push(controller.read(soon()).unwrap().positions);
         clock.advance(step);
