@@ -79,7 +79,7 @@ pub enum FocasError {
         points: usize,
         bytes: u16,
     },
-    /// By a parameter, the control does not take shifts from the configured words.
+    /// A parameter of the control makes it take shifts from other words than the configured ones.
     #[error("parameter {parameter} of the control ({meaning}): found {found}, expected {expected}")]
     Parameter {
         parameter: &'static str,

@@ -28,7 +28,7 @@ pub enum ShiftSource {
         /// First byte of the words in R, two bytes for each axis (parameter 1280).
         first: u32,
     },
-    /// Not reported by the control: it is too old for the request, or lacks the option.
+    /// The control does not report the parameters: it is too old for the request, or lacks the option.
     #[cfg_attr(feature = "serde", serde(rename = "Untold"))]
     Unreported {
         /// The reason, in words.

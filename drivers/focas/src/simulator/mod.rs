@@ -293,7 +293,7 @@ fn send(
         0 => stream.write_all(&bytes),
         pieces => bytes.chunks(pieces).try_for_each(|piece| {
             stream.write_all(piece)?;
-            // Otherwise the pieces would be sent together.
+            // Without a pause the pieces would be sent together.
             thread::sleep(Duration::from_micros(200));
             Ok(())
         }),

@@ -91,7 +91,7 @@ impl Sender {
         Words::new(&words[..length])
     }
 
-    /// Cycles until the barrier applies these counts.
+    /// Runs cycles until the barrier applies these counts.
     fn drive(&mut self, controller: &mut FocasController, um: [i16; 3]) {
         let end = Instant::now() + TIMEOUT;
         loop {
