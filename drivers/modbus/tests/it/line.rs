@@ -386,7 +386,7 @@ fn digital_modules_form_one_port() {
     });
     // The outputs of a module that lost power are read back; they used to count as written.
     power.store(false, Ordering::Relaxed);
-    // Its last inputs are returned with their age.
+    // The module's last inputs are returned with their age.
     let off = Instant::now();
     until("the output levels are unknown", || {
         port.read(soon).unwrap();

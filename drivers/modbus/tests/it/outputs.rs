@@ -203,7 +203,7 @@ fn a_write_is_sent_once_and_confirmed() {
         reads(&mut port);
         port.confirmed() == Some(0x5a)
     });
-    // It was written only once after many exchanges; a write after its deadline is not sent.
+    // The levels were written only once after many exchanges; a write after its deadline is not sent.
     std::thread::sleep(Duration::from_millis(50));
     assert_eq!(port.write(0x11, Instant::now()), Err(Fault::TimedOut));
     std::thread::sleep(Duration::from_millis(50));
