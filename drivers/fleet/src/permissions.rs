@@ -39,7 +39,7 @@ impl Permissions {
                 subjects.ack,
                 // The latest value of its key, and nothing else in that stream.
                 latest_desired_subject(&identity.machine),
-                // Its own object store, message by message. Not by a consumer, which could send messages to any subject.
+                // The machine's own object store, message by message. Not by a consumer, which could send messages to any subject.
                 format!("$JS.API.DIRECT.GET.OBJ_{models}.>"),
                 format!("$JS.API.DIRECT.GET.OBJ_{models}"),
             ],
