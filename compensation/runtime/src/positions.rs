@@ -21,7 +21,7 @@ pub(crate) struct ReportedPositions {
 }
 
 impl ReportedPositions {
-    /// These axes, without positions yet.
+    /// Positions of these axes, none of which is known yet.
     pub(crate) fn without_positions(
         machine_axis: PerChannel<usize>,
         count: usize,

@@ -180,7 +180,7 @@ impl Lag {
 }
 
 impl PredictionInputs<'_> {
-    /// The smallest share that is better than none on the path covered in `ahead` at this speed.
+    /// The smaller of the shares of the correction that are better than none at half and at the whole of the path covered in `ahead`.
     fn part_ahead(&self, speed: &PerAxis<f64>, ahead: Duration) -> f64 {
         // Half the path is also checked, because a periodic error may have the same value at its end.
         let half = self.part_after(speed, ahead / 2);

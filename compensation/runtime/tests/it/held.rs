@@ -49,7 +49,7 @@ fn largest_outputs(rig: &mut Rig, machine: &Machine) -> Vec<(AxisName, f64)> {
     largest
 }
 
-/// Neither the test shift nor the correction is written, with or without limits for axes of that kind.
+/// Neither the test shift nor the correction is written to axes that do not correct, with or without limits for axes of that kind.
 #[test]
 fn nothing_is_written_to_axes_that_do_not_correct() {
     let machine = correcting("\"X\", \"Y\", \"Z\"");
@@ -242,7 +242,8 @@ fn a_rotary_axis_with_coarse_steps_is_not_corrected() {
     assert_eq!(corrects(b.0 * 0.999).0, 0);
 }
 
-/// Otherwise their movement of the tip could not be compensated. A controller without any correcting axis is rejected.
+/// Rotary axes correct only with three linear directions, which compensate their movement of the tip. A controller without any correcting
+/// axis is rejected.
 #[test]
 fn rotary_axes_correct_only_with_three_linear_directions() {
     let [x, y, b, c] = [AxisName::X, AxisName::Y, AxisName::B, AxisName::C];

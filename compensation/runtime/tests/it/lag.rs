@@ -160,7 +160,7 @@ impl Table {
 /// Maximum effect of rounding, the slew of a cycle and the steps of the model, mm.
 const ROUNDING: f64 = 3.0 * STEP + 2e-5;
 
-/// With `hold_ms` at its maximum of 200; with older positions nothing is corrected.
+/// The share is never worse than no correction, with `hold_ms` at its maximum of 200; with older positions nothing is corrected.
 #[test]
 fn a_correction_by_late_positions_is_never_worse_than_none() {
     let hold = Duration::from_millis(200);
@@ -271,7 +271,7 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
     }
 }
 
-/// Neither while disarmed nor after ramping out without positions.
+/// No reduction is reported while disarmed or after ramping out without positions.
 #[test]
 fn no_reduction_is_reported_without_a_correction() {
     let is_told = |report: &Report| report.reasons.contains(Reasons::LET_GO);

@@ -184,7 +184,7 @@ fn a_position_after_referencing_is_accepted_after_arming_again() {
     assert_eq!((report.jumped, armed.jumped), (0, 0));
 }
 
-/// Even if each turn lacks a thousandth of a degree.
+/// A rotary axis with a turn of travel is never outside it, even if each turn lacks a thousandth of a degree.
 #[test]
 fn a_table_with_a_turn_of_travel_is_nowhere_outside() {
     for (travel, at, is_outside) in [

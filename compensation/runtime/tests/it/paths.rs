@@ -167,7 +167,7 @@ fn fewer_axes(
     ways.cycle(model, &guard, paths.into())
 }
 
-/// Otherwise 20 µm would stay on Z.
+/// A path with additional axes must go to zero on its own (time-out); otherwise 20 µm would stay on Z.
 #[test]
 fn a_path_with_additional_axes_must_go_to_zero_on_its_own() {
     let ways = Ways::to(Control::at(&[(AxisName::X, 10.0)]), Clock::manual());
@@ -454,7 +454,7 @@ fn disarming_with_stale_positions_ramps_out() {
     assert!(changes <= 1, "{changes} changes");
 }
 
-/// With an exchange of two seconds.
+/// The read-only controller hangs in an exchange of two seconds.
 #[test]
 fn a_hanging_read_only_controller_delays_no_cycle() {
     let ways = Ways::to(Control::at(&[(AxisName::X, 30.0)]), Clock::system());

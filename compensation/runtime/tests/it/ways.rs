@@ -63,7 +63,7 @@ pub(crate) fn barrier_of(
 
 /// The control of a test.
 pub(crate) trait Plant: Send {
-    /// Its reading on this path.
+    /// Reads the control over this path.
     fn read(&mut self, way: &Description, clock: &Clock) -> Result<Snapshot, Fault>;
 
     /// Receives plain values on this path.

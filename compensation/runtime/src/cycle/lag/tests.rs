@@ -8,7 +8,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::*;
 
-/// For any required correction within the distance.
+/// The share is never worse than no correction, for any change of the required correction by a distance.
 #[test]
 fn a_reduced_correction_is_never_worse_than_none() {
     let of = |x: f64, y: f64| PerAxis::from_fn(|i| [x, y].get(i).copied().unwrap_or(0.0));
