@@ -333,7 +333,7 @@ impl Sender {
             return Ok(Step::Unreadable);
         };
         self.in_use = report.valid.then_some(report.counter);
-        // Otherwise a stopped program would be answered with its own old tick indefinitely.
+        // An unchanged tick is not answered: a stopped program would get its own old tick indefinitely.
         if self.tick.replace(report.of.tick) == Some(report.of.tick) {
             return Ok(Step::NotScanned);
         }

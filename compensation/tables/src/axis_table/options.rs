@@ -103,7 +103,7 @@ impl Facts {
         }
     }
 
-    /// These facts with the deviations of the tables at the reference position.
+    /// Adds the deviations of the tables at the reference position to these facts.
     pub(crate) fn with_tables(&self, content: &Content) -> Self {
         let Content::Axes(tables) = content else {
             return self.clone();
