@@ -125,7 +125,7 @@ fn constants_that_are_kept_are_no_squareness() {
     }
 }
 
-/// The same for constant angles of `[assembly]`, which turn all following axes.
+/// Constant angles of `[assembly]`, which turn all following axes, are no squareness errors either.
 #[test]
 fn assembly_angles_that_are_kept_are_no_squareness() {
     for structure in BOTH_SIDES {

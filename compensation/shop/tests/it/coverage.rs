@@ -343,7 +343,7 @@ fn bands_of_unknowns_beside_lines_hold_the_truth() {
     unknowns_beside_lines(5, 60);
 }
 
-/// The same with lines of two runs, whose scatter has one degree of freedom. With the Welch–Satterthwaite formula the bands of `EA0C` and
+/// As above, with lines of two runs, whose scatter has one degree of freedom. With the Welch–Satterthwaite formula the bands of `EA0C` and
 /// `EB0C` contained 91 %.
 #[test]
 fn bands_of_unknowns_beside_lines_of_two_runs_hold_the_truth() {
