@@ -83,7 +83,7 @@ impl Machine {
             let q = state.q[place];
             match joint.kind {
                 AxisKind::Linear => (low - q).max(q - high),
-                // Of the equivalent angles, the one nearest to the middle of the travel.
+                // Of the equivalent angles, the one nearest to the middle of the travel counts.
                 AxisKind::Rotary if place == free => 0.0,
                 AxisKind::Rotary => {
                     let turned = q + TAU * ((0.5 * (low + high) - q) / TAU).round();

@@ -34,7 +34,7 @@ pub struct Provenance {
 pub struct Origin {
     /// The error motion or the location error.
     pub error: ErrorName,
-    /// The method that determined it: `smoothing B-spline`, `slopes of EXY and EYX`.
+    /// The method that determined the error: `smoothing B-spline`, `slopes of EXY and EYX`.
     pub method: String,
     /// The rule that selected the method.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]

@@ -30,7 +30,7 @@ fn each_kelvin_changes_the_largest_correction_by_the_sum_over_the_sensors() {
         (format!("{SCALE}{DRIFT}"), 13.8),
         // One sensor in two terms is one temperature: 3 from the head, 2 + 8.8 from the bed.
         (format!("{OF_BED}{DRIFT}"), 13.8),
-        // Also if the reference is outside the tested range.
+        // The reference may be outside the tested range.
         (format!("{DRIFT}{SEEN}"), 5.0),
     ] {
         let machine = Machine::parse(&format!("{MACHINE}{terms}"), "m").unwrap();

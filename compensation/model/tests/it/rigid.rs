@@ -102,7 +102,8 @@ fn what_is_left_is_what_a_dense_decomposition_leaves() {
     }
 }
 
-/// The same by least squares with a dense matrix of six normalised columns; points relative to the middle of their range.
+/// RMS and maximum residual, µm, by least squares with a dense matrix of six normalised columns; points relative to the middle of their
+/// range.
 fn dense_left_um(points: &[Point]) -> [f64; 2] {
     let rows = 3 * points.len();
     let low = points.iter().fold(points[0].0, |a, p| a.inf(&p.0));
