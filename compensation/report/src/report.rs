@@ -244,7 +244,7 @@ pub struct CurveLine {
 pub struct Run {
     /// The direction of travel.
     pub direction: Direction,
-    /// Its number among the runs of its direction.
+    /// Number of the run among those of its direction.
     pub number: u32,
     /// Targets and deviations.
     pub points: Vec<(f64, f64)>,
@@ -450,7 +450,7 @@ pub struct Volume {
 pub struct Standing {
     /// The letter.
     pub axis: String,
-    /// Its coordinate: deg for a rotary axis, else mm.
+    /// Coordinate of the axis: deg for a rotary axis, else mm.
     pub at: f64,
 }
 
@@ -538,7 +538,7 @@ pub struct Uncertainty {
 /// A contribution to the uncertainty, from the calibration file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Contribution {
-    /// Its key in `[uncertainty]`.
+    /// Key of the contribution in `[uncertainty]`.
     pub key: String,
     /// The standard uncertainty (k = 1).
     pub standard: f64,
