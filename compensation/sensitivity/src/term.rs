@@ -15,7 +15,7 @@ pub enum ErrorTerm {
 }
 
 impl ErrorTerm {
-    /// Its component along or about an axis of the machine coordinate system.
+    /// Component of the error along or about an axis of the machine coordinate system.
     pub fn component(self) -> Component {
         match self {
             Self::Named(name) => name.component,
