@@ -503,7 +503,7 @@ pub(crate) fn takes_name(scanner: &mut Scanner<'_>, name: &str) -> bool {
     true
 }
 
-/// Reads an unsigned whole number; consumed but `None` if it is above `most`.
+/// Reads an unsigned whole number. A number above `most` is consumed and yields `None`.
 pub(crate) fn whole_number(scanner: &mut Scanner<'_>, most: u32) -> Option<u32> {
     whole(plain_number(scanner, b"")?.0, most)
 }

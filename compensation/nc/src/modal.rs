@@ -162,7 +162,7 @@ pub(crate) struct Modal {
     pub(crate) rotation: Option<(f64, [f64; 2])>,
     /// No position in the plane of the rotation has been named since it was set.
     pub(crate) rotation_is_new: bool,
-    /// TRANS and ROT.
+    /// Frame programmed by TRANS and ROT.
     pub(crate) programmed: ProgrammedFrame,
     /// Centre of arcs and polar coordinates set by a separate block: a position in X and Y.
     pub(crate) pole: Option<[f64; 2]>,

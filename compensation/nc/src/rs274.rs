@@ -462,7 +462,7 @@ fn of_grbl(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
         Some(b'J') => {
             return Err(column.not_followed("$J", "a jog moves the axes: write G1 or G0"));
         }
-        // Homing; steps per mm; factory settings.
+        // `$H` homes; `$RST` restores settings.
         Some(letter @ (b'H' | b'R')) => block
             .commands
             .push(Command::MayMove(format!("${}", char::from(letter)))),
