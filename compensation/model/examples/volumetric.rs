@@ -1,8 +1,8 @@
-//! The proof of the volumetric error: random five-axis machines of every type, and for each the largest error after one alignment
-//! by brute force, with kinematics, curves and alignment written here a second time.
+//! Validates the volumetric error on random five-axis machines of every type: compares it with the largest error after alignment by brute
+//! force, with a separate implementation of kinematics, curves and alignment.
 //!
-//! `cargo run --release -p volcomp-model --example volumetric -- 200 1000000`: 200 machines with a million random poses each.
-//! A tolerance of 99 % of the true value must not be met: a machine whose value is below it has passed falsely.
+//! `cargo run --release -p volcomp-model --example volumetric -- 200 1000000`: 200 machines with a million random poses each. The result
+//! must be at least 99 % of the true value; otherwise a machine could pass wrongly.
 
 use std::{fmt::Write as _, sync::atomic::AtomicU64, sync::atomic::Ordering, thread};
 
@@ -17,11 +17,11 @@ use volcomp_model::{
 
 type V3 = [f64; 3];
 
-/// Threads over which machines are shared out.
+/// Number of threads among which the machines are divided.
 const THREADS: u64 = 2;
-/// The share of the true value that the tolerance is.
+/// Required share of the true value.
 const TOLERANCE: f64 = 0.99;
-/// Poses from which the brute force looks around, and how often.
+/// Number of poses from which the brute force searches locally, and number of local steps.
 const FROM: usize = 8;
 const LOOKS: u32 = 4000;
 
@@ -96,7 +96,7 @@ fn main() {
 struct Truth {
     random: f64,
     near: f64,
-    /// At the pose that `volumetric` names.
+    /// The value at the pose that `volumetric` returns.
     there: f64,
 }
 
@@ -144,7 +144,7 @@ fn compared(seed: u64, poses: u32) -> Compared {
             at.expect("every axis").1
         });
         let place: Vec<f64> = place.collect();
-        // The side from which each axis comes is not named: the worst of them.
+        // The pose does not include the directions of approach, so the worst of them counts.
         for sides in 0..1_usize << place.len() {
             let side = |axis: usize| if sides >> axis & 1 == 1 { 1.0 } else { -1.0 };
             let sides = (0..place.len()).map(side);
@@ -160,10 +160,10 @@ fn compared(seed: u64, poses: u32) -> Compared {
     }
 }
 
-/// A machine of axes along the letters of their names, written without the crates.
+/// A machine with axes along the directions of their letters, implemented without the crates.
 struct Own {
     structure: Structure,
-    /// From the workpiece to the tool.
+    /// The axes from the workpiece to the tool.
     axes: Vec<Axis>,
     tip: V3,
 }
@@ -175,7 +175,7 @@ struct Axis {
     travel: [f64; 2],
     point: V3,
     curves: [Curve; 6],
-    /// Play, µm and µrad: half of it is added at places that are reached upwards, and taken off at others.
+    /// Backlash, µm and µrad: half of it is added when a place is approached upwards, and subtracted otherwise.
     reversal: [f64; 6],
     /// EX0 … EC0, µm and µrad.
     location: [f64; 6],
@@ -195,7 +195,7 @@ struct At {
     turn: V3,
 }
 
-/// One small rigid motion of the workpiece: a shift and a rotation about `about`.
+/// A small rigid motion of the workpiece: a translation, and a rotation about `about`.
 #[derive(Clone, Copy)]
 struct Aligned {
     about: V3,
@@ -204,7 +204,7 @@ struct Aligned {
 }
 
 impl Aligned {
-    /// The length of the error and of the tilt of the tool axis that are left.
+    /// Length of the residual error, and residual tilt of the tool axis.
     fn left(&self, at: &At) -> [f64; 2] {
         let moved = plus(self.shift, cross(self.turn, minus(at.tip, self.about)));
         let turn = minus(at.turn, self.turn);
@@ -235,7 +235,7 @@ impl Own {
             random.random_range(1.0..10.0),
             random.random_range(1.0..20.0),
         ];
-        // Of every error, or of one in five only.
+        // All errors, or one in five.
         let share = [1.0, 0.2][random.random_range(0..2_usize)];
         let axes = structure.axes().iter().enumerate().map(|(index, &name)| {
             let travel = if name.is_rotary() {
@@ -275,7 +275,7 @@ impl Own {
             let reversal = [0, 1, 2, 3, 4, 5].map(play).map(Option::unwrap_or_default);
             let mut location = [0.0; 6];
             for (k, value) in location.iter_mut().enumerate() {
-                // A component along the axis has no effect, nor has an offset of a linear axis.
+                // A rotation about the axis itself has no effect, and neither has an offset of a linear axis.
                 if k % 3 == name.mcs_index()
                     || (k < 3 && !name.is_rotary())
                     || !random.random_bool(share)
@@ -346,8 +346,8 @@ impl Own {
         text + &errors
     }
 
-    /// The error at a pose: the coordinates in mm and deg, then the sides from which the axes come (1: upwards, −1). The tip is
-    /// carried from the tool to the workpiece twice, with and without errors.
+    /// The error at a pose: coordinates in mm and deg, then the directions of approach (1: upwards, −1). The tip is carried from the tool
+    /// to the workpiece twice, with and without errors.
     fn at(&self, pose: &[f64]) -> At {
         let (mut ideal, mut real) = (self.tip, self.tip);
         let (mut tool_axis, mut turn) = ([0.0, 0.0, 1.0], [0.0; 3]);
@@ -363,7 +363,7 @@ impl Own {
                 *real = plus(*real, plus(shift, cross(tilt, lever)));
                 *turn = plus(*turn, tilt);
             };
-            // The error motions of a slide ride with it, as those of a rotary axis in the turning frame do with that.
+            // The error motions of a slide move with it, like those of a rotary axis in the rotating frame.
             let rides = !axis.name.is_rotary() || axis.turning;
             let before = rides != axis.on_workpiece;
             if before {
@@ -430,7 +430,7 @@ impl Own {
                 for _ in 0..LOOKS {
                     let mut there = best.clone();
                     let (place, sides) = there.split_at_mut(self.axes.len());
-                    // Some axes stay, a few come from the other side.
+                    // Some axes stay, and a few change their direction of approach.
                     for ((axis, at), side) in self.axes.iter().zip(place).zip(sides) {
                         let [low, high] = axis.travel;
                         if random.random() {
@@ -473,7 +473,7 @@ impl Curve {
                 sum
             }
             Self::Fourier(c) => {
-                // Each harmonic is the one before, turned by the angle.
+                // Each harmonic is the previous one rotated by the angle.
                 let (sin, cos) = q.to_radians().sin_cos();
                 let (mut sum, mut of) = (c[0], [cos, sin]);
                 for pair in c[1..].chunks(2) {
@@ -486,7 +486,7 @@ impl Curve {
     }
 }
 
-/// The motion that leaves the least squares of the position errors: the normal equations of its six numbers.
+/// The least-squares motion of the position errors, by normal equations of six unknowns.
 fn aligned(found: &[At]) -> Aligned {
     let mut about = [0.0; 3];
     for at in found {
@@ -494,7 +494,7 @@ fn aligned(found: &[At]) -> Aligned {
     }
     let (mut matrix, mut right) = (DMatrix::<f64>::zeros(6, 6), DVector::<f64>::zeros(6));
     for at in found {
-        // In metres, so that shifts and turns are of one size.
+        // In metres, so that translations and rotations are of similar size.
         let [x, y, z] = scaled(minus(at.tip, about), 1e-3);
         let rows = [
             [1.0, 0.0, 0.0, 0.0, z, -y],
@@ -525,7 +525,7 @@ fn in_mm_and_rad([x, y, z, a, b, c]: [f64; 6]) -> [V3; 2] {
     [scaled([x, y, z], 1e-3), scaled([a, b, c], 1e-6)]
 }
 
-/// Rodrigues.
+/// Rotation of a point about an axis by Rodrigues' formula.
 fn turned(axis: V3, angle: f64, p: V3) -> V3 {
     let (sin, cos) = angle.sin_cos();
     let across = plus(scaled(p, cos), scaled(cross(axis, p), sin));

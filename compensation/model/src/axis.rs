@@ -12,21 +12,20 @@ pub struct Axis {
     pub name: AxisName,
     /// Lower and upper end of travel, mm (linear) or deg (rotary).
     pub travel: [f64; 2],
-    /// Modulo of a rotary axis, deg: coordinates are reduced by this period into the travel before curves are evaluated.
+    /// Period of a rotary axis, deg: coordinates are reduced by it into the travel before curves are evaluated.
     pub modulo: Option<f64>,
     /// Direction of positive motion of the tool relative to the workpiece, in the machine coordinate system at machine zero; not
     /// necessarily a unit vector. `None`: the direction of the letter.
     pub direction: Option<[f64; 3]>,
-    /// A point on the axis line (rotary), or the point of the carriage at which its errors are stated (linear), mm in the machine
-    /// coordinate system at machine zero; `None`: the origin.
+    /// A point on the axis line (rotary), or the point of the carriage to which its errors apply (linear), mm in the machine coordinate
+    /// system at machine zero; `None`: the origin.
     pub point_mm: Option<[f64; 3]>,
-    /// The frame in which the error motions of a rotary axis are stated. Linear axes use the non-rotating frame: their error motions move
-    /// with the carriage.
+    /// The frame of the error motions of a rotary axis. Those of a linear axis are in the non-rotating frame and move with the carriage.
     pub motion_frame: MotionFrame,
 }
 
 impl Axis {
-    /// The coordinate at which curves are evaluated: reduced into travel by `modulo`.
+    /// The coordinate at which curves are evaluated: reduced into the travel by `modulo`.
     pub(crate) fn looked_up(&self, coordinate: f64) -> f64 {
         match self.modulo {
             Some(period) => brought_into(self.travel, period, coordinate),
@@ -34,10 +33,10 @@ impl Axis {
         }
     }
 
-    /// The travel in degrees under the assumption that the file gives it in radians. `Some` for a rotary axis whose two ends are common
-    /// fractions of a turn in radians, to the usual number of digits (3.14, 1.571, 6.2832), and not both 0.
+    /// The travel in degrees if the file gives it in radians. `Some` for a rotary axis both of whose ends are, to the usual number of
+    /// digits, common fractions of a turn in radians (3.14, 1.571, 6.2832), and not both 0.
     pub fn travel_as_if_in_radians(&self) -> Option<[f64; 2]> {
-        // deg; π as commonly written is off by at most 0.05 %.
+        // deg; π rounded to 3.14 is off by 0.05 %.
         const USUAL: [f64; 13] = [
             0.0, 30.0, 45.0, 60.0, 90.0, 120.0, 135.0, 150.0, 180.0, 210.0, 240.0, 270.0, 360.0,
         ];
@@ -53,19 +52,19 @@ impl Axis {
         Some([usual(low)?, usual(high)?])
     }
 
-    /// True if the axis covers a full turn, or all but one degree of it: controls also state the travel of a turn as 0 to 359.999 deg.
+    /// Whether the axis covers a full turn, or a full turn less one degree, since controls also describe a turn as 0 to 359.999 deg.
     pub fn turns_round(&self) -> bool {
         const NEARLY_DEG: f64 = 359.0;
         self.name.is_rotary() && self.travel[1] - self.travel[0] >= NEARLY_DEG
     }
 
-    /// True if the travel has ends: neither `modulo` nor a full turn.
+    /// Whether the travel has ends: neither `modulo` nor a full turn.
     pub fn has_ends(&self) -> bool {
         self.modulo.is_none() && !self.turns_round()
     }
 
-    /// The part of the travel, mm or deg, that covers every pose of the axis: all of it, or, for an axis that covers a full turn, one turn
-    /// about the middle of its travel.
+    /// The part of the travel, mm or deg, that covers every pose of the axis: for a full turn or more, one turn about the middle of the
+    /// travel, otherwise the whole travel.
     pub fn all_poses(&self) -> [f64; 2] {
         let [low, high] = self.travel;
         if self.turns_round() {
@@ -75,9 +74,9 @@ impl Axis {
         [low, high]
     }
 
-    /// `count` evenly spaced coordinates of a pose grid, mm or deg, over the travel with both ends. For an axis that covers a full turn:
-    /// over one turn without its end, because the end repeats the start and nodes over several turns could all be whole turns apart. A
-    /// count of 1 gives the middle.
+    /// `count` evenly spaced coordinates for a grid of poses, mm or deg, over the travel with both ends. For a full turn or more: over one
+    /// turn without its end, which is the same pose as its start (nodes over several turns could all be whole turns apart). A count of 1
+    /// gives the middle.
     pub fn nodes(&self, count: usize) -> Vec<f64> {
         let [low, high] = self.all_poses();
         if count == 1 {
@@ -105,12 +104,12 @@ impl Axis {
         (low - at).max(at - high)
     }
 
-    /// True if a coordinate, mm or deg, is within the travel, with a tolerance for rounding.
+    /// Whether a coordinate, mm or deg, is within the travel, with a tolerance for rounding.
     pub fn contains(&self, coordinate: f64) -> bool {
         is_within(self.travel, coordinate)
     }
 
-    /// True if the axis can be at a coordinate, mm or deg: within the travel, with a tolerance for rounding, after reduction by `modulo`.
+    /// Whether the axis can be at a coordinate, mm or deg: within the travel after reduction by `modulo`, with a tolerance for rounding.
     pub fn may_stand_at(&self, coordinate: f64) -> bool {
         self.contains(self.looked_up(coordinate))
     }
@@ -118,7 +117,7 @@ impl Axis {
     /// Checks that the axis can be at a coordinate, mm or deg.
     ///
     /// # Errors
-    /// A message that follows "found": the coordinate, its unit and the travel.
+    /// A message with the coordinate, its unit and the travel, to follow the word "found".
     pub fn check_coordinate(&self, coordinate: f64) -> Result<(), String> {
         if self.may_stand_at(coordinate) {
             return Ok(());
@@ -131,8 +130,8 @@ impl Axis {
     }
 }
 
-/// The axis that a column header names: its letter, alone or with the unit of the coordinates: `X`, `X mm`, `X_mm`, `C [deg]`, `C°`. Case
-/// matters: `x` is not an axis.
+/// The axis in a column header: its letter, alone or with the unit of the coordinates: `X`, `X mm`, `X_mm`, `C [deg]`, `C°`. Case matters:
+/// `x` is not an axis.
 pub fn axis_of_head(head: &str) -> Option<AxisName> {
     let (name, unit) = split_head(head);
     let axis: AxisName = name.parse().ok()?;
@@ -155,7 +154,7 @@ mod tests {
         }
     }
 
-    /// A linear axis has ends however long it is. A rotary travel of 0 to 359.999 is also treated as a full turn.
+    /// A linear axis has ends at any length. A rotary travel of 0 to 359.999 is a full turn.
     #[test]
     fn what_turns_all_the_way_round_has_no_ends() {
         for (name, travel, modulo, has_ends) in [
@@ -174,7 +173,7 @@ mod tests {
         }
     }
 
-    /// The nodes are at different angles of the turn for any number of turns of travel.
+    /// The nodes are at different angles, however many turns the travel has.
     #[test]
     fn nodes_of_several_turns_are_different_poses() {
         for turns in [1.0, 2.0, 4.0, 8.0, 100.0] {

@@ -1,4 +1,4 @@
-//! Conversion of a machine to its compiled form.
+//! Compiles a machine.
 
 use volcomp_curve::{ErrorCurve, Field, Grid};
 use volcomp_evaluator::{AxisParts, CompiledMachine, MachineParts, Patch, Tolerance};
@@ -8,8 +8,8 @@ use volcomp_vocabulary::{AxisName, Component, Deg, Direction, Displacement, MAX_
 use crate::{error::ModelError, machine::Machine, thermal::Temperatures};
 
 impl Machine {
-    /// Compiles the machine for the tool in the spindle: every curve becomes piecewise cubics within `tolerance` of it. Thermal terms are
-    /// not included.
+    /// Compiles the machine for the tool in the spindle: every curve becomes piecewise cubics that deviate from it by at most `tolerance`.
+    /// Thermal terms are not included.
     ///
     /// # Errors
     /// [`ModelError::Compile`]: a curve that needs more than 1 MiB, a tolerance that is not positive.
@@ -50,7 +50,7 @@ impl Machine {
         Ok(compiled)
     }
 
-    /// The error motion of an axis at its own coordinate (mm or deg): the sum of its curves there and of offsets (µm, µrad).
+    /// The error motion of an axis at its own coordinate (mm or deg): the sum of its curves there and of constant offsets (µm, µrad).
     fn curve_errors(
         &self,
         axis: usize,
@@ -79,7 +79,7 @@ impl Machine {
         let mut parts = AxisParts::new(travel, move |x, approach| {
             self.curve_errors(axis, x, approach, offsets)
         })
-        // Only linear error motions of linear axes expand.
+        // Only linear error motions of linear axes have an expansion.
         .slope_mm(core::array::from_fn(|component| {
             thermal[component][1] * 1e-3
         }));
@@ -116,7 +116,7 @@ impl Machine {
     }
 }
 
-/// The fields of a curve with their weights for forward, backward and unknown approach.
+/// The fields of a curve, with their weights for forward, backward and unknown approach.
 fn weighted_fields(curve: &ErrorCurve) -> Vec<(&Field, [f64; 3])> {
     match curve {
         ErrorCurve::Single(field) | ErrorCurve::Reversal { mean: field, .. } => {
@@ -128,7 +128,7 @@ fn weighted_fields(curve: &ErrorCurve) -> Vec<(&Field, [f64; 3])> {
     }
 }
 
-/// The curve reduced to its parts of one argument; the reversal is kept.
+/// The parts of a curve that depend on one coordinate, with its reversal.
 fn one_argument(
     curve: &ErrorCurve,
     own: usize,

@@ -25,13 +25,13 @@ const KINDS: [&str; 7] = [
 /// Maximum number of table points listed in a message.
 const SHOWN_POINTS: usize = 4;
 
-/// What the decoding of a curve depends on: the travel of its axis and, for a grid, all axes.
+/// Context for decoding a curve: the travel of its axis and, for a grid, all axes.
 pub(crate) struct CurveContext<'a> {
     pub(crate) axes: &'a [Axis],
     pub(crate) travel: [f64; 2],
 }
 
-/// Decodes a number, a kind of curve, a `forward`/`backward` pair or a `mean` with a `reversal`.
+/// Decodes an error curve: a number, a kind of curve, a `forward`/`backward` pair, or a `mean` with a `reversal`.
 pub(crate) fn decode_error_curve(
     value: &Value<'_>,
     context: &CurveContext<'_>,
@@ -59,7 +59,7 @@ pub(crate) fn decode_error_curve(
     Ok(ErrorCurve::Single(decode_field(value, context)?))
 }
 
-/// Rejects an array without a kind: it could be the points of a table or the coefficients of a polynomial.
+/// Rejects an array without a kind, which could be the points of a table or the coefficients of a polynomial.
 fn refuse_array(value: &Value<'_>) -> Result<(), InputError> {
     let Ok(items) = value.items() else {
         return Ok(());

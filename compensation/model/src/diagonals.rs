@@ -31,9 +31,9 @@ pub const DIAGONAL_TARGETS: u32 = 20;
 /// The body diagonals of ISO 230-6 by the directions of motion of X, Y, Z: `P` from the lower to the upper end of travel.
 pub const BODY_DIAGONALS: [&str; 4] = ["PPP", "NPP", "PNP", "PPN"];
 
-/// The targets of the four body diagonals over the travels of X, Y and Z, by name of the diagonal, in the order of [`BODY_DIAGONALS`]:
-/// `points` equidistant targets on each, both ends included. All other axes are at `others` (mm or deg), by default at 0. Fewer than 2
-/// points are treated as 2.
+/// The targets of the four body diagonals over the travels of X, Y and Z, with the name of the diagonal, in the order of
+/// [`BODY_DIAGONALS`]: `points` (at least 2) equidistant targets on each, both ends included. All other axes are at `others` (mm or deg;
+/// default 0).
 ///
 /// # Errors
 /// [`ModelError::NoSuchAxis`] if X, Y or Z is missing, [`ModelError::TooMany`] for more than 1 000 000 targets, and the errors of
@@ -78,11 +78,11 @@ pub fn diagonal_targets(
     }))
 }
 
-/// The four body diagonals over the travels of X, Y and Z, all other axes at `others` (mm or deg), by default at 0: the tip's error (actual
-/// − ideal) along the ideal diagonal, minus its value at the first target.
+/// The four body diagonals over the travels of X, Y and Z, with all other axes at `others` (mm or deg; default 0): the error of the tip
+/// (actual − ideal) along the ideal diagonal, minus its value at the first target.
 ///
-/// `errors` may be those of this machine or of another. `command` maps a target to the commanded state: the target itself, or the target
-/// with a correction added. `points` is the number of targets, both ends included; fewer than 2 are treated as 2.
+/// `errors` may belong to this machine or to another. `command` maps a target to the commanded state: the target itself, or the target plus
+/// a correction. `points` is the number of targets, both ends included, at least 2.
 ///
 /// # Errors
 /// See [`diagonal_targets`].
@@ -127,7 +127,7 @@ fn range(values: &[f64]) -> f64 {
     largest - smallest
 }
 
-/// The state with a correction added (mm and rad); the direction of approach is kept.
+/// The state with a correction (mm and rad) added; the direction of approach is unchanged.
 pub fn corrected(state: &State, delta: &PerAxis<f64>) -> State {
     State {
         q: PerAxis::from_fn(|index| state.q[index] + delta[index]),
@@ -135,7 +135,7 @@ pub fn corrected(state: &State, delta: &PerAxis<f64>) -> State {
     }
 }
 
-/// A correction rounded to a controller's resolution: `mm` on linear and `rad` on rotary axes. A resolution of 0 or less does not round.
+/// A correction rounded to a controller's resolution: `mm` for linear and `rad` for rotary axes. Values of 0 or less do not round.
 pub fn quantised(machine: &Machine, delta: &PerAxis<f64>, mm: f64, rad: f64) -> PerAxis<f64> {
     let mut rounded = *delta;
     for (place, joint) in rounded.iter_mut().zip(machine.chain().joints()) {

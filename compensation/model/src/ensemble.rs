@@ -1,4 +1,4 @@
-//! Monte Carlo ensemble of machines: uncertainty of the volumetric error.
+//! Monte Carlo ensemble of machines, for the uncertainty of the volumetric error.
 
 use volcomp_evaluator::CompiledMachine;
 use volcomp_fit::student_widening;
@@ -12,18 +12,18 @@ pub struct Ensemble {
     scatters: Vec<Scatter>,
 }
 
-/// A contribution to the uncertainty that was estimated from a few repeated readings, so that its size is itself uncertain.
+/// An uncertainty contribution that was estimated from a few repeated readings, so that its size is itself uncertain.
 #[derive(Clone, Debug)]
 pub struct Scatter {
     /// Degrees of freedom of the estimate: n − 1 for n runs.
     pub degrees: f64,
-    /// One machine for each part of the contribution, with the readings shifted by that part. The parts are independent: the squares of
-    /// their effects add up to the variance.
+    /// One machine for each independent part of the contribution, with the readings shifted by that part. The squares of the effects of the
+    /// parts add up to the variance.
     pub shifted: Vec<CompiledMachine>,
 }
 
 impl Ensemble {
-    /// `machines` must have the same structure. `None` for fewer than two, which have no spread.
+    /// An ensemble of samples, which must have the same structure. `None` for fewer than two, which have no spread.
     pub fn new(machines: Vec<CompiledMachine>) -> Option<Self> {
         let first = machines.first()?;
         let same = |m: &CompiledMachine| has_structure_of(m, first);
@@ -34,12 +34,12 @@ impl Ensemble {
         })
     }
 
-    /// Adds the contributions estimated from a few repeated readings, and `found`, the identified machine from which their shifts are
-    /// counted. `None` if a machine differs in structure from the samples.
+    /// Adds contributions that were estimated from a few repeated readings, and `found`, the identified machine to which their shifts
+    /// refer. `None` if a machine differs in structure from the samples.
     #[must_use]
     pub fn with_scatters(mut self, found: CompiledMachine, scatters: Vec<Scatter>) -> Option<Self> {
         let shifted = scatters.iter().flat_map(|scatter| &scatter.shifted);
-        // Safe index: an ensemble has at least two machines.
+        // The index is valid: an ensemble has at least two machines.
         let same = |m: &CompiledMachine| has_structure_of(m, &self.drawn[0]);
         if !core::iter::once(&found).chain(shifted).all(same) {
             return None;
@@ -62,9 +62,9 @@ impl Ensemble {
     /// Standard uncertainty (k = 1) of quantities computed from a machine: their standard deviation over the samples, summed in sample
     /// order so that the result does not depend on the number of cores.
     ///
-    /// The result is widened by t(ν)/1.96, so that ±1.96 times the result is the 95 % confidence band, for the number of samples and
-    /// for contributions estimated from a few readings. t is Student's factor for the effective degrees of freedom of Welch and
-    /// Satterthwaite (JCGM 100, G.4).
+    /// The result is widened by t(ν)/1.96, so that ±1.96 times the result is the 95 % confidence band. t is Student's factor; its degrees
+    /// of freedom ν follow from the number of samples, and for contributions estimated from a few readings from the Welch–Satterthwaite
+    /// formula (JCGM 100, G.4).
     pub fn uncertainty_of<const N: usize>(
         &self,
         number: impl Fn(&CompiledMachine) -> [f64; N],
@@ -109,8 +109,8 @@ impl Ensemble {
             widened.iter_mut().zip(&variance).zip(of_scatters)
         {
             if *powers > 0.0 {
-                // The variance of a few samples can by chance be less than the contribution of the scatters alone. Taking the larger one
-                // keeps the degrees of freedom at or above those of the scatter with the fewest.
+                // The variance of the samples can by chance be less than the contribution of the scatters alone. The larger one keeps the
+                // degrees of freedom at or above those of the scatter with the fewest.
                 let whole = variance.max(*of_scatters);
                 *widened *= student_widening(whole * whole / powers);
             }
@@ -130,7 +130,7 @@ mod tests {
     use super::*;
     use crate::Machine;
 
-    /// A machine whose X is off by so much.
+    /// A machine whose X is off by this amount.
     fn off(um: f64) -> Result<CompiledMachine, crate::ModelError> {
         let text = format!(
             "structure = \"w b X t\"\n[axes]\nX.travel = [0.0, 100.0]\n[errors]\nEXX = {um:?}\n"
@@ -138,17 +138,17 @@ mod tests {
         Machine::parse(&text, "m")?.compile(Tolerance::default())
     }
 
-    /// The factor by which scatters of these variances (µm²) and degrees of freedom widen machines drawn with this variance.
+    /// The factor by which scatters with these variances (µm²) and degrees of freedom widen the uncertainty of samples with this variance.
     fn widened(variance: f64, scatters: &[(f64, f64)]) -> Result<f64, crate::ModelError> {
         let of_x = |ensemble: &Ensemble| ensemble.standard_uncertainty(&State::default())[0] * 1e3;
-        // The variance of two machines is half the square of their distance.
+        // The variance of two values is half the square of their distance.
         let half = (variance / 2.0).sqrt();
         let drawn = Ensemble::new(vec![off(3.0 - half)?, off(3.0 + half)?]).expect("two machines");
-        // Table G.2 of JCGM 100 for the one degree of freedom of two machines.
+        // Table G.2 of JCGM 100, for one degree of freedom.
         let of_two = 12.706_205 / 1.959_964;
         assert!((of_x(&drawn) / variance.sqrt() / of_two - 1.0).abs() < 2e-3);
         let scatter = |&(variance, degrees): &(f64, f64)| -> Result<Scatter, crate::ModelError> {
-            // Two runs that make half of it each.
+            // Two runs, each with half of the variance.
             let shifted = off(3.0 + (variance / 2.0).sqrt())?;
             Ok(Scatter {
                 degrees,
@@ -160,20 +160,20 @@ mod tests {
         Ok(of_x(&with.expect("of one structure")) / of_x(&drawn))
     }
 
-    /// Degrees of freedom of Welch and Satterthwaite computed by hand, with the factors of table G.2 of JCGM 100.
+    /// Welch–Satterthwaite degrees of freedom computed by hand, with the factors of table G.2 of JCGM 100.
     #[test]
     fn a_band_has_the_effective_degrees_of_freedom() -> Result<(), crate::ModelError> {
         for (variance, scatters, degrees, t) in [
-            // The variance is due to one line of three runs: the degrees of freedom of that line.
+            // One line of three runs contributes the whole variance: its degrees of freedom apply.
             (4.0, &[(4.0, 2.0)][..], 2, 4.302_653),
             // Two equal lines: 1/(¼/2 + ¼/2) = 4; three equal lines: 6.
             (4.0, &[(2.0, 2.0), (2.0, 2.0)], 4, 2.776_445),
             (6.0, &[(2.0, 2.0), (2.0, 2.0), (2.0, 2.0)], 6, 2.446_912),
-            // Half of it from well-known contributions: 1/(¼/5) = 20.
+            // Half of the variance from well-known contributions: 1/(¼/5) = 20.
             (4.0, &[(2.0, 5.0)], 20, 2.085_963),
-            // ⅔ with four, ⅓ with one: 1/(4/9/4 + 1/9/1) = 4.5, between four and five.
+            // ⅔ with four degrees of freedom, ⅓ with one: 1/(4/9/4 + 1/9/1) = 4.5, between four and five.
             (9.0, &[(6.0, 4.0), (3.0, 1.0)], 4, 2.658_9),
-            // Fewer machines drawn than the scatters add: no fewer degrees than theirs.
+            // The variance of the samples is less than that of the scatter: no fewer degrees of freedom than the scatter's.
             (1.0, &[(4.0, 2.0)], 2, 4.302_653),
         ] {
             let found = widened(variance, scatters)? * 1.959_964;

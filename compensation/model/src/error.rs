@@ -38,7 +38,7 @@ pub enum ModelError {
         tool: String,
         known: String,
     },
-    /// A coordinate that is not a number, or out of the allowed range.
+    /// A coordinate is not a number, or out of range.
     #[error("axis {axis}: coordinate is {found}, expected a finite number from -1e9 to 1e9 {}", axis.kind().coordinate_unit())]
     Coordinate {
         axis: AxisName,
@@ -51,26 +51,26 @@ pub enum ModelError {
     /// One axis has two coordinates.
     #[error("axis {axis} has two coordinates, expected at most one")]
     AxisTwice { axis: AxisName },
-    /// An error motion or a location error that is invalid for this machine.
+    /// An error motion or a location error is invalid for this machine.
     #[error("{error}: {reason}")]
     Refused {
         error: ErrorName,
         #[source]
         reason: ErrorRefusal,
     },
-    /// An assembly error that is not finite.
+    /// An assembly error is not finite.
     #[error("assembly error of axis {axis} is {found}, expected a finite number of µm or µrad")]
     Assembly { axis: AxisName, found: f64 },
     /// Thermal terms that are invalid for this machine.
     #[error(transparent)]
     Thermal(#[from] ThermalRefusal),
-    /// Invalid list of axes to which corrections are restricted.
+    /// The list of axes for corrections is invalid.
     #[error(transparent)]
     Correct(#[from] CorrectRefusal),
     /// Provenance that is invalid for this machine.
     #[error("provenance: {0}")]
     Provenance(#[from] ProvenanceRefusal),
-    /// Geometry from which no kinematic chain can be built.
+    /// No kinematic chain can be built from the geometry.
     #[error(transparent)]
     Chain(#[from] ChainError),
     /// The machine cannot be compiled.
@@ -92,17 +92,17 @@ pub enum ModelError {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ErrorRefusal {
-    /// A location error was given a curve; it is one number.
+    /// A location error is one number, but was given a curve.
     #[error("a location error is one number, never a curve")]
     CurveOfLocation,
-    /// An error motion was given one number as a location error.
+    /// A location error was expected, but the name is that of an error motion.
     #[error("is an error motion, expected a location error E?0N")]
     ErrorMotion,
     /// A number of the curve, its value at an end of the travel, or the location error is NaN, infinite or beyond
     /// [`LARGEST_NUMBER`](volcomp_document::LARGEST_NUMBER).
     #[error("expected finite numbers, also for its values within the travel")]
     NotFinite,
-    /// A location error without effect.
+    /// The location error has no effect.
     #[error(transparent)]
     NoEffect(#[from] NoEffect),
     /// On an axis with `modulo`, the curve does not close.
@@ -142,10 +142,10 @@ pub enum ErrorRefusal {
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ThermalRefusal {
-    /// A term of an error that is not an error motion of the machine.
+    /// A term belongs to an error that is not an error motion of the machine.
     #[error("found \"{found}\", expected an error motion E?N of an axis of `{structure}`")]
     Motion { found: String, structure: String },
-    /// A reference temperature outside the allowed range.
+    /// A reference temperature is out of range.
     #[error(
         "reference temperature is {found} °C, expected {} to {} °C",
         volcomp_vocabulary::bounds::PLAUSIBLE_DEGC.start(),
@@ -155,33 +155,33 @@ pub enum ThermalRefusal {
         /// The rejected temperature, °C.
         found: f64,
     },
-    /// An expansion of an error that is not a linear error motion of a linear axis.
+    /// An expansion belongs to an error that is not a linear error motion of a linear axis.
     #[error("found expansion of {error}, expected a linear error motion of a linear axis")]
     NotLength { error: ErrorName },
-    /// A drift without a sensor.
+    /// A drift has no sensor.
     #[error("found a drift of {error} without a sensor, expected at least one")]
     NoSensor { error: ErrorName },
-    /// A time constant that is negative or not finite.
+    /// A time constant is negative or not finite.
     #[error("found a lag_s of {found} s for {error}, expected 0 s or more")]
     Lag {
         error: ErrorName,
         /// The rejected time constant, s.
         found: f64,
     },
-    /// A number that is NaN or infinite.
+    /// A number is NaN or infinite.
     #[error("{what} is {found}, expected a finite number")]
     NotFinite {
         /// The rejected quantity, with its unit.
         what: &'static str,
         found: f64,
     },
-    /// A margin that is out of range or not a number.
+    /// A margin is out of range or not a number.
     #[error("margin_k is {found} K, expected 0.1 to 100 K")]
     Margin {
         /// The rejected margin, K.
         found: f64,
     },
-    /// An invalid temperature range of a test.
+    /// The temperature range of a test is invalid.
     #[error(
         "the terms of {error} have seen {sensor} at {low} to {high} °C, expected two different temperatures, the lower one first"
     )]
@@ -193,7 +193,7 @@ pub enum ThermalRefusal {
         /// Upper limit, °C.
         high: f64,
     },
-    /// An invalid range of temperature rates of a test.
+    /// The range of temperature rates of a test is invalid.
     #[error(
         "the terms of {error} have seen {sensor} change by {fall} to {rise} K/min, expected 0 or less, then 0 or more"
     )]
@@ -211,7 +211,7 @@ pub enum ThermalRefusal {
     /// A tested range is stated for a sensor that no term of the error uses.
     #[error("no thermal term of {error} has the sensor {sensor}, expected one that it has")]
     SeenUnused { error: ErrorName, sensor: String },
-    /// A hold or fade time that is negative or not finite.
+    /// A hold or fade time is negative or not finite.
     #[error("found {hold_s} s of holding and {fade_s} s of fading, expected 0 s or more of each")]
     Fading {
         /// Time for which a term is held without its sensor, s.

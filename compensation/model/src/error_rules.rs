@@ -1,4 +1,4 @@
-//! Validity rules of error motions and location errors.
+//! Validity rules for error motions and location errors.
 
 use volcomp_curve::{Curve, ErrorCurve, Field, Grid};
 use volcomp_document::LARGEST_NUMBER;
@@ -7,12 +7,13 @@ use volcomp_vocabulary::{ErrorName, brought_into};
 
 use crate::{axis::Axis, error::ErrorRefusal};
 
-/// Maximum difference between the two ends of a closed curve, µm or µrad: allows for rounding.
+/// Maximum difference between the ends of a closed curve, µm or µrad, which allows for rounding.
 const CLOSED_WITHIN: f64 = 1e-9;
 
-/// Maximum jump of a curve where its axis rolls over, µm or µrad: one increment of most controls. Curves fitted to readings close no better.
+/// Maximum jump of a curve at the roll-over of its axis, µm or µrad: one increment of most controls. Curves fitted to readings do not close
+/// exactly.
 const LARGEST_JUMP: f64 = 1.0;
-/// Distance from an end of travel at which the values on both sides are compared, deg.
+/// Distance from an end of travel at which the values on its two sides are compared, deg.
 const END_OFFSET_DEG: f64 = 1e-6;
 
 /// Why a location error is rejected; `None` if it is valid.
@@ -26,7 +27,7 @@ pub(crate) fn location_refusal(name: ErrorName, value: f64, joint: &Joint) -> Op
     joint.no_effect(name.component).map(ErrorRefusal::NoEffect)
 }
 
-/// Why the curve of an error motion of the axis at index `own` is rejected on a machine with these axes; `None` if it is valid.
+/// Why the curve of an error motion of the axis with index `own` is rejected on a machine with these axes; `None` if it is valid.
 pub(crate) fn curve_refusal(
     name: ErrorName,
     curve: &ErrorCurve,
@@ -54,12 +55,13 @@ pub(crate) fn curve_refusal(
     })
 }
 
-/// True if a file may state this number: everything computed from such numbers stays finite.
+/// Whether a file may contain this number. Results computed from such numbers stay finite.
 pub(crate) fn is_number(value: f64) -> bool {
     value.abs() <= LARGEST_NUMBER
 }
 
-/// True if the values at both ends of the travel are finite. A polynomial is largest there; curves of other kinds stay near their coefficients.
+/// Whether the values at both ends of the travel are finite. Polynomials are largest there; other kinds of curve stay near their
+/// coefficients.
 fn is_finite_within_travel(curve: &ErrorCurve, own: usize, axes: &[Axis]) -> bool {
     let Some(axis) = axes.get(own) else {
         return true;
@@ -70,7 +72,7 @@ fn is_finite_within_travel(curve: &ErrorCurve, own: usize, axes: &[Axis]) -> boo
     })
 }
 
-/// A grid must close along an axis that rolls over.
+/// The error for a grid that does not close along an axis that rolls over.
 fn open_grid(grid: &Grid, goes_round: impl Fn(usize) -> bool) -> Option<ErrorRefusal> {
     let values = grid.values();
     let [rows, columns] = grid.axes().map(goes_round);
@@ -83,13 +85,13 @@ fn open_grid(grid: &Grid, goes_round: impl Fn(usize) -> bool) -> Option<ErrorRef
         .find_map(not_closed)
 }
 
-/// The error for a curve whose ends, µm or µrad, differ.
+/// The error for a curve with these values (µm or µrad) at its ends, if they differ.
 fn not_closed([first, last]: [f64; 2]) -> Option<ErrorRefusal> {
     ((first - last).abs() > CLOSED_WITHIN).then_some(ErrorRefusal::NotClosed { first, last })
 }
 
-/// The error for a curve whose value jumps where the axis rolls over. For a table parked there, the last digit of its position would
-/// switch the correction back and forth.
+/// The error for a curve that jumps at the roll-over of its axis. For a table parked there, the last digit of its position would switch the
+/// correction back and forth.
 fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     let [low, high] = travel;
     let value = |at: f64| curve.value(brought_into(travel, period, at));
@@ -107,7 +109,7 @@ fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     })
 }
 
-/// On an axis that rolls over, a curve given by nodes must close.
+/// The error for a curve given by nodes that does not close on an axis that rolls over.
 fn open_ends(curve: &Curve) -> Option<ErrorRefusal> {
     let nodes = match curve {
         Curve::Table(table) => table.nodes(),

@@ -1,4 +1,5 @@
-//! A rotary axis without influence on the tool direction: the ranges in which the other axes reach the tip within their travels.
+//! A rotary axis that does not affect the tool direction: the ranges of its coordinate in which the other axes reach the tip within their
+//! travels.
 
 use std::f64::consts::{PI, TAU};
 
@@ -7,14 +8,14 @@ use volcomp_vocabulary::{AxisKind, PerAxis};
 
 use crate::machine::Machine;
 
-/// Number of steps in which a turn is sampled; between two of them the distance beyond travel has at most one relevant minimum.
+/// Number of samples over a turn: between two of them the distance beyond the travels has at most one relevant minimum.
 const STEPS: usize = 720;
 /// Number of bisection or ternary-search steps for the ends of ranges and for minima.
 const SEARCH_STEPS: usize = 60;
 /// Tolerance of the travel limits, mm or rad.
 const TRAVEL_TOLERANCE: f64 = 1e-10;
 
-/// The target: tip (mm) and tool direction in workpiece axes, reached with these rotary axes; the others stay.
+/// The target: tip (mm) and tool direction in workpiece axes, reached by a pair of rotary axes while the others keep their coordinates.
 pub(crate) struct Target<'a> {
     pub(crate) tip_mm: &'a Vector3<f64>,
     pub(crate) direction: &'a Vector3<f64>,
@@ -24,10 +25,10 @@ pub(crate) struct Target<'a> {
 }
 
 impl Machine {
-    /// The ranges within one turn, rad, in which the free axis (index `free`) can be, ascending.
+    /// The ranges of the free axis (index `free`) within one turn, rad, ascending, in which the target is within all travels.
     pub(crate) fn free_ranges(&self, free: usize, target: &Target<'_>) -> Vec<[f64; 2]> {
         let [low, high] = target.travel[free];
-        // One turn about 0, as far as it is within travel.
+        // One turn about 0, or the part of it within the travel.
         let from = (-PI).min(high - TAU).max(low);
         let to = high.min(from + TAU);
         let beyond = |q: f64| self.beyond_travel(q, free, target);
@@ -42,7 +43,8 @@ impl Machine {
                 stations[place] = lowest(before.0, after.0, &beyond);
             }
         }
-        // A minimum between an end and the adjacent sample. Over a full turn both ends are the same pose, and each is checked on its own side.
+        // A minimum may also lie between an end and its neighbour. For a full turn both ends are the same pose, each checked on its own
+        // side.
         for (end, beside) in [(STEPS, STEPS - 1), (0, 1)] {
             let ([end, beside], place) = ([stations[end], stations[beside]], end.max(beside));
             if end.1 > TRAVEL_TOLERANCE && end.1 <= beside.1 {
@@ -69,8 +71,8 @@ impl Machine {
         ranges
     }
 
-    /// The largest distance of any axis beyond its travel, mm or rad, with the free axis at `q`; infinite if the tip or the direction is
-    /// not reached.
+    /// The largest distance of an axis beyond its travel, mm or rad, with the free axis at `q`; infinite if the tip or the direction cannot
+    /// be reached.
     fn beyond_travel(&self, q: f64, free: usize, target: &Target<'_>) -> f64 {
         let Some(state) = self.with_free(q, free, target) else {
             return f64::INFINITY;
@@ -81,7 +83,7 @@ impl Machine {
             let q = state.q[place];
             match joint.kind {
                 AxisKind::Linear => (low - q).max(q - high),
-                // The nearest of its turns.
+                // Of the equivalent angles, the one nearest to the middle of the travel counts.
                 AxisKind::Rotary if place == free => 0.0,
                 AxisKind::Rotary => {
                     let turned = q + TAU * ((0.5 * (low + high) - q) / TAU).round();
@@ -128,7 +130,7 @@ fn edge(mut inside: f64, mut outside: f64, beyond: &impl Fn(f64) -> f64) -> f64 
     inside
 }
 
-/// The position of a minimum, and its value.
+/// The minimum between two coordinates: its coordinate and its value.
 fn lowest(mut low: f64, mut high: f64, beyond: &impl Fn(f64) -> f64) -> (f64, f64) {
     for _ in 0..SEARCH_STEPS {
         let [left, right] = [low + (high - low) / 3.0, high - (high - low) / 3.0];

@@ -9,39 +9,39 @@ use crate::{
     machine::Machine,
 };
 
-/// Maximum number of solutions: an axis with many turns has one for each turn.
+/// Maximum number of solutions, since an axis with many turns has one per turn.
 const MOST_SOLUTIONS: usize = 1000;
 
 /// The solutions of the inverse kinematics for a tip and a tool direction.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reached {
-    /// All solutions within travel, mm and rad in chain order, sorted by the sum of rotations. With more than two rotary axes, or more than
-    /// one linear axis in a direction, these are a selection.
+    /// All solutions within travel, mm and rad in chain order, sorted by the sum of rotations. With more than two rotary axes, or several
+    /// linear axes in one direction, a selection of the solutions.
     pub solutions: Vec<State>,
-    /// True if the pose is singular: a rotary axis has no influence on the tool direction, or linear axes are linearly dependent.
+    /// Whether the pose is singular: a rotary axis does not affect the tool direction, or linear axes are linearly dependent.
     pub singular: bool,
-    /// The rotary axes without influence on the tool direction and the dependent linear axes, in the order of `ranges`.
+    /// The rotary axes that do not affect the tool direction and the dependent linear axes, in the order of `ranges`.
     pub free: Vec<AxisName>,
-    /// For each free axis, the ranges, mm or deg, in which the other axes are within their travels; for a rotary axis of one turn, the
-    /// range nearest to 0. There is a solution for each range, where a rotary axis is nearest to 0. Empty for linear axes with several
-    /// dependent moves, whose ranges depend on one another.
+    /// For each free axis, the ranges, mm or deg, in which the other axes are within their travels; for a rotary axis within one turn,
+    /// nearest to 0. Each range has a solution, with a rotary axis at its point nearest to 0. Empty for linear axes with several dependent
+    /// moves, whose ranges depend on each other.
     pub ranges: Vec<Vec<[f64; 2]>>,
-    /// The combined moves of linear axes that leave the tip in place at a solution, because rotary axes between them have made one
-    /// parallel to another. In chain order, largest component 1.
+    /// Combined moves of linear axes that leave the tip in place at a solution, because rotary axes between them make one parallel to
+    /// another. In chain order, largest component 1.
     pub dependent: Vec<State>,
-    /// The axes that exclude solutions because they would leave their travel.
+    /// The axes that would have to leave their travel for a solution.
     pub outside: Vec<AxisName>,
-    /// What cannot be reached regardless of the travels; set only if there is no solution.
+    /// Why there is no solution, even with unlimited travels; `None` if there are solutions.
     pub missed: Option<NoSolution>,
 }
 
 impl Machine {
-    /// The coordinates within travel at which the ideal machine has its tool tip at `tip_mm` (workpiece axes, from the
-    /// workpiece origin) and its tool axis along `tool_axis` (workpiece axes, from the tip to the spindle).
+    /// The coordinates within travel with which the ideal machine has its tool tip at `tip_mm` (workpiece axes, from the workpiece origin)
+    /// and its tool axis along `tool_axis` (workpiece axes, from the tip to the spindle).
     ///
-    /// Up to two rotary axes, in any directions, and one linear axis for each direction are solved in closed form: every solution is found.
-    /// With more rotary axes, each pair in turn moves and the others are at their coordinate nearest to 0. With more linear axes, the first
-    /// of each direction moves; the others move only when the first is at an end of its travel.
+    /// Up to two rotary axes in any directions, and one linear axis per direction, are solved in closed form, with all solutions. With more
+    /// rotary axes, each pair moves in turn while the others are at their coordinate nearest to 0. With more linear axes, the first of each
+    /// direction moves, and the others only while it is at an end of its travel.
     ///
     /// # Errors
     /// [`ModelError::Target`] for a tip that is not a number up to 1e9 mm or a direction of zero length; [`ModelError::TooMany`] if the
@@ -107,7 +107,7 @@ impl Machine {
                     if !ranges.is_empty() {
                         continue;
                     }
-                    // The axes that exclude solutions are reported for the free axis nearest to 0.
+                    // Axes outside their travel are reported for the free axis nearest to 0.
                 }
                 match self.chain().reaching(&tip, &pointing.state, &travel) {
                     Ok(state) => {
@@ -133,7 +133,7 @@ impl Machine {
         Ok(reached)
     }
 
-    /// Adds the linear axes that are dependent at a solution, and their ranges.
+    /// Adds the linear axes that are dependent at a solution, with their ranges.
     fn add_dependent(&self, state: &State, travel: &PerAxis<[f64; 2]>, reached: &mut Reached) {
         let moves = self.chain().dependent_moves(state);
         for (place, axis) in self.axes().iter().enumerate() {
@@ -167,7 +167,7 @@ impl Machine {
         }
     }
 
-    /// Adds a solution with every combination of whole turns within travel.
+    /// Adds a solution with every combination of whole turns within the travels.
     fn add_turns(&self, state: &State, reached: &mut Reached) -> Result<(), ModelError> {
         let mut all = vec![*state];
         for (place, axis) in self.axes().iter().enumerate() {
@@ -176,14 +176,14 @@ impl Machine {
             let [low, high] = axis.travel;
             let within: Vec<f64> = match (kind, axis.modulo) {
                 (AxisKind::Linear, _) => vec![coordinate],
-                // With `modulo`, a further turn is the same pose.
+                // With `modulo`, another turn is the same pose.
                 (AxisKind::Rotary, Some(_)) => vec![axis.looked_up(coordinate)],
                 (AxisKind::Rotary, None) => {
                     let (first, last) = (
                         ((low - coordinate) / 360.0).ceil(),
                         ((high - coordinate) / 360.0).floor(),
                     );
-                    // One turn beyond each end as well: rounding may put an end of travel just outside.
+                    // One more turn at each end, since rounding may put an end of travel just outside.
                     let count = (last - first).max(-1.0) + 3.0;
                     if count > MOST_SOLUTIONS as f64 {
                         return Err(too_many(count));
@@ -211,7 +211,7 @@ impl Machine {
                 let at = within.clone().into_iter().map(move |q| {
                     let mut state = state;
                     if kind == AxisKind::Rotary {
-                        // Clamp rounding errors to the end of travel.
+                        // Rounding errors are clamped to the end of travel.
                         let q = q.max(low).min(high);
                         state.q[place] = Displacement::from_coordinate(kind, q).mm_or_rad();
                     }
@@ -233,7 +233,8 @@ impl Machine {
     }
 }
 
-/// The range of the axis at an index along a dependent move from a state, mm, until an axis reaches an end of travel; `None` if one is beyond it.
+/// The range of an axis along a dependent move from a state, mm, until an axis reaches an end of travel; `None` if an axis is outside its
+/// travel.
 fn range_along(
     moves: &[f64; MAX_AXES],
     place: usize,
@@ -260,7 +261,7 @@ fn note(names: &mut Vec<AxisName>, name: AxisName) {
 fn too_many(found: f64) -> ModelError {
     ModelError::TooMany {
         what: "solutions",
-        // Saturates, which is good enough for a message.
+        // Saturates, which is sufficient for a message.
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -271,7 +272,7 @@ fn too_many(found: f64) -> ModelError {
     }
 }
 
-/// All pairs of the rotary axes; a single group if there are no more than two.
+/// All pairs of the rotary axes; the axes themselves if there are at most two.
 fn pairs(rotary: &[usize]) -> Vec<Vec<usize>> {
     if rotary.len() <= 2 {
         return vec![rotary.to_vec()];

@@ -1,4 +1,4 @@
-//! A machine: its kinematic chain, its errors in the units of the file, its thermal terms.
+//! A machine: its kinematic chain, its errors in the units of the machine file, its thermal terms.
 
 use std::{collections::BTreeMap, f64::consts::TAU};
 
@@ -22,13 +22,13 @@ use crate::{
     tool::Tool,
 };
 
-/// A machine with its errors. Coordinates, curves and numbers here are in the units of the file
-/// (mm, deg, µm, µrad); the chain inside is in mm and rad.
+/// A machine with its errors. Coordinates, curves and numbers are in the units of the file (mm, deg, µm, µrad); only the chain is in mm and
+/// rad.
 ///
-/// With the feature `serde`, a machine is serialised as the text of its machine file and deserialised with all its checks; the selected
-/// tool is not included.
+/// With the feature `serde`, a machine is serialised as the text of its machine file, and deserialised with all checks of that file. The
+/// selected tool is not included.
 ///
-/// Two machines are equal if everything that a machine file states is equal and the same tool is in the spindle.
+/// Two machines are equal if their machine files are equal in content and the same tool is in the spindle.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -62,7 +62,7 @@ pub(crate) struct Parts {
 }
 
 impl Machine {
-    /// A machine whose errors are all zero.
+    /// Builds a machine without errors.
     pub(crate) fn from_parts(parts: Parts) -> Result<Self, ModelError> {
         let mut chain = Chain::new(parts.structure);
         for axis in &parts.axes {
@@ -126,8 +126,8 @@ impl Machine {
         notes
     }
 
-    /// The error motions whose curves cover less than 90 % of the travel of an axis, with that axis and the covered share (the smaller one
-    /// for a grid over two axes); sorted by name.
+    /// The error motions whose curves cover less than 90 % of the travel of an axis, with that axis and the covered share (for a grid that
+    /// of the axis with the smaller share); sorted by name.
     pub fn partly_measured(&self) -> Vec<(ErrorName, AxisName, f64)> {
         let share = |(error, curve): (ErrorName, &ErrorCurve)| {
             let own = self.index_of(error.axis).ok()?;
@@ -136,7 +136,7 @@ impl Machine {
                 let axis = self.axes.get(place)?;
                 let [low, high] = axis.travel;
                 let covered = (to.min(high) - from.max(low)).max(0.0);
-                // A curve always covers an axis without travel.
+                // An axis without travel is always covered.
                 let share = if high > low {
                     covered / (high - low)
                 } else {
@@ -152,13 +152,13 @@ impl Machine {
         found
     }
 
-    /// True if an error motion of the axis depends on its direction of approach.
+    /// Whether an error motion of the axis depends on its direction of approach.
     pub fn has_directions(&self, axis: AxisName) -> bool {
         self.errors()
             .any(|(name, curve)| name.axis == axis && curve.has_directions())
     }
 
-    /// The error motions measured in one direction only: `[provenance]` lists their runs, and one curve is used for both directions.
+    /// The error motions that were measured in one direction only: `[provenance]` lists runs, and one curve applies to both directions.
     pub fn read_in_one_direction(&self) -> Vec<ErrorName> {
         let origins = self.provenance.errors.iter();
         let read = origins.filter(|of| of.sources.iter().any(|source| source.runs.is_some()));
@@ -171,7 +171,7 @@ impl Machine {
             .collect()
     }
 
-    /// True if the machine states any error; thermal terms do not count.
+    /// Whether the machine has any error besides thermal terms.
     pub fn states_errors(&self) -> bool {
         let is_some = |value: &f64| *value != 0.0;
         self.errors().next().is_some()
@@ -192,7 +192,7 @@ impl Machine {
         axes.filter_map(note).collect()
     }
 
-    /// The tool of `[tool]`, which named tools are based on.
+    /// The tool of `[tool]`, which supplies missing keys of named tools.
     pub fn tool(&self) -> &Tool {
         &self.tool
     }
@@ -269,7 +269,7 @@ impl Machine {
         Ok(extremes.into_iter().map(|tool| tools[tool].0).collect())
     }
 
-    /// Puts a tool into the spindle; keys that it does not state come from `[tool]`.
+    /// Puts a tool into the spindle; `[tool]` supplies its missing keys.
     ///
     /// # Errors
     /// A tool with an invalid tip or axis.
@@ -278,7 +278,7 @@ impl Machine {
         Ok(self.chain.set_tool(tip, axis)?)
     }
 
-    /// Puts the tool that is in the spindle of another machine into this one's.
+    /// Puts the tool in the spindle of another machine into the spindle of this one.
     ///
     /// # Errors
     /// Never for a tool that is already in the spindle of a valid machine.
@@ -300,7 +300,7 @@ impl Machine {
             })
     }
 
-    /// The curve of one error motion (argument mm or deg, value µm or µrad); `None` if it is zero.
+    /// The curve of an error motion (argument mm or deg, value µm or µrad); `None` if it is zero.
     pub fn error(&self, name: ErrorName) -> Option<&ErrorCurve> {
         let index = self.chain.structure().index_of(name.axis)?;
         self.motions[index][name.component.index()]
@@ -329,9 +329,8 @@ impl Machine {
     /// Sets the curve of an error motion: argument mm or deg, value µm or µrad.
     ///
     /// # Errors
-    /// A missing axis, or [`ModelError::Refused`]: the name of a location error, numbers that are not finite, a grid over a missing axis,
-    /// or, along an axis with `modulo`, nodes whose first and last value differ, or a curve that jumps by more than 1 µm or 1 µrad where
-    /// the axis rolls over.
+    /// A missing axis, or [`ModelError::Refused`]: the name of a location error; numbers that are not finite; a grid over a missing axis;
+    /// along an axis with `modulo`, nodes whose first and last value differ, or a jump of more than 1 µm or 1 µrad at the roll-over.
     pub fn set_error(&mut self, name: ErrorName, curve: ErrorCurve) -> Result<(), ModelError> {
         let index = self.index_of(name.axis)?;
         if let Some(reason) = curve_refusal(name, &curve, index, &self.axes) {
@@ -363,8 +362,8 @@ impl Machine {
         Ok(())
     }
 
-    /// Sets the assembly errors of an axis: three offsets (µm) and three angles (µrad) about the axes of the machine coordinate system,
-    /// constant over the travel.
+    /// Sets the assembly errors of an axis, constant over its travel: three offsets (µm) and three angles (µrad) along and about the axes
+    /// of the machine coordinate system.
     ///
     /// # Errors
     /// A missing axis, or [`ModelError::Assembly`]: numbers that are not finite.
@@ -398,8 +397,7 @@ impl Machine {
         self.correct.as_deref()
     }
 
-    /// Sets the axes that corrections may move; `None`: every axis. The other axes are not moved, and errors that the named axes cannot
-    /// correct remain as residual.
+    /// Sets the axes that corrections may move; `None`: every axis. Errors that these axes cannot correct remain as residual.
     ///
     /// # Errors
     /// A missing axis, or [`ModelError::Correct`]: an empty list, or one axis twice.
@@ -417,7 +415,7 @@ impl Machine {
         Ok(())
     }
 
-    /// The sources of the errors, as far as known.
+    /// The sources of the errors, if known.
     pub fn provenance(&self) -> &Provenance {
         &self.provenance
     }
@@ -497,11 +495,11 @@ impl Machine {
 const SAME_TIP_MM: f64 = 1e-9;
 /// Directions of tool axes nearer than this count as one, as a difference of unit vectors.
 const SAME_AXIS: f64 = 1e-9;
-/// Maximum coordinate, mm or deg: beyond it the products of a chain lose the micrometre, and soon every digit.
+/// Maximum coordinate, mm or deg: beyond it the products of a chain lose the micrometre.
 const MAX_COORDINATE: f64 = 1e9;
 
 impl Machine {
-    /// A state from coordinates in mm and deg; axes not named are at 0, approach unknown.
+    /// A state with these coordinates in mm and deg; other axes are at 0, and the approach is unknown.
     ///
     /// # Errors
     /// [`ModelError::NoSuchAxis`]; [`ModelError::Coordinate`] for a coordinate that is not a number from −1e9 to 1e9 mm or deg;
@@ -555,7 +553,7 @@ impl Machine {
     /// The correction options of the machine file: its key `correct`, else the defaults.
     pub fn correction_options(&self) -> CorrectionOptions {
         CorrectionOptions {
-            // A machine has at most one axis for each letter, so the list fits.
+            // The list fits: a machine has at most one axis per letter.
             correct: self
                 .correct()
                 .map(|axes| axes.iter().copied().take(MAX_AXES).collect()),
@@ -563,8 +561,8 @@ impl Machine {
         }
     }
 
-    /// The correction at a command: the displacement to add to it. If `options` name no axes, the axes of the machine file's key `correct`
-    /// are used.
+    /// The correction at a command: the displacement to add to it. If `options` names no axes, those of the machine file's key `correct`
+    /// apply.
     pub fn correction_at(
         &self,
         state: &State,
@@ -609,7 +607,7 @@ impl Machine {
 }
 
 impl Machine {
-    /// Decodes an error name whose axis this machine has.
+    /// Decodes an error name whose axis must exist.
     ///
     /// # Errors
     /// Not an error name, or an axis that the machine does not have.
@@ -624,7 +622,7 @@ impl Machine {
         Ok(name)
     }
 
-    /// The message for a file that names an axis that this machine does not have.
+    /// Message for an axis that this machine does not have.
     pub(crate) fn lacks(&self, axis: AxisName) -> String {
         let structure = self.chain().structure();
         format!("the structure `{structure}` has no axis {axis}")
@@ -713,12 +711,13 @@ impl ErrorSource for MachineErrors<'_> {
     }
 }
 
-/// µm and µrad: smaller than any measurement of an axis location, so a file whose location errors are all below it states them in mm or deg.
+/// µm and µrad, smaller than any measurement uncertainty of an axis location: if all location errors are below it, they are probably in mm
+/// or deg.
 const SMALLEST_MEASURABLE_UM: f64 = 0.1;
-/// Maximum relative deviation of a rounded 2π (6.28).
+/// Maximum relative deviation of a rounded 2π, such as 6.28.
 const ROUNDED_TAU_WITHIN: f64 = 6e-4;
 
-/// Notes on location errors far below what can be measured, and on waves with a period of 2π degrees.
+/// Notes on location errors that are too small to be measured, and on waves with a period of 2π degrees.
 fn unit_notes(machine: &Machine) -> Vec<String> {
     let stated = machine
         .locations()

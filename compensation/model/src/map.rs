@@ -8,7 +8,7 @@ use crate::{error::ModelError, machine::Machine};
 /// Maximum number of nodes along one axis.
 const MOST_NODES: usize = 1_000_000;
 
-/// A grid over the travels of the machine's linear axes among X, Y, Z; all other axes are at fixed coordinates.
+/// A grid over the travels of the machine's axes X, Y and Z; all other axes are at fixed coordinates.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MapGrid {
@@ -21,8 +21,8 @@ pub struct MapGrid {
 }
 
 impl MapGrid {
-    /// A grid of `counts` nodes over the travels of X, Y and Z, both ends included; axes that the machine lacks are left out. A count of 1
-    /// gives the middle. `others` are the coordinates of the axes outside the grid, mm or deg.
+    /// A grid of `counts` nodes over the travels of X, Y and Z, both ends included, without axes that the machine lacks. A count of 1 gives
+    /// the middle. `others` are the coordinates of the other axes, mm or deg.
     ///
     /// # Errors
     /// [`ModelError::TooMany`]: more than 1 000 000 nodes along an axis; and the errors of [`Machine::state`] for `others`.
@@ -62,16 +62,16 @@ impl MapGrid {
         lengths.fold(1, usize::saturating_mul)
     }
 
-    /// True if an axis of the grid has no node.
+    /// Whether the grid has no node, because an axis of it has none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// A node by its index, X fastest: its coordinates along the axes of the grid (mm; 0 for a missing axis) and its state. Indices from
-    /// [`len`](Self::len) on wrap around to the first node.
+    /// A node by its index, X fastest: its coordinates along X, Y and Z (mm; 0 for a missing axis) and its state. Indices from
+    /// [`len`](Self::len) on wrap around.
     pub fn node(&self, machine: &Machine, mut index: usize) -> ([f64; 3], State) {
         let mut at_mm = [0.0; 3];
-        // Validated when the grid was made; on another machine the axes fall back to 0.
+        // Valid for the machine of the grid; another machine may lack an axis, and is then at 0.
         let mut state = machine.state(&self.others).unwrap_or_default();
         for ((place, name), nodes) in at_mm.iter_mut().zip(&self.axes).zip(&self.nodes_mm) {
             let count = nodes.len().max(1);

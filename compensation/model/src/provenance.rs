@@ -5,44 +5,44 @@ use std::{fmt::Write as _, io::Read, path::Path};
 use sha2::{Digest, Sha256};
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-/// Where the errors of a machine come from, as the program that found them has written it.
+/// Where the errors of a machine come from, as recorded by the program that determined them.
 ///
-/// It does not change what a machine computes. Setting an error removes its provenance, so that provenance never describes another curve.
+/// It does not affect computations. Setting an error removes its provenance, so that provenance never describes another curve.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Provenance {
-    /// The version of volcomp that wrote it.
+    /// The version of volcomp that wrote the provenance.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub version: Option<String>,
     /// The serial number of the machine that was measured.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub serial: Option<String>,
-    /// The day that the person who calibrated has stated, `2026-11-26`.
+    /// The date of the calibration as entered by the operator, `2026-11-26`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub date: Option<String>,
-    /// The errors that the measurements do not bear out: figures that rest on them are undecided.
+    /// The errors that the measurements do not determine; results that depend on them are undecided.
     pub undecided: Vec<ErrorName>,
-    /// What is known of each error, each error once.
+    /// The origin of each error, each error once.
     pub errors: Vec<Origin>,
 }
 
-/// Where one error comes from.
+/// The origin of one error.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Origin {
     /// The error motion or the location error.
     pub error: ErrorName,
-    /// How it was found: `smoothing B-spline`, `slopes of EXY and EYX`.
+    /// The method that determined the error: `smoothing B-spline`, `slopes of EXY and EYX`.
     pub method: String,
-    /// The rule by which the method was taken.
+    /// The rule that selected the method.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub rule: Option<String>,
-    /// Root mean square of the mean readings minus the curve, of both directions, µm or µrad.
+    /// Root mean square of the mean readings minus the curve, both directions together, µm or µrad.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub residual: Option<f64>,
-    /// Root mean square of what the curve misses of targets left out of its fit, µm or µrad.
+    /// Root mean square of the deviation of the curve at targets left out of its fit, µm or µrad.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub leave_one_out: Option<f64>,
     /// The files with its readings.
@@ -50,7 +50,7 @@ pub struct Origin {
     pub sources: Vec<Source>,
 }
 
-/// A file that an error was found from.
+/// A file with readings of an error.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -59,20 +59,20 @@ pub struct Source {
     pub file: String,
     /// SHA-256 of its bytes, 64 lower-case hexadecimal digits.
     pub sha256: String,
-    /// The number of runs that were used, both directions of a run counted once.
+    /// The number of runs used; both directions of a run count once.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub runs: Option<usize>,
     /// The number of targets.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub targets: Option<usize>,
-    /// Where the other axes stood, mm or deg, without those that stood at 0.
+    /// Positions of the other axes, mm or deg; axes at 0 are omitted.
     #[cfg_attr(feature = "serde", serde(serialize_with = "as_map"))]
     #[cfg_attr(
         feature = "schema",
         schemars(with = "std::collections::BTreeMap<AxisName, f64>")
     )]
     pub at: Vec<(AxisName, f64)>,
-    /// The date of the test, as the file states it.
+    /// The date of the test as given in the file.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub date: Option<String>,
 }
@@ -83,7 +83,7 @@ fn as_map<S: serde::Serializer>(at: &[(AxisName, f64)], serializer: S) -> Result
 }
 
 impl Provenance {
-    /// True if nothing is known.
+    /// Whether nothing is known.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
@@ -111,7 +111,7 @@ impl Provenance {
         })
     }
 
-    /// Removes the entries of an error. The general entries stay as long as other errors have an origin.
+    /// Removes the entries of an error. The general entries are removed with the last origin.
     pub(crate) fn forget(&mut self, error: ErrorName) {
         let before = self.errors.len();
         self.errors.retain(|origin| origin.error != error);
@@ -124,7 +124,7 @@ impl Provenance {
         }
     }
 
-    /// Why this provenance is invalid for a machine with the errors for which `stated` returns true, in the order of the checks.
+    /// Why this provenance is invalid for a machine with the errors for which `stated` returns true: the first failed check.
     pub(crate) fn refusal(&self, stated: impl Fn(ErrorName) -> bool) -> Option<ProvenanceRefusal> {
         if let Some(found) = self.date.as_ref().filter(|date| !is_date(date)) {
             return Some(ProvenanceRefusal::Date {
@@ -180,7 +180,7 @@ fn is_sha256(text: &str) -> bool {
     text.len() == 64 && text.bytes().all(is_digit)
 }
 
-/// True if a text is a date of the Gregorian calendar, `2026-11-26`.
+/// Whether a text is a date of the Gregorian calendar, `2026-11-26`.
 pub fn is_date(text: &str) -> bool {
     let mut parts = text.split('-');
     let mut next = |digits: usize| {
@@ -203,7 +203,7 @@ pub fn is_date(text: &str) -> bool {
 }
 
 impl Source {
-    /// A file under its reported name, with the hash of its bytes.
+    /// A file under its reported name, with the SHA-256 of its bytes.
     ///
     /// # Errors
     /// The file cannot be read.

@@ -9,19 +9,19 @@ use crate::{CompiledMachine, Machine, ModelError, Temperatures, Thermal, Toleran
 /// Number of even steps over the travel of an axis at which a curve is evaluated, in addition to its own sampling coordinates.
 const STEPS: usize = 1000;
 
-/// The minimum and maximum of an error, in its unit, over the travels of all axes that it depends on, with approach from either direction.
+/// The minimum and maximum of an error, in its unit, over the travels of the axes on which it depends and over both directions of approach.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorRange {
     /// The smallest value, µm or µrad.
     pub smallest: f64,
     /// The largest value, µm or µrad.
     pub largest: f64,
-    /// Where the absolute value is largest, mm or deg of each axis that it depends on there.
+    /// Where the absolute value is largest: coordinates of the axes on which the error depends there, mm or deg.
     pub at: Vec<(AxisName, f64)>,
 }
 
 impl Machine {
-    /// The range of an error motion; `None` if the machine does not state it.
+    /// The range of an error motion; `None` if the machine does not have it.
     pub fn range_of(&self, error: ErrorName) -> Option<ErrorRange> {
         let curve = self.error(error)?;
         let own = self.index_of(error.axis).ok()?;
@@ -54,8 +54,8 @@ impl Machine {
         range
     }
 
-    /// The coordinates at which a field is evaluated along each axis it depends on. A grid is bilinear: its extremes are at nodes and ends
-    /// of travel.
+    /// The coordinates at which a field is evaluated along each axis on which it depends. A grid is bilinear, so its extremes are at nodes
+    /// and ends of travel.
     fn points_of(&self, field: &Field, own: usize) -> Vec<(usize, Vec<f64>)> {
         let within = |place: usize, steps: usize, places: &[f64]| {
             let [low, high] = self.axes()[place].travel;
@@ -70,7 +70,7 @@ impl Machine {
             Field::Curve(curve) => vec![within(own, STEPS, &curve.places())],
             Field::Grid(grid) => {
                 let axes = grid.axes().into_iter().zip(grid.nodes());
-                // A machine rejects grids over axes that it does not have.
+                // A machine rejects grids over axes that it lacks.
                 let there = axes.filter(|(place, _)| *place < self.axes().len());
                 there
                     .map(|(place, nodes)| within(place, 1, nodes))
@@ -103,9 +103,9 @@ impl Machine {
         self.along_axes(Curve::breakpoints)
     }
 
-    /// The coordinates along each axis, mm or deg, at which the machine's curves must be sampled: their nodes, and as many points between
-    /// them as the kind of curve needs ([`Curve::places`](volcomp_curve::Curve::places)). Equidistant samples alone could hit an error that
-    /// repeats with the pitch of a screw only at its zeros. Within the travel, including its ends; ascending, without duplicates.
+    /// The coordinates along each axis, mm or deg, at which the machine's curves must be sampled: their nodes, and points between them as
+    /// required by the kind of curve ([`Curve::places`](volcomp_curve::Curve::places)). Equidistant samples alone could hit a periodic
+    /// screw error only at its zeros. Within the travel, ends included; ascending, without duplicates.
     pub fn places(&self) -> Vec<Vec<f64>> {
         let mut places = self.along_axes(Curve::places);
         for (places, axis) in places.iter_mut().zip(self.axes()) {
@@ -117,7 +117,7 @@ impl Machine {
         places
     }
 
-    /// The coordinates `of` each curve along its axis, and the nodes of grids.
+    /// The coordinates that `of` returns for each curve, along its axis, and the nodes of grids.
     fn along_axes(&self, of: fn(&Curve) -> Vec<f64>) -> Vec<Vec<f64>> {
         let mut along = vec![Vec::new(); self.axes().len()];
         for (name, curve) in self.errors() {
@@ -157,8 +157,8 @@ const STATES: usize = 4000;
 const PLACES: usize = 21;
 
 impl Machine {
-    /// The largest correction of each corrected axis, in chain order: on an even grid over the travels of all axes with their ends and,
-    /// from the maximum of each axis, along every axis at [`Machine::places`], with approach from either side.
+    /// The largest correction of each correcting axis, in chain order: on an even grid over the travels of all axes, ends included, with
+    /// approach from either side; and from the maximum of each axis along every axis at [`Machine::places`].
     ///
     /// # Errors
     /// A machine that cannot be compiled.
@@ -172,8 +172,8 @@ impl Machine {
         Ok(self.largest_within_travels(correctors, &PerAxis::default(), &delta))
     }
 
-    /// Maximum change of the correction of each axis per kelvin of the sensors, in chain order, at the same coordinates as
-    /// `largest_corrections`. Empty for a machine without thermal terms.
+    /// Maximum change of the correction of each axis per kelvin of the sensors, in chain order, at the coordinates of
+    /// [`largest_corrections`](Self::largest_corrections). Empty without thermal terms.
     ///
     /// # Errors
     /// A machine that cannot be compiled.
@@ -186,8 +186,8 @@ impl Machine {
         Ok(self.largest_within_travels(correctors, &PerAxis::default(), &change))
     }
 
-    /// The effect of one kelvin at each sensor; `None` for a machine without thermal terms. It ignores the tested ranges
-    /// ([`Thermal::seen`]), so it holds within them only.
+    /// The effect of one kelvin at each sensor; `None` without thermal terms. Valid only within the tested ranges ([`Thermal::seen`]),
+    /// which it ignores.
     ///
     /// # Errors
     /// A machine that cannot be compiled.
@@ -202,7 +202,7 @@ impl Machine {
         if sensors.is_empty() {
             return Ok(None);
         }
-        // One sensor warmer by one kelvin.
+        // One sensor is warmer by one kelvin.
         let at = |warmer: Option<&str>| {
             let degc = |sensor: &str| {
                 let more = if warmer == Some(sensor) { 1.0 } else { 0.0 };
@@ -218,9 +218,9 @@ impl Machine {
         }))
     }
 
-    /// The maximum of a quantity (mm, rad) of each corrected axis, in chain order: on an even grid over the travels of all axes with their
-    /// ends, except those `fixed` at a coordinate (mm, rad), and, from the maximum of each axis, along every axis at [`Machine::places`],
-    /// with approach from either side. NaN is treated as larger than every number.
+    /// The maximum of a quantity (mm, rad) of each correcting axis, in chain order: on an even grid over the travels of all axes, ends
+    /// included, except axes `fixed` at a coordinate (mm, rad), with approach from either side; and from the maximum of each axis along
+    /// every axis at [`Machine::places`]. NaN counts as infinite.
     pub fn largest_within_travels(
         &self,
         correctors: &Correctors,
@@ -286,14 +286,15 @@ impl Machine {
     }
 }
 
-/// A machine at its reference temperature, and with each sensor one kelvin warmer.
+/// A machine at its reference temperature, and with each sensor warmer by one kelvin.
 pub struct EachKelvin {
     reference: CompiledMachine,
     warmer: Vec<CompiledMachine>,
 }
 
 impl EachKelvin {
-    /// Maximum change of the correction of each axis (mm, rad) for one kelvin of every sensor: the sum of the effects of the single sensors.
+    /// Maximum change of the correction of each axis (mm, rad) for a change of one kelvin of every sensor: the sum of the magnitudes of
+    /// their effects.
     pub fn change(&self, state: &State, correctors: &Correctors) -> PerAxis<f64> {
         let correction = |machine: &CompiledMachine| machine.parts_of(state, correctors).delta();
         let before = correction(&self.reference);

@@ -1,28 +1,28 @@
-//! Best-fit rigid-body alignment of the workpiece: separates a set of error vectors into workpiece position and error.
+//! Best-fit rigid-body alignment of the workpiece: separates error vectors into a workpiece position and form errors.
 //!
-//! The position and orientation of the workpiece are a convention (an operator probes them, a coordinate measuring machine aligns them);
-//! only what no alignment removes is an error of form.
+//! The position and orientation of the workpiece are a convention: an operator probes them, or a coordinate measuring machine aligns them.
+//! Only the error that no alignment removes is an error of form.
 
 use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
 
-/// Threshold of the squared ratio of the points' distance off a line to their spread along it, below which the rotation about that line is
+/// Threshold of the squared ratio of the points' distance from a line to their spread along it. Below it the rotation about the line is
 /// indistinguishable from rounding: 10 µm in 100 m.
 const COLLINEAR_BELOW: f64 = 1e-14;
 
-/// State: sums over points and their error vectors, from which the best-fit rigid motion follows.
+/// Sums over points and their error vectors, which determine the best-fit rigid motion.
 ///
-/// Points and errors are counted from their means, which are updated with each point (Welford), so that points far from zero lose no
-/// digits; [`merge`](Self::merge) combines partial sums.
+/// State: means, and second moments about the means, updated with each point (Welford), so that points far from zero lose no digits.
+/// [`merge`](Self::merge) combines partial sums.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RigidSums {
     count: f64,
     place_mm: Vector3<f64>,
     error_mm: Vector3<f64>,
-    /// Σ p pᵀ, p from the mean.
+    /// Σ p pᵀ, p relative to the mean.
     places: Matrix3<f64>,
-    /// Σ p eᵀ, both from their means.
+    /// Σ p eᵀ, both relative to their means.
     products: Matrix3<f64>,
-    /// Σ |e|², from the mean.
+    /// Σ |e|², e relative to the mean.
     squares: f64,
 }
 
@@ -60,7 +60,7 @@ impl RigidSums {
     /// The least-squares rigid motion: three translations and three small rotations. A rotation that the points do not determine (about a
     /// line through all of them, or about a single point) is zero. Points or errors that are not finite give NaN.
     pub fn motion(&self) -> RigidMotion {
-        // With everything counted from the means, the translation is that of the means, and the rotation solves Σ (|p|² − p pᵀ) ω = Σ p × e.
+        // Relative to the means, the translation is the mean error, and the rotation solves Σ (|p|² − p pᵀ) ω = Σ p × e.
         RigidMotion {
             about_mm: self.place_mm,
             shift_mm: self.error_mm,
@@ -68,8 +68,8 @@ impl RigidSums {
         }
     }
 
-    /// Root mean square after best-fit rigid-body alignment, mm; 0 without a point. It is a difference of sums: for errors of 1 mm that are
-    /// a rigid motion, about 1e-8 mm remain.
+    /// Root mean square after best-fit rigid-body alignment, mm; 0 without a point. It is a difference of sums, so of errors of 1 mm that
+    /// are a rigid motion about 1e-8 mm remain.
     pub fn rms_left_mm(&self) -> f64 {
         let left = self.squares - self.rotation().dot(&self.turning());
         (left.max(0.0) / self.count.max(1.0)).sqrt()
@@ -91,7 +91,7 @@ impl RigidSums {
         if extent == 0.0 {
             return Vector3::zeros();
         }
-        // Relative to the extent, so that neither the size of the machine nor the unit matters.
+        // Relative to the extent, so that the size of the machine and the unit do not matter.
         let matrix = Matrix3::identity() - self.places / extent;
         let right = turning / extent;
         if !matrix.iter().chain(&right).all(|x| x.is_finite()) {
@@ -120,7 +120,7 @@ pub struct RigidMotion {
 }
 
 impl RigidMotion {
-    /// Displacement of a point, mm.
+    /// Displacement of a point by the motion, mm.
     pub fn at_mm(&self, place_mm: &Vector3<f64>) -> Vector3<f64> {
         self.shift_mm + self.rotation_rad.cross(&(place_mm - self.about_mm))
     }
@@ -136,7 +136,7 @@ impl RigidMotion {
     }
 }
 
-/// State: root mean square and maximum length of vectors. All vectors have one unit, mm or rad, and so have the results.
+/// Root mean square and maximum length of vectors, in their unit (mm or rad).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lengths {
     count: f64,

@@ -1,4 +1,4 @@
-//! Thermal terms at a steady state: expansion and drift added to named errors.
+//! Thermal terms in the steady state: expansion and drift added to error motions.
 
 use core::ops::RangeInclusive;
 use std::collections::BTreeMap;
@@ -21,7 +21,7 @@ pub struct Thermal {
     pub expansion: Vec<Expansion>,
     /// Errors that follow temperatures with a lag.
     pub drift: Vec<Drift>,
-    /// Tested ranges; beyond them the terms hold and fade.
+    /// Tested ranges; beyond them the terms are held and fade.
     #[cfg_attr(feature = "serde", serde(default))]
     pub seen: Vec<Seen>,
     /// Distance beyond the tested range at which the terms are zero, K.
@@ -32,13 +32,13 @@ pub struct Thermal {
 /// Valid range of [`Thermal::margin_k`], K.
 pub(crate) const MARGINS_K: RangeInclusive<f64> = 0.1..=100.0;
 
-/// K.
+/// Default of [`Thermal::margin_k`], K.
 pub(crate) fn default_margin_k() -> f64 {
     5.0
 }
 
-/// A scale or screw that expands with a temperature: E += k·(T − T_ref)·(q − q_fixed). Expansion named as the positioning deviation of the
-/// axis (`EXX`, `EYV`) is along the direction of the axis, whatever that is.
+/// Expansion of a scale or screw with a temperature: E += k·(T − T_ref)·(q − q_fixed). If the error is the positioning deviation of the
+/// axis (`EXX`, `EYV`), the expansion acts along the direction of the axis, whatever that is.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Expansion {
@@ -52,7 +52,7 @@ pub struct Expansion {
     pub fixed_mm: f64,
 }
 
-/// An error that follows temperatures: E += k·L, L the first-order lag of Σ w·T − T_ref·Σ w.
+/// Drift of an error with temperatures: E += k·L, where L is the first-order lag of Σ w·T − T_ref·Σ w.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Drift {
@@ -79,7 +79,7 @@ impl Default for Thermal {
 }
 
 impl Thermal {
-    /// Checks that the terms are valid for a machine of this structure.
+    /// Checks that the terms are valid for a machine with this structure.
     ///
     /// # Errors
     /// The reason for the first invalid term.
@@ -102,9 +102,8 @@ impl Thermal {
         self.seen.iter().try_for_each(|seen| seen.check(self))
     }
 
-    /// Offset (µm or µrad) and slope (µm/mm) that the terms add to `error`, whose axis has this unit direction (in MCS), at steady
-    /// temperatures (a lag starts at its first input). A term with an unknown sensor is left out; beyond their tested ranges the terms hold
-    /// and fade ([`Seen`]).
+    /// Offset (µm or µrad) and slope (µm/mm) that the terms add to `error`, an error of an axis with this unit direction (in MCS), in the
+    /// steady state. Terms with an unknown temperature are omitted; beyond tested ranges the terms are held and fade ([`Seen`]).
     pub fn offset_and_slope(
         &self,
         error: ErrorName,
@@ -149,8 +148,8 @@ impl Thermal {
 }
 
 impl Expansion {
-    /// The expansion along X, Y and Z of MCS of an axis with this unit direction, as shares of k. A positioning deviation p of the
-    /// coordinate enters as δ = u·p; any other linear error motion is along its own letter.
+    /// The shares of k along X, Y and Z of MCS, for an axis with this unit direction. An expansion p of the positioning deviation acts as δ
+    /// = u·p; any other linear error motion acts along its own letter.
     pub(crate) fn shares(&self, direction: &Vector3<f64>) -> [f64; 3] {
         let component = self.error.component.mcs_index();
         if component == self.error.axis.mcs_index() {
@@ -161,7 +160,7 @@ impl Expansion {
         shares
     }
 
-    /// Checks that the term is valid for a machine of this structure.
+    /// Checks that the term is valid for a machine with this structure.
     ///
     /// # Errors
     /// An error motion that is missing or is not a linear one of a linear axis, numbers that are not finite.
@@ -176,7 +175,7 @@ impl Expansion {
 }
 
 impl Drift {
-    /// Checks that the term is valid for a machine of this structure.
+    /// Checks that the term is valid for a machine with this structure.
     ///
     /// # Errors
     /// A missing error motion, no sensor, a negative lag, numbers that are not finite.
@@ -215,21 +214,21 @@ fn finite(what: &'static str, found: f64) -> Result<(), ThermalRefusal> {
     }
 }
 
-/// The tested range of a sensor for the terms of an error: a `[[thermal.seen]]` of a machine file.
+/// The tested range of a sensor, for the terms of an error: a `[[thermal.seen]]` of a machine file.
 ///
-/// Terms identified by experiment are not valid far from the tested conditions. A temperature beyond the range is treated as the end of
-/// the range, and all terms of the error fade linearly to zero over the next [`Thermal::margin_k`]. A rate is treated as the change that
-/// it makes in ten minutes: a rate that exceeds the range by one margin in ten minutes also fades the terms to zero.
+/// Terms that were identified by experiment are invalid far from the tested conditions. A temperature beyond the range counts as the end of
+/// the range, and all terms of the error fade linearly to zero over the next [`Thermal::margin_k`]. A rate counts by the change that it
+/// causes in ten minutes: if that exceeds the range by one margin, the terms are zero too.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Seen {
-    /// The error motion whose terms this limits.
+    /// The error motion whose terms are limited.
     pub error: ErrorName,
     /// Name of the temperature sensor.
     pub sensor: String,
     /// Lowest and highest tested temperature, °C.
     pub degc: [f64; 2],
-    /// Fastest tested fall (0 or less) and rise (0 or more), K/min, smoothed like [`SmoothedRate`](volcomp_curve::SmoothedRate); `None` is
+    /// Fastest tested fall (0 or less) and rise (0 or more), K/min, smoothed like [`SmoothedRate`](volcomp_curve::SmoothedRate); `None`:
     /// unlimited.
     pub k_per_min: Option<[f64; 2]>,
 }
@@ -239,7 +238,7 @@ pub(crate) fn beyond([low, high]: [f64; 2], value: f64) -> f64 {
     (low - value).max(value - high).max(0.0)
 }
 
-/// The active share of the terms, 0 to 1, at this distance (K) beyond their tested range.
+/// The active share of the terms, 0 to 1, at this distance (K) beyond the tested range.
 pub(crate) fn share_beyond(beyond_k: f64, margin_k: f64) -> f64 {
     (1.0 - beyond_k / margin_k).clamp(0.0, 1.0)
 }
@@ -279,7 +278,7 @@ impl Seen {
 }
 
 impl Thermal {
-    /// True if a term of the error has this sensor.
+    /// Whether a term of the error has this sensor.
     fn uses(&self, error: ErrorName, sensor: &str) -> bool {
         let mut expansion = self.expansion.iter();
         let mut drift = self.drift.iter();
@@ -299,7 +298,7 @@ impl Thermal {
             .map_or(degc, |seen| degc.clamp(seen.degc[0], seen.degc[1]))
     }
 
-    /// The active share of the terms of an error at steady temperatures, 0 to 1.
+    /// The active share of the terms of an error in the steady state, 0 to 1.
     pub(crate) fn steady_share(&self, error: ErrorName, temperatures: &Temperatures) -> f64 {
         let of_error = self.seen.iter().filter(|seen| seen.error == error);
         let beyond = of_error.filter_map(|seen| {

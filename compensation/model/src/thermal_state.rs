@@ -1,4 +1,4 @@
-//! Thermal terms over time. State: the lags, and how long sensors have been missing.
+//! Thermal terms over time.
 
 use volcomp_curve::{SmoothedRate, first_order_lag};
 use volcomp_evaluator::CompiledMachine;
@@ -11,7 +11,7 @@ use crate::{
     thermal::{Drift, Expansion, Seen, Thermal, beyond, share_beyond},
 };
 
-/// Fade times: how a thermal term goes to zero while one of its sensors is missing.
+/// How a thermal term goes to zero while one of its sensors is missing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Fading {
@@ -31,15 +31,15 @@ impl Default for Fading {
     }
 }
 
-/// The thermal terms of a machine over time. State: the lagged temperatures of each term, how long its sensors have been missing, how far
-/// it has faded, and how fast sensors change. Only [`new`](Self::new) allocates.
+/// The thermal terms of a machine over time. State: the lagged temperatures of each term, the time for which its sensors have been missing,
+/// its faded share, and the rates of the sensors. Only [`new`](Self::new) allocates.
 ///
-/// A lag steps by [`first_order_lag`], which is exact for a temperature that is constant over the step, and starts at its first input. A
-/// term with a missing sensor holds, then fades ([`Fading`]). When the sensor returns, the lag advances over the whole time for which it
-/// was missing, with the temperature then received; the faded share returns as slowly as it faded.
+/// A lag advances by [`first_order_lag`], which is exact for a temperature that is constant over the step, and starts at its first input. A
+/// term with a missing sensor is held, and then fades ([`Fading`]). When the sensor returns, the lag advances over the whole missing time
+/// with the new temperature, and the faded share returns as slowly as it faded.
 ///
-/// Beyond their tested ranges ([`Seen`](crate::Seen)) all terms of an error hold and fade together, so that terms which cancel each other
-/// continue to do so; their share changes no faster than [`Fading::fade_s`] allows.
+/// Beyond their tested ranges ([`Seen`](crate::Seen)) all terms of an error are held and fade together, so that terms which cancel each
+/// other still do; their share changes no faster than [`Fading::fade_s`] allows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThermalState {
     sensors: Vec<String>,
@@ -52,7 +52,7 @@ pub struct ThermalState {
 #[derive(Clone, Debug, PartialEq)]
 struct Term {
     axis: usize,
-    /// Index of the watch over its error, if there is one.
+    /// Index of the watch over the term's error, if there is one.
     watch: Option<usize>,
     effect: Effect,
     inputs: Vec<Input>,
@@ -65,12 +65,12 @@ struct Term {
     share: f64,
 }
 
-/// A sensor of a term. The lag of a sum is the sum of the lags, so each sensor has its own.
+/// A sensor of a term, with its own lag: the lag of a sum is the sum of the lags.
 #[derive(Clone, Debug, PartialEq)]
 struct Input {
     /// Index of the sensor.
     sensor: usize,
-    /// Its weight in Σ w·(T − T_ref).
+    /// Weight w in Σ w·(T − T_ref).
     weight: f64,
     /// The lagged temperature above T_ref, K; `None` until every sensor of the term has delivered a temperature.
     lagged_k: Option<f64>,
@@ -85,7 +85,7 @@ enum Effect {
 }
 
 impl ThermalState {
-    /// The terms of a machine without any temperature yet.
+    /// The terms of a machine before the first temperatures.
     ///
     /// # Errors
     /// [`ThermalRefusal::Fading`]: times that are negative or not finite.
@@ -130,8 +130,8 @@ impl ThermalState {
         &self.sensors
     }
 
-    /// Steps by `dt_s` with the temperature (°C) of each sensor, in the order of [`sensors`](Self::sensors). A sensor whose temperature is
-    /// `None`, not finite or absent is missing. A negative or NaN `dt_s` is treated as 0.
+    /// Advances by `dt_s` with the temperature (°C) of each sensor, in the order of [`sensors`](Self::sensors). A sensor is missing if its
+    /// temperature is `None`, not finite or absent. A negative or NaN `dt_s` counts as 0.
     pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) {
         let over = |sensor: usize| {
             let degc = degc
@@ -166,8 +166,8 @@ impl ThermalState {
         }
     }
 
-    /// Advances by `stood_s` during which the program was stopped and did not sample the sensors. The lags include that time with the next
-    /// temperatures; no sensor is treated as missing for it.
+    /// Advances by `stood_s` in which the program was paused and sampled no sensors. The next temperatures advance the lags over that time;
+    /// it does not count as missing time.
     pub fn stand(&mut self, stood_s: f64) {
         for term in &mut self.terms {
             term.unheard_s += stood_s.max(0.0);
@@ -177,10 +177,9 @@ impl ThermalState {
         }
     }
 
-    /// Continues the lags of another state, such as that of the previous machine file: each sensor of a term takes its lagged temperature
-    /// from the term of the other state with the nearest lag, regardless of error and weight. A change of a lag or a weight therefore
-    /// does not restart the lag during operation. A sensor without a term in the other state starts with its first temperature. Does not
-    /// allocate.
+    /// Continues the lags of another state, such as that of the previous machine file, so that a changed lag or weight does not restart
+    /// them: each sensor of a term takes its lagged temperature from the other state's term with the nearest lag, whatever its error and
+    /// weight. A sensor without such a term starts at its first temperature. Does not allocate.
     pub fn carry_over(&mut self, from: &Self) {
         let shift_k = from.reference_degc - self.reference_degc;
         for term in &mut self.terms {
@@ -210,19 +209,18 @@ impl ThermalState {
         }
     }
 
-    /// True if temperatures or their rates are beyond the tested range of an error's terms, or the terms of the error have not fully
-    /// returned since.
+    /// Whether temperatures or rates are beyond the tested range of an error's terms, or these terms have not fully returned since.
     pub fn is_beyond_seen(&self) -> bool {
         self.watches.iter().any(Watch::is_beyond)
     }
 
-    /// True if a term holds, fades, has not started because of a missing sensor, or is returning after that.
+    /// Whether a term is held, fades or has not started because of a missing sensor, or is returning after that.
     pub fn is_degraded(&self) -> bool {
         let missing = |term: &Term| term.missing_s > 0.0 || term.share < 1.0 || !term.has_begun();
         self.terms.iter().any(missing)
     }
 
-    /// Writes the current terms into a compiled machine of the same structure that was compiled without temperatures.
+    /// Writes the present terms into a compiled machine of the same structure that was compiled without temperatures.
     pub fn apply(&self, machine: &mut CompiledMachine) {
         let mut offsets = [[0.0; 6]; MAX_AXES];
         let mut slopes = [[0.0; 3]; MAX_AXES];
@@ -254,19 +252,19 @@ impl ThermalState {
 }
 
 impl Fading {
-    /// The active share of a term whose sensor has been missing for this time, 0 to 1.
+    /// The active share of a term, 0 to 1, whose sensor has been missing for this time.
     fn share(&self, missing_s: f64) -> f64 {
         let faded_s = (missing_s - self.hold_s).max(0.0);
         (1.0 - faded_s / self.fade_s.max(f64::MIN_POSITIVE)).max(0.0)
     }
 
-    /// The share after moving towards `target` for `dt_s`.
+    /// The share after it moved towards `target` for `dt_s`.
     pub(crate) fn towards(self, share: f64, target: f64, dt_s: f64) -> f64 {
         let step = dt_s / self.fade_s.max(f64::MIN_POSITIVE);
         share + (target - share).clamp(-step, step)
     }
 
-    /// The share after `dt_s` in which every sensor delivered a temperature.
+    /// The share after `dt_s` in which all sensors delivered temperatures.
     fn returned(&self, share: f64, dt_s: f64) -> f64 {
         (share + dt_s.max(0.0) / self.fade_s.max(f64::MIN_POSITIVE)).min(1.0)
     }
@@ -335,20 +333,20 @@ impl Term {
         sum.unwrap_or(0.0)
     }
 
-    /// True if every sensor has delivered a temperature.
+    /// Whether every sensor has delivered a temperature.
     fn has_begun(&self) -> bool {
         self.inputs.iter().all(|input| input.lagged_k.is_some())
     }
 }
 
 impl Thermal {
-    /// True if there is no term.
+    /// Whether there is no term.
     pub fn is_empty(&self) -> bool {
         self.expansion.is_empty() && self.drift.is_empty()
     }
 }
 
-/// Watch over the sensors of the terms of one error. State: the smoothed rates, and how far the terms have faded.
+/// Monitors the sensors of the terms of one error. State: the smoothed rates, and the active share of the terms.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Watch {
     pub(crate) error: ErrorName,
@@ -384,7 +382,7 @@ impl Watched {
         }
     }
 
-    /// Steps by `dt_s` with the temperature above the reference, if there is one.
+    /// Advances by `dt_s` with the temperature above the reference, if there is one, K.
     fn step(&mut self, dt_s: f64, over_k: Option<f64>) {
         self.unheard_s += dt_s;
         let Some(over_k) = over_k else { return };
@@ -398,7 +396,7 @@ impl Watched {
 }
 
 impl Watch {
-    /// One watch for each error with stated tested ranges.
+    /// One watch for each error that has tested ranges.
     pub(crate) fn over(thermal: &Thermal, sensors: &[String]) -> Vec<Self> {
         let mut watches: Vec<Self> = Vec::new();
         for seen in &thermal.seen {
@@ -419,7 +417,7 @@ impl Watch {
         watches
     }
 
-    /// Steps by `dt_s` with the temperature of each sensor above the reference, K.
+    /// Advances by `dt_s` with the temperature of each sensor above the reference, K.
     pub(crate) fn step(
         &mut self,
         dt_s: f64,
@@ -437,15 +435,15 @@ impl Watch {
         };
     }
 
-    /// Advances over time in which no sensor was sampled.
+    /// Advances over a pause in which no sensor was sampled.
     pub(crate) fn stand(&mut self, stood_s: f64) {
         for watched in &mut self.sensors {
             watched.unheard_s += stood_s;
         }
     }
 
-    /// Takes over the rates of another watch of the same sensors (`same` maps them) and, if it monitors the same error, the fading of its
-    /// terms.
+    /// Takes over the rates of another watch for the same sensors (compared by `same`) and, if that monitors the same error, the active
+    /// share.
     pub(crate) fn carry_over(&mut self, from: &Self, same: impl Fn(usize, usize) -> bool) {
         for watched in &mut self.sensors {
             let other = from.sensors.iter().find(|o| same(watched.sensor, o.sensor));
@@ -474,14 +472,14 @@ impl Watch {
         beyond.fold(0.0, f64::max)
     }
 
-    /// The active share of the terms, 0 to 1: 0 until every sensor has delivered a temperature, since until then it is unknown whether they
-    /// are within the tested range.
+    /// The active share of the terms, 0 to 1. It is 0 until every sensor has delivered a temperature, since only then is it known whether
+    /// they are in the tested range.
     pub(crate) fn share(&self) -> f64 {
         self.share.unwrap_or(0.0)
     }
 
-    /// True if a sensor is beyond the tested range, or the terms are still returning after that. A sensor without a temperature yet does
-    /// not count: its terms have not started.
+    /// Whether a sensor is beyond the tested range, or the terms are still returning after that. A sensor without a temperature does not
+    /// count, because its terms have not started.
     pub(crate) fn is_beyond(&self) -> bool {
         self.beyond_k() > 0.0 || self.share.is_some_and(|share| share < 1.0)
     }

@@ -2,13 +2,13 @@
 
 use volcomp_kinematics::nalgebra::Vector3;
 
-/// A tool of the machine file; keys that are `None` come from `[tool]` or the default.
+/// A tool of the machine file. Keys that are `None` come from `[tool]` or the default.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tool {
     /// Tip of the tool, mm in the machine coordinate system at machine zero.
     pub tip_mm: Option<[f64; 3]>,
-    /// Gauge point of the spindle, mm in the machine coordinate system at machine zero; stated instead of `tip_mm`.
+    /// Gauge point of the spindle, mm in the machine coordinate system at machine zero; alternative to `tip_mm`.
     pub gauge_mm: Option<[f64; 3]>,
     /// Length from the gauge point to the tip, mm.
     pub length_mm: Option<f64>,

@@ -1,10 +1,10 @@
-//! Volumetric error: the tool's error over poses of all axes after alignment of the workpiece.
+//! Volumetric error: the error of the tool over poses of all axes after alignment of the workpiece.
 //!
 //! The workpiece is aligned once, by the rigid motion that best fits the errors of all poses and tools. An error that moves the workpiece
-//! in the same way at every pose does not affect the parts; a location error of a rotary axis moves it differently at every angle and does.
-//! At a single rotary pose the two are indistinguishable, so the poses cover the travels of all axes.
+//! equally at every pose does not affect the parts. A location error of a rotary axis moves it differently at every angle and does; at a
+//! single rotary pose it could not be distinguished, so the poses cover the travels of all axes.
 //!
-//! Each axis is approached from one of its two sides, so that backlash is part of the error.
+//! Each axis is approached from one of its two sides, so that backlash is included.
 
 use volcomp_curve::Field;
 use volcomp_kinematics::{State, nalgebra::Vector3};
@@ -12,23 +12,23 @@ use volcomp_vocabulary::{AxisName, Direction};
 
 use crate::{Axis, Lengths, Machine, ModelError, RigidMotion, RigidSums, rigid::directions};
 
-/// Half the number of poses over which the workpiece is aligned; the other half are mirrored about the middle of the travels, so that an
+/// Half the number of poses over which the workpiece is aligned. The other half are mirrored about the middle of the travels, so that an
 /// error that is linear over a travel is aligned exactly.
 const HALF_POSES: u32 = 2048;
 /// Number of poses from which the search for the largest error starts.
 const STARTS: usize = 32;
 /// Number of equidistant samples along an axis in the search.
 const SAMPLES: u32 = 33;
-/// Number of groups of poses for each direction of the error; the search starts from the worst pose of each group,
-/// because axes before a rotary axis rotate the contributions of the axes after it.
+/// Number of groups into which the poses are divided for each direction of the error. The search starts from the worst pose of each group,
+/// because rotary axes rotate the contributions of the axes after them.
 const STARTS_A_DIRECTION: usize = 2;
-/// Number of equidistant samples along an axis where its samples are combined with those of the others.
+/// Number of equidistant samples along an axis for combinations with samples of other axes.
 const COMBINED_SAMPLES: u32 = 9;
-/// Maximum number of combinations of the samples of rotary axes.
+/// Maximum number of combined samples of the rotary axes.
 const ROTARY_POSES: usize = 400;
 /// Number of combinations of samples from which the search starts.
 const COMBINATIONS: usize = 48;
-/// Maximum number of rounds over all axes in which they are sampled: where one axis is worst may depend on the others.
+/// Maximum number of rounds in which all axes are sampled in turn, since the worst position of one axis may depend on the others.
 const ROUNDS: usize = 4;
 /// Number of sampled maxima that are refined between the samples.
 const REFINED: usize = 16;
@@ -45,7 +45,7 @@ pub struct ErrorField<'a> {
     pub tool: &'a str,
     /// The machine that defines the ideal tip and tool axis.
     pub machine: &'a Machine,
-    /// The machines whose curves are in the errors: each is searched at the [places](Machine::places) of all.
+    /// The machines whose curves contribute to the errors; the search samples the [places](Machine::places) of all.
     pub curves: Vec<&'a Machine>,
     /// Position (mm) and rotation (rad) of the error at a pose, in workpiece axes.
     pub errors: &'a dyn Fn(&State) -> [f64; 6],
@@ -58,7 +58,7 @@ pub struct Worst {
     pub value: f64,
     /// The pose, mm and deg.
     pub at: Vec<(AxisName, f64)>,
-    /// The tool, named as in its field.
+    /// The name of the tool, as in its field.
     pub tool: String,
 }
 
@@ -68,7 +68,7 @@ pub struct Worst {
 pub struct VolumetricError {
     /// Number of poses over which the workpiece was aligned, per tool.
     pub poses: usize,
-    /// Largest error of the tip before alignment, found by a search from the worst poses, mm.
+    /// Largest error of the tip before alignment, mm, found by a search from the worst poses.
     pub max_mm: f64,
     /// Root mean square of the error of the tip before alignment, mm.
     pub rms_mm: f64,
@@ -94,14 +94,14 @@ pub fn poses_of_all_axes(machine: &Machine) -> Result<Vec<State>, ModelError> {
         .collect()
 }
 
-/// The volumetric error of a machine with one or several tools, `fields`, which have the same axes.
+/// The volumetric error of a machine with one or several tools (`fields`), which must have the same axes.
 ///
 /// # Errors
 /// An empty list of fields, or the errors of [`Machine::state`].
 pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelError> {
     let axes = fields.first().map_or(0, |of| of.machine.axes().len());
     let all: Vec<Place> = places(axes).collect();
-    // The search also tries the opposite approach of each.
+    // The search also tries the opposite approach of each corner.
     let corners = (0..1_usize << axes).map(|corner| Place {
         shares: (0..axes)
             .map(|axis| f64::from(u8::from(corner >> axis & 1 == 1)))
@@ -148,20 +148,20 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
     })
 }
 
-/// What the search for the largest length of a vector starts from.
+/// The starting points of the search for the largest length of a vector.
 struct Search<'a> {
     grounds: Vec<SearchGround<'a>>,
-    /// Evenly covering poses and corners, with the index of their field.
+    /// Evenly distributed poses and corners, with the index of their field.
     found: Vec<(usize, Place, At)>,
     samples: Vec<RotarySample>,
 }
 
-/// A field, and where it must be sampled.
+/// A field, and the positions at which it must be sampled.
 struct SearchGround<'a> {
     field: &'a ErrorField<'a>,
-    /// Of each axis, the places of its curves as shares of the travel.
+    /// Sampling positions of the curves along each axis, as shares of the travel.
     places: Vec<Vec<f64>>,
-    /// Of each axis, whether the errors depend on its direction of approach.
+    /// Whether the errors depend on the direction of approach, by axis.
     has_directions: Vec<bool>,
     grids: Vec<GridNodes>,
 }
@@ -181,7 +181,7 @@ impl<'a> SearchGround<'a> {
         }
     }
 
-    /// The directions of approach that may differ in error.
+    /// The directions of approach to sample for an axis.
     fn approaches(&self, axis: usize) -> &'static [Direction] {
         let count = if self.has_directions[axis] { 2 } else { 1 };
         &Direction::BOTH[..count]
@@ -189,14 +189,14 @@ impl<'a> SearchGround<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// The largest length, searched from the poses where it is largest, from those where it is largest in each direction, and from
-    /// [combinations](Self::combinations) of samples. NaN if it is NaN.
+    /// The largest length. The search starts from the poses with the largest length, from those with the largest component in each
+    /// direction, and from [combinations](Self::combinations) of samples. NaN if a length is NaN.
     fn worst(&'a self, of: &dyn Fn(&At) -> Vector3<f64>) -> Result<Worst, ModelError> {
         let length = |at: &At| of(at).norm();
         let mut starts: Vec<_> = (self.found.iter())
             .map(|one| (length(&one.2), one))
             .collect();
-        // Descending; in the total order NaN comes first.
+        // Descending; in the total order NaN is the largest.
         starts.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut maxima = Vec::new();
         for (value, (field, place, _)) in starts.into_iter().take(STARTS) {
@@ -246,7 +246,7 @@ impl<'a> Search<'a> {
         }))
     }
 
-    /// An ascent from a place over all samples of a field.
+    /// An ascent over all samples of a field, from a place.
     fn sampled(
         &'a self,
         field: usize,
@@ -260,11 +260,11 @@ impl<'a> Search<'a> {
         Ok(ascent)
     }
 
-    /// Combinations of samples of all axes at which a vector is probably largest, and their fields.
+    /// Combinations of samples of all axes at which the length is probably largest, with their fields.
     ///
-    /// The length is not a sum over the axes: a narrow spot of one axis may lower it at one pose and raise it at another. With the rotary axes at rest
-    /// the vector is a sum of contributions of the linear axes, but for small levers, and its length is the maximum of its components over all
-    /// directions. So for each direction the largest contributions are added.
+    /// The length is not a sum over the axes: a narrow peak of one axis may lower it at one pose and raise it at another. For fixed rotary
+    /// axes the vector is, except for small levers, a sum of contributions of the linear axes, and its length is the maximum of its
+    /// components over all directions. So the largest contributions are added for each direction.
     fn combinations(&self, of: &dyn Fn(&At) -> Vector3<f64>) -> Vec<(usize, Place)> {
         let mut found: Vec<(f64, usize, Place)> = Vec::new();
         for sample in &self.samples {
@@ -295,7 +295,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The error at a pose of the rotary axes, with the linear axes in the middle of their travels, and with each of them at its samples.
+/// The errors at a pose of the rotary axes: with the linear axes in the middle of their travels, and with each of them at its samples.
 struct RotarySample {
     field: usize,
     place: Place,
@@ -303,7 +303,7 @@ struct RotarySample {
     of_axes: Vec<Vec<LinearSample>>,
 }
 
-/// The error with one linear axis elsewhere.
+/// The error with one linear axis away from its middle.
 struct LinearSample {
     axis: usize,
     share: f64,
@@ -311,7 +311,7 @@ struct LinearSample {
     at: At,
 }
 
-/// Samples of all fields: at few equal shares and at the places of their curves, from either side where that matters.
+/// Samples of all fields: at few equidistant shares and at the places of their curves, from either side if that matters.
 fn rotary_samples(grounds: &[SearchGround<'_>]) -> Result<Vec<RotarySample>, ModelError> {
     let mut samples = Vec::new();
     for (number, ground) in grounds.iter().enumerate() {
@@ -355,8 +355,8 @@ fn linear_samples(
     Ok(of_axes)
 }
 
-/// Poses of the rotary axes at their samples, thinned evenly to a bounded number, from either side where that matters; the linear axes are in the middle
-/// of their travels.
+/// Poses of the rotary axes at their samples, thinned evenly to a bounded number, from either side if that matters; the linear axes are in
+/// the middle of their travels.
 fn rotary_poses(ground: &SearchGround<'_>) -> Vec<Place> {
     let axes = ground.field.machine.axes();
     let rotary: Vec<(usize, Vec<f64>)> = (axes.iter().zip(&ground.places).enumerate())
@@ -393,20 +393,20 @@ fn rotary_poses(ground: &SearchGround<'_>) -> Vec<Place> {
 /// Two axes, and the shares of their travels at which a grid over them has nodes.
 type GridNodes = [(usize, Vec<f64>); 2];
 
-/// Equal shares of a travel, and the places of curves.
+/// Equidistant shares of a travel, and the places of curves.
 fn shares(equal: u32, places: &[f64]) -> impl Iterator<Item = f64> {
     let share = move |sample| f64::from(sample) / f64::from(equal - 1);
     (0..equal).map(share).chain(places.iter().copied())
 }
 
-/// Coordinates as shares of the travel of an axis, without those beyond it.
+/// Coordinates as shares of the travel of an axis, without those outside it.
 fn shares_of<'a>(axis: &Axis, at: &'a [f64]) -> impl Iterator<Item = f64> + use<'a> {
     let [low, high] = axis.travel;
     let shares = at.iter().map(move |at| (at - low) / (high - low));
     shares.filter(|share| (0.0..=1.0).contains(share))
 }
 
-/// The places of the curves of a field along each axis, as shares of the travel.
+/// The sampling positions of the curves of a field along each axis, as shares of the travel.
 fn places_of_curves(field: &ErrorField<'_>) -> Vec<Vec<f64>> {
     let axes = field.machine.axes();
     let mut of_axes = vec![Vec::new(); axes.len()];
@@ -472,7 +472,7 @@ impl<'a> Ascent<'a> {
         place
     }
 
-    /// Samples the nodes of grids, then the axes, the places of curves included.
+    /// Samples the nodes of grids, then the axes, including the places of curves.
     fn sample(&mut self, size: &dyn Fn(&At) -> f64) -> Result<(), ModelError> {
         for [(first, of_first), (second, of_second)] in &self.ground.grids {
             for a in of_first {
@@ -486,7 +486,7 @@ impl<'a> Ascent<'a> {
         self.sample_axes(true, size)
     }
 
-    /// Samples each axis over its whole travel until none improves.
+    /// Samples each axis over its whole travel until no axis improves.
     fn sample_axes(
         &mut self,
         at_places: bool,
@@ -499,7 +499,7 @@ impl<'a> Ascent<'a> {
                 for share in shares(SAMPLES, places.unwrap_or_default()) {
                     let mut place = self.with(axis, share);
                     is_better |= self.try_place(place.clone(), size)?;
-                    // A spot may be in the curve of one direction alone.
+                    // A peak may exist in the curve of one direction only.
                     if self.ground.has_directions[axis] {
                         place.approach[axis] = -place.approach[axis];
                         is_better |= self.try_place(place, size)?;
@@ -513,7 +513,7 @@ impl<'a> Ascent<'a> {
         Ok(())
     }
 
-    /// Moves each axis by ever smaller steps, and approaches its place from the other side as well.
+    /// Moves each axis by smaller and smaller steps, and also tries the other direction of approach.
     fn refine(&mut self, size: &dyn Fn(&At) -> f64) -> Result<(), ModelError> {
         let mut step = 1.0 / f64::from(SAMPLES - 1);
         while step > MIN_STEP {
@@ -535,7 +535,7 @@ impl<'a> Ascent<'a> {
     }
 }
 
-/// The error at a pose, with the data for its alignment.
+/// The error at a pose, and the data for its alignment.
 struct At {
     tip_mm: Vector3<f64>,
     tool_axis: Vector3<f64>,
@@ -548,7 +548,7 @@ impl At {
         alignment.left_mm(&self.tip_mm, &self.error_mm)
     }
 
-    /// The rotation across the tool axis; a rotating tool does not show the rotation about it.
+    /// The rotation perpendicular to the tool axis; a rotation about it has no effect on a rotating tool.
     fn tilt_rad(&self, alignment: &RigidMotion) -> Vector3<f64> {
         let left = alignment.left_rad(&self.rotation_rad);
         left - self.tool_axis * self.tool_axis.dot(&left)
@@ -595,10 +595,10 @@ impl Place {
     }
 }
 
-/// Shares of the travels of all axes: the Halton sequence and its mirror image, which is approached from the opposite sides.
+/// Shares of the travels of all axes: the Halton sequence, and its mirror image with the opposite approach.
 fn places(axes: usize) -> impl Iterator<Item = Place> {
     (1..=HALF_POSES).flat_map(move |number| {
-        // The multiples of irrational roots are equally often above and below a half, independent of the shares.
+        // Multiples of irrational roots are above and below a half equally often, independent of the shares.
         let side = |axis: usize| {
             let root = f64::from(BASES[axis % BASES.len()]).sqrt();
             Direction::of((f64::from(number) * root).fract() - 0.5)
@@ -617,8 +617,8 @@ fn places(axes: usize) -> impl Iterator<Item = Place> {
     })
 }
 
-/// A coordinate of a point of the Halton sequence, 0 to 1: the radical inverse of `number` in the base of the dimension (from 0). Beyond 14
-/// dimensions the bases repeat.
+/// A coordinate of a point of the Halton sequence, 0 to 1: the radical inverse of `number` in the base of the dimension (from 0). Bases
+/// repeat after 14 dimensions.
 pub fn halton(number: u32, dimension: usize) -> f64 {
     let base = BASES[dimension % BASES.len()];
     let (mut share, mut weight, mut rest) = (0.0, 1.0, number);

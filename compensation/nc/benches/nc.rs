@@ -1,4 +1,4 @@
-//! Programs of many short lines, against copying them and against reading and printing their numbers.
+//! Time to compensate programs of many short lines, compared with copying them and with reading and printing their numbers.
 
 use std::{fmt::Write as _, hint::black_box, io::Write as _};
 
@@ -37,7 +37,7 @@ EB0Z = 10.0
 ";
 const FIVE: &str = include_str!("../../../examples/trunnion.toml");
 
-/// A walk of short steps around a place: a line for each block.
+/// A random walk of short steps about a position, one line per step.
 fn program(first: &str, places: &[(char, f64)]) -> String {
     let mut seed = 1_u64;
     let mut text = format!("G21 G90 G17 G54\n{first}\n");
@@ -61,7 +61,7 @@ fn program(first: &str, places: &[(char, f64)]) -> String {
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "coordinates are small")]
-/// Each number read, and printed with the decimals that it has; all else copied.
+/// Reads each number and prints it with its own decimals; copies everything else.
 fn read_and_print(text: &[u8], out: &mut Vec<u8>) {
     let mut digits = itoa::Buffer::new();
     let mut at = 0;

@@ -111,7 +111,7 @@ fn weight(
     Ok((first * first + 4.0 * middle * middle + last * last) / 6.0 + price * change)
 }
 
-/// The graph of some stations: the nodes one station after the other, and the weights, in µm².
+/// The graph of some stations: nodes ordered by station, weights in µm².
 fn graph(field: &Field, price: f64, stations: &[Station]) -> Result<Vec<Vec<f64>>, Box<dyn Error>> {
     let count: usize = stations.iter().map(|station| station.nodes.len()).sum();
     let mut weights = vec![vec![f64::INFINITY; count]; count];
@@ -129,7 +129,7 @@ fn graph(field: &Field, price: f64, stations: &[Station]) -> Result<Vec<Vec<f64>
     Ok(weights)
 }
 
-/// The distances from one node as Dijkstra finds them without a heap, and how many sums it compares.
+/// Distances from one node by Dijkstra's algorithm without a heap, and the number of compared sums.
 fn dijkstra(weights: &[Vec<f64>], from: usize) -> (Vec<f64>, u64) {
     let count = weights.len();
     let (mut lengths, mut done) = (vec![f64::INFINITY; count], vec![false; count]);
@@ -148,7 +148,7 @@ fn dijkstra(weights: &[Vec<f64>], from: usize) -> (Vec<f64>, u64) {
     (lengths, operations)
 }
 
-/// Everything that the example prints.
+/// The output of the example.
 ///
 /// # Errors
 /// The machine file cannot be read.
@@ -206,7 +206,7 @@ fn matrix(text: &mut String, round: usize, distances: &[Vec<f64>]) -> std::fmt::
     Ok(())
 }
 
-/// The graph with a start before its first nodes and a target behind its last ones, both without weight.
+/// The graph with a start node before the first nodes and a target node after the last ones, joined by edges of weight 0.
 fn closed(weights: &[Vec<f64>], first: usize, last: usize) -> Vec<Vec<f64>> {
     let nodes = weights.len();
     let mut closed = weights.to_vec();
@@ -338,7 +338,7 @@ fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Adds stations between two until their commands no longer change.
+/// Plans two stations 40 mm apart, with more and more stations between them.
 fn more_nodes(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     writeln!(
         text,
@@ -365,7 +365,7 @@ fn more_nodes(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A correction that goes from nothing to (5, 3) steps, one step to any of eight neighbours at a time, while the error holds.
+/// A correction that grows from zero to (5, 3) steps, by a step to any of eight neighbours at a time, while the error is constant.
 fn eight_directions(text: &mut String) -> Result<(), Box<dyn Error>> {
     const SIDE: usize = 8;
     let wanted = [5.0, 3.0];

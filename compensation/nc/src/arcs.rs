@@ -1,7 +1,7 @@
 //! Corrected arcs: one arc where the circle through three corrected points fits, otherwise several parts.
 //!
-//! A correction gives each arc its own centre. Where that differs from the pole that is active in the control, a pole line is written
-//! before the arc; polar coordinates about the new pole would lead elsewhere, so they are rewritten as X and Y.
+//! Each corrected arc has its own centre. Where it differs from the pole active in the control, a pole line precedes the arc. Later polar
+//! coordinates would refer to the new pole, so they are rewritten as X and Y.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
@@ -20,9 +20,8 @@ use crate::{
     straight::{Leg, MAX_PARTS, Part, WriteRule, polar_writes, too_many_parts, words_of},
 };
 
-/// Ratio of the largest deviation of a part to that at its quarter points. An error that is linear within the part deviates from the circle
-/// by 0 at both ends and in the middle, with one bend in each half; its maximum is at most this multiple of the value at the quarter
-/// points.
+/// Upper bound on the largest deviation of a part from its circle, as a multiple of the deviation at its quarter points: an error that is
+/// linear within the part causes none at the ends and in the middle, and one bend in each half.
 const BETWEEN_QUARTERS: f64 = 1.15;
 
 /// Samples per turn in the search for axis reversals; `MAX_ARC_SAMPLES` is the maximum number for one arc.
@@ -30,13 +29,13 @@ const ARC_SAMPLES_PER_TURN: u32 = 64;
 
 const MAX_ARC_SAMPLES: f64 = 4096.0;
 
-/// Twice the travel, mm, of an axis of the plane next to its turning point that is treated as no motion.
+/// Twice the travel, mm, of an axis of the plane near its turning point that counts as standstill.
 const HARDLY_MM: f64 = 5e-4;
 
-/// Minimum length of a part of an arc, in steps of its words: shorter parts are not split.
+/// Minimum length of a part of an arc, in steps (last decimals) of its words: shorter parts are not split.
 const SHORTEST_IN_STEPS: f64 = 20.0;
 
-/// Minimum distance between reversals of an axis that cut an arc, in steps of its words.
+/// Minimum distance between two axis reversals at which an arc is split, in steps of its words.
 const SHORTEST_TURN_IN_STEPS: f64 = 100.0;
 
 /// A part of an arc that is written as one arc: its start and end as shares (0 to 1) of the whole arc.
@@ -52,7 +51,7 @@ impl Stretch {
         (self.to - self.from) * arc.turns_by.abs()
     }
 
-    /// Number of whole turns before the last one, which may itself be whole.
+    /// Number of whole turns before the last turn, which may be a whole one too.
     fn more_turns(self, arc: &Arc) -> f64 {
         (self.turns(arc) / (2.0 * PI) - 1e-9).floor().max(0.0)
     }
@@ -67,20 +66,20 @@ impl Stretch {
     }
 }
 
-/// Maximum error in the middle of an arc written by its radius, in steps; beyond it the arc is written by its centre.
+/// Maximum error in the middle of an arc written with its radius, in steps; beyond it the arc is written with its centre.
 const OFF_BY_RADIUS: f64 = 1.0;
 
-/// Maximum error in the middle of an arc written by its centre, in steps; both of its words are rounded.
+/// Maximum error in the middle of an arc written with its centre, in steps; both centre words are rounded.
 const OFF_BY_CENTRE: f64 = 3.0;
 
-/// A part of an arc between the end points that its words lead to.
+/// A part of an arc, with the end points that its words command.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WrittenArc<'a> {
     pub(crate) arc: &'a Arc,
     /// Start and end of the whole arc, in program coordinates.
     pub(crate) ends: [&'a Axes; 2],
     pub(crate) part: Stretch,
-    /// Index of the part, if the arc is split.
+    /// Index of the part; `None` if the arc is not split.
     pub(crate) place: Option<usize>,
     /// Corrections at the start and end, in program coordinates.
     pub(crate) carried: [&'a Axes; 2],
@@ -97,15 +96,15 @@ impl WrittenArc<'_> {
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CircleWords {
-    /// Edits of the program's own line.
+    /// New numbers of the program's own line: letter, index of the word, number.
     replaced: Vec<(u8, Option<usize>, Number)>,
     removed: Vec<usize>,
-    /// Words after the coordinates of an added line.
+    /// Words that follow the coordinates of an added line.
     pub(crate) others: Vec<(u8, Number)>,
 }
 
 impl CircleWords {
-    /// Removes and returns the centre numbers, which go into a separate line.
+    /// Removes and returns the centre coordinates, which go into a separate line.
     fn take_centre(&mut self, letters: [u8; 2]) -> [Option<Number>; 2] {
         let found = letters.map(|letter| {
             let replaced = self.replaced.iter().find(|(of, ..)| *of == letter);
@@ -123,7 +122,7 @@ impl CircleWords {
         in_line || self.others.iter().any(|(letter, _)| *letter == b'R')
     }
 
-    /// True if the radius of the line is removed.
+    /// True if the program's R word is removed.
     fn drops_radius(&self) -> bool {
         !self.removed.is_empty()
     }
@@ -164,7 +163,7 @@ impl Bow {
         0.5 * (half * half / self.sag + self.sag)
     }
 
-    /// Point at this distance from the middle of the chord along the normal.
+    /// Point of the normal through the middle of the chord at this signed distance, mm.
     fn on_normal(&self, distance: f64) -> [f64; 2] {
         let normal = self.normal();
         std::array::from_fn(|i| 0.5 * (self.start[i] + self.end[i]) + distance * normal[i])
@@ -178,7 +177,7 @@ impl Bow {
         self.on_normal(self.sag - self.radius())
     }
 
-    /// The arc between two nearby points: with the same radius if it turns by less than a quarter, otherwise with the same sag.
+    /// The arc between two points near its ends: with the same radius if it turns by less than a quarter turn, otherwise with the same sag.
     pub(crate) fn between(&self, start: [f64; 2], end: [f64; 2]) -> Self {
         let mut other = Self {
             start,
@@ -220,8 +219,7 @@ impl Rewriter {
             self.check_shares(line)?;
         }
         let mut next = 0;
-        // Reversals within a contour get no separate block: the change of correction that they require is spread over
-        // the motion.
+        // A reversal within a contour gets no separate block; its change of correction is spread over the motion.
         let cut = if self.contour == Contour::None {
             0.0
         } else {
@@ -253,7 +251,7 @@ impl Rewriter {
                 true => WriteRule::Anew,
                 false => WriteRule::IfChanged,
             });
-            // Another correction would turn an arc of a few steps into a different arc, so it ends with the correction it began with.
+            // An arc of a few steps becomes a different arc if its correction changes, so it then keeps the correction of its start.
             let mut found = None;
             for keeps in [is_closed, true] {
                 let leg = Leg {
@@ -346,8 +344,8 @@ impl Rewriter {
         }
     }
 
-    /// Writes an arc whose position is unknown, so that it cannot be corrected. Its end and centre keep the correction that is active at
-    /// its start; another correction would change the shape of the arc.
+    /// Writes an arc that cannot be corrected because its position is unknown. Its end and centre keep the correction active at its start;
+    /// another correction would change its shape.
     fn arc_as_a_whole(
         &mut self,
         motion: &Move,
@@ -394,8 +392,7 @@ impl Rewriter {
         self.applied_correction = AppliedCorrection::Outdated;
     }
 
-    /// Applies the correction that the axes lack at the start of an arc in an added line, under the modes active before the codes of the
-    /// arc's line.
+    /// Applies the correction missing at the start of an arc in an added line, under the modes active before the codes of the arc's line.
     fn take_up(
         &mut self,
         motion: &Move,
@@ -407,7 +404,7 @@ impl Rewriter {
         if !self.lacks_correction(motion, turned) {
             return;
         }
-        // The added line precedes the codes of this one.
+        // The added line precedes the codes of the arc's line, so it needs the modes before them.
         let Some(mut meaning) = self.before.take() else {
             return;
         };
@@ -446,9 +443,8 @@ impl Rewriter {
         }
     }
 
-    /// Writes a line that applies the correction missing at a share of the motion. `from` is the position there in the program, `carried`
-    /// the correction already applied. Returns the correction applied afterwards, or `None` if nothing is missing. At the start of the
-    /// motion (`share` 0) the caller writes the end of the line.
+    /// Writes a line that applies the correction missing at a share of the motion. `from` is the program position there, `carried` the
+    /// correction applied so far. Returns the new correction, or `None` if nothing is missing. At `share` 0 the caller writes the line end.
     fn take_up_here(
         &mut self,
         motion: &Move,
@@ -500,7 +496,7 @@ impl Rewriter {
         Some(carried)
     }
 
-    /// Resolution of length words, mm.
+    /// Length of one step (last decimal) of length words, mm.
     pub(crate) fn step_mm(&self) -> f64 {
         let unit = self.interpreter.modal.unit_mm;
         of_steps(1, self.numerals(0, None).decimals) * unit
@@ -594,8 +590,7 @@ impl Rewriter {
         };
         let carriages = self.corrector.carriages(steps, place);
         let mut found = self.corrector.turns(steps, carriages);
-        // A shorter part would become a different arc through the crossing of the backlash; near its turning point an axis hardly
-        // moves.
+        // A shorter part would become a different arc when the backlash is crossed, and an axis hardly moves near its turning point.
         let (radius, _) = arc.start(from);
         let shortest = (SHORTEST_TURN_IN_STEPS * self.step_mm()).max((HARDLY_MM * radius).sqrt());
         let shortest = shortest / (radius * arc.turns_by.abs());
@@ -610,7 +605,7 @@ impl Rewriter {
         found
     }
 
-    /// The parts between axis reversals, the first one last (a stack).
+    /// The parts between axis reversals, in reverse order (a stack).
     fn turn_to_turn(&self) -> Vec<Stretch> {
         let mut parts = vec![Stretch { from: 0.0, to: 1.0 }];
         for turn in &self.turns.turns {
@@ -628,8 +623,8 @@ impl Rewriter {
     }
 
     /// True if a part can stay one arc: the arc through its corrected start, middle and end deviates from the corrected path by no more
-    /// than the tolerance. Errors linear within the part are largest near the quarter points, which are sampled; the contribution of curved
-    /// errors is bounded by their derivatives.
+    /// than the tolerance. Deviations by errors linear within the part are largest near the quarter points, which are sampled; those by
+    /// curved errors are bounded by their derivatives.
     fn fits(&self, arc: &Arc, [from, to]: [&Axes; 2], part: Stretch) -> bool {
         let tolerance = self.corrector.split_beyond_mm;
         let [first, second, _] = arc.axes;
@@ -671,7 +666,7 @@ impl Rewriter {
         };
         let (low, high) = boxed(false, &|at| *at);
         let bulge_mm = self.bulge_mm(&low, &high);
-        // Rotation and kinematics do not map the corners of this box to those of the rotated arc's box.
+        // With a rotation or kinematics the arc may bulge along X, Y and Z of the machine, not only in its plane.
         let turned = frame.rotation_deg != 0.0 || frame.tip.is_some();
         let (low, high) = boxed(turned, &|at| frame.to_machine(at));
         let curved = self.corrector.bound_mm(&low, &high, bulge_mm);
@@ -688,8 +683,7 @@ impl Rewriter {
             away.sqrt()
         };
         let circles = (!is_whole).then(|| {
-            // The programmed circle is evaluated as well: its rounded numbers cause a deviation that the correction must not
-            // remove.
+            // The deviation of the programmed circle is subtracted: it is rounding of its numbers, which must not be corrected.
             [
                 self.corrected(arc, [from, to], part),
                 programmed(arc, [from, to], part),
@@ -713,14 +707,14 @@ impl Rewriter {
         BETWEEN_QUARTERS * largest + 2.0 * curved <= tolerance
     }
 
-    /// The circle words of a part of an arc; `None` if a control would execute a different arc with these ends.
+    /// The circle words of a part of an arc; `None` if a control would execute a different arc by them.
     pub(crate) fn circle(&self, written: &WrittenArc<'_>, line: Line<'_>) -> Option<CircleWords> {
         let (arc, part) = (written.arc, written.part);
         let [start, end] = written.commanded();
         let begins = in_plane(arc, &arc.place(written.ends[0], written.ends[1], part.from));
         let ends = in_plane(arc, &arc.place(written.ends[0], written.ends[1], part.to));
         let middle = middle_of(begins, ends, arc.centre, arc.turns_by < 0.0);
-        // Displacement of the circle from the programmed one: centre, middle and radius.
+        // Displacement of the centre and the middle from those of the programmed circle, and change of the radius.
         let (centre_by, middle_by, radius_by);
         if part.is_whole(arc) {
             let by = std::array::from_fn(|i| start[i] - begins[i]);
@@ -776,7 +770,7 @@ impl Rewriter {
         words.map(|(words, _)| words).unwrap_or_default()
     }
 
-    /// The R word and the resulting radius, mm.
+    /// The R word, and the radius that it commands, mm.
     fn by_radius(
         &self,
         written: &WrittenArc<'_>,
@@ -792,14 +786,14 @@ impl Rewriter {
             Some(_) if written.part.turns(written.arc) > PI => -1.0,
             Some(_) => 1.0,
         };
-        // Change R by as much as the radius changes: the rounding of the programmed value stays.
+        // R changes by as much as the radius, so that the rounding of the programmed value stays.
         let size = word.value?.abs() + radius_by / unit;
         let mut words = CircleWords::default();
         let said = self.word(written, (b'R', sign * size), place, line, &mut words)?;
         Some((words, said * unit))
     }
 
-    /// The centre words along both axes, and the resulting centre, mm.
+    /// The centre words along both axes, and the centre that they command, mm.
     fn by_centre(
         &self,
         written: &WrittenArc<'_>,
@@ -828,7 +822,7 @@ impl Rewriter {
         Some((words, said))
     }
 
-    /// Writes one word and returns its value. A word of the program's own line is replaced only if its number changes.
+    /// Adds one word and returns its value. A word of the program's own line is replaced only if its number changes.
     fn word(
         &self,
         written: &WrittenArc<'_>,
@@ -869,7 +863,8 @@ impl Rewriter {
             .map(|pole| pole[place] / self.interpreter.modal.unit_mm)
     }
 
-    /// True if a motion is in polar coordinates that need no correction in their plane, neither at its start nor at any of these positions.
+    /// True if a motion keeps its polar coordinates: the control has the pole of the program, and X and Y need no correction at the start
+    /// or at any of these positions.
     pub(crate) fn keeps_polar(&self, motion: &Move, places: &[Axes], carried: &Axes) -> bool {
         let Some(polar) = motion.polar else {
             return false;
@@ -877,7 +872,7 @@ impl Rewriter {
         let unit_mm = self.interpreter.modal.unit_mm;
         let half_mm = 0.5 * unit_mm * of_steps(1, self.numerals(0, None).decimals);
         let is_small = |by: &Axes| by[..2].iter().all(|by| by.abs() < half_mm);
-        // Coordinates relative to the tool keep the correction that applies there.
+        // Coordinates relative to the tool include the correction at the tool.
         let begins = if polar.from_here {
             carried[..2].iter().all(|by| by.abs() < 1e-9)
         } else {
@@ -897,7 +892,7 @@ impl Rewriter {
         }
     }
 
-    /// Records the pole set by a block. Along axes with a relative coordinate it includes the correction at the tool.
+    /// Records the pole set by a block. A relative coordinate includes the correction at the tool.
     pub(crate) fn takes_pole(&mut self, relative: [bool; 2]) {
         let interpreter = &self.interpreter;
         let carried = interpreter
@@ -908,7 +903,7 @@ impl Rewriter {
         });
     }
 
-    /// How an arc is written, and the centre line that has to precede it (empty if none).
+    /// How an arc is written, and the HEIDENHAIN pole line that has to precede it (empty: none).
     fn shape_of_arc(
         &mut self,
         keeps_polar: bool,
@@ -953,7 +948,7 @@ impl Rewriter {
         (Shape::Centre, pole_line([x, y], line))
     }
 
-    /// Before an arc that is copied unchanged, restores the pole of the program.
+    /// Restores the pole of the program before an arc that is copied unchanged.
     fn puts_pole_back(&mut self, line: Line<'_>, out: &mut Vec<u8>) {
         let Some(pole) = self.interpreter.modal.pole else {
             return;
@@ -1000,9 +995,9 @@ impl Rewriter {
         self.polar_is_off = true;
     }
 
-    /// Adds a note if an arc gets the coordinate of an axis that it did not have.
+    /// Adds a note if a HEIDENHAIN arc gets a word of an axis outside X and Y.
     fn note_superposed(&mut self, words: &Axes<Option<Number>>, motion: &Move, line: Line<'_>) {
-        // A helix in polar coordinates gets X and Y; any other arc gets an additional word.
+        // A polar helix becomes an arc in X and Y with a third word; any other arc gets an additional word.
         let is_new = |axis: usize| {
             words[axis].is_some() && (motion.words[axis].is_none() || motion.polar.is_some())
         };
@@ -1039,7 +1034,7 @@ pub(crate) fn programmed(arc: &Arc, [from, to]: [&Axes; 2], part: Stretch) -> Bo
     }
 }
 
-/// Adds the number of turns to a part of a split arc.
+/// Adds the number of turns (P) to a part of a split arc.
 fn add_turns(written: &WrittenArc<'_>, line: Line<'_>, words: &mut CircleWords) {
     let Some(part) = written.place else {
         return;
@@ -1055,7 +1050,7 @@ fn add_turns(written: &WrittenArc<'_>, line: Line<'_>, words: &mut CircleWords) 
     }
 }
 
-/// Middle of the last turn of an arc about a centre, as a control interprets it.
+/// Middle of the last turn from `start` to `end` about a centre; its radius is the mean of the radii at both ends.
 fn middle_of(start: [f64; 2], end: [f64; 2], centre: [f64; 2], clockwise: bool) -> [f64; 2] {
     let polar = |at: [f64; 2]| {
         let way = [at[0] - centre[0], at[1] - centre[1]];
@@ -1076,7 +1071,7 @@ fn middle_of(start: [f64; 2], end: [f64; 2], centre: [f64; 2], clockwise: bool) 
     ]
 }
 
-/// Sag of an arc of this angle, rad.
+/// Sag of an arc of this radius, mm, and angle, rad.
 fn sag_of(radius: f64, turns: f64) -> f64 {
     2.0 * radius * (0.25 * turns).sin().powi(2)
 }
@@ -1128,7 +1123,7 @@ mod tests {
         }
     }
 
-    /// A chord one step longer keeps the radius of a shallow arc and the sag of a half circle; neither centre jumps.
+    /// A chord one step longer keeps the radius of a shallow arc and the sag of a half circle, so the centre does not jump.
     #[test]
     fn the_rounding_of_a_chord_hardly_moves_the_centre() {
         let shallow = Bow {

@@ -27,8 +27,7 @@ use crate::{
     setup::SetUp,
 };
 
-/// Mean correction over the positions where a program cuts with one work offset: the ends of its lines and arcs, and half-way down its
-/// holes.
+/// Mean correction over the positions where a program cuts with one work offset: the ends of lines and arcs, and half the depth of holes.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
@@ -38,18 +37,18 @@ pub struct Average {
     pub system: String,
     /// Number of positions.
     pub places: u64,
-    /// Error of the machine at its zero; `None` if it rounds to zero.
+    /// Error of the machine at the zero of the work offset; `None` if it rounds to zero.
     #[cfg_attr(feature = "schema", serde(skip))]
     pub off_at_zero: Option<Note>,
     #[cfg_attr(feature = "schema", serde(skip))]
     pub(crate) off_at_zero_mm: [f64; 3],
-    /// Mean correction of X, Y and Z, mm; 0 for an axis that does not correct.
+    /// Mean correction of X, Y and Z, mm; 0 for an axis that is not corrected.
     pub mean_mm: [f64; 3],
-    /// Residual deviation of positions or readings from the mean: maximum and RMS, µm.
+    /// Maximum and RMS of the deviations that remain after the mean correction, µm.
     pub left_um: [f64; 2],
-    /// The same without any correction, µm.
+    /// Maximum and RMS of the deviations without correction, µm.
     pub before_um: [f64; 2],
-    /// The work offset with the mean, mm in machine coordinates, rounded to the decimals of the job.
+    /// The work offset plus the mean correction, mm in machine coordinates, rounded to the decimals of the job.
     pub offset_mm: [f64; 3],
 }
 
@@ -71,14 +70,14 @@ pub enum MeanOf<'a> {
     Readings(&'a [Reading]),
 }
 
-/// Tolerance, mm, within which an axis is treated as able to apply the mean correction.
+/// Tolerance, mm, within which the work offset must move a position by the mean correction.
 const REACHED_MM: f64 = 1e-6;
 
-/// Minimum share of the readings along a direction; below it the direction is treated as not measured.
+/// Minimum eigenvalue, relative to the largest, of a direction that counts as measured.
 const NOT_MEASURED: f64 = 1e-6;
 
-/// The offsets of X, Y and Z that correct the mean error (least squares over the readings), mm; and the maximum and RMS of the readings,
-/// with and without them, µm. `None` for a machine with rotary axes.
+/// Least-squares offsets of X, Y and Z against the mean error of the readings, mm, and the maximum and RMS of the readings with and without
+/// them, µm. `None` for a machine with rotary axes.
 fn mean_of(readings: &[Reading], corrector: &Corrector) -> Option<([f64; 3], [[f64; 2]; 2])> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for reading in readings {
@@ -136,7 +135,8 @@ fn with_rotary_axes() -> NcError {
     )
 }
 
-/// Writes the program after lines (G10 L2) that set its work offsets to those of the set-up plus the mean correction. Nothing else changes.
+/// Writes the program with lines (G10 L2) at its start that set its work offsets to those of the set-up plus the mean correction. Nothing
+/// else changes.
 ///
 /// # Errors
 /// The program cannot be executed; the machine has rotary axes; the program sets work offsets itself or uses one that the set-up does not
@@ -158,7 +158,7 @@ pub fn average(
         ));
     }
     let mut sums = vec![Sums::default(); SYSTEMS];
-    // Only offsets whose stated zero the program cuts from.
+    // Errors at the zeros of the work offsets from whose stated zero the program cuts.
     let mut off_mm = [None; SYSTEMS].to_vec();
     at_places(program, job, None, |corrector, place| {
         if place.from_stated_zero {
@@ -181,7 +181,7 @@ pub fn average(
     };
     let means: Vec<[f64; 3]> = sums.iter().map(mean).collect();
     if measured.is_some() {
-        // With measured readings their mean is also the only known error of the zero.
+        // With readings, the error at zero is known only as their mean.
         for (off, mean) in off_mm.iter_mut().zip(&means) {
             *off = off.map(|_| mean.map(|mm| -mm));
         }
@@ -237,7 +237,7 @@ pub fn average(
             left_um: measured.map_or_else(|| left[system].um(), |(_, [left, _])| left),
             before_um: measured.map_or_else(|| of.um(), |(_, [_, before])| before),
             offset_mm: std::array::from_fn(|i| {
-                // In inches one step of the last decimal is 25.4 times larger, so one more decimal is written.
+                // A number of inches times 25.4 has one more decimal.
                 let decimals = job.decimals.of(i, unit) + u8::from(unit != 1.0);
                 let power = 10_f64.powi(i32::from(decimals));
                 let mm = |word: Number| (unit * word.value() * power).round() / power;
@@ -256,14 +256,14 @@ struct CutPlace {
     /// Machine coordinates, mm.
     at: Axes,
     delta: [f64; 3],
-    /// Change of X, Y and Z with the other set-up, mm.
+    /// Change of X, Y and Z under the moved set-up, mm.
     moved: [f64; 3],
     frame: Frame,
     from_stated_zero: bool,
 }
 
-/// Executes the program, in parallel with another set-up, and calls `take` with each position where it cuts and the correction for the
-/// active tool.
+/// Executes the program, in parallel with a run under the set-up `moved`, and calls `take` with each position where it cuts and the
+/// correction of the active tool there.
 fn at_places(
     program: &[u8],
     job: Job<'_>,
@@ -345,8 +345,7 @@ fn cuts_at(made: &ExecutedMotion) -> Option<Axes> {
     }
 }
 
-/// Writes the program with the lines that set its offsets. They follow the leading percent sign, the program number and the comments after
-/// it.
+/// Writes the program with lines that set its work offsets, after the leading percent sign, program number and comments.
 fn write(
     program: &[u8],
     output: &mut impl Write,
@@ -370,8 +369,7 @@ fn write(
     }
     let mut text = Vec::new();
     if !offsets.is_empty() {
-        // Modes that the inserted lines rely on. If the previous program left the control in incremental mode, G10 would add to the stored
-        // offsets.
+        // Modes of the inserted lines: in incremental mode, left active by an earlier program, G10 would add to the stored offsets.
         let modes: &[u8] = if unit_mm == 1.0 {
             b"G21 G90"
         } else {

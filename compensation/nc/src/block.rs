@@ -20,11 +20,11 @@ pub(crate) struct Word {
     /// Decimals of a plain number; `None` for a computed value.
     pub(crate) decimals: Option<u8>,
     pub(crate) manner: Manner,
-    /// Written as a number of least increments.
+    /// The value is a number of least increments.
     pub(crate) in_increments: bool,
 }
 
-/// How the value of a coordinate is interpreted, if its word states that itself.
+/// How a word states that the value of its coordinate is interpreted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Manner {
     /// According to the active mode (G90 or G91).
@@ -38,7 +38,7 @@ pub(crate) enum Manner {
     Shortest,
 }
 
-/// Pseudo-letter of words that do not affect coordinates but must be executed with their motion, such as coolant on.
+/// Pseudo-letter of words that do not affect coordinates but belong to their motion, such as coolant on.
 pub(crate) const OTHER: u8 = b'!';
 
 /// Pseudo-letter of words executed at the end of the motion, such as a stop. When a motion is split, they are written
@@ -85,7 +85,7 @@ pub(crate) struct Block {
     pub(crate) begins: BlockStart,
     /// Block number and its byte range, in dialects that number blocks consecutively.
     pub(crate) number: Option<(Range<usize>, u64)>,
-    /// Keyword of the motion type; added lines need one as well.
+    /// Byte range of the motion keyword; added lines need one as well.
     pub(crate) keyword: Range<usize>,
     /// True if numbers have decimal commas; `None` if the block has no decimals.
     pub(crate) comma: Option<bool>,
@@ -122,7 +122,7 @@ impl Block {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Command {
-    /// The words of the block shift the coordinates: replacing the programmed frame (TRANS), or on top of it (ATRANS).
+    /// Shifts the coordinates by the words of the block: replaces the programmed frame (TRANS), or adds to it (ATRANS).
     Shift {
         adds: bool,
     },
@@ -131,7 +131,7 @@ pub(crate) enum Command {
         adds: bool,
         angle_deg: Value,
     },
-    /// Coordinates are those of the tool centre point from now on (true), or of the axes.
+    /// From now on coordinates are those of the tool centre point (true) or of the axes (false).
     CentrePoint(bool),
     WorkOffset(usize),
     /// CYCL DEF 247: the preset number follows in one of the next lines.
@@ -146,9 +146,9 @@ pub(crate) enum Command {
     NamedTool,
     /// The rest of the line moves axes in a dialect-specific way and is copied unchanged.
     Cycle(Cycle),
-    /// Makes such a cycle modal: executed after each motion (`Some`), or no longer (`None`).
+    /// Makes the cycle modal, executed after each motion (`Some`), or ends this (`None`).
     EachMotion(Option<Cycle>),
-    /// A command that is copied and may move axes: their positions are unknown afterwards.
+    /// A copied command that may move axes; their positions are unknown afterwards.
     MayMove(String),
     /// A printer homes (G28), which clears the G92 shift.
     Homes {
@@ -159,11 +159,11 @@ pub(crate) enum Command {
         relative: bool,
     },
     Ends,
-    /// The words of the block are the centre of arcs and polar coordinates (CC).
+    /// Sets the pole, the centre of arcs and polar coordinates, to the words of the block (CC).
     Pole,
-    /// The words of the block are the datum shift along their axes; the others keep theirs (cycle 7).
+    /// Sets the datum shift along the axes of the block's words; the other axes keep theirs (cycle 7).
     Datum,
-    /// Rotary axes go the shorter way from now on, or not (M126, M127).
+    /// From now on rotary axes take the shorter way (true, M126), or not (M127).
     Shorter(bool),
     /// The block continues in the next line.
     GoesOn,

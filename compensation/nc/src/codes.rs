@@ -42,31 +42,31 @@ pub(crate) struct Codes {
     pub(crate) not_followed: Option<Code>,
     /// A code of this control that moves no axis and changes no coordinate.
     pub(crate) harmless: Option<Code>,
-    /// G61 (true), G64: the control stops at the end of every motion from now on, or no longer.
+    /// From now on the control stops at the end of every motion (G61, true), or not (G64).
     pub(crate) exact_stop: Option<bool>,
-    /// M10 (true), M11: clamps or unclamps a rotary axis on FANUC-like controls.
+    /// Clamps (M10, true) or unclamps (M11) a rotary axis on FANUC-like controls.
     pub(crate) clamps: Option<bool>,
     /// M6: puts the selected tool into the spindle.
     pub(crate) changes_tool: bool,
     /// Index of the word with an unknown M code.
     unknown: Option<usize>,
-    /// One of the codes takes, or may take, further words: E, K, Q and R are not errors.
+    /// A code takes, or may take, further words: E, K, Q and R are no errors then.
     pub(crate) has_words: bool,
-    /// M430: switches on kinematics defined by the user of LinuxCNC.
+    /// M430: switches on user-defined kinematics of LinuxCNC.
     pub(crate) own_kinematics: bool,
-    /// M428 (true), M429: coordinates are those of the tool centre point from now on, or of the axes.
+    /// From now on coordinates are those of the tool centre point (M428, true) or of the axes (M429).
     pub(crate) centre_point: Option<bool>,
 }
 
 impl Codes {
-    /// Interprets the codes as `control` does, or as all controls do (`None`). `line` is used in messages.
+    /// Collects the codes with their meaning on `control`; `None`: the meaning common to all controls. `line` is used in messages.
     pub(crate) fn of(
         block: &Block,
         control: Option<Control>,
         line: usize,
     ) -> Result<Self, NcError> {
         let mut codes = Self::default();
-        // LinuxCNC's meaning; on other controls the machine builder assigns these codes.
+        // FANUC-like controls leave some of LinuxCNC's M codes to the machine builder.
         let has_own_m = control.is_some_and(Control::is_fanuc_like);
         for (place, word) in block.words.iter().enumerate() {
             if word.letter != b'G' && word.letter != b'M' {
@@ -88,7 +88,7 @@ impl Codes {
                     100 | 110 => codes.clamps = Some(code == 100),
                     980 | 990 => codes.calls = Some(code),
                     970 | 1980 => codes.not_followed = Some(code),
-                    // On Haas a jump; on the others an interrupt that calls a macro.
+                    // A jump on Haas; an interrupt that calls a macro on the others.
                     960 if has_own_m => codes.not_followed = Some(code),
                     _ if has_own_m => {}
                     700 | 710 | 720 | 730 => codes.not_followed = Some(code),
@@ -147,8 +147,8 @@ impl Codes {
         Ok(codes)
     }
 
-    /// Index of an unknown M code, if no other code of the block takes axis words: they may be its arguments, as in `M92 X80` on a printer
-    /// or in a macro called by an M code.
+    /// Index of an unknown M code whose arguments the axis words may be, as in `M92 X80` on a printer or in a macro call; `None` if another
+    /// code of the block takes them.
     pub(crate) fn with_arguments(&self) -> Option<usize> {
         let are_taken = self.motion.is_some()
             || self.not_modal.is_some()
@@ -165,7 +165,7 @@ impl Codes {
         }
     }
 
-    /// Storage of a code's modal group; `None` if it belongs to no group.
+    /// Field of a code's modal group; `None` if it belongs to no group.
     fn group(&mut self, code: Code) -> Option<&mut Option<Code>> {
         Some(match code {
             0 | 10 | 20 | 30 | 50 | 51 | 52 | 53 | 330 | 331 | 382 | 383 | 384 | 385 | 730
@@ -190,7 +190,7 @@ impl Codes {
     }
 }
 
-/// The error for a code whose number is only known at the machine, or is invalid.
+/// The error for a code whose number is known only at the machine, or invalid.
 fn no_code(word: &Word, line: usize) -> NcError {
     let letter = char::from(word.letter);
     match word.value {
@@ -238,7 +238,7 @@ fn m_code(code: Code, control: Option<Control>) -> MCode {
 /// Whether a G code switches the exact stop at the end of every motion on or off; `None`: neither.
 fn stops_exactly(code: Code, control: Option<Control>) -> Option<bool> {
     match code {
-        // Shape compensation on Mazak controls.
+        // G61.1 is shape compensation on Mazak controls.
         611 if control == Some(Control::Mazak) => None,
         610 | 611 => Some(true),
         620 | 630 | 640 => Some(false),
@@ -251,7 +251,7 @@ pub(crate) fn is_cycle(code: Code) -> bool {
     (730..=890).contains(&code) && code != 800
 }
 
-/// A code in tenths; `None` if the number is not a code.
+/// A code number in tenths; `None` if it is not a code.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -345,7 +345,7 @@ impl<'a> BlockWords<'a> {
         self.block.words.get(self.places[axis]?)
     }
 
-    /// True if the centre of an arc along the axis of a letter is absolute, not relative to its start.
+    /// True if the centre of an arc along the axis of this letter is absolute, not relative to the arc's start.
     pub(crate) fn centre_is_absolute(&self, letter: u8, modal: &Modal) -> bool {
         let word = self.block.word(letter);
         centre_is_absolute(word.map(|word| word.manner), modal)
@@ -376,7 +376,7 @@ impl<'a> BlockWords<'a> {
         Ok(self.letter(letter)?.and_then(|value| whole(value, 99_999)))
     }
 
-    /// The word of the distance (0) or of the angle (1) of polar coordinates.
+    /// The word of the polar distance (`of` 0) or angle (1).
     pub(crate) fn polar_word(&self, of: usize) -> Option<&'a Word> {
         self.block.words.get(self.polar?[of]?)
     }

@@ -1,4 +1,4 @@
-//! Program languages, and the controls that run them: these interpret the same words differently.
+//! Program languages, and controls: controls interpret the same words differently.
 
 use std::path::Path;
 
@@ -103,8 +103,8 @@ impl Control {
         matches!(self, Self::Marlin | Self::Klipper)
     }
 
-    /// True if a G code moves no axis and changes no coordinate on this control: look-ahead, smoothing, exact stop, or cancelling a mode
-    /// that is rejected where it is activated.
+    /// True if a G code moves no axis and changes no coordinate on this control: look-ahead, smoothing, exact stop, or the cancel code of a
+    /// mode that is rejected.
     pub(crate) fn has_harmless(self, code: Code) -> bool {
         let codes: &[Code] = match self {
             // Look-ahead, corners, tapping, stored stroke limits off, spindle speed monitoring, and the cancel codes of G41.1, G12.1, G51,
@@ -120,7 +120,7 @@ impl Control {
         codes.contains(&code)
     }
 
-    /// Reason to reject a G code on this control that others accept.
+    /// Reason to reject on this control a G code that others accept.
     pub(crate) fn refuses(self, code: Code) -> Option<&'static str> {
         match (self, code) {
             (Self::Fanuc | Self::Mazak, 70) => {

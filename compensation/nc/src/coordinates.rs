@@ -1,4 +1,5 @@
-//! Program and machine coordinates, mm and deg. Between them are work offsets, tool offsets, a rotation, and the kinematics of the control.
+//! Transformation between program and machine coordinates, mm and deg: work offsets, tool offsets, a rotation, and the kinematics of the
+//! control.
 
 use std::{cell::RefCell, sync::Arc};
 
@@ -79,7 +80,7 @@ impl AxisPlaces {
         state
     }
 
-    /// Values of the model per axis (mm, rad) in mm and deg; zero for axes that the machine lacks.
+    /// Values per axis of the model (mm, rad), in mm and deg; zero for axes that the machine lacks.
     #[inline]
     pub(crate) fn axes(&self, of_chain: &PerAxis<f64>) -> Axes {
         let mut axes = [0.0; MAX_AXES];
@@ -93,7 +94,7 @@ impl AxisPlaces {
         axes
     }
 
-    /// Values of the model per linear axis in mm, times a factor; zero for the other axes.
+    /// Values per linear axis of the model, mm, times a factor; zero for the other axes.
     pub(crate) fn linear_axes(&self, of_chain: &PerAxis<f64>, factor: f64) -> Axes {
         let mut axes = [0.0; MAX_AXES];
         let linear = self.present.iter().filter(|(axis, _)| !is_rotary(*axis));
@@ -161,7 +162,7 @@ impl Frame {
         std::array::from_fn(|i| at[i] - self.shift[i])
     }
 
-    /// A displacement of the axes from a machine position, in program coordinates.
+    /// Converts a displacement of the axes at a machine position to program coordinates.
     #[inline]
     pub(crate) fn moved_in_program(&self, machine: &Axes, by: &Axes) -> Axes {
         if self.tip.is_none() {
@@ -172,8 +173,8 @@ impl Frame {
         std::array::from_fn(|i| moved[i] - at[i])
     }
 
-    /// A displacement of the axes other than X, Y and Z in program coordinates: kinematics do not change these
-    /// coordinates. X, Y and Z are 0.
+    /// Like [`moved_in_program`](Self::moved_in_program) for the axes other than X, Y and Z, which kinematics do not change. X, Y and Z are
+    /// 0.
     pub(crate) fn others_moved_in_program(&self, machine: &Axes, by: &Axes) -> Axes {
         if self.tip.is_none() {
             let mut moved = *by;
@@ -190,7 +191,7 @@ impl Frame {
         })
     }
 
-    /// A displacement in program coordinates from a program position, in the axes.
+    /// Converts a displacement in program coordinates at a program position to the axes.
     #[inline]
     pub(crate) fn moved_in_machine(&self, program: &Axes, by: &Axes) -> Axes {
         if self.tip.is_none() {
@@ -215,8 +216,8 @@ pub(crate) fn turned(at: &Axes, angle_deg: f64) -> Axes {
     turned
 }
 
-/// Tool centre point on the ideal machine. Its coordinates are those of the tip in the workpiece frame, relative to its position with all
-/// axes at zero; while the rotary axes are at zero they equal X, Y and Z.
+/// Tool centre point on the ideal machine: position of the tip in the workpiece frame, relative to its position with all axes at zero.
+/// While the rotary axes are at zero its coordinates equal X, Y and Z.
 #[derive(Clone, Debug)]
 pub(crate) struct Tip {
     chain: Chain,
@@ -226,19 +227,19 @@ pub(crate) struct Tip {
     to_control: Matrix3<f64>,
 }
 
-/// Linear map of the centre point for fixed rotary axes: it moves with X, Y and Z along rotated directions.
+/// Linear map from X, Y and Z to the centre point for fixed rotary axes.
 #[derive(Clone, Debug)]
 struct RotaryPose {
     /// Coordinates of the axes other than X, Y and Z.
     others: [f64; 6],
     /// Centre point with X, Y and Z at zero.
     base_mm: Vector3<f64>,
-    /// Displacement per unit of X, Y and Z, and its inverse.
+    /// Displacement of the centre point per unit of X, Y and Z, as columns, and the inverse matrix.
     columns: Matrix3<f64>,
     inverse: Matrix3<f64>,
 }
 
-/// Maximum difference between the scalar products of the X, Y and Z directions and those of an orthonormal frame.
+/// Maximum deviation of the scalar products of the X, Y and Z directions from those of an orthonormal frame.
 const PERPENDICULAR: f64 = 1e-9;
 
 /// Number of cached kinematics: a motion evaluates its two ends many times, each with and without correction.
@@ -301,7 +302,7 @@ impl TipFrame {
 
 impl Tip {
     /// `None` for machines whose control cannot have tool centre point control: without rotary axes, without X, Y and Z, with a rotary axis
-    /// between these, or with X, Y, Z directions that are not a right-handed frame.
+    /// between X, Y and Z, or with directions of these that are not a right-handed frame.
     pub(crate) fn new(machine: &Machine) -> Option<Self> {
         let chain = machine.chain().clone();
         let places = AxisPlaces::of(machine);
@@ -360,7 +361,7 @@ impl Tip {
                     - self.chain.workpiece_origin_mm()
                     - self.at_zero_mm),
             columns,
-            // Invertible for all rotary positions, because no rotary axis is between the linear ones.
+            // Invertible for all rotary positions, because no rotary axis is between X, Y and Z.
             inverse: (columns.try_inverse()).unwrap_or(Matrix3::repeat(f64::NAN)),
         }
     }
@@ -385,8 +386,8 @@ fn directions(machine: &Machine) -> Matrix3<f64> {
     }))
 }
 
-/// The machine with a tool of the program's tool table. `offset` is what the control adds to the coordinates, so the tip is that far below
-/// the gauge point. If the machine file has no gauge point, or the offset is zero, the tool of the machine file is used.
+/// The machine with a tool of the program's tool table. The control adds `offset` to the coordinates, so the tip is that far below the
+/// gauge point. The tool of the machine file is used if the file has no gauge point or the offset is zero.
 pub(crate) fn with_tool(machine: &Machine, offset: &Axes) -> Result<Machine, NcError> {
     let mut machine = machine.clone();
     if offset[..3] != [0.0; 3] {
@@ -401,7 +402,7 @@ pub(crate) fn with_tool(machine: &Machine, offset: &Axes) -> Result<Machine, NcE
     Ok(machine)
 }
 
-/// Position at a share of a straight motion.
+/// Position at a share (0 to 1) of a straight motion.
 pub(crate) fn between(from: &Axes, to: &Axes, share: f64) -> Axes {
     each(|axis| from[axis] + share * (to[axis] - from[axis]))
 }
@@ -471,8 +472,8 @@ mod tests {
         }
     }
 
-    /// For all sign conventions of X, Y and Z, the centre point has the coordinates of the control. The tool is below the gauge point in the
-    /// control's Z.
+    /// For all sign conventions of X, Y and Z, the centre point has the coordinates of the control; the tool is below the gauge point along
+    /// the control's Z.
     #[test]
     fn the_centre_point_equals_the_axes_with_rotary_axes_at_zero() {
         let of = |x: &str, y: &str, z: &str| {

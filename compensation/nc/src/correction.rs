@@ -20,7 +20,7 @@ use crate::{
     error::BoundViolation,
 };
 
-/// Share of the tolerance that a one- or two-step correction may neglect; beyond it the exact correction is computed.
+/// Maximum share of the tolerance that a one- or two-step correction may neglect; beyond it the exact correction is computed.
 const NEGLECTED: f64 = 0.05;
 
 /// Maximum number of tools whose machines are cached.
@@ -30,13 +30,12 @@ const MAX_TOOLS: usize = 64;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Correction {
     pub(crate) delta: Axes,
-    /// Compensating motion of the linear axes per deg of A, B and C, mm/deg, that keeps the tip in place. `None` if no rotary axis is
-    /// corrected.
+    /// Motion of the linear axes per deg of A, B and C, mm/deg, that keeps the tip in place; `None` if no rotary axis is corrected.
     pub(crate) follow: Option<[Axes; 3]>,
 }
 
 impl Correction {
-    /// The correction if the rotary axes apply rounded values instead of the exact ones.
+    /// The correction with the rounded values `rotary` of the rotary axes, which the linear axes compensate.
     pub(crate) fn with_rotary(&self, rotary: &Axes) -> Axes {
         let mut delta = self.delta;
         let Some(follow) = &self.follow else {
@@ -67,11 +66,11 @@ pub struct Corrector {
     travels: Axes<[f64; 2]>,
     pub(crate) only_linear: bool,
     pub(crate) bidirectional: bool,
-    /// Direction of approach of each axis; `None` while it is unknown: the mean of both directions is corrected.
+    /// Direction of approach of each axis; `None` while unknown: then the mean of both directions is corrected.
     pub(crate) approach: Axes<Option<Direction>>,
-    /// Axes that arrive from an unknown position by the current motion.
+    /// Axes whose current motion starts at an unknown position.
     pub(crate) arrives_from_unknown: Axes<bool>,
-    /// Axes with a curve of two directions.
+    /// Axes with a bidirectional curve.
     pub(crate) has_directions: Axes<bool>,
     pub(crate) play: Arc<Play>,
     /// Reverse travel after which an axis is treated as reversed, mm and deg.
@@ -79,7 +78,7 @@ pub struct Corrector {
     /// Furthest position of each axis in its current direction.
     pub(crate) furthest: Axes<f64>,
     pub(crate) split_beyond_mm: f64,
-    /// Incremented when anything that the correction depends on, other than the position, changes.
+    /// Incremented by every change, except of the position, that affects the correction.
     pub(crate) version: u64,
 }
 
@@ -93,7 +92,7 @@ pub(crate) struct CorrectionCache {
 #[derive(Clone, Debug, Default)]
 struct CachedCorrection {
     at: Axes,
-    /// Version of the corrector; `None` if unused.
+    /// Version of the corrector; `None` while the entry is empty.
     pub(crate) version: Option<u64>,
     correction: Correction,
 }
@@ -129,7 +128,7 @@ pub(crate) struct MachineWithTool {
     /// Fast correction for machines without rotary motion.
     slides: Option<Slides>,
     neglected: Neglected,
-    /// Maximum unsplit travel of each axis moving alone, mm and deg.
+    /// Maximum unsplit travel of each axis if it moves alone, mm and deg.
     unsplit: Axes,
     /// Longest lever, mm, and maximum change of the error per mm of the linear axes.
     reach_mm: f64,
@@ -165,7 +164,7 @@ impl MachineWithTool {
         })
     }
 
-    /// Correction of a state: in one or two steps if these neglect at most `most_mm`, otherwise exact.
+    /// Correction of a state: one- or two-step if that neglects at most `most_mm`, otherwise exact.
     pub(crate) fn correction(
         &self,
         state: &State,
@@ -204,7 +203,7 @@ impl MachineWithTool {
         let rotary = compiled.correctors().rotary();
         let follow = (!rotary.is_empty()).then(|| {
             std::array::from_fn(|rotary| match places.of_axis(3 + rotary) {
-                // Per rad in the model, per deg here; only linear axes follow.
+                // From mm/rad to mm/deg; only linear axes follow.
                 Some(place) => places.linear_axes(&parts.follow[place], 1.0_f64.to_radians()),
                 None => [0.0; 9],
             })
@@ -219,11 +218,11 @@ impl MachineWithTool {
 /// Number of sample points for the backlash along the travel of an axis.
 const NODES: u32 = 33;
 
-/// Minimum reverse travel, mm and deg, after which an axis with backlash is treated as reversed: words are rounded to this, and it
-/// bounds the resulting error of the carriage.
+/// Minimum reverse travel, mm and deg, after which an axis with backlash counts as reversed: the rounding of words. It bounds the resulting
+/// error of the carriage.
 const LEAST: [f64; 2] = [5e-4, 1e-5];
 
-/// Curves of an axis that act in its own direction, each with its component along the axis.
+/// Bidirectional curves of an axis along its own direction, each with its component along the axis.
 #[derive(Clone, Debug)]
 struct AxialCurves {
     place: usize,
@@ -232,11 +231,11 @@ struct AxialCurves {
     scale: f64,
 }
 
-/// Play of the axes: the carriage of an axis does not move at first when its drive reverses.
+/// Backlash of the axes: when a drive reverses, its carriage does not move at first.
 ///
-/// A reversal value has a sign. If the carriage lags, its position is lower after positive than after negative motion. This is lost
-/// motion: after a reversal the carriage stays where it is until the backlash is crossed. With the opposite sign the carriage leads, as
-/// with a control that overcompensates backlash; the error then has two values, one for each direction.
+/// The reversal value has a sign. If the carriage lags, its position is lower after positive than after negative motion. This is lost
+/// motion: after a reversal the carriage rests until the backlash is crossed. With the opposite sign the carriage leads, as with
+/// overcompensated backlash; the error then has one value for each direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Play {
     /// `Some` for axes with backlash anywhere in their travel.
@@ -257,13 +256,12 @@ impl Play {
         }
     }
 
-    /// True if the carriage of an axis lags.
+    /// True if the axis has lost motion anywhere in its travel.
     pub(crate) fn has(&self, axis: usize) -> bool {
         self.axes[axis].is_some()
     }
 
-    /// Distance between the two flanks of an axis at these coordinates (of the model's chain), mm or deg; 0 without
-    /// backlash.
+    /// Lost motion of an axis at these coordinates (of the model's chain), mm or deg; 0 without backlash.
     pub(crate) fn lost_motion(&self, axis: usize, coordinates: &[f64]) -> f64 {
         let own = self.axes[axis].as_ref();
         own.map_or(0.0, |own| own.lost_motion(coordinates))
@@ -300,7 +298,7 @@ impl AxialCurves {
     }
 }
 
-/// Distance from the end of travel within which even the largest correction may leave it.
+/// Distance, mm, from an end of travel within which the largest correction may leave the travel.
 const NEAR_MM: f64 = LARGEST_CORRECTION.0;
 
 /// Bounds on the coordinates of each axis of the machine.
@@ -309,7 +307,7 @@ const NEAR_MM: f64 = LARGEST_CORRECTION.0;
 #[derive(Clone, Debug)]
 pub(crate) struct Bounds {
     limit: CorrectionLimit,
-    /// Bound on the displacement of the tool by all axes together, if rotary axes are corrected.
+    /// Limit of the displacement of the tool by all axes together, if rotary axes are corrected.
     at_tool: Option<CorrectionLimit>,
     axes: Axes<Option<AxisName>>,
     /// Travel, mm and deg; infinite for an axis without limits.
@@ -322,7 +320,7 @@ impl Bounds {
         let machine = &corrector.machine;
         let axis = |axis: usize| name_of(axis).and_then(|name| machine.axis(name));
         // Near a singular pose a small error of the tool axis turns a rotary axis far, and the linear axes follow it. Therefore the
-        // combined effect at the tool is bounded instead.
+        // displacement of the tool is limited instead.
         let rotary_corrects = (0..9).any(|axis| is_rotary(axis) && corrector.corrects[axis]);
         Self {
             limit: if rotary_corrects {
@@ -340,7 +338,7 @@ impl Bounds {
         }
     }
 
-    /// Violation of a bound by this correction of the `known` axes at a machine position, mm and deg.
+    /// Violation of a bound by the correction `by`, mm and deg; travels are checked only for `known` axes.
     pub(crate) fn violation(
         &self,
         known: &Axes<bool>,
@@ -373,7 +371,7 @@ impl Bounds {
         None
     }
 
-    /// Violation of the bound on the displacement of the tool.
+    /// Violation of the limit of the tool displacement `moves_mm`.
     pub(crate) fn violation_at_tool(
         &self,
         moves_mm: impl FnOnce() -> f64,
@@ -386,7 +384,7 @@ impl Bounds {
         })
     }
 
-    /// True if an axis is so close to an end of travel that a permitted correction may leave it.
+    /// True if an axis is so close to an end of travel that a permitted correction may leave the travel.
     pub(crate) fn is_near_end(&self, axis: usize, at: f64) -> bool {
         let near = |end: &f64| (at - end).abs() <= NEAR_MM;
         !is_rotary(axis) && self.travels[axis].iter().any(near)
@@ -394,8 +392,8 @@ impl Bounds {
 }
 
 impl Corrector {
-    /// For a machine at these temperatures. Straight motions are split where the correction would deviate from the exact one by more than
-    /// `tolerance_mm`.
+    /// A corrector for a machine at these temperatures. Straight motions are split where interpolating the correction between their ends
+    /// would deviate by more than `tolerance_mm`.
     ///
     /// # Errors
     /// The curves of the machine cannot be compiled.
@@ -445,7 +443,7 @@ impl Corrector {
         })
     }
 
-    /// Activates the tool for which the control adds this offset. Returns true if the tool changed.
+    /// Activates the tool with this tool offset; returns true if the tool changed.
     pub(crate) fn take_tool(&mut self, offset: &Axes) -> Result<bool, NcError> {
         if self.tool.offset == *offset {
             return Ok(false);
@@ -488,7 +486,7 @@ impl Corrector {
         (low - rounding..=high + rounding).contains(&at) || self.goes_round_to(axis, at)
     }
 
-    /// True if an axis is within its travel after whole periods of its `modulo`.
+    /// True if an axis with `modulo` is within its travel after whole periods.
     fn goes_round_to(&self, axis: usize, at: f64) -> bool {
         let axis = name_of(axis).and_then(|name| self.machine.axis(name));
         axis.is_some_and(|axis| axis.modulo.is_some() && axis.may_stand_at(at))
@@ -507,7 +505,7 @@ impl Corrector {
         state
     }
 
-    /// Lag of each carriage between the two directions at these coordinates, mm or deg.
+    /// Lost motion of each axis at these coordinates, mm or deg.
     pub(crate) fn lost_motion(&self, at: &Axes) -> Axes {
         if !self.play.any {
             return [0.0; MAX_AXES];
@@ -518,7 +516,7 @@ impl Corrector {
         std::array::from_fn(|axis| self.play.lost_motion(axis, coordinates))
     }
 
-    /// State of the model with the drives at a position and the carriages off by these amounts, mm or deg.
+    /// State of the model with the drives at `at` and the carriages displaced by `off`, mm or deg.
     fn carried(&self, at: &Axes, off: &Axes) -> State {
         if !self.play.any {
             return self.state(at);
@@ -526,7 +524,7 @@ impl Corrector {
         let lost = self.lost_motion(at);
         let (mut there, mut approach) = (*at, self.approach);
         for axis in (0..MAX_AXES).filter(|axis| lost[*axis] > 0.0) {
-            // Evaluate the curves of the nearer flank, and treat the remaining distance as travel of the axis.
+            // Evaluate the curves of the nearer flank; the remaining distance counts as travel of the axis.
             let off = off[axis];
             (approach[axis], there[axis]) = match off {
                 0.0 => (None, at[axis]),
@@ -658,7 +656,7 @@ impl Corrector {
         }
         let off_mm = bulge_mm * self.tool.steepness + coupled_mm;
         if share <= 1.0 {
-            // Up to these distances the bound grows at most linearly with the share: if this cheap bound holds, so does the tighter one.
+            // For shares up to 1 the bound grows at most linearly: if this cheap bound holds, so does the tighter one.
             let is_near =
                 share * self.split_beyond_mm + off_mm <= ROUNDING_MARGIN * self.split_beyond_mm;
             if is_near || bulge_mm == 0.0 && coupled_mm == 0.0 {
@@ -674,9 +672,9 @@ impl Corrector {
         self.tool.compiled.chord_bound_mm(&from, &to) + bulge_mm * self.tool.steepness
     }
 
-    /// Upper bound (mm) on the tip deviation that arises because rotary corrections change along the motion, while the linear axes follow
-    /// them exactly only at both ends: the product of two changes, plus the curvature of the levers. Near a singular pose rotary
-    /// corrections are many times the errors.
+    /// Upper bound (mm) on the tip deviation by rotary corrections that change along the motion, while the linear axes follow them exactly
+    /// only at both ends: the product of two changes, plus the curvature of the levers. Near a singular pose rotary corrections are many
+    /// times the errors.
     fn coupled_mm(&self, seen: &mut CorrectionCache, from: &Axes, to: &Axes) -> f64 {
         if self.tool.compiled.correctors().rotary().is_empty() {
             return 0.0;

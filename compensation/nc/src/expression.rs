@@ -19,10 +19,10 @@ const MAX_CALL_DEPTH: u32 = 50;
 /// Value of a word, and the decimals if it is a plain number (`None`: computed).
 pub(crate) type WordValue = (Value, Option<u8>);
 
-/// Inputs of the values of a block.
+/// Machine state that the values of a block depend on.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Reads {
-    /// Axes whose positions were read: the control reads the corrected ones.
+    /// Axes whose positions were read; the control reads corrected positions.
     pub(crate) axes: Axes<bool>,
     /// The return value of a subroutine was read.
     pub(crate) returned: bool,
@@ -503,7 +503,7 @@ pub(crate) fn takes_name(scanner: &mut Scanner<'_>, name: &str) -> bool {
     true
 }
 
-/// Reads an unsigned whole number, and consumes it regardless of its size; `None` above `most`.
+/// Reads an unsigned whole number. A number above `most` is consumed and yields `None`.
 pub(crate) fn whole_number(scanner: &mut Scanner<'_>, most: u32) -> Option<u32> {
     whole(plain_number(scanner, b"")?.0, most)
 }

@@ -1,7 +1,7 @@
-//! Fast path for the usual line: a straight motion to a position in plain numbers, of which long programs consist.
+//! Fast path for the usual line of long programs: a straight motion to a position in plain numbers.
 //!
 //! It compensates such a line in one pass, in a fraction of the time of the general path ([`Rewriter::line`]), with identical output and
-//! state. Anything unusual is left to that path, before any state has changed.
+//! state. Any other line is left to that path, before any state has changed.
 
 use std::ops::Range;
 
@@ -33,7 +33,7 @@ impl AxisWord {
     }
 }
 
-/// A line of G0, G1 or neither, and axis words.
+/// A usual line: G0, G1 or neither, and axis words.
 #[derive(Clone, Copy, Debug, Default)]
 struct PlainLine {
     code: Option<Code>,
@@ -46,7 +46,7 @@ struct PlainLine {
 }
 
 impl PlainLine {
-    /// `None` if the line is not a usual one.
+    /// Parses a usual line; `None` for any other.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "the line is shorter than 256 bytes"
@@ -107,7 +107,7 @@ impl PlainLine {
             .map(|axis| usize::from(*axis))
     }
 
-    /// Writes the line with other numbers, followed by words of axes that it does not name.
+    /// Writes the line with new numbers, followed by words of axes that it does not name.
     fn write(
         &self,
         text: &[u8],
@@ -143,8 +143,8 @@ fn without_blanks(mut text: &[u8]) -> &[u8] {
 }
 
 impl Interpreter {
-    /// True if axis words alone are absolute positions, and all axes of the machine are at known positions. All modal fields are named one
-    /// by one: a new field must be classified here.
+    /// True if axis words alone are absolute positions, and all axes of the machine are at known positions. The pattern names every modal
+    /// field, so that a new one must be classified here.
     fn allows_fast_path(&self) -> bool {
         let Self {
             modal,
@@ -209,7 +209,7 @@ impl Interpreter {
 }
 
 impl Rewriter {
-    /// Compensates a usual line, without its end; `None`: not a usual line, nothing was changed.
+    /// Compensates a usual line, without its line end; `None` for any other line, before anything has changed.
     pub(crate) fn fast_line(&mut self, text: &[u8], out: &mut Vec<u8>) -> Option<()> {
         let is_settled = self.applied_correction == AppliedCorrection::Current
             && self.computed == Computed::Kept
@@ -256,7 +256,7 @@ impl Rewriter {
             return None;
         }
         let after = frame.to_program(&to);
-        // F applies to the rotary axes, and must stay so.
+        // F applies to the rotary axes alone, which must stay so.
         if code != 0 && self.moves_rotary_axes_only(&[before, after]) {
             return None;
         }
@@ -291,7 +291,7 @@ impl Rewriter {
                 (numbers[axis], carried[axis]) = this.axis_word(axis, &way, 0);
             }
         });
-        // The general path rejects it.
+        // The general path rejects this line.
         if self.bound_violation(&after, &carried).is_some() {
             return None;
         }

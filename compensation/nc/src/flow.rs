@@ -212,7 +212,7 @@ pub(crate) fn program_line(line: &[u8]) -> Option<Statement> {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Flow {
     pub(crate) statements: HashMap<usize, Statement>,
-    /// Start and end line of each block statement, both ways.
+    /// Start line of each block statement by its end line, and the reverse.
     partner: HashMap<usize, usize>,
     /// For `if` and `elseif`: line of the next branch, or of the end.
     pub(crate) next_branch: HashMap<usize, usize>,
@@ -402,7 +402,7 @@ pub(crate) enum Next {
 struct Count {
     /// Passes left, including the current one.
     left: u64,
-    /// The loop was left early and continues with its old count.
+    /// The loop was left early; LinuxCNC continues with its old count.
     is_old: bool,
 }
 
@@ -411,12 +411,11 @@ struct Count {
 pub(crate) struct Loops {
     /// Counted loops that are active or were left early.
     counts: HashMap<usize, Count>,
-    /// LinuxCNC keeps a `break` pending until a `do` … `while` loop ends: that loop then ends after its current pass.
+    /// Line of a `break` that LinuxCNC keeps pending: the next `do` … `while` loop then ends after its current pass.
     breaks: Option<usize>,
-    /// LinuxCNC keeps the `continue` of a `do` … `while` loop pending until the end of another loop is skipped to: that loop is then
-    /// repeated.
+    /// Line of a `continue` in a `do` … `while` loop that LinuxCNC keeps pending: the next loop skipped to its end is then repeated.
     continues: Option<usize>,
-    /// Some loops are unrolled, so the control does not reach their ends and a pending `break` or `continue` may stay.
+    /// Some loops are unrolled: the control does not reach their ends, so a `break` or `continue` may stay pending.
     pub(crate) some_are_written_out: bool,
 }
 
@@ -442,7 +441,7 @@ impl Loops {
         Ok(Next::Again)
     }
 
-    /// One pass of a counted loop is complete.
+    /// What a counted loop does after a pass.
     pub(crate) fn has_repeated(&mut self, flow: &Flow, begin: usize) -> Result<Next, String> {
         match self.counts.get_mut(&begin) {
             Some(count) if count.left > 1 => {
@@ -457,7 +456,7 @@ impl Loops {
         }
     }
 
-    /// A loop is skipped to its end: the `while` condition is false, or all counted passes are complete.
+    /// Skips a loop to its end: the `while` condition is false, or all counted passes are complete.
     pub(crate) fn is_passed_by(&mut self, flow: &Flow, begin: usize) -> Result<Next, String> {
         let is_repeat = flow.keyword(begin) == Some(Keyword::Repeat);
         if let Some(of) = self.continues.filter(|_| is_repeat) {
@@ -471,7 +470,7 @@ impl Loops {
         Ok(Next::Passed)
     }
 
-    /// `break` at `line` in the loop that begins at `begin`.
+    /// Executes `break` at `line` in the loop that begins at `begin`.
     pub(crate) fn breaks(&mut self, flow: &Flow, line: usize, begin: usize) -> Result<(), String> {
         if flow.keyword(begin) == Some(Keyword::Do) {
             self.ends_break();
@@ -487,7 +486,7 @@ impl Loops {
         Ok(())
     }
 
-    /// `continue` at `line` in the loop that begins at `begin`.
+    /// Executes `continue` at `line` in the loop that begins at `begin`.
     pub(crate) fn continues(&mut self, flow: &Flow, line: usize, begin: usize) {
         self.passes_breaks(flow, begin, line);
         if flow.keyword(begin) == Some(Keyword::Do) {
@@ -497,7 +496,7 @@ impl Loops {
         }
     }
 
-    /// End of a `do` … `while` loop, with the value of its condition.
+    /// Executes the end of a `do` … `while` loop; `holds` is the value of its condition.
     pub(crate) fn do_while(&mut self, holds: bool) -> Result<Next, String> {
         if !holds {
             self.ends_break();
@@ -512,7 +511,7 @@ impl Loops {
         }
     }
 
-    /// Lines after `line` are skipped: a `break` of this loop among them still takes effect.
+    /// Skips the lines after `line`; a `break` of this loop among them still takes effect.
     fn passes_breaks(&mut self, flow: &Flow, begin: usize, line: usize) {
         if let Some(passed) = flow.break_behind(begin, line) {
             self.breaks = Some(passed);
@@ -552,7 +551,7 @@ pub(crate) struct Listing<'t> {
 }
 
 impl<'t> Listing<'t> {
-    /// Lists the lines of a program, the first of which has number `first`, and of the files.
+    /// Lists the lines of a program, numbered from `first`, and those of the files.
     pub(crate) fn new(
         own: Vec<(&'t [u8], &'t [u8])>,
         first: usize,
@@ -669,8 +668,8 @@ fn is_file_of(path: &Path, called: &str) -> bool {
     name.is_some_and(|name| file_names(called).contains(&name.to_lowercase()))
 }
 
-/// Loads the files that contain the subroutines called by the program, recursively: for each name the first file in folder order. Names
-/// without a file are left out.
+/// Loads the files with the subroutines that the program calls, recursively: for each name the first file in folder order. Names without a
+/// file are skipped.
 pub(crate) fn load(own: &[(&[u8], &[u8])], folders: &[PathBuf]) -> Result<Vec<SubFile>, NcError> {
     let mut found: BTreeMap<String, PathBuf> = BTreeMap::new();
     for folder in folders {

@@ -1,7 +1,7 @@
 //! The conversational language of HEIDENHAIN controls.
 //!
-//! Words with the meaning of RS-274 ones get their letters and codes: a line `L` is G1, with FMAX G0; `RL` is G41. Everything not known to
-//! leave the axes alone is rejected with its column.
+//! Words with the meaning of RS-274 ones get their letters and codes: a line `L` is G1, with FMAX G0; `RL` is G41. Unknown words, which
+//! might move an axis, are rejected with their column.
 
 use std::ops::Range;
 
@@ -699,8 +699,8 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// Rejects a second decimal sign. Controls write decimal commas or points, depending on their setting; a number with both, or with two
-    /// of them, has digit groups or a typing error.
+    /// Rejects a second decimal sign. Controls write decimal commas or points, depending on a setting; a number with two signs has digit
+    /// groups or a typing error.
     fn has_one_sign(&self) -> Result<(), Fault> {
         let column = self.scanner.column();
         match self.scanner.rest().first() {
@@ -780,7 +780,7 @@ impl Reader<'_, '_> {
             _ => None,
         };
         self.block.commands.extend(command);
-        // Executed at the end of the block.
+        // Words executed at the end of the block.
         let is_last = matches!(code, 0..=2 | 5 | 6 | 9 | 30 | 60 | 98 | 99);
         let letter = if is_last { LAST } else { OTHER };
         let text = from..self.scanner.at();
@@ -919,8 +919,8 @@ pub(crate) fn block_number(text: &[u8]) -> Option<(Range<usize>, u64)> {
     Some((place, number))
 }
 
-/// Renumbers the lines from byte `begins` on consecutively, starting with `number`: the line of the program, at byte `at`, gets a new
-/// number in place of its old one, added lines get one.
+/// Renumbers the lines from byte `begins` on consecutively from `number`. The program's own line, at byte `at`, gets a new number, each
+/// added line gets its first.
 pub(crate) fn renumber(out: &mut Vec<u8>, begins: usize, at: usize, number: u64) {
     let lines = out.split_off(begins);
     let lines = lines.split_inclusive(|byte| *byte == b'\n');

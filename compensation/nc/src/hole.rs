@@ -109,7 +109,7 @@ impl Rewriter {
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let [before, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         let middle = frame.to_machine(&half_deep(&end, depth, places));
-        // The drilling motion starts at R, even if the tool moved up to R before.
+        // Approach from R, where the drilling motion starts even if the tool moved up to R before.
         self.corrector
             .move_to(&frame.to_machine(&at_height(&end, depth, clearance)));
         self.corrector.move_to(&middle);
@@ -149,7 +149,7 @@ impl Rewriter {
         if keeps_polar {
             carried[..2].fill(0.0);
         }
-        // Depth and R are absolute, so the start position need not be known; incremental ones need it.
+        // Absolute depth and R do not depend on the start position; incremental ones do.
         let is_known = self.interpreter.known[depth] || !motion.incremental[depth];
         let mut depths = if is_known && self.corrector.corrects[depth] {
             self.heights(motion, &mut carried, (line, in_own_line))
@@ -157,7 +157,7 @@ impl Rewriter {
             Vec::new()
         };
         self.carried = frame.moved_in_machine(&end, &carried);
-        // The tool may be above the hole, with the correction of the hole's middle.
+        // The tool may be above the hole with the correction of half its depth.
         self.mark_outdated();
         if place > 0 && stays {
             return;
@@ -184,7 +184,7 @@ impl Rewriter {
         self.write_part(&part, line, out);
     }
 
-    /// The words of depth and plane R that change; `carried` gets the correction applied along the depth axis after the hole.
+    /// The words of depth and plane R that change; `carried` becomes the correction applied along the depth axis after the hole.
     fn heights(
         &mut self,
         motion: &Move,
@@ -217,7 +217,7 @@ impl Rewriter {
         } else {
             (0.0, 0.0)
         };
-        // If the tool is not above R, LinuxCNC first lifts it to the G98 plane, so that must not be above the corrected R.
+        // If the tool is not above R, LinuxCNC first lifts it to the G98 plane, which therefore must not be above the corrected R.
         let stands = before[depth] + carried[depth] - clearance;
         let lifts = self.interpreter.modal.comes_back && clearance >= before[depth];
         let at_clearance = if lifts {
@@ -257,8 +257,8 @@ impl Rewriter {
         [ground, plane].into_iter().flatten().collect()
     }
 
-    /// The number of a cycle's height word if it changes, and the correction that the word then contains, mm. `is` is the value without
-    /// correction, `delta` the required change, and `carried` the change already applied if the block lacks the word, mm.
+    /// The new number of a cycle's height word (`None`: unchanged), and the correction that the height then contains, mm. `is` is the
+    /// programmed value, `delta` the required correction, `carried` that of the persistent value if the block lacks the word; mm.
     fn in_cycle(
         &self,
         letter: u8,
@@ -268,7 +268,7 @@ impl Rewriter {
     ) -> (Option<(u8, Number)>, f64) {
         let scale = self.interpreter.modal.height_scale(letter, depth);
         let place = line.place_of(letter).filter(|_| !in_own_line);
-        // A word of the block itself contains no correction.
+        // A word of the block replaces the persistent value with its correction.
         let carried = if place.is_some() { 0.0 } else { carried };
         if ((delta - carried) / scale).abs() < self.half_step(depth) {
             return (None, carried);
@@ -287,7 +287,7 @@ impl Rewriter {
         half_step(self.numerals(axis, None).decimals)
     }
 
-    /// State after a cycle that is copied unchanged: its axes have no correction applied.
+    /// Updates the state after cycles that are copied unchanged: their axes have no correction applied.
     pub(crate) fn after_cycles(
         &mut self,
         outcome: &Outcome,

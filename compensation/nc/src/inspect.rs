@@ -1,7 +1,7 @@
 //! Features of a part, and the result of measuring them on the virtually machined part.
 //!
-//! The surface is taken on the path of the tool axis, at each height of the feature. A tool of constant radius leaves a surface at a
-//! constant distance from that, so form, location and orientation are the same; only the size differs.
+//! The surface points are on the path of the tool axis, at each height of the feature. A tool of constant radius cuts at a constant
+//! distance from that path, so form, location and orientation are the same; only the size differs.
 
 use volcomp_metrology::form::{
     Axis, CoordinatePlane, DatumAxis, Feature, Form, FormError, evaluate_form,
@@ -25,7 +25,7 @@ const LARGEST_HEIGHT_MM: f64 = 1e4;
 pub enum Measured {
     /// Form, location and orientation of the machined surface.
     Form(Feature),
-    /// Location of a drilled hole, half-way down.
+    /// Location of a drilled hole, at half its depth.
     Hole,
 }
 
@@ -38,7 +38,7 @@ pub struct PartFeature {
     pub measured: Measured,
     /// First and last program line that cut the feature, counted from 1.
     pub lines: [usize; 2],
-    /// Heights above the tip, along the tool, at which it is cut, mm: one for a cut by the tip or a ball, several for a flank.
+    /// Heights above the tip, along the tool, at which the feature is cut, mm: one for a cut by the tip or a ball, several for a flank.
     pub above_mm: Vec<f64>,
     /// Index of an earlier feature whose axis is the datum.
     pub datum: Option<usize>,
@@ -222,7 +222,7 @@ impl Collector {
         }
     }
 
-    /// Adds the points of a path position cut by a program line; `points` returns them for a height.
+    /// Adds the points of a path position cut by a program line; `points` returns the points at a height above the tip, mm.
     pub(crate) fn take(
         &mut self,
         line: usize,
@@ -353,22 +353,22 @@ pub enum InspectError {
     Form(#[from] FormError),
 }
 
-/// What was found of a feature.
+/// Measured deviations of a feature.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
 pub struct Found {
-    /// Form deviation about the feature of least squares, µm; `None` for a hole.
+    /// Form deviation from the least-squares feature, µm; `None` for a hole.
     pub form_um: Option<f64>,
-    /// The same by the minimum zone, where it is evaluated.
+    /// Form deviation of the minimum zone, µm, where it is evaluated.
     pub minimum_zone_um: Option<f64>,
-    /// How far its centre or axis is from where it belongs, µm: of an axis the end that is further away.
+    /// Distance of the centre or axis from its nominal, µm; for an axis the distance at its farther end.
     pub position_um: Option<f64>,
-    /// Its direction against the one wanted, µrad.
+    /// Angle between actual and nominal direction, µrad.
     pub direction_urad: Option<f64>,
-    /// Its radius minus the one wanted, µm.
+    /// Actual minus nominal radius, µm.
     pub radius_um: Option<f64>,
-    /// Coaxiality (concentricity) to the datum axis as it was cut, µm.
+    /// Coaxiality (concentricity) to the actual datum axis, µm.
     pub coaxiality_um: Option<f64>,
 }
 
@@ -377,7 +377,7 @@ fn form(points: &[Three], which: usize, of: Feature) -> Result<Form, FormError> 
     evaluate_form(&points, of)
 }
 
-/// Distance between the mean of the points and its nominal, mm.
+/// Distance between the mean of the points and the mean of their nominal positions, mm.
 fn mean_distance(points: &[Three], which: usize) -> f64 {
     let mut sum = [0.0; 3];
     for three in points {
@@ -403,7 +403,7 @@ fn found(feature: &PartFeature, nominal: &Form, form: &Form, datum: Option<&Form
     let (position_um, direction_urad) = match feature.measured {
         Measured::Form(Feature::Circle { plane }) => {
             let by = [0, 1, 2].map(|k| form.position_mm[k] - nominal.position_mm[k]);
-            // A roundness measurement does not include the position along the circle's normal.
+            // A roundness measurement does not give the position along the circle's normal.
             let normal = plane.map_or(nominal.direction, CoordinatePlane::normal);
             let out = dot(by, normal);
             let within = [0, 1, 2].map(|k| by[k] - out * normal[k]);

@@ -1,8 +1,8 @@
 //! Executes blocks in the RS-274 order of execution, regardless of the order of their words.
 //!
-//! It also tracks which assumptions each axis position depends on. What the set-up does not state is taken as zero. A position that the
-//! program named under such an offset or length is known in program coordinates only while the same ones are active: under others an added
-//! word would lead to an arbitrary position.
+//! It also tracks which assumptions each axis position depends on. Values that the set-up does not state are assumed to be zero. A position
+//! named under an assumed offset or length is known in program coordinates only while the same ones are active: under others an added word
+//! would lead to an arbitrary position.
 
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -31,9 +31,9 @@ pub(crate) struct Outcome {
     pub(crate) motion: Option<Move>,
     /// Further holes of a row (L in G91).
     pub(crate) row: Vec<Move>,
-    /// Axis words that define the current position (G92, G10 L20): indices of the words.
+    /// Axis words that define the current position (G92, G10 L20): their indices.
     pub(crate) presets: Option<Axes<Option<usize>>>,
-    /// The work offset set by them (G10 L20), if not the active one: the words are in its coordinates.
+    /// The work offset that `presets` set (G10 L20), if not the active one: the words are in its coordinates.
     pub(crate) preset_system: Option<usize>,
     pub(crate) ends: bool,
     pub(crate) calls: Option<Code>,
@@ -41,7 +41,7 @@ pub(crate) struct Outcome {
     pub(crate) stores_home: Option<usize>,
     /// Cutter radius compensation starts or ends here (G40 to G42.1).
     pub(crate) switches_radius: bool,
-    /// X and Y become a distance and an angle, or Cartesian again (G16, G15).
+    /// Starts or ends polar X and Y words (G16, G15).
     pub(crate) switches_polar: bool,
     /// The words are machine coordinates (SUPA).
     pub(crate) in_machine: bool,
@@ -135,8 +135,7 @@ impl Extrusion {
     }
 }
 
-/// Identifiers of the unstated quantities between program and machine coordinates of an axis: work offset, tool length and shift. 0:
-/// stated.
+/// What the program coordinate of an axis depends on: identifiers of the unstated work offset, tool length and shift; 0 for a stated one.
 pub(crate) type Basis = [u32; 3];
 
 /// Position stated in machine coordinates.
@@ -148,7 +147,7 @@ const ASSUMED: Basis = [u32::MAX >> 1; 3];
 /// Position possibly changed, without correction, by an unknown code that had a word of this axis.
 const UNCLAIMED: Basis = [u32::MAX >> 2; 3];
 
-/// Flag of an identifier that was set while the axis position was unknown: the machine coordinates are arbitrary.
+/// Flag of an identifier that was issued while the axis position was unknown: the machine coordinates are arbitrary.
 const LOST: u32 = 1 << 31;
 
 /// State: the unstated quantities that axis positions depend on.
@@ -159,13 +158,13 @@ pub(crate) struct Assumptions {
     /// Identifier of a tool that the set-up does not state, or 0.
     pub(crate) tool: u32,
     shift: Axes<u32>,
-    /// Axes that the program has named under a stated zero ([`Interpreter::has_stated_zero`]).
+    /// Axes whose position the program has named under a stated zero ([`Interpreter::has_stated_zero`]).
     named: Axes<bool>,
-    /// Axes with a G92 shift from a position that was not named in this way: that position defines zero, not the work offset.
+    /// Axes whose G92 shift was set at a position not named like this: that position, not the work offset, defines their zero.
     from_elsewhere: Axes<bool>,
     /// Work offsets that the program has set (G10).
     set: [bool; SYSTEMS],
-    /// For G28 and G30: whether the position is known, and what it depends on.
+    /// For G28 and G30: whether the position of each axis is known, and its basis.
     homes: [Axes<(bool, Basis)>; 2],
     /// Last identifier issued.
     next: u32,
@@ -194,7 +193,7 @@ impl Assumptions {
         }
     }
 
-    /// Another tool length becomes active: that of a tool that the set-up does not state (`Some`), or a known one.
+    /// Records the active tool length: of a tool that the set-up does not state (`Some`), or a known one (`None`).
     pub(crate) fn use_tool_length(&mut self, unstated: Option<u32>) {
         self.tool = unstated.map_or(0, |tool| tool.saturating_add(1));
     }
@@ -325,13 +324,14 @@ impl Interpreter {
         })
     }
 
-    /// True if the direction in which the axis turns to a coordinate is unknown: it may roll over, and neither the language nor the set-up
-    /// states the direction.
+    /// True if the direction in which the axis turns to a coordinate is unknown: the axis may roll over, and neither the language nor the
+    /// set-up states the direction.
     pub(crate) fn may_turn_either_way(&self, axis: usize) -> bool {
         !self.states_rotary_words && is_rotary(axis) && self.may_roll_over(axis)
     }
 
-    /// True if an axis that may roll over does: the machine file has `modulo`, or the control is one whose rotary tables usually do.
+    /// True if an axis that may roll over is taken to do so: the machine file has `modulo`, or the control is one whose rotary tables
+    /// usually roll over.
     pub(crate) fn rolls_over(&self, axis: usize) -> bool {
         self.axis_of_machine(axis)
             .is_some_and(|axis| axis.modulo.is_some())
@@ -499,8 +499,8 @@ impl Interpreter {
         Ok(())
     }
 
-    /// The tool length changes while tool centre point control is active. With rotary axes away from zero, controls differ in what X, Y and
-    /// Z are then: they are unknown until the program names them.
+    /// The tool length changes while tool centre point control is active. With rotary axes away from zero, controls differ in the new X, Y
+    /// and Z, so these are unknown until the program names them.
     fn has_other_centre_point(&mut self) {
         let is_off = |axis: usize| {
             self.machine_has(axis) && !(self.known[axis] && self.position[axis] == 0.0)
@@ -642,7 +642,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// What a position depends on if the program names it now.
+    /// Basis of a position of the axis that the program names now.
     fn basis(&self, axis: usize) -> Basis {
         let (assumptions, modal) = (&self.assumptions, &self.modal);
         // The tool length is along Z; in another plane, or on a lathe, it may be along another linear axis.
@@ -667,14 +667,14 @@ impl Interpreter {
         self.known[axis] && self.assumptions.places[axis] == self.basis(axis)
     }
 
-    /// What the position of an axis depends on; `None` if it is unknown, or may have changed since.
+    /// Basis of the position of an axis; `None` if the position is unknown, assumed, or may have changed.
     pub(crate) fn known_basis(&self, axis: usize) -> Option<Basis> {
         let basis = self.assumptions.places[axis];
         (self.known[axis] && basis != ASSUMED && basis != UNCLAIMED).then_some(basis)
     }
 
-    /// True if the active work offset of the set-up file defines the program zero: it is replaced by neither G10 nor a G92 shift from
-    /// another position.
+    /// True if the active work offset of the set-up file defines the program zero: neither G10 nor a G92 shift from another position has
+    /// replaced it.
     pub(crate) fn has_stated_zero(&self) -> bool {
         let is_set = self.assumptions.set[self.modal.system.min(SYSTEMS - 1)];
         let is_elsewhere = self.modal.shifted && self.assumptions.from_elsewhere.contains(&true);
@@ -702,14 +702,14 @@ impl Interpreter {
         self.assumptions.named[axis] = false;
     }
 
-    /// Marks the program coordinates of X, Y and Z as unknown: many machines stay at the tool change position.
+    /// Marks the program coordinates of X, Y and Z as unknown after a tool change: many machines stay at the tool change position.
     pub(crate) fn forget_positions(&mut self) {
         for axis in 0..3 {
             self.mark_assumed(axis);
         }
     }
 
-    /// An unknown code has words of the `named` axes: it may have moved any axis.
+    /// Marks all axes as possibly moved by an unknown code with words of the `named` axes.
     fn mark_possibly_moved(&mut self, named: &Axes<bool>) {
         for (axis, named) in named.iter().enumerate() {
             self.mark_assumed(axis);
@@ -741,7 +741,7 @@ impl Interpreter {
         known && basis != ASSUMED
     }
 
-    /// Axes whose positions contribute to the coordinate of an axis (rotation in the plane).
+    /// Axes whose positions contribute to the coordinate of an axis: X and Y under a rotation.
     pub(crate) fn mixed_with(&self, axis: usize) -> std::ops::Range<usize> {
         if axis < 2 && self.frame.rotation_deg != 0.0 {
             0..2
@@ -750,7 +750,7 @@ impl Interpreter {
         }
     }
 
-    /// G92 has defined the current position: the shift depends on whatever the position depends on.
+    /// G92 has defined the current position: unless that is known under the active offsets, the shift gets a new identifier.
     pub(crate) fn set_shift_from_position(&mut self, axis: usize, line: usize) {
         let known = self.mixed_with(axis).all(|axis| self.known[axis]);
         if !(self.mixed_with(axis)).all(|axis| self.assumptions.named[axis])

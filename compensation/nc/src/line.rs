@@ -25,7 +25,7 @@ impl<'a> Line<'a> {
         self.block.words.get(place?)
     }
 
-    /// Manner of an added word that replaces the one at this index of the block.
+    /// Manner of an added word: that of the word at this index of the block, if any.
     pub(crate) fn manner(self, place: Option<usize>) -> Manner {
         self.word(place).map_or(Manner::Modal, |word| word.manner)
     }
@@ -57,19 +57,19 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Line end of a line added next to one with this end; the last line of a program may lack its end.
+/// Line end of a line added next to one with this end; a line feed if the last line of a program lacks its end.
 pub(crate) fn end_of_more(end: &[u8]) -> &[u8] {
     if end.is_empty() { b"\n" } else { end }
 }
 
-/// Writes a line as a comment that every RS-274 control accepts.
+/// Writes a line as a comment in parentheses, which every RS-274 control accepts.
 pub(crate) fn write_comment(line: &[u8], out: &mut Vec<u8>) {
     out.push(b'(');
     out.extend(line.iter().filter(|byte| !b"()".contains(byte)));
     out.push(b')');
 }
 
-/// Style of added words.
+/// Notation of added words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Script {
     pub(crate) dialect: Dialect,
@@ -83,11 +83,11 @@ pub(crate) struct Script {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Shape {
     Straight,
-    /// Unchanged, by the polar coordinates of its line.
+    /// Unchanged, with the polar coordinates of its line.
     AsItIs,
-    /// An arc by its centre.
+    /// An arc with its centre.
     Centre,
-    /// An arc by its radius.
+    /// An arc with its radius.
     Radius,
 }
 
@@ -111,7 +111,7 @@ impl NewWord {
 }
 
 impl Script {
-    /// True if the arc centre has a separate block before the arc, and each motion has a keyword.
+    /// True if the arc centre has a separate block before the arc and each motion has a keyword: HEIDENHAIN.
     pub(crate) fn is_heidenhain(self) -> bool {
         self.dialect == Dialect::Heidenhain
     }
@@ -152,7 +152,7 @@ impl Script {
         }
     }
 
-    /// This style, with the decimal sign of an existing number if it had one.
+    /// This notation with the decimal sign of the existing number `before`, if it has one.
     fn like(self, before: &[u8]) -> Self {
         let sign = before.iter().find(|byte| matches!(byte, b',' | b'.'));
         Self {
@@ -221,7 +221,7 @@ impl Edits {
     pub(crate) fn write(&self, line: Line<'_>, out: &mut Vec<u8>) {
         let (text, block) = (line.text, line.block);
         let (mut at, mut added) = (0, false);
-        // Added words precede the text after their position.
+        // Inserts the added words after the last word of the block.
         let add = |at: &mut usize, out: &mut Vec<u8>| {
             out.extend_from_slice(&text[*at..block.end]);
             *at = block.end;
@@ -267,7 +267,7 @@ impl Edits {
         text: &[u8],
     ) -> Option<(Range<usize>, Option<Number>)> {
         if self.removed.contains(&place) {
-            // Including the blanks before it, unless it begins the line.
+            // Removed with the blanks before it, unless it begins the line.
             let kept = text[..word.at].trim_ascii_end().len();
             let from = if kept == 0 { word.at } else { kept };
             return Some((from..word.text.end, None));

@@ -4,8 +4,8 @@ use memchr::memchr;
 
 use crate::NcError;
 
-/// True if a byte continues the line end begun by `end`: a line feed and carriage returns after it (a tape punch needed the time), carriage
-/// returns and a line feed after them, or carriage returns only.
+/// True if a byte continues the line end `end`. A line end is a line feed with carriage returns after it (time for tape punches), carriage
+/// returns with a line feed after them, or carriage returns only.
 pub(crate) fn goes_on(end: &[u8], byte: u8) -> bool {
     match end {
         [] => matches!(byte, b'\r' | b'\n'),
@@ -114,7 +114,7 @@ pub(crate) fn leader_of(text: &[u8]) -> usize {
         .count()
 }
 
-/// True if a line consists of such characters only, or of the end-of-file mark of CP/M and DOS.
+/// True if a line consists only of tape control characters, or of the end-of-file mark of CP/M and DOS.
 pub(crate) fn is_trailer(line: &[u8]) -> bool {
     !line.is_empty() && (line.iter()).all(|byte| is_of_tape(*byte) || *byte == 0x1a)
 }

@@ -10,11 +10,11 @@ use crate::{
 /// Number of RS-274 work offsets, G54 to G59.3; SINUMERIK has the first four as well.
 pub(crate) const RS274_SYSTEMS: usize = 9;
 
-/// Their codes.
+/// Codes of the RS-274 work offsets.
 pub(crate) const WORK_OFFSETS: [Code; RS274_SYSTEMS] =
     [540, 550, 560, 570, 580, 590, 591, 592, 593];
 
-/// Index of G505: after the RS-274 offsets follow those of SINUMERIK, G505 to G599 and G500.
+/// Index of G505: the SINUMERIK offsets G505 to G599 and G500 follow the RS-274 ones.
 pub(crate) const G505: usize = RS274_SYSTEMS;
 
 pub(crate) const G500: usize = G505 + 95;
@@ -92,7 +92,7 @@ pub(crate) struct WorkOffset {
     pub(crate) rotation_deg: f64,
 }
 
-/// Programmed shift and rotation on top of the work offset; the last one is applied first to program coordinates.
+/// Programmed shift and rotation on top of the work offset; the one programmed last is applied to program coordinates first.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ProgrammedFrame {
     pub(crate) by: Axes,
@@ -117,7 +117,7 @@ pub(crate) struct Sticky {
     /// Words of depth and R: absolute in G90; in G91 R counts from the initial position and the depth from R.
     pub(crate) depth: Option<f64>,
     pub(crate) clearance: Option<f64>,
-    /// True for each of depth and R that was given in G91.
+    /// For depth and R: whether each was given in G91.
     pub(crate) incremental: [bool; 2],
 }
 
@@ -134,7 +134,7 @@ pub(crate) struct Modal {
     pub(crate) diameter: bool,
     /// Motion code of blocks that have coordinates only.
     pub(crate) motion: Option<Code>,
-    /// Another motion mode may be active: the block that set this one may be skipped.
+    /// Another motion mode may be active, because the block that set this one may be skipped.
     pub(crate) motion_unsure: bool,
     pub(crate) feed_mode: FeedMode,
     pub(crate) feed: Option<f64>,
@@ -160,13 +160,13 @@ pub(crate) struct Modal {
     pub(crate) centre_point: CentrePoint,
     /// Rotation of G68, deg, and its centre.
     pub(crate) rotation: Option<(f64, [f64; 2])>,
-    /// No position in its plane has been named since it was set.
+    /// No position in the plane of the rotation has been named since it was set.
     pub(crate) rotation_is_new: bool,
-    /// TRANS and ROT.
+    /// Frame programmed by TRANS and ROT.
     pub(crate) programmed: ProgrammedFrame,
     /// Centre of arcs and polar coordinates set by a separate block: a position in X and Y.
     pub(crate) pole: Option<[f64; 2]>,
-    /// `Some` while X and Y words are a distance from zero and an angle (G16), with the last values, mm and deg.
+    /// `Some` under G16, where X and Y words are a distance from zero and an angle: their last values, mm and deg.
     pub(crate) polar: Option<[Option<f64>; 2]>,
     /// Rotary axes take the shorter way (M126).
     pub(crate) shorter: bool,
@@ -180,9 +180,9 @@ pub(crate) struct Modal {
     pub(crate) each_motion: Option<Cycle>,
     /// Active cutter radius compensation: 410 or 420.
     pub(crate) radius: Option<Code>,
-    /// Cycles return to their initial position, not to the clearance plane.
+    /// Cycles return to the initial position (G98), not to plane R (G99).
     pub(crate) comes_back: bool,
-    /// The program has stated which of the two.
+    /// The program has stated G98 or G99.
     pub(crate) says_return: bool,
     pub(crate) sticky: Sticky,
     pub(crate) tool: Option<u32>,
@@ -268,8 +268,7 @@ impl Modal {
         }
     }
 
-    /// mm or deg per unit of the height words of a cycle along this axis: R is a radius even where X is a diameter
-    /// (G7).
+    /// mm or deg per unit of a cycle's height word along this axis: R is a radius even where X is a diameter (G7).
     pub(crate) fn height_scale(&self, letter: u8, axis: usize) -> f64 {
         match letter {
             b'R' => self.unit_mm,

@@ -16,7 +16,7 @@ pub(crate) enum Path {
     },
     /// To the position of G28 or G30.
     Home(usize),
-    /// A spline, or one of its control points (G5, G5.1, G5.2). Its other points are relative to its ends, or in further blocks.
+    /// A spline, or one of its control points (G5, G5.1, G5.2). Its other points are relative to its ends, or are in further blocks.
     Spline,
     /// A motion that is copied unchanged: probing, threading.
     Other,
@@ -66,11 +66,11 @@ pub(crate) struct Move {
     pub(crate) incremental: Axes<bool>,
     /// The words are machine coordinates (G53, G28).
     pub(crate) in_machine: bool,
-    /// Polar coordinates of its end in the plane.
+    /// Polar coordinates of the end of the motion in the plane.
     pub(crate) polar: Option<Polar>,
     /// Axes whose start position is known.
     pub(crate) known: Axes<bool>,
-    /// Axes that arrive from an unknown position, so that the motion gives no direction of approach.
+    /// Axes that arrive from an unknown position, so that the motion defines no direction of approach.
     pub(crate) arrives_from_unknown: Axes<bool>,
     /// Whole turns, deg, that were added to the start position of a rotary axis to get `from`.
     pub(crate) wraps: Axes,
@@ -119,9 +119,9 @@ pub(crate) struct ExecutedMotion {
     /// Tool offset that the control adds.
     pub(crate) tool: Axes,
     pub(crate) system: usize,
-    /// The motion, or the cycle at its end, cuts, and the set-up file defines its work offset.
+    /// The motion, or the cycle at its end, cuts in a work offset that the set-up file states.
     pub(crate) cuts_from_stated_zero: bool,
-    /// The positions of those of X, Y and Z that the machine has are known.
+    /// The positions of X, Y and Z are known, as far as the machine has them.
     pub(crate) known: bool,
     pub(crate) in_inches: bool,
 }

@@ -12,12 +12,12 @@ use crate::{
     notes::Note,
 };
 
-/// Margin around half a turn, deg: within it a correction could change which way is the shorter one.
+/// Margin around half a turn, deg, within which a correction could change the shorter direction.
 const HALF_TURN_DEG: f64 = 0.5;
 
 impl Interpreter {
     pub(crate) fn set_motion(&mut self, code: Code) {
-        // G80 ends a row and clears its persistent values.
+        // Only consecutive cycles share their persistent values.
         if self.modal.motion.is_none_or(|before| !is_cycle(before)) || !is_cycle(code) {
             self.modal.sticky = Sticky::default();
         }
@@ -123,7 +123,7 @@ impl Interpreter {
         }
         self.update_known_positions(code, codes, &motion, given);
         if code == 331 {
-            // It returns to its start.
+            // Rigid tapping returns to its start.
             (motion.to, motion.words) = (motion.from, [None; 9]);
         } else {
             self.position = outcome.row.last().map_or(motion.to, |last| last.to);
@@ -189,7 +189,7 @@ impl Interpreter {
     }
 
     /// # Errors
-    /// An arc that starts where an M code with axis words may have left the axes, with or without correction.
+    /// An arc after an M code with axis words that may have moved the axes: whether its start is corrected is unknown.
     fn check_beginning(&self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let [first, second, _] = self.modal.plane.axes();
         let Some(axis) = [first, second]
@@ -235,7 +235,7 @@ impl Interpreter {
         })
     }
 
-    /// Axes whose start position is unknown relative to the end of a motion. An incremental word still has a known direction.
+    /// Axes whose start position is unknown relative to the end of a motion; an incremental word states its direction.
     fn arrives_from_unknown(&self, motion: &Move) -> Axes<bool> {
         let own = each(|axis| {
             let is_named = motion.words[axis].is_some();
@@ -301,7 +301,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// True if [`check_rotary_word`](Self::check_rotary_word) has something to refuse or to note of a word that turns the axis by this, deg.
+    /// True if [`check_rotary_word`](Self::check_rotary_word) may reject, or note, a word that turns the axis by `way_deg`.
     pub(crate) fn must_check_rotary_word(&self, axis: usize, way_deg: f64) -> bool {
         let is_noted = |letter: u8| self.notes.has(&Note::RollsOver(char::from(letter)));
         self.may_turn_either_way(axis)
@@ -311,7 +311,7 @@ impl Interpreter {
     /// Controls turn a rollover axis to the same word in three ways: as a linear axis, by the shorter way, or in the direction of the sign.
     ///
     /// # Errors
-    /// A word more than half a turn away, if the set-up does not state the direction.
+    /// A word of half a turn or more, if the set-up does not state the direction.
     fn check_rotary_word(
         &mut self,
         axis: usize,
@@ -359,8 +359,8 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Machine coordinates on a SINUMERIK (G53, G153, SUPA) or HEIDENHAIN control (M91): whether they include the tool length is a setting
-    /// of the control.
+    /// Checks machine coordinates on a SINUMERIK (G53, G153, SUPA) or HEIDENHAIN control (M91): a setting of the control decides whether
+    /// they include the tool length.
     fn check_machine_coordinates(
         &mut self,
         motion: &Move,
@@ -415,8 +415,8 @@ impl Interpreter {
         Ok(self.reached(&end, |axis| given.places[axis].is_some(), polar.is_some()))
     }
 
-    /// Machine coordinates of an end position given in program coordinates. Axes that are not named keep their exact position, unless
-    /// another axis moves them.
+    /// Machine coordinates of an end position given in program coordinates. Axes that are not named keep their exact position, unless a
+    /// rotation, polar coordinates or tool centre point control moves them.
     pub(crate) fn reached(
         &self,
         end: &Axes,
@@ -496,7 +496,7 @@ impl Interpreter {
             None => 1,
         };
         if repeats == 0 {
-            // Whether the control moves to the hole position is unknown.
+            // The control may or may not move to the hole position.
             for axis in (0..9).filter(|axis| *axis != depth) {
                 let in_plane = axis < 2 && given.polar.is_some();
                 if given.places[axis].is_some() || in_plane {
@@ -518,7 +518,7 @@ impl Interpreter {
         };
         motion.to = self.frame.to_machine(&end);
         if !incremental {
-            // Repeats of the same hole.
+            // Absolute words repeat the same hole.
             return Ok(true);
         }
         let way = each(|axis| match given.places[axis] {
@@ -546,7 +546,7 @@ impl Interpreter {
         Ok(true)
     }
 
-    /// After a hole the tool is in the plane R, or at the initial position, which may be unknown.
+    /// After a hole the tool is at plane R, or at the initial position, which may be unknown.
     fn finish_hole(&mut self, clearance: f64, depth: usize, by_ways: bool, line: usize) {
         let Sticky {
             initial,
@@ -554,7 +554,7 @@ impl Interpreter {
             ..
         } = self.modal.sticky;
         if self.modal.comes_back && initial_is_known != Some(true) {
-            // Incremental words return to a position that is as unknown as before.
+            // Incremental words return to the initial position: what was known stays known.
             self.known[depth] &= by_ways;
         } else if !by_ways {
             self.mark_named(depth);
@@ -693,7 +693,7 @@ impl Interpreter {
             let word = given.polar_word(of);
             word.is_some() && !self.is_way(word)
         };
-        // Under G16 they are relative to the last values, not to the tool position.
+        // Under G16 polar values are relative to the last values, not to the tool position.
         let from_here =
             self.modal.polar.is_none() && !(knows_program_position(0) && knows_program_position(1));
         Some(Polar { words, from_here })
@@ -708,7 +708,7 @@ impl Interpreter {
         })
     }
 
-    /// End of polar coordinates, in program coordinates, mm; `None` if the block has none.
+    /// End position given by polar coordinates, in program coordinates, mm; `None` if the block has none.
     fn polar_end(
         &self,
         given: &BlockWords<'_>,
@@ -730,7 +730,7 @@ impl Interpreter {
             return Ok(Some([radius * cos, radius * sin]));
         }
         let pole = match self.dialect {
-            // LinuxCNC's @ and ^ are about the zero of the current coordinates.
+            // @ and ^ of LinuxCNC refer to the zero of the current coordinates.
             Dialect::Rs274 => [0.0; 2],
             _ => self.modal.pole.ok_or_else(|| given.refused(NO_POLE))?,
         };
@@ -820,7 +820,7 @@ pub(crate) fn centre_of(
         return Err("an arc with a radius R that ends at its start");
     }
     let rest = radius * radius - 0.25 * chord * chord;
-    // A half circle with rounded numbers.
+    // A half circle may be short by the rounding of its numbers.
     let short = 0.5 * chord - radius.abs();
     if rest < 0.0 && short > (1e-4 * radius.abs()).max(ROUNDED_MM) {
         return Err("an arc whose radius R is too small for its end");

@@ -103,7 +103,7 @@ pub enum Note {
 }
 
 impl Note {
-    /// `None` if the error rounds to zero.
+    /// The note about the error at a zero; `None` if the error rounds to zero.
     pub(crate) fn off_at_zero(system: usize, off_mm: [f64; 3]) -> Option<Self> {
         #[expect(
             clippy::cast_possible_truncation,

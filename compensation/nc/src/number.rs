@@ -343,7 +343,7 @@ mod tests {
 
     use super::*;
 
-    /// Against the function of the standard library.
+    /// Compared with the standard library.
     #[expect(clippy::cast_possible_truncation, reason = "the range is checked")]
     #[test]
     fn steps_are_the_nearest() {

@@ -49,7 +49,7 @@ impl Interpreter {
         }
         let unstated = (offset.is_none() && number != 0).then_some(number);
         match (code, unstated) {
-            // Added to the active length, which may be unknown as well.
+            // G43.2 adds to the active length, which may be unknown as well.
             (432, None) => {}
             (432, Some(number)) => self.assumptions.use_tool_length(Some(number + 100_000)),
             _ => self.assumptions.use_tool_length(unstated),
@@ -518,7 +518,7 @@ impl Interpreter {
                             _ => value,
                         };
                     }
-                    // It is unknown which position the pole has after the shift.
+                    // Whether the pole moves with the shift is unknown.
                     self.modal.pole = None;
                 }
                 Command::Shorter(on) => self.modal.shorter = *on,
@@ -642,7 +642,7 @@ impl Interpreter {
         let [_, _, depth] = self.modal.plane.axes();
         let mut moved = [false; 9];
         let Some(ends) = cycle.drills_to else {
-            // It may end anywhere.
+            // The cycle may end anywhere.
             for axis in 0..3 {
                 moved[axis] = true;
                 self.known[axis] = false;

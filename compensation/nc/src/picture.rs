@@ -17,11 +17,11 @@ const HOLE: f64 = 3.0;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
-/// A curve of the picture: colour, name, and the deviation of a position that it shows, µm.
+/// A curve of the picture: colour, name, and the deviation from the path that it shows, µm.
 type Kind = (&'static str, &'static str, fn(&Place) -> [f64; 3]);
 
-/// The path (grey) in the plane of its largest extent, and its deviations magnified 1000 times: with the original program (red) and with
-/// the compensated one (blue). A self-contained SVG document.
+/// A self-contained SVG document: the path (grey) in the plane of its largest extent, and its deviations magnified 1000 times, with the
+/// original program (red) and the compensated one (blue).
 #[must_use]
 pub fn picture(of: &Verification) -> String {
     let plane = plane_of(&of.path);

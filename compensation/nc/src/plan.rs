@@ -3,8 +3,8 @@
 //!
 //! At each station the candidate commands are a grid along the normals of the path. Candidates of neighbouring stations are the nodes of a
 //! directed graph; the weight of an edge is the deviation of the actual motion between the two commands, plus a price on the change of the
-//! correction. The shortest path through the graph is the plan. The grid is refined about it down to the step of the control, whose own
-//! positions are the candidates of the last round.
+//! correction. The shortest path through the graph is the plan. The grid is refined about the plan down to the step of the control; the
+//! candidates of the last rounds are positions of the control.
 
 use crate::{
     coordinates::{cross, dot},
@@ -49,7 +49,7 @@ pub struct Plan {
     pub commands: Vec<Place>,
     /// RMS deviation of the actual motion at the stations and half-way between, mm.
     pub rms_mm: f64,
-    /// Maximum deviation there, mm.
+    /// Maximum deviation at the same positions, mm.
     pub max_mm: f64,
     /// Number of search rounds, with refined or re-centred grids.
     pub rounds: usize,
@@ -71,8 +71,8 @@ const MAX_ROUNDS: usize = 400;
 /// Minimum grid step, mm, if commands are continuous.
 const FINEST_MM: f64 = 1e-7;
 
-/// Plans the commands along `path`, which has stations from its start to its target. `actual` returns the real position for a command, mm.
-/// Returns `None` for fewer than two stations, for coordinates that are not finite, and if the limits permit no solution.
+/// Plans the commands along the stations `path`, from start to target. `actual` returns the real position for a command, mm. Returns `None`
+/// for fewer than two stations, for coordinates that are not finite, and if the limits permit no solution.
 pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) -> Option<Plan> {
     let is_finite = path.iter().flatten().all(|x| x.is_finite());
     if path.len() < 2 || !is_finite {
@@ -124,7 +124,7 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
     }
     if limits.step_mm > 0.0 {
         for _ in 0..MAX_ROUNDS_AT_ONE_STEP {
-            // Corrections are whole steps of the control, so that a zero correction leaves the path's own position.
+            // Corrections are whole steps of the control, so that a zero correction leaves the station unchanged.
             let around = commands.iter().zip(path);
             let candidates: Vec<Vec<Place>> = around
                 .map(|(at, nominal)| steps_around(*at, *nominal, limits.step_mm))
@@ -244,7 +244,7 @@ impl<F: Fn(Place) -> Place> Search<'_, F> {
         Some(nodes.map(|(own, node)| own[*node]).collect())
     }
 
-    /// Deviation of the actual position perpendicular to the path; at the ends of the path in all directions.
+    /// Deviation of the actual position from a station, perpendicular to the path; at the ends of the path in all directions.
     fn missed(&self, station: &Station, command: Place) -> Place {
         let by = sub((self.actual)(command), station.at);
         if station.is_end {
@@ -253,7 +253,8 @@ impl<F: Fn(Place) -> Place> Search<'_, F> {
         sub(by, scale(station.along, dot(by, station.along)))
     }
 
-    /// Mean square deviation of the motion between two commands, plus the price of its change; infinite if a limit forbids it.
+    /// Mean square deviation of the motion between two commands, plus the price on the change of the correction; infinite if a limit
+    /// forbids it.
     fn weight(&self, layer: usize, [from, to]: [Place; 2], [first, last]: [Place; 2]) -> f64 {
         let (here, there) = (&self.stations[layer], &self.stations[layer + 1]);
         let change = sub(sub(to, there.at), sub(from, here.at));

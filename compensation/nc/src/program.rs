@@ -38,7 +38,7 @@ pub struct Summary {
     pub notes: Notes,
     /// True if the program has an explicit end (M2, M30 or a percent sign), not only an end of file.
     pub ended: bool,
-    /// Motions whose numbers differ from those of [`Strategy::Plain`]; if 0, the result is identical, byte for byte.
+    /// Motions whose numbers differ from those of [`Strategy::Plain`]; if 0, the result is the same, byte for byte.
     pub rounded_otherwise: u64,
     /// Ends of the parts that each motion was split into, as shares (0 to 1) of the motion, concatenated over all motions. Empty unless
     /// [`Job::keep_shares`] is set.
@@ -185,7 +185,7 @@ pub(crate) fn execute(
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Next {
     Line,
-    /// The first flow control line: this line and all later ones are executed, not streamed.
+    /// This line is the first with flow control: it and all later ones are executed, not streamed.
     Followed,
 }
 
@@ -304,7 +304,7 @@ fn read_rest(
     Ok(text)
 }
 
-/// Number of lines up to the second percent sign, after which nothing is read; `None` without one.
+/// Number of lines up to the second percent sign, where reading ends; `None` without one.
 fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> Option<usize> {
     let is_percent = |(line, _): &(&[u8], &[u8])| line.trim_ascii_start().starts_with(b"%");
     let percents = lines
@@ -350,7 +350,7 @@ fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Res
 const WAITING: usize = 1024;
 
 /// Executes programs in parallel, each with its set-up, on a machine without errors, so that no line changes. `take` receives their
-/// motions. Returns its result, and the error of the first failed run.
+/// motions. Returns the result of `take`, and the error of the first failed run.
 pub(crate) fn run_in_parallel<T>(
     machine: &Machine,
     temperatures: &Temperatures,

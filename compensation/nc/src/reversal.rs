@@ -12,7 +12,7 @@ const REVERSAL_TOLERANCE_MM: f64 = 5e-5;
 
 const MAX_STEPS: f64 = 1024.0;
 
-/// A reversal of an axis: from here on the errors of the other direction apply.
+/// A reversal of an axis: from its share on the errors of the other direction apply.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reversal {
     /// Share of the motion, 0 to 1.
@@ -34,7 +34,7 @@ pub(crate) struct Reversals {
 }
 
 impl Reversals {
-    /// Drops the reversals from this share on; they belong to the next motion.
+    /// Drops the reversals from this share on, which belong to the next motion.
     pub(crate) fn keep_before(&mut self, share: f64) {
         while let Some(turn) = self.turns.pop_if(|turn| turn.share >= share) {
             self.furthest[turn.axis] = turn.before;
@@ -54,7 +54,7 @@ pub(crate) struct Carriages {
 }
 
 impl Carriages {
-    /// Drives at this position, direction of approach unknown.
+    /// Carriages of drives at this position, with unknown directions of approach.
     pub(crate) fn at(drive: &Axes) -> Self {
         Self {
             drive: *drive,
@@ -63,13 +63,12 @@ impl Carriages {
         }
     }
 
-    /// Sets the axes that arrive from an unknown position until this is called again: their carriages are taken in the middle of the
-    /// backlash.
+    /// Sets the axes that arrive from an unknown position, until the next call; their carriages are assumed in the middle of the backlash.
     pub(crate) fn begin_motion(&mut self, from_unknown: &Axes<bool>) {
         self.arrives_from_unknown = *from_unknown;
     }
 
-    /// Applies new numbers (whole turns, deg) to unchanged rotary positions.
+    /// Adds whole turns, deg, to the coordinates of unchanged rotary positions.
     pub(crate) fn apply_wraps(&mut self, by: &Axes) {
         for (drive, by) in self.drive.iter_mut().zip(by) {
             *drive += by;
@@ -92,7 +91,7 @@ impl Carriages {
 }
 
 impl Corrector {
-    /// Directions of approach and furthest positions, for `put_back`.
+    /// Directions of approach and furthest positions, to be restored by `put_back`.
     pub(crate) fn sides(&self) -> (Axes<Option<Direction>>, Axes) {
         (self.approach, self.furthest)
     }
@@ -109,7 +108,7 @@ impl Corrector {
         self.furthest = std::array::from_fn(|axis| at[axis] + more[axis]);
     }
 
-    /// Sets the axes that arrive from an unknown position by the next motion: they lose their direction of approach.
+    /// Sets the axes that arrive from an unknown position by the next motion; they lose their direction of approach.
     pub(crate) fn begin_motion(&mut self, from_unknown: &Axes<bool>) {
         if !self.bidirectional {
             return;
@@ -126,7 +125,7 @@ impl Corrector {
         (0..MAX_AXES).filter(move |axis| has_directions[*axis] && approach[*axis].is_none())
     }
 
-    /// True if the carriage of an axis lags anywhere.
+    /// True if the axis has lost motion anywhere in its travel.
     pub(crate) fn lags(&self, axis: usize) -> bool {
         self.play.has(axis)
     }
@@ -140,7 +139,7 @@ impl Corrector {
         }
     }
 
-    /// Applies new numbers (whole turns, deg) to unchanged rotary positions.
+    /// Adds whole turns, deg, to the coordinates of unchanged rotary positions.
     pub(crate) fn apply_wraps(&mut self, by: &Axes) {
         for (furthest, by) in self.furthest.iter_mut().zip(by) {
             *furthest += by;
@@ -155,8 +154,8 @@ impl Corrector {
         self.furthest[turn.axis] = turn.furthest;
     }
 
-    /// Correction at a position without the part for backlash. The correction moves the carriage of a lagging axis; where its direction
-    /// reverses, the backlash must be crossed. 0 for other axes, whose direction is that of the uncorrected command.
+    /// Correction at a position without its part for backlash, of the axes with lost motion: it moves their carriage, and where its
+    /// direction reverses, the backlash must be crossed. 0 for other axes, whose direction is that of the uncorrected command.
     pub(crate) fn without_play(&self, at: &Axes) -> Axes {
         if !self.play.any {
             return [0.0; MAX_AXES];
@@ -174,8 +173,8 @@ impl Corrector {
         })
     }
 
-    /// Moves the axes to a position and updates their directions of approach. An axis from an unknown position gets none. Returns true if
-    /// any reverses.
+    /// Moves the axes to a position and updates their directions of approach; an axis that arrives from an unknown position gets none.
+    /// Returns true if any direction changes.
     pub(crate) fn move_to(&mut self, to: &Axes) -> bool {
         if !self.bidirectional {
             return false;
@@ -205,8 +204,8 @@ impl Corrector {
         turns
     }
 
-    /// Carriage positions along a motion given by `at`: for lagging axes with their correction, which is sampled in this number of steps
-    /// and interpolated linearly.
+    /// Carriage positions along a motion with the positions `at`. Those of axes with lost motion include their correction, sampled in
+    /// `steps` steps and interpolated linearly.
     pub(crate) fn carriages(&self, steps: u32, at: impl Fn(f64) -> Axes) -> impl Fn(f64) -> Axes {
         let share = |step: u32| f64::from(step) / f64::from(steps);
         let more: Vec<Axes> = if self.play.any {
@@ -238,9 +237,9 @@ impl Corrector {
         }
     }
 
-    /// Reversals of the axes along a motion, whose positions `at` returns for shares from 0 to 1, sampled in this number of steps. The
-    /// reversal is at the extreme position, and counts once the axis has moved back by the minimum reverse travel; at the start the
-    /// previous extreme counts.
+    /// Reversals of the axes along a motion. `at` returns the positions for shares from 0 to 1, and is sampled in `steps` steps. A reversal
+    /// is at the extreme position, and counts once the axis has moved back by the minimum reverse travel; at the start the extreme of the
+    /// motions before counts.
     pub(crate) fn turns(&self, steps: u32, at: impl Fn(f64) -> Axes) -> Reversals {
         let mut turns = Vec::new();
         let mut furthest_of = self.furthest;

@@ -1,4 +1,4 @@
-//! Rewrites a line as the lines with its correction.
+//! Rewrites a program line as the lines with its correction.
 
 use std::{
     io,
@@ -40,7 +40,7 @@ pub(crate) const MAX_LINE_BYTES: usize = 254;
 pub struct Counts {
     /// Lines read.
     pub lines: u64,
-    /// Number of motions in the programs.
+    /// Number of motions in the program.
     pub motions: u64,
     /// Lines changed.
     pub changed: u64,
@@ -53,7 +53,7 @@ pub struct Counts {
 pub(crate) struct Rewriter {
     pub(crate) interpreter: Interpreter,
     pub(crate) corrector: Corrector,
-    /// E word of the current motion, and the share of it that is already written.
+    /// E word of the current motion; `extruded` is the share already written.
     pub(crate) extrusion: Option<Extrusion>,
     pub(crate) extruded: f64,
     /// Cache of the last corrections.
@@ -66,7 +66,7 @@ pub(crate) struct Rewriter {
     /// Correction applied at the machine axes, mm and deg.
     pub(crate) carried: Axes,
     pub(crate) applied_correction: AppliedCorrection,
-    /// Work offsets for which the error at zero was noted, or needs no note.
+    /// Work offsets whose error at zero was noted, or needs no note.
     zeros_noted: [bool; SYSTEMS],
     /// Axis reversals on the current motion.
     pub(crate) turns: Reversals,
@@ -77,9 +77,9 @@ pub(crate) struct Rewriter {
     /// Corrections contained in the positions of G28 and G30.
     carried_at_home: [Axes; 2],
     pub(crate) contour: Contour,
-    /// Cutter radius compensation was switched, and no motion in the plane has started or ended it yet.
+    /// Cutter radius compensation was switched, and no motion in the plane has followed yet.
     pub(crate) switches_radius: bool,
-    /// Modal meaning that words had before the present block, if the block may be an arc.
+    /// Modal state before the current block, if the block may be an arc.
     pub(crate) before: Option<Meaning>,
     /// Pole active in the control, in program coordinates, mm.
     pub(crate) pole: Option<[f64; 2]>,
@@ -93,7 +93,7 @@ pub(crate) struct Rewriter {
     pub(crate) counts: Counts,
     /// Ends of the parts of each motion (0 to 1), concatenated; `None` if not requested.
     pub(crate) shares: Option<Vec<f64>>,
-    /// Receives each motion.
+    /// Queue to which each motion is sent.
     pub(crate) motion_receiver: Option<SyncSender<ExecutedMotion>>,
     /// The last block; `None` while it is processed.
     block: Option<Box<Block>>,
@@ -134,8 +134,8 @@ impl Meaning {
         })
     }
 
-    /// True if a straight motion can be written before a block in the modes active after its codes: the control then reads the coordinates
-    /// of the plane in the same way, and has a feed or gets that of the block.
+    /// True if a straight motion under these modes can precede a block that switches to `after`: X and Y stay polar or Cartesian, and an F
+    /// of the block that it needs has the same meaning.
     pub(crate) fn takes_straight(&self, after: &Modal, has_feed: bool) -> bool {
         let has_other_feed = match (self.feed_mode, self.feed) {
             (FeedMode::InverseTime, None) => true,
@@ -197,8 +197,8 @@ pub enum Strategy {
     /// Each number is rounded to the nearest.
     #[default]
     Plain,
-    /// Jointly, to minimize the deviation from the line. A part may end slightly earlier or later along the line, since the next one
-    /// continues from there. The solution is the shortest path through the graph of the numbers next to the exact ones.
+    /// The numbers are rounded jointly, to minimize the deviation from the line. A part may end slightly earlier or later along the line,
+    /// since the next one continues from there. The solution is the shortest path through the graph of the numbers next to the exact ones.
     Floyd,
 }
 
@@ -254,8 +254,8 @@ impl Rewriter {
         block.is_some_and(|block| block.begins == BlockStart::Percent)
     }
 
-    /// Reads a line without its end (`number` counts from 1) and appends its replacement: lines separated by `end`, the last one without.
-    /// Returns true if the program ends here.
+    /// Processes a line without its end (`number` counts from 1) and appends its replacement: lines separated by `end`, the last one
+    /// without. Returns true if the program ends here.
     pub(crate) fn line(
         &mut self,
         text: &[u8],
@@ -388,7 +388,7 @@ impl Rewriter {
         {
             self.interpreter.forget_skipped_motion(motion);
         }
-        // A motion that is corrected has written its lines.
+        // The lines of a corrected motion are already written.
         if out.len() == length {
             self.edits.write(line, out);
         }
@@ -490,7 +490,7 @@ impl Rewriter {
         }
     }
 
-    /// Adds notes about axes that the machine lacks or that leave their travel.
+    /// Adds notes about axes that the machine lacks or that leave their travel, and about cutter radius compensation.
     pub(crate) fn note_axes(&mut self, motion: &Move, line: Line<'_>) {
         let has_tip = self.interpreter.frame.tip.is_some();
         for (axis, place) in motion.words.iter().enumerate() {
@@ -543,7 +543,7 @@ impl Rewriter {
     }
 
     /// Axes that keep their current correction. During cutter radius compensation the control treats any motion in the plane, even of a few
-    /// µm, as a contour element, and moves the tool around its corner. So a motion without travel in the plane gets none.
+    /// µm, as a contour element, and moves the tool around its corner. So a motion without travel in the plane gets no correction there.
     pub(crate) fn keeps_in_plane(&self, motion: &Move) -> Axes<bool> {
         let compensates = self.switches_radius || self.interpreter.modal.radius.is_some();
         if !compensates || self.moves_in_plane(motion) {
@@ -584,8 +584,8 @@ impl Rewriter {
         }
     }
 
-    /// Updates the state after a motion that is copied unchanged: no correction is applied afterwards, except for axes with incremental
-    /// words.
+    /// Updates the state after a motion that is copied unchanged: axes with absolute words lose their correction (at home they get that of
+    /// the stored position); the others keep theirs.
     pub(crate) fn pass_uncorrected(&mut self, motion: &Move) {
         self.corrector.move_to(&motion.to);
         self.applied_correction = AppliedCorrection::Outdated;
@@ -610,7 +610,7 @@ impl Rewriter {
         };
     }
 
-    /// Writes computed values as numbers.
+    /// Replaces computed values by numbers, with `also_set` also assigned ones.
     fn write_values(&mut self, block: &Block, also_set: bool) {
         for (place, word) in block.words.iter().enumerate() {
             let value = word.value.filter(|_| word.decimals.is_none());
@@ -633,7 +633,7 @@ impl Rewriter {
         if !in_sub && !also_set {
             return;
         }
-        // A local variable of a subroutine must not be set in the program.
+        // The unrolled program must not set a local variable of a subroutine.
         for assignment in &block.assignments {
             let is_local = match &assignment.parameter {
                 Parameter::Numbered(number) => Parameters::is_local(*number),
@@ -650,7 +650,7 @@ impl Rewriter {
         }
     }
 
-    /// Corrects words that define the current position, since the axes have a correction applied.
+    /// Adds the applied correction to words that define the current position.
     pub(crate) fn presets(
         &mut self,
         words: &Axes<Option<usize>>,
@@ -666,7 +666,7 @@ impl Rewriter {
             let Some(word) = line.word(words[axis]) else {
                 continue;
             };
-            // The control keeps the rounding error of this word for all later motions.
+            // The control keeps the rounding error of this word for all later motions, so the word gets more decimals.
             let numerals = self.numerals(axis, Some(word));
             let decimals = numerals.decimals;
             let finest = if numerals.form == Form::Increments {
@@ -712,7 +712,7 @@ impl Rewriter {
         }
     }
 
-    /// Number format of an axis: of the word that it replaces, or of an added one.
+    /// Number format of an axis: that of the word to be replaced, or of an added one.
     #[inline]
     pub(crate) fn numerals(&self, axis: usize, word: Option<&Word>) -> Numerals {
         let points = &self.interpreter.points;

@@ -124,7 +124,7 @@ fn skip_comment(scanner: &mut Scanner<'_>, column: Column) -> Result<(), Fault> 
     Ok(())
 }
 
-/// FANUC and Haas controls end a block at a semicolon, where others begin a comment.
+/// Checks the end of a block on FANUC and Haas controls, where a semicolon ends the block instead of beginning a comment.
 ///
 /// # Errors
 /// Anything but comments after the semicolon in `rest`, the text after the last word, which starts at column `from`.
@@ -172,7 +172,7 @@ const OTHERS: [(&str, &str); 3] = [
 /// Text that only occurs in SINUMERIK lines.
 const IN_SIEMENS: [&str; 5] = ["=IC(", "=AC(", "=DC(", "CR=", "SUPA"];
 
-/// The fault for a comma of a corner (chamfer or rounding).
+/// The fault for a chamfer or rounding, which follows a comma.
 pub(crate) fn corner(text: &[u8], fault: &Fault) -> Option<Fault> {
     let Fault::Character { column, found: ',' } = *fault else {
         return None;
@@ -200,7 +200,7 @@ pub(crate) fn hint(text: &[u8]) -> Option<Fault> {
             return false;
         };
         match word {
-            // R1=5, which is not an RS-274 word.
+            // R1=5 is not an RS-274 word.
             "R" => behind.trim_start_matches(is_number).starts_with('='),
             _ => word.starts_with("L ") || !behind.starts_with(|c: char| c.is_ascii_alphabetic()),
         }
@@ -258,7 +258,7 @@ pub(crate) fn read_increments(
     });
     let names_axes = (block.words.iter()).any(|word| b"XYZABCUVW".contains(&word.letter));
     let (is_table, is_rotation) = (has(&[10.0]), has(&[68.0]));
-    // Y is an angle there.
+    // Under G16 Y is an angle.
     let is_polar = !has(&[15.0]) && (has(&[16.0]) || interpreter.modal.polar.is_some());
     let mut last = last_in_increments;
     for word in &mut block.words {
@@ -331,7 +331,7 @@ const WORDS_G: [f64; 21] = [
     59.0, 90.0, 91.0, 92.0,
 ];
 
-/// Filament retraction without coordinates.
+/// Filament retraction and recovery without coordinates.
 const HARMLESS_G: [f64; 2] = [10.0, 11.0];
 
 /// Codes whose motions are not in the program: homing, probing, parking, cleaning, restoring a position.
@@ -462,7 +462,7 @@ fn of_grbl(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
         Some(b'J') => {
             return Err(column.not_followed("$J", "a jog moves the axes: write G1 or G0"));
         }
-        // Homing; steps per mm; factory settings.
+        // `$H` homes; `$RST` restores settings.
         Some(letter @ (b'H' | b'R')) => block
             .commands
             .push(Command::MayMove(format!("${}", char::from(letter)))),

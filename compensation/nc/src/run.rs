@@ -47,7 +47,7 @@ pub(crate) fn run(
     let mut recorded = Replacements::new(lines);
     let (after, ends) = Run::new(rewriter, lines, &flow, most).move_to(&mut recorded)?;
     if recorded.conflicts.contains(&true) {
-        // An unrolled call returns no value to the control.
+        // An unrolled call returns no value to the control, so values that depend on it are written as numbers.
         before.computed = Computed::ReturnedWritten;
         recorded = Replacements::new(lines);
         Run::new(before.clone(), lines, &flow, most).move_to(&mut recorded)?;
@@ -55,7 +55,7 @@ pub(crate) fn run(
         recorded.write(output)?;
         return Ok((after, ends));
     }
-    // Second run: unroll whatever executes a line with a conflict.
+    // Last run: unroll the calls and loops that execute a line with a conflict.
     let mut unrolled = Run::new(before, lines, &flow, most);
     unrolled.rewriter.computed = Computed::OriginalWord;
     unrolled.loops.some_are_written_out = true;
@@ -138,7 +138,7 @@ impl<'r, 't> Run<'r, 't> {
         Ok((self.rewriter, false))
     }
 
-    /// The line executed after one with an O-word.
+    /// Executes a line with an O-word; returns the line to execute next.
     fn follow(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
         let flow = self.flow;
         match statement.keyword {
@@ -479,7 +479,7 @@ impl<'a, W: Write> UnrollingWriter<'a, W> {
         Ok(())
     }
 
-    /// Ends a call or loop: it is copied, or unrolled with the original lines as comments.
+    /// Ends a call or loop: copies it, or writes it unrolled after its original lines as comments.
     fn close(&mut self) -> Result<(), NcError> {
         let Some([begin, end]) = self.open.take() else {
             return Ok(());
@@ -487,7 +487,7 @@ impl<'a, W: Write> UnrollingWriter<'a, W> {
         self.write_to(begin)?;
         if self.conflicts {
             for (line, end_of_line) in &self.lines.lines[begin..=end.min(self.lines.own - 1)] {
-                // Controls with M98 only accept comments in ( ): there a ; ends the block.
+                // Controls with M98 accept only comments in ( ); there a ; ends the block.
                 let of_program = program_line(line).is_some();
                 if of_program {
                     let mut comment = Vec::new();

@@ -25,7 +25,7 @@ pub struct SetUp {
     control: Option<Control>,
     /// True if the file states the direction in which rotary words of RS-274 turn a rollover axis.
     pub(crate) states_rotary_words: bool,
-    /// True if X60 means 60 least increments instead of 60 mm, inches or degrees.
+    /// True if X60 means 60 least increments, false if 60 mm, inches or degrees; `None` if the file does not state it.
     without_point: Option<bool>,
 }
 

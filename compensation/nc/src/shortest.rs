@@ -36,7 +36,7 @@ pub enum GraphError {
 #[derive(Clone, Debug, PartialEq)]
 pub struct AllPairs {
     distances: Vec<Vec<f64>>,
-    /// Second node of the shortest path.
+    /// Second node of each shortest path; `None` without a path.
     next: Vec<Vec<Option<usize>>>,
     /// Number of path lengths compared: n³ for n nodes.
     pub operations: u64,
@@ -67,7 +67,7 @@ impl AllPairs {
 }
 
 /// Finds the shortest paths between all pairs of nodes. `weights[i][j]` is the weight of the edge from i to j, infinite without an edge.
-/// `seen` receives each round: the number of nodes allowed as intermediate ones so far, and all distances: D(0), D(1) … D(n).
+/// `seen` is called after each round, with the number of nodes allowed as intermediate ones so far and all distances: D(0), D(1) … D(n).
 ///
 /// # Errors
 /// The matrix is not square, or a weight is negative or NaN.

@@ -1,7 +1,7 @@
 //! The language of SINUMERIK controls.
 //!
-//! Words with the meaning of RS-274 ones get their letters and codes: `CR=` is R, G71 is G21. Everything not known to leave the axes alone
-//! is rejected with its column. The meaning of codes and names is from memory of the programming manual, not verified on a control.
+//! Words with the meaning of RS-274 ones get their letters and codes: `CR=` is R, G71 is G21. Unknown words, which might move an axis, are
+//! rejected with their column. The meaning of codes and names is from memory of the programming manual, not verified on a control.
 
 use crate::{
     block::{
@@ -314,7 +314,7 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// `ROT RPL=30`, `ROT Z30`, `ROT`.
+    /// Reads `ROT RPL=30`, `ROT Z30`, `ROT`.
     pub(crate) fn turn(&mut self, adds: bool) -> Result<(), Fault> {
         const TILTS: &str = "only rotations about Z are followed: RPL= in G17, or Z";
         let mut angle = Some(0.0);
@@ -620,7 +620,7 @@ impl Reader<'_, '_> {
                     .push(b'G', at, text, value, Manner::Modal, Some(0));
             }
             Meaning::Command(command) => self.block.commands.push(command),
-            // An exact stop is meant for the end of a motion.
+            // An exact stop applies to the end of a motion.
             Meaning::Nothing if code == 9 => {
                 let text = from..self.scanner.at();
                 self.block
@@ -891,7 +891,7 @@ fn g_code(code: u32) -> (u8, Meaning) {
         71 | 710 => (13, Meaning::Code(21.0)),
         90 | 91 => (14, Meaning::Code(f64::from(code))),
         93..=95 => (15, Meaning::Code(f64::from(code))),
-        // Surface speeds: they end G93. After G962 and G972 F is that of G94 or G95, which are alike here.
+        // Constant surface speeds end G93. After G962 and G972 F is that of G94 or G95, which are alike here.
         961 | 971 => (15, Meaning::Code(94.0)),
         96 | 97 | 962 | 972 | 973 => (15, Meaning::Code(95.0)),
         // Exact stops, path control, approach and corner behaviour.
@@ -963,7 +963,7 @@ fn meaning_of(name: &str) -> Meaning {
     }
 }
 
-/// True if the call is a cycle that only moves along the tool and ends at its first argument; `None` if it is not a cycle.
+/// True if the named cycle only moves along the tool axis and ends at its first argument; `None` if the name is not that of a cycle.
 pub(crate) fn only_drills(name: &str) -> Option<bool> {
     const DRILLING: &str =
         "CYCLE81 CYCLE82 CYCLE83 CYCLE84 CYCLE85 CYCLE86 CYCLE87 CYCLE88 CYCLE89 CYCLE840";

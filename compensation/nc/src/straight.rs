@@ -20,7 +20,7 @@ use crate::{
 /// Maximum number of parts of a motion.
 pub(crate) const MAX_PARTS: usize = 4096;
 
-/// Sampling interval in the search for axis reversals, mm or deg; `MAX_REVERSAL_SAMPLES` limits the number of samples that it requires.
+/// Sampling interval in the search for axis reversals, mm or deg; `MAX_REVERSAL_SAMPLES` limits the number of samples.
 const REVERSAL_SAMPLING: f64 = 5.0;
 
 const MAX_REVERSAL_SAMPLES: f64 = 64.0;
@@ -28,23 +28,23 @@ const MAX_REVERSAL_SAMPLES: f64 = 64.0;
 /// Maximum number of steps in which X, Y and Z follow a part of a purely rotary motion.
 const MAX_FOLLOW_STEPS: f64 = 64.0;
 
-/// An axis that moves by less than this rests, mm or deg: rounding of coordinates.
+/// Travel, mm or deg, below which an axis rests: rounding of coordinates.
 const RESTING_WITHIN: f64 = 1e-7;
 
-/// One of the parts that a motion is written in, counted from 0, and where it ends, from 0 to 1.
+/// A part of a motion: its index, and its end as a share (0 to 1).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Part<'a> {
     pub(crate) place: usize,
     pub(crate) share: f64,
     pub(crate) motion: &'a Move,
     pub(crate) numbers: &'a Axes<Option<Number>>,
-    /// Words after these in an added line: the circle of an arc.
+    /// Words after `numbers` in an added line: the circle of an arc.
     pub(crate) others: &'a [(u8, Number)],
-    /// G2 or G3 if another code was written in between, or G93.
+    /// G2 or G3 if a line before the part had another motion code.
     pub(crate) code: Option<Number>,
     pub(crate) feed: Option<Number>,
     pub(crate) shape: Shape,
-    /// A line to precede the part, without its end: the centre of an arc.
+    /// Line that precedes the part, without its end: the centre of an arc.
     pub(crate) before: &'a [u8],
 }
 
@@ -77,18 +77,18 @@ pub(crate) struct Leg<'a> {
     pub(crate) writes: Axes<WriteRule>,
     /// Axes that keep their correction from the start.
     pub(crate) keeps: Axes<bool>,
-    /// Correction from joint rounding, which yields the chosen numbers; `None`: round each number separately.
+    /// Correction from joint rounding; `None`: round each number separately.
     pub(crate) rounded: Option<Axes>,
 }
 
 /// When the word of an axis is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum WriteRule {
-    /// Never: the word is not a coordinate of the end, but the depth of a cycle.
+    /// Never: the word is no coordinate of the end, but the depth of a cycle, or a polar coordinate that stays.
     Never,
     /// The word is written if its number changes.
     IfChanged,
-    /// The word is written if the axis moves: used for added lines, which have no words yet.
+    /// The word is written if the axis moves: for added lines, which have no words yet.
     IfMoves,
     /// The word is always written if the block has it: the motion is split.
     Anew,
@@ -179,7 +179,7 @@ impl Rewriter {
         parts: &mut Vec<f64>,
     ) -> Result<(), NcError> {
         self.turns = self.turns_of(motion);
-        // The start must be known as well: parts of a motion from elsewhere would lead elsewhere.
+        // The start must be known too: the parts of a motion from elsewhere would lead elsewhere.
         let is_known =
             (self.corrector.axes()).all(|axis| motion.known[axis] && self.interpreter.known[axis]);
         if !is_known || self.contour != Contour::None {
@@ -236,7 +236,7 @@ impl Rewriter {
         }
         let frame = &self.interpreter.frame;
         let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
-        // The correction added to a resting axis may also reverse during the motion.
+        // The correction of a resting axis may also reverse during the motion.
         let least = if self.corrector.play.any {
             let ways = (0..9).map(|axis| (motion.to[axis] - motion.from[axis]).abs());
             (ways.fold(0.0, f64::max) / REVERSAL_SAMPLING).min(MAX_REVERSAL_SAMPLES)
@@ -251,7 +251,7 @@ impl Rewriter {
         )]
         let steps = steps.ceil().max(1.0) as u32;
         if motion.path == Path::Rapid {
-            // A rapid motion is not split: the carriages follow the control's path between the two corrected positions.
+            // A rapid motion is not split: its carriages follow the control's path between the two corrected positions.
             let [from, to] = [&motion.from, &motion.to].map(|at| {
                 let more = frame.moved_in_program(at, &self.corrector.without_play(at));
                 let at = frame.to_program(at);
@@ -331,9 +331,8 @@ impl Rewriter {
         Ok(())
     }
 
-    /// True if the correction missing at the start of a motion exceeds its limit. After a reversal (`turns`) the limit is the rounding of
-    /// words, because the backlash must be crossed. With another tool, or if the axes arrived without correction, it is the tolerance plus
-    /// the rounding.
+    /// True if the correction missing at the start of a motion needs an added line. After a reversal (`turns`) the limit is half a step,
+    /// because the backlash must be crossed. With another tool, or if the axes arrived without correction, it is the tolerance plus a step.
     pub(crate) fn lacks_correction(&self, motion: &Move, turns: bool) -> bool {
         if self.applied_correction == AppliedCorrection::Current && !turns
             || self.contour != Contour::None
@@ -357,8 +356,8 @@ impl Rewriter {
         squared.sqrt() > self.corrector.split_beyond_mm + self.step_mm()
     }
 
-    /// Writes a spline or one of its control points. The end keeps the correction applied at the start, since the other points are relative
-    /// to the ends.
+    /// Writes a spline or one of its control points. Its end keeps the correction of its start, since the other points are relative to its
+    /// ends.
     pub(crate) fn spline(&mut self, motion: &Move, line: Line<'_>, out: &mut Vec<u8>) {
         let [from, to] = self.ends_of(motion);
         let frame = &self.interpreter.frame;
@@ -469,9 +468,9 @@ impl Rewriter {
         }
     }
 
-    /// True if a motion moves other axes than X, Y and Z, on a control that applies F to the path of X, Y and Z whenever one of them moves, and
-    /// moves the rotary axes in the same time (LinuxCNC; NIST IR 6556, 2.1.2.5): with a correction of 1 µm in Y an axis programmed at F600
-    /// would turn at its maximum speed. X, Y and Z keep their correction during such a motion, and are corrected in separate blocks.
+    /// True if a motion moves only axes other than X, Y and Z, on a control that applies F to X, Y and Z as soon as one of them moves, and
+    /// gives the rotary axes the same time (LinuxCNC; NIST IR 6556, 2.1.2.5). A correction of 1 µm in Y would then turn an axis programmed
+    /// at F600 at its maximum speed. Therefore X, Y and Z keep their correction during such a motion, and are corrected in separate blocks.
     pub(crate) fn moves_rotary_axes_only(&self, [from, to]: &[Axes; 2]) -> bool {
         let moves = |mut axes: Range<usize>| {
             axes.any(|axis| (to[axis] - from[axis]).abs() > RESTING_WITHIN)
@@ -485,8 +484,7 @@ impl Rewriter {
         !moves(0..3) && moves(3..9) && !takes_together
     }
 
-    /// Splits a motion of rotary axes alone where X, Y and Z lag by the tolerance, and adds a separate block there in which they
-    /// follow.
+    /// Splits a motion of rotary axes alone where X, Y and Z lag by the tolerance; there they follow in a separate block.
     fn follow_turn(&mut self, [from, to]: &[Axes; 2], parts: &mut Vec<f64>) {
         let tolerance = self.corrector.split_beyond_mm;
         let mut shares = Vec::new();
@@ -501,7 +499,7 @@ impl Rewriter {
                 shares.extend([begins + (ends - begins) * step / steps; 2]);
                 step += 1.0;
             }
-            // At the end of the motion the next motion applies the correction.
+            // The next motion applies the correction at the end of this one.
             let is_inside = ends > 0.0 && ends < 1.0;
             shares.extend(std::iter::repeat_n(ends, if is_inside { 2 } else { 1 }));
             (begins, before) = (ends, after);
@@ -526,7 +524,7 @@ impl Rewriter {
         Ok(())
     }
 
-    /// F of a part, in inverse time mode.
+    /// F of a part with this share of the motion in inverse-time mode; `None` in other modes.
     pub(crate) fn feed_of_part(&self, share: f64) -> Option<Number> {
         let modal = &self.interpreter.modal;
         let feed = modal
@@ -637,8 +635,8 @@ impl Rewriter {
         }
     }
 
-    /// The words that lead a motion, or a part of it, to its end. `carried` becomes the correction applied there, in program coordinates.
-    /// The linear axes compensate the rounded rotary positions, so that the tip is in place.
+    /// The words that move the axes to the end of a leg. `carried` becomes the correction applied there, in program coordinates. The linear
+    /// axes compensate the rounded rotary positions, so that the tip is in place.
     pub(crate) fn words_to(&mut self, leg: &Leg<'_>, carried: &mut Axes) -> Axes<Option<Number>> {
         let mut numbers = [None; 9];
         self.words_at(
@@ -653,8 +651,8 @@ impl Rewriter {
         numbers
     }
 
-    /// Words that apply the correction at a position, `rounded` or exact: `numbers` makes the words of a range of axes with their
-    /// correction. Returns the correction of the linear axes at the end.
+    /// Makes the words that apply the correction at a position, `rounded` or exact: `numbers` makes those of a range of axes and updates
+    /// `carried`. Returns the required correction, in program coordinates.
     #[inline]
     pub(crate) fn words_at(
         &mut self,
@@ -680,7 +678,7 @@ impl Rewriter {
         delta
     }
 
-    /// The numbers of some axes, for this correction.
+    /// Makes the numbers of some axes for this correction.
     fn numbers(
         &mut self,
         leg: &Leg<'_>,
@@ -771,8 +769,8 @@ impl Rewriter {
     }
 
     /// Corrections at the end of each part, in program coordinates, that yield jointly rounded numbers (shortest path). `None` if each
-    /// number is rounded separately: unsplit lines, corrected rotary axes, tool centre point control, incremental coordinates, lines that
-    /// take up play, and contours.
+    /// number is rounded separately: [`Strategy::Plain`], unsplit lines, corrected rotary axes, tool centre point control, incremental
+    /// coordinates, lines that take up play, contours, and fewer than two axes with a choice.
     fn rounded_together(
         &mut self,
         motion: &Move,
@@ -929,7 +927,7 @@ impl Rewriter {
         }
     }
 
-    /// Adds a note about each axis that cuts with the mean of both directions, because its direction of approach is unknown.
+    /// Adds a note about each axis that is corrected by the mean of both directions, because its direction of approach is unknown.
     pub(crate) fn note_approach(&mut self, line: usize) {
         for axis in self.corrector.axes_with_unknown_approach() {
             if self.interpreter.known[axis] {
@@ -985,7 +983,7 @@ fn is_stop(code: f64) -> bool {
     [0.0, 1.0, 2.0, 30.0, 60.0].contains(&code)
 }
 
-/// True if an M code stops the spindle or the coolant: FANUC and Haas controls do so after the motion of its block, LinuxCNC before it.
+/// True if an M code stops the spindle or the coolant: after the motion of its block on FANUC and Haas controls, before it on LinuxCNC.
 fn is_switched_off(code: f64) -> bool {
     [5.0, 9.0, 19.0].contains(&code)
 }

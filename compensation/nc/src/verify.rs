@@ -1,7 +1,7 @@
 //! Deviation of the tool of a virtual machine from its programmed path, with the original and with the compensated program.
 //!
-//! Both are evaluated at the same shares of each motion of the original. These positions depend on the original program only, so the
-//! deviation before compensation is independent of the result and of all options.
+//! Both programs are evaluated at the same shares of each motion of the original one. These positions depend only on the original program,
+//! so the deviation before compensation is independent of the result and of all options.
 
 use std::{io::BufRead, sync::mpsc::Receiver};
 
@@ -25,17 +25,17 @@ use crate::{
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
 pub struct Verification {
-    /// With the original program.
+    /// Deviation with the original program.
     pub before: Deviation,
-    /// With the compensated program.
+    /// Deviation with the compensated program.
     pub after: Deviation,
-    /// Motions with a larger tool deviation than before.
+    /// Motions whose deviation is larger with the compensated program.
     pub further: Further,
     /// Number of evaluated motions; motions copied without correction do not count.
     pub motions: u64,
     /// Number of evaluated positions.
     pub places: u64,
-    /// Some of these positions, evenly spread, in program order.
+    /// Some of the evaluated positions, evenly spread, in program order.
     #[cfg_attr(feature = "schema", serde(skip))]
     pub path: Vec<Place>,
     /// Features of the inspected part, if any.
@@ -73,12 +73,12 @@ pub struct Virtual<'a> {
     /// Language of the programs.
     pub dialect: Dialect,
     /// Part to be inspected, and the correction used for the result. The zero of each work offset that the set-up states is probed on the
-    /// machine without correction; for the result the error that this correction has there is added to it.
+    /// machine without correction; for the result the error of this correction at the zero is added to the work offset.
     pub part: Option<(&'a Part, &'a Corrector)>,
 }
 
-/// Runs a program and its result on a virtual machine. `shares` are those of [`Summary`](crate::Summary): the parts each motion was written
-/// in.
+/// Runs a program and its result on a virtual machine. `shares` are the ends of the parts of each motion,
+/// [`Summary::shares`](crate::Summary::shares).
 ///
 /// # Errors
 /// The programs cannot be executed, or the result has other motions than the program.
@@ -140,11 +140,11 @@ const PLACES: u32 = 8;
 
 const LENGTH_MM: f64 = 100.0;
 
-/// Maximum number of such lengths per motion.
+/// Maximum number of lengths of `LENGTH_MM` per motion.
 const MAX_LENGTHS: f64 = 64.0;
 
-/// Number of steps between two evaluated positions of an arc in which the machine is followed; a circle to be inspected has a point at each
-/// of them.
+/// Number of steps between two evaluated positions of an arc at which the machine is simulated; an inspected circle has a point at each of
+/// them.
 const STEPS_OF_ARC: u32 = 9;
 
 /// Evaluated positions of a hole besides its plane R: half-way down and at its bottom.
@@ -153,7 +153,7 @@ const PLACES_OF_HOLE: u32 = 2;
 /// Share of a motion, to either side, from which its direction is computed.
 const NEAR: f64 = 1e-6;
 
-/// Tip travel, mm, within twice that share, below which the tip is at rest except for rounding.
+/// Tip travel, mm, within twice `NEAR` below which the tip rests except for rounding.
 const RESTING_WITHIN_MM: f64 = 1e-11;
 
 /// Minimum increase of the deviation, µm, to count a motion as worse than before.
@@ -162,7 +162,7 @@ const WORSE_BY_UM: f64 = 0.01;
 /// Positions at equal shares of a motion.
 #[derive(Clone, Copy, Debug)]
 struct Stations {
-    /// Index of the first one: only holes start at share 0.
+    /// Index of the first evaluated position: 0 (share 0) for holes, otherwise 1.
     first: u32,
     last: u32,
     /// Every `stride`-th station is evaluated.
@@ -238,7 +238,7 @@ struct Comparison {
     /// Carriages with the original program, and with the result.
     before: Carriages,
     after: Carriages,
-    /// Axis reversals on the rest of the current motion.
+    /// Axis reversals of the current motion that are still ahead.
     turns: Reversals,
     /// Parts of the motion, index of the part that the result has reached, and the completed share of that part.
     parts: Vec<PartOfMotion>,
@@ -246,13 +246,13 @@ struct Comparison {
     of_part: f64,
     found: Verification,
     cut: Option<Collector>,
-    /// Correction of the result, and the work offsets that the set-up states.
+    /// Correction of the result, if a part is inspected.
     corrector: Option<Corrector>,
     /// The mean corrections, if the result has these in its work offsets.
     averages: Option<Vec<Average>>,
     stated: [bool; SYSTEMS],
-    /// Distance of each zero, as probed on the machine with its errors, from its work offset, with the original program and with the result
-    /// (whose work offset includes the error there); mm in workpiece axes.
+    /// Deviation of each probed zero from its work offset with the original program, and with the result, whose work offset includes the
+    /// modelled error there; mm in workpiece axes.
     zeros: Vec<Option<[[f64; 3]; 2]>>,
     /// Every `stride`-th position is stored.
     stride: u64,
@@ -293,7 +293,7 @@ impl Comparison {
         let mut is_first = true;
         while let Ok(original) = originals.recv() {
             if std::mem::take(&mut is_first) {
-                // Before a rotary axis gets another number.
+                // Start position before whole turns are added to a rotary axis.
                 let Move { from, wraps, .. } = &original.motion;
                 let begins = each(|axis| from[axis] - wraps[axis]);
                 self.truth.start_at(&begins);
@@ -439,12 +439,12 @@ impl Comparison {
         self.after.begin_motion(from_unknown);
     }
 
-    /// Moves the result on to a share of the program's motion. Returns the commanded axis positions there.
+    /// Moves the machine with the result on to a share of the program's motion. Returns the commanded axis positions there.
     fn result_goes(&mut self, share: f64) -> Axes {
         while let Some(part) = self.parts.get(self.at_part) {
             let is_last = self.at_part + 1 == self.parts.len();
-            // A part that ends at a reversal ends before it, however the two shares are rounded. One of zero length crosses the backlash of
-            // an axis.
+            // A part that ends at a reversal ends before the reversal, however the two shares are rounded. A part of zero length crosses
+            // the backlash of an axis.
             let is_behind = share > part.to + SAME_SHARE && !is_last || part.to == part.from;
             let of_part = if is_behind || share >= part.to {
                 1.0
@@ -511,7 +511,7 @@ impl Comparison {
         way.map(|way| way / length)
     }
 
-    /// Counts the motion that has ended if its deviation is larger with the result.
+    /// Counts the motion just evaluated if its deviation is larger with the result.
     fn count_if_worse(&mut self, line: usize) {
         let [before, after] = &self.of_motion;
         let by_um = (after.rms() - before.rms()).max(after.max() - before.max());
@@ -584,7 +584,7 @@ pub struct Place {
     pub begins: bool,
 }
 
-/// The deviation of a whole program.
+/// Tool deviation over a whole program.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
@@ -593,16 +593,16 @@ pub struct Deviation {
     pub max_um: f64,
     /// RMS over all evaluated positions, µm.
     pub rms_um: f64,
-    /// Maximum distance perpendicular to the path, µm: a deviation along the path changes when the tip passes, not where. At the ends of rapid
+    /// Maximum distance perpendicular to the path, µm; a deviation along the path changes only when the tip passes. At the ends of rapid
     /// motions and at rest there is no path, and the whole distance counts.
     pub across_max_um: f64,
-    /// RMS perpendicular to the path, µm.
+    /// RMS distance perpendicular to the path, µm.
     pub across_rms_um: f64,
     /// Line of the original program with the maximum distance.
     pub line: usize,
     /// Nominal tip position there, mm from the workpiece origin in workpiece axes.
     pub tip_mm: [f64; 3],
-    /// RMS after best-fit rigid-body alignment of the part, µm.
+    /// RMS distance after best-fit rigid-body alignment of the part, µm.
     pub form_rms_um: f64,
     /// Maximum distance after this alignment, µm, over the stored positions ([`Verification::path`](crate::Verification::path)) and those
     /// with the maximum deviation along an axis.

@@ -1,9 +1,9 @@
-//! From measurement files to a report: how long the steps take that a person waits for. `cargo bench -p volcomp-report`.
+//! Duration of the steps from measurement files to a report that a user waits for: `cargo bench -p volcomp-report`.
 //!
-//! - 10 000 targets × 10 runs (5 in each direction): read from CSV, evaluated by ISO 230-2, fitted by the automatic choice; and the same with a tenth
-//!   of the targets, so that the ratio of both says how the time grows;
-//! - the same steps in turn, reading first as the control: on a computer that others use as well, only what was measured in the same moment
-//!   compares, and the least of many rounds is nearest to a quiet one;
+//! - 10 000 targets × 10 runs (5 in each direction): read from CSV, evaluated by ISO 230-2, fitted with automatic choice; the same with a
+//!   tenth of the targets, so that the ratio shows how the duration scales;
+//! - the same steps in turn, with reading as the control: on a shared computer only durations from the same time are comparable, and the
+//!   minimum of many rounds is closest to an idle computer;
 //! - a folder of 200 files, drafted;
 //! - 40 files of 41 targets and 10 runs: read, calibrated, and written as a report.
 
@@ -25,7 +25,7 @@ use volcomp_vocabulary::Direction;
 
 const MACHINE: &str = "name = \"bench\"\nstructure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 8000]\nY.travel = [0, 4000]\nZ.travel = [0, 2500]\n";
 
-/// A positioning test over so many mm with noise that looks drawn.
+/// A positioning test over this travel with deterministic noise.
 fn table(targets: u32, runs: u32, travel_mm: f64, seed: u32) -> String {
     let mut text = "target mm,run,direction,deviation um\n".to_owned();
     for run in 1..=runs {
@@ -50,7 +50,7 @@ fn written(folder: &Path, name: &str, text: &str) {
     fs::write(folder.join(name), text).expect("written");
 }
 
-/// Every error of the machine on so many files, with a calibration file that reads them.
+/// All errors of the machine in this number of files, with a calibration file that reads them.
 fn folder_of(files: usize, targets: u32) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     written(folder.path(), "machine.toml", MACHINE);
@@ -88,7 +88,7 @@ fn large_test(criterion: &mut Criterion) {
         criterion.bench_function(&format!("evaluate, {targets} targets x 10 runs"), |b| {
             b.iter(|| evaluate(black_box(&measurement)));
         });
-        // Reads and fits with all that calibrating does besides.
+        // Reading and fitting, with everything else that a calibration does.
         let folder = tempfile::tempdir().expect("a folder");
         written(folder.path(), "machine.toml", MACHINE);
         written(folder.path(), "x.csv", &text);
@@ -110,11 +110,11 @@ fn large_test(criterion: &mut Criterion) {
     }
 }
 
-/// How often the steps are taken in turn.
+/// Number of rounds.
 const ROUNDS: usize = 15;
 
-/// Reads, evaluates, fits both directions, and reads and calibrates, in turn: prints for each the least and the middle time and its
-/// ratio to reading, the middle of the ratios within each round.
+/// Reads, evaluates, fits both directions, and reads and calibrates, in turn. Prints for each step the minimum and the median duration, and
+/// the median of its ratios to reading within each round.
 fn in_turn(_: &mut Criterion) {
     let text = table(10_000, 5, 8000.0, 1);
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,10 +1,10 @@
-//! A calibration file to a report:
+//! Writes the report of a calibration file:
 //!
 //! ```text
 //! cargo run -p volcomp-report --example report -- calibration.toml report.html
 //! ```
 //!
-//! Without arguments it takes the calibration in the folder `examples/calibration` of the repository, and says how long the report is.
+//! Without arguments it uses the calibration in the repository's folder `examples/calibration`, and prints the length of the report.
 
 use std::{env, error::Error, fs, path::Path};
 

@@ -16,7 +16,7 @@ use crate::{
 };
 
 impl Report {
-    /// The report of a calibration. `source` is the name of its file.
+    /// The report of a calibration; `source` is its file name.
     pub fn of_calibration(
         source: &str,
         file: &CalibrationFile,
@@ -66,7 +66,7 @@ impl Report {
         report
     }
 
-    /// The report of an identification. `source` is the name of the file of observations.
+    /// The report of an identification; `source` is the name of the file of observations.
     pub fn of_observations(
         source: &str,
         observations: &Observations,
@@ -99,7 +99,7 @@ impl Report {
         report
     }
 
-    /// The report of a machine as stated in its file, without measurements.
+    /// The report of a machine by its file, without measurements.
     pub fn of_machine(source: &str, machine: &Machine, stated: &Stated) -> Self {
         let mut report = Self::of_statements(source, machine, stated);
         if report.knows_errors() {
@@ -148,7 +148,7 @@ impl Report {
         }
     }
 
-    /// True if the report contains any error.
+    /// Whether the report contains any error.
     pub(crate) fn knows_errors(&self) -> bool {
         let mut squares = self.squareness.iter();
         !self.curves.is_empty()
@@ -158,8 +158,8 @@ impl Report {
     }
 }
 
-/// The standard uncertainty stated in a calibration file for a squareness: its own, or that of the reference square of the straightness
-/// lines. `None` if several location errors make up the angle: none of them has the uncertainty of the square.
+/// The standard uncertainty of a squareness in a calibration file: its own, or that of the reference square of the straightness lines.
+/// `None` if several location errors make up the angle, because the uncertainty of the square belongs to none of them alone.
 fn of_square(file: &CalibrationFile, machine: &Machine, error: ErrorName) -> Option<f64> {
     let mut locations = file.locations.iter();
     if let Some(own) = locations.find(|of| of.error == error) {
@@ -206,7 +206,7 @@ fn one_direction(machine: &Machine) -> Option<String> {
     })
 }
 
-/// The contributions stated in a calibration file; `None` without any.
+/// The contributions in a calibration file; `None` if there are none.
 fn stated_uncertainty(file: &CalibrationFile) -> Option<Uncertainty> {
     let of = &file.uncertainty;
     let all = [

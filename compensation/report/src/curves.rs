@@ -9,10 +9,10 @@ use volcomp_vocabulary::{Direction, ErrorName};
 
 use crate::report::{Band, Branch, Curve, CurveLine, FitNumbers, Residual, Run};
 
-/// Number of points of a curve over the travel.
+/// Number of points at which a curve is drawn over the travel.
 const POINTS: usize = 241;
 
-/// All errors of a machine that have a curve: first the fitted ones, in the order of the calibration, then those of its file.
+/// All errors of a machine that have a curve: the fitted ones in the order of the calibration, then those of the machine file.
 pub(crate) fn curves(file: &CalibrationFile, calibration: &Calibration) -> Vec<Curve> {
     let machine = &calibration.machine;
     let mut names: Vec<ErrorName> = Vec::new();
@@ -63,7 +63,7 @@ fn of_error(
             Some(direction) => &[direction as usize],
             None => &[0, 1],
         };
-        // If only one direction was measured, one curve is used for both.
+        // If only one direction was measured, its curve is used for both.
         let found = curve
             .branches
             .iter()
@@ -89,7 +89,7 @@ fn of_error(
     Some(curve)
 }
 
-/// A band about a curve, without points that linear interpolation reproduces.
+/// A band around a curve, without points that linear interpolation reproduces.
 fn about(value: impl Fn(f64) -> f64, found: &volcomp_fit::Band) -> Band {
     let mut band = Band {
         x: Vec::new(),
@@ -100,7 +100,7 @@ fn about(value: impl Fn(f64) -> f64, found: &volcomp_fit::Band) -> Band {
     let all: Vec<[f64; 3]> = (found.at.iter().zip(&found.half_width))
         .map(|(&x, half)| [x, value(x) - half, value(x) + half])
         .collect();
-    // A point is left out if the line from the last kept point to the next one passes through all points between.
+    // A point is omitted if the line from the last kept point to the next point passes through all points in between.
     let mut kept = 0;
     for place in 0..all.len() {
         let may_go = place > 0
@@ -120,7 +120,7 @@ fn about(value: impl Fn(f64) -> f64, found: &volcomp_fit::Band) -> Band {
     band
 }
 
-/// True if both edges of a band at a point are on the lines between two other points, within a hundredth of its width.
+/// Whether both edges of a band at a point are on the lines between two other points, within a hundredth of its width.
 fn is_on(from: [f64; 3], to: [f64; 3], at: [f64; 3]) -> bool {
     let share = (at[0] - from[0]) / (to[0] - from[0]);
     let allowed = 0.01 * (at[2] - at[1]);
@@ -130,7 +130,7 @@ fn is_on(from: [f64; 3], to: [f64; 3], at: [f64; 3]) -> bool {
     })
 }
 
-/// The curve without readings.
+/// The curve of an error, without readings.
 fn bare(machine: &Machine, error: ErrorName) -> Option<Curve> {
     let axis = machine.axis(error.axis)?;
     let range = machine.range_of(error)?;
@@ -209,7 +209,7 @@ fn numbers(fit: &FittedCurve) -> FitNumbers {
     }
 }
 
-/// The readings of a line shifted to its curve: each by the shift of its mean.
+/// The readings of a line, shifted to its curve like their means.
 fn of_line(file: &CalibrationFile, fitted: &FittedLine) -> CurveLine {
     let means = fitted.points.clone();
     let Some(line) = fitted.line.and_then(|line| file.measurements.get(line)) else {
@@ -242,7 +242,7 @@ fn of_line(file: &CalibrationFile, fitted: &FittedLine) -> CurveLine {
     }
 }
 
-/// The runs of a measurement, each reading converted by `value`.
+/// The runs of a measurement, with each reading converted by `value`.
 pub(crate) fn runs_of(
     measurement: &Measurement,
     value: impl Fn(Direction, f64, f64) -> Option<f64>,

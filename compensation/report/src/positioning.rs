@@ -20,7 +20,7 @@ pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Posit
     });
     let test = |line: &Line| {
         let error = line.setup.error;
-        // A line that cannot be evaluated could not be calibrated either.
+        // Lines that cannot be evaluated cannot be calibrated either.
         let result = evaluate(&line.readings).ok()?;
         Some(Positioning {
             file: line.file.display().to_string(),
@@ -37,9 +37,8 @@ pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Posit
     tests.filter_map(test).collect()
 }
 
-/// The uncertainties of the figures, from the contributions stated in the calibration file for the instrument: the scale contribution is
-/// proportional to the length, the other part applies to each reading. Both are the same in every reading at one target and cancel in B and
-/// R.
+/// The uncertainties of the figures, from the contributions of the instrument in the calibration file: the scale contribution is
+/// proportional to the length, the other applies to each reading. Both are common to all readings at a target, and cancel in B and R.
 fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> {
     let of = &file.uncertainty;
     let targets = line.readings.targets();
@@ -66,7 +65,7 @@ fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> 
     };
     let runs = Direction::BOTH.map(|direction| line.readings.runs(direction).len());
     let fewest = runs.into_iter().filter(|runs| *runs > 0).min().unwrap_or(1);
-    // With one target there is no length, so no uncertainty.
+    // With a single target there is no length, and so no uncertainty.
     let Ok(found) = positioning_uncertainty(&inputs, length, fewest) else {
         return Vec::new();
     };
@@ -82,7 +81,7 @@ fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> 
 }
 
 impl Positioning {
-    /// A figure by its symbol of ISO 230-2 or VDI/DGQ 3441; `None` if the runs do not determine it.
+    /// A figure by its symbol in ISO 230-2 or VDI/DGQ 3441; `None` if the runs do not determine it.
     pub fn figure(&self, symbol: &str) -> Option<f64> {
         let iso = Edition::default().quantities(&self.result);
         let vdi = Vdi3441::quantities(self.vdi.as_ref());
@@ -90,7 +89,7 @@ impl Positioning {
         found.value
     }
 
-    /// The expanded uncertainty of a figure; `None` if no contribution to it is stated.
+    /// The expanded uncertainty of a figure; `None` if the file has no contribution to it.
     pub fn uncertainty(&self, symbol: &str) -> Option<f64> {
         let found = self.uncertainties.iter().find(|of| of.symbol == symbol);
         found.map(|of| of.expanded)

@@ -10,9 +10,9 @@ use volcomp_vocabulary::{Direction, ErrorName};
 pub struct Report {
     /// Machine, date, operator, instrument.
     pub head: Head,
-    /// The figures with a tolerance; empty if none is stated.
+    /// The figures that have a tolerance.
     pub checks: Vec<Check>,
-    /// Warnings, to be read before any number.
+    /// Warnings, shown before any number.
     pub warnings: Vec<Warning>,
     /// Every error curve.
     pub curves: Vec<Curve>,
@@ -31,11 +31,11 @@ pub struct Report {
     /// The errors that were not measured, each with its possible effect.
     pub not_measured: Vec<String>,
     /// The errors that the measurements do not determine: curves that do not follow their readings, contradictory lines, unknowns that the
-    /// observations leave open, observations that the unknowns do not describe.
+    /// observations do not determine, observations that the unknowns do not explain.
     pub undecided: Vec<String>,
     /// The errors whose curves cover only part of the travel.
     pub partly_measured: Vec<String>,
-    /// True if axes have assembly errors: a squareness or location then differs from its location error.
+    /// Whether axes have assembly errors, so that a squareness or location differs from its location error.
     pub has_assembly: bool,
     /// Results of an identification from observations of the whole machine.
     pub identified: Option<Identified>,
@@ -43,7 +43,7 @@ pub struct Report {
     pub version: String,
 }
 
-/// Machine, date, operator, instrument. `None`: stated neither by a file nor by an option.
+/// Machine, date, operator, instrument; `None` if neither a file nor an option has the value.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Head {
     /// The file from which the report is made.
@@ -98,19 +98,19 @@ pub struct SourceFile {
     pub date: Option<String>,
 }
 
-/// The subject of a figure.
+/// What a figure refers to.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckOf {
-    /// The subject follows from the symbol.
+    /// The symbol defines the subject.
     Symbol,
     /// The measured errors only; others were not measured.
     MeasuredAlone,
     /// An error on the part of the travel that its curve covers.
     Part,
-    /// Errors of which at least one is not determined by the measurements.
+    /// Errors of which the measurements do not determine at least one.
     NotBorneOut,
-    /// The residual after correction, whereas the figures of tests are of the uncorrected machine.
+    /// The residual after correction, whereas figures of tests refer to the uncorrected machine.
     Corrected,
     /// The machine at the reference temperature, without its thermal terms.
     AtReference,
@@ -123,7 +123,7 @@ pub enum CheckOf {
     },
 }
 
-/// The description; empty if the symbol suffices.
+/// Writes the subject; empty if the symbol suffices.
 impl core::fmt::Display for CheckOf {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
@@ -143,7 +143,7 @@ impl core::fmt::Display for CheckOf {
 pub struct Check {
     /// The symbol of the figure: `A`, `E`, `EC0Y`, `V`.
     pub symbol: String,
-    /// Subject.
+    /// What the figure refers to.
     pub of: CheckOf,
     /// The value of the figure; `None` if the measurements do not determine it.
     pub value: Option<f64>,
@@ -151,13 +151,13 @@ pub struct Check {
     pub limit: f64,
     /// `µm` or `µrad`.
     pub unit: String,
-    /// Expanded uncertainty (k = 2) from the stated contributions; `None` without any.
+    /// Expanded uncertainty (k = 2) from the contributions in the files; `None` without any.
     pub uncertainty: Option<f64>,
-    /// The verdict, to ISO 14253-1 if an uncertainty is stated.
+    /// The verdict, by ISO 14253-1 if the uncertainty is known.
     pub outcome: Verdict,
 }
 
-/// A line such as `V of the measured errors alone: 3.13 ± 0.40 µm, allowed 5.00 µm: pass`.
+/// Writes a line such as `V of the measured errors alone: 3.13 ± 0.40 µm, allowed 5.00 µm: pass`.
 impl core::fmt::Display for Check {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let unit = &self.unit;
@@ -186,17 +186,17 @@ pub enum WarningKind {
     Contradiction,
     /// Fewer targets or runs than ISO 230-2 requires.
     Few,
-    /// Temperatures far from 20 °C, or not stated.
+    /// Temperatures far from 20 °C, or unknown.
     Temperature,
     /// A run or a reading that differs from the others.
     Outlier,
     /// Errors that were not measured.
     NotMeasured,
-    /// Other notes of reading and calibrating.
+    /// Other notes from reading and calibrating.
     Note,
 }
 
-/// A warning, to be read before any number.
+/// A warning, shown before any number.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Warning {
     /// Kind.
@@ -222,13 +222,13 @@ pub struct Curve {
     pub lines: Vec<CurveLine>,
     /// One curve for both directions, or one for each.
     pub branches: Vec<Branch>,
-    /// Minimum and maximum of the curve over the travels of all axes that it depends on.
+    /// Minimum and maximum of the curve over the travels of all axes on which it depends.
     pub range: [f64; 2],
-    /// True if the error depends on axes other than its own.
+    /// Whether the error depends on axes other than its own.
     pub has_other_axes: bool,
 }
 
-/// One measured line, as followed by its curve.
+/// One measured line, shifted to its curve.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CurveLine {
     /// The file; `None` if the error was derived from several other lines.
@@ -244,13 +244,13 @@ pub struct CurveLine {
 pub struct Run {
     /// The direction of travel.
     pub direction: Direction,
-    /// Its number among the runs of its direction.
+    /// Number of the run among those of its direction.
     pub number: u32,
     /// Targets and deviations.
     pub points: Vec<(f64, f64)>,
 }
 
-/// A curve and its residuals.
+/// A curve, and its residuals.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Branch {
     /// The direction; `None`: both.
@@ -274,7 +274,7 @@ pub struct Band {
     pub low: Vec<f64>,
     /// Upper limit at each coordinate.
     pub high: Vec<f64>,
-    /// What was resampled to compute the band.
+    /// The resampling method for the band.
     pub source: BandSource,
 }
 
@@ -285,7 +285,7 @@ pub struct FitNumbers {
     pub kind: String,
     /// Number of mean readings.
     pub readings: usize,
-    /// Readings minus curve.
+    /// Statistics of the readings minus the curve.
     pub residual: Residual,
     /// The leave-one-out error; `None` if a reading cannot be predicted from the others.
     pub leave_one_out: Option<f64>,
@@ -347,35 +347,35 @@ pub struct Square {
     pub angle_urad: f64,
     /// The location errors that contribute to the squareness.
     pub from: Vec<Tilt>,
-    /// True if measured in this calibration; false if it comes from the machine file.
+    /// Whether the angle was measured in this calibration; otherwise it comes from the machine file.
     pub measured: bool,
 }
 
 /// A location error that contributes to a squareness.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tilt {
-    /// Name.
+    /// Name of the location error.
     pub error: String,
-    /// Value, µrad.
+    /// Value of the location error, µrad.
     pub urad: f64,
-    /// Standard uncertainty from the stated contributions, µrad; `None` without any.
+    /// Standard uncertainty from the contributions in the files, µrad; `None` without any.
     pub uncertainty: Option<f64>,
 }
 
 /// A location error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Location {
-    /// Name.
+    /// Name of the location error.
     pub error: String,
-    /// Value.
+    /// Value of the location error.
     pub value: f64,
     /// `µm` or `µrad`.
     pub unit: String,
-    /// The stated standard uncertainty (k = 1).
+    /// Standard uncertainty (k = 1) from the calibration file.
     pub uncertainty: Option<f64>,
 }
 
-/// The source of the errors of a state.
+/// Which errors a state has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
@@ -392,7 +392,7 @@ pub enum State {
 /// A result with its state.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OfState<T> {
-    /// The source of the errors.
+    /// Which errors the state has.
     pub state: State,
     /// The result.
     pub found: T,
@@ -425,13 +425,13 @@ pub struct Volume {
     pub before: OfState<Size>,
     /// The state after compensation.
     pub after: Option<OfState<Size>>,
-    /// True if a machine has thermal terms, which are left out.
+    /// Whether a machine has thermal terms, which are not included.
     pub has_thermal: bool,
-    /// True if curves of the machine of the last state cover only part of the travel.
+    /// Whether curves of the machine of the last state cover only part of the travel.
     pub is_partly_measured: bool,
     /// The undetermined errors of the machine of the last state.
     pub undecided: Vec<String>,
-    /// True if the machine of the last state has any error.
+    /// Whether the machine of the last state has any error.
     pub knows_errors: bool,
     /// Maps on planes through the middle of the working space.
     pub slices: Vec<Slice>,
@@ -441,7 +441,7 @@ pub struct Volume {
     pub vectors: Vec<Vector>,
     /// Number of poses of all axes over which the workpiece was aligned.
     pub poses: usize,
-    /// The axes that are not moved in the maps and vectors, and their coordinates.
+    /// The axes that do not move in the maps and vectors, and their coordinates.
     pub standing: Vec<Standing>,
 }
 
@@ -450,7 +450,7 @@ pub struct Volume {
 pub struct Standing {
     /// The letter.
     pub axis: String,
-    /// Its coordinate: deg for a rotary axis, else mm.
+    /// Coordinate of the axis: deg for a rotary axis, else mm.
     pub at: f64,
 }
 
@@ -469,12 +469,12 @@ pub struct Size {
     pub tilt_urad: f64,
     /// The pose of the largest error of the tip after alignment.
     pub at: Vec<Standing>,
-    /// The tool of that error; empty: the one in the spindle.
+    /// The tool with that error; empty: the tool in the spindle.
     pub tool: String,
 }
 
 impl Size {
-    /// The pose of the largest error of the tip and its tool, such as `X 500.0, C 90.0, T5`.
+    /// The pose and the tool of the largest error of the tip, such as `X 500.0, C 90.0, T5`.
     pub fn place(&self) -> String {
         let pose = place(&self.at);
         if self.tool.is_empty() {
@@ -485,7 +485,7 @@ impl Size {
     }
 }
 
-/// A pose, such as `X 500.0, C 90.0`.
+/// Formats a pose, such as `X 500.0, C 90.0`.
 pub(crate) fn place(at: &[Standing]) -> String {
     let parts: Vec<String> = at
         .iter()
@@ -494,22 +494,22 @@ pub(crate) fn place(at: &[Standing]) -> String {
     parts.join(", ")
 }
 
-/// The length of the error over a plane, after alignment of the workpiece.
+/// The magnitude of the error over a plane, after alignment of the workpiece.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Slice {
     /// The axis to the right.
     pub across: String,
     /// The axis upwards.
     pub up: String,
-    /// The axis that is held; `None` on a machine without a third one.
+    /// The axis that does not move; `None` on a machine without a third axis.
     pub held: Option<Standing>,
     /// The nodes to the right, mm.
     pub x: Vec<f64>,
     /// The nodes upwards, mm.
     pub y: Vec<f64>,
-    /// The length of the error before, µm; the axis to the right varies fastest.
+    /// The magnitude of the error before compensation, µm; the axis to the right varies fastest.
     pub before_um: Vec<f64>,
-    /// The length of the error after, µm.
+    /// The magnitude of the error after compensation, µm.
     pub after_um: Option<Vec<f64>>,
 }
 
@@ -518,9 +518,9 @@ pub struct Slice {
 pub struct Vector {
     /// The position, mm.
     pub at_mm: [f64; 3],
-    /// The error before, µm.
+    /// The error before compensation, µm.
     pub before_um: [f64; 3],
-    /// The error after, µm.
+    /// The error after compensation, µm.
     pub after_um: Option<[f64; 3]>,
 }
 
@@ -529,16 +529,16 @@ pub struct Vector {
 pub struct Uncertainty {
     /// Result of the Monte Carlo simulation; `None` without one.
     pub drawn: Option<Drawn>,
-    /// Contributions stated in the calibration file.
+    /// Contributions in the calibration file.
     pub stated: Vec<Contribution>,
-    /// Contributions that are not included, in sentences.
+    /// Sentences on contributions that are not included.
     pub not_counted: Vec<String>,
 }
 
-/// A contribution to the uncertainty, as stated in the calibration file.
+/// A contribution to the uncertainty, from the calibration file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Contribution {
-    /// Its key in `[uncertainty]`.
+    /// Key of the contribution in `[uncertainty]`.
     pub key: String,
     /// The standard uncertainty (k = 1).
     pub standard: f64,
@@ -568,11 +568,11 @@ pub struct Identified {
     pub parameters: Vec<Parameter>,
     /// Number of combinations that the observations determine.
     pub rank: usize,
-    /// Number of unknowns that count.
+    /// Number of unknowns that affect the observations.
     pub of: usize,
-    /// How well the determined unknowns can be separated: 1 is best.
+    /// Observability of the determined unknowns: 1 is best.
     pub score: f64,
-    /// Factor by which the uncertainties exceed the stated ones, from the residual of the rows.
+    /// Factor by which the uncertainties exceed the computed ones, from the residual of the rows.
     pub excess: f64,
     /// Residual of the fitted rows.
     pub residual: Left,
@@ -580,11 +580,11 @@ pub struct Identified {
     pub left_out: Option<Left>,
     /// Residual of rows that are only predicted.
     pub judged: Option<Left>,
-    /// Combinations of unknowns without effect on the observations.
+    /// Combinations of unknowns that do not affect the observations.
     pub null_space: Vec<Vec<Weighted>>,
     /// Unknowns that are zero by convention.
     pub redundant: Vec<String>,
-    /// Description of the pose that would help most.
+    /// Description of the pose that would reduce the uncertainty most.
     pub next: Option<String>,
 }
 
@@ -595,8 +595,8 @@ impl Identified {
         all.filter(move |of| of.name.split(' ').next() == Some(error))
     }
 
-    /// True if the observations do not determine an error: one of its coefficients is undetermined, or was assumed zero for the
-    /// identified ones to hold.
+    /// Whether the observations do not determine an error: one of its coefficients is undetermined, or is valid only if an undetermined one
+    /// is zero.
     pub fn leaves_open(&self, error: &str) -> bool {
         self.of_error(error).any(|of| {
             self.left_open()
@@ -604,7 +604,7 @@ impl Identified {
         })
     }
 
-    /// The coefficients that the observations leave open and that are not zero by convention.
+    /// The undetermined coefficients that are not zero by convention.
     pub fn left_open(&self) -> impl Iterator<Item = &str> {
         let open = self.parameters.iter().filter(|of| of.uncertainty.is_none());
         let names = open.map(|of| of.name.as_str());
@@ -629,23 +629,23 @@ pub struct Left {
 /// An unknown in a combination.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Weighted {
-    /// Name.
+    /// Name of the unknown.
     pub name: String,
-    /// Weight.
+    /// Weight in the combination.
     pub weight: f64,
 }
 
 /// One unknown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
-    /// Name.
+    /// Name of the unknown.
     pub name: String,
-    /// Value.
+    /// Value in `unit`.
     pub value: f64,
     /// Standard uncertainty (k = 1); `None`: not determined.
     pub uncertainty: Option<f64>,
     /// The unit.
     pub unit: String,
-    /// The unknowns that must be zero for this value to hold.
+    /// The unknowns that must be zero for this value to be valid.
     pub given_zero: Vec<String>,
 }

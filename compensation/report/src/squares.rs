@@ -13,8 +13,8 @@ const PAIRS: [[AxisName; 2]; 3] = [
     [AxisName::X, AxisName::Z],
 ];
 
-/// The angles between the linear axes that follow from the location errors of a machine. `measured` returns true for pairs whose angle the
-/// calibration determined, `uncertainty` the stated standard uncertainty of an error.
+/// The angles between the linear axes according to the location errors of a machine. `measured` returns whether the calibration determined
+/// the angle of a pair, `uncertainty` the standard uncertainty of an error.
 pub(crate) fn squares(
     machine: &Machine,
     measured: impl Fn([AxisName; 2]) -> bool,
@@ -84,8 +84,8 @@ pub(crate) fn other_locations(
 mod tests {
     use super::*;
 
-    /// By the right-hand rule EC0Y and EA0Z open the angles XY and YZ, EB0Z closes XZ (see `volcomp_metrology::squareness`); the
-    /// same tilt of the other axis does the opposite.
+    /// By the right-hand rule EC0Y and EA0Z increase the angles XY and YZ, and EB0Z decreases XZ (see `volcomp_metrology::squareness`). The
+    /// same tilt of the other axis has the opposite effect.
     #[test]
     fn location_errors_open_and_close_the_angles() {
         let machine = Machine::parse(

@@ -5,7 +5,7 @@ use volcomp_model::Machine;
 
 use crate::report::{AxisTravel, Head};
 
-/// Values stated by the caller; they override those of the files.
+/// Values from the caller, which override those of the files.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Stated {
     /// The name of the machine.

@@ -10,12 +10,12 @@ use crate::{
     squares::pair_of,
 };
 
-/// Symbol of the largest error of the tool tip over poses of all axes, after best-fit rigid-body alignment of the workpiece.
+/// Symbol of the largest error of the tool tip over poses of all axes after best-fit rigid-body alignment of the workpiece.
 pub const VOLUME: &str = "V";
 
-/// Reads `A=10,C.A=30,EC0Y=20`: µm for lengths, µrad for angles. A name is one of: a symbol of ISO 230-2 or VDI/DGQ 3441, for all
+/// Parses `A=10,C.A=30,EC0Y=20`: µm for lengths, µrad for angles. A name is one of: a symbol of ISO 230-2 or VDI/DGQ 3441, for all
 /// positioning tests, those of an axis (`C.A`) or of an error (`EXX.A`); [`VOLUME`]; an error name, for the absolute value of a location
-/// error, or for the range of an error motion (of its mean readings or, without readings, of its curve).
+/// error or for the range of an error motion (of its mean readings or, without readings, of its curve).
 ///
 /// # Errors
 /// The first part that is invalid.
@@ -57,15 +57,15 @@ fn is_of(test: &Positioning, of: Option<&str>) -> bool {
     of.is_none_or(|of| test.error == of || axis().is_ok_and(|axis| axis == of))
 }
 
-/// The positioning tests to which a tolerance applies: those of its error, its axis or all, except tests with a more specific tolerance of
-/// the same symbol.
+/// The positioning tests to which a tolerance applies: those of its error, its axis, or all, except tests that have a more specific
+/// tolerance for the same symbol.
 fn tests_of<'r>(
     report: &'r Report,
     tolerances: &[Tolerance],
     tolerance: &Tolerance,
 ) -> Vec<&'r Positioning> {
     let (of, symbol) = parts(&tolerance.symbol);
-    // An axis name is one letter, an error name is longer.
+    // An axis name has one letter, an error name more.
     let narrowness = |of: Option<&str>| of.map_or(0, str::len);
     let has_narrower = |test: &Positioning| {
         tolerances.iter().any(|other| {
@@ -79,7 +79,7 @@ fn tests_of<'r>(
         .collect()
 }
 
-/// Rejects a limit that would apply to linear axes in µm and to rotary axes in µrad.
+/// Rejects a limit that would apply both to linear axes in µm and to rotary axes in µrad.
 ///
 /// # Errors
 /// The first such tolerance.
@@ -118,7 +118,8 @@ fn symbols() -> Vec<&'static str> {
     [&Edition::symbols()[..], &Vdi3441::symbols()].concat()
 }
 
-/// Checks the figures of a report against tolerances, in the order of the tolerances. A tolerance without a figure is reported as not evaluated.
+/// Checks the figures of a report against tolerances, in the order of the tolerances. A tolerance without a figure is reported as not
+/// evaluated.
 pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
     let symbols = symbols();
     let mut all = Vec::new();
@@ -171,18 +172,18 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         } else if symbol == VOLUME {
             let volume = report.volume.as_ref();
             let last = volume.map(|volume| volume.after.as_ref().unwrap_or(&volume.before));
-            // The Monte Carlo samples are of the identified errors.
+            // The Monte Carlo samples belong to the identified errors.
             let drawn = report
                 .uncertainty
                 .as_ref()
                 .and_then(|all| all.drawn.as_ref())
-                // Without any known scatter there is no spread.
+                // Without any known uncertainty the samples are equal.
                 .filter(|drawn| drawn.max_um > 0.0);
             let found = last.filter(|last| last.state == State::Found);
             let u = drawn
                 .filter(|_| found.is_some())
                 .map(|drawn| 2.0 * drawn.max_um);
-            // If no error of the machine is known, nothing can be concluded.
+            // Without any known error of the machine there is no verdict.
             let value = last.filter(|last| match last.state {
                 State::Found => report.knows_errors(),
                 _ => volume.is_some_and(|volume| volume.knows_errors),
@@ -210,13 +211,13 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
     all
 }
 
-/// The subject of the size of an error.
+/// What a tolerance for the size of an error refers to.
 fn of_error_on(report: &Report, error: ErrorName) -> CheckOf {
     let name = error.to_string();
     // The range of mean readings does not depend on the curve.
     let mut curves = report.curves.iter();
     let is_of_readings = curves.any(|of| of.error == name && !of.lines.is_empty());
-    // The squareness of two axes may be stated for either of them.
+    // The tolerance of a squareness may name either axis of the pair.
     let pair = pair_of(error).filter(|_| error.location);
     let is_it = |of: ErrorName| of == error || of.location && pair.is_some() && pair_of(of) == pair;
     let mut undecided = report.undecided.iter().filter_map(|of| of.parse().ok());
@@ -229,7 +230,7 @@ fn of_error_on(report: &Report, error: ErrorName) -> CheckOf {
     }
 }
 
-/// The size of an error, and its expanded uncertainty (k = 2) if its contributions are stated.
+/// The size of an error, and its expanded uncertainty (k = 2) if contributions are known.
 fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     let found = report.identified.as_ref();
     if found.is_some_and(|of| of.leaves_open(name)) {
@@ -254,7 +255,7 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     let mut squares = report.squareness.iter();
     let square = squares.find_map(|square| {
         let of = square.from.iter().find(|from| from.error == name);
-        // The angle of the pair may be stated for its other axis.
+        // The angle of the pair may belong to its other axis.
         of.map(|from| (square, from.urad.abs().max(square.angle_urad.abs())))
     });
     if let Some((square, value)) = square {
@@ -272,7 +273,7 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
 }
 
 /// The smallest and the largest mean reading, each with its position; `None` with too few targets for two readings to differ (for a
-/// straightness, after removal of the fitted line).
+/// straightness after removal of the fitted line).
 fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
     let means = curve
         .lines
@@ -295,16 +296,15 @@ fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
     Some([*low, *high])
 }
 
-/// The standard uncertainty (k = 1) that the calibration file states under a key.
+/// The standard uncertainty (k = 1) with this key in the calibration file.
 fn stated(report: &Report, key: &str) -> Option<f64> {
     let of = report.uncertainty.as_ref()?;
     let mut stated = of.stated.iter();
     stated.find(|of| of.key == key).map(|of| of.standard)
 }
 
-/// The standard uncertainty of the range of mean readings: two readings, each with its own, and, for a length, the scale over their
-/// distance `apart`. `None` without stated contributions, and for curves derived from readings of another kind (summed tilts, other
-/// errors).
+/// The standard uncertainty of the range of mean readings: that of two readings and, for a length, of the scale over their distance
+/// `apart`. `None` without contributions, and for curves derived from other readings (summed tilts, other errors).
 fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
     let direct = |line: &crate::report::CurveLine| !line.runs.is_empty();
     if !curve.lines.iter().all(direct) {
@@ -328,8 +328,8 @@ fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
     Some(of_readings.hypot(of_scale))
 }
 
-/// The standard uncertainty of a squareness: that of its unknown if it was identified, otherwise that of the stated reference angle if it
-/// was measured. If several location errors make up the angle, none of them has the uncertainty of the reference.
+/// The standard uncertainty of a squareness: that of its unknown if it was identified, or that of the reference angle if it was measured.
+/// If several location errors make up the angle, the uncertainty of the reference belongs to none of them alone.
 fn of_square(report: &Report, square: &Square, name: &str) -> Option<f64> {
     let mut from = square.from.iter();
     let of_statement = || from.find(|of| of.error == name)?.uncertainty;
@@ -341,7 +341,7 @@ fn identified(report: &Report, name: &str) -> Option<f64> {
     let found = report.identified.as_ref()?;
     let mut parameters = found.parameters.iter();
     let of_statements = parameters.find(|of| of.name == name)?.uncertainty?;
-    // If the residual of the observations exceeds their uncertainty, the uncertainty of the unknowns grows by the same factor.
+    // If the residual of the observations exceeds their uncertainty, the uncertainty of the unknowns is scaled by the same factor.
     Some(of_statements * found.excess)
 }
 

@@ -9,17 +9,17 @@ use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::report::{Drawn, OfState, Size, Slice, Standing, State, Vector, Volume};
 
-/// Number of nodes along an axis of a drawn plane.
+/// Number of nodes along each axis of a drawn plane.
 const CELLS: usize = 25;
-/// Number of error vectors along an axis.
+/// Number of error vectors along each axis.
 const VECTORS: usize = 5;
 
 /// The error at a pose: position (mm) and rotation (rad) in workpiece axes.
 pub type ErrorAt<'a> = &'a dyn Fn(&Pose) -> [f64; 6];
 
 /// The errors of one or two states of a machine: their size over poses of all axes, and maps over the working space with other axes at
-/// `others` (mm or deg). `judged` is the machine whose errors the last state has. Each state has one field per tool; the first is the tool
-/// of the maps. `None` for a machine without two of the axes X, Y and Z.
+/// `others` (mm or deg). `judged` is the machine whose errors the last state has. Each state has one field per tool; the maps use the
+/// first. `None` for a machine that lacks two of the axes X, Y and Z.
 ///
 /// # Errors
 /// The errors of [`Machine::state`] for `others`.
@@ -94,7 +94,7 @@ pub fn volume(
     }))
 }
 
-/// The axes that are not moved over the working space, and their coordinates.
+/// The axes that do not move over the working space, and their coordinates.
 fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<Standing> {
     let moved = [AxisName::X, AxisName::Y, AxisName::Z];
     let stand = machine
@@ -113,7 +113,7 @@ fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<Standing> {
         .collect()
 }
 
-/// A pose in mm and deg.
+/// The coordinates of a pose, mm and deg.
 fn standing_at(machine: &Machine, pose: &Pose) -> Vec<Standing> {
     let axes = machine.axes().iter().zip(&pose.q);
     axes.map(|(axis, q)| Standing {
@@ -188,7 +188,7 @@ fn slices(
             let place = grid.axes.iter().position(|axis| *axis == name);
             place.map_or_else(Vec::new, |place| grid.nodes_mm[place].clone())
         };
-        // X varies fastest, then Y: `across` comes before `up`, and the third has one node.
+        // X varies fastest, then Y, so `across` varies before `up`; the third axis has one node.
         let poses: Vec<Pose> = (0..grid.len())
             .map(|index| grid.node(machine, index).1)
             .collect();
@@ -218,7 +218,7 @@ fn slices(
 /// [extreme tools](Machine::extreme_tools).
 ///
 /// # Errors
-/// A range of tools that the machine file does not state.
+/// The tools of the machine file are invalid.
 pub fn tools(machine: &Machine) -> Result<Vec<(&str, Machine)>, ModelError> {
     let mut tools = vec![("", Machine::clone(machine))];
     for name in machine.extreme_tools()? {
@@ -255,7 +255,7 @@ pub fn uncertainty(
     {
         let own = machine.chain().ideal_tip_mm(&pose);
         for (_, with_tool) in &tools {
-            // The lever by which the rotations of a sample move the other tip.
+            // The lever with which the rotations of a sample move this tool's tip.
             let lever_mm = with_tool.chain().ideal_tip_mm(&pose) - own;
             let error = Vector3::from(ensemble.uncertainty_of(|drawn| {
                 let [x, y, z, a, b, c] = drawn.evaluate(&pose).into_six();

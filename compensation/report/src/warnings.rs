@@ -17,7 +17,7 @@ pub(crate) fn of_calibration(
 ) -> Vec<Warning> {
     let mut all = Vec::new();
     let mut add = |kind: WarningKind, text: String| {
-        // A message that occurs twice is kept at its most severe kind.
+        // A message that occurs twice is kept with its most severe kind.
         if all.iter().all(|warning: &Warning| warning.text != text) {
             all.push(Warning { kind, text });
         }
@@ -91,7 +91,7 @@ pub(crate) fn of_calibration(
     all
 }
 
-/// Converts texts of another part to warnings of a kind.
+/// Converts texts to warnings of this kind.
 pub(crate) fn warnings<T: ToString>(
     kind: WarningKind,
     texts: &[T],
@@ -102,7 +102,7 @@ pub(crate) fn warnings<T: ToString>(
     })
 }
 
-/// True if both axes of a pair belong to a squareness of the calibration file.
+/// Whether a squareness of the calibration file is between these two axes.
 pub(crate) fn is_measured(calibration: &Calibration, pair: [AxisName; 2]) -> bool {
     let named = calibration.squareness.iter().map(|(error, _)| *error);
     let found = calibration

@@ -14,8 +14,8 @@ use crate::{
 };
 
 impl Report {
-    /// Adds the body diagonals and the volumetric error of the errors of `machine`, without correction, for the tools at both ends of their
-    /// range. Returns the note on thermal terms that are left out.
+    /// Adds the body diagonals and the volumetric error of `machine` without correction, for the shortest and the longest tool. Returns the
+    /// note on thermal terms, which are not included.
     ///
     /// # Errors
     /// A machine whose errors cannot be evaluated.
@@ -56,7 +56,7 @@ impl Report {
         Ok(self.leave_out_temperatures(machine.thermal().reference_degc, [machine]))
     }
 
-    /// Records that the thermal terms of these machines are left out, which makes a figure within its tolerance undecided. Returns the
+    /// Records that the thermal terms of these machines are not included, which makes a figure within its tolerance undecided. Returns the
     /// note; `None` for machines without thermal terms.
     pub fn leave_out_temperatures<'a>(
         &mut self,
@@ -85,8 +85,8 @@ impl Report {
     }
 }
 
-/// The body diagonals of a machine with the errors of `actual`, other axes at `others` (mm or deg); `command` gives the commanded pose of a
-/// target. `None` for a machine without one of the axes X, Y and Z.
+/// The body diagonals of a machine with the errors of `actual`, other axes at `others` (mm or deg); `command` returns the commanded pose of
+/// a target. `None` for a machine that lacks one of the axes X, Y and Z.
 ///
 /// # Errors
 /// The errors of [`Machine::state`] for `others`.

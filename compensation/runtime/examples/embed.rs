@@ -1,4 +1,4 @@
-//! Corrects a simulated machine in its own program; prints its error without and with correction.
+//! Corrects a simulated machine in the same program, and prints its error without and with correction.
 
 use std::{error::Error, sync::Arc, time::Duration};
 

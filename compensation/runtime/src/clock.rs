@@ -34,12 +34,12 @@ impl Deadlines {
 
     /// Sleeps until the next deadline and returns it.
     pub(crate) fn wait(&self) -> Duration {
-        // A signal interrupts the sleep: continue.
+        // A signal interrupts the sleep, which is then continued.
         while clock_nanosleep_absolute(ClockId::Monotonic, &timespec(self.next)).is_err() {}
         self.next
     }
 
-    /// Advances to the next deadline after `now`, skipping those that have passed so that no burst follows. Returns the number of skipped periods.
+    /// Advances to the next deadline after `now` and returns the number of skipped periods. Skipping prevents a burst of cycles.
     pub(crate) fn done(&mut self, now: Duration) -> u32 {
         self.next = self.next.saturating_add(self.period);
         if now <= self.next {
@@ -52,8 +52,8 @@ impl Deadlines {
     }
 }
 
-/// Wakes at the deadlines of a control thread and only reports the time, the wake-up latency and the number of missed periods: the computer's share
-/// of the cycle time.
+/// Wakes at the deadlines of a control thread and reports the time, the wake-up latency and the number of missed periods, to measure the
+/// computer's share of the cycle time.
 pub fn tick(period: Duration, during: Duration, report: &mut dyn FnMut(Duration, Duration, u32)) {
     let begun = monotonic();
     let mut deadlines = Deadlines::new(period);
@@ -83,7 +83,7 @@ fn timespec(time: Duration) -> Timespec {
 mod tests {
     use super::*;
 
-    /// The grid of deadlines is kept.
+    /// Deadlines stay on their grid.
     #[test]
     fn an_overrun_skips_to_the_next_period() {
         let ms = Duration::from_millis;

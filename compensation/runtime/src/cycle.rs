@@ -35,36 +35,37 @@ use crate::{
 pub struct CycleDurations {
     /// Time of the exchanges with controllers.
     pub exchange: Duration,
-    /// Compute time, by the CPU clock of the thread.
+    /// Compute time of the thread, by its CPU clock.
     pub own: Duration,
 }
 
 /// Time without an answer after which a standby path is reported.
 const STANDBY_SILENT: Duration = Duration::from_secs(2);
 
-/// The output is remembered for between one and two windows: longer than three readings of a standby path plus a write on its way.
+/// Outputs are kept for one to two windows, which is longer than three readings of a standby path plus a write in transit.
 const WINDOW: Duration = Duration::from_millis(500);
 
-/// Reference data for checking the standby paths.
+/// Past outputs, for checking the corrections that standby paths report.
 #[derive(Clone, Copy, Debug, Default)]
 struct StandbyCheck {
-    /// Start of the current window; the smallest and the largest output of each machine axis in this window and the previous one.
+    /// Start of the current window.
     begun: Duration,
+    /// Smallest and largest output of each machine axis in this window, then in the previous one.
     ranges: [[PerAxis<f64>; 2]; 2],
-    /// Paths that reported a foreign correction at their last confirmation.
+    /// Paths whose last confirmed correction differed from the output.
     holds: [bool; MAX_PATHS],
-    /// The path that takes over once the cycle holds its controller.
+    /// The preferred path, while its thread still holds the controller.
     wanted: Option<usize>,
 }
 
 impl StandbyCheck {
-    /// Adds an output of a machine axis to the window.
+    /// Adds an output of a machine axis to the current window.
     fn add(&mut self, axis: usize, output: f64) {
         let [low, high] = &mut self.ranges[0];
         (low[axis], high[axis]) = (low[axis].min(output), high[axis].max(output));
     }
 
-    /// Starts a new window when the present one is over.
+    /// Starts a new window if the current one is over.
     fn advance(&mut self, now: Duration, outputs: &PerAxis<f64>) {
         if now.saturating_sub(self.begun) >= WINDOW {
             self.begun = now;
@@ -72,14 +73,14 @@ impl StandbyCheck {
         }
     }
 
-    /// Whether the output of a machine axis passed this value within the windows.
+    /// Whether the output of a machine axis was at this value within the two windows.
     fn has_passed(&self, axis: usize, value: f64, step: f64) -> bool {
         let low = self.ranges[0][0][axis].min(self.ranges[1][0][axis]);
         let high = self.ranges[0][1][axis].max(self.ranges[1][1][axis]);
         (low - step..=high + step).contains(&value)
     }
 
-    /// Whether a path applies a correction that the output never was: all paths lead to the same axes.
+    /// Whether a path reports a correction that differs from every recent output, although all paths lead to the same axes.
     fn reports_other_correction(&self, path: &ControlPath, confirmed: &Confirmed) -> bool {
         let limits = path.limits();
         (0..limits.count).any(|i| {
@@ -109,9 +110,9 @@ pub struct Cycle {
     checks: PerAxis<PositionCheck>,
     sensors: Sensors,
     degraded: bool,
-    /// True if the stored state shows, or the operator confirmed, that no path had a remaining correction at the start.
+    /// Whether no path has a correction from before the start, by the stored state or by the operator's confirmation.
     left_nothing: bool,
-    /// Time of the last interlock since the start.
+    /// Time of the last cycle with an interlock.
     stopped: Duration,
     standby: StandbyCheck,
     lag: Lag,
@@ -126,11 +127,11 @@ pub struct Cycle {
 }
 
 impl Cycle {
-    /// A cycle over these paths in order of preference; a preferred path takes over again after it was usable for `hand_back`.
+    /// A cycle over these paths in order of preference. A preferred path takes over again once it has been usable for `hand_back`.
     ///
     /// # Errors
-    /// [`PlanError::Paths`]: no path, or more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS). [`PlanError::Period`]: a period other than the one for
-    /// which a path was planned. Those of [`PathPlan::check_together`](crate::PathPlan::check_together).
+    /// [`PlanError::Paths`]: no path, or more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS). [`PlanError::Period`]: a path was planned for
+    /// another period. Those of [`PathPlan::check_together`](crate::PathPlan::check_together).
     pub fn new(
         model: Box<Model>,
         mut paths: Vec<ControlPath>,
@@ -192,7 +193,7 @@ impl Cycle {
         })
     }
 
-    /// Adds controllers from which positions of further axes are only read. In reports they follow the paths.
+    /// Adds controllers from which only positions of further axes are read. In reports they follow the paths.
     ///
     /// # Errors
     /// [`PlanError::Paths`]: more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS) together with the paths.
@@ -212,14 +213,14 @@ impl Cycle {
         self
     }
 
-    /// Sets the start of the cycle's time, instead of the creation of the cycle: for clocks advanced by a test.
+    /// Sets the start of the cycle's time (default: the creation of the cycle), for clocks advanced by a test.
     #[must_use]
     pub fn with_start(mut self, start: Instant) -> Self {
         self.start = start;
         self
     }
 
-    /// Sets the clock, also within a cycle: for clocks advanced by a test.
+    /// Sets the clock, for tests that also advance it within a cycle.
     #[must_use]
     pub fn with_clock(mut self, clock: Clock) -> Self {
         self.start = clock.start();
@@ -227,8 +228,8 @@ impl Cycle {
         self
     }
 
-    /// Restores the last correction (mm, rad) that was sent before the program ended, `age` ago, for controllers without read-back. NaN means
-    /// unknown; without this call it is unknown for paths that do not answer.
+    /// Restores the correction (mm, rad) that the program sent last before it ended, `age` ago, for controllers without read-back. NaN
+    /// means unknown. Without this call the correction of paths that do not answer is unknown.
     pub fn restore(&mut self, correction: &PerAxis<f64>, age: Duration) {
         self.left_nothing = correction.iter().all(|value| *value == 0.0);
         for path in &mut self.paths {
@@ -239,8 +240,8 @@ impl Cycle {
         }
     }
 
-    /// Starts threads that read the standby paths and the read-only controllers, so that a slow or hanging one does not delay the cycle. Otherwise
-    /// they are read within the cycle, after the write and for at most half a period; use that with clocks advanced by a test.
+    /// Starts threads that read the standby paths and the read-only controllers, so that slow or hanging exchanges do not delay the cycle.
+    /// Without threads they are read within the cycle, after the write, for at most half a period, which suits clocks advanced by a test.
     /// [`start`](crate::start) calls this.
     ///
     /// # Errors
@@ -299,7 +300,7 @@ impl Cycle {
         replacement.carry_over(&self.model);
         std::mem::swap(&mut self.model, replacement);
         self.lag.forget();
-        // The range of valid positions depends on the model, so the next position is judged by that alone.
+        // The range of valid positions depends on the model, so the next position is judged by the range alone.
         let axes = self.model.axes.len();
         for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
             if self.model.position_limits(index, &self.rapid)
@@ -312,7 +313,7 @@ impl Cycle {
             path.fit_to(&self.model);
         }
         let limits = self.paths[self.selector.active()].limits();
-        // Only test shifts change, to zero or back to accepted values, so the guard accepts the limits.
+        // Only the test shifts can differ from accepted limits, so the guard accepts these.
         let _ = self.guard.set_limits(limits);
         Ok(())
     }
@@ -350,8 +351,8 @@ impl Cycle {
         self.report.overruns += missed;
     }
 
-    /// Handles an acknowledgement. If there is an interlock or a fault, it acknowledges that, and the unknown correction left on the active path,
-    /// on which a fault waits. Jumped sensors and corrections left on other paths need another one.
+    /// Handles an acknowledgement. During an interlock or a fault it confirms these, and the unknown correction left on the active path
+    /// that caused a fault. A further acknowledgement confirms jumped sensors and corrections left on other paths.
     fn acknowledge(&mut self, since_start: Duration, input: &CycleInput) {
         let is_fault = matches!(self.guard.state(), GuardState::Faulted(_))
             || input.forbids.contains(Reasons::FAULTED_BEFORE);
@@ -369,7 +370,7 @@ impl Cycle {
         }
     }
 
-    /// Runs one cycle that began at `now`. `own_clock` is the CPU clock of the thread.
+    /// Runs one cycle, which began at `now`. `own_clock` returns the CPU time of the thread.
     pub fn run(
         &mut self,
         now: Instant,
@@ -391,7 +392,7 @@ impl Cycle {
         let mut own = Duration::ZERO;
         if switched {
             own = own_clock().saturating_sub(computes);
-            // Its last reading on standby may be several readings old.
+            // The last reading of the path was made on standby, and may be several readings old.
             let active = self.selector.active();
             let deadline = self.instant() + self.paths[active].exchange_time_out();
             self.read(active, deadline, since_start);
@@ -417,7 +418,8 @@ impl Cycle {
         self.clock.as_ref().map_or_else(Instant::now, Clock::now)
     }
 
-    /// Reads the read-only controllers, after the active path was written so that they do not delay it. Each may take half a cycle.
+    /// Reads the read-only controllers, each for at most half a period. Called after the active path is written, so that they do not delay
+    /// the write.
     fn read_readers(&mut self, since_start: Duration) {
         let hold = self.guard.limits().hold;
         for index in 0..self.readers.len() {
@@ -439,11 +441,11 @@ impl Cycle {
         self.interlocks.update(index, path.interlock());
     }
 
-    /// Updates temperatures, thermal lags and model. It runs in every cycle, because rare work finds cold caches and makes the longest cycles.
+    /// Updates temperatures, thermal lags and model. Runs in every cycle, because rarely executed code finds cold caches and makes cycles long.
     fn thermal(&mut self, since_start: Duration, passed: Duration) {
         self.sensors
             .read(since_start, self.start, &mut self.report.sensors);
-        // A sensor is not treated as missing because the program was paused.
+        // A pause of the program must not let a sensor count as missing.
         let dt = passed.min(self.period * 5);
         self.degraded = self
             .model
@@ -459,7 +461,7 @@ impl Cycle {
             Some(clock) => clock.elapsed(),
             None => since_start + begun.elapsed(),
         };
-        // The same clock as for the age: a test's clock may be far from the system's.
+        // A test's clock may be far from the system's, so the deadline is on the same clock as the age.
         let at = self.instant();
         let path = &mut self.paths[self.selector.active()];
         let left = self.guard.time_to_send(now);
@@ -470,7 +472,7 @@ impl Cycle {
         if sent {
             self.report.sent = Some(path.in_machine(&output.correction));
         }
-        // A barrier may report this frame to all paths that lead to it.
+        // A barrier may report this frame on every path that leads to it.
         if let Some(frame) = path.read_back.last_frame() {
             for path in &mut self.paths {
                 path.read_back.also_sent(frame);
@@ -482,8 +484,8 @@ impl Cycle {
         }
     }
 
-    /// The machine position for the path at `index`: from its own positions, else a read-only controller, else fresh positions of another path,
-    /// else the configured fixed position.
+    /// The machine position for the path at `index`: per axis its own position, else that of a read-only controller, else a fresh position
+    /// of another path, else the configured fixed position.
     fn machine_position(&self, index: usize, now: Duration) -> MachinePosition {
         let path = &self.paths[index];
         let mut place = MachinePosition::default();
@@ -511,13 +513,13 @@ impl Cycle {
         place
     }
 
-    /// Whether a path could correct now.
+    /// Whether a path could correct now, and take over now.
     fn health(&self, index: usize, now: Duration) -> PathHealth {
         let path = &self.paths[index];
         let place = self.machine_position(index, now);
         let complete = place.is_complete(self.model.axes.len());
-        // A standby path is read less often than positions expire, so its own positions are judged at the time of its report. A path that
-        // depends on positions as old as those of the active path is no better than the active path.
+        // A standby path is read less often than positions expire, so its own positions must have been fresh when it was read. If positions
+        // of other controllers that it needs are too old, switching to it is useless.
         let is_young = if index == self.selector.active() {
             path.is_young(place.oldest, now)
         } else {
@@ -531,8 +533,8 @@ impl Cycle {
         }
     }
 
-    /// Whether the applied correction is known once this path writes: the control reports it for all axes that the previous path wrote, or no
-    /// correction of the previous path can remain.
+    /// Whether the applied correction will be known when this path writes: either the control reports it for all axes that the active path
+    /// wrote, or no correction of the active path can remain.
     fn is_ready(&self, index: usize, now: Duration) -> bool {
         let (path, active) = (&self.paths[index], self.selector.active());
         if index == active {
@@ -547,7 +549,7 @@ impl Cycle {
             }
         }
         let Some(sent) = before.last_sent() else {
-            // Nothing was sent since the start: only the reported or the stored correction may be applied.
+            // Nothing was sent since the start, so only the reported or the stored correction can be applied.
             return match before.read_back_status().confirmed {
                 Some(_) => !before.report(now).holds,
                 None => self.left_nothing,
@@ -559,14 +561,14 @@ impl Cycle {
         by_itself.is_some_and(|wait| now.saturating_sub(since) > wait)
     }
 
-    /// Selects the active path. Returns why a preferred one may not take over, and whether the path changed.
+    /// Selects the active path. Returns why a preferred path may not take over, and whether the path changed.
     fn select(&mut self, now: Duration) -> (Reasons, bool) {
         let state = self.guard.state();
         if !self.interlocks.reasons().is_empty() {
             self.stopped = now;
         }
-        // The active path is kept in these states: the operator must check a fault; an interlock holds the correction
-        // on its path; disarming needs no positions.
+        // These states keep the active path: the operator must check a fault; an interlock holds the correction on its path; disarming
+        // needs no positions.
         let disarms = matches!(state, GuardState::RampingOut(End::Disarmed));
         let stays = matches!(state, GuardState::Faulted(_))
             || !self.interlocks.reasons().is_empty()
@@ -588,7 +590,7 @@ impl Cycle {
         }
         self.standby.wanted = (choice.blocked && !is_left).then_some(choice.preferred);
         if choice.switched {
-            // A barrier that is at zero has also dropped what came over lines.
+            // A barrier at zero has also dropped the correction that it received over lines.
             let released = self.paths[before].read_back_status().scheme == Scheme::Barrier;
             self.paths[choice.active].read_back.take_over(now, released);
             let (path, left) = (&self.paths[choice.active], &self.paths[before]);
@@ -599,8 +601,8 @@ impl Cycle {
         (blocked, choice.switched)
     }
 
-    /// The correction by the model at a position, mm and rad; `None` while a position is unknown. `applied` is the correction on the axes, in
-    /// machine order.
+    /// The correction by the model at a position, mm and rad; `None` while a position is unknown. `applied` is the correction on the axes,
+    /// in machine order.
     fn wanted(
         &mut self,
         place: &MachinePosition,
@@ -640,7 +642,7 @@ impl Cycle {
         (Some(wanted), notes)
     }
 
-    /// Reasons for which positions are implausible. While disarmed the next position is accepted as it is.
+    /// Whether positions are implausible, and why. While disarmed, the next position is accepted without comparison.
     fn judge(&mut self, place: &MachinePosition) -> Reasons {
         (self.report.outside_travel, self.report.jumped) = (0, 0);
         let begins = !self.guard.state().is_armed();
@@ -689,7 +691,7 @@ impl Cycle {
         });
         let lost = |then: Duration| now.saturating_sub(then) > path.limits().zero_after;
         if place.oldest.is_some_and(lost) {
-            // Positions of that age are not reported as current.
+            // Positions of this age are not reported as current.
             self.report.known = 0;
             self.report.wanted = PerAxis::ZERO;
             self.commanded = None;
@@ -715,7 +717,7 @@ impl Cycle {
         output
     }
 
-    /// The part of the correction that is kept at this age of the positions.
+    /// The share of the correction that is kept at the present age of the positions.
     fn reduction(
         &mut self,
         place: &MachinePosition,
@@ -749,7 +751,7 @@ impl Cycle {
             if place.known >> index & 1 == 0 {
                 continue;
             }
-            // The threshold of the coarsest controller that reports it; an axis at a fixed position does not reverse.
+            // The threshold of the coarsest controller that reports the axis; an axis at a fixed position does not reverse.
             let paths = self.paths.iter().map(|path| &path.reported);
             let readers = self.readers.iter().map(|reader| &reader.reported);
             let thresholds = paths
@@ -782,8 +784,8 @@ impl Cycle {
         }
     }
 
-    /// Leaves the standby paths to their threads; without threads, reads one of them here, after the active path was written so that they do not
-    /// delay it.
+    /// Hands the controllers of standby paths to their threads. Without threads, reads one standby path here, after the active path was
+    /// written so that the write is not delayed.
     fn release_standbys(&mut self, now: Duration) {
         let (active, wanted) = (self.selector.active(), self.standby.wanted);
         for (index, path) in self.paths.iter_mut().enumerate() {
@@ -803,7 +805,7 @@ impl Cycle {
         }
     }
 
-    /// Reasons to report about the standby paths. `outputs`: the correction on the axes, in machine order.
+    /// Reasons that concern the standby paths. `outputs`: the correction on the axes, in machine order.
     fn standby_notes(&mut self, now: Duration, outputs: &PerAxis<f64>) -> Reasons {
         let active = self.selector.active();
         self.standby.advance(now, outputs);
@@ -815,15 +817,15 @@ impl Cycle {
             if index == active {
                 continue;
             }
-            // An old report is compared with the output of its time, not with the present one.
+            // A report is compared with the recent outputs, not with the present one, because it is older.
             if let Some(confirmed) = &path.read_back_status().confirmed
                 && now.saturating_sub(confirmed.at) <= STANDBY_INTERVAL * 2
             {
                 self.standby.holds[index] = self.standby.reports_other_correction(path, confirmed);
             }
             let report = path.report(now);
-            // A control without read-back keeps its correction, which would add to that of another path, unless it ramps to zero on
-            // its own.
+            // A control without read-back keeps its correction, which would add to that of another path, unless it ramps to zero on its
+            // own.
             let keeps = report.scheme == Scheme::NoReadBack
                 && path
                     .read_back
@@ -877,8 +879,8 @@ impl Cycle {
     }
 }
 
-/// The correction by the model in the axis order of a path; zero for axes that do not correct. If a rotary axis that does not correct has a
-/// remaining correction, it ramps to zero, and all linear axes follow it, including non-correcting ones.
+/// The correction by the model in the axis order of a path; zero for axes that do not correct. A remaining correction on a non-correcting
+/// rotary axis ramps to zero, and all linear axes follow it, including non-correcting ones.
 fn in_channel(path: &ControlPath, wanted: &CoupledCorrection) -> RequestedCorrection {
     let of = |values: &PerAxis<f64>, i: usize| {
         if path.corrects(i) {

@@ -56,18 +56,18 @@ pub enum PlanError {
         "{device}: not_driven: axis {axis}: expected a rotary axis whose position fixed states"
     )]
     NotDriven { device: String, axis: AxisName },
-    /// A fixed position is configured for an axis whose position the controller reports.
+    /// A fixed position is configured for an axis that the controller reports.
     #[error(
         "{device}: fixed: axis {axis} is one of the controller's axes, which shows its position"
     )]
     FixedIsShown { device: String, axis: AxisName },
-    /// None of the axes written by the controller may correct.
+    /// None of the axes that the controller writes may correct.
     #[error("{device}: axes {}: {}", letters(.axes), match .uncorrected {
         false => format!("the machine {machine} lets none of them correct (key `correct` of the machine file)"),
         true => "none of them corrects: a rotary axis corrects only with three linear directions on the same controller, which take back what it moves the tip, and where half its step moves the tip little enough".to_owned(),
     })]
     NothingToCorrect {
-        /// Whether rotary axes among them could correct, but would make the error of the tool larger than without correction.
+        /// Whether written rotary axes may correct, but would increase the error of the tool.
         uncorrected: bool,
         device: String,
         axes: Vec<AxisName>,
@@ -78,17 +78,17 @@ pub enum PlanError {
         "{device}: no fail-safe in the control when the gateway stops: configure a barrier (preferred) or a heartbeat that the control watches, or accept the risk with unwatched = true"
     )]
     Unwatched { device: String },
-    /// Driver and settings disagree whether the control has a barrier.
+    /// Driver and settings disagree on whether the control has a barrier.
     #[error("{device}: {}", match .has {
         true => "the control has a barrier: expected the number of the machine and the time of a scan in the setting `barrier`",
         false => "the setting `barrier` is stated: this device carries no frames to a barrier, expected none",
     })]
     Barrier {
         device: String,
-        /// Whether the driver sends frames to a barrier.
+        /// Whether the driver uses a barrier.
         has: bool,
     },
-    /// The corrections of two controllers would add up.
+    /// The corrections of controllers with different channels would add up.
     #[error(
         "{device}: found the channel {found:?}, expected {expected:?} like the controllers before: corrections by several channels would add up, and only one controller writes at a time"
     )]
@@ -97,7 +97,7 @@ pub enum PlanError {
         found: String,
         expected: String,
     },
-    /// A controller writes an axis that another one does not, and would leave its correction there.
+    /// A controller writes an axis that another one does not, so its correction would remain there after a change.
     #[error(
         "{device}: axis {axis} is not written by {other}, which may take over: a correction of {axis} would stay for good, expected the same axes on both, or a barrier or a time-out on {device} that takes it to zero"
     )]
@@ -106,7 +106,7 @@ pub enum PlanError {
         axis: AxisName,
         other: String,
     },
-    /// A path is configured for thermal terms alone, but the machine has none.
+    /// A path is configured for thermal terms alone, but the machine has no thermal terms.
     #[error("{device}: carries thermal terms only, and the machine {machine} has none")]
     NoThermalTerms { device: String, machine: String },
     /// The device cannot keep up with the cycle.
@@ -118,7 +118,7 @@ pub enum PlanError {
         found_ms: f64,
         shortest_ms: f64,
     },
-    /// A rotary axis is to be corrected, but there are no limits for rotary axes.
+    /// A rotary axis is to be corrected, but no limits for rotary axes are configured.
     #[error("{device}: axis {axis} is rotary: [guard] limit_urad and slew_urad_per_s are missing")]
     NoRotaryLimits { device: String, axis: AxisName },
     /// A limit is invalid.
@@ -215,19 +215,19 @@ fn limits_text(device: &str, axis: Option<AxisName>, error: &LimitsError) -> Str
     )
 }
 
-/// The origin of the step of an axis.
+/// The configuration key or default from which the step of an axis comes.
 fn step_key(unit: &str, default: &str) -> String {
     format!(
         ", which is resolution_{unit} ({default} where it is not stated; on CAN the factor in the DBC file)"
     )
 }
 
-/// Why a running cycle rejects another model or other limits.
+/// Why a running cycle rejects a model or limits.
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum OrderRefusal {
-    /// The model has other axes, or the same in another order: the paths are planned for the present ones.
+    /// The model has other axes, or another order of them, so the paths do not fit it.
     #[error(
         "model: found other axes, or another order of them, expected those of the model that runs"
     )]
@@ -235,7 +235,7 @@ pub enum OrderRefusal {
     /// The cycle has no path with this index.
     #[error("limits of path {path}: the cycle has {paths} paths, counted from 0")]
     NoSuchPath { path: usize, paths: usize },
-    /// Limits for another period.
+    /// The limits are for another period.
     #[error(
         "limits of path {path}: found a period of {found:?}, expected {expected:?}, that of the cycle"
     )]

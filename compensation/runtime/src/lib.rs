@@ -39,7 +39,7 @@ pub use volcomp_guard::{MAX_SENSORS, SensorFlaw, SensorReport};
 pub use volcomp_guard as guard;
 /// Chains, states and corrections.
 pub use volcomp_kinematics as kinematics;
-/// The machine file, from which [`Model`] is made.
+/// The machine file, from which [`Model`] is compiled.
 pub use volcomp_model as machine;
 /// The device interfaces, implemented by drivers or by the caller.
 pub use volcomp_port as port;

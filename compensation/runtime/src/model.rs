@@ -1,4 +1,4 @@
-//! The machine model as evaluated by a cycle. State: the lags of its thermal terms.
+//! The machine model that a cycle evaluates. State: the lags of its thermal terms.
 
 use volcomp_guard::PositionLimits;
 use volcomp_kinematics::{Correctors, Pose, State, nalgebra::Vector3, skew_part};
@@ -13,7 +13,7 @@ mod nodes;
 
 pub use largest_move::LargestMove;
 
-/// Maximum distance of a reported position outside the travel, mm or °: end switches and reference points are there.
+/// Maximum distance of a plausible position outside the travel, mm or °, where end switches and reference points are.
 const OVERTRAVEL_MM_OR_DEG: f64 = 5.0;
 /// Number of sampled positions over the travel of a rotary axis, both ends included.
 const TRAVEL_SAMPLES: u32 = 25;
@@ -31,22 +31,22 @@ fn position_range(axis: &Axis) -> Option<[f64; 2]> {
 pub struct ModelCorrection {
     /// Correction to add to the command, in machine order: mm for linear, rad for rotary axes.
     pub delta: PerAxis<f64>,
-    /// A direction of the tool axis that two rotary axes can correct elsewhere is not corrected here: the pose is within about 1° of a singular
-    /// one.
+    /// Two rotary axes could correct the direction of the tool axis, but part of it is left because the pose is within about 1° of a
+    /// singular one.
     pub singular: bool,
     /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool axis, or omitted.
     pub near_singular: bool,
 }
 
-/// The correction by a model at a state, in the parts of a coupled correction, all in machine order. For any rotary shares δ_r on the axes, the
-/// matching linear shares are `position` + Σ `follow[r]`·δ_r.
+/// The parts of a coupled correction by a model at a state, in machine order. For any rotary corrections δ_r on the axes, the matching
+/// linear corrections are `position` + Σ `follow[r]`·δ_r.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CoupledCorrection {
-    /// Linear shares of the position error while no rotary axis moves, mm; zero for all other axes.
+    /// Linear corrections of the position error while no rotary axis moves, mm; zero for all other axes.
     pub position: PerAxis<f64>,
-    /// Rotary shares of the direction of the tool axis, rad; zero for all other axes.
+    /// Rotary corrections of the direction of the tool axis, rad; zero for all other axes.
     pub rotary: PerAxis<f64>,
-    /// For each rotary axis, whether it corrects or not, how the linear axes follow it so that the tool tip stays in place, mm/rad.
+    /// For each rotary axis, correcting or not: movement of the linear axes that keeps the tool tip in place, mm/rad.
     pub follow: PerAxis<PerAxis<f64>>,
     /// See [`ModelCorrection`].
     pub singular: bool,
@@ -63,28 +63,28 @@ pub struct Model {
     pub name: String,
     /// The checksum of the machine file's content.
     pub hash: String,
-    /// The machine file, serialised again.
+    /// The text of the machine file, serialised from the machine.
     pub text: String,
     /// The axes in machine order.
     pub axes: Vec<AxisName>,
     /// The lower and the upper end of travel of each axis, in machine order.
     pub travel: Vec<[Displacement; 2]>,
-    /// Whether coordinates of the axis are reduced to its travel by whole periods.
+    /// Whether coordinates of each axis are reduced to its travel by whole periods.
     goes_round: Vec<bool>,
     /// Range of valid positions of each axis, mm and rad, in machine order; `None`: unlimited.
     ranges: PerAxis<Option<[f64; 2]>>,
-    /// Nodes of the curves along each axis, at which the model may change abruptly, mm and rad, ascending.
+    /// Nodes of the curves along each axis, where the model may change abruptly, mm and rad, ascending.
     nodes: Vec<Vec<f64>>,
-    /// The nodes, and the positions between them at which the curves must be sampled to find their maximum.
+    /// The nodes, and positions between them, at which the curves must be sampled to find their maximum.
     places: Vec<Vec<f64>>,
-    /// Nodes of its grids over two axes.
+    /// Nodes of the grids over two axes.
     grids: Vec<nodes::GridNodes>,
-    /// Whether an error depends on the direction of approach of the axis.
+    /// Whether errors depend on the direction of approach, by axis.
     reverses: Vec<bool>,
     /// Longest lever from the axis line of each rotary axis to the tool tip over the work space, mm.
     levers_mm: PerAxis<f64>,
     compiled: CompiledMachine,
-    /// The machine without errors, for thermal terms alone.
+    /// The machine with its thermal terms alone.
     only_thermal: CompiledMachine,
     thermal: ThermalState,
 }
@@ -144,8 +144,8 @@ impl Model {
         self.axes.iter().position(|known| *known == name)
     }
 
-    /// Whether the axis at this index can be at a position: within its travel, or anywhere on an axis with `modulo`, whose coordinates are reduced
-    /// to the travel.
+    /// Whether an axis can be at a position: within its travel or, with `modulo`, anywhere, because the coordinate is reduced to the
+    /// travel.
     pub fn is_within_travel(&self, index: usize, position: Displacement) -> bool {
         let travel = self.travel.get(index);
         self.goes_round.get(index) == Some(&true)
@@ -169,7 +169,7 @@ impl Model {
         (self.goes_round.get(index) == Some(&true)).then_some(core::f64::consts::TAU)
     }
 
-    /// Whether a curve may bend between two positions (mm, rad) of the axis at this index: at a node, or beyond its travel.
+    /// Whether a curve may bend between two positions (mm, rad) of the axis at this index: at a node, or outside its travel.
     pub(crate) fn may_bend_between(&self, index: usize, from: f64, to: f64) -> bool {
         let (Some(nodes), Some(travel)) = (self.nodes.get(index), self.travel.get(index)) else {
             return false;
@@ -190,8 +190,8 @@ impl Model {
         self.thermal.sensors()
     }
 
-    /// Advances the thermal terms by `dt_s` with the temperature (°C) of each sensor, `None` for a missing one. Returns whether the sensor of a
-    /// term is missing. Does not allocate.
+    /// Advances the thermal terms by `dt_s` with the temperature (°C) of each sensor, `None` if missing. Returns whether a term lacks its
+    /// sensor. Does not allocate.
     pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) -> bool {
         self.thermal.step(dt_s, degc);
         self.put_thermal();
@@ -208,7 +208,7 @@ impl Model {
         self.thermal.stand(stood_s);
     }
 
-    /// Takes over the lags of another model for the thermal terms driven by the same temperatures. Does not allocate.
+    /// Takes over the lags of another model for thermal terms with the same sensor. Does not allocate.
     pub fn carry_over(&mut self, from: &Self) {
         self.thermal.carry_over(&from.thermal);
         self.put_thermal();
@@ -224,7 +224,7 @@ impl Model {
         !self.compiled.outside_range(state).is_empty()
     }
 
-    /// The correcting axes for a controller that writes only `written`; all others are held. Does not allocate.
+    /// The correcting axes of a controller that writes only `written`; all others are held. Does not allocate.
     pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
         self.compiled.correctors_among(written)
     }
@@ -234,8 +234,8 @@ impl Model {
         self.correction_of(state, self.compiled.correctors())
     }
 
-    /// The correction at a state, solved for the correcting axes while all others are held: two first-order steps, the second with the errors at
-    /// the result of the first. Does not allocate.
+    /// The correction at a state by the correcting axes while all others are held: two first-order steps, the second with the errors at the
+    /// result of the first. Does not allocate.
     pub fn correction_of(&self, state: &State, correctors: &Correctors) -> ModelCorrection {
         let first = self.compiled.first_order_of(state, correctors);
         let there = moved(state, &first.delta);
@@ -248,8 +248,8 @@ impl Model {
         }
     }
 
-    /// The correction in parts. `applied` is the correction on the axes now (mm, rad), reduced by limits and ramps; errors are evaluated at the
-    /// position that it leads to, the actual one. If the whole correction is applied, the sum of the parts equals
+    /// The correction in parts. `applied` is the present correction on the axes (mm, rad), which limits and ramps may have reduced; the
+    /// errors are evaluated at the position that it leads to. If the whole correction is applied, the sum of the parts equals
     /// [`correction_of`](Self::correction_of). Does not allocate.
     pub fn wanted(
         &self,
@@ -260,7 +260,7 @@ impl Model {
         self.wanted_by(false, state, correctors, applied)
     }
 
-    /// Same as [`wanted`](Self::wanted), for thermal terms alone (`true`) or for the whole model. Does not allocate.
+    /// [`wanted`](Self::wanted) for thermal terms alone (`true`) or for the whole model. Does not allocate.
     pub fn wanted_by(
         &self,
         only_thermal: bool,
@@ -285,10 +285,10 @@ impl Model {
         }
     }
 
-    /// The correcting axes of a path: the axes of [`correctors_among`](Self::correctors_among), without rotary axes whose correction would
-    /// increase the error of the tool. All rotary axes are excluded if the correcting linear axes do not span all directions, because they cannot
-    /// compensate the tip movement of a rotary axis. A single rotary axis is excluded if half a step (`steps`, rad, in machine order) moves the
-    /// tip by more than `most`. Does not allocate.
+    /// The correcting axes of a path: those of [`correctors_among`](Self::correctors_among) without rotary axes whose correction would
+    /// increase the error of the tool. If the correcting linear axes do not span all directions, all rotary axes are excluded, because
+    /// their movement of the tip cannot be compensated. A rotary axis is also excluded if half a step (`steps`, rad, in machine order)
+    /// moves the tip by more than `most`. Does not allocate.
     pub fn correctors_of_path(
         &self,
         written: &[AxisName],
@@ -303,8 +303,9 @@ impl Model {
         correctors
     }
 
-    /// The axes that follow a rotary axis where the correcting axes cannot, because they have fewer than three linear directions: all axes that a
-    /// controller writes, whether they correct or not. `None` if the correcting axes can, or no rotary axis is written. Does not allocate.
+    /// The axes that follow a rotary axis if the correcting axes cannot, because they have fewer than three linear directions: all axes
+    /// that a controller writes, correcting or not. `None` if the correcting axes can follow, or no rotary axis is written. Does not
+    /// allocate.
     pub(crate) fn followers(
         &self,
         written: &[AxisName],
@@ -315,7 +316,7 @@ impl Model {
             .then(|| Correctors::choose(self.compiled.chain(), written))
     }
 
-    /// The correcting axes on the path of a controller: see [`correctors_of_path`](Self::correctors_of_path).
+    /// The correcting axes of a controller: see [`correctors_of_path`](Self::correctors_of_path).
     pub fn correctors_of(&self, controller: &Description, most: Mm) -> Correctors {
         let written: Vec<AxisName> = controller.axes.iter().map(|axis| axis.name).collect();
         let mut steps = PerAxis::ZERO;
@@ -327,8 +328,8 @@ impl Model {
         self.correctors_of_path(&written, &steps, most)
     }
 
-    /// A pose (mm, rad in machine order) within the travels in which rotary axes have turned two of the correcting linear axes nearly parallel;
-    /// `None` if there is none. Samples 25 positions of each rotary axis.
+    /// A pose (mm, rad in machine order) within the travels in which rotary axes turn two of the correcting linear axes nearly parallel;
+    /// `None` if no sample is one. Samples 25 positions of each rotary axis.
     pub fn linear_near_singular(&self, correctors: &Correctors) -> Option<PerAxis<f64>> {
         let rotary = (0..self.axes.len()).filter(|axis| self.axes[*axis].is_rotary());
         let rotary: Vec<(usize, u32)> = rotary.map(|axis| (axis, TRAVEL_SAMPLES)).collect();
@@ -338,16 +339,15 @@ impl Model {
         })
     }
 
-    /// The largest position error due to the resolution of a rotary correction: half a step times the longest lever from its axis line to the tool
-    /// tip over the work space. `index` is in machine order; zero for a linear axis and for an invalid index. Levers are longest with linear axes
-    /// at the ends of their travel, and are compared there; the other rotary axes are sampled at 25 positions, the ends of their travel included.
-    /// Does not allocate.
+    /// The largest position error due to the resolution of a rotary correction: half a step times the longest lever from its axis line to
+    /// the tool tip over the work space. `index` is in machine order; zero for a linear axis and for an invalid index. Levers are sampled
+    /// at the ends of the linear travels, where they are longest, and at 25 positions of the other rotary axes. Does not allocate.
     pub fn rotary_step_error(&self, index: usize, step: Rad) -> Mm {
         let lever_mm = self.levers_mm.get(index).copied().unwrap_or(0.0);
         rotary_step_error(lever_mm, step)
     }
 
-    /// Longest lever of each axis over the work space, mm.
+    /// Longest lever of each rotary axis over the work space, mm.
     fn longest_levers(&self) -> PerAxis<f64> {
         PerAxis::from_fn(|index| {
             let mut longest_mm = 0.0_f64;
@@ -372,7 +372,7 @@ impl Model {
         })
     }
 
-    /// Samples axes at the given number of positions over their travels, all others at 0, until `find` returns something.
+    /// Samples the given number of positions of each of these axes over its travel, with all others at 0, until `find` returns a result.
     fn over_places<T>(
         &self,
         axes: &[(usize, u32)],
@@ -399,8 +399,8 @@ impl Model {
         }
     }
 
-    /// The error of the tool at a state, in workpiece axes: without correction, and with `correction` (mm, rad) added to the command. The second is
-    /// the movement of the ideal tool through the chain due to the correction, plus the error of the machine at the resulting position. Does not
+    /// The error of the tool at a state, in workpiece axes: without correction, and with `correction` (mm, rad) added to the command. The
+    /// latter is the movement of the ideal tool by the correction, plus the error of the machine at the resulting position. Does not
     /// allocate.
     pub fn errors(&self, state: &State, correction: &PerAxis<f64>) -> [ToolError; 2] {
         let there = moved(state, correction);
@@ -413,7 +413,7 @@ impl Model {
         ]
     }
 
-    /// The error against the ideal pose `commanded` with the axes at `state`, whose ideal pose is `reached`.
+    /// The error against the ideal pose `commanded` if the axes are at `state`, whose ideal pose is `reached`.
     fn error_against(&self, commanded: &Pose, reached: &Pose, state: &State) -> ToolError {
         let chain = self.compiled.chain();
         let (tip, axis) = (chain.tool_tip_mm(), chain.tool_axis());
@@ -430,7 +430,7 @@ impl Model {
         }
     }
 
-    /// The model after temperatures (°C, by sensor name) have been steady for a long time.
+    /// The model in the steady state at these temperatures (°C, by sensor name).
     #[must_use]
     pub fn warmed(&self, degc: impl Fn(&str) -> Option<f64>) -> Self {
         let mut warm = self.clone();
@@ -438,7 +438,7 @@ impl Model {
         warm
     }
 
-    /// The model as a replacement of a running one: takes over its lagged temperatures where both have them; the others start at these
+    /// The model as a replacement of a running one: it takes over lagged temperatures that both have; the others start at these
     /// temperatures (°C, by sensor name).
     #[must_use]
     pub fn in_place_of(&self, running: &Self, degc: impl Fn(&str) -> Option<f64>) -> Self {
@@ -463,8 +463,8 @@ fn moved(state: &State, delta: &PerAxis<f64>) -> State {
     there
 }
 
-/// Position error of a rotary correction that is rounded to whole steps: half a step times the lever (distance of the tool tip from the axis line),
-/// mm/rad.
+/// Largest position error of a rotary correction due to its resolution, mm: half a step times the lever, which is the distance of the tool
+/// tip from the axis line.
 pub fn rotary_step_error(lever_mm: f64, step: Rad) -> Mm {
     Mm(0.5 * step.0.abs() * lever_mm)
 }
@@ -496,7 +496,7 @@ mod tests {
         );
     }
 
-    /// With A held, Z takes over the share that A would correct.
+    /// With A held, Z takes over the part that A would correct.
     #[test]
     fn models_are_compared_by_the_written_axes() {
         let model = |urad: f64| {

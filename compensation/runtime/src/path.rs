@@ -26,36 +26,36 @@ use crate::{
 /// One controller and its read-back.
 ///
 /// Invariants:
-/// - `device` may be held by the thread that reads it on standby; everything else is here, so a cycle never waits for it.
-/// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; then `answered_at` is set as
-///   well. `read_at` never decreases: an answer to an earlier request is dropped.
-/// - `seen` has positions without the correction. A reading that contains an unknown correction is never stored there.
-/// - `correctors` and `followers` are those of the active model: `fit_to` is called with every new one. `limits` has the
-///   planned test shifts, `limits()` those of the correcting axes.
+/// - The thread that reads `device` on standby may hold it. All other data are here, so a cycle never waits for the thread.
+/// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; `answered_at` is then
+///   set too. `read_at` never decreases: answers to earlier requests are dropped.
+/// - `seen` holds positions without the correction. A reading with an unknown correction is never stored there.
+/// - `correctors` and `followers` belong to the active model: `fit_to` is called with every new one. `limits` has the planned test shifts,
+///   `limits()` only those of correcting axes.
 /// - Every correction recorded as sent in `read_back` was sent by `send`, or by another path to the same barrier.
 pub struct ControlPath {
     pub(crate) device: ControllerSlot,
-    /// The driver's description of the controller, which another thread may hold.
+    /// The driver's description of the controller, kept here because another thread may hold the controller.
     pub(crate) description: Description,
     limits: Limits,
     pub(crate) read_back: ReadBack,
-    /// Whether the control ramps to zero on its own without writes.
+    /// Whether the control ramps to zero on its own when writes stop.
     pub(crate) goes_to_zero: bool,
     pub(crate) reported: ReportedPositions,
-    /// Steps of the positions, which determine when a direction is treated as reversed, mm or rad.
+    /// Resolution of the positions, mm or rad, from which the thresholds of a reversal follow.
     position_steps: PerChannel<f64>,
-    /// Letters of the written axes, and those of them that correct with the active model.
+    /// Letters of the written axes, then those that correct with the active model.
     names: Vec<AxisName>,
     pub(crate) correctors: Correctors,
-    /// The axes that follow a remaining correction on rotary axes, if the correcting ones cannot.
+    /// The axes that follow a remaining correction on rotary axes, if the correcting axes cannot.
     pub(crate) followers: Option<Correctors>,
-    /// Maximum movement of the tip by half a step of a rotary axis that corrects.
+    /// Maximum movement of the tip by half a step of a correcting rotary axis.
     rotary_step: Mm,
     /// Whether the path carries the correction of thermal terms alone.
     pub(crate) only_thermal: bool,
     /// Machine axes at a configured position, mm and rad.
     pub(crate) fixed: PerAxis<Option<f64>>,
-    /// Reasons reported in every cycle: that nothing monitors the path, that it does not detect other gateways.
+    /// Reasons reported in every cycle, such as a path without monitoring.
     pub(crate) notes: Reasons,
     pub(crate) reading: Option<Snapshot>,
     /// When the flags of the last reading were valid.
@@ -63,7 +63,7 @@ pub struct ControlPath {
     /// When the controller was last read, and when it last answered.
     read_at: Option<Duration>,
     answered_at: Option<Duration>,
-    /// When something that may have arrived was last sent to the controller.
+    /// Time of the last message to the controller that may have arrived.
     sent: Option<Duration>,
 }
 
@@ -109,8 +109,8 @@ impl ControlPath {
         })
     }
 
-    /// Replaces the owner number of a path with a barrier, which this run of the program drew: for one of several machines ([`next_owner`]), and
-    /// for simulated restarts. No effect without a barrier.
+    /// Replaces the random owner number of a path with a barrier, for one of several machines ([`next_owner`]) and for simulated restarts.
+    /// No effect without a barrier.
     ///
     /// # Errors
     /// Axes that a barrier cannot have; never for an unmodified plan.
@@ -132,13 +132,13 @@ impl ControlPath {
     pub(crate) fn set_limits(&mut self, limits: &Limits) -> Result<(), LimitsError> {
         limits.check_in_place_of(&self.limits)?;
         self.limits = *limits;
-        // The movement of a faster correction within the read-back delay must not be treated as a reversal.
+        // Movement by a faster correction within the read-back delay must not count as a reversal.
         let steps = self.position_steps;
         self.reported.reversal = reversals(&self.description, &steps, Some(limits));
         Ok(())
     }
 
-    /// Limits of the path, with test shifts for correcting axes only: nothing is written to other axes.
+    /// Limits of the path. Test shifts of non-correcting axes are zero, because nothing is written to these.
     pub(crate) fn limits(&self) -> Limits {
         let shift = |place: usize| {
             if self.corrects(place) {
@@ -173,7 +173,7 @@ impl ControlPath {
         self.reported.machine_axis.into_iter().take(self.count())
     }
 
-    /// Channel index of each of its axes on another path; `None`: that path does not write it.
+    /// Channel index of each written axis on another path; `None`: the other path does not write it.
     pub(crate) fn places_on(&self, other: &Self) -> PerChannel<Option<usize>> {
         let mut places = PerChannel::default();
         for (place, axis) in places.iter_mut().zip(self.written()) {
@@ -205,7 +205,7 @@ impl ControlPath {
         left_to(&self.description, &other.description).is_some()
     }
 
-    /// Whether its positions are recent enough for correcting.
+    /// Whether the positions of the path are recent enough for correcting.
     pub(crate) fn is_fresh(&self, now: Duration) -> bool {
         self.is_young(self.reported.taken, now)
     }
@@ -215,13 +215,13 @@ impl ControlPath {
         taken.is_some_and(|taken| now.saturating_sub(taken) <= self.limits.hold)
     }
 
-    /// Whether the positions of the controller were recent enough when it reported them.
+    /// Whether the positions were recent enough when the controller reported them.
     pub(crate) fn was_fresh(&self) -> bool {
         self.answered_at
             .is_some_and(|answered_at| self.is_young(self.reported.taken, answered_at))
     }
 
-    /// When something that may have arrived was last sent to the controller.
+    /// Time of the last message to the controller that may have arrived.
     pub(crate) fn last_sent(&self) -> Option<Duration> {
         self.sent
     }
@@ -231,7 +231,7 @@ impl ControlPath {
         self.read_at
     }
 
-    /// The interlock of the last reading, by the age of its flags at that time; `None`: the controller did not answer.
+    /// The interlock of the last reading, by the age that its flags had then; `None`: the controller did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
         let (reading, answered_at) = (self.reading.as_ref()?, self.answered_at?);
         let age = answered_at.saturating_sub(self.flags_taken);
@@ -239,10 +239,10 @@ impl ControlPath {
         Some(interlock_of(reading, shown, age, self.limits.hold))
     }
 
-    /// Timeout of an exchange. Longer than a cycle if positions may be held for longer: a late answer costs a few cycles, a dropped connection
-    /// many.
+    /// Timeout of an exchange. It exceeds a cycle if positions may be held for longer, since a late answer costs a few cycles, but a
+    /// dropped connection many.
     pub(crate) fn exchange_time_out(&self) -> Duration {
-        // Bounds the delay of a cycle, however long positions may be held.
+        // Bounds the delay of a cycle even if positions may be held for seconds.
         let hold = self.limits.hold.min(ceiling::HOLD);
         self.limits.period.mul_f64(0.6).max(hold / 3)
     }
@@ -254,7 +254,7 @@ impl ControlPath {
         read_at.is_some_and(|read_at| now.saturating_sub(read_at) <= silent)
     }
 
-    /// Drops the last reading of a path that has not answered for too long, since an exchange with it hangs. Returns whether there was one.
+    /// Drops the last reading of a path whose exchange hangs for too long. Returns whether there was one.
     pub(crate) fn drop_if_silent(&mut self, now: Duration) -> bool {
         let is_silent = self.reading.is_some() && !self.answers(now);
         if is_silent {
@@ -273,7 +273,7 @@ impl ControlPath {
         self.receive(&read, start, now)
     }
 
-    /// Processes an answer received on standby. Returns whether it was valid; `None` for one that is older than the last.
+    /// Processes an answer received on standby. Returns whether it was valid; `None` if a later one was processed before.
     pub(crate) fn receive_standby(
         &mut self,
         reading: &StandbyReading,
@@ -294,7 +294,7 @@ impl ControlPath {
         }
         let limits = self.limits();
         let held = |at: Instant| at.saturating_duration_since(start);
-        // A device that only repeats data older than the allowed age of positions has not answered.
+        // A device that only repeats data older than the maximum age of positions has not answered.
         let is_young = |snapshot: &Snapshot| self.is_young(Some(held(snapshot.youngest())), now);
         self.reading = (*read).ok().filter(is_young);
         let Some(snapshot) = &self.reading else {
@@ -316,7 +316,8 @@ impl ControlPath {
         true
     }
 
-    /// Stores the positions of the last reading, minus the correction that they contain. If that is unknown they are dropped.
+    /// Stores the positions of the last reading without the correction that they contain. If that correction is unknown, the positions are
+    /// dropped.
     fn take_positions(&mut self, taken: Duration) {
         let Some(snapshot) = &self.reading else {
             return;
@@ -328,7 +329,7 @@ impl ControlPath {
         let mut positions = snapshot.positions;
         for (place, position) in positions.iter_mut().enumerate().take(self.limits.count) {
             if self.limits.axes[place].includes_correction {
-                // An unknown correction makes the position NaN, which is never stored.
+                // An unknown correction makes the position NaN, which is not stored.
                 *position -= applied.map_or(f64::NAN, |applied| applied[place]);
             }
         }
@@ -361,9 +362,9 @@ impl ControlPath {
             }
             Some(controller) => controller.apply(correction, deadline),
         };
-        // A slow control has received the correction only once it has answered.
+        // A slow control has the correction only when it answers.
         let now = now + begun.elapsed();
-        // On lines a failed write has no effect.
+        // A failed write on digital lines has no effect.
         if sent.is_ok() || self.read_back_status().scheme != volcomp_guard::Scheme::NoReadBack {
             self.sent = Some(now);
         }
@@ -403,7 +404,7 @@ fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
     Ok(Some(link))
 }
 
-/// The interlocks of a reading with flags of this age; flags older than `hold` are treated as unknown.
+/// The interlocks of a reading whose flags have this age; flags older than `hold` are unknown.
 pub(crate) fn interlock_of(
     reading: &Snapshot,
     shown: ShownStates,
@@ -423,18 +424,18 @@ pub(crate) fn interlock_of(
     flags.at_age(age, hold, shown)
 }
 
-/// An owner number for the next machine of this process ([`ControlPath::with_owner`]): different at every call and from other runs of the program,
-/// so that a barrier distinguishes two machines of one process if both reach it.
+/// An owner number for the next machine of this process ([`ControlPath::with_owner`]), different at every call and from other runs, so that
+/// a barrier reached by two machines of one process can distinguish them.
 pub fn next_owner() -> u16 {
     use std::sync::atomic::{AtomicU16, Ordering};
     static NEXT: AtomicU16 = AtomicU16::new(1);
     let numbers = u32::from(u16::MAX);
     let moved = u32::from(owner() - 1) + u32::from(NEXT.fetch_add(1, Ordering::Relaxed));
-    // Below 65535, so it fits; never 0.
+    // Below 65535, so it fits, and is never 0.
     u16::try_from(moved % numbers).map_or(1, |number| number + 1)
 }
 
-/// A number that distinguishes this run of the program from others: drawn once at the start, never 0.
+/// A number that distinguishes this run of the program from others: random, drawn once, never 0.
 fn owner() -> u16 {
     use std::sync::OnceLock;
     static OWNER: OnceLock<u16> = OnceLock::new();

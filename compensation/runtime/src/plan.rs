@@ -17,13 +17,13 @@ use crate::{
     settings::{AxisSettings, BarrierSettings, GuardSettings, PathSettings},
 };
 
-/// Minimum test shift in steps of the position and of the correction: a smaller one proves nothing.
+/// Minimum test shift, in steps of the position and of the correction; a smaller one proves nothing.
 pub const SHIFT_STEPS: f64 = 4.0;
 
-/// Rate at which a remaining correction on a non-correcting axis without limits returns to zero.
+/// Slew with which a remaining correction on a non-correcting axis without limits returns to zero.
 const HELD_SLEW_PER_S: Urad = Urad(100.0);
 
-/// One controller path: checked against machine and settings, not opened.
+/// A controller path that was checked against machine and settings, not opened.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathPlan {
     /// The driver's description of the controller.
@@ -34,17 +34,17 @@ pub struct PathPlan {
     pub machine_axis: PerChannel<usize>,
     /// Travel after which the direction of each of these axes is treated as reversed, mm or rad.
     pub reversal: PerChannel<f64>,
-    /// Smallest steps of their positions, mm or rad; 0 if none is configured.
+    /// Resolution of their positions, mm or rad; 0 if none is configured.
     pub position_steps: PerChannel<f64>,
     /// The correcting axes of the controller; the other axes of the machine are held.
     pub correctors: Correctors,
-    /// Maximum movement of the tip by half a step of a rotary axis that corrects.
+    /// Maximum movement of the tip by half a step of a correcting rotary axis.
     pub rotary_step: Mm,
-    /// The rotary axes that may correct but do not, since the error of the tool would be larger than without correction.
+    /// The rotary axes that could correct but do not, because the error of the tool would increase.
     pub uncorrected: Vec<UncorrectedAxis>,
     /// Machine axes at a configured position, mm and rad.
     pub fixed: PerAxis<Option<f64>>,
-    /// Reasons that this path reports in every cycle.
+    /// Reasons reported in every cycle.
     pub notes: Reasons,
     /// The barrier of the control, if it has one.
     pub barrier: Option<BarrierSettings>,
@@ -52,13 +52,13 @@ pub struct PathPlan {
     pub only_thermal: bool,
     /// Whether the control has no read-back.
     pub no_read_back: bool,
-    /// How long a control without a barrier is observed for foreign changes before the first write.
+    /// Time for which a control without a barrier is watched for foreign changes before the first write.
     pub watch: Duration,
-    /// Reaction of a control without read-back when writes stop.
+    /// What a control without read-back does when writes stop.
     pub time_out: Option<ControlTimeOut>,
 }
 
-/// A rotary axis that may correct but does not.
+/// A rotary axis that could correct but does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UncorrectedAxis {
     /// The letter of the axis.
@@ -67,13 +67,12 @@ pub struct UncorrectedAxis {
     pub why: UncorrectedReason,
 }
 
-/// Why a rotary axis that may correct does not.
+/// Why a rotary axis that could correct does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum UncorrectedReason {
-    /// The correcting linear axes do not span all directions, so they cannot compensate the tip movement of the rotary
-    /// axis.
+    /// The correcting linear axes do not span all directions, so they cannot compensate the axis's movement of the tip.
     Uncatchable,
-    /// Half a step of the axis moves the tip by this amount somewhere in the work space, more than allowed.
+    /// Half a step of the axis moves the tip by up to this amount in the work space, which exceeds the allowed one.
     Coarse(Mm),
 }
 
@@ -118,7 +117,7 @@ impl PathPlan {
         let mut notes = Reasons::CANNOT_SEE_OTHERS.when(!description.sees_other_gateways);
         match (description.heartbeat, settings.unwatched) {
             (Heartbeat::Unwatched, false) => return Err(PlanError::Unwatched { device: device() }),
-            // The configuration takes precedence over a counter that the driver finds.
+            // The configuration takes precedence over a counter found by the driver.
             (_, true) => notes |= Reasons::UNWATCHED,
             (Heartbeat::Watched, false) => {}
         }
@@ -167,8 +166,8 @@ impl PathPlan {
         })
     }
 
-    /// Checks that the paths to one machine are interchangeable: they use the same channel, and none leaves a correction on an axis that another
-    /// does not write, unless its control ramps to zero on its own.
+    /// Checks that the paths to one machine are interchangeable: they use the same channel, and none leaves a correction on an axis that
+    /// another does not write, unless its control ramps to zero on its own.
     ///
     /// # Errors
     /// The first conflicting pair.
@@ -179,18 +178,18 @@ impl PathPlan {
         })
     }
 
-    /// Whether the control ramps to zero on its own without writes.
+    /// Whether the control ramps to zero on its own when writes stop.
     pub(crate) fn goes_to_zero(&self) -> bool {
         self.barrier.is_some() || self.no_read_back && self.time_out.is_some()
     }
 
-    /// Whether the axis at this channel index corrects. The others are written with zero.
+    /// Whether the axis at this channel index corrects. Other axes are written with zero.
     pub fn corrects(&self, place: usize) -> bool {
         place < self.description.axes.len() && self.correctors.contains(self.machine_axis[place])
     }
 }
 
-/// The rules of [`PathPlan::check_together`] for paths, each with whether its control ramps to zero on its own.
+/// Implements [`PathPlan::check_together`] for pairs of a path and whether its control ramps to zero on its own.
 pub(crate) fn check_together<'a, I>(paths: impl Fn() -> I) -> Result<(), PlanError>
 where
     I: Iterator<Item = (&'a Description, bool)>,
@@ -216,7 +215,7 @@ where
     Ok(())
 }
 
-/// An axis that a controller writes and another one does not.
+/// The first axis that `path` writes and `other` does not.
 pub(crate) fn left_to(path: &Description, other: &Description) -> Option<AxisName> {
     let mut axes = path.axes.iter().map(|axis| axis.name);
     axes.find(|name| other.axes.iter().all(|axis| axis.name != *name))
@@ -241,7 +240,7 @@ pub(crate) fn names(description: &Description) -> Vec<AxisName> {
     description.axes.iter().map(|axis| axis.name).collect()
 }
 
-/// The rotary axes that may correct but are not among the correctors, and why.
+/// The rotary axes that could correct but are not among the correctors, and why.
 fn uncorrected(
     model: &Model,
     written: &[AxisName],
@@ -333,7 +332,7 @@ fn fixed_positions(
     Ok(fixed)
 }
 
-/// The barrier of a control: driver and settings must agree on it.
+/// The barrier of a control; driver and settings must agree that it exists.
 fn barrier(
     description: &Description,
     settings: &PathSettings,
@@ -348,7 +347,7 @@ fn barrier(
     }
 }
 
-/// Limits of a non-correcting axis without configured ones: its goal is zero, and a remaining correction returns slowly.
+/// Limits of a non-correcting axis without configured ones: its target is zero, to which a remaining correction returns slowly.
 fn held_limits(axis: &Axis) -> AxisLimits {
     AxisLimits {
         kind: axis.kind(),
@@ -361,8 +360,8 @@ fn held_limits(axis: &Axis) -> AxisLimits {
     }
 }
 
-/// The limits that the guard of a controller enforces, mm and rad. Non-correcting axes have no test shift and need no limits; configured ones are
-/// also bounded by the device and by those of a path without a barrier.
+/// The limits that the guard of a controller enforces, mm and rad. Non-correcting axes have no test shift and need no configured limits;
+/// configured ones are bounded by the device and, without a barrier, by those of such a path.
 ///
 /// # Errors
 /// Correcting rotary axes without limits, limits that a guard rejects or that exceed what the device can carry.
@@ -382,7 +381,7 @@ fn limits(
     for ((((into, shift), place), position_step), axis) in places.zip(&description.axes) {
         let of_kind = guard.of(axis.name);
         if !correctors.contains(*place) {
-            // Another model may correct it: the bounds of the device and of a path without a barrier still apply.
+            // The axis may correct with another model, so the bounds of the device and of a path without a barrier apply.
             *into =
                 of_kind.map_or_else(|| held_limits(axis), |of_kind| axis_limits(axis, &of_kind));
             if let Some(largest) = axis.largest {
@@ -396,7 +395,7 @@ fn limits(
                 AxisKind::Rotary => ceiling::LIMIT_ROTARY.0,
             };
             if into.resolution > into.limit.min(most * ROUNDING) {
-                // Less than one step: nothing may be written.
+                // The limit is less than one step: only zero may be written.
                 *into = into.held_at_zero();
             }
             continue;
@@ -447,7 +446,7 @@ fn limits(
     Ok(limits)
 }
 
-/// Smallest step of the position of each reported axis, mm or rad; 0 if none is configured.
+/// Resolution of the position of each reported axis, mm or rad; 0 if none is configured.
 pub(crate) fn position_steps(
     description: &Description,
     settings: &PathSettings,
@@ -468,8 +467,8 @@ pub(crate) fn position_steps(
     Ok(steps)
 }
 
-/// Travel after which the direction of each reported axis is treated as reversed, mm or rad. On read-only axes a correction cannot be mistaken
-/// for travel.
+/// Travel after which the direction of each reported axis is treated as reversed, mm or rad. On read-only axes no correction can be
+/// mistaken for travel.
 pub(crate) fn reversals(
     description: &Description,
     position_steps: &PerChannel<f64>,
@@ -492,7 +491,7 @@ pub(crate) fn reversals(
     reversal
 }
 
-/// Lowers the limit of an axis to that of a path without a barrier, and its warning with it.
+/// Lowers the limit and the warning threshold of an axis to the limit of a path without a barrier.
 fn without_barrier(limits: &mut AxisLimits, guard: &GuardSettings) {
     let most = match limits.kind {
         AxisKind::Linear => guard.without_barrier.linear.to_mm().0,
@@ -501,7 +500,7 @@ fn without_barrier(limits: &mut AxisLimits, guard: &GuardSettings) {
     lower_to(limits, most);
 }
 
-/// Lowers a limit to `most` (mm or rad), and its warning with it.
+/// Lowers a limit, and the warning threshold with it, to `most` (mm or rad).
 fn lower_to(limits: &mut AxisLimits, most: f64) {
     if limits.warn <= limits.limit {
         limits.warn = limits.warn.min(most);
@@ -524,8 +523,8 @@ fn axis_limits(axis: &Axis, guard: &AxisSettings<Displacement>) -> AxisLimits {
         resolution: axis.step(),
         includes_correction: axis.includes_correction,
     };
-    // A correction that is clipped to the largest writable one must be reported. A limit below one step, and a warning above the limit, are
-    // rejected by the check.
+    // A correction clipped to the largest writable one must be reported. Limits below one step, and warnings above the limit, are left to
+    // the check, which rejects them.
     let reachable = limits.reachable();
     if reachable > 0.0 && limits.warn <= limits.limit {
         limits.warn = limits.warn.min(reachable);

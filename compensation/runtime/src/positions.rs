@@ -1,4 +1,4 @@
-//! Last positions of each controller, and the machine position combined from all of them.
+//! Last positions of each controller, and the machine position combined from them.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use volcomp_vocabulary::{MAX_AXES, PerAxis, PerChannel};
 /// The axes reported by a controller, in channel order, and their last positions.
 ///
 /// Invariants:
-/// - `positions` are finite once `taken` is set, and all were valid at this time.
+/// - Once `taken` is set, all `positions` are finite and were valid at this time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ReportedPositions {
     /// Machine index of each axis; the axes that the controller writes come first.
@@ -21,7 +21,7 @@ pub(crate) struct ReportedPositions {
 }
 
 impl ReportedPositions {
-    /// Axes without a position yet.
+    /// Positions of these axes, none of which is known yet.
     pub(crate) fn without_positions(
         machine_axis: PerChannel<usize>,
         count: usize,
@@ -36,7 +36,7 @@ impl ReportedPositions {
         }
     }
 
-    /// Stores positions that were valid at `taken`. If one is NaN all stay as they were.
+    /// Stores positions that were valid at `taken`; if one of them is NaN, none is stored.
     pub(crate) fn store(&mut self, positions: &PerChannel<f64>, taken: Duration) {
         if positions.iter().take(self.count).all(|q| q.is_finite()) {
             (self.positions, self.taken) = (*positions, Some(taken));
@@ -58,7 +58,7 @@ impl ReportedPositions {
     }
 }
 
-/// The machine position as available to one path.
+/// The machine position from the point of view of one path.
 #[derive(Default)]
 pub(crate) struct MachinePosition {
     /// Positions without correction, mm and rad.
@@ -67,9 +67,9 @@ pub(crate) struct MachinePosition {
     pub(crate) taken: PerAxis<Duration>,
     /// Bit mask of the known positions: bit 0 is the first axis.
     pub(crate) known: u16,
-    /// When the oldest reported position was valid; `None`: none was reported.
+    /// Time at which the oldest reported position was valid; `None`: none was reported.
     pub(crate) oldest: Option<Duration>,
-    /// When the oldest position from another controller was valid; `None`: the path reports all known ones itself.
+    /// Time at which the oldest position from another controller was valid; `None`: the path itself reports all known ones.
     pub(crate) oldest_of_others: Option<Duration>,
 }
 

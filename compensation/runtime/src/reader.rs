@@ -20,7 +20,7 @@ use crate::{
     standby::ControllerSlot,
 };
 
-/// Time without an answer after which the machine state from this controller is unknown.
+/// Time without an answer after which the interlock of this controller is unknown.
 const SILENT: Duration = Duration::from_millis(500);
 
 /// A read-only controller: checked against the machine, not opened.
@@ -35,7 +35,7 @@ pub struct ReaderPlan {
 }
 
 impl ReaderPlan {
-    /// Checks the description of a controller against machine and settings, of which only the position steps are used.
+    /// Checks the description of a controller against the machine, and the position steps of the settings.
     ///
     /// # Errors
     /// The first conflict.
@@ -65,7 +65,7 @@ impl ReaderPlan {
 ///
 /// Invariants:
 /// - Nothing is ever written to the controller.
-/// - `interlock` is that of the last valid reading; it is unknown after a failed or missing one.
+/// - `interlock` is that of the last valid reading; `None` after a failed or missing one.
 pub struct PositionReader {
     device: ControllerSlot,
     description: Description,
@@ -95,15 +95,15 @@ impl PositionReader {
         &self.description
     }
 
-    /// Starts a thread that reads the controller once per `every`, with `time_out` as the timeout of an exchange.
+    /// Starts a thread that reads the controller once per `every`; `time_out` limits each exchange.
     pub(crate) fn start_thread(&mut self, every: Duration, time_out: Duration) -> io::Result<()> {
         self.device.start_thread(&self.description.device, every)?;
         self.device.hand_over(time_out);
         Ok(())
     }
 
-    /// Processes the answers from the controller's thread; without one, reads it here. `start` is the start of the cycle's clock; `hold` is the
-    /// maximum age of positions and flags. Returns the number of failed readings.
+    /// Processes the answers from the controller's thread; without a thread, reads the controller. `start` is the start of the cycle's
+    /// clock, `hold` the maximum age of positions and flags. Returns the number of failed readings.
     pub(crate) fn read(
         &mut self,
         deadline: Instant,
@@ -120,7 +120,7 @@ impl PositionReader {
             let answered = reading.received.saturating_duration_since(start);
             failures += u64::from(!self.receive(&reading.read, (start, answered, hold)));
         }
-        // During a hanging exchange the state of the machine is unknown.
+        // The state of the machine is unknown during a hanging exchange.
         let is_silent = |then: Duration| now.saturating_sub(then) > SILENT;
         if !self.device.is_held() && self.answered.is_none_or(is_silent) {
             self.interlock = None;
@@ -135,7 +135,7 @@ impl PositionReader {
     ) -> bool {
         let held = |at: Instant| at.saturating_duration_since(start);
         let age = |at: Instant| now.saturating_sub(held(at));
-        // A device that only repeats older data has not answered.
+        // A device that only repeats old data has not answered.
         let young = (*read).ok().filter(|read| age(read.youngest()) <= hold);
         let shown = self.description.shown;
         self.interlock = young.map(|read| interlock_of(&read, shown, age(read.state_taken), hold));

@@ -1,4 +1,4 @@
-//! The control thread, and its lock-free rings to the rest of the program. State: the cycle.
+//! The control thread, and its lock-free rings to other threads. State: the cycle.
 
 use std::{
     sync::{
@@ -27,14 +27,14 @@ use crate::{
     settings::Realtime,
 };
 
-/// Capacity of the ring of cycle times; the times of further cycles are lost.
+/// Capacity of the ring of cycle times; further times are lost.
 const TIMINGS: usize = 8192;
-/// How long overruns are reported after the last one.
+/// Time for which overruns are reported after the last one.
 const OVERRUN_REPORTED_FOR: Duration = Duration::from_secs(2);
-/// Timeout of a request that the thread has not received.
+/// Time after which a request that the thread has not received expires.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Stack pages touched before the loop begins, bytes.
+/// Size of the stack that is touched before the loop begins, bytes.
 const STACK: usize = 256 * 1024;
 
 /// Degree of the reference polynomial.
@@ -55,7 +55,7 @@ struct QueuedOrder {
     order: Order,
     /// Expiry time of a request.
     until: Instant,
-    /// Number of disarm orders at the time of the request: a request to arm is dropped if another one followed.
+    /// Number of disarm orders when the request was made: a request to arm is dropped if another disarm order follows.
     disarms: u64,
 }
 
@@ -69,12 +69,12 @@ pub struct Handle {
     reports: triple_buffer::Output<Report>,
     shared: Arc<Shared>,
     pulse: Pulse,
-    /// `None`: the thread has ended, or a test runs the cycles.
+    /// `None` if the thread has ended, or a test runs the cycles.
     thread: Option<JoinHandle<()>>,
     is_manual: bool,
 }
 
-/// An object that the control thread returns to be freed, since it must not free memory itself.
+/// An object that the control thread returns to be freed, because it must not free memory.
 enum Retired {
     Model(#[expect(dead_code, reason = "kept to be dropped")] Box<Replacement>),
     Limits(#[expect(dead_code, reason = "kept to be dropped")] Box<Limits>),
@@ -88,26 +88,28 @@ struct Shared {
     cycles: AtomicU64,
     /// Number of disarm orders.
     disarms: AtomicU64,
-    /// Disarming was ordered because the program ends.
+    /// Whether disarming was ordered because the program ends.
     ends: AtomicBool,
-    /// End of the last cycle, ns on the clock of the cycle; before the first one the start of the thread.
+    /// End of the last cycle, ns on the clock of the cycle; before the first cycle, the start of the thread.
     cycle_done_ns: AtomicU64,
 }
 
-/// Orders to disarm without waiting: it uses no ring, no lock, and no thread but the control thread. Can be cloned for any thread.
+/// Orders disarming without waiting: it needs no ring, no lock, and no thread other than the control thread. Clones can be used on any
+/// thread.
 #[derive(Clone)]
 pub struct DisarmSwitch(Arc<Shared>);
 
 impl DisarmSwitch {
-    /// Disarms from the next cycle on. Requests to arm from before are dropped.
+    /// Disarms from the next cycle on. Earlier requests to arm are dropped.
     pub fn disarm(&self) {
         self.0.disarms.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Disarms from the next cycle on because the program ends: a correction that was found, and never written by the program, is left alone.
+    /// Disarms from the next cycle on because the program ends. A correction that was found at the start and never written is left
+    /// unchanged.
     pub fn end(&self) {
         self.0.ends.store(true, Ordering::Relaxed);
-        // Release: a thread that sees the count also sees `ends`.
+        // Release: a thread that reads the new count also reads `ends`.
         self.0.disarms.fetch_add(1, Ordering::Release);
     }
 
@@ -117,7 +119,7 @@ impl DisarmSwitch {
     }
 }
 
-/// The heartbeat of the control thread.
+/// The heartbeat of the control thread, by which other threads see that it runs.
 #[derive(Clone)]
 pub struct Pulse {
     shared: Arc<Shared>,
@@ -126,8 +128,8 @@ pub struct Pulse {
 }
 
 impl Pulse {
-    /// Maximum gap that is treated as a late cycle and leaves the last report valid, however short the period is: schedulers and exchanges
-    /// with controllers occasionally take that long.
+    /// Maximum gap between cycles that still leaves the last report valid, however short the period is: schedulers and exchanges with
+    /// controllers occasionally take that long.
     pub const JITTER: Duration = Duration::from_millis(100);
 
     /// Time since the end of the last cycle, or since the start of the thread before the first one.
@@ -141,28 +143,28 @@ impl Pulse {
         &self.clock
     }
 
-    /// Maximum gap after which the last report is still valid: three periods, at least [`JITTER`](Self::JITTER).
+    /// Gap between cycles up to which the last report is valid: three periods, at least [`JITTER`](Self::JITTER).
     pub fn patience(&self) -> Duration {
         (self.period * 3).max(Self::JITTER)
     }
 
-    /// Time without a cycle; `None` while cycles run normally.
+    /// Time since the last cycle, if it is longer than [`patience`](Self::patience).
     pub fn silence(&self) -> Option<Duration> {
         Some(self.age()).filter(|age| *age > self.patience())
     }
 }
 
 impl Handle {
-    /// Sends an order. A request is executed within a second or dropped; a request to arm also if disarming is ordered meanwhile. Returns `false`,
-    /// and drops the order, if the queue is full or the thread has ended.
+    /// Sends an order. A request expires after a second; a request to arm is also dropped if disarming is ordered meanwhile. Returns
+    /// `false`, and drops the order, if the queue is full or the thread has ended.
     #[must_use = "report a rejected order to its sender"]
     pub fn send(&mut self, order: Order) -> bool {
         let disarms = self.shared.disarms.load(Ordering::Relaxed);
         self.send_by(order, self.clock().now() + REQUEST_TIMEOUT, disarms)
     }
 
-    /// Sends an order. A request expires at `until`; a request to arm is dropped if more than `disarms` disarm orders were given. Returns `false`
-    /// as [`send`](Self::send) does.
+    /// Sends an order. A request expires at `until`; a request to arm is dropped if more than `disarms` disarm orders were given. Returns
+    /// `false` like [`send`](Self::send).
     #[must_use = "report a rejected order to its sender"]
     pub fn send_by(&mut self, order: Order, until: Instant, disarms: u64) -> bool {
         self.free_retired();
@@ -184,12 +186,12 @@ impl Handle {
         self.pulse.clone()
     }
 
-    /// Number of orders that can be sent before the thread receives one.
+    /// Number of orders that can be sent before the thread receives the next.
     pub fn room(&self) -> usize {
         self.orders.slots()
     }
 
-    /// Sets the reasons that forbid arming from now on; empty: arming is allowed.
+    /// Sets the reasons that forbid arming from now on; with none, arming is allowed.
     pub fn forbid(&self, reasons: Reasons) {
         self.shared.forbids.store(reasons.bits(), Ordering::Relaxed);
     }
@@ -214,12 +216,12 @@ impl Handle {
         std::iter::from_fn(|| self.changes.pop().ok()).collect()
     }
 
-    /// The replacements of model or limits rejected since the last call; the old ones stay active.
+    /// The models and limits rejected since the last call; the previous ones stay active.
     pub fn refusals(&mut self) -> impl Iterator<Item = OrderRefusal> + '_ {
         std::iter::from_fn(|| self.refusals.pop().ok())
     }
 
-    /// Frees the objects that the thread has returned.
+    /// Frees the objects returned by the thread.
     pub fn free_retired(&mut self) {
         while self.retired.pop().is_ok() {}
     }
@@ -229,12 +231,12 @@ impl Handle {
         self.shared.cycles.load(Ordering::Relaxed)
     }
 
-    /// The clock of the cycle, by which requests expire.
+    /// The clock of the cycle, which determines when requests expire.
     pub fn clock(&self) -> &Clock {
         self.pulse.clock()
     }
 
-    /// Whether the thread has ended. Without a request it ends only by a panic, which was printed.
+    /// Whether the thread has ended. Unless it was stopped, the cause is a panic, which was printed.
     pub fn has_ended(&self) -> bool {
         if self.is_manual {
             return self.shared.stop.load(Ordering::Relaxed);
@@ -251,8 +253,8 @@ impl Handle {
         }
     }
 
-    /// Ends the thread and waits at most `patience` for it. Returns whether it has ended; a thread that hangs in an exchange with a controller
-    /// is abandoned.
+    /// Ends the thread and waits at most `patience` for it. Returns whether it has ended; a thread that hangs in an exchange with a
+    /// controller is abandoned.
     pub fn stop_within(&mut self, patience: Duration) -> bool {
         self.shared.stop.store(true, Ordering::Relaxed);
         let end = Instant::now() + patience;
@@ -277,8 +279,8 @@ impl Drop for Handle {
     }
 }
 
-/// Starts the control thread, with one cycle per period, and the threads that read standby paths ([`Cycle::start_standby_threads`]). Returns the rejected
-/// parts of the scheduling, in words.
+/// Starts the control thread, which runs one cycle per period, and the threads that read standby paths ([`Cycle::start_standby_threads`]).
+/// Returns descriptions of the scheduling settings that the system rejected.
 ///
 /// # Errors
 /// The operating system cannot create a thread.
@@ -292,7 +294,7 @@ pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String
         .spawn(move || {
             let lacking = schedule(realtime);
             touch_stack();
-            // `start` waits for it until the thread ends.
+            // `start` waits for this message, or for the end of the thread.
             let _ = lacking_in.send(lacking);
             control.run();
         })?;
@@ -301,7 +303,7 @@ pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String
     Ok((handle, lacking))
 }
 
-/// Access to a control loop without a thread: for tests, which set its time ([`Cycle::with_clock`]) and run its cycles.
+/// The parts of a control loop without a thread, for tests, which set its time ([`Cycle::with_clock`]) and run its cycles.
 pub fn start_manual(cycle: Cycle) -> (Handle, ManualCycles) {
     let (mut handle, control) = control(cycle, false);
     handle.is_manual = true;
@@ -312,17 +314,17 @@ pub fn start_manual(cycle: Cycle) -> (Handle, ManualCycles) {
 pub struct ManualCycles(Control);
 
 impl ManualCycles {
-    /// Runs the cycle that is due now, unless it was stopped.
+    /// Runs one cycle, unless the loop was stopped.
     pub fn cycle(&mut self) {
         if !self.0.shared.stop.load(Ordering::Relaxed) {
             self.0.run_cycle(false);
-            // If the ring is full the times of this cycle are lost.
+            // If the ring is full, the times of this cycle are lost.
             let _ = self.0.timings.push(Timing::default());
         }
     }
 }
 
-/// Creates both ends of the rings.
+/// Creates the handle and the control loop, connected by rings.
 fn control(cycle: Cycle, reference: bool) -> (Handle, Control) {
     let (orders_in, orders) = RingBuffer::new(64);
     let (retired_in, retired) = RingBuffer::new(64);
@@ -369,7 +371,7 @@ fn control(cycle: Cycle, reference: bool) -> (Handle, Control) {
     (handle, control)
 }
 
-/// Duration of the reference computation, by the CPU clock of this thread.
+/// Duration of the reference computation on the CPU clock of this thread, ns.
 fn reference_ns() -> u64 {
     let begun = thread_time();
     // The result must be used, or the computation would be optimised away.
@@ -377,12 +379,12 @@ fn reference_ns() -> u64 {
     nanos(thread_time().saturating_sub(begun))
 }
 
-/// The thread's side.
+/// The control loop on its thread.
 ///
 /// Invariants:
-/// - An order is executed only if the ring of retired objects has room, so that nothing is freed here.
+/// - An order is executed only if the ring of retired objects has room, because nothing may be freed here.
 /// - `disarms` never exceeds the number of disarm orders given.
-/// - `last` is the state and path of the last published change.
+/// - `last` is the state and path that were published last.
 struct Control {
     cycle: Cycle,
     /// Whether to run the reference computation after each cycle.
@@ -425,7 +427,7 @@ impl Control {
                 reference_ns: if self.reference { reference_ns() } else { 0 },
                 missed,
             };
-            // If the ring is full the times of this cycle are lost.
+            // If the ring is full, the times of this cycle are lost.
             let _ = self.timings.push(timing);
         }
     }
@@ -456,12 +458,12 @@ impl Control {
                 reasons: report.reasons,
                 active: report.active,
             };
-            // If the ring is full a thousand changes are unread: this one is lost as well.
+            // If the ring is full, a thousand changes are unread, and this one is lost.
             let _ = self.changes.push(change);
         }
     }
 
-    /// Executes the queued orders, at most one guard request per cycle.
+    /// Executes the queued orders, at most one of them a guard request.
     fn next_input(&mut self, overrunning: bool) -> CycleInput {
         let mut input = CycleInput {
             request: None,
@@ -490,7 +492,7 @@ impl Control {
                 Order::Model(mut replacement) => {
                     match self.cycle.swap_model(&mut replacement) {
                         Ok(()) => input.request = Some(Request::Switched),
-                        // If the ring is full, 63 others report the same.
+                        // If the ring is full, 63 other refusals are unread.
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
                     // The loop checked that there is room.
@@ -498,7 +500,7 @@ impl Control {
                 }
                 Order::Limits(path, limits) => {
                     match self.cycle.set_limits(path, &limits) {
-                        // New limits are reached by a ramp, like a new model.
+                        // A ramp leads to the new limits, as for a new model.
                         Ok(()) => input.request = Some(Request::Switched),
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
@@ -511,7 +513,7 @@ impl Control {
 }
 
 impl QueuedOrder {
-    /// Whether a request is still valid at `now`, after `disarms` disarm orders so far. Disarming never expires.
+    /// Whether a request is still valid at `now`, given the number of disarm orders so far. Requests to disarm never expire.
     fn is_valid(&self, request: Request, now: Instant, disarms: u64) -> bool {
         match request {
             Request::Disarm | Request::End => true,
@@ -525,7 +527,7 @@ fn nanos(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// Requests SCHED_FIFO and a processor for this thread. Returns the rejected parts, in words.
+/// Requests SCHED_FIFO and a processor for this thread. Returns descriptions of the rejected settings.
 pub fn schedule(wanted: Realtime) -> Vec<String> {
     let mut lacking = Vec::new();
     if let Some(cpu) = wanted.cpu {
@@ -554,7 +556,7 @@ pub fn schedule(wanted: Realtime) -> Vec<String> {
     lacking
 }
 
-/// Touches the pages of the stack, so that no page fault occurs in a cycle.
+/// Touches the pages of the stack, so that no cycle has a page fault.
 #[inline(never)]
 #[expect(
     clippy::large_stack_arrays,
@@ -568,7 +570,7 @@ fn touch_stack() {
     std::hint::black_box(&mut stack);
 }
 
-/// Coefficients 1 / (k + 1), 4 KB: read from memory like the tables of the model.
+/// Coefficients 1 / (k + 1), 4 KB, read from memory like the tables of the model.
 static COEFFICIENTS: [f64; DEGREE + 1] = {
     let mut coefficients = [0.0; DEGREE + 1];
     let mut power = 0;
@@ -580,9 +582,9 @@ static COEFFICIENTS: [f64; DEGREE + 1] = {
     coefficients
 };
 
-/// A fixed computation that measures the present speed of a computer: compute times of the cycle are stated next to it, so that those of two
-/// computers can be compared. It evaluates the polynomial of degree 511 with the coefficients 1 / (k + 1) by Horner's rule: 511 multiplications and
-/// additions, each depending on the previous result. It must never change, so that results stay comparable.
+/// A fixed computation that measures the speed of a computer, so that compute times of cycles on two computers can be compared. It
+/// evaluates the polynomial of degree 511 with the coefficients 1 / (k + 1) by Horner's rule: 511 multiplications and additions, each
+/// depending on the previous result. It must never change, so that results stay comparable.
 #[must_use]
 pub fn reference_work(x: f64) -> f64 {
     let powers = COEFFICIENTS.iter().rev();
@@ -593,7 +595,7 @@ pub fn reference_work(x: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// The series is -ln(1 - x) / x.
+    /// The polynomial approximates -ln(1 - x) / x.
     #[test]
     fn the_reference_is_the_series_of_the_logarithm() {
         for x in [-0.9_f64, -0.5, 0.25, 0.5, 0.9] {

@@ -1,4 +1,4 @@
-//! A model with its data in a cycle, to be replaced as a whole.
+//! A model with its sensor indices, which a cycle replaces as a whole.
 
 use std::{ops::Deref, time::Duration};
 
@@ -6,7 +6,7 @@ use volcomp_guard::{MAX_SENSORS, SensorReport};
 
 use crate::model::Model;
 
-/// A model with the indices of its sensors among the temperatures of a cycle.
+/// A model, and the index of each of its sensors among the temperatures of a cycle.
 pub struct Replacement {
     model: Box<Model>,
     /// Temperature index of each sensor of the model.
@@ -15,7 +15,7 @@ pub struct Replacement {
 }
 
 impl Replacement {
-    /// A model for temperatures with these names.
+    /// A model for the temperatures with these names.
     pub fn new(model: Box<Model>, names: &[String]) -> Self {
         let wanted = model.sensors();
         let places = wanted
@@ -33,8 +33,8 @@ impl Replacement {
         self.model.carry_over(&from.model);
     }
 
-    /// Advances the thermal terms by `dt` with the temperatures of a cycle, after a pause of the program of `stood`. Returns whether the sensor of
-    /// a term is missing. Does not allocate.
+    /// Advances the thermal terms by `dt` with the temperatures of a cycle, after the program was paused for `stood`. Returns whether a
+    /// term lacks its sensor. Does not allocate.
     pub(crate) fn warm(
         &mut self,
         dt: Duration,

@@ -36,7 +36,7 @@ pub struct PathReport {
     pub answered: Option<Duration>,
     /// Age of the positions; `None`: the controller has not reported any.
     pub positions: Option<Duration>,
-    /// Time since its applied correction was last confirmed; `None`: never.
+    /// Time since the applied correction was last confirmed; `None`: never.
     pub confirmed: Option<Duration>,
     /// Method by which the correction is confirmed.
     pub scheme: Scheme,
@@ -55,7 +55,7 @@ pub struct Report {
     pub now: Duration,
     /// The state of the guard.
     pub state: State,
-    /// Reasons for the state, and further ones to report.
+    /// Reasons for the state, and further reasons to report.
     pub reasons: Reasons,
     /// Index of the active path.
     pub active: usize,
@@ -65,25 +65,25 @@ pub struct Report {
     pub known: u16,
     /// Bit mask of the positions rejected as too far outside the travel: bit 0 is the first axis of the machine.
     pub outside_travel: u16,
-    /// Bit mask of the positions rejected as unreachable since the last one: bit 0 is the first axis of the machine.
+    /// Bit mask of the positions rejected as unreachable since the previous ones: bit 0 is the first axis of the machine.
     pub jumped: u16,
     /// The correction by the model, mm and rad.
     pub wanted: PerAxis<f64>,
-    /// The correction that the control is known to apply, mm and rad; see `correction_known`. Set for the axes in `written`, zero for all others.
+    /// The correction that the control is known to apply, mm and rad. Zero for axes that are not in `written`.
     pub correction: PerAxis<f64>,
     /// Bit mask of the axes written by the active path: bit 0 is the first axis of the machine.
     pub written: u16,
-    /// Whether `correction` was confirmed within the time for which positions may be held. Otherwise it is the last confirmed value.
+    /// Whether `correction` was confirmed within the maximum age of positions. Otherwise it is the last confirmed value.
     pub correction_known: bool,
     /// The correction last sent without an error, mm and rad; `None`: none since the start.
     pub sent: Option<PerAxis<f64>>,
-    /// Result of the last test shift for each axis that the active path corrects; `None`: the axis is not corrected.
+    /// Result of the last test shift for each axis that the active path corrects; `None` for other axes.
     pub proven: PerAxis<Option<AxisProof>>,
     /// The paths in order of preference, then the read-only controllers; further entries are unused.
     pub paths: [PathReport; MAX_PATHS],
-    /// Error by the model without correction; `None` while a position is unknown.
+    /// Error without correction, by the model; `None` while a position is unknown.
     pub error: Option<ToolError>,
-    /// Residual error by the model with `correction`, which is zero on axes that are not written; `None` while a position is unknown.
+    /// Residual error with `correction`, by the model; `None` while a position is unknown.
     pub residual: Option<ToolError>,
     /// Number of cycles so far in which slew or acceleration limited the output.
     pub held_back: u64,
@@ -142,13 +142,13 @@ pub struct Change {
 pub struct Timing {
     /// Wake-up latency: from the deadline to the first instruction of the cycle.
     pub wake_ns: u64,
-    /// The whole cycle, exchanges included.
+    /// Duration of the whole cycle, including exchanges.
     pub whole_ns: u64,
-    /// The exchanges with controllers.
+    /// Duration of the exchanges with controllers.
     pub exchange_ns: u64,
     /// Compute time by the CPU clock of the thread, without exchanges.
     pub own_ns: u64,
-    /// Duration of the reference computation by the same clock; 0 if it is off.
+    /// Duration of the reference computation on the same clock; 0 if it is off.
     pub reference_ns: u64,
     /// Number of periods missed after this cycle.
     pub missed: u32,

@@ -7,7 +7,7 @@ use volcomp_guard::{
 };
 use volcomp_port::{Quality, Reason, Temperature, Thermometer};
 
-/// Thermometers, with the checks of their temperatures.
+/// Thermometers, and the checks of their temperatures.
 pub struct Sensors {
     thermometers: Vec<Box<dyn Thermometer>>,
     limits: SensorLimits,
@@ -35,7 +35,7 @@ impl Sensors {
             .collect()
     }
 
-    /// The operator confirms the sensors that jumped: their next readings are accepted.
+    /// Confirms sensors that jumped: their next readings are accepted.
     pub(crate) fn acknowledge(&mut self) {
         self.checks.iter_mut().for_each(SensorCheck::acknowledge);
     }
@@ -78,7 +78,7 @@ mod tests {
 
     use super::*;
 
-    /// Each sensor has its own index, silence and faults differ, and a jump is accepted once acknowledged.
+    /// Each sensor has its own index, its own silence and faults, and an acknowledged jump is accepted.
     #[test]
     fn sensors_of_several_thermometers() {
         let start = Instant::now();

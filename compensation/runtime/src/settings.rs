@@ -14,15 +14,15 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Mm, Rad, Um, Unit, Ur
 pub struct AxisSettings<U> {
     /// Largest correction, in either direction.
     pub limit: U,
-    /// Larger corrections are reported.
+    /// Threshold above which a correction is reported.
     pub warn: U,
     /// Largest change of the correction per second.
     pub slew_per_s: U,
     /// Largest change of the slew per second; infinite: unlimited.
     pub accel_per_s2: U,
-    /// A model change that moves the correction by more than this anywhere in the work space needs a confirmation.
+    /// Threshold of the change of the correction, anywhere in the work space, above which a new model needs a confirmation.
     pub confirm: U,
-    /// Shift at arming that proves whether positions contain the correction; 0: none.
+    /// Size of the test shift at arming, which proves whether positions contain the correction; 0: none.
     pub test_shift: U,
 }
 
@@ -35,34 +35,33 @@ pub struct GuardSettings {
     pub rotary: Option<AxisSettings<Urad>>,
     /// The largest corrections on a path without a barrier.
     pub without_barrier: WithoutBarrier,
-    /// A rotary axis is corrected if half its smallest step moves the tool tip by at most this anywhere in the work space: during such a step the
-    /// tool may be off by as much.
+    /// Maximum movement of the tool tip by half a step of a rotary axis, anywhere in the work space; coarser rotary axes do not correct,
+    /// because the tool may be off by that amount during a step.
     pub rotary_step: Um,
-    /// Age of positions from which the correction is held.
+    /// Maximum age of positions; from then on the correction is held.
     pub hold: Duration,
-    /// Age of positions from which the correction ramps to zero.
+    /// Age of positions at which the correction ramps to zero.
     pub zero_after: Duration,
     /// Duration of a ramp; at least 20 cycles.
     pub ramp: Duration,
     /// Maximum time for ramping out when the program stops.
     pub stop: Duration,
-    /// How long a preferred controller must be usable before it takes over again.
+    /// Time for which a preferred controller must be usable before it takes over again.
     pub hand_back: Duration,
-    /// Maximum speed of axes: positions that contradict it are rejected.
+    /// Maximum speed of axes. Positions that imply a higher speed are rejected.
     pub rapid: Rapid,
     /// Plausibility limits of temperatures.
     pub temperatures: SensorLimits,
-    /// Times within which thermal terms fade to zero when their sensor is missing.
+    /// Times in which thermal terms fade to zero if their sensor is missing.
     pub fading: Fading,
 }
 
 impl GuardSettings {
-    /// Default for the movement of the tool tip by half a rotary step: 10 µm, which a step of 0.001°, that of most controls, reaches at a lever of
-    /// 1.15 m.
+    /// Default of the maximum tip movement by half a rotary step: 10 µm, reached by the usual step of 0.001° at a lever of 1.15 m.
     pub const ROTARY_STEP: Um = Um(10.0);
 
-    /// Limits of linear axes, with the defaults of everything else: positions are held for 50 ms and ramp the correction to zero after 500 ms, a
-    /// ramp takes 500 ms, a stop at most 5 s, a preferred controller takes over again after 2 s.
+    /// Limits of linear axes, and defaults for all other settings: the correction is held from an age of the positions of 50 ms, and ramps
+    /// to zero from 500 ms; ramp 500 ms; stop at most 5 s; a preferred controller takes over again after 2 s.
     pub fn new(linear: AxisSettings<Um>) -> Self {
         Self {
             linear,
@@ -80,7 +79,7 @@ impl GuardSettings {
         }
     }
 
-    /// The limits for the kind of `axis`, as lengths (mm) or angles (rad); `None` if there are none for that kind.
+    /// The limits for the kind of `axis`, as lengths (mm) or angles (rad); `None` if there are none.
     pub fn of(&self, axis: AxisName) -> Option<AxisSettings<Displacement>> {
         match axis.kind() {
             AxisKind::Linear => {
@@ -96,17 +95,17 @@ impl GuardSettings {
 }
 
 impl AxisSettings<Um> {
-    /// Default test shift of linear axes; the limit if that is smaller.
+    /// Default test shift of linear axes; a smaller limit replaces it.
     pub const TEST_SHIFT: Um = Um(5.0);
 }
 
 impl AxisSettings<Urad> {
-    /// Default test shift of rotary axes; the limit if that is smaller.
+    /// Default test shift of rotary axes; a smaller limit replaces it.
     pub const TEST_SHIFT: Urad = Urad(20.0);
 }
 
 impl<U: Unit> AxisSettings<U> {
-    /// Limits without an acceleration limit and without a test shift: in [`Um`] for linear, in [`Urad`] for rotary axes.
+    /// Limits without an acceleration limit and a test shift, in [`Um`] for linear and in [`Urad`] for rotary axes.
     pub fn new(limit: U, slew_per_s: U) -> Self {
         Self {
             limit,
@@ -120,7 +119,7 @@ impl<U: Unit> AxisSettings<U> {
 }
 
 impl<U> AxisSettings<U> {
-    /// These settings in other units.
+    /// Converts the settings to other units.
     pub fn map<V>(self, convert: impl Fn(U) -> V) -> AxisSettings<V> {
         AxisSettings {
             limit: convert(self.limit),
@@ -143,7 +142,7 @@ pub struct Rapid {
 }
 
 impl Default for Rapid {
-    /// 100 m/min and 200/min: the speed of linear and torque motors, which few axes exceed.
+    /// 100 m/min and 200/min: the speed of linear motors and torque motors, which few axes exceed.
     fn default() -> Self {
         Self {
             linear_m_per_min: 100.0,
@@ -164,7 +163,7 @@ impl Rapid {
     }
 }
 
-/// The settings of a control's barrier that must be known before reading it.
+/// Settings of a control's barrier that must be known before it is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BarrierSettings {
     /// Machine number, which seeds every checksum.
@@ -173,7 +172,8 @@ pub struct BarrierSettings {
     pub scan: Duration,
 }
 
-/// Largest corrections, in either direction, on a path without a barrier: a wrong reading or a late write may cause a step of this size.
+/// Largest corrections, in either direction, on a path without a barrier, where a wrong reading or a late write may cause a step of this
+/// size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WithoutBarrier {
     /// Limit of linear axes.
@@ -192,39 +192,38 @@ impl Default for WithoutBarrier {
     }
 }
 
-/// The settings of one controller path apart from those of its driver.
+/// The settings of one controller path that do not belong to its driver.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathSettings {
     /// Machine axes that the controller does not report, and their fixed positions; rotary axes only if in `not_driven`.
     pub fixed: BTreeMap<AxisName, Displacement>,
-    /// Rotary axes without a drive: they are set by hand, or never. Only for these is a fixed position accepted; every other rotary axis must be
-    /// read, since the correction of the linear axes rotates with it.
+    /// Rotary axes without a drive, which are set by hand, or never. Only these may have a fixed position. All other rotary axes must be
+    /// read, because the correction of the linear axes rotates with them.
     pub not_driven: BTreeSet<AxisName>,
-    /// Whether it is accepted that the control has no fail-safe for a stop of the program.
+    /// Accepts a control without a fail-safe for a stop of the program.
     pub unwatched: bool,
-    /// Whether it carries the correction of thermal terms alone, for slow controls: positions may then be held for up to 5 s.
+    /// Whether the path carries thermal terms alone, for slow controls: positions may then be held for up to 5 s.
     pub only_thermal: bool,
-    /// Age of positions from which the correction is held on this path; `None`: [`GuardSettings::hold`]. If it is longer than
+    /// Maximum age of positions on this path, from which the correction is held; `None`: [`GuardSettings::hold`]. If it exceeds
     /// [`GuardSettings::zero_after`], the correction then ramps to zero at once.
     pub hold: Option<Duration>,
     /// Whether the test shift is made at arming.
     pub proves: bool,
-    /// Smallest step of the reported position by axis. Axes without an entry report positions more finely than the correction
-    /// step.
+    /// Resolution of the reported position by axis. Axes without an entry report positions more finely than the step of their correction.
     pub position_steps: BTreeMap<AxisName, Displacement>,
-    /// Maximum number of writes by which the read-back lags, from 1.
+    /// Maximum lag of the read-back, in writes, from 1.
     pub read_back_cycles: usize,
     /// The barrier of the control, if it has one.
     pub barrier: Option<BarrierSettings>,
-    /// How long a control without a barrier is observed before the first write, to detect another gateway.
+    /// Time for which a control without a barrier is watched before the first write, to detect another gateway.
     pub watch: Duration,
-    /// Reaction of a control without read-back when writes stop; `None`: it keeps its correction.
+    /// What a control without read-back does when writes stop; `None`: it keeps its correction.
     pub time_out: Option<ControlTimeOut>,
 }
 
 impl Default for PathSettings {
-    /// All axes and states are reported, the control monitors the gateway, the test shift is made, the read-back lags by one write, there is no
-    /// barrier, and the control is observed for 2 s before the first write.
+    /// All axes and states are reported, the control monitors the gateway, the test shift is made, the read-back lags by one write, there
+    /// is no barrier, and the control is watched for 2 s before the first write.
     fn default() -> Self {
         Self {
             fixed: BTreeMap::new(),
@@ -242,14 +241,13 @@ impl Default for PathSettings {
     }
 }
 
-/// How the control thread is scheduled.
+/// Scheduling of the control thread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Realtime {
     /// The priority of SCHED_FIFO, 1 to 99; 0: not requested.
     pub priority: u8,
     /// The processor on which the thread stays; `None`: any.
     pub cpu: Option<usize>,
-    /// Whether the thread times [`reference_work`](crate::reference_work) after each cycle: a measure of the computer, for comparing compute
-    /// times between computers.
+    /// Whether the thread times [`reference_work`](crate::reference_work) after each cycle, to compare compute times between computers.
     pub reference: bool,
 }

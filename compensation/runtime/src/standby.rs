@@ -1,5 +1,5 @@
-//! A thread that reads the controller of a standby path, so that a slow or hanging one does not delay the cycle. State: the controller, while the
-//! path is on standby.
+//! A thread that reads the controller of a standby path, so that a slow or hanging exchange does not delay the cycle. State: the
+//! controller, while the path is on standby.
 
 use std::{
     io, mem,
@@ -19,7 +19,7 @@ pub(crate) const STANDBY_INTERVAL: Duration = Duration::from_millis(100);
 /// Capacity of the ring of answers; further ones are lost.
 const ANSWERS: usize = 8;
 
-/// The controller of a path, held by the cycle or by the thread that reads it on standby.
+/// The controller of a path, held by the cycle or by its standby thread.
 ///
 /// Invariants:
 /// - The controller is in exactly one place: here, in a ring, or with the thread.
@@ -37,7 +37,7 @@ pub(crate) struct StandbyReading {
     pub(crate) read: Result<Snapshot, Fault>,
 }
 
-/// A controller on its way to the thread, and the timeout of its exchanges.
+/// A controller that is passed to the thread, and the timeout of its exchanges.
 struct ReadJob {
     controller: Box<dyn Controller>,
     time_out: Duration,
@@ -54,7 +54,7 @@ struct StandbyThread {
 
 #[derive(Default)]
 struct Shared {
-    /// The cycle has requested the controller.
+    /// Whether the cycle has requested the controller.
     is_recalled: AtomicBool,
     ends: AtomicBool,
 }
@@ -67,7 +67,7 @@ impl ControllerSlot {
         }
     }
 
-    /// Starts the thread, which reads once per `every`. It is idle until [`hand_over`](Self::hand_over).
+    /// Starts the thread, which reads once per `every`, and is idle until [`hand_over`](Self::hand_over).
     pub(crate) fn start_thread(&mut self, name: &str, every: Duration) -> io::Result<()> {
         let (jobs_in, jobs) = RingBuffer::new(1);
         let (back_in, back) = RingBuffer::new(1);
@@ -115,7 +115,7 @@ impl ControllerSlot {
         self.thread.as_mut()?.readings.pop().ok()
     }
 
-    /// Requests the controller; [`take_back`](Self::take_back) receives it once the present exchange is over. Lock-free.
+    /// Requests the controller, which [`take_back`](Self::take_back) receives after the present exchange. Lock-free.
     pub(crate) fn recall(&mut self) {
         if let (None, Some(thread)) = (&self.controller, &self.thread)
             && !thread.shared.is_recalled.swap(true, Ordering::AcqRel)
@@ -146,7 +146,7 @@ impl ControllerSlot {
         };
         match thread.jobs.push(jobs) {
             Ok(()) => thread.thread.unpark(),
-            // There is one controller, so the ring has room; otherwise the next cycle would try again.
+            // There is one controller, so the ring has room; otherwise the next cycle tries again.
             Err(PushError::Full(jobs)) => self.controller = Some(jobs.controller),
         }
     }
@@ -178,7 +178,7 @@ impl StandbyReader {
         }
     }
 
-    /// Reads the controller periodically, until it is recalled or the thread is to end.
+    /// Reads the controller periodically, until it is recalled or the thread must end.
     fn read_until_recalled(&mut self, jobs: ReadJob) {
         let ReadJob {
             mut controller,
@@ -187,7 +187,7 @@ impl StandbyReader {
         while !self.is_over() {
             let requested = Instant::now();
             let read = controller.read(requested + time_out);
-            // If the ring is full the cycle has not read it for long: this answer is lost.
+            // The ring is full if the cycle has not read it for long; this answer is then lost.
             let _ = self.readings.push(StandbyReading {
                 requested,
                 received: Instant::now(),

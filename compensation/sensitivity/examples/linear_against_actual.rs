@@ -1,5 +1,5 @@
-//! What the sum of the 60 error twists neglects: linear against actual volumetric error of the published machine with 60
-//! errors at 1000 random positions, as a histogram of their ratio.
+//! The accuracy of the sum of 60 error twists: linear and actual volumetric error of the published machine with 60 errors at 1000 random
+//! positions, as a histogram of their ratio.
 //!
 //!     cargo run -p volcomp-sensitivity --example linear_against_actual
 
@@ -13,9 +13,9 @@ use volcomp_sensitivity::{
     vocabulary::Displacement,
 };
 
-/// Width of a class of the histogram.
+/// Class width of the histogram.
 const CLASS: f64 = 1e-4;
-/// Classes on each side of 1.
+/// Number of classes on each side of 1.
 const CLASSES: usize = 10;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 /// Number of poses per unit of parallel work.
 const CHUNK: usize = 2048;
 
-/// Results of `work` for each chunk of `count` poses, in the order of the poses: joined in this order, every run gives the same digits.
+/// Results of `work` for each chunk of `count` poses, in the order of the poses, so that joining them gives the same digits in every run.
 /// `progress` receives, from any thread, the number of finished poses and their total number.
 pub(crate) fn chunks<T: Send>(
     count: usize,

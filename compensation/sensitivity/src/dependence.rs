@@ -2,19 +2,19 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// A column is treated as linearly dependent if less than this part of it remains after projection.
+/// A column counts as linearly dependent if a smaller share of it remains after projection.
 pub const DEPENDENT_BELOW: f64 = 1e-9;
 
-/// Relative threshold below which the share of a column in a combination is rounding.
+/// Share of a column in a combination, relative to the largest, below which it is a rounding error.
 const ROUNDING: f64 = 1e-7;
 
-/// The rank of a matrix and its vanishing combinations of columns.
+/// The rank of a matrix, and its linear combinations of columns that are zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dependence {
     /// The columns that are independent of the previous ones, ascending.
     pub kept: Vec<usize>,
-    /// For each column that depends on the previous ones, the combination that vanishes: indices and weights of unit length, the first
-    /// positive, the column itself last.
+    /// For each dependent column the combination with previous columns that is zero: indices and weights of unit length, the first
+    /// positive, the dependent column last.
     pub null: Vec<Vec<(usize, f64)>>,
 }
 
@@ -24,11 +24,11 @@ impl Dependence {
         self.kept.len()
     }
 
-    /// The dependence of the columns of `matrix` (any scale each), in order: each column is projected onto the previous ones by twofold
-    /// orthogonalisation. A column of zeros depends on none.
+    /// The dependence of the columns of `matrix`, in any scale, in order: each column is projected onto the previous ones by twofold
+    /// orthogonalisation. A column of zeros depends on no other.
     pub fn of(matrix: &DMatrix<f64>) -> Self {
         let mut basis: Vec<DVector<f64>> = Vec::new();
-        // For each column of the basis its index, and its coefficients in the basis, both scaled to unit length.
+        // For each column of the basis: its index, and its coefficients in the basis, both scaled to unit length.
         let mut places: Vec<usize> = Vec::new();
         let mut triangle: Vec<Vec<f64>> = Vec::new();
         let norms: Vec<f64> = matrix.column_iter().map(|column| column.norm()).collect();
@@ -66,13 +66,12 @@ impl Dependence {
     }
 }
 
-/// Weights of the basis columns in a vector that is given by its shares along the orthogonalised directions of the
-/// basis.
+/// Weights of the basis columns for a vector that is given by its components along the orthogonalised basis.
 fn weights(triangle: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
     let mut left = shares.to_vec();
     let mut weights = vec![0.0; shares.len()];
     for (place, column) in triangle.iter().enumerate().rev() {
-        // The diagonal exceeds the threshold of dependence.
+        // The diagonal exceeds the dependence threshold.
         let weight = left[place] / column[place];
         weights[place] = weight;
         for (left, share) in left.iter_mut().zip(column) {
@@ -82,7 +81,7 @@ fn weights(triangle: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
     weights
 }
 
-/// Converts a combination of columns of unit length to one of the original columns, without rounding, of unit length.
+/// Converts a combination of unit-length columns to one of the original columns, of unit length and without rounding errors.
 fn combination(scaled: Vec<(usize, f64)>, norms: &[f64]) -> Vec<(usize, f64)> {
     let largest = scaled
         .iter()
@@ -98,7 +97,7 @@ fn combination(scaled: Vec<(usize, f64)>, norms: &[f64]) -> Vec<(usize, f64)> {
         .map(|(_, weight)| weight * weight)
         .sum::<f64>()
         .sqrt();
-    // Sign convention: the first weight is positive.
+    // The first weight is positive by convention.
     let first = weighted.first().map_or(1.0, |(_, weight)| weight.signum());
     for (_, weight) in &mut weighted {
         *weight /= length * first;

@@ -1,4 +1,4 @@
-//! Effects of errors over many poses: of one unit of each, or of the values of a machine.
+//! Effects of errors over many poses: of one unit of each error, or of the values of a machine.
 
 use nalgebra::Vector3;
 use volcomp_kinematics::{Chain, ErrorMotion, ErrorSource};
@@ -12,8 +12,8 @@ use crate::{
     term::ErrorTerm,
 };
 
-/// What one error does over the poses: one unit of it (1 µm of a displacement, 1 µrad of a rotation) where it comes from
-/// [`sensitivity`](crate::sensitivity()), the values that a machine has where it comes from [`effects_of`].
+/// Effect of one error over the poses: of one unit (1 µm of a displacement, 1 µrad of a rotation) in [`sensitivity`](crate::sensitivity()),
+/// or of a machine's values in [`effects_of`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct Effect {
@@ -28,14 +28,14 @@ pub struct Effect {
     pub orientation_rms_urad: f64,
     /// The largest rotation, µrad.
     pub orientation_max_urad: f64,
-    /// The part of the mean square of the displacement that comes from this error when none of them knows of another.
+    /// Share of the error in the mean square displacement if all errors are independent.
     pub share: f64,
 }
 
 /// Maximum number of poses.
 const MAX_POSES: usize = 1 << 28;
 
-/// The number of poses, if within the limit and if the chain has the axes of all errors.
+/// The number of poses, if it is within the limit and the chain has the axes of all errors.
 pub(crate) fn checked(
     chain: &Chain,
     terms: &[ErrorTerm],
@@ -86,8 +86,8 @@ impl Squares {
     }
 }
 
-/// The first-order effect on the tool of each error alone, with the values (µm or µrad) of a source, over the poses. An error motion has
-/// its value at each pose, on the branch of the pose's approach.
+/// The first-order effect on the tool of each error alone, with the values (µm or µrad) of a source, over the poses. An error motion is
+/// evaluated at each pose, for the pose's direction of approach.
 ///
 /// # Errors
 /// See [`sensitivity`](crate::sensitivity()).
@@ -114,7 +114,7 @@ pub fn effects_of_with_progress(
     let count = checked(chain, terms, poses)?;
     let made_of: Vec<(usize, Vec<InGap>)> = terms
         .iter()
-        // Cannot fail: all axes were checked above.
+        // Infallible: all axes were checked above.
         .filter_map(|&term| {
             Some((
                 chain.structure().index_of(term.axis())?,
@@ -152,7 +152,7 @@ pub fn effects_of_with_progress(
     effects(terms, &sums, count, |_| 1.0)
 }
 
-/// The component of a motion named by a term, mm or rad.
+/// The component of a motion that belongs to a term, mm or rad.
 fn component_of(six: &ErrorMotion, term: ErrorTerm) -> f64 {
     let along = term.component().mcs_index();
     if term.component().is_angular() {
@@ -162,7 +162,7 @@ fn component_of(six: &ErrorMotion, term: ErrorTerm) -> f64 {
     }
 }
 
-/// The effects of errors from their squares, which are those of a value `size` (mm or rad) of each.
+/// The effects of errors from their squares for a value `size` (mm or rad) of each.
 pub(crate) fn effects(
     terms: &[ErrorTerm],
     squares: &[Squares],

@@ -6,7 +6,7 @@ use volcomp_vocabulary::AxisName;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SensitivityError {
-    /// No pose, or more than the maximum number.
+    /// There is no pose, or more than the maximum number.
     #[error("found {} poses, expected 1 to {most}", found.map_or("too many".to_owned(), |n| n.to_string()))]
     Poses {
         /// Number of poses; `None` if it overflows.
@@ -17,7 +17,7 @@ pub enum SensitivityError {
     /// The list of errors is empty.
     #[error("found no error, expected at least one")]
     NoErrors,
-    /// An error of an axis that the chain does not have.
+    /// An error belongs to an axis that the chain lacks.
     #[error("{term}: the structure has no axis {axis}")]
     NoSuchAxis {
         /// The named error.
@@ -25,7 +25,7 @@ pub enum SensitivityError {
         /// The missing axis.
         axis: AxisName,
     },
-    /// A pose or a chain with a number that is not finite.
+    /// A pose or a chain contains a number that is not finite.
     #[error("found an effect that is no finite number, expected finite coordinates")]
     NotFinite,
 }

@@ -1,4 +1,4 @@
-//! First-order volumetric error as a formula: each error with its lever, as printed in papers.
+//! First-order volumetric error as a formula, each error with its lever, as printed in papers.
 
 use volcomp_kinematics::{Chain, ErrorSource, Joint, State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, ErrorName};
@@ -12,20 +12,20 @@ use crate::{
 /// Components along X, Y and Z.
 type Vector = [Polynomial; 3];
 
-/// The left sides: displacement of the tool tip along X, Y and Z, rotation of the tool about them.
+/// The left-hand sides: displacement of the tool tip along X, Y and Z, rotation of the tool about them.
 const LEFT: [&str; 6] = ["dX", "dY", "dZ", "dA", "dB", "dC"];
 
-/// Errors with the same lever.
+/// Errors that have the same lever.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grouped {
     /// The lever without its sign: mm of displacement per rad, or a dimensionless number.
     pub lever: Polynomial,
-    /// The errors, each with true if its sign is negative.
+    /// The errors, each with true for a negative sign.
     pub errors: Vec<(ErrorTerm, bool)>,
 }
 
-/// The first-order volumetric error of a chain in workpiece axes: six sums of errors, each with its lever. Lengths are in mm and angles in
-/// rad; the tool tip is `Xt`, `Yt`, `Zt`, without its coordinates that are 0.
+/// The first-order volumetric error of a chain in workpiece axes: six sums of errors times levers. Lengths are in mm, angles in rad; the
+/// tool tip is `Xt`, `Yt`, `Zt`, of which coordinates that are 0 are omitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expression {
     components: [Vec<Grouped>; 6],
@@ -33,7 +33,7 @@ pub struct Expression {
 }
 
 impl Expression {
-    /// The formula of a chain and these errors; errors of axes that the chain does not have are left out.
+    /// The formula of a chain with these errors; errors of missing axes are omitted.
     pub fn of(chain: &Chain, terms: &[ErrorTerm]) -> Self {
         let made_of: Vec<_> = terms.iter().map(|&term| twists(chain, term)).collect();
         let tip = chain.tool_tip_mm();
@@ -86,7 +86,7 @@ impl Expression {
         }
     }
 
-    /// The errors of each component with their levers: displacement along X, Y, Z, then rotation about X, Y, Z.
+    /// The errors of each component with their levers: displacements along X, Y, Z, then rotations about X, Y, Z.
     pub fn components(&self) -> &[Vec<Grouped>; 6] {
         &self.components
     }
@@ -147,7 +147,7 @@ impl Expression {
     }
 }
 
-/// An error of a source by its name, mm or rad.
+/// The value of an error in a source, mm or rad.
 fn error_of<S: ErrorSource>(chain: &Chain, source: &S, state: &State, term: ErrorTerm) -> f64 {
     let Some(axis) = chain.structure().index_of(term.axis()) else {
         return 0.0;
@@ -214,7 +214,7 @@ fn turned(turn: &[Vector; 3], vector: &Vector) -> Vector {
     })
 }
 
-/// Groups errors with the same lever up to its sign, in the order of the first of each.
+/// Groups errors whose levers are equal except for the sign, in the order of the first error of each group.
 fn grouped(levers: impl Iterator<Item = (ErrorTerm, Polynomial)>) -> Vec<Grouped> {
     let mut groups: Vec<Grouped> = Vec::new();
     for (term, lever) in levers.filter(|(_, lever)| !lever.is_zero()) {
@@ -249,7 +249,7 @@ fn written(groups: &[Grouped], latex: bool, name: impl Fn(&ErrorTerm) -> String)
             }
             continue;
         }
-        // The sign of the first error is written before the lever.
+        // The sign of the first error precedes the lever.
         let turned = group.errors.first().is_some_and(|(_, negative)| *negative);
         let mut sum = String::new();
         for (place, (term, negative)) in group.errors.iter().enumerate() {

@@ -1,8 +1,8 @@
 //! Errors as constant twists in the gaps between the joints.
 //!
 //! To first order an error of one unit is a twist in one gap of the chain, or in two: a displaced axis line is a twist on the workpiece
-//! side of its joint and the opposite one on its tool side (the adjoint of the joint's screw). A gap has six twists, so 60 errors of five
-//! axes are combinations of 36, and only these change from pose to pose.
+//! side of its joint and the opposite twist on its tool side (the adjoint of the joint's screw). A gap has six twists, so the 60 errors of
+//! five axes are combinations of 36 twists, and only the effects of these change from pose to pose.
 
 use nalgebra::{Matrix3, Vector3};
 use volcomp_kinematics::{Chain, Side, State};
@@ -13,7 +13,7 @@ use crate::term::ErrorTerm;
 /// Maximum number of gaps: one before each axis and one after the last.
 pub(crate) const MAX_GAPS: usize = MAX_AXES + 1;
 
-/// A unit twist, about the MCS origin, in a gap: 0 before the first axis from the workpiece.
+/// A unit twist, about the MCS origin, in a gap; gap 0 precedes the first axis from the workpiece.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct InGap {
     pub(crate) gap: usize,
@@ -23,7 +23,7 @@ pub(crate) struct InGap {
     pub(crate) angular: Vector3<f64>,
 }
 
-/// The twists of an error of one unit (mm or rad); empty for an axis that the chain does not have.
+/// The twists of an error of one unit (mm or rad); empty if the chain lacks the axis.
 pub(crate) fn twists(chain: &Chain, term: ErrorTerm) -> Vec<InGap> {
     let joints = chain.joints();
     let Some(index) = joints.iter().position(|joint| joint.name == term.axis()) else {
@@ -59,7 +59,7 @@ pub(crate) fn twists(chain: &Chain, term: ErrorTerm) -> Vec<InGap> {
             vec![at(index + usize::from(on_tool_side), &origin)]
         }
         ErrorTerm::Named(name) if name.location => {
-            // The position of a linear axis's line has no effect, so it is taken through the origin.
+            // The position of a linear axis has no effect, so its line is taken through the origin.
             let point = match joint.kind {
                 AxisKind::Linear => origin,
                 AxisKind::Rotary => joint.point_mm,
@@ -73,7 +73,7 @@ pub(crate) fn twists(chain: &Chain, term: ErrorTerm) -> Vec<InGap> {
     }
 }
 
-/// The gaps at a pose: the effect on the tool of a twist in each.
+/// The effect at a pose of a twist in each gap on the tool.
 #[derive(Clone, Debug)]
 pub(crate) struct Gaps {
     /// Rotations from the axes of each gap to those of the workpiece.
@@ -93,7 +93,7 @@ impl Gaps {
         for (index, joint) in joints.iter().enumerate().rev() {
             let motion = joint.motion(state.q[index]);
             gaps.tip_mm[index] = motion.transform_point(&gaps.tip_mm[index + 1]);
-            // The rotation of the joint alone; the product follows below.
+            // The rotation of the joint alone, multiplied below.
             gaps.turned[index + 1] = motion.rotation;
         }
         for index in 1..=joints.len() {
@@ -102,7 +102,7 @@ impl Gaps {
         gaps
     }
 
-    /// Displacement of the tip (mm per unit) and rotation (rad per unit) from the twists of an error, in workpiece axes.
+    /// Displacement of the tip (mm per unit) and rotation (rad per unit) caused by the twists of an error, in workpiece axes.
     pub(crate) fn effect(&self, twists: &[InGap]) -> [Vector3<f64>; 2] {
         let mut sum = [Vector3::zeros(); 2];
         for twist in twists {

@@ -1,4 +1,4 @@
-//! Sums of products of coordinates, sines, cosines and tool offsets, as used for the levers of a formula.
+//! Sums of products of coordinates, sines, cosines and tool offsets: the levers in a formula.
 
 use core::fmt;
 use std::collections::BTreeMap;
@@ -49,21 +49,21 @@ impl fmt::Display for Factor {
 pub struct Polynomial(BTreeMap<Vec<Factor>, f64>);
 
 impl Polynomial {
-    /// A constant.
+    /// A constant polynomial.
     pub(crate) fn number(value: f64) -> Self {
         let mut sum = Self::default();
         sum.add_product(&[], value);
         sum
     }
 
-    /// A factor with a coefficient.
+    /// A single factor with a coefficient.
     pub(crate) fn factor(factor: Factor, value: f64) -> Self {
         let mut sum = Self::default();
         sum.add_product(&[factor], value);
         sum
     }
 
-    /// True if the sum is empty.
+    /// Whether the sum is empty.
     pub fn is_zero(&self) -> bool {
         self.0.is_empty()
     }
@@ -81,7 +81,7 @@ impl Polynomial {
         }
         let sum = self.0.entry(factors.to_vec()).or_insert(0.0);
         *sum += value;
-        // Cancellation is exact: the same numbers with opposite signs.
+        // Cancellation is exact, since the numbers are equal with opposite signs.
         if *sum == 0.0 {
             self.0.remove(factors);
         }
@@ -105,7 +105,7 @@ impl Polynomial {
         product
     }
 
-    /// Evaluates the sum, each factor by `value_of`.
+    /// Evaluates the sum; `value_of` returns the value of a factor.
     pub fn value(&self, value_of: impl Fn(Factor) -> f64) -> f64 {
         let product = |(factors, number): (&Vec<Factor>, &f64)| {
             factors
@@ -115,14 +115,14 @@ impl Polynomial {
         self.0.iter().map(product).sum()
     }
 
-    /// Reading order: products first, a constant last.
+    /// The terms in reading order: products first, a constant last.
     fn ordered(&self) -> Vec<(&[Factor], f64)> {
         let mut products: Vec<_> = self.products().collect();
         products.sort_by_key(|(factors, _)| factors.is_empty());
         products
     }
 
-    /// The polynomial or its negative, such that the first coefficient is positive; true if it was negated.
+    /// The polynomial or its negative, so that the first coefficient is positive; true if negated.
     pub(crate) fn positive(mut self) -> (Self, bool) {
         let negative = self
             .ordered()
@@ -136,12 +136,12 @@ impl Polynomial {
         (self, negative)
     }
 
-    /// True if the polynomial is the constant 1.
+    /// Whether the polynomial is the constant 1.
     pub(crate) fn is_one(&self) -> bool {
         *self == Self::number(1.0)
     }
 
-    /// Formats the polynomial as a factor of a product: a sum in parentheses.
+    /// Formats the polynomial as a factor, with a sum in parentheses.
     pub(crate) fn as_factor(&self, latex: bool) -> String {
         let text = if latex {
             self.latex()
@@ -172,7 +172,7 @@ impl Polynomial {
             let mut parts: Vec<String> = factors.iter().map(|&factor| name(factor)).collect();
             let size = number.abs();
             if size != 1.0 || parts.is_empty() {
-                // All digits: the formula must be as accurate as the model.
+                // All digits, since the formula must be as accurate as the model.
                 parts.insert(0, size.to_string());
             }
             text += &parts.join(times);

@@ -3,7 +3,7 @@
 use volcomp_kinematics::{Chain, ChainError, State};
 use volcomp_vocabulary::AxisName;
 
-/// Poses of a chain: coordinates in mm and rad, in chain order.
+/// Poses of a chain, in mm and rad, in chain order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Poses {
     /// Every combination of the nodes of each axis.
@@ -49,7 +49,7 @@ impl Poses {
         }
     }
 
-    /// The pose at an index: in a grid the last axis varies fastest. Beyond the end a grid wraps around, and a list gives machine zero.
+    /// The pose at an index; in a grid the last axis varies fastest. Beyond the end a grid wraps around, and a list returns machine zero.
     pub fn state(&self, place: usize) -> State {
         let axes = match self {
             Self::List(states) => return states.get(place).copied().unwrap_or_default(),

@@ -1,4 +1,4 @@
-//! Effect of each error over many poses, errors that cause the same motion, and errors that no measurement of the tool can separate.
+//! Effect of each error over many poses, errors that cause the same motion, and errors that measurements of the tool cannot separate.
 
 use nalgebra::{DMatrix, Vector3};
 use volcomp_kinematics::Chain;
@@ -14,7 +14,7 @@ use crate::{
     term::ErrorTerm,
 };
 
-/// Number of poses whose rows are triangularised together.
+/// Number of poses whose rows are triangularised in one step.
 const STACKED: usize = 48;
 
 /// Errors whose effects are proportional at every pose: one motion of the tool.
@@ -23,7 +23,7 @@ const STACKED: usize = 48;
 pub struct DistinctMotion {
     /// The motion by its frame or line: `translation along Y, frame of A`.
     pub name: String,
-    /// The errors that make this motion, in the order in which they were given.
+    /// The errors that cause this motion, in the given order.
     pub terms: Vec<ErrorTerm>,
 }
 
@@ -34,13 +34,13 @@ pub struct Sensitivity {
     /// Number of poses.
     #[cfg_attr(feature = "schema", serde(rename = "positions"))]
     pub poses: usize,
-    /// Each error in the order in which it was given.
+    /// Each error, in the given order.
     pub errors: Vec<Effect>,
-    /// The distinct motions; an error that moves nothing is in none.
+    /// The distinct motions; errors without effect are in none.
     pub motions: Vec<DistinctMotion>,
-    /// Number of combinations of errors that position and orientation of the tool can distinguish.
+    /// Number of independent combinations of errors that the pose of the tool can distinguish.
     pub rank: usize,
-    /// Combinations of the errors, in µm and µrad, that move the tool at no pose, each of unit length.
+    /// Combinations of the errors, in µm and µrad and of unit length, that do not move the tool at any pose.
     #[cfg_attr(
         feature = "schema",
         serde(serialize_with = "as_maps"),
@@ -63,7 +63,7 @@ fn as_maps<S: serde::Serializer>(
     serializer.collect_seq(named)
 }
 
-/// Analyses errors of a chain over poses, to first order, on all cores.
+/// Analyses errors of a chain over poses to first order, on all cores.
 ///
 /// # Errors
 /// [`SensitivityError`].
@@ -146,9 +146,9 @@ fn in_micro(mut combination: Vec<(ErrorTerm, f64)>) -> Vec<(ErrorTerm, f64)> {
     combination
 }
 
-/// The twists of the gaps without duplicates at every pose: translations are unchanged across a linear axis.
+/// The twists of the gaps without those that are equal at every pose: translations are unchanged across a linear axis.
 struct Basis {
-    /// The index of each of the six twists of each gap.
+    /// The basis index of each of the six twists of each gap.
     place: Vec<[usize; 6]>,
     columns: usize,
     /// The lever that makes rotations comparable to displacements, mm.
@@ -187,7 +187,7 @@ impl Basis {
         }
     }
 
-    /// Writes the rows of a pose: displacement in units of the lever, and rotation.
+    /// Writes the rows of a pose: displacement divided by the lever, and rotation.
     fn write_rows(&self, gaps: &Gaps, rows: &mut DMatrix<f64>, from: usize) {
         for (gap, place) in self.place.iter().enumerate() {
             let (turned, tip) = (&gaps.turned[gap], gaps.tip_mm[gap] / self.lever_mm);
@@ -281,7 +281,7 @@ impl Sums {
     }
 }
 
-/// Groups proportional columns; columns of zeros are left out.
+/// Groups proportional columns; columns of zeros are omitted.
 fn motions(
     chain: &Chain,
     terms: &[ErrorTerm],
@@ -315,11 +315,11 @@ fn motions(
     groups.into_iter().map(named).collect()
 }
 
-/// The name of a motion: the error nearest to the workpiece.
+/// The name of a motion: that of the error nearest to the workpiece.
 fn name(chain: &Chain, terms: &[ErrorTerm], made_of: &[Vec<InGap>], group: &[usize]) -> String {
     let single = group.iter().filter(|&&place| made_of[place].len() == 1);
     let Some(&place) = single.min_by_key(|&&place| made_of[place][0].gap) else {
-        // Only axis lines, each of which consists of two twists.
+        // Only errors of axis lines, which consist of two twists each.
         let names: Vec<String> = group
             .iter()
             .map(|&place| terms[place].to_string())

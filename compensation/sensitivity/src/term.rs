@@ -15,7 +15,7 @@ pub enum ErrorTerm {
 }
 
 impl ErrorTerm {
-    /// Its component along or about an axis of the machine coordinate system.
+    /// Component of the error along or about an axis of the machine coordinate system.
     pub fn component(self) -> Component {
         match self {
             Self::Named(name) => name.component,
@@ -31,7 +31,7 @@ impl ErrorTerm {
         }
     }
 
-    /// The name of the coefficient in a null direction: `EXC constant` for an error motion, which is a curve, otherwise the name.
+    /// The name of the coefficient in a null combination: `EXC constant` for an error motion, because that is a curve; otherwise the name.
     pub fn coefficient(self) -> String {
         match self {
             Self::Named(name) if !name.location => format!("{name} constant"),
@@ -71,9 +71,9 @@ impl fmt::Display for ErrorTerm {
     }
 }
 
-/// The errors of a chain, axis by axis from the workpiece to the tool: six error motions, then the location errors that have an effect.
-/// With `assembly`, the six assembly errors replace the location errors that they include; of the location errors only those in `stated`
-/// are kept.
+/// The errors of a chain, axis by axis from the workpiece to the tool: six error motions, then the location errors with an effect. With
+/// `assembly`, the six assembly errors replace the location errors that they include, and of the other location errors only those in
+/// `stated` remain.
 pub fn terms(chain: &Chain, assembly: bool, stated: &[ErrorName]) -> Vec<ErrorTerm> {
     let mut terms = Vec::new();
     for joint in chain.joints() {

@@ -1,4 +1,4 @@
-//! A machine that is known, measured by a noisy laser in the virtual shop, calibrated, and held against the truth.
+//! Measures a known machine with a noisy laser in the virtual shop, calibrates it, and compares the result with the truth.
 
 use std::{error::Error, fs, path::Path};
 
@@ -9,25 +9,25 @@ use volcomp_shop::Shop;
 use volcomp_vocabulary::AxisName;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // The truth machine, the instrument and the lines of the repository's example.
+    // Truth machine, instrument and lines of the example in the repository.
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration");
     let shop = Shop::read(&examples.join("shop.toml"))?;
 
-    // The files that a laser would have left, in a folder of their own.
+    // The files of the laser, in a separate folder.
     let folder = std::env::temp_dir().join(format!("volcomp-shop-{}", std::process::id()));
     fs::create_dir_all(&folder)?;
     for (name, text) in shop.files(|_done, _of| {})? {
         fs::write(folder.join(name), text)?;
     }
 
-    // A calibration reads them and never sees the truth.
+    // The calibration reads only these files, not the truth.
     let found = calibrate(
         &CalibrationFile::read(&folder.join("calibration.toml"))?,
         |_, _| {},
     )?;
     fs::remove_dir_all(&folder)?;
 
-    // What is left is noise, drift, and what a calibration cannot know: where the workpiece is.
+    // The remaining difference is noise, drift, and the position of the workpiece, which a calibration cannot determine.
     let none = Temperatures::new();
     let error_um = |machine: &Machine, at: &[(AxisName, f64)]| {
         let state = machine.state(at)?;

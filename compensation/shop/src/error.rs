@@ -15,7 +15,7 @@ pub enum ShopError {
     /// The shop file contains an invalid value.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The file of the truth machine is invalid, or the machine lacks an axis that is to be measured.
+    /// The file of the truth machine is invalid, or the machine lacks an axis to be measured.
     #[error(transparent)]
     Machine(#[from] ModelError),
     /// The instrument of a line is invalid (only possible when built in code).
@@ -64,13 +64,13 @@ pub enum ObservationError {
     /// The machine lacks an axis or a tool, or a coordinate is not a number.
     #[error(transparent)]
     Machine(#[from] ModelError),
-    /// Too few poses with the tip at a point are within travel.
+    /// Too few poses with the tip at a target position are within travel.
     #[error(
         "{what} at [{}, {}, {}] mm in workpiece axes: found {found} of {poses} poses within travel, expected a place that the tool reaches with the rotary axes all over their travel, or rotary axes held by `at`",
         at[0], at[1], at[2]
     )]
     Reach {
-        /// The target of the tip.
+        /// The target position, for the message.
         what: String,
         /// Position, mm in workpiece axes.
         at: [f64; 3],
@@ -79,7 +79,7 @@ pub enum ObservationError {
         /// Number of poses requested.
         poses: usize,
     },
-    /// The tip cannot reach a point.
+    /// The tip cannot reach a point within the travels.
     #[error(
         "found no position within travel with the tool at [{:.3}, {:.3}, {:.3}] mm in workpiece axes, expected a bar within reach of the linear axes",
         at[0], at[1], at[2]
@@ -88,7 +88,7 @@ pub enum ObservationError {
         /// The point, mm in workpiece axes.
         at: [f64; 3],
     },
-    /// The tip cannot reach a sphere at a planned pose.
+    /// The tip cannot reach a sphere at a planned pose within the travels.
     #[error(
         "row {pose} of the plan: found no position within travel with the tool at sphere S{sphere}, [{}, {}, {}] mm in workpiece axes, expected rotary positions at which the linear axes reach it",
         at[0], at[1], at[2]
@@ -115,7 +115,7 @@ pub enum ObservationError {
         /// Maximum distance, mm.
         most_mm: f64,
     },
-    /// A plan names a sphere that does not exist (only possible when built in code).
+    /// A plan contains a sphere that does not exist (only possible when built in code).
     #[error("found sphere S{found} in the plan, expected S1 to S{most}")]
     NoSphere {
         /// The sphere, from 1.
@@ -126,7 +126,7 @@ pub enum ObservationError {
     /// Too few or too many poses, marks or diagonals (only possible when built in code).
     #[error("found {found} {what}, expected {least} to {most}")]
     Count {
-        /// The counted item.
+        /// What was counted, for the message.
         what: &'static str,
         /// The number found.
         found: usize,
@@ -135,13 +135,13 @@ pub enum ObservationError {
         /// Maximum number.
         most: usize,
     },
-    /// A diagonal that does not exist in the working space (only possible when built in code).
+    /// The diagonal does not exist (only possible when built in code).
     #[error("found the diagonal {name:?}, expected one of PPP, NPP, PNP, PPN")]
     NoDiagonal {
         /// Name.
         name: String,
     },
-    /// A direction of zero length.
+    /// A direction has zero length.
     #[error("found a direction of no length, expected one that points somewhere")]
     NoDirection,
 }
@@ -171,7 +171,7 @@ pub enum InstrumentError {
         /// Maximum number of readings.
         most: usize,
     },
-    /// A number that is not finite, or negative where that is not allowed.
+    /// A number is not finite, or is negative where that is not allowed.
     #[error("{what}: found {found}, expected {expected}")]
     Number {
         /// The quantity, as the key of a shop file with its unit.

@@ -8,7 +8,7 @@ use volcomp_metrology::{
 use crate::shop::{Format, Header, Shop, ShopLine};
 
 impl Format {
-    /// The formats by their names in a shop file.
+    /// The formats with their names in a shop file.
     pub(crate) const NAMES: [(&'static str, Self); 4] = [
         ("renishaw", Self::Renishaw),
         ("csv", Self::Csv),
@@ -16,7 +16,7 @@ impl Format {
         ("keysight-report", Self::KeysightReport),
     ];
 
-    /// The file extension for angles or lengths, the latter with or without straightness optics.
+    /// The file extension for angles, or for lengths with or without straightness optics.
     fn ending(self, holds_angles: bool, straightness: bool) -> &'static str {
         match (self, holds_angles, straightness) {
             (Self::Csv, ..) => "csv",

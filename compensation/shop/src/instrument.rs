@@ -8,31 +8,31 @@ use volcomp_vocabulary::{Direction, Um, Urad};
 
 use crate::error::InstrumentError;
 
-/// An instrument and how it measures a line.
+/// An instrument, and how it measures a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Instrument {
     /// Imperfections of length readings.
     pub length: Imperfections<Um>,
     /// Imperfections of angle readings.
     pub angle: Imperfections<Urad>,
-    /// Standard deviation of the slope with which a straightness reference is aligned.
+    /// Standard deviation of the slope between a straightness reference and its axis.
     pub alignment: Urad,
     /// Number of targets over the travel, both ends included.
     pub targets: usize,
     /// Number of runs in each direction.
     pub runs: u32,
-    /// True if targets are approached in both directions.
+    /// Whether targets are approached in both directions.
     pub both_directions: bool,
 }
 
-/// Imperfections by which the readings of an instrument differ from the true deviations, µm or µrad.
+/// Deviations of the readings from the true deviations, µm or µrad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Imperfections<U> {
     /// Standard deviation of a reading.
     pub noise: U,
     /// Resolution of a reading, 0 for none.
     pub resolution: U,
-    /// Drift of the readings from the first to the last of a line.
+    /// Drift of the readings from the first to the last reading of a line.
     pub drift: U,
     /// Lost motion of the set-up: forward minus backward.
     pub reversal: U,
@@ -111,7 +111,7 @@ impl Instrument {
         Ok(())
     }
 
-    /// Checks that the runs over a number of targets do not exceed the maximum number of readings.
+    /// Checks that the runs over this number of targets do not exceed the maximum number of readings.
     pub(crate) fn check_count(&self, targets: usize) -> Result<(), InstrumentError> {
         let (runs, most) = (self.runs, MAX_READINGS);
         if targets.saturating_mul(runs as usize) > most {
@@ -132,7 +132,7 @@ impl Instrument {
             .collect()
     }
 
-    /// Measures a line: `perfect` is the reading of a perfect instrument at a target in a direction, 0 at the first target.
+    /// Measures a line. `perfect` returns the reading of a perfect instrument at a target in a direction, 0 at the first target.
     pub(crate) fn run(
         &self,
         targets: &[f64],
@@ -177,7 +177,7 @@ impl Instrument {
     }
 }
 
-/// The targets of a bridge over a travel: spaced by the distance of its feet from the lower end on, as many as fit.
+/// The targets of a bridge over a travel, from the lower end on, spaced by the distance of its feet.
 pub(crate) fn bridge_targets([low, high]: [f64; 2], bridge_mm: f64) -> Vec<f64> {
     (0..=MAX_TARGETS)
         .map(|step| low + bridge_mm * step as f64)
@@ -185,7 +185,7 @@ pub(crate) fn bridge_targets([low, high]: [f64; 2], bridge_mm: f64) -> Vec<f64> 
         .collect()
 }
 
-/// Converts the imperfections to numbers in the unit of the readings.
+/// Converts the imperfections to plain numbers in the unit of the readings.
 fn plain<U: Copy>(of: &Imperfections<U>, number: fn(U) -> f64) -> Imperfections<f64> {
     Imperfections {
         noise: number(of.noise),
@@ -203,7 +203,7 @@ fn rounded(value: f64, step: f64) -> f64 {
     }
 }
 
-/// The keys of an instrument, in its own table and overridden in a `[[measurement]]`.
+/// The keys of an instrument, allowed in its own table and in a `[[measurement]]`, which overrides them.
 pub(crate) const INSTRUMENT_KEYS: [&str; 12] = [
     "noise_um",
     "noise_urad",

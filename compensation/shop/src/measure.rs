@@ -20,11 +20,11 @@ use crate::{
     shop::{Shop, ShopLine, ShopLocation},
 };
 
-/// First random stream of location errors, separate from those of lines and observations.
+/// First random stream of location errors, separate from the streams of lines and observations.
 const FIRST_LOCATION: u64 = 1 << 33;
 
 impl Shop {
-    /// All files by name: the machine without errors; the measurements and `calibration.toml`, unless only observations are made; the
+    /// All files by name: the machine without errors; the measurements and `calibration.toml`, unless there are only observations; the
     /// observations and `observations.toml`, if there are any. `progress` receives the number of finished lines and observations and their
     /// total number.
     ///
@@ -52,7 +52,7 @@ impl Shop {
         }
         self.check_size()?;
         let alignments = self.alignments();
-        // Without rotary axes it is a rigid motion of the workpiece, which no reading shows.
+        // Without rotary axes the set-up is a rigid motion of the workpiece, which no reading depends on.
         let turns = self.truth.axes().iter().any(|axis| axis.name.is_rotary());
         let set_up = turns.then(|| self.set_up());
         let mut machine = self.truth.clone();
@@ -119,7 +119,7 @@ impl Shop {
         names
     }
 
-    /// True if there is a calibration file: there is something to calibrate, or there are no observations.
+    /// Whether there is a calibration file: there is something to calibrate, or there are no observations.
     pub(crate) fn has_calibration(&self) -> bool {
         !self.lines.is_empty()
             || !self.squareness.is_empty()
@@ -127,7 +127,7 @@ impl Shop {
             || self.observations.is_empty()
     }
 
-    /// The table of a location error in the calibration file: its value with noise, and its uncertainty.
+    /// The table of a location error in the calibration file: its value with noise, and its standard uncertainty.
     fn read_location(&self, index: usize, location: &ShopLocation) -> Result<String, ShopError> {
         let error = location.error;
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
@@ -143,7 +143,7 @@ impl Shop {
         } else {
             seen.linear_mm[place] * 1e3
         };
-        // Rounded to a millionth of a µm or µrad, which removes the rounding of the product of poses.
+        // Rounded to a millionth of a µm or µrad, which removes rounding errors of the pose computation.
         let value = (value * 1e6).round() / 1e6;
         let read = value + location.noise * share;
         let unit = error.component.unit();
@@ -162,8 +162,8 @@ impl Shop {
         self.lines.len() + self.observations.len()
     }
 
-    /// Slopes with which the straightness references are aligned. The two beams of a squareness measurement enclose the angle of its
-    /// reference, so their slopes add up to φ − π/2.
+    /// Slopes of the straightness references to their axes. The two beams of a squareness measurement enclose the angle φ of its reference,
+    /// so their slopes add up to φ − π/2.
     fn alignments(&self) -> BTreeMap<ErrorName, Urad> {
         let mut alignments = BTreeMap::new();
         for (index, line) in self.lines.iter().enumerate() {
@@ -185,7 +185,7 @@ impl Shop {
         alignments
     }
 
-    /// The coordinates and the axes along which artefacts are set up.
+    /// The coordinates at which artefacts are set up, and the axes along which they are aligned.
     fn reference(&self) -> (Vec<f64>, [AxisName; 2]) {
         let axes = self.truth.axes().iter();
         (
@@ -194,7 +194,7 @@ impl Shop {
         )
     }
 
-    /// The targets at which a straightness is measured, mm; `None` if it is not measured.
+    /// The targets of a straightness measurement, mm; `None` if the error is not measured.
     fn targets_of(&self, error: ErrorName) -> Option<Vec<f64>> {
         let line = self.lines.iter().find(|line| line.setup.error == error)?;
         let travel = self.truth.axis(error.axis)?.travel;
@@ -204,7 +204,7 @@ impl Shop {
         })
     }
 
-    /// The set-up of the artefacts: from the reference lines of the straightness measurements, by default over 21 targets.
+    /// The set-up of the artefacts along the reference lines of the straightness measurements, by default over 21 targets.
     fn set_up(&self) -> ArtefactPoses {
         let (reference, axes) = self.reference();
         ArtefactPoses::of(&self.truth, &reference, axes, |error| {
@@ -212,14 +212,14 @@ impl Shop {
         })
     }
 
-    /// A separate generator for each line, so that a further line does not change the others.
+    /// A separate random generator for each line, so that an additional line does not change the others.
     fn random(&self, stream: usize) -> ChaCha8Rng {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(stream as u64);
         random
     }
 
-    /// The readings of the instrument along a line (µm or µrad) whose straightness reference is tilted by `alignment`; `index` selects the
+    /// The readings of the instrument along a line, µm or µrad. `alignment` is the slope of its straightness reference, `index` selects the
     /// random stream.
     fn measure(
         &self,
@@ -295,7 +295,7 @@ impl Shop {
     }
 }
 
-/// The errors visible to an instrument: all, or only the error motions of one axis if the instrument is centred on that axis.
+/// The errors visible to an instrument: all, or only the error motions of the axis on which the instrument is centred.
 struct Seen<S> {
     of: S,
     only: Option<usize>,

@@ -1,4 +1,4 @@
-//! Volumetric observations: instrument, set-up, poses. Plain data.
+//! Volumetric observations: instrument, set-up, poses.
 
 use volcomp_model::BODY_DIAGONALS;
 use volcomp_vocabulary::{AxisName, Um, Urad};
@@ -16,15 +16,15 @@ pub struct ShopObservation {
     pub name: String,
     /// The instrument; `alignment` is the standard deviation of each tilt with which a bar or a laser is set up.
     pub instrument: Instrument,
-    /// Axes that are not moved, mm or deg.
+    /// Coordinates of the axes that do not move, mm or deg.
     pub at: Vec<(AxisName, f64)>,
-    /// Tools of the machine file, used alternately from pose to pose; empty: the tool of the machine.
+    /// Tools of the machine file, used in turn from pose to pose; empty: the tool in the spindle.
     pub tools: Vec<String>,
     /// The kind of instrument and its set-up.
     pub setting: Setting,
 }
 
-/// An instrument and its set-up; points and directions in workpiece axes, mm.
+/// An instrument and its set-up. Points and directions are in workpiece axes, mm.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Setting {
     /// A laser tracker that follows a target on the tool.
@@ -38,7 +38,7 @@ pub enum Setting {
     },
     /// Spheres on the table.
     Sphere {
-        /// The poses: a number for each sphere, or all of a plan.
+        /// The poses: drawn ones for each sphere, or those of a plan.
         poses: Poses,
         /// Centres of the spheres.
         centres: Vec<[f64; 3]>,
@@ -51,9 +51,9 @@ pub enum Setting {
         poses: Poses,
         /// The point.
         point: [f64; 3],
-        /// Length by which every reading is too short.
+        /// Length by which every reading is too short, mm.
         dead_length_mm: f64,
-        /// All poses at this distance from the point (ballbar); `None`: anywhere in the travel (laser tracer).
+        /// Distance of all poses from the point (ballbar), mm; `None`: anywhere within the travels (laser tracer).
         radius_mm: Option<f64>,
     },
     /// A step gauge: distances between its faces.
@@ -72,12 +72,12 @@ pub enum Setting {
     },
 }
 
-/// The poses at which an instrument reads.
+/// The poses at which an instrument takes readings.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Poses {
-    /// A number of poses, drawn at random over the travels.
+    /// This number of random poses over the travels.
     Drawn(usize),
-    /// Predetermined commands.
+    /// The commands of a plan.
     Planned(Plan),
 }
 
@@ -91,19 +91,19 @@ impl Poses {
     }
 }
 
-/// How a probe measures a sphere or a ball.
+/// What a probe records at a sphere or a ball.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reads {
-    /// The machine moves to the centre, and its coordinates are recorded (touch probe).
+    /// The coordinates of the machine, which moves to the actual centre (touch probe).
     Coordinates,
-    /// The machine moves to the nominal centre, and the offset is recorded (R-test, indicators).
+    /// The offset from the nominal centre, to which the machine moves (R-test, indicators).
     Offset,
 }
 
 /// A bar with marks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bar {
-    /// The zero of the distance along the bar.
+    /// The point of the bar at distance 0.
     pub origin: [f64; 3],
     /// The nominal direction of the bar; not necessarily a unit vector.
     pub direction: [f64; 3],
@@ -128,7 +128,7 @@ impl Setting {
 }
 
 impl ShopObservation {
-    /// Checks the observation: a valid instrument, numbers of poses and marks within limits, existing diagonals.
+    /// Checks the instrument, the numbers of poses and marks, and the names of diagonals.
     pub(crate) fn check(&self) -> Result<(), ObservationError> {
         self.instrument.check()?;
         let (what, found, [least, most]) = match &self.setting {
@@ -157,7 +157,7 @@ impl ShopObservation {
         Ok(())
     }
 
-    /// The standard uncertainty of a reading as stated in the file of observations, µm: noise and rounding.
+    /// The standard uncertainty of a reading for the file of observations, µm: noise and rounding.
     pub(crate) fn uncertainty_um(&self) -> f64 {
         let length = &self.instrument.length;
         let rounding = length.resolution.0 / 12.0_f64.sqrt();
@@ -177,7 +177,7 @@ impl ShopObservation {
         }
     }
 
-    /// True if the set-up drifts.
+    /// Whether the set-up drifts.
     pub(crate) fn drifts(&self) -> bool {
         self.instrument.length.drift != Um(0.0) || self.instrument.angle.drift != Urad(0.0)
     }
@@ -185,5 +185,5 @@ impl ShopObservation {
 /// Maximum number of marks of a bar.
 pub(crate) const MOST_MARKS: usize = 10_000;
 
-/// The uncertainty stated for an instrument without noise, µm.
+/// Standard uncertainty of an instrument without noise, µm.
 const LEAST_UNCERTAINTY_UM: f64 = 1e-3;

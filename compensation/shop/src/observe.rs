@@ -1,4 +1,4 @@
-//! Generates the row files of the volumetric instruments and the file of observations that reads them.
+//! Generates the row files of the volumetric instruments, and the file of observations that refers to them.
 
 mod bars;
 mod diagonals;
@@ -30,7 +30,7 @@ use crate::{
 /// First random stream of observations, separate from those of lines.
 const FIRST_STREAM: u64 = 1 << 32;
 
-/// First random stream of the approach directions, separate from those of readings.
+/// First random stream of the approach directions, separate from the streams of readings.
 const FIRST_SIDES: u64 = 1 << 48;
 
 /// The output of one observation: row files, and its tables in the file of observations.
@@ -40,7 +40,7 @@ struct Made {
 }
 
 impl Shop {
-    /// The row files of all observations and `observations.toml`; `done` is called after each.
+    /// The row files of all observations, and `observations.toml`. Calls `done` after each observation.
     pub(crate) fn observe(
         &self,
         mut done: impl FnMut(),
@@ -54,7 +54,7 @@ impl Shop {
             .iter()
             .map(|unknown| format!("    {},\n", unknown.to_toml(false)))
             .collect();
-        // Errors from the lines are kept; the observations identify the others.
+        // The observations start from the errors identified by the lines, and identify the others.
         let machine = if self.has_calibration() {
             CALIBRATED
         } else {
@@ -92,7 +92,7 @@ impl Shop {
     }
 }
 
-/// The numbers of the spheres of each observation, from 1, in their names S1, S2, …: the file of observations has one sphere of each name.
+/// The numbers of the spheres of each observation, from 1, for their names S1, S2, …, which must be unique in the file of observations.
 /// Spheres at the same position are one sphere.
 fn sphere_numbers(observations: &[ShopObservation]) -> Vec<Vec<usize>> {
     let mut places: Vec<[f64; 3]> = Vec::new();
@@ -112,7 +112,7 @@ fn sphere_numbers(observations: &[ShopObservation]) -> Vec<Vec<usize>> {
         .collect()
 }
 
-/// An instrument on the truth machine.
+/// An instrument observing the truth machine.
 struct Observer<'a> {
     truth: &'a Machine,
     what: &'a ShopObservation,
@@ -122,11 +122,11 @@ struct Observer<'a> {
     free_axes: FreeAxes,
     random: ChaCha8Rng,
     approach: Approach,
-    /// Random directions from which the axes approach a first row.
+    /// Random approach directions of the axes before the first row.
     sides: ChaCha8Rng,
 }
 
-/// The machine with each tool, used alternately; with its own tool if none is named.
+/// The machine with each tool, used in turn; with the tool in the spindle if none is named.
 struct Tools<'a>(Vec<(&'a str, Machine)>);
 
 impl Tools<'_> {
@@ -163,7 +163,7 @@ impl<'a> Observer<'a> {
         if machines.is_empty() {
             machines.push(("", truth.clone()));
         }
-        // Rejects missing axes and values that are not finite.
+        // Rejects missing axes and coordinates that are not finite.
         truth.state(&what.at)?;
         let mut sides = random.clone();
         sides.set_stream(FIRST_SIDES + random.get_stream());
@@ -203,7 +203,7 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// Poses spread over the travels, or those of a plan.
+    /// Poses distributed over the travels, or those of a plan.
     fn everywhere(&mut self, poses: &Poses) -> Vec<State> {
         match poses {
             Poses::Drawn(count) => self.free_axes.everywhere(*count, &mut self.random),
@@ -220,7 +220,7 @@ impl<'a> Observer<'a> {
         direction(&mut self.random)
     }
 
-    /// A reading, mm: with noise, then rounded.
+    /// A reading, mm, with noise and then rounded.
     fn read(&mut self, value_mm: f64) -> f64 {
         let length = self.what.instrument.length;
         let read = value_mm + 1e-3 * length.noise.0 * self.normal();
@@ -232,13 +232,13 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// The drift of the set-up at a row: from zero at the first to its full value at the last.
+    /// The drift of the set-up at a row: zero at the first row, complete at the last.
     fn drift_mm(&self, direction: &Vector3<f64>, row: usize, rows: usize) -> Vector3<f64> {
         let share = row as f64 / rows.saturating_sub(1).max(1) as f64;
         direction * (1e-3 * self.what.instrument.length.drift.0 * share)
     }
 
-    /// The header of the axes, with a trailing comma.
+    /// The column names of the axes, with a trailing comma.
     fn axes_header(&self) -> String {
         let letters = self
             .truth
@@ -281,7 +281,7 @@ impl<'a> Observer<'a> {
         )
     }
 
-    /// The marks of every pass, in order.
+    /// The indices of the marks in each pass, in order.
     fn passes(&self, marks: usize) -> Vec<Vec<usize>> {
         let instrument = &self.what.instrument;
         let mut passes = Vec::new();
@@ -294,7 +294,7 @@ impl<'a> Observer<'a> {
         passes
     }
 
-    /// The state of the axes that are not moved.
+    /// The state of the axes that do not move.
     fn held(&self) -> Result<State, ObservationError> {
         Ok(self.truth.state(&self.what.at)?)
     }
@@ -314,7 +314,7 @@ fn direction(random: &mut ChaCha8Rng) -> Vector3<f64> {
         .unwrap_or_else(Vector3::x)
 }
 
-/// A direction and two normal to it, as columns.
+/// A direction and two directions normal to it, as columns.
 fn across(along: &Vector3<f64>) -> Matrix3<f64> {
     let side = Vector3::ith(along.iamin(), 1.0);
     let side1 = (side - along * along.dot(&side)).normalize();

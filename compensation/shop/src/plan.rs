@@ -1,4 +1,4 @@
-//! Plans of poses: predetermined commands instead of random poses.
+//! Plans of poses: given commands instead of random poses.
 
 use std::path::{Path, PathBuf};
 
@@ -12,14 +12,14 @@ pub(crate) const MOST_POSES: usize = 100_000;
 /// Commanded poses, in order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// The axes whose coordinates the plan states; the others are at the coordinates of `at`, and linear ones may follow to a sphere.
+    /// The axes with coordinates in the plan. Other axes are at the coordinates of `at`, or linear ones follow to a sphere.
     pub axes: Vec<AxisName>,
     /// The poses.
     pub poses: Vec<PlannedPose>,
 }
 
 impl Plan {
-    /// True if the plan commands rotary axes only, so that linear axes move to the sphere.
+    /// Whether the plan commands rotary axes only, so that the linear axes follow to the sphere.
     pub(crate) fn is_rotary(&self) -> bool {
         self.axes.iter().all(|axis| axis.is_rotary())
     }
@@ -28,14 +28,14 @@ impl Plan {
 /// One commanded pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlannedPose {
-    /// Coordinates of the axes of the plan, mm or deg.
+    /// Coordinates of the plan's axes, mm or deg.
     pub at: Vec<f64>,
-    /// For spheres: index of the centre, from 0.
+    /// Index of the sphere, from 0; unused without spheres.
     pub sphere: usize,
 }
 
-/// Reads a plan: a CSV table with a column for each commanded axis, and `sphere` (S1, S2, …) if there are several. `spheres` is their
-/// number. The path is relative to the shop file.
+/// Reads a plan: a CSV table with a column for each commanded axis, and a column `sphere` (S1, S2, …) if there are several. `spheres` is
+/// the number of spheres. The path is relative to the shop file.
 pub(crate) fn read_plan(
     value: &Value<'_>,
     machine: &Machine,
@@ -104,7 +104,7 @@ pub(crate) fn read_plan(
         for &(name, column) in &axes {
             let cell = row.cell(column);
             let found = cell.number()?;
-            // Cannot fail: the name was looked up above.
+            // Infallible: the name was looked up above.
             let Some(axis) = machine.axis(name) else {
                 continue;
             };

@@ -1,4 +1,4 @@
-//! Poses at which a machine is observed, and moves to a point.
+//! Poses at which a machine is observed, and movements to a point.
 
 use rand::{Rng, RngExt};
 use volcomp_kinematics::{REACHED_WITHIN_MM, State, actual_pose, nalgebra::Vector3};
@@ -9,13 +9,13 @@ use crate::plan::{Plan, PlannedPose};
 
 /// Resolution of commands, mm or deg.
 const COMMAND_STEP: f64 = 1e-3;
-/// Maximum number of tries for one pose, each with other rotary positions.
+/// Maximum number of attempts for one pose, each with other rotary coordinates.
 const TRIES: usize = 200;
 
-/// The axes of a machine that are free to move, and the coordinates of the others.
+/// The axes that are free to move, and the coordinates of the others.
 #[derive(Clone, Debug)]
 pub(crate) struct FreeAxes {
-    /// Chain index, kind and travel, mm or deg.
+    /// Chain index, kind and travel (mm or deg) of each free axis.
     free: Vec<(usize, AxisKind, [f64; 2])>,
     held: State,
 }
@@ -39,7 +39,8 @@ impl FreeAxes {
         own.map(|(place, _, travel)| (*place, *travel))
     }
 
-    /// Poses spread over the travels: each axis visits `poses` even positions, ends included, once each in an independent random order.
+    /// Poses distributed over the travels: each axis visits `poses` evenly spaced coordinates, ends included, each once in an independent
+    /// random order.
     pub(crate) fn everywhere(&self, poses: usize, random: &mut impl Rng) -> Vec<State> {
         let mut states = vec![self.held; poses];
         for (place, kind, travel) in &self.free {
@@ -64,8 +65,8 @@ impl FreeAxes {
         plan.poses.iter().map(state).collect()
     }
 
-    /// Poses with the ideal tip at points, at rotary positions spread over the travels. `point` and `machine` are called with the index of
-    /// the pose; a point out of reach is redrawn. `Err`: the number of poses found.
+    /// Poses with the ideal tip at points, with rotary coordinates distributed over the travels. `point` and `machine` are called with the
+    /// index of the pose; unreachable points are redrawn. `Err`: the number of poses found.
     pub(crate) fn around<'m, R: Rng>(
         &self,
         poses: usize,
@@ -102,7 +103,7 @@ impl FreeAxes {
         Ok(states)
     }
 
-    /// The linear axes with the ideal tip at a point, rounded like commands; `None` if out of travel.
+    /// Moves the linear axes so that the ideal tip is at a point, rounded like commands; `None` outside the travels.
     pub(crate) fn ideal(
         &self,
         machine: &Machine,
@@ -121,7 +122,7 @@ impl FreeAxes {
         Some(state)
     }
 
-    /// The linear axes with the actual tip at a point.
+    /// Moves the linear axes so that the actual tip is at a point.
     pub(crate) fn actual(
         &self,
         machine: &Machine,
@@ -145,7 +146,7 @@ impl FreeAxes {
         (missed_mm <= REACHED_WITHIN_MM).then_some(state)
     }
 
-    /// Adds `by` to the coordinate of every free linear axis, mm.
+    /// Calls `by` for each free linear axis and adds the result to its coordinate, mm.
     pub(crate) fn shift_linear(&self, state: &mut State, mut by: impl FnMut(f64) -> f64) {
         for (place, _) in self.of(AxisKind::Linear) {
             state.q[place] = by(state.q[place]);
@@ -153,7 +154,7 @@ impl FreeAxes {
     }
 }
 
-/// The actual tip of the machine's tool with an offset in tool axes, mm in workpiece axes.
+/// The actual tip, plus an offset in tool axes, mm in workpiece axes.
 pub(crate) fn actual_tip(
     machine: &Machine,
     state: &State,
@@ -166,7 +167,7 @@ pub(crate) fn actual_tip(
         - chain.workpiece_origin_mm()
 }
 
-/// `count` even positions over a travel, ends included, in random order.
+/// `count` evenly spaced coordinates over a travel, ends included, in random order.
 fn spread(travel: [f64; 2], count: usize, random: &mut impl Rng) -> Vec<f64> {
     let [low, high] = travel;
     let last = count.saturating_sub(1) as f64;
@@ -180,7 +181,7 @@ fn spread(travel: [f64; 2], count: usize, random: &mut impl Rng) -> Vec<f64> {
     places
 }
 
-/// Rounds a coordinate like a typed command, within travel.
+/// Rounds a coordinate like a command, within the travel.
 fn command(q: f64, [low, high]: [f64; 2]) -> f64 {
     ((q / COMMAND_STEP).round() * COMMAND_STEP)
         .max(low)

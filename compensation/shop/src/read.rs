@@ -48,8 +48,8 @@ impl Shop {
         Ok(shop)
     }
 
-    /// Decodes the text of a shop file; `file` is its name in messages, and plans of poses are read relative to it; `machine` returns the
-    /// machine of the name stated in it.
+    /// Decodes the text of a shop file. `file` is its name in messages, and plans of poses are relative to it. `machine` returns the
+    /// machine with a name.
     ///
     /// # Errors
     /// Invalid input, with file, line and key.
@@ -131,7 +131,7 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
     })
 }
 
-/// One `[[location]]`: location errors, read with one noise.
+/// Decodes a `[[location]]`: location errors that are read with the same noise.
 fn decode_location(
     section: &Section<'_>,
     truth: &Machine,
@@ -164,7 +164,7 @@ fn decode_location(
     Ok(())
 }
 
-/// `[header]`: header data of every measurement file.
+/// Decodes `[header]`: header data for every measurement file.
 fn decode_header(section: &Section<'_>) -> Result<Header, InputError> {
     section.allow(&[
         "date",
@@ -199,7 +199,7 @@ struct Usual<'s> {
     format: Format,
 }
 
-/// One `[[measurement]]`: a line for each error it names.
+/// Decodes a `[[measurement]]`: one line for each error in it.
 fn decode_measurement(
     section: &Section<'_>,
     truth: &Machine,
@@ -243,7 +243,7 @@ fn decode_measurement(
         let setup = Setup::decode(section, error, truth)?;
         let instrument = decode_instrument(section, usual.instrument)?;
         if let Method::Angular { bridge_mm, .. } = setup.method {
-            // Fails unless the error is a straightness.
+            // Only straightness is allowed here.
             tilt_sign(error, TiltReading::Slope).map_err(|e| value.error(e.to_string()))?;
             let travel = truth.axis(error.axis).map_or([0.0; 2], |axis| axis.travel);
             let steps = (travel[1] - travel[0]) / bridge_mm;
@@ -275,7 +275,7 @@ fn decode_measurement(
     Ok(())
 }
 
-/// `eyy`, then `eyy-2`, …
+/// An unused name: `eyy`, then `eyy-2`, …
 fn free_name(error: ErrorName, lines: &[ShopLine]) -> String {
     let base = error.to_string().to_lowercase();
     let before = lines.iter().filter(|line| line.setup.error == error);

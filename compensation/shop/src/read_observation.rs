@@ -17,7 +17,7 @@ use crate::{
 /// Default number of poses of an observation.
 const POSES: usize = 30;
 
-/// Every `[[observation]]`, and the accompanying key `unknown`.
+/// Decodes every `[[observation]]`, and the key `unknown`.
 pub(crate) fn decode_observations(
     root: &Section<'_>,
     truth: &Machine,
@@ -159,7 +159,7 @@ const BAR_KEYS: [&str; 8] = [
     "tools",
 ];
 
-/// The shop's instrument with the keys of the observation; set-ups drift only if the observation states it.
+/// The shop's instrument, overridden by the keys of the observation. A set-up drifts only if the observation has the key.
 fn own_instrument(
     section: &Section<'_>,
     base: &Instrument,
@@ -179,7 +179,7 @@ fn own_instrument(
     Ok(instrument)
 }
 
-/// `sphere`, then `sphere-2`, …
+/// An unused name: `sphere`, then `sphere-2`, …
 fn free_name(kind: &str, before: &[ShopObservation]) -> String {
     let same = before.iter().filter(|other| other.setting.kind() == kind);
     match same.count() {
@@ -188,7 +188,7 @@ fn free_name(kind: &str, before: &[ShopObservation]) -> String {
     }
 }
 
-/// The number of poses, or the file of a plan; `spheres` is the number of spheres.
+/// Decodes the number of poses or the file of a plan; `spheres` is the number of spheres.
 fn poses(
     section: &Section<'_>,
     truth: &Machine,
@@ -294,7 +294,7 @@ fn diagonals(section: &Section<'_>, truth: &Machine) -> Result<Vec<String>, Inpu
     Ok(names)
 }
 
-/// The axes that are not moved, within their travel; along diagonals these cannot be X, Y and Z.
+/// Decodes the axes that do not move, within their travels. Along diagonals these cannot be X, Y and Z.
 fn at(
     section: &Section<'_>,
     truth: &Machine,

@@ -1,4 +1,4 @@
-//! A truth machine with the measurements to be made on it: plain data.
+//! A truth machine, and the measurements to be made on it.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ pub enum Format {
     /// Files of a Renishaw laser: `.rtl` for lengths, `.rts` for straightness optics, `.rta` for angles.
     #[default]
     Renishaw,
-    /// CSV tables with the columns `target`, `run`, `direction` and `deviation`, whose headers state their units.
+    /// CSV tables with the columns `target`, `run`, `direction` and `deviation`, and units in the header.
     Csv,
     /// Position file of an API laser, `.pos`: means over the runs, lengths only.
     ApiPos,
@@ -24,7 +24,7 @@ pub enum Format {
     KeysightReport,
 }
 
-/// Header data of every measurement file, as far as its format supports them.
+/// Header data for every measurement file, as far as its format supports them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Header {
     /// The date of the test.
@@ -52,9 +52,10 @@ pub struct Shop {
     pub seed: u64,
     /// The lines to be measured.
     pub lines: Vec<ShopLine>,
-    /// Squareness errors, each with φ − π/2 of its reference: φ is the angle between the positive directions of the two beams.
+    /// Squareness errors with the deviation φ − π/2 of their reference, where φ is the angle between the positive directions of the two
+    /// beams.
     pub squareness: Vec<(ErrorName, Urad)>,
-    /// The location errors that are measured directly.
+    /// Location errors that are measured directly.
     pub locations: Vec<ShopLocation>,
     /// Header data of the measurement files.
     pub header: Header,
@@ -66,30 +67,30 @@ pub struct Shop {
     pub inputs: Vec<PathBuf>,
 }
 
-/// Name of the machine file that the calibration of the lines writes, in the folder of the shop's files: if a shop has lines and
+/// Name of the machine file that the calibration of the lines writes into the folder of the shop's files. If a shop has lines and
 /// observations, its file of observations starts from this machine.
 pub const CALIBRATED: &str = "calibrated.toml";
 
-/// A location error that is measured directly: with a mandrel and an indicator, or by a probing cycle of the control.
+/// A location error that is measured directly, with a mandrel and an indicator or by a probing cycle of the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShopLocation {
     /// The location error.
     pub error: ErrorName,
-    /// Standard deviation of the reading, µm or µrad; stated as its standard uncertainty.
+    /// Standard deviation of the reading, µm or µrad; written as its standard uncertainty.
     pub noise: f64,
 }
 
 /// A line to be measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShopLine {
-    /// The error and how it is measured.
+    /// The error, and how it is measured.
     pub setup: Setup,
     /// The instrument, with its targets and runs.
     pub instrument: Instrument,
-    /// The kind of curve that the calibration file requests.
+    /// The kind of curve requested by the calibration file.
     pub curve: Option<CurveChoice>,
-    /// For a rotary axis: true if the readings refer to the commanded pose, so that they include the effect of the location errors of the
-    /// axis; `false`: the instrument is centred on the actual axis.
+    /// For a rotary axis: whether the readings refer to the commanded pose, so that they include the location errors of the axis. Otherwise
+    /// the instrument is centred on the actual axis.
     pub holds_location: bool,
     /// Name of the measurement file without its extension.
     pub name: String,
@@ -97,10 +98,10 @@ pub struct ShopLine {
     pub format: Format,
 }
 
-/// File names that every shop may write.
+/// Reserved file names.
 pub(crate) const TAKEN: [&str; 4] = ["machine", "calibration", "observations", "calibrated"];
 
-/// A file name in the folder of the shop's files.
+/// Decodes a file name in the folder of the shop's files.
 pub(crate) fn decode_file_name(value: &Value<'_>) -> Result<String, InputError> {
     let name = value.text()?;
     if name.is_empty() || name.contains(['/', '\\']) {

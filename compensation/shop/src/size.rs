@@ -1,4 +1,4 @@
-//! Limit of the number of readings of a shop, which are all in memory at once.
+//! Limit on the number of readings of a shop, which are all in memory at once.
 
 use volcomp_calibrate::Method;
 
@@ -37,7 +37,7 @@ impl Shop {
     }
 }
 
-/// Number of readings over a number of targets or marks.
+/// Number of readings of an instrument over this number of targets or marks.
 fn over(instrument: &Instrument, targets: usize) -> usize {
     let directions = 1 + usize::from(instrument.both_directions);
     targets

@@ -9,15 +9,15 @@ use volcomp_model::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
 
-/// Number of even positions over the travel at which a worn curve is tabulated, in addition to the sampling coordinates of the previous
-/// curve: even positions alone would alias the wave of a screw.
+/// Number of evenly spaced positions at which a worn curve is tabulated, in addition to the sampling coordinates of the previous curve,
+/// since these positions alone would alias the wave of a screw.
 const NODES: u32 = 64;
-/// Wear per month of work at load 1, before a random factor for each error: maximum deflection of a guide, and maximum elongation of a screw, µm.
+/// Wear per month at load 1, before a random factor for each error: maximum deflection of a guide, then elongation of a screw, µm.
 const GUIDE_UM: f64 = 0.06;
 const SCREW_UM: f64 = 0.08;
-/// Growth of the backlash per month, µm and µrad. It reduces the reversal value (forward minus backward), since the carriage lags.
+/// Growth of the backlash per month, µm and µrad. It reduces the reversal value (forward minus backward), because the carriage lags.
 const PLAY: f64 = 0.05;
-/// Amplitude of the eccentricity of a rotary axis's gear, µrad, and of the run-out of its bearing, µm.
+/// Growth per month of the eccentricity of a rotary axis's gear, µrad, and of the run-out of its bearing, µm.
 const GEAR_URAD: f64 = 0.2;
 const BEARING_UM: f64 = 0.02;
 /// Standard deviation of the monthly drift of a squareness or parallelism, µrad.
@@ -25,7 +25,7 @@ const SETTLED_URAD: f64 = 0.15;
 /// Standard deviation of the natural logarithm of the random factors.
 const SPREAD: f64 = 0.4;
 
-/// The operating time of a machine. All wear is proportional to `months` and `load`.
+/// The operating time of a machine. Wear is proportional to `months` and `load`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wear {
     /// Months of work.
@@ -40,7 +40,7 @@ pub struct Wear {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WearError {
-    /// Months or a load out of range.
+    /// Months or load are out of range.
     #[error("{what}: found {found}, expected 0 to {most}")]
     Number {
         /// `months` or `load`.
@@ -64,7 +64,7 @@ pub enum WearError {
 pub struct Worn {
     /// The machine.
     pub machine: Machine,
-    /// Errors left unchanged because they are grids over two axes.
+    /// Errors that were not changed because they are grids over two axes.
     pub left: Vec<ErrorName>,
 }
 
@@ -120,8 +120,8 @@ impl Wear {
         Draws(random)
     }
 
-    /// Wear of a linear axis: guides wear where the axis is used most, the carriage tilts along the bent guide, and the screw
-    /// elongates in the same place.
+    /// Adds the wear of a linear axis: the guides wear where the axis is used most, the carriage tilts along the bent guide, and the screw
+    /// elongates in the same zone.
     fn linear(&self, worn: &mut Worn, axis: AxisName, along: usize) -> Result<(), WearError> {
         let Some([low, high]) = worn.machine.axis(axis).map(|axis| axis.travel) else {
             return Ok(());
@@ -129,7 +129,7 @@ impl Wear {
         let span = high - low;
         let own = ErrorName::motion(LINEAR[along], axis);
         let mut draws = self.draws(own);
-        // The working zone: the middle of a bump, and half its width, as shares of the travel.
+        // The working zone: centre and half width of a bump.
         let zone = Zone {
             middle: low + span * (0.5 + 0.15 * draws.normal()).clamp(0.2, 0.8),
             half: 0.4 * span,
@@ -142,7 +142,7 @@ impl Wear {
             let mut draws = self.draws(name);
             let bent = GUIDE_UM * self.amount() * draws.factor() * draws.sign();
             worn.add(name, 0.0, |q| bent * zone.bump(q))?;
-            // Tangent of the path: axis direction times slope; µm/mm are mrad.
+            // The tilt follows the tangent of the path: slope times axis direction; µm/mm is mrad.
             let turned = if (along + 1) % 3 == across { 1e3 } else { -1e3 };
             let tilt = ErrorName::motion(ANGULAR[about], axis);
             worn.add(tilt, 0.0, |q| turned * bent * zone.slope(q))?;
@@ -150,7 +150,7 @@ impl Wear {
         Ok(())
     }
 
-    /// A rotary axis: gears get backlash and eccentricity, bearings get run-out.
+    /// Adds the wear of a rotary axis: backlash and eccentricity of the gear, run-out of the bearing.
     fn rotary(&self, worn: &mut Worn, axis: AxisName, about: usize) -> Result<(), WearError> {
         let own = ErrorName::motion(ANGULAR[about], axis);
         for (component, amplitude) in [
@@ -175,9 +175,9 @@ impl Wear {
     }
 }
 
-/// Rounds a position, an error or an angle to 1e-6 mm, µm or µrad; further digits only fill the file.
+/// Rounds a position, an error or an angle to 1e-6 mm, µm or µrad.
 fn rounded(value: f64) -> f64 {
-    // Avoids a negative zero.
+    // Adding 0 avoids a negative zero.
     (1e6 * value).round() / 1e6 + 0.0
 }
 
@@ -191,7 +191,7 @@ const SQUARENESSES: [(Component, AxisName); 3] = [
 ];
 
 impl Worn {
-    /// Adds to an error: to its mean, and to its reversal value.
+    /// Adds to the mean of an error, and to its reversal value.
     fn add(
         &mut self,
         name: ErrorName,
@@ -256,19 +256,19 @@ struct Zone {
 }
 
 impl Zone {
-    /// A smooth bump: 1 in the middle, 0 from both ends outward.
+    /// A smooth bump: 1 at the centre, 0 outside the zone.
     fn bump(self, q: f64) -> f64 {
         let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
         0.5 * (1.0 + (std::f64::consts::PI * at).cos())
     }
 
-    /// The slope of the bump.
+    /// The derivative of the bump.
     fn slope(self, q: f64) -> f64 {
         let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
         -0.5 * std::f64::consts::PI / self.half * (std::f64::consts::PI * at).sin()
     }
 
-    /// The passed share of the zone: 0 before it, 1 after it.
+    /// The share of the zone below `q`: 0 before the zone, 1 after it.
     fn passed(self, q: f64) -> f64 {
         let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
         0.5 * (1.0 + at + (std::f64::consts::PI * at).sin() / std::f64::consts::PI)
@@ -283,7 +283,7 @@ impl Draws {
         StandardNormal.sample(&mut self.0)
     }
 
-    /// A random factor about 1.
+    /// A random factor around 1.
     fn factor(&mut self) -> f64 {
         (SPREAD * self.normal()).exp()
     }

@@ -1,5 +1,5 @@
-//! Builds a map from a field: checks the request, converts it to whole steps, chooses the smallest grid that keeps the error bound, and
-//! evaluates the error of the map.
+//! Builds a map from a field: checks the request, converts it to whole steps, finds the smallest grid within the error bound, and evaluates
+//! the error of the map.
 
 use volcomp_guard::{ceiling, protocol::Layout};
 use volcomp_model::{ModelError, halton};
@@ -10,8 +10,8 @@ use crate::map::{
     Position, SCALES,
 };
 
-/// A correction over the work space. It depends on the coordinates of the grid axes (mm or deg) and the direction of approach of each
-/// (`None`: mean of both); the result is added to each output, mm.
+/// A correction over the work space, added to each output, mm. It depends on the coordinates of the grid axes (mm or deg) and on the
+/// direction of approach of each (`None`: mean of both).
 pub trait Field {
     /// Correction of each output, mm.
     fn correction_mm(
@@ -20,7 +20,7 @@ pub trait Field {
         directions: &[Option<Direction>; GRID_AXES],
     ) -> [f64; OUTPUTS];
 
-    /// True if the correction depends on the directions.
+    /// Whether the correction depends on the direction of approach.
     fn is_bidirectional(&self) -> bool {
         false
     }
@@ -54,7 +54,7 @@ pub struct Output {
     pub name: AxisName,
     /// Resolution of its correction, mm.
     pub step_mm: f64,
-    /// Maximum correction, mm: at most 2, the ceiling of the guard.
+    /// Maximum correction, mm, at most the 2 mm of the guard.
     pub limit_mm: f64,
 }
 
@@ -65,7 +65,7 @@ pub struct Request {
     pub axes: Vec<GridAxis>,
     /// Corrected axes, one to three.
     pub outputs: Vec<Output>,
-    /// Maximum error between the map and the field, mm.
+    /// Maximum error of the map relative to the field, mm.
     pub within_mm: f64,
     /// Memory of the control for one map, words.
     pub words: usize,
@@ -80,9 +80,9 @@ pub struct Request {
 pub struct Table {
     /// The map.
     pub map: Map,
-    /// Error, evaluated on a dense sample between the lines and in both directions of approach.
+    /// Error on a dense sample between the lines, in both directions of approach.
     pub misfit: Misfit,
-    /// Maximum change of a correction along an axis of the grid, mm per mm or deg.
+    /// Maximum slope of a correction along an axis of the grid, mm per mm or deg.
     pub steepest: f64,
 }
 
@@ -93,7 +93,7 @@ impl Request {
     }
 }
 
-/// Reason why a map cannot be made.
+/// Why a map cannot be built.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages name the fields")]
@@ -125,7 +125,7 @@ pub enum TablesError {
         found: f64,
         expected: &'static str,
     },
-    /// A correction exceeds the limit of its axis.
+    /// A correction exceeds the limit of its output.
     #[error("the correction of {axis} is {found_um:.1} µm {at}, expected at most {limit_um} µm")]
     BeyondLimit {
         axis: AxisName,
@@ -133,7 +133,7 @@ pub enum TablesError {
         limit_um: f64,
         at: String,
     },
-    /// The bound is tighter than any grid can achieve.
+    /// The error bound is tighter than any grid can achieve.
     #[error(
         "no grid keeps {within_um} µm: the steps of the values alone leave {rounding_um:.3} µm, and a reversal that is not the same \
          everywhere {reversal_um:.3} µm"
@@ -143,7 +143,7 @@ pub enum TablesError {
         rounding_um: f64,
         reversal_um: f64,
     },
-    /// The bound needs more memory than available.
+    /// The error bound needs more memory than available.
     #[error(
         "{within_um} µm need {} ({lines}), expected at most {words}, the available memory{}",
         needed.map_or_else(|| "more words than a map can have, 32767".to_owned(), |needed| format!("{needed} words for a map")),
@@ -155,19 +155,20 @@ pub enum TablesError {
         needed: Option<usize>,
         lines: String,
         words: usize,
-        /// Error of the best map that fits; `None` if none fits.
+        /// Error of the best map that fits into the memory; `None` if none fits.
         reached_um: Option<f64>,
     },
 }
 
-/// Euclidean norm of the corrections of all outputs, in the unit of the values.
+/// Euclidean norm of the corrections of all outputs, in their unit.
 pub(crate) fn norm(values: &[f64; OUTPUTS]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>().sqrt()
 }
 
-/// Shares 0 to 1 on a regular lattice with up to `most` points along each of `axes` axes, ends included; the first axis varies fastest.
+/// Points of a regular lattice, as shares 0 to 1, with up to `most` points along each of `axes` axes, ends included; the first axis varies
+/// fastest.
 pub(crate) fn lattice(axes: usize, most: usize) -> impl Iterator<Item = [f64; GRID_AXES]> {
-    // Fewer points if there are many axes.
+    // Fewer points for many axes.
     let places = if axes > 3 { most.min(5) } else { most };
     let count = (0..axes).fold(1, |count, _| count * places);
     (0..count).map(move |number| {
@@ -181,7 +182,7 @@ pub(crate) fn lattice(axes: usize, most: usize) -> impl Iterator<Item = [f64; GR
     })
 }
 
-/// All combinations of directions along these axes, if the field depends on them.
+/// All combinations of directions of approach along these axes, if the field depends on them.
 pub(crate) fn directions_of<F: Field>(
     field: &F,
     axes: usize,
@@ -200,7 +201,7 @@ pub(crate) fn distance(one: [f64; OUTPUTS], other: [f64; OUTPUTS]) -> f64 {
     norm(&core::array::from_fn(|output| one[output] - other[output]))
 }
 
-/// A request in whole steps.
+/// A request converted to whole steps.
 struct ScaledRequest {
     grid: Layout,
     outputs: Layout,
@@ -231,7 +232,7 @@ fn millionths(what: String, found: f64) -> Result<u32, TablesError> {
     Ok(number as u32)
 }
 
-/// The nearest whole number; NaN is 0.
+/// The nearest whole number; 0 for NaN.
 #[expect(clippy::cast_possible_truncation, reason = "it saturates")]
 fn nearest_i32(number: f64) -> i32 {
     number.round() as i32
@@ -312,7 +313,7 @@ impl ScaledRequest {
         f64::from(self.output_step_nm[output]) * 1e-6
     }
 
-    /// True if a correction exceeds the limit of its output, or is NaN.
+    /// Whether a correction exceeds the limit of its output, or is NaN.
     fn is_beyond(&self, output: usize, found_mm: f64) -> bool {
         found_mm.is_nan() || found_mm.abs() > self.limits[output]
     }
@@ -322,7 +323,7 @@ impl ScaledRequest {
         (f64::from(first) + steps) * f64::from(step) * 1e-6
     }
 
-    /// Samples the work space and returns the largest correction of each output; one beyond its limit is rejected.
+    /// Samples the work space, and returns the largest correction of each output; a correction beyond its limit is an error.
     fn survey(&self, request: &Request, field: &impl Field) -> Result<[f64; OUTPUTS], TablesError> {
         let mut largest = [0.0_f64; OUTPUTS];
         for shares in lattice(self.travels.len(), 9) {
@@ -349,7 +350,7 @@ impl ScaledRequest {
         Ok(largest)
     }
 
-    /// Coordinates from shares of the travels.
+    /// Converts shares of the travels to coordinates.
     fn place(&self, shares: &[f64; GRID_AXES]) -> [f64; GRID_AXES] {
         core::array::from_fn(|axis| match self.travels.get(axis) {
             Some((_, steps, _)) => self.coordinate(axis, shares[axis] * f64::from(*steps)),
@@ -357,7 +358,7 @@ impl ScaledRequest {
         })
     }
 
-    /// Chooses the largest number of parts per step that the value range permits, with a tenth to spare.
+    /// Chooses the largest number of parts per step for which the values fit their range with a margin of 10 %.
     fn choose_scale(&mut self, largest: [f64; OUTPUTS]) {
         let mut scale = SCALES[0];
         let steps = (0..self.outputs.count()).map(|output| largest[output] / self.step_mm(output));
@@ -368,14 +369,14 @@ impl ScaledRequest {
         self.scale = scale;
     }
 
-    /// Maximum rounding error: of the values, of the interpolation along each axis, and of the reversals.
+    /// Maximum rounding error: of the values and of the interpolation along each axis, mm.
     fn rounding_mm(&self) -> f64 {
         let roundings = 0.5 * (1.0 + self.travels.len() as f64);
         let steps = (0..self.outputs.count()).map(|output| self.step_mm(output).powi(2));
         roundings * steps.sum::<f64>().sqrt() / f64::from(self.scale)
     }
 
-    /// Stores the constant part of the reversals; returns the sum of the remainders of all axes, mm.
+    /// Stores the constant part of the reversals. Returns the sum of their variations over all axes, mm.
     fn store_reversals(&mut self, field: &impl Field) -> f64 {
         if !field.is_bidirectional() {
             return 0.0;
@@ -409,14 +410,14 @@ impl ScaledRequest {
         left
     }
 
-    /// Places `count` lines over the travel of an axis. The pitch is a whole number of places that a control can compute with, so the last
-    /// line may be slightly beyond the end.
+    /// Places `count` lines over the travel of an axis. The pitch is a whole number of places with which a control can compute, so the last
+    /// line may be slightly outside the travel.
     fn lines(&self, axis: usize, count: u16) -> Lines {
         let (origin, steps, step_millionths) = self.travels[axis];
         let gaps = i32::from(count) - 1;
         let pitch = (steps + gaps - 1) / gaps;
         let mut best = (i32::MAX, 1, 1);
-        // Try place counts from the maximum that a control can compute with down to a quarter, for one that meets the end of travel.
+        // Try numbers of places from the maximum of a control down to a quarter of it, for one that meets the end of travel.
         let least = pitch.div_euclid(32767) + 1;
         for part in (least..=(pitch / 8192).clamp(least, 32767)).take(2000) {
             let parts = (pitch + part - 1) / part;
@@ -441,7 +442,7 @@ impl ScaledRequest {
             .saturating_add(HEADER_WORDS)
     }
 
-    /// The map on these lines.
+    /// The map with these lines.
     fn map(
         &self,
         request: &Request,
@@ -493,13 +494,13 @@ impl ScaledRequest {
     }
 }
 
-/// Builds the smallest map that keeps the error bound.
+/// Builds the smallest map within the error bound.
 ///
-/// The number of lines along each axis follows from the second differences of the field along lines through the work space. Then the map is
-/// made and compared with the field on a dense sample between its lines; if the error exceeds the bound, lines are added.
+/// The number of lines along each axis follows from interpolation errors of the field along lines through the work space. Then the map is
+/// compared with the field on a dense sample between its lines, and lines are added if the error exceeds the bound.
 ///
 /// # Errors
-/// Invalid numbers, a correction beyond its limit, a bound that no grid keeps or that needs more words than available.
+/// Invalid numbers, a correction beyond its limit, a bound that no grid meets or that needs more words than available.
 pub fn build(request: &Request, field: &impl Field) -> Result<Table, TablesError> {
     let mut scaled = ScaledRequest::new(request)?;
     let largest = scaled.survey(request, field)?;
@@ -549,14 +550,14 @@ fn lines_text(request: &Request, table: Option<&Table>) -> String {
     format!("lines along {}", each.join(", "))
 }
 
-/// A number of lines along an axis, and the error that results from this axis alone, mm.
+/// A number of lines along an axis, and the error due to this axis alone, mm.
 #[derive(Clone, Copy, Debug)]
 struct Refinement {
     count: u16,
     error_mm: f64,
 }
 
-/// The smallest grid whose combined error keeps the target: lines are added to the axis with the largest gain per word.
+/// The smallest grid whose combined error meets the target: lines are added where they reduce the error most per word.
 fn lines_for(refinements: &[Vec<Refinement>], target_mm: f64) -> Option<Vec<u16>> {
     let mut at = vec![0; refinements.len()];
     loop {
@@ -593,7 +594,7 @@ impl ScaledRequest {
     fn refinements(&self, axis: usize, field: &impl Field, within_mm: f64) -> Vec<Refinement> {
         let mut refinements = Vec::new();
         let mut count = 2_u16;
-        // Maximum that a control can count if every other axis has two lines.
+        // Maximum number of lines that a control can index if every other axis has two.
         let most = MAX_WORDS / (self.outputs.count() << (self.travels.len() - 1));
         loop {
             let error_mm = self.error_along(axis, count, field);
@@ -605,8 +606,7 @@ impl ScaledRequest {
         }
     }
 
-    /// Largest linear interpolation error with this number of lines along an axis, sampled at 1/4, 1/2 and 3/4 of every pitch (at 1/2 it
-    /// is half of the second difference).
+    /// Largest linear interpolation error with this number of lines along an axis, sampled at 1/4, 1/2 and 3/4 of every pitch.
     fn error_along(&self, axis: usize, count: u16, field: &impl Field) -> f64 {
         const WITHIN: [f64; 3] = [0.25, 0.5, 0.75];
         let axes = self.travels.len();
@@ -616,7 +616,7 @@ impl ScaledRequest {
         let others = lattice(axes - 1, if axes <= 3 { 3 } else { 2 });
         for shares in others {
             let mut shares = shares;
-            // Inserts an entry for the axis itself; `look` sets its coordinate.
+            // Insert an entry for the axis itself, whose coordinate `look` sets.
             shares[axis..].rotate_right(1);
             let mut at = self.place(&shares);
             let mut look = |steps: f64| {
@@ -641,9 +641,9 @@ impl ScaledRequest {
         largest
     }
 
-    /// The smallest map that keeps the bound, regardless of the available words; `None` if it would have too many for any control.
+    /// The smallest map within the bound, regardless of the available words; `None` if it has too many words for any control.
     ///
-    /// The errors along single axes add up to more than the error of the map. So the target is loosened while the map is better than
+    /// The errors of the single axes add up to more than the error of the map. So the target is loosened while the map is better than
     /// required, and tightened while it is worse.
     fn smallest(
         &self,
@@ -682,7 +682,7 @@ impl ScaledRequest {
         Ok(best)
     }
 
-    /// The map on these numbers of lines, and its error.
+    /// The map with these numbers of lines, and its error.
     fn table(
         &self,
         request: &Request,
@@ -731,11 +731,11 @@ impl ScaledRequest {
 
 /// Maximum number of evaluated positions between the lines.
 const MAX_LATTICE_POSITIONS: usize = 400_000;
-/// Additional positions spread over the work space.
+/// Number of additional positions distributed over the work space.
 const HALTON_POSITIONS: u32 = 20_000;
 
-/// Error of a map: norm of the difference between the control's look-up and the field. It excludes the output step: the applied correction
-/// is rounded to it, with an error of at most 0.6 steps.
+/// Error of a map: norm of the difference between the control's look-up and the field. The rounding of the applied correction to output
+/// steps, at most 0.6 steps, is not included.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Misfit {
     /// Maximum error, mm.
@@ -750,7 +750,7 @@ pub struct Misfit {
     pub positions: usize,
 }
 
-/// Accumulates errors.
+/// Sums of errors at positions.
 #[derive(Default)]
 struct MisfitSum {
     found: Misfit,
@@ -778,12 +778,12 @@ impl MisfitSum {
 }
 
 /// Error of a map within these travels (mm or deg): on its lines and half-way between them, in all directions of approach, and at positions
-/// spread over the work space.
+/// distributed over the work space.
 fn evaluate_misfit(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit {
     let axes = travels.len();
     let lines = &map.header().lines;
     let directions: Vec<_> = directions_of(field, axes).collect();
-    // Positions as in the control: whole steps within the travel.
+    // Whole steps within the travel, as in the control.
     let ends: Vec<[i32; 2]> = (0..axes)
         .map(|axis| {
             let step = lines[axis].coordinate(1.0);
@@ -830,7 +830,7 @@ fn evaluate_misfit(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfi
     sum.found
 }
 
-/// Maximum change of an output between neighbouring lines of one axis, mm per mm or deg.
+/// Maximum slope of an output between neighbouring lines of one axis, mm per mm or deg.
 fn steepest(map: &Map) -> f64 {
     let header = map.header();
     let (axes, outputs) = (header.grid.count(), header.outputs.count());

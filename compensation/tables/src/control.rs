@@ -1,10 +1,10 @@
-//! The control's side of the map mode: a reference implementation to test control programs against.
+//! The control's side of the map mode: a reference implementation for testing control programs.
 //!
 //! By the rules of the [`protocol`](volcomp_guard::protocol) only the control decides what it accepts. A map arrives in pieces through one
-//! mailbox, in order, into the inactive buffer. A final frame swaps the buffers, provided that the checksum of all received words is
-//! correct. The applied corrections move at a limited rate, both to another map and, when frames stop, to zero.
+//! mailbox, in order, into the inactive buffer. A final frame swaps the buffers if the checksum of all received words is correct. The
+//! applied corrections move at a limited rate, to those of another map and, when frames stop, to zero.
 //!
-//! Everything is in 16-bit words and whole numbers. [`Lookup::scan`] does not allocate, wait or read a clock: time is the number of scans.
+//! All data are 16-bit words and whole numbers. [`Lookup::scan`] does not allocate, wait or read a clock; time is the number of scans.
 
 use volcomp_guard::{
     barrier,
@@ -16,7 +16,7 @@ use crate::map::{
     GRID_AXES, HEADER_WORDS, Header, MAX_POSITION_STEPS, MAX_WORDS, OUTPUTS, Position, look_up,
 };
 
-// The numbers in the messages below.
+// These numbers are used in the messages below.
 const _: () = assert!(HEADER_WORDS == 68 && MAX_WORDS == 32767);
 
 /// Settings of a control. Positions and corrections are whole steps.
@@ -24,7 +24,7 @@ const _: () = assert!(HEADER_WORDS == 68 && MAX_WORDS == 32767);
 pub struct Settings {
     /// Input axes of the maps, in the order of [`Position`].
     pub grid: Layout,
-    /// Corrected axes, machine number and bounds of the corrections: as for a barrier, 1 to 32767 each.
+    /// Corrected axes, machine number and bounds of the corrections, as for a barrier, 1 to 32767 each.
     pub outputs: barrier::Settings,
     /// Position step of each axis of the grid, millionths of a mm (nm) or of a deg.
     pub position_step_millionths: [u32; GRID_AXES],
@@ -32,18 +32,18 @@ pub struct Settings {
     pub output_step_nm: [u32; OUTPUTS],
     /// Size of each of the two buffers, words, 69 to 32767.
     pub capacity: u16,
-    /// Minimum reverse travel after which an axis of the grid is treated as reversed, position steps, 1 to 1000000.
+    /// Travel back after which an axis of the grid is treated as reversed, position steps, 1 to 1000000.
     pub turned: [i32; GRID_AXES],
 }
 
 /// Maximum step: the range of a DINT.
 const MAX_STEP: i64 = 2_000_000_000;
 
-/// Reason why settings are invalid.
+/// Why settings are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum SettingsError {
-    /// A setting in common with a barrier.
+    /// A setting that is shared with a barrier is invalid.
     #[error(transparent)]
     Outputs(#[from] barrier::SettingsError),
     /// A number out of range.
@@ -105,7 +105,7 @@ impl Settings {
         Ok(())
     }
 
-    /// Maximum number of scans from the last accepted frame until every output is at zero, not counting scans in which the control holds.
+    /// Maximum number of scans from the last accepted frame until every output is at zero, without scans in which the control holds.
     #[must_use]
     pub fn zero_within_scans(&self) -> u32 {
         let of = &self.outputs;
@@ -137,7 +137,7 @@ fn within(
 
 /// Map words per frame.
 pub const DATA_WORDS: usize = 64;
-/// Words of a frame: head, body, checksum. All frames have the same length.
+/// Number of words in a frame: head, body, checksum. All frames have the same length.
 pub const FRAME_WORDS: usize = BODY + 2 + DATA_WORDS + 2;
 
 const BODY: usize = HEAD_WORDS;
@@ -145,7 +145,7 @@ const BODY: usize = HEAD_WORDS;
 /// Content of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Body {
-    /// Start of a transfer; the map's first word follows next.
+    /// Starts a transfer, which continues with the map's first word.
     Begin {
         /// Number of the map.
         counter: u16,
@@ -154,12 +154,12 @@ pub enum Body {
     },
     /// The next words of the map.
     Words {
-        /// Index of the first of the words.
+        /// Index of the first of these words.
         place: u16,
         /// The words; zeros beyond the end of the map.
         data: [u16; DATA_WORDS],
     },
-    /// The map is complete and becomes active.
+    /// The map is complete and is to become active.
     Swap {
         /// Number of the map.
         counter: u16,
@@ -183,7 +183,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Encodes the frame for a machine and its corrected axes, including the checksum.
+    /// Encodes the frame for a machine and its corrected axes, with its checksum.
     #[must_use]
     pub fn encode(&self, machine: u16, outputs: Layout) -> [u16; FRAME_WORDS] {
         let mut words = [0; FRAME_WORDS];
@@ -214,7 +214,7 @@ impl Frame {
     }
 }
 
-/// The words of a mailbox with a correct checksum.
+/// The words of a mailbox, whose checksum is correct.
 struct MailboxFrame<'a>(&'a [u16; FRAME_WORDS]);
 
 impl<'a> MailboxFrame<'a> {
@@ -226,7 +226,7 @@ impl<'a> MailboxFrame<'a> {
         Head::of([self.0[0], self.0[1], self.0[2], self.0[3]])
     }
 
-    /// 1 begin, 2 words, 3 swap, 4 keep.
+    /// Kind of the frame: 1 begin, 2 words, 3 swap, 4 keep.
     fn kind(&self) -> u16 {
         self.0[BODY]
     }
@@ -244,10 +244,10 @@ impl<'a> MailboxFrame<'a> {
 pub const REPORT_WORDS: usize = HEAD + 3 * OUTPUTS + 2;
 
 const HEAD: usize = 13;
-/// Marks that no map is being loaded.
+/// Value in a report if no map is being loaded.
 const NOT_LOADING: u16 = u16::MAX;
 
-/// Refusals of a look-up, indexed by their number in the report.
+/// Refusals of a look-up, by their number in the report.
 const REFUSALS: [Refusal; 11] = [
     Refusal::None,
     Refusal::Checksum,
@@ -262,12 +262,12 @@ const REFUSALS: [Refusal; 11] = [
     Refusal::Kind,
 ];
 
-/// Report that a control with a map publishes after each scan.
+/// The report of a control with a map after each scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Report {
     /// Link state and applied corrections, as for a barrier.
     pub of: barrier::Report,
-    /// True if a map is active. Otherwise the corrections are zero or on the distance there.
+    /// Whether a map is active. Otherwise the corrections are zero or ramping to zero.
     pub valid: bool,
     /// Number of the active map, or of the last active one; 0: none since start-up.
     pub counter: u16,
@@ -317,8 +317,7 @@ impl Report {
         length
     }
 
-    /// Decodes a report of this machine and these corrected axes; `None` if there are too few words, the checksum is wrong, or a word is
-    /// invalid.
+    /// Decodes a report of this machine with these corrected axes; `None` if there are too few words, or the checksum or a word is invalid.
     #[must_use]
     pub fn decode(machine: u16, axes: Layout, words: &[u16]) -> Option<Self> {
         let words = words.get(..Self::length(axes))?;
@@ -362,8 +361,7 @@ impl Report {
     }
 }
 
-/// Extreme position of an axis in its direction: the axis is treated as reversed only after a minimum travel back from
-/// there.
+/// Extreme position of an axis in its direction, from which it must travel back by a minimum before it is treated as reversed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Travel {
     extreme: i32,
@@ -378,7 +376,7 @@ impl Travel {
         }
     }
 
-    /// Direction at a position, which is within ±1e9 steps.
+    /// Direction at a position (within ±1e9 steps).
     fn direction(&mut self, position: i32, turned: i32) -> Option<Direction> {
         let beyond = position - self.extreme;
         let (onward, back) = match self.direction {
@@ -400,7 +398,7 @@ impl Travel {
     }
 }
 
-/// State: the look-up of one machine in its control.
+/// The look-up of one machine in its control.
 #[derive(Clone, Debug)]
 pub struct Lookup {
     settings: Settings,
@@ -409,14 +407,14 @@ pub struct Lookup {
     memory: Memory,
 }
 
-/// State of a look-up between scans, besides its buffers.
+/// State of a look-up between scans, apart from its buffers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
     /// Sender whose frames are accepted.
     pub link: Link,
-    /// Reason why the last frame was rejected.
+    /// Why the last frame was rejected.
     pub refusal: Refusal,
-    /// Header of the active map; `None`: no map is active, and the corrections go to zero.
+    /// Header of the active map; `None`: no map is active, and the corrections ramp to zero.
     pub used: Option<Header>,
     /// Number of the active map, or of the last active one.
     pub counter: u16,
@@ -428,7 +426,7 @@ pub struct Memory {
     pub applied: [i16; OUTPUTS],
     /// Target corrections, steps.
     pub goal: [i16; OUTPUTS],
-    /// Scans since the last movement.
+    /// Number of scans since the last movement.
     pub waited: u16,
     /// Tick and sequence of the last frame with a correct checksum.
     pub found: Option<(u16, u16)>,
@@ -447,8 +445,8 @@ pub struct Loading {
 }
 
 impl Lookup {
-    /// A look-up after power-up or reset: no map is active. `epoch` is the one saved over power-off; `applied` are the corrections in the
-    /// axis words, from which the axes go to zero.
+    /// A look-up after power-up or reset, without an active map. `epoch` was stored before the power-off; `applied` are the corrections in
+    /// the axis words, from which the axes ramp to zero.
     ///
     /// # Errors
     /// Invalid settings.
@@ -473,21 +471,21 @@ impl Lookup {
         })
     }
 
-    /// The state besides the buffers.
+    /// The state apart from the buffers.
     #[must_use]
     pub fn memory(&self) -> &Memory {
         &self.memory
     }
 
-    /// Words of a buffer, 0 or 1; a sender reads back what it loaded.
+    /// Words of a buffer, 0 or 1, for a sender that reads back what it loaded.
     #[must_use]
     pub fn buffer(&self, buffer: usize) -> &[u16] {
         self.buffers.get(buffer).map_or(&[], |words| words)
     }
 
-    /// One scan of the control. `mailbox` are the words in the mailbox, copied before this call. `steps` are the positions of the axes of
-    /// the grid, without the correction if the control can separate it. `holds` is true during an emergency stop or alarm, or while not
-    /// referenced: the axes then keep their corrections.
+    /// Runs one scan of the control. `mailbox`: the words of the mailbox, copied before this call. `steps`: the positions of the grid axes,
+    /// without the correction if the control can separate it. `holds`: emergency stop, alarm or not referenced; the axes then keep their
+    /// corrections.
     pub fn scan(
         &mut self,
         mailbox: &[u16; FRAME_WORDS],
@@ -506,7 +504,7 @@ impl Lookup {
                 }
                 let time_out = self.settings.outputs.time_out_scans;
                 if self.memory.link.is_timed_out(time_out) {
-                    // Timeout: go to zero.
+                    // After the timeout the corrections ramp to zero.
                     self.memory.loading = None;
                     self.memory.used = None;
                 }
@@ -546,7 +544,7 @@ impl Lookup {
         }
     }
 
-    /// Returns true if the frame in the mailbox is accepted, and false if it was already judged or is the last accepted one.
+    /// Returns true if the frame in the mailbox was accepted, and false if it was processed before.
     fn judge(&mut self, mailbox: &[u16; FRAME_WORDS]) -> Result<bool, Refusal> {
         let of = &self.settings.outputs;
         let frame =
@@ -603,7 +601,7 @@ impl Lookup {
         };
         into.copy_from_slice(&data[..count]);
         loading.next += u16::try_from(count).unwrap_or(0);
-        // The words arrive in order, so the whole header precedes any value.
+        // Words arrive in order, so the whole header precedes the values.
         let scale = i32::from(self.buffers[1 - self.memory.buffer][9]);
         let outputs = self.settings.outputs.axes.count();
         for (at, word) in data[..count].iter().enumerate() {
@@ -649,7 +647,7 @@ impl Lookup {
         Ok(())
     }
 
-    /// True if a map was made for this control.
+    /// Whether a map was made for this control.
     fn fits(&self, header: &Header, counter: u16, words: usize) -> bool {
         let settings = &self.settings;
         let axes = settings.grid.count();
@@ -698,7 +696,7 @@ impl Lookup {
         {
             let limit = i32::from(self.settings.outputs.limit[output]);
             let before = i32::from(self.memory.goal[output]);
-            // Hysteresis: a target within 0.6 of a step stays, so that position noise moves nothing.
+            // Hysteresis: changes of a target by up to 0.6 steps are ignored, so that position noise causes no movement.
             if 10 * (parts - before * scale).abs() <= 6 * scale {
                 continue;
             }
@@ -725,7 +723,7 @@ impl Lookup {
             let distance = distance(&self.memory, output);
             let share = i32::try_from(distance.unsigned_abs() / movements).unwrap_or(0);
             let at = i32::from(self.memory.applied[output]) + distance.signum() * share;
-            // Lies between two 16-bit numbers, so the conversion cannot fail.
+            // The value lies between two 16-bit numbers, so the conversion cannot fail.
             self.memory.applied[output] = i16::try_from(at).unwrap_or(0);
         }
     }

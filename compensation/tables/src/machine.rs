@@ -1,4 +1,4 @@
-//! Map of a machine, its refresh interval, and its transfer time.
+//! The map of a machine, its refresh interval, and its transfer time.
 
 use volcomp_kinematics::{Chain, CorrectionOptions, State, correct};
 use volcomp_model::{Machine, MachineErrors, Temperatures, halton};
@@ -10,7 +10,7 @@ use crate::{
     map::{GRID_AXES, Map, MapError, OUTPUTS},
 };
 
-/// Number of sampled poses over the travel of the axes that a map does not cover.
+/// Number of poses sampled over the travel of the axes that a map does not cover.
 const SAMPLED_POSES: u32 = 2000;
 
 /// Requirements on the map of a machine: axes, error bound and memory.
@@ -37,7 +37,7 @@ pub struct MapOptions {
 }
 
 impl Default for MapOptions {
-    /// Over the linear axes, positions in 1 µm and 0.001 deg, corrections in 1 µm up to 250 µm, within 1 µm, in 2500 words.
+    /// A map over the linear axes in 2500 words: positions in 1 µm and 0.001 deg, corrections in 1 µm up to 250 µm, error at most 1 µm.
     fn default() -> Self {
         Self {
             grid: Vec::new(),
@@ -53,14 +53,14 @@ impl Default for MapOptions {
     }
 }
 
-/// Map of a machine for fixed temperatures, and the effects that it neglects.
+/// The map of a machine at fixed temperatures, and the effects that it neglects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineMap {
     /// The map.
     pub table: Table,
     /// Fixed axes and their positions, mm or deg.
     pub held: Vec<(AxisName, f64)>,
-    /// Maximum change of the correction for other positions of the fixed axes, mm; `None` if there are none.
+    /// Maximum change of the correction for other positions of the fixed axes, mm; `None` without fixed axes.
     pub elsewhere_mm: Option<f64>,
     /// Effect of 1 K at each sensor.
     pub sensitivities: Vec<Sensitivity>,
@@ -114,11 +114,11 @@ impl Field for MachineField<'_> {
 impl MachineMap {
     /// Builds the map of a machine with its current tool, at these temperatures.
     ///
-    /// It corrects the tool position with the linear axes that may move (`correct` of the machine file); the tool orientation is not
-    /// corrected. A rotary axis is either fixed at its stated position or, if named, an axis of the grid.
+    /// The map corrects the position of the tool with the linear axes in `correct` of the machine file, but not the tool orientation. A
+    /// rotary axis is an axis of the grid if it is named there; otherwise it is fixed at its given position.
     ///
     /// # Errors
-    /// Same as [`build`]; axes that the machine does not have, that roll over, or that correct nothing.
+    /// Same as [`build`]; axes that the machine lacks, that roll over, or that correct nothing.
     pub fn new(
         machine: &Machine,
         temperatures: &Temperatures,
@@ -212,7 +212,7 @@ impl MachineMap {
     }
 }
 
-/// Chain indices of the linear axes that a correction by linear axes moves.
+/// Chain indices of the linear axes that move in a correction by linear axes.
 fn correcting_axes(machine: &Machine) -> Vec<usize> {
     let names: Vec<AxisName> = match machine.correct() {
         Some(names) => names.to_vec(),
@@ -232,7 +232,7 @@ fn model_number(machine: &Machine) -> u32 {
     let digits = checksum
         .strip_prefix("sha256:")
         .and_then(|digits| digits.get(..8));
-    // Hexadecimal digits, so the conversion cannot fail.
+    // The conversion of hexadecimal digits cannot fail.
     digits
         .and_then(|first| u32::from_str_radix(first, 16).ok())
         .unwrap_or(0)
@@ -279,7 +279,7 @@ fn sensitivities(
     let mut found = Vec::new();
     for sensor in thermal.sensors() {
         let mut around = temperatures.clone();
-        // A sensor without a stated temperature is treated as at reference temperature: its terms are zero there.
+        // A sensor without a given temperature is at reference temperature, where its terms are zero.
         for name in thermal.sensors() {
             around
                 .entry(name.to_owned())
@@ -334,8 +334,8 @@ pub struct Sensitivity {
     pub mm_per_k: f64,
 }
 
-/// Time, s, until a map for fixed temperatures is off by more than `within_mm`, if every sensor drifts by `k_per_h` in the worst direction;
-/// `None` if temperature has no effect. Lags of the terms only extend it.
+/// Time, s, until a map for fixed temperatures is off by more than `within_mm` if every sensor drifts by `k_per_h` in the worst direction;
+/// `None` if temperatures have no effect. Lags of the terms only extend the time.
 pub fn refresh_s(sensitivities: &[Sensitivity], k_per_h: f64, within_mm: f64) -> Option<f64> {
     let mm_per_h: f64 = sensitivities
         .iter()
@@ -349,7 +349,7 @@ pub fn refresh_s(sensitivities: &[Sensitivity], k_per_h: f64, within_mm: f64) ->
 pub struct Transfer {
     /// Number of frames, written one after the other.
     pub frames: usize,
-    /// Bytes transferred, without the bus protocol: the frames, a report read before each, the map read back.
+    /// Bytes transferred, without those of the bus protocol: the frames, a report before each frame, and the map read back.
     pub bytes: usize,
 }
 

@@ -1,4 +1,4 @@
-//! Map of the corrections over the work space, as words: its header, its values, and the control's look-up.
+//! Map of the corrections over the work space in words: its header, its values, and the control's look-up.
 
 use volcomp_guard::protocol::{Layout, checksum};
 use volcomp_vocabulary::{AxisName, Direction};
@@ -9,9 +9,9 @@ pub const GRID_AXES: usize = 5;
 pub const OUTPUTS: usize = 3;
 /// Number of words before the first value.
 pub const HEADER_WORDS: usize = 68;
-/// Maximum number of words: indices are 15-bit numbers, which every control has.
+/// Maximum number of words: indices are 15-bit numbers, which every control supports.
 pub const MAX_WORDS: usize = 32767;
-/// Maximum and minimum number of parts of an output step.
+/// Maximum and minimum number of parts per output step.
 pub const SCALES: [u16; 2] = [64, 1];
 /// Maximum magnitude of a line position, position steps.
 pub(crate) const MAX_POSITION_STEPS: i32 = 1_000_000_000;
@@ -23,7 +23,7 @@ const AXIS_WORDS: usize = 7;
 const REVERSAL_AT: usize = AXES_AT + AXIS_WORDS * GRID_AXES;
 const STEPS_AT: usize = REVERSAL_AT + GRID_AXES * OUTPUTS;
 
-/// Grid lines along one axis. Their pitch is `part`·`parts` position steps; the control interpolates between `parts` places per pitch.
+/// Grid lines along one axis. Their pitch is `part`·`parts` position steps; the control interpolates at `parts` places per pitch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Lines {
     /// Position of the first line, position steps.
@@ -70,11 +70,11 @@ impl Lines {
 /// Header of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// Number that distinguishes this map from earlier ones; never 0.
+    /// Number that distinguishes the map from earlier ones; never 0.
     pub counter: u16,
-    /// First 32 bits of the checksum of the source machine file.
+    /// First 32 bits of the checksum of the machine file.
     pub model: u32,
-    /// Input axes, the slowest first.
+    /// Input axes; the first varies slowest.
     pub grid: Layout,
     /// Corrected axes.
     pub outputs: Layout,
@@ -82,8 +82,7 @@ pub struct Header {
     pub scale: u16,
     /// Lines along each axis of the grid.
     pub lines: [Lines; GRID_AXES],
-    /// Half of the reversal value, in parts: added to each output after positive motion of an axis of the grid, subtracted after negative
-    /// motion.
+    /// Half the reversal value, in parts: added to each output after positive motion of a grid axis, subtracted after negative motion.
     pub reversal: [[i16; OUTPUTS]; GRID_AXES],
     /// Step of each output, nm.
     pub output_step_nm: [u32; OUTPUTS],
@@ -235,7 +234,7 @@ fn layout(number: u32) -> Result<Layout, MapError> {
     Layout::of(names).map_err(|_| MapError::Axes)
 }
 
-/// Low word first.
+/// Writes a 32-bit value, low word first.
 fn put(words: &mut [u16; HEADER_WORDS], at: usize, value: u32) {
     let [a, b, c, d] = value.to_le_bytes();
     words[at] = u16::from_le_bytes([a, b]);
@@ -246,7 +245,7 @@ fn long(words: &[u16; HEADER_WORDS], at: usize) -> u32 {
     u32::from(words[at]) | u32::from(words[at + 1]) << 16
 }
 
-/// Reason why words or bytes are not a valid map.
+/// Why words or bytes are not a valid map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages name the fields")]
@@ -263,7 +262,7 @@ pub enum MapError {
     /// The layout version of the words is unknown.
     #[error("layout version {found}, expected 1")]
     Version { found: u16 },
-    /// Invalid axes.
+    /// The axes are invalid.
     #[error("expected one to five different axes of the grid, and one to three that are corrected")]
     Axes,
     /// The number of the map is 0.
@@ -272,7 +271,7 @@ pub enum MapError {
     /// The scale of the values is out of range.
     #[error("an output step has {found} parts, expected 1 to 64")]
     Scale { found: u16 },
-    /// Lines out of range.
+    /// The lines are out of range.
     #[error("axis {axis}: lines of the grid are out of range")]
     Lines { axis: AxisName },
     /// More words than a control can count.
@@ -286,17 +285,17 @@ pub enum MapError {
     Checksum,
 }
 
-/// Machine position as reported by its control.
+/// Position of the machine as reported by its control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Position {
     /// Coordinate of each axis of the grid, in position steps of that axis.
     pub steps: [i32; GRID_AXES],
-    /// Direction of approach of each axis; `None`: unknown, the mean of both applies.
+    /// Direction of approach of each axis; `None`: unknown, so the mean of both applies.
     pub directions: [Option<Direction>; GRID_AXES],
 }
 
-/// Values of a map at a position, in parts of the output steps: linear between the lines, constant beyond the grid. `words` is the whole
-/// map, header included; a map that is too short gives 0.
+/// Values of a map at a position, in parts of the output steps: linear between the lines, constant outside the grid. `words` is the whole
+/// map, header included; missing words count as 0.
 pub(crate) fn look_up(header: &Header, words: &[u16], position: &Position) -> [i32; OUTPUTS] {
     let axes = header.grid.count().min(GRID_AXES);
     let outputs = header.outputs.count().min(OUTPUTS);
@@ -321,7 +320,7 @@ pub(crate) fn look_up(header: &Header, words: &[u16], position: &Position) -> [i
                 node = node * usize::from(header.lines[axis].count) + cell + (number >> axis & 1);
             }
             let word = words.get(HEADER_WORDS + node * outputs + output);
-            // Shifted to positive values, because controls differ in how they divide negative numbers.
+            // Shifted to positive values, since controls divide negative numbers differently.
             *corner = i32::from(word.copied().unwrap_or(0).cast_signed()) + 32768;
         }
         for (axis, rest) in rest.iter().enumerate().take(axes) {
@@ -345,7 +344,7 @@ pub(crate) fn look_up(header: &Header, words: &[u16], position: &Position) -> [i
     values
 }
 
-/// A map: header and values. Invariant: every index that a look-up reads exists.
+/// A map: header and values. Invariant: every index that a look-up reads is valid.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Map {
     header: Header,
@@ -353,7 +352,7 @@ pub struct Map {
 }
 
 impl Map {
-    /// A map of these values in parts of the output steps: all outputs of a node, then the next node along the last axis.
+    /// A map with these values in parts of the output steps: all outputs of a node, then those of the next node along the last axis.
     ///
     /// # Errors
     /// The header is unusable for a control, or the number of values differs from that in the header.
@@ -392,13 +391,13 @@ impl Map {
         &self.header
     }
 
-    /// Words of header and values.
+    /// Words of the header and the values.
     #[must_use]
     pub fn words(&self) -> &[u16] {
         &self.words
     }
 
-    /// The two checksum words, seeded with the machine number and the corrected axes.
+    /// The two words of the checksum, seeded with the machine number and the corrected axes.
     #[must_use]
     pub fn checksum(&self, machine: u16) -> [u16; 2] {
         let check = checksum(machine, self.header.outputs, &self.words);
@@ -421,7 +420,7 @@ impl Map {
         })
     }
 
-    /// Binary image: header, values, checksum.
+    /// The map in bytes: header, values, checksum.
     #[must_use]
     pub fn image(&self, machine: u16, order: ByteOrder) -> Vec<u8> {
         let mut words = self.words.clone();
@@ -429,7 +428,7 @@ impl Map {
         to_bytes(&words, order)
     }
 
-    /// Decodes an image in either byte order.
+    /// Decodes the bytes of [`image`](Self::image) in either byte order.
     ///
     /// # Errors
     /// The bytes are not a map, are damaged, or belong to another machine.

@@ -1,5 +1,4 @@
-//! The sender: selects the next frame from the control's last report, and so transfers a map and keeps it valid, one exchange after the
-//! other.
+//! The sender: selects the next frame by the control's last report, and so transfers a map and keeps it valid, one exchange at a time.
 
 use volcomp_guard::protocol::{Refusal, ReportStatus, Session};
 
@@ -8,14 +7,14 @@ use crate::{
     map::{HEADER_WORDS, Map, OUTPUTS},
 };
 
-/// NextAction action of a sender.
+/// The next action of a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NextAction {
     /// Write a frame with this content.
     Write(Body),
-    /// Read back the words of this buffer, 0 or 1, compare them with the map, and call again with the result.
+    /// Read back the words of this buffer, 0 or 1, compare them with the map, and pass the result to the next call.
     ReadBack {
-        /// The loaded buffer.
+        /// Index of the loaded buffer.
         buffer: u16,
     },
 }
@@ -31,8 +30,8 @@ pub enum ReadBackResult {
     Other,
 }
 
-/// NextAction action to make `map` active and keep it so. `report` is the control's last report. The function is stateless: after any loss it
-/// continues from the state of the control.
+/// The next action that makes `map` active or keeps it active. `report` is the control's last report. The function is stateless: after any
+/// loss it continues from the state of the control.
 #[must_use]
 pub fn next_write(map: &Map, machine: u16, report: &Report, loaded: ReadBackResult) -> NextAction {
     let counter = map.header().counter;
@@ -55,7 +54,7 @@ pub fn next_write(map: &Map, machine: u16, report: &Report, loaded: ReadBackResu
     NextAction::Write(body)
 }
 
-/// The complete transfer of a map in order: begin, words, swap.
+/// The complete transfer of a map: begin, words, swap.
 pub fn writes(map: &Map, machine: u16) -> impl Iterator<Item = Body> + '_ {
     let counter = map.header().counter;
     // At most 32767 words.
@@ -103,15 +102,15 @@ pub trait Exchange {
     fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, Self::Error>;
 }
 
-/// Limits that the sender sets on the map and the control.
+/// Limits that the sender enforces on the map and the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SenderLimits {
     /// Maximum correction, mm.
     pub limit_mm: f64,
     /// Maximum rate of change of a correction, mm/s.
     pub slew_mm_per_s: f64,
-    /// Maximum timeout of the control, s, after which its corrections start to go to zero. How long that takes follows from their limit and
-    /// rate, see [`Settings::zero_within_scans`](crate::control::Settings::zero_within_scans).
+    /// Maximum timeout of the control, s, after which its corrections begin to ramp to zero. The duration of the ramp follows from their
+    /// limit and rate, see [`Settings::zero_within_scans`](crate::control::Settings::zero_within_scans).
     pub zero_after_s: f64,
     /// Scan time of the control's program, s.
     pub scan_s: f64,
@@ -119,7 +118,7 @@ pub struct SenderLimits {
     pub capacity: usize,
 }
 
-/// Reason why a map is not sent to this control.
+/// Why a map is not sent to this control.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum LimitError {
@@ -129,12 +128,12 @@ pub enum LimitError {
     /// A value of the map exceeds the limit.
     #[error("the map corrects by up to {found_um:.1} µm, expected at most {limit_um:.1} µm")]
     Value { found_um: f64, limit_um: f64 },
-    /// The control's own limit is wider.
+    /// The control's own limit exceeds that of the sender.
     #[error(
         "the control accepts corrections up to {found_um:.1} µm, expected at most {limit_um:.1} µm"
     )]
     Limit { found_um: f64, limit_um: f64 },
-    /// The control changes corrections faster.
+    /// The control changes corrections faster than allowed.
     #[error(
         "the control moves a correction at {found_um_per_s:.1} µm/s, expected at most {slew_um_per_s:.1} µm/s"
     )]
@@ -142,7 +141,7 @@ pub enum LimitError {
         found_um_per_s: f64,
         slew_um_per_s: f64,
     },
-    /// The timeout of the control is longer.
+    /// The timeout of the control is longer than allowed.
     #[error(
         "the control begins to go to zero {found_s:.3} s after the last frame, expected at most {zero_after_s:.3} s"
     )]
@@ -186,7 +185,7 @@ impl SenderLimits {
     /// # Errors
     /// The first limit that the control exceeds.
     pub fn check_control(&self, map: &Map, report: &Report) -> Result<(), LimitError> {
-        // Tolerates the rounding of numbers that were converted to steps.
+        // Tolerates rounding in the conversion to steps.
         let beyond = |found: f64, most: f64| found.is_nan() || found > most * (1.0 + 1e-9);
         let report = &report.of.settings;
         for output in 0..map.header().outputs.count().min(OUTPUTS) {
@@ -225,9 +224,9 @@ fn step_mm(map: &Map, output: usize) -> f64 {
 /// Result of one step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// The report was torn or belongs to another machine: nothing was sent.
+    /// The report was torn or belongs to another machine; nothing was sent.
     Unreadable,
-    /// The control has not scanned since the last report: nothing was sent.
+    /// The control has not scanned since the last report; nothing was sent.
     NotScanned,
     /// A part of the map was sent, or the loaded words were read back.
     Loading,
@@ -235,18 +234,18 @@ pub enum Step {
     Kept,
 }
 
-/// Reason why a sender stops.
+/// Why a sender stops.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SendError<E> {
     /// Transport error. The next step continues from the state of the control.
     #[error(transparent)]
     Exchange(E),
-    /// Another sender controls the link: nothing was sent.
+    /// Another sender controls the link; nothing was sent.
     #[error("another sender, number {by}, holds the control")]
     Held {
         /// Number of the other sender.
         by: u16,
-        /// Sequence number of its last frame: it stays constant if that sender has stopped.
+        /// Sequence number of its last frame; constant if that sender has stopped.
         sequence: u16,
     },
     /// The control or the map exceeds the limits.
@@ -260,7 +259,7 @@ pub enum SendError<E> {
 /// Maximum number of times that the transfer of a rejected map is restarted.
 const MAX_RESTARTS: u32 = 8;
 
-/// A sender of one map. State: of the control it only keeps whether the words there were read back.
+/// A sender of one map. State about the control: whether the loaded words were read back, its last tick, its active map.
 #[derive(Clone, Debug)]
 pub struct Sender {
     map: Map,
@@ -274,7 +273,7 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// A sender of this map for the control of this machine. `owner` is a random number for this sender, not 0.
+    /// A sender of this map for the control of this machine. `owner` is a random number of the sender, not 0.
     ///
     /// # Errors
     /// The map exceeds the limits.
@@ -297,18 +296,18 @@ impl Sender {
         })
     }
 
-    /// Replaces the map and returns the previous one. The control keeps that active until it has received all of the new one.
+    /// Replaces the map and returns the previous one, which stays active in the control until the new one is loaded completely.
     ///
     /// # Errors
-    /// The map exceeds the limits: the previous one stays.
+    /// The map exceeds the limits; the previous one stays.
     pub fn replace(&mut self, map: Map) -> Result<Map, LimitError> {
         self.allowed.check_map(&map)?;
         (self.loaded, self.restarts) = (ReadBackResult::Unknown, 0);
         Ok(std::mem::replace(&mut self.map, map))
     }
 
-    /// Number of the map that was active in the control at the last read, whichever sender transferred it; `None`: no map was active, and the
-    /// corrections were zero or ramping to zero.
+    /// Number of the map that was active in the control at the last report, whichever sender transferred it; `None`: no map was active, and
+    /// the corrections were zero or ramping to zero.
     #[must_use]
     pub fn in_use(&self) -> Option<u16> {
         self.in_use
@@ -326,7 +325,7 @@ impl Sender {
     /// See [`SendError`]; after [`SendError::Exchange`] the step can be retried.
     pub fn step<C: Exchange>(&mut self, control: &mut C) -> Result<Step, SendError<C::Error>> {
         let words = control.report().map_err(|error| {
-            // The tick may have wrapped around by the next report.
+            // The tick may wrap around before the next report.
             self.session.forget();
             SendError::Exchange(error)
         })?;
@@ -334,7 +333,7 @@ impl Sender {
             return Ok(Step::Unreadable);
         };
         self.in_use = report.valid.then_some(report.counter);
-        // A stopped program would be answered with its own old tick forever.
+        // An unchanged tick is not answered: a stopped program would get its own old tick indefinitely.
         if self.tick.replace(report.of.tick) == Some(report.of.tick) {
             return Ok(Step::NotScanned);
         }

@@ -85,7 +85,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let mut counter = 0_u64;
     for x_mm in [0.0, 100.0, 250.0] {
-        // The control sends its positions and that it is referenced …
+        // The control sends its positions and that it is referenced.
         counter += 1;
         let position = [("X_POS", x_mm), ("Y_POS", 50.0)];
         let state = [("X_APPLIED", 0.0), ("REFERENCED", 1.0)];
@@ -93,13 +93,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             let frame = message(&table, values, counter).ok_or("the table lacks a signal")?;
             bus.push(TO_GATEWAY, frame);
         }
-        // … the gateway answers with the correction of an axis that is 40 µm a metre too long …
+        // The gateway answers with the correction of an axis that is 40 µm per metre too long.
         let soon = Instant::now() + Duration::from_millis(100);
         let snapshot = controller.read(soon)?;
         assert!(snapshot.state.referenced);
         let correction = PerChannel::leading([-4e-5 * snapshot.positions[0]]);
         controller.apply(&correction, soon)?;
-        // … and the control applies it if length, counter and checksum are correct.
+        // The control applies the correction if length, counter and checksum are correct.
         let frame = bus.pop(TO_CONTROL).ok_or("no correction was sent")?;
         let (place, signal) = table.find("X_CORR").ok_or("the table lacks X_CORR")?;
         let found = &table.messages[place];

@@ -1,12 +1,12 @@
-//! Arrival times of frames, from the timestamps of the kernel.
+//! Arrival times of frames, from kernel timestamps.
 
 use std::time::{Duration, Instant, SystemTime};
 
-/// Maximum drift of the wall clock, which the kernel's timestamps use, against the monotonic clock while a queue is emptied. A larger drift means
-/// that the clock was set, and the timestamps are ignored.
+/// Maximum divergence of the wall clock (used by kernel timestamps) and the monotonic clock while a queue is emptied. A larger one means
+/// that the wall clock was set, and the timestamps are ignored.
 const MAX_CLOCK_DRIFT: Duration = Duration::from_millis(1);
 
-/// Maximum time for reading both clocks, and so the maximum error between them.
+/// Maximum time for reading both clocks, and thus the maximum error between them.
 const MAX_CLOCK_READ_TIME: Duration = Duration::from_micros(100);
 
 /// Reads both clocks. If the thread is interrupted between the two, they are read again, at most twice.
@@ -22,7 +22,7 @@ pub(crate) fn both_clocks() -> (Instant, SystemTime) {
     both
 }
 
-/// The last time at which no frame was waiting, by both clocks. A frame found waiting later arrived after it.
+/// The last time at which no frame was waiting, by both clocks. Frames found later arrived after it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrivals {
     empty: Instant,
@@ -35,8 +35,8 @@ impl Arrivals {
         Self { empty, wall }
     }
 
-    /// The arrival time of a frame that is read at `now`, never later than the true one: its timestamp if it has one and the clock was not set
-    /// meanwhile, else the last time at which no frame was waiting. Frames that waited unread thus get their maximum age.
+    /// The arrival time of a frame read at `now`, never later than the true one: the kernel timestamp, if there is one and the clock was
+    /// not set meanwhile, else the last time at which no frame was waiting. A frame without a valid timestamp thus gets its maximum age.
     pub(crate) fn of(&self, stamp: Option<SystemTime>, now: Instant, wall: SystemTime) -> Instant {
         let passed = now.saturating_duration_since(self.empty);
         let by_wall = wall.duration_since(self.wall).unwrap_or_default();
@@ -68,12 +68,12 @@ mod tests {
         let at = 300 * MS;
         assert_eq!(read(Some(20 * MS), at, at), 20 * MS);
         assert_eq!(read(Some(at), at, at), at);
-        // Without a stamp it may have come right after.
+        // Without a timestamp it may have arrived just after the queue was empty.
         assert_eq!(read(None, at, at), Duration::ZERO);
         // The clock was set meanwhile: the timestamp is ignored.
         assert_eq!(read(Some(20 * MS), at, 100 * MS), Duration::ZERO);
         assert_eq!(read(Some(20 * MS), at, 5000 * MS), Duration::ZERO);
-        // A stamp of the future or from before the queue was empty is held within.
+        // A timestamp after now, or before the queue was empty, is clamped.
         assert_eq!(read(Some(301 * MS), at, at), at);
         let before = arrivals.of(Some(wall - 50 * MS), empty + at, wall + at);
         assert_eq!(before, empty);

@@ -1,6 +1,6 @@
-//! Transport of the barrier's words: `FRAME_0`, `FRAME_1`, … and `REPORT_0`, `REPORT_1`, … Words are transported unchanged and interpreted by the
-//! barrier code. Only the size of a count is read here: the value words have the unit and the factor of a count. Words in several messages belong
-//! together if the messages have the same counter.
+//! Transport of the barrier's words in the signals `FRAME_0`, `FRAME_1`, … and `REPORT_0`, `REPORT_1`, … The words are not interpreted
+//! here, except for the size of a count, which the unit and factor of the value words define. Words in several messages belong together if
+//! the messages have the same counter.
 
 use std::time::Instant;
 
@@ -23,7 +23,7 @@ const REPORT_WORDS_PER_AXIS: usize = 3;
 /// Number of checksum words at the end of both.
 const CHECKSUM_WORDS: usize = 2;
 
-/// A message to send, and whether its words were set.
+/// A message to send, and its frame.
 struct OutgoingMessage {
     message: Message,
     frame: Frame,
@@ -40,7 +40,7 @@ pub(crate) struct Barrier {
     frame: Vec<Word>,
     sent: Vec<OutgoingMessage>,
     report: Vec<ReceivedSignal>,
-    /// The last report whose messages belong together, and the arrival of the oldest one.
+    /// The last complete report, and the arrival of its oldest message.
     last: Option<(Words, Instant)>,
     counter: u64,
 }
@@ -48,14 +48,14 @@ pub(crate) struct Barrier {
 /// Largest count of a value word.
 const LARGEST_COUNT: f64 = 32767.0;
 
-/// The size of one count of an axis, and the largest correction, mm or rad.
+/// The size of one count, and the largest correction, mm or rad.
 pub(crate) struct Count {
     pub(crate) step: f64,
     pub(crate) largest: f64,
 }
 
 impl Barrier {
-    /// The transport of a table for these axes; `None` if the table has no words.
+    /// The transport for these axes with the signals of a table; `None` if the table has no barrier words.
     ///
     /// # Errors
     /// Words that are missing, too few or too many for the axes, not of 16 bits, or whose units do not match their axes.
@@ -105,7 +105,7 @@ impl Barrier {
         check_shared_counter(table, &report)?;
         let mut sent: Vec<OutgoingMessage> = Vec::new();
         let mut parts = Vec::new();
-        // The message with the last word is sent last, so that the frame is complete when it arrives.
+        // The message with the last word is sent last, since the control takes the frame as complete when it arrives.
         let mut order: Vec<usize> = Vec::new();
         for (message, _) in frame.iter().rev() {
             if !order.contains(message) {
@@ -141,7 +141,7 @@ impl Barrier {
         Ok(Some((barrier, counts)))
     }
 
-    /// Writes the words of a frame into their messages and sends these in order, the one with the last word last.
+    /// Writes the words of a frame into their messages and sends these in order, the message with the last word last.
     pub(crate) fn post(
         &mut self,
         port: &mut impl CanPort,
@@ -164,7 +164,7 @@ impl Barrier {
         Ok(())
     }
 
-    /// Processes a complete and new message: if it is the last part of a report whose parts have the same counter, stores the report.
+    /// Processes a valid new message: if the report's messages now all have the same counter, stores the report.
     pub(crate) fn process(&mut self, messages: &[ReceivedMessage], index: usize) {
         if !self.report.iter().any(|signal| signal.message == index) {
             return;
@@ -187,7 +187,7 @@ impl Barrier {
         self.last = words.map(|words| (words, oldest)).or(self.last);
     }
 
-    /// The last report whose messages were complete and belong together, and the arrival of the oldest one.
+    /// The last complete report, and the arrival of its oldest message.
     pub(crate) fn report(&self) -> Option<(Words, Instant)> {
         self.last
     }
@@ -239,8 +239,8 @@ fn check_word_count(
     ))
 }
 
-/// Checks that words in several messages can be distinguished from those of another time: by a counter in each message. The checksum of the words
-/// alone does not detect all mixtures of three or more frames.
+/// Checks that each of several messages has a counter, which distinguishes words of different times. The checksum of the words alone does
+/// not detect all mixtures of three or more frames.
 fn check_shared_counter(table: &SignalTable, words: &[(usize, usize)]) -> Result<(), String> {
     let messages = || words.iter().map(|(message, _)| *message);
     let is_one = messages().all(|message| Some(message) == messages().next());
@@ -288,7 +288,7 @@ fn check_same_count(found: &Signal, expected: &Signal) -> Result<(), String> {
     ))
 }
 
-/// Checks that a signal transports a word unchanged: 16 bits, no offset, and no unit or factor unless it is a count.
+/// Checks that a signal transports a word unchanged: 16 bits, no offset, and, unless it is `counted`, no unit or factor.
 fn check(signal: &Signal, counted: bool) -> Result<(), String> {
     let word = &signal.name;
     if signal.bits != 16 {

@@ -1,5 +1,5 @@
-//! A control whose PLC performs the last step: it sends positions and state in plain frames, and receives corrections as plain values or as words
-//! for a barrier. Signals are found by name, so ids, bit positions and scaling can be chosen freely.
+//! A control whose PLC applies the corrections: it sends positions and state in plain frames, and receives corrections as plain values or
+//! as words for a barrier. Signals are found by name; ids, bit positions and scaling are free.
 
 use std::{
     collections::BTreeMap,
@@ -29,16 +29,16 @@ pub struct BridgeConfig {
     pub table: SignalTable,
     /// Name of the channel through which corrections reach the axes.
     pub channel: String,
-    /// The axes in channel order; signals `X_POS`, and, without a barrier, `X_CORR` and optionally `X_APPLIED`.
+    /// The axes in channel order; signals `X_POS` and, without a barrier, `X_CORR` and optionally `X_APPLIED`.
     pub axes: Vec<AxisName>,
-    /// Axes whose positions are only read, `X_POS`. Without `axes` nothing is ever sent.
+    /// Axes whose positions are only read, signal `X_POS`. Without `axes` nothing is sent.
     pub reads: Vec<AxisName>,
     /// Whether positions contain the correction.
     pub includes_correction: bool,
 }
 
 impl BridgeConfig {
-    /// Smallest steps of the reported positions, by axis.
+    /// Resolution of the reported positions, by axis.
     pub fn position_steps(&self) -> BTreeMap<AxisName, Displacement> {
         let step = |name: &AxisName| {
             let (message, place) = self.table.find(&format!("{name}_POS"))?;
@@ -60,13 +60,13 @@ impl BridgeConfig {
     }
 }
 
-/// How corrections are sent.
+/// Transport of the corrections.
 enum Transport {
-    /// Corrections are sent as words of a frame for the barrier of the control.
+    /// Words of a frame for the barrier of the control.
     Barrier(Barrier),
-    /// Corrections are sent as plain values.
+    /// Plain values.
     Plain(PlainCorrections),
-    /// Not sent: positions are only read.
+    /// None: positions are only read.
     ReadOnly,
 }
 
@@ -140,7 +140,7 @@ impl<P: CanPort> CanController<P> {
                 alarm: states[1].is_some(),
                 emergency_stop: states[2].is_some(),
             },
-            // A barrier accepts frames of one sender only and reports which.
+            // A barrier accepts frames of one sender only, and reports which.
             sees_other_gateways: has_barrier,
             shortest_cycle: Duration::from_millis(1),
             device: device.clone(),
@@ -183,7 +183,7 @@ impl<P: CanPort> CanController<P> {
         place.signal.value(message.data()) * place.to_internal
     }
 
-    /// Whether a state of the control is on; `forbids` if it was never received.
+    /// Whether a state of the control is on; `forbids` if its message was never received.
     fn state(&self, place: &ReceivedSignal, forbids: bool) -> bool {
         if self.receiver.message(place).taken.is_some() {
             self.value(place) != 0.0
@@ -192,7 +192,7 @@ impl<P: CanPort> CanController<P> {
         }
     }
 
-    /// The oldest and the newest arrival of these signals; `None` until each was received.
+    /// The oldest and the newest arrival of these signals; `None` if one was never received.
     fn arrivals(&self, places: &[ReceivedSignal]) -> Option<[Instant; 2]> {
         let mut places = places.iter();
         let first = self.receiver.message(places.next()?).taken?;
@@ -208,8 +208,8 @@ impl<P: CanPort> Controller for CanController<P> {
         &self.description
     }
 
-    /// The positions, states and applied correction or report received last, regardless of their age; waits only until every position was received
-    /// once. `taken` is the arrival of the oldest position, `uncertainty` its distance from the newest.
+    /// The positions, states and applied correction or report received last, regardless of their age. Waits only until every position was
+    /// received once. `taken` is the arrival of the oldest position, `uncertainty` the time from it to the newest one.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         self.listen(deadline, false)?;
         let [taken, newest] = loop {
@@ -253,7 +253,7 @@ impl<P: CanPort> Controller for CanController<P> {
             positions,
             taken,
             uncertainty: newest.duration_since(taken),
-            // States without signals are accepted by the configuration; see the description.
+            // A state without a signal takes its good value, which the configuration has accepted; see the description.
             state: ControllerState {
                 referenced: state(referenced, true, false),
                 alarm: state(alarm, false, true),
@@ -285,7 +285,7 @@ impl<P: CanPort> Controller for CanController<P> {
     }
 }
 
-/// Response of a bridge whose positions are only read.
+/// Fault of a correction sent to a read-only bridge.
 const READ_ONLY: Fault = Fault::Unsupported("corrections, where positions are only read");
 
 fn axis_descriptions(config: &BridgeConfig, counts: &[Count]) -> Vec<Axis> {

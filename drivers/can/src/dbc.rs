@@ -1,4 +1,4 @@
-//! DBC files, read into the table of their signals.
+//! Reads DBC files into a table of their signals.
 
 use can_dbc::{ByteOrder, Dbc, MessageId, MultiplexIndicator, SignalExtendedValueType, ValueType};
 
@@ -92,7 +92,7 @@ impl SignalTable {
     }
 }
 
-/// Checks the used signals of a message: each is an integer whose bits no other signal shares, and a state is off if its bits are 0.
+/// Checks the used signals of a message: each is an integer that shares no bits with others, and bits 0 mean that a state is off.
 fn check_signals(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Defect> {
     for (index, signal) in message.signals.iter().enumerate() {
         let is_word = ["FRAME_", "REPORT_"].map(|prefix| signal.name.starts_with(prefix));
@@ -210,7 +210,7 @@ fn signal(message: &str, length: usize, found: &can_dbc::Signal) -> Result<Signa
     let bits = u32::try_from(found.size).unwrap_or(u32::MAX);
     let start = u32::try_from(found.start_bit).unwrap_or(u32::MAX);
     let big_endian = found.byte_order == ByteOrder::BigEndian;
-    // A big-endian signal starts at its highest bit, counted within its byte from the right.
+    // The start of a big-endian signal is its highest bit; bits within a byte are numbered from the right.
     let shift = if big_endian {
         let from_left = (start / 8).saturating_mul(8).saturating_add(7 - start % 8);
         all.checked_sub(from_left.saturating_add(bits))

@@ -59,24 +59,23 @@ impl Frame {
 /// A received frame or error report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received {
-    /// A frame and its arrival time, which is not the time of reading and never later than the true one. A frame that waited unread has the age of
-    /// that wait.
+    /// A frame and its arrival time, which is never later than the true one. The time a frame waited unread counts towards its age.
     Frame(Frame, Instant),
-    /// The controller of the bus reports errors.
+    /// The bus controller reports errors.
     Error,
-    /// The controller is bus-off.
+    /// The bus controller is bus-off.
     BusOff,
 }
 
-/// Maximum number of frames processed at once: a flooded bus must not delay a cycle.
+/// Maximum number of frames processed per read, so that a flooded bus does not delay a cycle.
 pub(crate) const MAX_FRAMES_PER_READ: usize = 256;
 
-/// A bus. Calls are for real-time cycles: no allocation, bounded by their deadline.
+/// A CAN bus. Its calls are for real-time cycles: they do not allocate and are bounded by their deadline.
 pub trait CanPort: Send {
     /// The device as the configuration names it.
     fn device(&self) -> &str;
 
-    /// Receives the next frame; `None` if none arrived before the deadline. After the deadline it still returns a frame that is waiting.
+    /// Receives the next frame; `None` if none arrived before the deadline. A waiting frame is returned even after the deadline.
     ///
     /// # Errors
     /// [`Fault::Disconnected`] if the interface is down or was removed.
@@ -89,7 +88,7 @@ pub trait CanPort: Send {
     fn send(&mut self, frame: &Frame, deadline: Instant) -> Result<(), Fault>;
 }
 
-/// A bus that is only named, for checks before opening: it never receives a frame.
+/// A bus that is not opened, for checks before opening. It receives no frames.
 pub(crate) struct UnopenedBus(pub(crate) String);
 
 impl CanPort for UnopenedBus {

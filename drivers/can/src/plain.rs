@@ -1,4 +1,4 @@
-//! Corrections as plain values: `X_CORR`, in messages with a counter and a checksum.
+//! Corrections as plain values in the signals `X_CORR`, in messages with a counter and a checksum.
 
 use std::time::Instant;
 
@@ -13,7 +13,7 @@ use crate::{
 };
 
 struct AxisSignal {
-    /// Index of the message to send.
+    /// Index of the message in which the signal is sent.
     sent: usize,
     signal: Signal,
     to_internal: f64,
@@ -28,7 +28,7 @@ pub(crate) struct PlainCorrections {
 }
 
 impl PlainCorrections {
-    /// The corrections of these axes, and the steps of each.
+    /// Plain corrections for these axes, and the size of their steps.
     ///
     /// # Errors
     /// An axis without its signal, a unit that does not match it.
@@ -67,7 +67,7 @@ impl PlainCorrections {
         Ok((plain, counts))
     }
 
-    /// Watched if every message has a counter, with which the control can detect that no new ones arrive.
+    /// [`Heartbeat::Watched`] if every message has a counter, by which the control can detect that sending has stopped.
     pub(crate) fn heartbeat(&self) -> Heartbeat {
         let counted = |(message, frame): &(Message, Frame)| message.counter(frame.data()).is_some();
         if self.sent.iter().all(counted) {
@@ -105,7 +105,7 @@ impl PlainCorrections {
     }
 }
 
-/// Index of a message among those to send; it is added if it is missing.
+/// Index of a message among those to send, to which it is added if necessary.
 fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize> {
     let known = sent
         .iter()
@@ -115,7 +115,7 @@ fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option
     }
     let mut frame = message.frame()?;
     for signal in &message.signals {
-        // Corrections of axes that are not written here are zero, which need not be raw 0.
+        // Corrections of axes that are not written here are 0, whose raw value may differ from 0.
         if signal.name.ends_with("_CORR") && !signal.put(frame.data_mut(), 0.0) {
             return None;
         }
@@ -124,7 +124,7 @@ fn outgoing_index(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option
     Some(sent.len() - 1)
 }
 
-/// The required signal of an axis.
+/// The signal of an axis with this suffix, which must exist.
 pub(crate) fn required_signal(
     table: &SignalTable,
     name: AxisName,

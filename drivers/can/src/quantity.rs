@@ -1,4 +1,4 @@
-//! The quantity of a signal, by its name, and the units accepted for it: the only place that converts units of a DBC file to mm, rad and °C.
+//! The quantity of a signal, by its name, and its accepted units. Only this module converts units of a DBC file to mm, rad and °C.
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 
@@ -12,7 +12,7 @@ pub(crate) enum Quantity {
     Of(AxisName),
     /// A temperature in °C.
     Temperature,
-    /// A state of the control: on unless 0.
+    /// A state of the control: on unless the value is 0.
     State,
 }
 

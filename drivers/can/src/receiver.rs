@@ -1,4 +1,4 @@
-//! Reception of messages from one port: the last valid data of each, and the bus errors.
+//! Reception of messages from one port: the last valid data of each message, and the bus errors.
 
 use std::time::{Duration, Instant};
 
@@ -10,27 +10,27 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
-/// Bus errors so far: counts of frames, and whether the interface is bus-off.
+/// Bus errors so far: numbers of frames, and whether the controller is bus-off.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Health {
     /// Frames with a wrong length or checksum.
     pub broken: u64,
-    /// Number of frames with the counter of the previous frame or an earlier one: the sender has stopped and its frame is repeated, or the frame
-    /// arrived out of order.
+    /// Number of frames with the counter of the previous frame or an earlier one: the frame is repeated because its sender has stopped, or
+    /// it arrived out of order.
     pub repeated: u64,
-    /// Frames lost, by gaps of the counter.
+    /// Number of lost frames, by gaps of the counter.
     pub lost: u64,
     /// Error frames of the bus controller.
     pub errors: u64,
-    /// The controller is bus-off, and no frame arrived since.
+    /// The bus controller is bus-off, and no frame has arrived since.
     pub bus_off: bool,
 }
 
-/// A 16-step counter that is at least this far ahead is treated as late: the frame arrived out of order or twice.
+/// A frame whose 16-step counter is at least this far ahead counts as late: it arrived out of order or twice.
 const MIN_STEPS_BEHIND: u64 = 8;
-/// Maximum delay of a frame that arrives out of order. It does not bound the age of data: it distinguishes such a frame from the first one after a
-/// silence, in which the counter may have wrapped.
+/// Maximum delay of a frame that arrives out of order. A later frame is the first one after a silence, in which the counter may have
+/// wrapped. It does not limit the age of data.
 const MAX_OVERTAKE_DELAY: Duration = Duration::from_millis(100);
 
 /// A received message and its last valid data.
@@ -79,7 +79,7 @@ impl ReceivedMessage {
                     health.repeated += 1;
                     return false;
                 }
-                // After a silence the counter may have wrapped any number of times.
+                // After a silence of `MAX_OVERTAKE_DELAY` the counter may have wrapped any number of times.
                 ahead
                     if ahead >= MIN_STEPS_BEHIND
                         && self.arrived_within(taken, MAX_OVERTAKE_DELAY) =>
@@ -119,8 +119,8 @@ impl<P: CanPort> Receiver<P> {
         &self.messages[signal.message]
     }
 
-    /// Processes the waiting frames; with `wait` it waits for one until the deadline. Returns whether one arrived. Calls `whole` with each message
-    /// that was valid and new, and all messages.
+    /// Processes the waiting frames; with `wait`, waits for a frame until the deadline. Returns whether a subscribed frame arrived. Calls
+    /// `whole` with all messages and the index of each message that was valid and new.
     pub(crate) fn listen(
         &mut self,
         deadline: Instant,
@@ -166,10 +166,10 @@ pub(crate) struct ReceivedSignal {
     pub(crate) to_internal: f64,
 }
 
-/// Adds the message of a signal to the received ones.
+/// Adds the message of a signal to the received ones, if it is missing.
 ///
 /// # Errors
-/// A unit that does not match the quantity of the signal. [`SignalTable::parse`] rejects it already, but a table may be built otherwise.
+/// A unit that does not match the quantity of the signal. [`SignalTable::parse`] checks this too, but a table may be built otherwise.
 pub(crate) fn subscribe(
     table: &SignalTable,
     messages: &mut Vec<ReceivedMessage>,

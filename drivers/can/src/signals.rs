@@ -21,8 +21,8 @@ pub struct Signal {
     /// The offset in the unit of the signal, added to raw · factor.
     pub offset: f64,
     pub(crate) big_endian: bool,
-    /// Position of the lowest bit: little-endian counted up through the bytes; big-endian the same with the byte order of the whole message
-    /// reversed.
+    /// Position of the lowest bit. Little-endian: counted from bit 0 of the first byte upwards. Big-endian: the same after reversing the
+    /// byte order of the message.
     pub(crate) shift: u32,
 }
 
@@ -62,7 +62,7 @@ impl SignalTable {
             .position(|m| (m.id, m.extended) == (frame.id, frame.extended))
     }
 
-    /// Index of the message and of the signal in it.
+    /// Index of the message that contains a signal, and of the signal in it.
     pub fn find(&self, signal: &str) -> Option<(usize, usize)> {
         self.messages
             .iter()
@@ -75,7 +75,7 @@ impl SignalTable {
 }
 
 impl Signal {
-    /// Index of byte `k`, counted from the one with the lowest bits; past the end if the data are too short.
+    /// Index of byte `k`, counted from the byte with the lowest bits; past the end if the data are too short.
     #[inline]
     fn byte(&self, length: usize, k: usize) -> usize {
         if self.big_endian {
@@ -85,7 +85,7 @@ impl Signal {
         }
     }
 
-    /// The raw bits in the data.
+    /// The raw bits of the signal in the data.
     #[inline]
     pub fn raw(&self, data: &[u8]) -> u64 {
         let (first, within) = ((self.shift / 8) as usize, self.shift % 8);
@@ -103,7 +103,7 @@ impl Signal {
         raw & (u64::MAX >> (64 - self.bits))
     }
 
-    /// The scaled value.
+    /// The value in the data, in the unit of the signal.
     #[inline]
     #[expect(clippy::cast_precision_loss, reason = "as precise as a number can be")]
     pub fn value(&self, data: &[u8]) -> f64 {
@@ -117,7 +117,7 @@ impl Signal {
         number * self.factor + self.offset
     }
 
-    /// Writes raw bits into the data.
+    /// Writes the raw bits of the signal into the data.
     #[inline]
     pub fn put_raw(&self, data: &mut [u8], raw: u64) {
         let (first, within) = ((self.shift / 8) as usize, self.shift % 8);
@@ -157,7 +157,7 @@ impl Signal {
         (low..=high).contains(&scaled)
     }
 
-    /// Whether both have a bit in common in data of `length` bytes.
+    /// Whether two signals share a bit in data of `length` bytes.
     pub(crate) fn shares_bits(&self, other: &Self, length: usize) -> bool {
         let bits = |signal: &Self| {
             let mut data = [0; 64];
@@ -186,7 +186,7 @@ impl Signal {
         Some((name, self.value(data) * self.to_internal()?))
     }
 
-    /// Lowest and highest raw number.
+    /// Lowest and highest raw value.
     #[inline]
     #[expect(clippy::cast_precision_loss, reason = "as precise as a number can be")]
     fn raw_range(&self) -> [f64; 2] {
@@ -198,7 +198,7 @@ impl Signal {
         }
     }
 
-    /// Largest value that fits with either sign, in the unit of the signal; 0 if only one sign fits.
+    /// Largest magnitude that the signal can hold with either sign, in its unit; 0 if it can hold only one sign.
     pub fn largest(&self) -> f64 {
         let [a, b] = self.raw_range().map(|raw| raw * self.factor + self.offset);
         a.max(b).min(-a.min(b)).max(0.0)
@@ -235,7 +235,7 @@ impl Message {
             })
     }
 
-    /// Sets counter and checksum after all other signals.
+    /// Sets counter and checksum; to be called after all other signals are set.
     pub fn seal(&self, data: &mut [u8], counter: u64) {
         if let Some(place) = self.counter {
             self.signals[place].put_raw(data, counter);
@@ -248,8 +248,8 @@ impl Message {
     }
 }
 
-/// CRC-8 SAE J1850 (polynomial 1d, start ff, result inverted) over the identifier (four bytes, high byte first) and the data, with the bits of the
-/// checksum itself set to 0.
+/// CRC-8 SAE J1850 (polynomial 1d, initial value ff, result inverted) over the identifier (four bytes, high byte first) and the data, with
+/// the bits of the checksum set to 0.
 pub fn checksum(id: u32, data: &[u8], own: &Signal) -> u8 {
     let mut plain = [0; 64];
     let length = data.len().min(64);

@@ -1,4 +1,4 @@
-//! The CAN interfaces of Linux, by SocketCAN.
+//! CAN interfaces of Linux, through SocketCAN.
 
 use std::{
     io::{Error, ErrorKind},
@@ -32,7 +32,7 @@ pub struct CanSocket {
 }
 
 impl CanSocket {
-    /// The device name of an interface in messages.
+    /// Name of an interface in messages.
     pub fn device_of(interface: &str) -> String {
         format!("can://{interface}")
     }
@@ -108,7 +108,7 @@ impl CanPort for CanSocket {
         loop {
             match self.socket.write_frame(&raw) {
                 Ok(()) => return Ok(()),
-                // The queue is full: the bus accepts no frames, or slowly.
+                // The send queue is full, because the bus accepts frames slowly or not at all.
                 Err(e) if is_full(&e) => {
                     if Instant::now() >= deadline || !self.wait(PollFlags::OUT, deadline)? {
                         return Err(Fault::TimedOut);
@@ -126,7 +126,7 @@ fn is_full(error: &Error) -> bool {
         || error.raw_os_error() == Some(Errno::NOBUFS.raw_os_error())
 }
 
-/// `None` for remote frames, which are not supported.
+/// Decodes a received frame; `None` for remote frames, which are not supported.
 fn received(frame: &CanAnyFrame, arrived: Instant) -> Option<Received> {
     let (fd, data) = match frame {
         CanAnyFrame::Normal(frame) => (false, frame.data()),

@@ -19,9 +19,9 @@ pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String
     Ok(CanThermometer::new(bus, table, &[])?.names)
 }
 
-/// Temperatures in plain frames: signals that end in `_TEMP`, named by the part before it, in lower case. Raw 0 encodes a shorted sensor, the
-/// highest raw number a broken one. Reading processes the received frames and does not block. A temperature that is no longer received keeps its
-/// value and time; all are missing while the interface is down.
+/// Temperatures in plain frames: signals that end in `_TEMP`, named in lower case without this suffix. Raw 0 encodes a shorted sensor, the
+/// highest raw value a broken one. Reading processes the received frames and does not block. A temperature that is no longer received keeps
+/// its value and time; while the interface is down, all are bad.
 pub struct CanThermometer<P> {
     receiver: Receiver<P>,
     names: Vec<String>,
@@ -30,7 +30,7 @@ pub struct CanThermometer<P> {
 }
 
 impl<P: CanPort> CanThermometer<P> {
-    /// The temperatures of a table with these names, in their order; without names all of the table.
+    /// The temperatures of a table with these names, in this order; without names all of them.
     ///
     /// # Errors
     /// A table without temperatures, an unknown name, or a duplicate.

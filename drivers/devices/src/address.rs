@@ -1,4 +1,4 @@
-//! Parsing of device URLs, and the canonical names of the devices that they reach.
+//! Device URLs, and the canonical names of the devices that they reach.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -11,11 +11,11 @@ use volcomp_port::DeviceError;
 /// The scheme of a device URL.
 #[derive(Clone, Copy)]
 pub(crate) struct Scheme {
-    /// The word before `://`.
+    /// The part of the URL before `://`.
     pub(crate) name: &'static str,
     /// The form of its URLs, for messages.
     pub(crate) form: &'static str,
-    /// The cargo feature of this crate that enables its driver.
+    /// The cargo feature of this crate that enables the driver.
     pub(crate) feature: &'static str,
     /// The query keys, separated by blanks.
     pub(crate) keys: &'static str,
@@ -63,11 +63,11 @@ impl Scheme {
 pub struct Address {
     /// The URL as written.
     pub text: String,
-    /// The scheme before `://`, which names the bus.
+    /// Name of the scheme, which determines the bus.
     pub scheme: &'static str,
     /// Host or interface; empty if the scheme has none.
     pub host: String,
-    /// The TCP port; `None` if the URL states none.
+    /// The port; `None` if the URL has none.
     pub port: Option<u16>,
     /// Path of a device file.
     pub path: String,
@@ -114,7 +114,7 @@ impl Address {
             path: url.path().to_owned(),
             keys,
         };
-        // Such as `://HOST` or `://INTERFACE`.
+        // For example `://HOST` or `://INTERFACE`.
         let behind = scheme.form.split("://").nth(1);
         let has_host = behind.is_some_and(|behind| behind.starts_with(char::is_uppercase));
         if has_host && address.host.is_empty() {
@@ -127,12 +127,12 @@ impl Address {
         Ok(address)
     }
 
-    /// An error for an invalid value in the URL or the configuration of this device.
+    /// Error for an invalid value in the URL or the configuration of this device.
     pub fn wrong(&self, found: impl Into<String>, expected: impl Into<String>) -> DeviceError {
         DeviceError::option(&*self.text, found, expected)
     }
 
-    /// The error that the device, or this build, does not support a request.
+    /// Error for a request that the device or this build does not support.
     pub fn unsupported(
         &self,
         found: impl Into<String>,
@@ -141,7 +141,7 @@ impl Address {
         DeviceError::unsupported(&*self.text, found, expected)
     }
 
-    /// The error that the device does not answer.
+    /// Error for a device that does not answer.
     #[cfg(any(feature = "modbus", feature = "can"))]
     pub(crate) fn no_answer(
         &self,
@@ -151,7 +151,7 @@ impl Address {
         DeviceError::no_answer(&*self.text, found, expected)
     }
 
-    /// The error of a failed exchange.
+    /// Error for a failed exchange.
     #[cfg(any(feature = "can", feature = "gpio"))]
     pub(crate) fn failed(
         &self,
@@ -199,11 +199,11 @@ impl Address {
     }
 }
 
-/// The host and port of a URL by the addresses to which the name resolves, so that the result does not depend on the spelling: `localhost`,
-/// `127.0.0.1` and a DNS alias are one device. `usual` is the default port.
+/// Names of the device at the host and port of a URL, by resolved addresses, so that spellings do not matter: `localhost`, `127.0.0.1` and
+/// a DNS alias are one device. `usual` is the default port.
 pub(crate) fn hosts(address: &Address, usual: u16) -> BTreeSet<String> {
     let (host, port) = (&*address.host, address.port.unwrap_or(usual));
-    // URLs enclose IPv6 addresses in brackets.
+    // URLs have IPv6 addresses in brackets.
     let host = host.trim_start_matches('[').trim_end_matches(']');
     let found: Vec<IpAddr> = match (host, port).to_socket_addrs() {
         Ok(found) => found.map(|address| address.ip()).collect(),
@@ -219,13 +219,13 @@ pub(crate) fn hosts(address: &Address, usual: u16) -> BTreeSet<String> {
     found.into_iter().map(of).collect()
 }
 
-/// Maps all addresses of this computer to one, and IPv4-mapped IPv6 addresses to IPv4.
+/// Maps all addresses of this computer to one of them, and IPv4-mapped IPv6 addresses to IPv4.
 fn canonical(ip: IpAddr) -> IpAddr {
     let ip = ip.to_canonical();
     let is_this_computer = match ip {
         // Other addresses of 127.0.0.0/8 stay distinct; tests use them.
         IpAddr::V4(v4) if v4.is_loopback() => v4 == Ipv4Addr::LOCALHOST,
-        // The unspecified address reaches this computer.
+        // Connections to the unspecified address reach this computer.
         ip => ip.is_loopback() || ip.is_unspecified() || is_own(ip),
     };
     if is_this_computer {
@@ -235,7 +235,7 @@ fn canonical(ip: IpAddr) -> IpAddr {
     }
 }
 
-/// Whether an address belongs to this computer: packets to it would have it as their source. Nothing is sent.
+/// Whether an address belongs to this computer: the kernel would then use it as the source of packets to it. Nothing is sent.
 fn is_own(ip: IpAddr) -> bool {
     let any: IpAddr = match ip {
         IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),

@@ -1,4 +1,4 @@
-//! The buses of this build: the driver of each scheme, and the calls that are dispatched to it.
+//! The buses of this build: the driver of each scheme, and the functions that dispatch to it.
 
 use std::{collections::BTreeSet, time::Duration};
 
@@ -64,14 +64,14 @@ impl Address {
 }
 
 impl ControllerConfig {
-    /// Its driver; `None` if its URL is invalid or its bus is not in this build.
+    /// The driver of the URL; `None` if the URL is invalid or its bus is not in this build.
     pub fn driver(&self) -> Option<&'static Driver> {
         Address::parse(&self.url).ok()?.driver().ok()
     }
 }
 
 impl ThermometerConfig {
-    /// Reports all mistakes in the table, which `at` names.
+    /// Reports all mistakes in the table; `at` is its key.
     pub fn validate(&self, at: &str, found: &mut Mistakes<'_>) {
         found.require(at, "names");
         let Some((address, _)) = address(at, &self.url, found) else {
@@ -85,8 +85,8 @@ impl ThermometerConfig {
 }
 
 impl ThermometerDevice {
-    /// Whether both are the same module, however their URLs are written: the same unit at the same host or serial device, or the same signals of
-    /// the same CAN interface.
+    /// Whether both tables describe the same module, however their URLs are written: the same unit at the same host or serial device, or
+    /// the same signals of the same CAN interface.
     pub fn is_same(&self, other: &Self) -> bool {
         let module = |Self { address, .. }: &Self| {
             let port = address.driver().map_or(0, |driver| driver.port);
@@ -104,7 +104,7 @@ impl ThermometerDevice {
 }
 
 impl MapKeys {
-    /// Checks the URL of the control and the tables of its bus; `sizes` are the numbers of words of a frame and of a report.
+    /// Checks the URL of the control and the tables of its bus; `sizes` are the numbers of words in a frame and in a report.
     pub fn validate_control(&self, sizes: [usize; 2], found: &mut Mistakes<'_>) {
         let address = Address::parse(&self.url);
         let driver = address.as_ref().ok().map(Address::driver);
@@ -179,8 +179,8 @@ pub fn uses(driver: &Driver, is_reader: bool, key: &str) -> bool {
     KEYS.contains(&key) || driver.keys.contains(&key) || (!is_reader && is_writer_key)
 }
 
-/// Checks the URL of a controller, and rejects keys that its driver does not use, since they would be ignored silently. `at` is its table. `None`
-/// if the URL is invalid.
+/// Checks the URL of a controller, and rejects keys that its driver does not use, which would be ignored silently. `at` is the key of its
+/// table. `None` if the URL is invalid.
 pub fn check_keys(
     own: &ControllerConfig,
     at: &str,
@@ -263,7 +263,7 @@ mod tests {
         (driver.devices)(&address)
     }
 
-    /// Each of these spellings used to have a separate lock.
+    /// Each pair of spellings used to get separate locks.
     #[test]
     fn every_spelling_of_an_address_is_one_device() {
         let one = of("focas://127.0.0.1");

@@ -54,7 +54,7 @@ fn thermometer(
     })
 }
 
-/// A bridge on an interface, not opened.
+/// Configuration of a bridge on an interface.
 struct Bridge {
     interface: String,
     config: BridgeConfig,
@@ -105,7 +105,7 @@ impl ControllerDevice for Bridge {
     }
 }
 
-/// A network interface by its number, since it may have several names.
+/// Name of a network interface by its kernel index, since it may have several names.
 fn interface(name: &str) -> String {
     let number = socket(AddressFamily::INET, SocketType::DGRAM, None)
         .and_then(|socket| name_to_index(socket, name));
@@ -115,7 +115,7 @@ fn interface(name: &str) -> String {
     )
 }
 
-/// The signals of a URL: those of the DBC file that it names, else of the shipped one.
+/// The signals of a URL: those of the DBC file in the URL, by default the shipped file.
 ///
 /// # Errors
 /// A file that cannot be read or is not a DBC file.

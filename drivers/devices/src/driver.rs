@@ -1,4 +1,4 @@
-//! The interface of a bus driver: its table of functions, and the traits of the devices that it creates from a configuration.
+//! The interface of a bus driver: its function table, and the traits of the devices that it creates from a configuration.
 
 use std::{
     any::Any,
@@ -18,11 +18,11 @@ use crate::{
     probe::Probe,
 };
 
-/// The driver of a bus: what its URLs and configuration keys mean, and how its devices are created from them.
+/// The driver of a bus: its URLs and configuration keys, and functions that create its devices.
 pub struct Driver {
-    /// Controllers in words, with the schemes of their URLs.
+    /// Kind of controller, with the schemes of its URLs, for messages.
     pub name: &'static str,
-    /// The keys of `[[controller]]` that the driver uses in addition to the common ones, even if nothing is written.
+    /// The keys of `[[controller]]` that the driver uses in addition to the common ones, even for read-only controllers.
     pub keys: &'static [&'static str],
     /// Additional keys that the driver uses only if axes are written.
     pub writer_keys: &'static [&'static str],
@@ -30,22 +30,22 @@ pub struct Driver {
     pub map_tables: &'static [&'static str],
     /// Default port of a URL.
     pub port: u16,
-    /// The names of the devices that an address reaches, independent of its spelling. A device that cannot be resolved now, such as a host without
-    /// a DNS entry, keeps the name in the URL.
+    /// The names of the devices that an address reaches, independent of its spelling. A device that cannot be resolved, such as a host
+    /// without a DNS entry, has the name in the URL.
     pub devices: fn(&Address) -> BTreeSet<String>,
     /// Whether only one program can read from an address.
     pub is_exclusive: fn(&Address) -> bool,
     /// Checks the keys of `[[controller]]` that are specific to the driver.
     pub validate: fn(&ControllerConfig, &Rules<'_>, &mut Mistakes<'_>),
-    /// Completes the tables that are specific to the driver, and makes their paths relative to the folder of the file.
+    /// Completes the driver's tables, and makes their paths relative to the folder of the file.
     pub complete: fn(&mut ControllerConfig, &Path),
-    /// The controller of a `[[controller]]`, not opened.
+    /// Creates the controller of a `[[controller]]`, without opening it.
     pub controller: fn(Address, &ControllerConfig) -> Configured,
-    /// The thermometer of a `[[thermometer]]`, not opened.
+    /// Creates the thermometer of a `[[thermometer]]`, without opening it.
     pub thermometer: fn(Address, &ThermometerConfig) -> Result<ThermometerDevice, DeviceError>,
-    /// Checks the tables of a map sender's file, given the numbers of words of a frame and of a report.
+    /// Checks the tables of a map sender's file. The array has the numbers of words in a frame and in a report.
     pub validate_map: fn(&MapKeys, [usize; 2], &mut Mistakes<'_>),
-    /// The control of a map sender, not connected.
+    /// Creates the control of a map sender, without connecting.
     pub map: fn(&Address, &MapKeys) -> Result<MapDevice, DeviceError>,
     /// Reads a device once. Nothing is written beyond what opening requires; GPIO outputs keep their levels.
     pub probe: fn(&Address, Duration) -> Result<Probe, DeviceError>,
@@ -91,8 +91,8 @@ pub struct Rules<'a> {
 /// Looks up the travel of a machine axis (lower and upper end).
 pub type Travels<'a> = dyn Fn(AxisName) -> Option<[Displacement; 2]> + 'a;
 
-/// A configured controller, not opened. Methods that need no device fail if the configuration is invalid; the others fail if the device cannot be
-/// reached or contradicts it.
+/// A configured controller, not opened. Methods that need no device fail if the configuration is invalid; the others fail if the device
+/// cannot be reached or does not match the configuration.
 #[expect(clippy::missing_errors_doc, reason = "the trait says it once")]
 pub trait ControllerDevice: Any + Send + Sync {
     /// The description of the controller, without opening it.
@@ -101,11 +101,11 @@ pub trait ControllerDevice: Any + Send + Sync {
     /// Opens the controller. Connections are made in the background; a CAN interface and GPIO lines must exist.
     fn open(&self) -> Result<Box<dyn Controller>, DeviceError>;
 
-    /// Properties of its readings that the guard needs.
+    /// Properties of the controller's readings that the guard needs.
     fn settings(&self) -> Settings;
 
-    /// Reads the properties of a control, and compares them with the configuration and the requirements of its guard (`None` if it is only read).
-    /// Returns `None` if its bus has nothing to compare. Nothing is written.
+    /// Reads the properties of a control, and compares them with the configuration and the guard's requirements (`None` for a read-only
+    /// controller). Returns `None` if the bus has nothing to compare. Nothing is written.
     fn inspect(
         &self,
         _needs: Option<&GuardRequirements>,
@@ -113,22 +113,23 @@ pub trait ControllerDevice: Any + Send + Sync {
         Ok(None)
     }
 
-    /// Checks the control's own file that the configuration names against the requirements of its guard (`None` if it is only read).
+    /// Checks the control's own file, if the configuration names one, against the guard's requirements (`None` for a read-only controller).
     fn check_file(&self, _needs: Option<&GuardRequirements>) -> Result<(), DeviceError> {
         Ok(())
     }
 
-    /// Checks that every position within the travel of an axis can be reported.
+    /// Checks that the control can report every position within the travel of its axes.
     fn check_travel(&self, _travel: &Travels<'_>) -> Result<(), DeviceError> {
         Ok(())
     }
 
-    /// Two memory blocks of this controller in the control that share a byte, if any.
+    /// Two memory blocks of this controller that share a byte in the control, if any.
     fn overlap(&self) -> Option<[Block; 2]> {
         None
     }
 
-    /// Two memory blocks, one of each controller of the same control, that share a byte which one of them writes; `None` if there are none.
+    /// Two memory blocks, one of each controller of the same control, that share a byte, at least one of them written; `None` if there are
+    /// none.
     fn overlap_with(&self, _other: &dyn Any) -> Option<[Block; 2]> {
         None
     }
@@ -139,17 +140,16 @@ pub trait ControllerDevice: Any + Send + Sync {
     }
 }
 
-/// Maximum delay until a correction shows in the messages of a bridge, which it sends on its own schedule. The guard judges the age of such
-/// messages.
+/// Maximum delay until a correction appears in the messages of a bridge, which sends them on its own schedule. The guard checks their age.
 #[cfg(any(feature = "can", feature = "linuxcnc"))]
 pub(crate) const REPORTED_WITHIN: Duration = Duration::from_millis(100);
 
 /// Properties of a controller's readings that the guard needs.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
-    /// Maximum time until a correction shows in readings; `None`: it shows in the next cycle.
+    /// Maximum time until a correction appears in readings; `None`: in the next cycle.
     pub shown_within: Option<Duration>,
-    /// Smallest steps of quantised positions.
+    /// Resolution of quantised positions.
     pub position_steps: BTreeMap<AxisName, Displacement>,
     /// Whether positions are too coarse for the test shift at arming.
     pub is_coarse: bool,
@@ -162,9 +162,9 @@ pub struct Settings {
 pub struct GuardRequirements {
     /// Slew of each axis in channel order, mm/min or rad/min.
     pub slew_per_min: Vec<f64>,
-    /// Largest correction of linear axes, mm, and of rotary ones, rad.
+    /// Largest correction: mm, and rad for rotary axes.
     pub limit: [f64; 2],
-    /// Minimum rate of a barrier, mm/s and rad/s.
+    /// Minimum rate of a barrier: mm/s, and rad/s for rotary axes.
     pub rate_per_s: [f64; 2],
     /// Time after which the guard ramps out.
     pub zero_after: Duration,
@@ -176,8 +176,8 @@ pub struct GuardRequirements {
 pub struct Inspected {
     /// The letters of the control's axes.
     pub axes: Vec<String>,
-    /// SINUMERIK: maximum rate of a changed correction of each axis (MD32760 times MD32000), mm/min or rev/min; missing for
-    /// other controls, and for axes for which the control does not report it.
+    /// SINUMERIK: maximum rate of a changed correction (MD32760 times MD32000) by axis, mm/min or rev/min; missing for other controls, and
+    /// for axes whose rate the control does not report.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fastest_per_min: Option<BTreeMap<String, f64>>,
     /// Whether the extended external machine zero point shift is in use (parameter 1203#0); null: not reported.
@@ -191,7 +191,7 @@ pub struct Inspected {
     /// LinuxCNC: the state of the control, in words; missing for others.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub state: Option<String>,
-    /// The reports of its barrier.
+    /// The reports of the control's barrier.
     #[serde(skip)]
     pub reports: Vec<(Instant, Words)>,
     /// Notes that are not errors, in words.
@@ -208,23 +208,24 @@ pub struct ControlMemory {
     pub pmc: Option<PmcPlan>,
 }
 
-/// The addresses in the PMC of a FANUC control, as ladders name them, such as `R100`.
+/// The addresses in the PMC of a FANUC control in the notation of ladders, such as `R100`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PmcPlan {
     /// The first byte of the words into which shifts are written; null with a barrier, where the ladder writes them.
     pub shift_words: Option<String>,
-    /// How many bytes the shift of an axis has; null with a barrier.
+    /// Number of bytes of each axis's shift; null with a barrier.
     pub shift_bytes: Option<u16>,
     /// Whether a ladder copies the shifts on to the words from which the control takes them.
     pub copied: bool,
-    /// The first byte of the frame that goes to the barrier; null without a barrier.
+    /// The first byte of the frame to the barrier; null without a barrier.
     pub frame: Option<String>,
     /// The first byte of the report of the barrier; null without a barrier.
     pub report: Option<String>,
-    /// The byte that every correction moves on, for the ladder to watch; null: none, or a barrier watches.
+    /// The byte that every correction increments, for monitoring by the ladder; null without a heartbeat, or with a barrier, which does the
+    /// monitoring.
     pub heartbeat: Option<String>,
-    /// The byte whose bits state which axes are referenced; null: not read, the axes are assumed to be referenced.
+    /// The byte with a bit for each referenced axis; null: not read, the axes are assumed to be referenced.
     pub referenced: Option<String>,
 }
 
@@ -272,14 +273,14 @@ pub struct MapDevice {
     pub open: OpenMap,
 }
 
-/// Access to the words of a map in a control, over an open session. Every exchange ends within its timeout, and fails if words cannot be read, are
-/// rejected, or may not have arrived.
+/// Access to the words of a map in a control, over an open session. Every exchange ends within its timeout. It fails if words cannot be
+/// read, are rejected, or may not have arrived.
 #[expect(clippy::missing_errors_doc, reason = "the trait says it once")]
 pub trait MapWords {
     /// Reads the first `count` words of the report, or more.
     fn report(&mut self, count: usize) -> Result<Vec<u16>, MapError>;
 
-    /// Writes the words of the mailbox in one piece.
+    /// Writes the words of the mailbox in one request.
     fn write(&mut self, frame: &[u16]) -> Result<(), MapError>;
 
     /// Reads the first `count` words of a buffer, 0 or 1.
@@ -289,7 +290,7 @@ pub trait MapWords {
     fn close(self: Box<Self>) {}
 }
 
-/// Why map words cannot be transferred, as reported by the driver.
+/// Why map words cannot be transferred.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct MapError(String);

@@ -26,7 +26,7 @@ use crate::{
 /// Number of exchanges over which round-trip times are measured.
 const TIMED: usize = 100;
 
-/// Interval of frames to a PMC: well within every timeout, and little load compared to the scans of its ladder.
+/// Interval of frames to a PMC: well within every timeout, and a small load for the ladder.
 const MAP_PERIOD: Duration = Duration::from_millis(50);
 
 impl From<PmcByte> for PmcAddress {
@@ -155,7 +155,7 @@ impl ControllerDevice for FocasConfig {
     fn settings(&self) -> Settings {
         let axes = self.axes.iter().chain(&self.reads);
         Settings {
-            // Resolution of reported positions: three decimals, or as many as corrections have.
+            // Resolution of reported positions: three decimals, or that of the corrections.
             position_steps: axes
                 .map(|name| (*name, self.position_step(*name)))
                 .collect(),
@@ -221,7 +221,7 @@ impl MapWords for volcomp_focas::MapWords {
     }
 }
 
-/// Finds two of the three areas that share bytes. Both buffers end within the addresses of the PMC: see [`MapPlaces::fits`].
+/// Two of the three areas that share bytes, if any. Both buffers end within the addresses of the PMC: see [`MapPlaces::fits`].
 fn overlap(places: &MapPlaces, sizes: [usize; 2]) -> Option<String> {
     let block = |what, first: PmcAddress, words: usize| {
         let end = usize::from(first.at) + 2 * words - 1;
@@ -320,7 +320,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let microseconds = |time: Duration| (time.as_secs_f64() * 1e6).round();
     let mut probe = Probe::of(&address.text);
     for (name, value) in names.iter().zip(positions) {
-        // The control does not report which axes are rotary; their letters determine it.
+        // The control does not report which axes are rotary; their letters determine this.
         let known = AxisName::from_letter(*name);
         let kind = known.map_or(AxisKind::Linear, AxisName::kind);
         probe.add_position(name.to_string(), Displacement::from_coordinate(kind, value));

@@ -18,7 +18,7 @@ pub(crate) const DRIVER: Driver = Driver {
     ..lines::LINES
 };
 
-/// The chip of `CHIP:LINES` by its device file, since it also has a label and a name.
+/// The device file of the chip in `CHIP:LINES`, since a chip also has a label and a name.
 fn chip(lines: &str) -> String {
     let file = LineSet::parse(lines).and_then(|set| set.chip_file());
     let named = || lines.rsplit_once(':').map_or(lines, |(chip, _)| chip);
@@ -26,10 +26,10 @@ fn chip(lines: &str) -> String {
     format!("gpio {chip}")
 }
 
-/// The lines of a URL, named from the control: `position` are its outputs, `correction` its inputs.
+/// Opens the lines of a URL. The keys are named from the control: `position` are its outputs, `correction` its inputs.
 ///
 /// # Errors
-/// Missing keys, lines that cannot be taken.
+/// Missing keys, or lines that cannot be requested.
 fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
     let [position, correction] = line_sets(address)?;
     GpioPort::open(&position, &correction)
@@ -52,7 +52,7 @@ fn line_sets(address: &Address) -> Result<[LineSet; 2], DeviceError> {
     Ok([lines("position")?, lines("correction")?])
 }
 
-/// Reads the inputs; the outputs are taken with their present levels, and released again.
+/// Reads the inputs. The outputs are requested with their present levels, and released again.
 fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut port = gpio_port(address)?;
     let read = port.read(Instant::now() + at_most);
@@ -64,7 +64,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
         .map(|line| levels >> line & 1 == 1)
         .collect();
     if port.inputs() == 15 {
-        // Decoded by the published scheme.
+        // Decode the levels by the published scheme.
         let word = Wiring::published().position_word(levels);
         if let Some(word) = word {
             let position = PositionWord::PUBLISHED.decode(word).position;

@@ -1,5 +1,5 @@
-//! The keys of a configuration: the tables `[[controller]]` and `[[thermometer]]` of a gateway, and the file of a map sender.
-//! The field names are the keys, and the keys of a bus come with its feature. Plain data.
+//! Configuration keys: the tables `[[controller]]` and `[[thermometer]]` of a gateway, and the file of a map sender. Field names are keys;
+//! the keys of a bus need its feature.
 #![expect(missing_docs, reason = "the manual describes the keys")]
 
 #[cfg(feature = "focas")]
@@ -38,11 +38,11 @@ pub struct ControllerConfig {
     pub fixed: BTreeMap<AxisName, f64>,
     pub not_driven: Vec<AxisName>,
     pub includes_correction: bool,
-    /// The terms that it carries: `["thermal"]`; `None`: all.
+    /// The terms of the correction on this path: `["thermal"]`; `None`: all.
     pub terms: Option<Vec<String>>,
-    /// Age of positions from which the correction is held on this path; `None`: `hold_ms` of `[guard]`.
+    /// Maximum age of positions before the correction is held on this path; `None`: `hold_ms` of `[guard]`.
     pub hold_ms: Option<f64>,
-    /// Whether the test shift is made at arming; `None`: if positions are fine enough.
+    /// Whether the test shift is made at arming; `None`: only if the positions are fine enough.
     pub test_shift: Option<bool>,
     pub unwatched: bool,
     pub unseen: Vec<StateKey>,
@@ -50,15 +50,15 @@ pub struct ControllerConfig {
     pub resolution_um: Option<f64>,
     /// Smallest step of a correction of a rotary axis; `None`: the driver's default.
     pub resolution_urad: Option<f64>,
-    /// Location of the shift words in the PMC; `None`: the driver's default.
+    /// PMC address of the shift words; `None`: the driver's default.
     #[cfg(feature = "focas")]
     pub area: Option<AreaConfig>,
     #[cfg(feature = "focas")]
     pub heartbeat: Option<PmcByte>,
-    /// Location of the byte with the reference bits of the axes; `None`: the driver's default.
+    /// PMC address of the byte with the reference bits of the axes; `None`: the driver's default.
     #[cfg(feature = "focas")]
     pub referenced: Option<Referenced>,
-    /// The barrier in the control that receives frames; `None`: corrections are written as plain values.
+    /// The barrier in the control; `None`: corrections are written as plain values.
     pub barrier: Option<BarrierConfig>,
     /// The words on digital lines; `None` for other devices.
     #[cfg(any(feature = "gpio", feature = "modbus"))]
@@ -104,7 +104,7 @@ pub struct BarrierConfig {
     pub report: Option<PmcByte>,
 }
 
-/// The keys of controllers to which plain values in steps are written.
+/// The keys of controllers whose corrections are written as plain values.
 pub(crate) const PLAIN_KEYS: &[&str] = &[
     "includes_correction",
     "unwatched",
@@ -112,10 +112,10 @@ pub(crate) const PLAIN_KEYS: &[&str] = &[
     "resolution_urad",
 ];
 
-/// Keys of a table in `[[controller]]` that are meaningless in the same table of `[[thermometer]]` and of a map sender.
+/// Keys of a table in `[[controller]]` that are invalid in the same table of `[[thermometer]]` and of a map sender.
 pub const CONTROLLER_ONLY: [&str; 3] = ["numbers", "sign", "nodes"];
 
-/// Rejects a key whose unit matches none of the axes.
+/// Rejects a key if no axis has this kind.
 pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistakes<'_>) {
     // Missing axes are reported elsewhere.
     if !axes.is_empty() && !axes.iter().any(|name| name.kind() == kind) {
@@ -130,7 +130,7 @@ pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistak
     }
 }
 
-/// Rejects a file that has only one of two keys.
+/// Rejects a file that has only one of two keys; `why` is appended to the message.
 pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 2], why: &str) {
     let [one, other] = keys;
     if let [true, false] | [false, true] = stated {
@@ -156,7 +156,7 @@ pub fn join<'a>(folder: &Path, paths: impl IntoIterator<Item = &'a mut PathBuf>)
     }
 }
 
-/// Milliseconds without floating-point noise, exact to the nanosecond.
+/// Converts to milliseconds, rounded to the nanosecond.
 pub fn ms(time: Duration) -> f64 {
     (time.as_secs_f64() * 1e9).round() / 1e6
 }
@@ -186,7 +186,7 @@ impl ThermometerConfig {
 }
 
 impl ControllerConfig {
-    /// The states whose absence is accepted.
+    /// The states whose absence the configuration accepts (`unseen`).
     pub fn unseen(&self) -> ShownStates {
         let has = |state| self.unseen.contains(&state);
         ShownStates {
@@ -205,12 +205,12 @@ impl ControllerConfig {
         micro.map(|micro| Displacement::from_micro(kind, micro))
     }
 
-    /// The axes whose positions it reports.
+    /// The axes whose positions the controller reports.
     pub(crate) fn shown(&self) -> impl Iterator<Item = AxisName> {
         self.axes.iter().chain(&self.reads).copied()
     }
 
-    /// Rejects a channel other than the only one of a control.
+    /// Rejects a channel other than `only`, the single channel of a control.
     pub(crate) fn only_channel(
         &self,
         address: &Address,
@@ -226,13 +226,13 @@ impl ControllerConfig {
         }
     }
 
-    /// The channel name; that of the driver if the configuration states none.
+    /// The configured channel name, or that of the driver.
     pub(crate) fn channel_or(&self, default: &str) -> String {
         self.channel.as_deref().unwrap_or(default).to_owned()
     }
 }
 
-/// The keys of the file of a map sender; the tables of a bus come with its feature.
+/// The keys of a map sender's file; the tables of a bus need its feature.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MapKeys {
@@ -326,7 +326,7 @@ pub enum Referenced {
 
 #[cfg(feature = "focas")]
 impl<'de> Deserialize<'de> for Referenced {
-    // The derived `untagged` implementation loses the position of an error in the byte.
+    // The derived `untagged` implementation loses the location of an error in the byte.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Either;
         impl<'de> Visitor<'de> for Either {
@@ -348,7 +348,7 @@ impl<'de> Deserialize<'de> for Referenced {
     }
 }
 
-/// The table `pmc` of a map sender's file: the locations of its words.
+/// The table `pmc` of a map sender's file: the PMC addresses of its words.
 #[cfg(feature = "focas")]
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]

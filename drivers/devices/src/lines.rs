@@ -15,7 +15,7 @@ use crate::{
     keys::{ControllerConfig, PLAIN_KEYS, has_axis, of_ms},
 };
 
-/// The part of the driver that is common to all ports with digital lines.
+/// The part of the driver that all ports with digital lines share.
 pub(crate) const LINES: Driver = Driver {
     name: "digital lines (gpio://, modbus://, modbus-rtu://)",
     keys: &["digital"],
@@ -28,7 +28,7 @@ pub(crate) const LINES: Driver = Driver {
 /// Default correction step of a rotary axis.
 const LINE_STEP: Deg = Deg(1e-3);
 
-/// Checks the table `digital`, and that there is a latch if the control needs its edges.
+/// Checks the table `digital`, and that a latch is configured if the barrier needs its edges.
 fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     latch(own, rules, found);
     let Some(digital) = &own.digital else {
@@ -71,7 +71,7 @@ fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>)
     }
 }
 
-/// Rejects lines without a latch if there is a barrier: without an edge it never accepts their words.
+/// Rejects lines without a latch if there is a barrier, which accepts their words only at an edge.
 fn latch(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     let latch = own.digital.and_then(|digital| digital.latch);
     if rules.has_barrier && own.barrier.is_none() && !own.axes.is_empty() && latch.is_none() {
@@ -86,7 +86,7 @@ fn latch(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
 }
 
 impl ControllerConfig {
-    /// The words of one axis on digital lines. The published scheme has no position of a rotary axis, so its step must be stated.
+    /// The words of one axis on digital lines. For a rotary axis the step must be configured, since the published scheme has none.
     ///
     /// # Errors
     /// A missing key.
@@ -126,7 +126,7 @@ impl ControllerConfig {
     }
 }
 
-/// One axis on the lines of a port, not opened.
+/// Configuration of one axis on the lines of a port.
 struct Lines<D> {
     address: Address,
     open: fn(&Address) -> Result<D, DeviceError>,

@@ -23,7 +23,7 @@ use crate::{
 /// Response timeout of a bridge.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
 
-/// Interval between two reports over which the scans of a bridge are counted.
+/// Time between two reports, from which the scans of a bridge are counted.
 const COUNTED_FOR: Duration = Duration::from_millis(500);
 
 pub(crate) const DRIVER: Driver = Driver {
@@ -42,7 +42,7 @@ pub(crate) const DRIVER: Driver = Driver {
     ..USUAL
 };
 
-/// A control, not opened.
+/// Configuration of a control and its bridge.
 struct Control {
     url: String,
     config: LinuxCncConfig,
@@ -62,12 +62,12 @@ impl ControllerDevice for Control {
     fn settings(&self) -> Settings {
         Settings {
             shown_within: Some(REPORTED_WITHIN),
-            // Commanded positions are floating-point numbers, hence without steps.
+            // Commanded positions are floating-point numbers without steps.
             ..Settings::default()
         }
     }
 
-    /// Reads the current state of the bridge. If its barrier is compared there are two reports, some scans apart.
+    /// Reads the current state of the bridge. To check its barrier, two reports some scans apart are read.
     fn inspect(&self, needs: Option<&GuardRequirements>) -> Result<Option<Inspected>, DeviceError> {
         let config = &self.config;
         let state = read_state(
@@ -92,7 +92,7 @@ impl ControllerDevice for Control {
         }
         Ok(Some(Inspected {
             axes: state.axes().map(|axis| axis.name.to_string()).collect(),
-            // Any other version would have failed to decode.
+            // A state of any other version cannot be decoded.
             protocol: Some(VERSION),
             state: Some(state.flags.to_string()),
             reports,
@@ -100,7 +100,7 @@ impl ControllerDevice for Control {
         }))
     }
 
-    /// Reports every wrong or missing setting in the INI file of the control.
+    /// Fails with every wrong or missing setting in the INI file of the control.
     fn check_file(&self, needs: Option<&GuardRequirements>) -> Result<(), DeviceError> {
         let Some(file) = &self.ini else { return Ok(()) };
         let shown = file.display();
@@ -125,7 +125,7 @@ impl ControllerDevice for Control {
     }
 }
 
-/// The guard's requirements on the bridge, in the units of the INI file.
+/// The guard's requirements in the units of the INI file.
 fn least(needs: &GuardRequirements) -> GuardMinimum {
     let milli = |[linear, rotary]: [f64; 2]| [linear * 1e3, rotary.to_degrees() * 1e3];
     GuardMinimum {

@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use serde::Serialize;
 
-/// The interfaces of this computer; listing them neither opens one for writing nor reserves it.
+/// The interfaces of this computer. Listing neither opens an interface for writing nor reserves it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LocalDevices {
@@ -44,9 +44,9 @@ pub struct CanInterface {
 pub struct GpioChip {
     /// The name of the kernel, such as `gpiochip0`.
     pub name: String,
-    /// The label of the chip's driver, which names it in URLs just as well.
+    /// The label of the chip; URLs may use it instead of the name.
     pub label: String,
-    /// The lines in the order of their numbers; empty where this user may not open the chip.
+    /// The lines in the order of their numbers; empty if this user may not open the chip.
     pub lines: Vec<GpioLine>,
 }
 
@@ -54,13 +54,13 @@ pub struct GpioChip {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GpioLine {
-    /// The number of the line on its chip, as URLs have it.
+    /// The number of the line on its chip, as in URLs.
     pub number: u32,
-    /// The name of the line; empty where it has none.
+    /// The name of the line; empty if it has none.
     pub name: String,
     /// Whether the line is an output now.
     pub output: bool,
-    /// The program that has taken the line; `None`: it is free.
+    /// The program that uses the line; `None`: the line is free.
     pub used_by: Option<String>,
 }
 
@@ -171,7 +171,7 @@ fn gpio_chip(path: &Path) -> GpioChip {
 mod tests {
     use super::*;
 
-    /// A folder like that of the kernel: two CAN interfaces, one of them up, among others.
+    /// A folder like the kernel's, with two CAN interfaces, one of them up, and other interfaces.
     #[test]
     fn can_interfaces_are_recognised_by_their_hardware() {
         let folder = tempfile::tempdir().expect("writable");

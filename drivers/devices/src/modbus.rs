@@ -39,7 +39,7 @@ pub(crate) const DRIVER: Driver = Driver {
         let path = path.map_or_else(|_| address.path.clone(), |p| p.display().to_string());
         [format!("serial {path}")].into()
     },
-    // A serial line has a single master; modules on TCP can be shared.
+    // A serial line has a single master; TCP modules can be shared.
     is_exclusive: |address| address.scheme == RTU,
     controller: |address, own| lines::controller(address, own, digital_modules, unopened),
     thermometer,

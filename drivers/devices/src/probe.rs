@@ -6,7 +6,7 @@ use serde::Serialize;
 use volcomp_port::{Quality, Temperature};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
-/// Values read once from a device; parts that a device lacks are empty, and omitted from a document.
+/// Values and properties read once from a device. Parts that a device lacks are empty, and omitted from a document.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Probe {
@@ -24,7 +24,7 @@ pub struct Probe {
     /// The levels of the digital inputs, line 0 first.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub inputs: Vec<bool>,
-    /// Further properties that the kind of device has; `None` for digital lines.
+    /// Further properties, by kind of device; `None` for digital lines.
     #[serde(flatten)]
     pub facts: Option<Facts>,
 }
@@ -35,11 +35,11 @@ pub struct Probe {
 pub struct ProbedTemperature {
     /// The name of the sensor.
     pub name: String,
-    /// The temperature, °C; `None` when it is bad.
+    /// The temperature, °C; `None` if bad.
     pub degc: Option<f64>,
     /// `good`, `uncertain` or `bad`.
     pub quality: &'static str,
-    /// The reason in words; `None` when the temperature is good.
+    /// The reason in words; `None` if the temperature is good.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
 }
@@ -94,7 +94,7 @@ pub enum Facts {
     Control(ControlFacts),
     /// The properties of a Modbus module.
     Module(ModuleFacts),
-    /// The traffic that was seen on a CAN bus.
+    /// The traffic seen on a CAN bus.
     Bus(BusFacts),
 }
 
@@ -110,19 +110,18 @@ pub struct ControlFacts {
     pub version: u16,
     /// Whether the emergency stop is pressed.
     pub emergency_stop: bool,
-    /// Whether the control shows an alarm.
+    /// Whether the control reports an alarm.
     pub alarm: bool,
-    /// Whether the extended external machine zero point shift is in use (parameter 1203#0); `None` where the control does
-    /// not report it.
+    /// Whether the extended external machine zero point shift is in use (parameter 1203#0); `None` if the control does not report it.
     pub shift_in_use: Option<bool>,
-    /// The first byte in R of the words of this shift, two bytes for each axis of the control (parameter 1280); `None` where
-    /// the control does not report it.
+    /// The first byte in R of the words of this shift, two bytes for each axis of the control (parameter 1280); `None` if the control does
+    /// not report it.
     pub shift_words: Option<u32>,
-    /// Why the control does not report these parameters; `None` where it does.
+    /// Why the control does not report these parameters; `None` if it does.
     pub shift_untold: Option<String>,
-    /// The median of the times from a request to its answer, µs.
+    /// Median round-trip time of a request, µs.
     pub round_trip_p50_us: f64,
-    /// The longest of the times from a request to its answer, µs.
+    /// Maximum round-trip time of a request, µs.
     pub round_trip_max_us: f64,
 }
 
@@ -132,39 +131,39 @@ pub struct ControlFacts {
 pub struct ModuleFacts {
     /// The name of the profile by which the registers of the module are read.
     pub profile: String,
-    /// The parts of the profile that were never compared with a real module, in words.
+    /// Parts of the profile that were never checked on a real module, in words.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unproven: Vec<String>,
-    /// Whether the module reports the levels of its outputs; `None`: it has none. Where it does not, outputs that carry no
-    /// correction are switched off when a correction is written.
+    /// Whether the module can report the levels of its outputs; `None`: it has no outputs. If it cannot, unused outputs are switched off
+    /// when a correction is written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outputs_told: Option<bool>,
 }
 
-/// The traffic that was seen on a CAN bus.
+/// The traffic seen on a CAN bus.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BusFacts {
-    /// The identifiers that were seen, classic ones first, each in ascending order.
+    /// The identifiers seen, classic ones first, each group in ascending order.
     pub frames: Vec<SeenFrames>,
-    /// The number of error frames and of frames whose checksum or length is wrong.
+    /// Number of error frames, and of frames with a wrong checksum or length.
     pub errors: u64,
 }
 
-/// The frames of one identifier that were seen on a CAN bus.
+/// The frames with one identifier seen on a CAN bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SeenFrames {
     /// The identifier of the frames.
     pub id: u32,
-    /// Whether the identifier has 29 bits (extended) and not 11.
+    /// Whether the identifier has 29 bits (extended) instead of 11.
     pub extended: bool,
-    /// The number of these frames.
+    /// Number of these frames.
     pub count: u64,
 }
 
 impl core::fmt::Display for SeenFrames {
-    /// The identifier in hexadecimal digits, 8 for an extended one and 3 for a classic one, and the number of frames.
+    /// Writes the identifier in hexadecimal digits (3, extended 8), and the number of frames.
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let digits = if self.extended { 8 } else { 3 };
         write!(f, "{:0digits$X} ({})", self.id, self.count)

@@ -116,7 +116,7 @@ impl ControllerDevice for SinumerikConfig {
         let axes = self.axes.iter().chain(&self.reads);
         Settings {
             shown_within: Some(self.server.read_back()),
-            // Resolution of reported positions: three decimals, or as many as corrections have.
+            // Resolution of reported positions: three decimals, or that of the corrections.
             position_steps: axes
                 .map(|name| (*name, self.position_step(*name)))
                 .collect(),
@@ -134,7 +134,7 @@ impl ControllerDevice for SinumerikConfig {
             };
             fastest.insert(axis.axis.to_string(), per_min);
             let slew = needs.and_then(|needs| needs.slew_per_min.get(place));
-            // Rotary axes, in rev/min, are not compared: their slews are tiny.
+            // Rotary axes, in rev/min, are not compared, since their slews are tiny.
             if let Some(slew) =
                 slew.filter(|slew| axis.axis.kind() == AxisKind::Linear && **slew > per_min)
             {
@@ -268,7 +268,7 @@ pub(crate) fn validate_server(table: &SinumerikTable, at: &str, found: &mut Mist
     }
 }
 
-/// Rejects a path through SD43900 for more than thermal terms, and one with a hold time that is too short or missing.
+/// Rejects a path through SD43900 that carries more than thermal terms, or whose hold time is missing or too short.
 fn thermal_path(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     let at = rules.at;
     let period_ms = own.sinumerik.clone().unwrap_or_default().period_ms;
@@ -295,7 +295,7 @@ fn thermal_path(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<
     }
 }
 
-/// Checks the keys of a thermometer. `at` is its table.
+/// Checks the keys of a thermometer; `at` is the key of its table.
 pub(crate) fn validate_thermometer(
     own: &ThermometerConfig,
     scheme: &str,
@@ -340,7 +340,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let found = list_axes(&server, &Nodes::default()).map_err(|error| error.of(&*address.text))?;
     let mut probe = Probe::of(&address.text);
     for (name, at) in found {
-        // The first letter of a name determines whether the axis is rotary.
+        // The first letter of its name determines whether an axis is rotary.
         let known = name.chars().next().and_then(AxisName::from_letter);
         let kind = known.map_or(AxisKind::Linear, AxisName::kind);
         probe.add_position(name, Displacement::from_coordinate(kind, at));

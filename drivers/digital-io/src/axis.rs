@@ -22,8 +22,8 @@ pub struct DigitalAxis {
     pub includes_correction: bool,
 }
 
-/// Tracking of a position of which only the low bits are reported. It stays known as long as the axis cannot have moved by half of the word's range
-/// between two readings.
+/// Tracking of a position of which only the low bits are reported. The position remains known if the axis moves less than half the range of
+/// the word between two readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LowBits {

@@ -10,8 +10,8 @@ use crate::wiring::Wiring;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Coherence {
-    /// Two consecutive readings agree. Two wrong readings can also agree: if the lines are skewed for longer than one reading, or if a port
-    /// returns the same image until its next exchange (Modbus). In these cases use Gray code, a parity or a strobe.
+    /// Two consecutive readings agree. They can both be wrong if the lines are skewed for longer than one reading, or if a port returns the
+    /// same image until its next exchange (Modbus). Then use Gray code, a parity or a strobe.
     TwoAgree,
     /// The strobe is 1 before and after, and the readings agree.
     Strobe,

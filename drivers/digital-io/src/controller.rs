@@ -17,14 +17,14 @@ use crate::{
     words::Unwrapper,
 };
 
-/// A control that outputs positions on digital lines and receives corrections on others. If several axes share the lines, each is read and
-/// corrected when the control selects it, and writing fails with [`Fault::Unfinished`] until all of them have the requested correction.
+/// A control that reports positions on digital lines and receives corrections on others. Axes that share the lines are read and corrected
+/// while the control selects them; writing fails with [`Fault::Unfinished`] until all of them have the requested correction.
 ///
-/// A position of which only the low bits are transmitted becomes unknown if it was not read for too long, and reading it fails: move the axis
-/// to its reference and create a new controller.
+/// If only the low bits of a position are transmitted and it was not read for too long, it becomes unknown, and reading fails: move the
+/// axis to its reference and create a new controller.
 ///
-/// Lines carry no state of the control: the description reports none, which the configuration must accept, and snapshots have it as referenced and
-/// without alarm. A second gateway on the same lines cannot be detected, and nothing monitors the lines unless the control does.
+/// The lines carry no state of the control: the description reports none, which the configuration must accept, and snapshots report
+/// referenced and no alarm. A second gateway on the same lines is not detected, and only the control can monitor the lines.
 pub struct DigitalController<D> {
     io: D,
     wiring: Wiring,
@@ -91,7 +91,7 @@ impl<D: DigitalIo> DigitalController<D> {
             tells_applied: false,
             shown: ShownStates::NONE,
             sees_other_gateways: false,
-            // The readings and one write, for each axis in turn.
+            // The readings and one write for each axis.
             shortest_cycle: io.shortest_cycle() * (readings + 1),
             device: device.clone(),
         };
@@ -113,8 +113,8 @@ impl<D: DigitalIo> DigitalController<D> {
         })
     }
 
-    /// The corrections of the last confirmed writes, by axis; `None` for an axis that was not written yet. With a latch: those present when it was
-    /// toggled. A failed write changes nothing here.
+    /// The corrections of the last confirmed writes, by axis; `None` for an axis not written yet. With a latch: those on the lines when it
+    /// was toggled. A failed write does not change them.
     pub fn sent(&self) -> &PerChannel<Option<f64>> {
         self.outputs.taken()
     }
@@ -124,7 +124,7 @@ impl<D: DigitalIo> DigitalController<D> {
         self.saturated
     }
 
-    /// Whether every axis has its correction.
+    /// Whether every axis has its requested correction.
     fn has_all(&self, corrections: &PerChannel<f64>) -> bool {
         let requested = self.axes.iter().zip(corrections);
         requested
@@ -135,7 +135,7 @@ impl<D: DigitalIo> DigitalController<D> {
             })
     }
 
-    /// Updates the corrections by what the device has confirmed.
+    /// Updates the sent corrections by the levels that the device has confirmed.
     fn note(&mut self) {
         self.outputs
             .note(&self.io, &self.wiring, &self.axes, self.wrote);
@@ -152,7 +152,7 @@ impl<D: DigitalIo> DigitalController<D> {
         };
         let mut unwrapper = None;
         if let Some(low) = &axis.low_bits {
-            // After too long a pause it stays unknown, since the last position only gets older.
+            // The position stays unknown, since the last known one only gets older.
             let is_lost = |reading: &AxisReading| {
                 taken.saturating_duration_since(reading.taken) >= low.within(&axis.position)
             };
@@ -207,12 +207,12 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
             state_taken: oldest,
             correction_taken: oldest,
             uncertainty: begun.elapsed().max(Duration::from_nanos(1)),
-            // No state is reported, as the description states; the configuration must have accepted that.
+            // The state is not reported, which the description says and the configuration has accepted.
             state: ControllerState {
                 referenced: true,
                 ..ControllerState::default()
             },
-            // The correction on the lines. Whether the control applies it is unknown.
+            // The correction on the lines; it is unknown whether the control applies it.
             applied: self.outputs.carried(),
             report: None,
         })

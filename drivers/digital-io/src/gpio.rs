@@ -89,12 +89,12 @@ impl GpioPort {
         }
     }
 
-    /// Takes the lines that a control drives as inputs, and those that it reads as outputs. The outputs keep their present levels, which are read
-    /// first and then driven, so that nothing changes at the control.
+    /// Requests the outputs of a control as our inputs, and its inputs as our outputs. The present levels of the outputs are read first and
+    /// then driven, so that nothing changes at the control.
     ///
     /// # Errors
-    /// A chip or line does not exist or is used by another program; or the chip cannot read the present levels of output lines, so that driving
-    /// them could change a correction in one step.
+    /// A chip or line does not exist or is in use, or the chip cannot read the present levels of output lines: driving them could then step
+    /// a correction.
     pub fn open(control_outputs: &LineSet, control_inputs: &LineSet) -> Result<Self, DeviceError> {
         let inputs = Request::builder()
             .on_chip(find(control_outputs)?)
@@ -146,7 +146,7 @@ fn levels_of(values: &Values, lines: &[Offset]) -> u64 {
     levels
 }
 
-/// Sets levels in values that already contain all of these lines, so that nothing is allocated.
+/// Sets levels in `values`, which must contain all of these lines, so that nothing is allocated.
 fn put_levels(values: &mut Values, lines: &[Offset], levels: u64) {
     for (bit, line) in lines.iter().enumerate() {
         values.set(*line, Value::from(levels >> bit & 1 == 1));
@@ -205,7 +205,7 @@ impl DigitalIo for GpioPort {
         SHORTEST_CYCLE
     }
 
-    /// Reads all lines with one system call; whether they are latched together depends on the chip.
+    /// Reads all lines with one system call; the chip determines whether they are sampled together.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let taken = Instant::now();
         let read = self.inputs.values(&mut self.input_values);
@@ -238,7 +238,7 @@ mod tests {
 
     #[test]
     fn levels_are_put_without_allocating() {
-        // The bits follow the order of the set, not the numbers of the lines.
+        // The bits follow the order of the set, not the line numbers.
         let lines = [9, 3, 4, 31];
         let mut values = Values::from_offsets(&lines);
         assert_no_alloc(|| {

@@ -1,4 +1,4 @@
-//! The outputs that carry the correction: the next levels to write, and the correction that the control has received.
+//! The outputs that carry the correction: the next levels to write, and the correction received by the control.
 
 use std::time::Instant;
 
@@ -7,14 +7,14 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{axis::DigitalAxis, wiring::Wiring};
 
-/// Progress of a correction over lines with a latch.
+/// State of a correction over lines with a latch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Latching {
-    /// The latch is unchanged since the last correction was received.
+    /// The control has received the last correction, and the latch is unchanged since.
     Taken,
-    /// These levels were written. The latch is toggled when they are confirmed.
+    /// These levels were written; the latch is toggled when they are confirmed.
     Settling(u64),
-    /// The latch was toggled with these levels unchanged.
+    /// The latch was toggled while the other lines kept these levels.
     Turned(u64),
 }
 
@@ -38,22 +38,22 @@ impl Outputs {
         }
     }
 
-    /// The corrections that the lines carried with the last confirmed write, by axis; `None` for an axis that was not written yet.
+    /// The corrections on the lines at the last confirmed write, by axis; `None` for an axis not written yet.
     pub(crate) fn taken(&self) -> &PerChannel<Option<f64>> {
         &self.taken
     }
 
-    /// The correction on the lines now, also before the first write, if the device reports its output levels. If several axes share the lines, it
-    /// is that of one of them only.
+    /// The correction on the lines now, also before the first write, if the device reports its output levels. Only available for a single
+    /// axis.
     pub(crate) fn carried(&self) -> Option<PerChannel<f64>> {
         self.carried
     }
 
-    /// Writes a word for an axis. With a latch, a correction takes two writes: the word, then, when it is confirmed, the latch alone.
+    /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed, the latch alone.
     ///
     /// # Errors
-    /// See [`DigitalIo::write`]. The sequence does not advance then. Nothing is written while the levels of unused outputs are unknown, unless the
-    /// device cannot report them.
+    /// See [`DigitalIo::write`]; the sequence does not advance then. While the levels of unused outputs are unknown nothing is written,
+    /// unless the device cannot report them.
     pub(crate) fn write(
         &mut self,
         io: &mut impl DigitalIo,
@@ -74,7 +74,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// The levels to write next, and the state after that. Unused lines keep the levels that they were found with.
+    /// The levels to write next, and the state after that write. Unused lines keep the levels found at start.
     fn next(&self, wiring: &Wiring, word: u64, confirmed: Option<u64>) -> (u64, Latching) {
         let bit = wiring.latch_bit();
         let others = confirmed.unwrap_or(0) & !wiring.used_outputs();
@@ -83,7 +83,7 @@ impl Outputs {
         }
         let turned = match (self.latching, confirmed) {
             (Latching::Settling(levels), Some(found)) if found == levels => Some(levels ^ bit),
-            // It is unknown whether the latch has toggled, so nothing else may change with it.
+            // It is unknown whether the latch has toggled, so no other line may change with it.
             (Latching::Turned(levels), None) => Some(levels),
             (Latching::Turned(levels), Some(found)) if found ^ levels == bit => Some(levels),
             _ => None,
@@ -96,7 +96,7 @@ impl Outputs {
         (levels, Latching::Settling(levels))
     }
 
-    /// Processes the levels confirmed since. `wrote`: whether a write was made.
+    /// Updates the state by the levels confirmed by the device. `wrote`: whether anything was written since the start.
     pub(crate) fn note(
         &mut self,
         io: &impl DigitalIo,

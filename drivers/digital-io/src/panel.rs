@@ -9,20 +9,20 @@ use volcomp_port::{DigitalIo, Fault, InputLevels};
 
 use crate::{axis::DigitalAxis, wiring::Wiring};
 
-/// The content of the lines to a control.
+/// Decoded levels of the lines to a control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PanelWord {
     /// Level of the latch line, which toggles once the others have settled; `false` without one.
     pub latch: bool,
-    /// Index of the axis that the word is for.
+    /// Index of the axis in the word.
     pub axis: usize,
-    /// The correction word, counts; `None` if it is invalid.
+    /// The correction, counts; `None` if the word is invalid.
     pub counts: Option<i32>,
 }
 
-/// The lines of a control, with access to the control's end. Clones share the lines: pass one to a [`DigitalController`](crate::DigitalController)
-/// and use the other to inspect and move the control.
+/// The lines of a control in memory. Clones share the lines: pass one to a [`DigitalController`](crate::DigitalController), and use the
+/// other as the control.
 #[derive(Clone)]
 pub struct Panel(Arc<Mutex<PanelState>>);
 
@@ -38,7 +38,7 @@ struct PanelState {
 }
 
 impl Panel {
-    /// Lines of this wiring to a control with these axes, all at 0, the first one selected.
+    /// Lines with this wiring to a control with these axes: all levels 0, the first axis selected.
     pub fn new(wiring: Wiring, axes: Vec<DigitalAxis>) -> Self {
         Self(Arc::new(Mutex::new(PanelState {
             wiring,
@@ -54,7 +54,7 @@ impl Panel {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Sets a callback that receives the content of the lines after every write.
+    /// Sets a callback that receives the decoded levels after every write.
     pub fn on_write(&self, takes: impl FnMut(PanelWord) + Send + 'static) {
         self.state().takes = Box::new(takes);
     }
@@ -78,7 +78,7 @@ impl Panel {
         self.state().outputs
     }
 
-    /// The content of the lines to the control.
+    /// Decodes the levels of the lines to the control.
     pub fn word(&self) -> PanelWord {
         self.state().word()
     }

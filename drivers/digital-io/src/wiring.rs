@@ -2,7 +2,7 @@
 
 use crate::words::{CorrectionWord, PositionWord, mask};
 
-/// The assignment of bits to lines. Named from the control: its outputs carry the position and are our inputs, its inputs carry the correction and
+/// The assignment of bits to lines. The outputs of the control carry the position and are our inputs; its inputs carry the correction and
 /// are our outputs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -17,11 +17,11 @@ pub struct Wiring {
     pub select: Vec<u32>,
     /// Our outputs with the correction bits, lowest first.
     pub correction: Vec<u32>,
-    /// Our outputs that carry the index of the corrected axis, lowest bit first: as many lines as `select`. The control accepts a correction only
-    /// while the index matches its selection.
+    /// Our outputs with the index of the corrected axis, lowest bit first: as many lines as `select`. The control accepts a correction only
+    /// while this index matches the selected axis.
     pub echo: Vec<u32>,
-    /// Our output that toggles one write after the correction, so that a control which samples the correction at its edges, rising and falling,
-    /// never reads lines that have not settled.
+    /// Our output that toggles one write after the correction. A control that samples the correction at both edges of this line never reads
+    /// lines that have not settled.
     #[cfg_attr(feature = "serde", serde(default))]
     pub latch: Option<u32>,
     /// Bit mask of inverted inputs.
@@ -34,7 +34,7 @@ pub struct Wiring {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what}: {found}, expected {expected}")]
 pub struct WiringError {
-    /// The part of the wiring that is wrong.
+    /// The wrong part of the wiring.
     pub what: &'static str,
     /// The value that was found in the wiring.
     pub found: String,
@@ -52,7 +52,7 @@ pub(crate) struct PositionInput {
 }
 
 impl Wiring {
-    /// The published scheme: 15 lines from the control with one position, 8 lines to it with one correction.
+    /// The published scheme: 15 lines from the control with the position of one axis, 8 lines to it with the correction.
     pub fn published() -> Self {
         Self {
             position: (0..15).collect(),
@@ -64,7 +64,7 @@ impl Wiring {
     /// Checks the wiring against a port and the words.
     ///
     /// # Errors
-    /// A line that does not exist or is used twice, words of another length, too few selection lines for the axes.
+    /// A line that does not exist or is used twice, a number of lines that differs from the word's, too few selection lines for the axes.
     pub fn check(
         &self,
         inputs: u32,
@@ -132,13 +132,13 @@ impl Wiring {
         self.latch.map_or(0, |line| 1 << line)
     }
 
-    /// Whether any of this number of outputs is unused.
+    /// Whether the wiring leaves any of this number of outputs unused.
     pub(crate) fn leaves_outputs(&self, outputs: u32) -> bool {
         let available = u64::MAX.checked_shr(64 - outputs.min(64)).unwrap_or(0);
         available & !self.used_outputs() != 0
     }
 
-    /// The inputs that must agree between two readings.
+    /// Bit mask of the inputs that must agree between two readings.
     pub(crate) fn used_inputs(&self) -> u64 {
         self.inputs().fold(0, |used, line| used | 1 << line)
     }
@@ -173,7 +173,7 @@ impl Wiring {
         (bits ^ self.inverted_outputs) & !self.latch_bit()
     }
 
-    /// Levels of a control's outputs while it reports a word of an axis: for simulated controls and tests.
+    /// Levels of a control's outputs that report a position word of an axis; for simulated controls and tests.
     pub fn control_outputs(&self, word: u32, axis: u32, strobe: bool) -> u64 {
         let ones = (word & mask(self.position.len().try_into().unwrap_or(32))).count_ones();
         let ones = ones + axis.count_ones();
@@ -183,7 +183,7 @@ impl Wiring {
         levels ^ self.inverted_inputs
     }
 
-    /// The correction word and the axis on a control's inputs.
+    /// The correction word and the axis index on a control's inputs.
     pub fn control_inputs(&self, levels: u64) -> (u32, u32) {
         let levels = levels ^ self.inverted_outputs;
         (gather(levels, &self.correction), gather(levels, &self.echo))

@@ -1,6 +1,6 @@
 //! Encoding of positions and corrections in words of a given number of bits.
 //!
-//! Values are f64 in mm, or in rad for rotary axes, as everywhere in a cycle; the step of the word determines which.
+//! Values are f64 in mm, or rad for a rotary axis; the unit is that of the word's step.
 
 use volcomp_vocabulary::{AxisKind, Displacement, Mm};
 
@@ -12,12 +12,12 @@ pub enum PositionCode {
     /// Plain binary: the count is unsigned.
     #[default]
     Binary,
-    /// Reflected Gray code: one bit changes per count, so that a word read during a change is one of the two neighbours.
+    /// Reflected Gray code: one bit changes per count, so a word read during a change is one of two neighbours.
     Gray,
 }
 
-/// A position in up to 32 bits. Quantisation error up to half a step; the range is 2^bits steps from `zero` on. Published: 15 bits of 1/32 mm, 1024
-/// mm; the quantisation error of at most 15.6 µm makes 0.2 nm at an error slope of 10 µm/m.
+/// A position in up to 32 bits. The quantisation error is at most half a step; the range is 2^bits steps from `zero`. Published: 15 bits of
+/// 1/32 mm, 1024 mm; its quantisation error of at most 15.6 µm causes 0.2 nm at an error slope of 10 µm/m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PositionWord {
@@ -43,8 +43,8 @@ pub enum CorrectionCode {
     SignMagnitude,
 }
 
-/// A correction in up to 32 bits. Quantisation error up to half a step; the largest correction is 2^(bits−1) − 1 steps: the most negative number of
-/// two's complement is never sent. Published: 8 bits of 1 µm, ±127 µm.
+/// A correction in up to 32 bits. The quantisation error is at most half a step; the largest correction is 2^(bits−1) − 1 steps, since the
+/// most negative number of two's complement is never sent. Published: 8 bits of 1 µm, ±127 µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionWord {
@@ -128,13 +128,12 @@ impl PositionWord {
         self.counts() * self.step.mm_or_rad()
     }
 
-    /// The first and the last position in range, mm or rad: they also encode positions up to half a count beyond.
+    /// The first and the last position in range, mm or rad; each also encodes positions up to half a count beyond.
     pub fn ends(&self) -> [f64; 2] {
         [0.0, self.counts() - 1.0].map(|count| self.at(count).position)
     }
 
-    /// Checks that the word can encode every position of a travel (mm or rad, lower end first). A position beyond the range would alias to another
-    /// one.
+    /// Checks that the word can encode every position of a travel (mm or rad, lower end first). Positions beyond the range would alias.
     ///
     /// # Errors
     /// The travel exceeds the range by more than half a count.
@@ -225,7 +224,7 @@ impl CorrectionWord {
         let step = self.step.mm_or_rad();
         let most = f64::from(mask(self.bits.saturating_sub(1)));
         let counts = correction / step;
-        // Rounds half away from zero, without a function call.
+        // Rounds half away from zero, without libm.
         let half = if counts < 0.0 { -0.5 } else { 0.5 };
         let held = (counts + half).clamp(-most, most) as i32;
         let size = held.unsigned_abs();
@@ -259,10 +258,10 @@ impl CorrectionWord {
     }
 }
 
-/// Counts beyond this are not positions of a machine, and would not be exact in f64.
+/// Maximum count: larger ones are not positions of a machine, and not exact in f64.
 const FARTHEST: f64 = 4_503_599_627_370_496.0;
 
-/// Tracks a position of which only the low bits are reported: between two words the axis must move less than half of the word's range.
+/// Tracks a position of which only the low bits are reported: the axis must move less than half the range of the word between two words.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unwrapper {
     word: PositionWord,
@@ -282,7 +281,7 @@ impl Unwrapper {
         let about = ((known - word.zero.mm_or_rad()) / word.step.mm_or_rad())
             .round()
             .clamp(-FARTHEST, FARTHEST) as i64;
-        // The count with these low bits that is nearest to the known position.
+        // The count with these low bits nearest to the known position.
         let ahead = (i64::from(last) - about).rem_euclid(range);
         let ahead = if ahead * 2 > range {
             ahead - range

@@ -14,19 +14,19 @@ pub fn addresses(text: &str) -> impl Iterator<Item = &str> {
     text.split(',').map(str::trim)
 }
 
-/// The first invalid server address. An address without a scheme, of a WebSocket, or with a user is invalid: users are identified by their nkeys.
+/// The first invalid server address: without a scheme, of a WebSocket, or with a user (nkeys identify users).
 pub fn wrong_address(text: &str) -> Option<&str> {
     addresses(text).find(|one| parse(one).is_none())
 }
 
-/// Addresses reached over a network without TLS, where the traffic can be read. Loopback addresses are excluded.
+/// Addresses without TLS that are not loopback, whose traffic others on the network can read.
 pub fn in_the_clear(text: &str) -> impl Iterator<Item = &str> {
     addresses(text).filter(|one| {
         one.starts_with("nats://") && !parse(one).is_some_and(|(host, _)| is_loopback(host))
     })
 }
 
-/// Port of the first address in a list, 4222 if it has none. `None`: the address is invalid.
+/// Port of the first address in a list, by default 4222. `None`: the address is invalid.
 pub fn first_port(text: &str) -> Option<u16> {
     let (_, port) = parse(addresses(text).next()?)?;
     Some(port.unwrap_or(DEFAULT_PORT))
@@ -81,7 +81,7 @@ mod tests {
     fn loopback_and_tls_addresses_are_not_in_the_clear() {
         let none = "nats://127.0.0.1:4222, nats://localhost, nats://[::1]:4222, nats://127.8.0.1, tls://nats.shop.lan";
         assert_eq!(in_the_clear(none).count(), 0);
-        // One of several without TLS, and names that only begin like a loopback address.
+        // One of several addresses without TLS, and names that only begin like a loopback address.
         for (text, found) in [
             ("tls://a:4222,nats://b:4222", "nats://b:4222"),
             (

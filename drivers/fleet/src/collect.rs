@@ -88,11 +88,11 @@ impl Collection {
         &self.stream
     }
 
-    /// Receives the next batch: waits for a first message, and collects those that follow within 20 ms, at most 2000. Keeps retrying while the
+    /// Receives the next batch: waits for a first message, and collects those that follow within 20 ms, at most 2000. Retries while the
     /// server cannot be reached.
     ///
     /// # Errors
-    /// The reason why the subscription had to be restarted. Log it and call again.
+    /// Why the subscription had to be restarted: log it, and call again.
     pub async fn next(&mut self) -> Result<Batch, LinkError> {
         let next = match self.messages.take() {
             Some(messages) => Ok(messages),
@@ -117,7 +117,7 @@ impl Collection {
                         batch.messages.push(received);
                         batch.unacknowledged.push(message);
                     }
-                    // A subject on which no machine may publish: never redeliver it.
+                    // No machine may publish on this subject, so the message is never redelivered.
                     None => {
                         let _ = message.ack_with(AckKind::Term).await;
                     }
@@ -126,14 +126,14 @@ impl Collection {
             }
         }
         match failure {
-            // Messages received before the failure are complete. Anything in flight will be redelivered.
+            // Messages received before the failure are returned; messages in flight will be redelivered.
             Some(error) if batch.messages.is_empty() => {
                 tokio::time::sleep(RETRY_INTERVAL).await;
                 Err(error)
             }
             Some(_) => Ok(batch),
             None => {
-                // An ended message stream is reopened.
+                // The message stream has ended, and is reopened in the next call.
                 if !batch.messages.is_empty() {
                     self.messages = Some(messages);
                 }

@@ -1,4 +1,4 @@
-//! The centre's side of the connection: publishes the desired state of machines, and detects values put by other clients.
+//! The centre's side of the connection: publishes the desired state of machines, and detects values that other clients put.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ use crate::{
     subjects::{desired_subject, latest_desired_subject},
 };
 
-/// A centre's connection. Clones share it.
+/// A centre's connection; clones share it.
 #[derive(Clone)]
 pub struct Hub {
     client: Client,
@@ -39,7 +39,7 @@ pub struct DesiredValue {
 pub enum DesiredEvent {
     /// A value was put, by this centre or by another client.
     Put(DesiredValue),
-    /// The connection was established or restored; values put while disconnected were not received.
+    /// The connection was established or restored. Values put while it was down were not received.
     Connected,
 }
 
@@ -50,7 +50,7 @@ pub struct DesiredWatch {
 }
 
 impl Hub {
-    /// Connects with the nkey of a centre. If the server cannot be reached it keeps retrying in the background.
+    /// Connects with the nkey of a centre. If the server cannot be reached, retries in the background.
     ///
     /// # Errors
     /// An invalid seed or address.
@@ -96,7 +96,7 @@ impl Hub {
     /// Puts a value under the key of a machine, and waits until it is stored.
     ///
     /// # Errors
-    /// It is unknown whether the value was stored: put it again.
+    /// It is unknown whether the value was stored; put it again.
     pub async fn put_desired(&self, machine: &MachineId, value: Bytes) -> Result<(), LinkError> {
         let subject = desired_subject(machine.as_str());
         let what = "putting a manifest";
@@ -117,7 +117,7 @@ impl Hub {
                 within: RESPONSE_TIMEOUT,
             })?
             .map_err(nats_error("requesting a manifest"))?;
-        // A status means "no such message"; a deletion is a value without bytes.
+        // A status means that there is no message; a deleted value has no bytes.
         Ok((message.status.is_none() && !message.payload.is_empty()).then_some(message.payload))
     }
 
@@ -135,7 +135,7 @@ impl Hub {
         put_model(&self.context, machine, sha256, model, replicas).await
     }
 
-    /// Watches the keys of all machines. A single watch receives every connection event; several watches share them.
+    /// Watches the keys of all machines. Each connection event goes to one watch only, so use a single watch to receive all.
     ///
     /// # Errors
     /// The connection is closed.
@@ -151,14 +151,14 @@ impl Hub {
         })
     }
 
-    /// The collections of a site's machines: conditions and telemetry, and audit records and acknowledgements.
+    /// Collections of the messages of a site's machines: conditions and telemetry; audit records and acknowledgements.
     pub fn collections(&self, site: &SiteId) -> [Collection; 2] {
         streams_of(site).map(|(stream, _)| Collection::new(self.context.clone(), stream))
     }
 }
 
 impl DesiredWatch {
-    /// The next event; `None` if the connection was closed permanently. Cancel safe.
+    /// The next event; `None` if the connection is closed permanently. Cancel safe.
     pub async fn next(&mut self) -> Option<DesiredEvent> {
         loop {
             tokio::select! {

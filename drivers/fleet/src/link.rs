@@ -1,6 +1,7 @@
 //! The machine's side of the connection.
 //!
-//! A machine requests the value of one key and receives its changes: no consumer and no watch, so the server keeps no state for it.
+//! A machine requests the value of one key and subscribes to its changes, without a consumer or a watch, so the server keeps no state for
+//! it.
 
 use std::{fmt, sync::Arc, time::Duration};
 
@@ -19,7 +20,7 @@ use crate::{
     subjects::{latest_desired_subject, models_bucket},
 };
 
-/// Interval at which the value is requested even without a notification of a change.
+/// Interval at which the value is requested, in case a notification was lost.
 const REQUEST_INTERVAL: Duration = Duration::from_secs(60);
 /// Request timeout.
 pub(crate) const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
@@ -27,10 +28,10 @@ pub(crate) const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
 const MAX_MODEL_BYTES: u64 = 4 << 20;
 /// Maximum delay between two connection attempts.
 const MAX_RECONNECT_DELAY: Duration = Duration::from_secs(10);
-/// Maximum number of queued values; beyond it, the latest value is requested later.
+/// Maximum number of queued values; if more arrive, the latest value is requested again.
 const MAX_QUEUED_VALUES: usize = 8;
 
-/// Errors of the connection. A later retry is useful for all except `Seed`.
+/// Errors of the connection. Retrying is useful for all except `Seed`.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// The seed of the user's nkey is invalid.
@@ -47,7 +48,7 @@ pub enum LinkError {
         what: &'static str,
         within: Duration,
     },
-    /// The object store has no such model, or a different one under its name.
+    /// The object store does not have the model, or has another one under its name.
     #[error("the model {sha256} in the object store: {found}")]
     Model { sha256: String, found: String },
 }
@@ -128,7 +129,7 @@ impl LinkSettings {
     }
 }
 
-/// Publishes and fetches over a machine's connection. Clones share the connection.
+/// Publishes and fetches over a machine's connection; clones share it.
 #[derive(Clone)]
 pub struct MachineSender {
     client: Client,
@@ -148,14 +149,14 @@ pub struct MachineLink {
     reconnected: Arc<Notify>,
     /// Timer of the periodic request of the value.
     request_timer: tokio::time::Interval,
-    /// The value must be requested, or no response has arrived yet.
+    /// Whether the value must be requested, or the last request was not answered.
     due: bool,
     /// SHA-256 of the last value returned.
     last: Option<[u8; 32]>,
 }
 
 impl MachineLink {
-    /// Connects. If the server cannot be reached it keeps retrying in the background.
+    /// Connects. If the server cannot be reached, retries in the background.
     ///
     /// # Errors
     /// An invalid seed or address.
@@ -196,16 +197,17 @@ impl MachineLink {
         })
     }
 
-    /// A handle to publish and fetch over this connection while another task waits for values.
+    /// A handle that publishes and fetches over this connection while another task waits for values.
     pub fn sender(&self) -> MachineSender {
         self.sender.clone()
     }
 
-    /// The next value of this machine's key, once for each change and once after the start. Cancel safe; cancelling sends no request to the server.
+    /// Returns the value of this machine's key once after the start and once after each change. Cancel safe; cancelling sends nothing to
+    /// the server.
     pub async fn next_desired(&mut self) -> Bytes {
         loop {
-            // A change received while the response is pending is returned by the next call. If an older value arrives after a newer one, its
-            // version shows it.
+            // A change received while a response is pending is returned by the next call. The version reveals an older value that arrives
+            // after a newer one.
             let value = if self.due {
                 let answer = self.sender.request_value().await;
                 self.due = false;
@@ -252,7 +254,7 @@ impl MachineLink {
 }
 
 impl MachineSender {
-    /// The current value; `None` if there is none or the request timed out, in which case it is repeated later.
+    /// The current value; `None` if there is none or the request timed out, which is then repeated.
     async fn request_value(&self) -> Option<Bytes> {
         let request = self
             .client
@@ -274,7 +276,7 @@ impl MachineSender {
         if model.bytes > MAX_MODEL_BYTES {
             return Err(wrong("larger than 4 MiB"));
         }
-        // Direct requests, because a machine with permission to create consumers could send messages to any subject.
+        // Direct requests are used because a machine with permission to create consumers could send messages to any subject.
         let stream = self
             .context
             .get_stream_no_info(format!("OBJ_{}", self.models))
@@ -329,7 +331,7 @@ pub(crate) fn is_connected(client: &Client) -> bool {
     client.connection_state() == async_nats::connection::State::Connected
 }
 
-/// Publishes and waits until the stream has stored the message, at most [`RESPONSE_TIMEOUT`]. `what` describes the operation in messages.
+/// Publishes a message and waits at most [`RESPONSE_TIMEOUT`] until the stream has stored it. `what` describes the operation in messages.
 pub(crate) async fn stored(
     what: &'static str,
     context: &Context,
@@ -349,7 +351,7 @@ pub(crate) async fn stored(
     timeout(RESPONSE_TIMEOUT, stored).await.unwrap_or(Err(late))
 }
 
-/// Metadata of an object in the object store, as far as needed here.
+/// Metadata of an object in the object store, reduced to the fields used here.
 #[derive(Deserialize)]
 struct ObjectMeta {
     nuid: String,

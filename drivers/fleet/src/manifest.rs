@@ -1,8 +1,8 @@
 //! The desired state of a machine: the manifest, its signature, and the document that contains both.
 //!
-//! The signature covers the transmitted bytes, so the serialization cannot be ambiguous. A machine accepts a manifest that is signed by a trusted
-//! key, addressed to this machine, and has a version above every earlier one. Clocks play no role: a machine with a wrong clock accepts the same
-//! manifests as any other.
+//! The signature covers the transmitted bytes, so the serialization is unambiguous. A machine accepts a manifest that is signed by a
+//! trusted key, addressed to this machine, and newer (by version) than every accepted one. Clocks play no role: a wrong clock does not
+//! change the result.
 
 use base64::{Engine, engine::general_purpose::STANDARD as BASE64};
 use ed25519_dalek::Signer;
@@ -13,10 +13,10 @@ use volcomp_vocabulary::AxisName;
 
 use crate::MachineId;
 
-/// Maximum size of a model that is embedded in its manifest's document, bytes; larger models are in the object store.
+/// Maximum size of a model that is embedded in the document, bytes; larger models are in the object store.
 pub const INLINE_LIMIT: usize = 1024 * 1024;
 
-/// Prefix of the signed bytes, so that a signature for another purpose is not valid here.
+/// Prefix of the signed bytes, so that signatures made for another purpose are invalid here.
 const PURPOSE: &[u8] = b"volcomp desired 1\0";
 
 /// Reference to a machine file by its checksum.
@@ -37,7 +37,7 @@ impl ModelRef {
         }
     }
 
-    /// True if this is the referenced machine file.
+    /// Whether `text` is the referenced machine file.
     pub fn is(&self, text: &[u8]) -> bool {
         *self == Self::of(text)
     }
@@ -54,9 +54,9 @@ pub struct Manifest {
     pub version: u64,
     pub axes: Vec<AxisName>,
     pub model: ModelRef,
-    /// Permits correction; `false` ramps the correction out and prevents arming.
+    /// Permission to correct; `false` ramps the correction out and prevents arming.
     pub enable: bool,
-    /// Hash by which the operator has confirmed a change that moves the axes far (rule 13 of the guard).
+    /// Hash with which the operator confirms a change that moves the axes far (rule 13 of the guard).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirm: Option<String>,
     /// Interval of conditions, s; `None`: 1.
@@ -84,7 +84,7 @@ pub struct Desired {
     pub model: Option<String>,
 }
 
-/// A malformed value of a key.
+/// Why the value of a key is malformed.
 #[derive(Debug, thiserror::Error)]
 pub enum DesiredError {
     /// Invalid JSON, or unexpected keys.
@@ -102,7 +102,7 @@ impl Desired {
     /// Signs a manifest and embeds its machine file if that is small enough.
     ///
     /// # Errors
-    /// None in practice: the manifest is plain data that JSON can represent.
+    /// None in practice, since JSON can represent every manifest.
     pub fn sign(manifest: &Manifest, model: &str, key: &SigningKey) -> Result<Self, DesiredError> {
         let manifest = serde_json::to_string(manifest)?;
         let signature = key.sign(&signed_bytes(&manifest));
@@ -117,7 +117,7 @@ impl Desired {
     /// Parses the bytes of a value. The result is not yet trusted: see [`Trust::accept`](crate::Trust::accept).
     ///
     /// # Errors
-    /// The bytes are not such a document.
+    /// The bytes are not a document with a manifest.
     pub fn parse(bytes: &[u8]) -> Result<Self, DesiredError> {
         Ok(serde_json::from_slice(bytes)?)
     }
@@ -125,12 +125,12 @@ impl Desired {
     /// Serializes the value.
     ///
     /// # Errors
-    /// None in practice: it is plain data that JSON can represent.
+    /// None in practice, since JSON can represent every value.
     pub fn bytes(&self) -> Result<Vec<u8>, DesiredError> {
         Ok(serde_json::to_vec(self)?)
     }
 
-    /// The key that signed the manifest; `None` if the signature is invalid. It does not check whether the key is trusted.
+    /// The key that signed the manifest; `None` if the signature is invalid. Does not check whether the key is trusted.
     ///
     /// # Errors
     /// The key or the signature is not base64 of its length.
@@ -146,7 +146,7 @@ impl Desired {
     }
 }
 
-/// Parses a public key to trust, in the form of a machine's `trusted_keys` and of [`Desired::key`].
+/// Parses a public key to trust, in the format of a machine's `trusted_keys` and of [`Desired::key`].
 ///
 /// # Errors
 /// Not base64 of 32 bytes, or a weak key whose signatures can be forged.
@@ -169,7 +169,7 @@ pub struct Trust {
     pub highest: u64,
 }
 
-/// An accepted manifest, with its model if that was embedded.
+/// An accepted manifest and, if it was embedded, its model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Accepted {
     pub manifest: Manifest,
@@ -200,16 +200,16 @@ pub enum ManifestRejection {
         found: Vec<AxisName>,
         expected: Vec<AxisName>,
     },
-    /// A manifest of this version or a higher one was accepted before.
+    /// A manifest with this version or a higher one was accepted before.
     #[error("its version is {found}, and {highest} has been accepted before")]
     Version { found: u64, highest: u64 },
-    /// The machine file is not the one that the manifest names.
+    /// The checksum of the machine file differs from that in the manifest.
     #[error("the machine file does not match the checksum in the manifest")]
     Model,
 }
 
 impl Trust {
-    /// Verifies a manifest. The signature is checked first, so that untrusted data never determine the error.
+    /// Verifies a manifest. The signature is checked first, so that unsigned data never determine the error.
     ///
     /// # Errors
     /// Why it is rejected.

@@ -1,7 +1,7 @@
 //! Permissions of all users at the NATS server, and the text of the server's configuration.
 //!
-//! A machine publishes on its own four subjects and reads its own key and its own object store. It cannot list, watch or delete anything, and
-//! receives nothing of other machines: its inboxes carry its name.
+//! A machine publishes on its own four subjects, and reads its own key and object store. It cannot list, watch or delete anything. It
+//! receives no messages of other machines, because its inboxes have its name.
 
 use std::{
     collections::BTreeSet,
@@ -37,9 +37,9 @@ impl Permissions {
                 subjects.telemetry,
                 subjects.audit,
                 subjects.ack,
-                // The latest value under its key, and nothing else of that stream.
+                // The latest value of its key, and nothing else in that stream.
                 latest_desired_subject(&identity.machine),
-                // Its own object store, message by message. No consumer, because a consumer could send messages to any subject.
+                // The machine's own object store, message by message. Not by a consumer, which could send messages to any subject.
                 format!("$JS.API.DIRECT.GET.OBJ_{models}.>"),
                 format!("$JS.API.DIRECT.GET.OBJ_{models}"),
             ],
@@ -109,8 +109,8 @@ pub enum ServerConfigError {
 }
 
 impl ServerSettings {
-    /// The text of the server's configuration file. **For a server in a cluster it contains the cluster password**, so only the file's owner may
-    /// read it.
+    /// The text of the server's configuration file. **For a server in a cluster it contains the cluster password**: only the file's owner
+    /// may read it.
     ///
     /// # Errors
     /// A text or a key that the configuration cannot represent.
@@ -168,7 +168,7 @@ fn user(text: &mut String, nkey: &str, permissions: &Permissions) {
     );
 }
 
-/// True if a text has the form of a user's public nkey: U and 55 letters and digits of base 32.
+/// Whether a text has the form of a user's public nkey: U and 55 letters and digits of base 32.
 pub fn is_public_nkey(text: &str) -> bool {
     text.len() == 56
         && text.starts_with('U')
@@ -198,9 +198,9 @@ fn quoted(what: &'static str, text: &str) -> Result<String, ServerConfigError> {
     Ok(format!("\"{text}\""))
 }
 
-/// Prefix of the hashed seed, so that the password equals the hash of nothing else.
+/// Prefix of the hashed seed, so that no other hash of the seed equals the password.
 const PURPOSE: &[u8] = b"volcomp route 1\0";
-/// User name with which a server joins.
+/// User name of a server that joins the cluster.
 const USER: &str = "route";
 
 /// Password that the servers of a cluster share. `Debug` does not show it.
@@ -214,16 +214,16 @@ impl fmt::Debug for RoutePassword {
 }
 
 impl RoutePassword {
-    /// Derives the password from the seed of a centre's nkey: it is the same for every server whose configuration that centre writes. The seed
-    /// cannot be recovered from it.
+    /// Derives the password from the seed of a centre's nkey, so that all servers configured by that centre have the same one. The seed
+    /// cannot be recovered from the password.
     pub fn of_seed(seed: &str) -> Self {
         let bytes = [PURPOSE, seed.trim().as_bytes()].concat();
         Self(hex(&Sha256::digest(bytes)))
     }
 }
 
-/// Membership of a server in a cluster. A server that joins can read and write everything, so joining requires a password, and certificates if the
-/// servers have them.
+/// Membership of a server in a cluster. A joining server can read and write everything, so joining requires a password, and certificates if
+/// the servers have TLS.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cluster {
     pub name: String,
@@ -232,7 +232,7 @@ pub struct Cluster {
     /// Addresses of the cluster servers, `nats://HOST:PORT`.
     pub routes: Vec<String>,
     pub password: RoutePassword,
-    /// Certificates that the cluster servers trust, PEM; `None`: those of the system. Used if the server has TLS.
+    /// Certificates that the cluster servers trust, PEM; `None`: those of the system. Unused without TLS.
     pub roots: Option<PathBuf>,
 }
 
@@ -275,7 +275,7 @@ impl Cluster {
             Some(address) if !address.is_empty() && !address.contains(['@', '/']) => {
                 Ok(format!("nats://{USER}:{}@{address}", self.password.0))
             }
-            // The address contains a foreign password, which messages must not repeat.
+            // The address contains a password, which messages must not repeat.
             Some(address) if address.contains('@') => Err(ServerConfigError::Route {
                 found: "an address with a user".to_owned(),
             }),

@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use volcomp_vocabulary::AxisName;
 
-/// Common fields of every machine message. `instance` and `number` identify a message, so that duplicates count once, and two programs with the
+/// Common fields of every machine message. `instance` and `number` identify a message: duplicates count once, and two gateways with the
 /// identity of one machine are detected.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope<T> {
     /// Random identifier generated at every start of the gateway.
     pub instance: String,
-    /// Message number since the start, over all kinds.
+    /// Message number since the start, counted over all kinds.
     pub number: u64,
     /// Seconds since the start of the gateway when the message was created.
     pub uptime_s: f64,
@@ -31,26 +31,26 @@ pub struct Condition {
     pub state: String,
     /// Reasons of the state, and further notes.
     pub reasons: Vec<String>,
-    /// True if the machine corrects, or will resume automatically.
+    /// Whether the machine corrects, or will resume automatically.
     pub armed: bool,
     /// Confirmed correction by linear axis, µm.
     pub correction_um: BTreeMap<AxisName, f64>,
     /// Confirmed correction by rotary axis, µrad.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction_urad: BTreeMap<AxisName, f64>,
-    /// Residual position error by the model, µm; `None` if unknown.
+    /// Residual position error according to the model, µm; `None` if unknown.
     pub residual_um: Option<f64>,
     /// Temperatures by name, °C; `None` if the sensor is broken.
     pub temperatures_degc: BTreeMap<String, Option<f64>>,
     /// p99 of the cycle time, µs.
     pub cycle_p99_us: f64,
-    /// Number of cycles since the start that exceeded their time.
+    /// Number of cycles since the start that exceeded their duration.
     pub overruns: u64,
     /// Number of failed exchanges with controllers since the start.
     pub faults: u64,
 }
 
-/// A record as it is in the machine's audit log. Each contains the checksum of its predecessor, so that missing or changed records are detected.
+/// A record of the machine's audit log. It contains the checksum of its predecessor, so that missing and changed records are detected.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AuditLine {
     /// SHA-256 over the checksum of the previous record, a line feed, and `record`; 64 hexadecimal digits.
@@ -59,13 +59,13 @@ pub struct AuditLine {
     pub record: String,
 }
 
-/// Outcome of a manifest.
+/// What the machine did with a manifest.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "outcome", rename_all = "kebab-case")]
 pub enum Outcome {
-    /// The model is active: the correction has ramped, or is ramping, over to it.
+    /// The model is active; the correction has ramped to it, or is ramping.
     Activated,
-    /// Stored, but it moves the axes so far that the operator must confirm it (rule 13) by a new manifest with `confirm`.
+    /// The manifest is stored, but it moves the axes so far that the operator must confirm it (rule 13) by a new manifest with `confirm`.
     NeedsConfirmation {
         hash: String,
         /// Largest change of a linear axis, µm, as text; empty if not finite.
@@ -73,11 +73,11 @@ pub enum Outcome {
         /// Largest change of a rotary axis, µrad, as text; empty if there is none or it is not finite.
         worst_urad: String,
     },
-    /// Rejected, or its machine file is unusable; the previous state stays active.
+    /// The manifest is rejected, or its machine file is unusable; the previous state stays active.
     Refused { why: String },
 }
 
-/// Describes the largest moves reported in [`Outcome::NeedsConfirmation`] in words.
+/// Describes the moves of [`Outcome::NeedsConfirmation`] in words.
 pub fn largest_moves(worst_um: &str, worst_urad: &str) -> String {
     match (worst_um, worst_urad) {
         ("", "") => "a distance that is not finite".to_owned(),
@@ -92,7 +92,7 @@ pub fn largest_moves(worst_um: &str, worst_urad: &str) -> String {
 pub struct Acknowledgement {
     /// Version of the manifest; 0 if it could not be read.
     pub version: u64,
-    /// SHA-256 of the whole value, so that foreign values are detected.
+    /// SHA-256 of the whole value, which reveals values put by other clients.
     pub value_sha256: String,
     #[serde(flatten)]
     pub outcome: Outcome,
@@ -102,7 +102,7 @@ pub struct Acknowledgement {
 mod tests {
     use super::largest_moves;
 
-    /// No sentence ends with a unit that has no number.
+    /// No sentence ends with a unit without a number.
     #[test]
     fn unknown_values_are_omitted() {
         assert_eq!(largest_moves("75.0", ""), "75.0 µm");

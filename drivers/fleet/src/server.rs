@@ -50,8 +50,8 @@ pub fn program() -> Option<PathBuf> {
         .find(|file| file.is_file())
 }
 
-/// Replaces a configuration file, which may contain a cluster password, so that only its owner can read it. A file owned by another user (the one
-/// that the server runs as) keeps its owner.
+/// Replaces a configuration file. Only its owner can read it, since it may contain a cluster password. A file of another user (as whom the
+/// server runs) keeps its owner.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -86,7 +86,7 @@ impl Server {
         server.ready(folder)
     }
 
-    /// Starts a server of a cluster, which becomes ready only when the other servers run too.
+    /// Starts a server of a cluster. It becomes ready only when the other servers run too.
     ///
     /// # Errors
     /// The server does not start or does not listen.
@@ -154,7 +154,7 @@ impl Server {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        // It may have exited already; errors cannot be handled in `drop`.
+        // It may have exited already; `drop` cannot return an error.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -1,7 +1,7 @@
 //! Queue of outgoing messages: in memory while the server is reachable, on disk while it is not, bounded in both.
 //!
-//! State: the waiting messages. Those on disk outlive the program. A message is repeated until it is acknowledged as stored, so after a crash some
-//! are sent again; their ids identify duplicates.
+//! State: the waiting messages. Those on disk outlive the program. A message is sent until the server acknowledges that it is stored; after
+//! a crash some are sent again, and their ids identify duplicates.
 
 use std::{
     collections::VecDeque,
@@ -13,9 +13,9 @@ use sha2::{Digest, Sha256};
 
 use crate::Kind;
 
-/// Maximum number of messages of a lane in memory before they are written to disk: a reachable server causes no disk writes.
+/// Maximum number of messages of a lane in memory; further ones are written to disk. While the server is reachable, nothing is written.
 const MAX_IN_MEMORY: usize = 64;
-/// Maximum number of messages of a lane in memory while the disk rejects writes; beyond it the oldest are dropped.
+/// Maximum number of messages of a lane in memory while the disk rejects writes; then the oldest are dropped.
 const MAX_WITHOUT_DISK: usize = 1024;
 /// Maximum size of a file on disk, bytes (except for a single larger message).
 const FILE: usize = 256 * 1024;
@@ -72,12 +72,12 @@ pub struct Waiting {
 pub struct Spool {
     kept: Queue,
     passing: Queue,
-    /// Lane of the message returned last.
+    /// Lane of the message that `first` returned last.
     given: Option<Lane>,
 }
 
 impl Spool {
-    /// Opens the folder and loads its file list. From a file torn by a crash, the complete messages are recovered.
+    /// Opens the folder and lists its files. The complete messages of a file torn by a crash are recovered.
     ///
     /// # Errors
     /// The folder cannot be created or read.
@@ -89,12 +89,12 @@ impl Spool {
         })
     }
 
-    /// Adds a message. Never fails: if there is no room the oldest message of its lane is dropped, which [`dropped`](Self::dropped) counts.
+    /// Adds a message. Never fails: without room the oldest message of its lane is dropped, and counted in [`dropped`](Self::dropped).
     pub fn push(&mut self, message: Waiting) {
         self.lane(Lane::of(message.kind)).push(message);
     }
 
-    /// The next message to send; unchanged until [`done`](Self::done).
+    /// The next message to send; the same one until [`done`](Self::done).
     pub fn first(&mut self) -> Option<&Waiting> {
         let lane = match self.given {
             Some(lane) => lane,
@@ -116,7 +116,7 @@ impl Spool {
         }
     }
 
-    /// Number of messages dropped since the start for lack of room.
+    /// Number of messages dropped for lack of room or with damaged files since the start.
     pub fn dropped(&self) -> u64 {
         self.kept.dropped + self.passing.dropped
     }
@@ -146,8 +146,8 @@ impl Spool {
     }
 }
 
-/// A file on disk. Its name contains its number, which orders the files, and the number of its messages, so that those lost with a damaged file are
-/// counted.
+/// A file on disk. Its name contains its number, which orders the files, and the number of its messages, so that messages lost with a
+/// damaged file are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Stored {
     number: u64,
@@ -171,7 +171,7 @@ impl Stored {
     }
 }
 
-/// One lane: files, the oldest first; the messages of the oldest file; then those in memory.
+/// One lane, in the order of sending: the messages of the open file, the other files, the messages in memory.
 #[derive(Debug)]
 struct Queue {
     folder: PathBuf,
@@ -180,10 +180,10 @@ struct Queue {
     files: VecDeque<Stored>,
     /// The file whose messages are being sent, until all are done.
     open: Option<Stored>,
-    /// Remaining messages.
+    /// Remaining messages of the open file.
     front: VecDeque<Waiting>,
-    /// The message returned last, and whether it came from the open file. It is removed from the queue, so that messages dropped meanwhile cannot
-    /// be confused with it.
+    /// The message returned last, and whether it came from the open file. It is not in the queue, so that it cannot be among the messages
+    /// dropped meanwhile.
     given: Option<(Waiting, bool)>,
     /// The newest messages.
     memory: VecDeque<Waiting>,
@@ -224,7 +224,7 @@ impl Queue {
 
     fn push(&mut self, message: Waiting) {
         self.memory.push_back(message);
-        // After a disk failure, every message that does not fit triggers a retry.
+        // After a disk failure every further message retries the write.
         if self.memory.len() > MAX_IN_MEMORY {
             self.spill();
         }
@@ -234,7 +234,7 @@ impl Queue {
         }
     }
 
-    /// Moves messages from memory to files; the oldest files are removed if there is no room.
+    /// Moves messages from memory to files, and removes the oldest files if there is no room.
     fn spill(&mut self) {
         while !self.memory.is_empty() {
             let mut bytes = Vec::new();
@@ -262,7 +262,7 @@ impl Queue {
             };
             let path = self.path(file);
             if let Err(e) = std::fs::write(&path, &bytes) {
-                // A partial file may remain; its messages would be sent in addition to those still in memory.
+                // A partial file may remain, whose messages are still in memory and would be sent twice.
                 let _ = std::fs::remove_file(&path);
                 self.trouble = Some(format!("{}: {e}", path.display()));
                 return;
@@ -300,7 +300,7 @@ impl Queue {
             };
             let path = self.path(file);
             match std::fs::read(&path) {
-                // The file may still exist: it is retried, and newer messages go first.
+                // The file may still exist, so it is retried, and newer messages go first.
                 Err(e) if e.kind() != io::ErrorKind::NotFound || !self.folder.is_dir() => {
                     self.trouble = Some(format!("{}: {e}", path.display()));
                     self.files.push_front(file);
@@ -313,7 +313,7 @@ impl Queue {
         self.front.pop_front().map(|message| (message, true))
     }
 
-    /// Loads the messages of a file. Damaged messages are dropped, and so are those of another program version that have no subject here.
+    /// Loads the messages of a file. Damaged messages, and those of a kind unknown to this program version, are dropped.
     fn give_out(&mut self, file: Stored, bytes: &[u8]) {
         self.open = Some(file);
         self.trouble = None;
@@ -336,7 +336,7 @@ impl Queue {
         }
     }
 
-    /// Returns the message to its place; those of the open file are on disk anyway.
+    /// Returns the message sent last to the queue. Messages of the open file are also on disk.
     fn take_back(&mut self) {
         match self.given.take() {
             Some((message, true)) => self.front.push_front(message),
@@ -353,8 +353,8 @@ impl Queue {
     }
 }
 
-/// A file holds records with lengths and a checksum, so that a torn end is detected. Header: lengths of the kind, the id and the bytes, then eight
-/// bytes of the checksum.
+/// Length of the header of a record: lengths of the kind, the id and the bytes, then eight bytes of checksum, by which a torn end is
+/// detected.
 const HEADER: usize = 1 + 2 + 4 + 8;
 
 /// One message in a file.
@@ -384,7 +384,7 @@ fn append(file: &mut Vec<u8>, record: Record<'_>) {
     file.extend_from_slice(record.bytes);
 }
 
-/// The records of a file up to the first that is torn or damaged.
+/// The records of a file up to the first torn or damaged one.
 fn records(mut file: &[u8]) -> impl Iterator<Item = Record<'_>> {
     std::iter::from_fn(move || {
         let (header, rest) = file.split_at_checked(HEADER)?;
@@ -427,7 +427,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// A file that is cut at any byte, or has any byte changed, yields its records up to that point unchanged.
+        /// A file that is cut at any byte, or has one changed byte, yields its records before that point unchanged.
         #[test]
         fn a_damaged_file_yields_its_complete_records(
             messages in proptest::collection::vec(("[a-z]{0,9}", ".{0,20}", proptest::collection::vec(any::<u8>(), 0..40)), 0..8),

@@ -1,7 +1,7 @@
 //! Buckets and streams at the server, created by the centre.
 //!
-//! A key-value bucket is a stream by another name. It is created as a stream here, because the client's own function requires information that
-//! servers of version 2.9 do not return.
+//! A key-value bucket is a stream with a certain name. It is created as a stream, because the client's function for buckets requires
+//! information that servers of version 2.9 do not return.
 
 use std::time::Duration;
 
@@ -36,7 +36,7 @@ pub struct StreamRetention {
 }
 
 impl Default for StreamRetention {
-    /// One server; telemetry for a week up to 4 GiB for each site; audit records for a year.
+    /// One server; telemetry for a week, up to 4 GiB per site; audit records for a year.
     fn default() -> Self {
         const DAY: Duration = Duration::from_secs(86_400);
         Self {

@@ -19,7 +19,7 @@ pub enum Kind {
 impl Kind {
     pub const ALL: [Self; 4] = [Self::Ack, Self::Audit, Self::Condition, Self::Telemetry];
 
-    /// Last token of its subject.
+    /// Last token of the kind's subject.
     pub fn name(self) -> &'static str {
         match self {
             Self::Ack => "ack",
@@ -29,7 +29,7 @@ impl Kind {
         }
     }
 
-    /// The kind with this last token of its subject.
+    /// The kind whose subject ends with this token.
     pub fn with_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }

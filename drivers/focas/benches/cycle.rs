@@ -1,5 +1,5 @@
-//! A cycle against the simulator on loopback, and the same two exchanges of the same sizes with a bare echo:
-//! medians and 99th percentiles of one run, taken in turns.
+//! Duration of a cycle against the simulator on loopback, compared with two exchanges of the same sizes against a bare echo, in turns in
+//! one run: medians and 99th percentiles.
 
 use std::{
     io::{Read, Write},
@@ -15,13 +15,13 @@ use volcomp_port::Controller;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 const CYCLES: usize = 20_000;
-/// Bytes out and in of a cycle's two exchanges: positions, status, shifts, heartbeat, referenced; shifts, heartbeat.
+/// Bytes sent and received in the two exchanges of a cycle: positions, status, shifts, heartbeat, referenced; then shifts, heartbeat.
 const EXCHANGES: [(usize, usize); 2] = [(152, 370), (75, 44)];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("us                    focas     echo    ratio   goal");
     for (cores, servers_on) in [("one core", 0), ("two cores", 1)] {
-        // A scheduler that moves the other side between cores would decide the ratio.
+        // Pinned, because a scheduler that moves the servers between cores would determine the ratio.
         pin_to(servers_on)?;
         let [cycles, bare] = measure(servers_on)?;
         for (what, place, goal) in [("median", CYCLES / 2, 1.5), ("p99", CYCLES / 100 * 99, 2.0)] {
@@ -33,14 +33,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// This thread, and those that it starts from now on.
+/// Pins this thread, and threads that it starts later, to a core.
 fn pin_to(core: usize) -> Result<(), rustix::io::Errno> {
     let mut set = rustix::thread::CpuSet::new();
     set.set(core);
     rustix::thread::sched_setaffinity(None, &set)
 }
 
-/// Times of the cycles and of the bare exchanges, rising.
+/// Durations of the cycles and of the bare exchanges, ascending.
 fn measure(servers_on: usize) -> Result<[Vec<Duration>; 2], Box<dyn std::error::Error>> {
     let mut world = World::new(&['X', 'Y', 'Z']);
     world.motion = std::sync::Arc::new(|_| vec![1.0, 2.0, 3.0]);
@@ -63,7 +63,7 @@ fn measure(servers_on: usize) -> Result<[Vec<Duration>; 2], Box<dyn std::error::
         let took = begun.elapsed();
         let begun = Instant::now();
         exchange_twice(&mut echo)?;
-        // The first thousand warm up.
+        // The first thousand cycles are warm-up.
         if cycle >= 1000 {
             cycles.push(took);
             bare.push(begun.elapsed());
@@ -75,7 +75,7 @@ fn measure(servers_on: usize) -> Result<[Vec<Duration>; 2], Box<dyn std::error::
     Ok([cycles, bare])
 }
 
-/// A thread that answers requests of one size with responses of another, as the simulator's sessions do.
+/// Starts a thread that answers requests with responses of the sizes in [`EXCHANGES`].
 fn echo() -> std::io::Result<TcpStream> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let stream = TcpStream::connect(listener.local_addr()?)?;

@@ -2,8 +2,8 @@
 //!
 //!     cargo run -p volcomp-focas --example shift -- 192.0.2.10:8193 X 5
 //!
-//! Without arguments a simulated control is shifted. On a real control: drives off, and only after reading in its manual
-//! where shifts are taken from; R100 and the heartbeat at R120 are examples.
+//! Without arguments a simulated control is shifted. On a real control: drives off, and only after checking in its manual from which words
+//! shifts are taken; R100 and the heartbeat at R120 are examples.
 
 use std::{
     error::Error,
@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let applied = controller.read(soon())?.applied.unwrap_or_default();
         let found = Mm(applied[0]).to_um();
         println!("{axis} is shifted by {found:.1}");
-        // To the nearest count of 1 µm.
+        // The shift is rounded to counts of 1 µm.
         assert!((found - shift).abs() <= Um(0.5 + 1e-9));
     }
     Ok(())

@@ -1,4 +1,4 @@
-//! Determines in which form a control accepts the requests of a cycle. Nothing is written.
+//! Determines the request forms that a control accepts in a cycle. Nothing is written.
 
 use std::time::Instant;
 
@@ -13,8 +13,8 @@ use crate::{
     session::Session,
 };
 
-/// Tries the form with the fewest exchanges first; if the control rejects it, determines each ability separately. A request that is rejected in
-/// every form is reported with the control's return code.
+/// Tries the form with the fewest exchanges first; if the control rejects it, determines each ability separately. The error for a request
+/// that is rejected in every form has the control's return code.
 pub(crate) fn find(
     session: &mut Session,
     config: &FocasConfig,
@@ -63,7 +63,7 @@ struct FormProbe<'a> {
 }
 
 impl FormProbe<'_> {
-    /// True if every frame of a read is answered completely.
+    /// Whether the control answers every frame of a read completely.
     fn accepts_all(&mut self, abilities: Abilities) -> Result<bool, FocasError> {
         let exchanges = plan::reads(self.config, self.axes, abilities)?;
         let request = "reading all that a cycle needs";
@@ -71,7 +71,7 @@ impl FormProbe<'_> {
             .map(|refused| refused.is_none())
     }
 
-    /// True if a command is answered.
+    /// Whether the control answers a command.
     fn accepts(&mut self, item: ReadItem) -> Result<bool, FocasError> {
         self.refusal_of(item).map(|refused| refused.is_none())
     }
@@ -90,8 +90,8 @@ impl FormProbe<'_> {
         self.refusal(&[exchange], &item.words(self.config))
     }
 
-    /// Why the control does not answer as required: it rejects the request, or returns less than requested. Everything else is an error, including
-    /// a busy control.
+    /// Why the control does not answer as required: it rejects the request, or returns less data than requested. Other failures are errors,
+    /// including a busy control.
     fn refusal(
         &mut self,
         exchanges: &[Exchange<ReadItem>],

@@ -1,4 +1,4 @@
-//! Responses of the control about itself, and their decoding.
+//! Decoding of the control's responses about itself.
 
 use crate::frame::{FrameError, number};
 
@@ -42,7 +42,7 @@ impl PositionKind {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SystemInfo {
-    /// Number of slots in responses about all axes.
+    /// Number of axis slots in responses about all axes.
     pub max_axes: u16,
     /// The type of control, such as ` 0` or `31`.
     pub cnc_type: String,

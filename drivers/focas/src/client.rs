@@ -40,7 +40,7 @@ impl Client {
         self.session
     }
 
-    /// Selects another path of the control than the first.
+    /// Selects a path of the control other than the first.
     #[must_use]
     pub fn with_path(self, path: u16) -> Self {
         Self { path, ..self }
@@ -215,9 +215,9 @@ impl Client {
 
     /// Sets a work offset of an axis, counted from 0, with three decimals: mm or deg.
     ///
-    /// It does not replace a zero point shift: a work offset is reported to take effect only when blocks are read ahead. A public description of
-    /// the protocol documents this request only for G54 of the X axis, with a delayed read-back, and not for the external offset or other axes.
-    /// This client has been tested only against its own simulator.
+    /// A work offset does not replace a zero point shift: it reportedly takes effect only when blocks are read ahead. A public description
+    /// of the protocol documents this request only for G54 of the X axis, with a delayed read-back. This client has been tested only
+    /// against its own simulator.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -230,7 +230,7 @@ impl Client {
         let axis = i32::try_from(axis + 1).unwrap_or(i32::MAX);
         let args = [number, number, axis, 0, 8];
         let [a, b, c, d, ..] = number_bytes(value, 3);
-        // As in that description: the mantissa alone, exponent ffff.
+        // As in the public description: the mantissa alone, exponent ffff.
         let data = [a, b, c, d, 0, 0, 0xff, 0xff];
         self.request(function::WRITE_OFFSET, args, &data, "writing a work offset")?;
         Ok(())
@@ -252,7 +252,7 @@ impl Client {
         slot(values, axis.unwrap_or(0)).map_err(|e| broken("reading a parameter", e))
     }
 
-    /// Reads an integer parameter of the control; the inner error states why the control does not report it.
+    /// Reads an integer parameter of the control. The inner error is the control's reason for not reporting it.
     ///
     /// # Errors
     /// See [`FocasError`]: no response.
@@ -277,9 +277,8 @@ impl Client {
         }))
     }
 
-    /// The PMC words from which the control takes the machine zero point shift of its axes, by parameters 1203#0 and 1280, whose meaning is from
-    /// memory of manuals. If the control rejects the request, or returns something that is not an address, the source is unknown, which is not an
-    /// error.
+    /// The PMC words from which the control takes the machine zero point shift of its axes, by parameters 1203#0 and 1280 (meaning from
+    /// memory of manuals). The source is unknown, without an error, if the control rejects the request or reports no valid address.
     ///
     /// # Errors
     /// See [`FocasError`]: no response.

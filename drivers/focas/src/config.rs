@@ -37,7 +37,7 @@ impl Shift {
         }
     }
 
-    /// The same shifts in two-byte words, as frames to a barrier contain them.
+    /// The same shifts in two-byte words, as in frames to a barrier.
     pub(crate) fn in_words(self) -> Self {
         Self {
             width: Width::Word,
@@ -65,28 +65,28 @@ pub struct FocasConfig {
     pub channel: String,
     /// The axes to correct, in channel order.
     pub axes: Vec<AxisName>,
-    /// Axes whose positions are only read. If `axes` is empty, `referenced` is the only PMC memory used.
+    /// Axes whose positions are only read. Without `axes`, the only PMC memory that the driver accesses is `referenced`.
     pub reads: Vec<AxisName>,
     /// Where corrections are written.
     pub shift: Shift,
-    /// Byte that every correction increments, for monitoring by the ladder; `None` without monitoring.
+    /// Byte that every correction increments and the ladder monitors; `None` without monitoring.
     pub heartbeat: Option<PmcAddress>,
-    /// Byte that is written last in every correction and counts up. A ladder that copies the shifts does so when this byte has changed, and thus
-    /// takes all axes together.
+    /// Byte that is written last in every correction and counts up. A ladder that copies the shifts when this byte changes takes all axes
+    /// together.
     pub sequence: Option<PmcAddress>,
-    /// Memory of a barrier in the ladder: frames to it and reports from it. Corrections are then passed by `post` and not by `apply`; heartbeat and
-    /// sequence byte are unused, and the words of `shift` belong to the ladder: the driver never writes them.
+    /// Memory of a barrier in the ladder: its frames and reports. Corrections are then sent by `post`, not by `apply`; heartbeat and
+    /// sequence byte are unused, and the driver never writes the words of `shift`, which belong to the ladder.
     pub barrier: Option<BarrierArea>,
-    /// True if a ladder copies the words of `shift` to those from which the control takes the shift. Otherwise the control takes it from the words
-    /// of `shift` directly, and its parameters must agree.
+    /// Whether a ladder copies the words of `shift` to those from which the control takes the shift. Otherwise the control takes it from
+    /// the words of `shift`, and its parameters must agree.
     pub copied: bool,
     /// Coordinate system in which positions are read.
     pub positions: PositionKind,
-    /// True if the positions that the control reports include the shift.
+    /// Whether reported positions include the shift.
     pub includes_correction: bool,
-    /// Byte whose bits state which axes are referenced, the control's first axis lowest; `None`: all are assumed to be referenced.
+    /// Byte with a bit for each referenced axis, the control's first axis lowest; `None`: all axes are assumed to be referenced.
     pub referenced: Option<PmcAddress>,
-    /// Timeout for connecting, and for each request before the first cycle.
+    /// Timeout for connecting, and for each request until the first cycle.
     pub at_most: Duration,
     /// Delay between two connection attempts.
     pub backoff: Backoff,
@@ -95,8 +95,8 @@ pub struct FocasConfig {
 impl FocasConfig {
     /// Shifts in words of 1 µm and 0.001 deg from R100, a heartbeat at R120, referenced axes in F120.
     ///
-    /// The addresses are examples. That a shift from R memory is enabled (parameters 1203#0 and 1280) and that F120 reports the referenced axes is
-    /// unverified: see the control's manual.
+    /// The addresses are examples. It is unverified that a shift from R memory is enabled (parameters 1203#0 and 1280) and that F120
+    /// reports the referenced axes: see the control's manual.
     pub fn new(host: impl Into<String>, axes: &[AxisName]) -> Self {
         let address = |area, at| PmcAddress { area, at };
         Self {
@@ -124,8 +124,7 @@ impl FocasConfig {
         }
     }
 
-    /// Resolution of an axis's position as reported by the control: the third decimal of mm and deg, or the count of its corrections if that is
-    /// coarser.
+    /// Resolution of the reported positions of an axis: 0.001 mm or 0.001 deg, or the count of its corrections if that is coarser.
     pub fn position_step(&self, name: AxisName) -> Displacement {
         let decimal = match name.kind() {
             AxisKind::Linear => POSITION_STEP,
@@ -182,13 +181,14 @@ impl FocasConfig {
         Ok(description)
     }
 
-    /// Two memory blocks of this configuration that overlap; `None` without an overlap, or if the configuration is invalid otherwise.
+    /// The first two overlapping memory blocks of this configuration; `None` without an overlap, or if the configuration is invalid
+    /// otherwise.
     pub fn overlap(&self) -> Option<[Block; 2]> {
         overlap_within(self)
     }
 
-    /// Two overlapping memory blocks, one of each configuration for the same control, of which at least one is written; `None` without an
-    /// overlap, or if the controls differ.
+    /// Two overlapping memory blocks, one of each configuration, at least one of them written; `None` without an overlap, or if the
+    /// controls differ.
     pub fn overlap_with(&self, other: &Self) -> Option<[Block; 2]> {
         let is_same = self.host.eq_ignore_ascii_case(&other.host) && self.port == other.port;
         is_same.then(|| overlap_between(self, other)).flatten()
@@ -198,7 +198,7 @@ impl FocasConfig {
 #[derive(Clone, Copy)]
 struct MemoryUse {
     block: Block,
-    /// True if this driver writes the block.
+    /// Whether this driver writes the block.
     written: bool,
 }
 
@@ -207,8 +207,8 @@ const FRAME: &str = "the words of the frame";
 const REPORT: &str = "the words of the report";
 const REFERENCED: &str = "the byte of the referenced axes";
 
-/// Memory blocks of a configuration; its shift words cover `slots` axes of the control. With a barrier, the shift words belong to the ladder, and
-/// there is no heartbeat or sequence byte.
+/// Memory blocks of a configuration, with shift words for `slots` axes of the control. With a barrier, the shift words belong to the
+/// ladder, and heartbeat and sequence byte are unused.
 fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError> {
     let axes = config.axes.len();
     let plain = config.barrier.is_none();
@@ -225,7 +225,7 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError
     let shifts = (axes > 0).then_some(first);
     let (byte, word) = (Width::Byte, Width::Word);
     let mut found = Vec::new();
-    // Key, description, first byte, words and their width, written by this driver.
+    // Key, description, first byte, number of words, their width, whether this driver writes them.
     for (key, what, at, points, width, written) in [
         ("barrier.frame", FRAME, frame, frame_words, word, true),
         ("barrier.report", REPORT, report, report_words, word, false),
@@ -235,7 +235,7 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError
         ("area.first", SHIFTS, shifts, slots, width, plain),
     ] {
         let Some(first) = at else { continue };
-        // The report is written by the ladder.
+        // The ladder writes the report.
         if (written || what == REPORT) && !first.area.is_of_ladder() {
             return Err(FocasError::NotWritable { key, at: first });
         }
@@ -260,7 +260,7 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<MemoryUse>, FocasError
     Ok(found)
 }
 
-/// Checks the words of a control's first `slots` axes, frame, report and special bytes: written bytes must exist and be writable, and no blocks may
+/// Checks the memory blocks, with shift words for `slots` axes of the control: written bytes must exist and be writable, and no blocks may
 /// overlap.
 pub(crate) fn check(config: &FocasConfig, slots: usize) -> Result<(), FocasError> {
     match overlap(&used(config, slots)?) {
@@ -269,7 +269,7 @@ pub(crate) fn check(config: &FocasConfig, slots: usize) -> Result<(), FocasError
     }
 }
 
-/// The first two blocks of a configuration that overlap.
+/// The first two overlapping blocks of a configuration.
 fn overlap_within(config: &FocasConfig) -> Option<[Block; 2]> {
     overlap(&used(config, config.axes.len()).ok()?)
 }
@@ -291,8 +291,8 @@ pub(crate) fn check_disjoint(one: &Block, other: &Block) -> Result<(), FocasErro
     })
 }
 
-/// Blocks of a configuration, for `slots` axes, from which the control must not take shifts if a ladder copies them. With a barrier, the words of
-/// `shift` are excluded, because they are known only from the control.
+/// Blocks of a configuration, with shift words for `slots` axes, from which the control must not take shifts if a ladder copies them. With
+/// a barrier the shift words are excluded, because only the control reports where they are.
 pub(crate) fn without_axis_words(
     config: &FocasConfig,
     slots: usize,
@@ -302,7 +302,7 @@ pub(crate) fn without_axis_words(
     Ok(blocks.filter(|block| !of_ladder(block)).collect())
 }
 
-/// The first pair of overlapping blocks of two configurations of which one is written, if any.
+/// The first pair of overlapping blocks, one of each configuration, at least one of them written.
 fn overlap_between(one: &FocasConfig, other: &FocasConfig) -> Option<[Block; 2]> {
     let blocks = |config: &FocasConfig| used(config, config.axes.len()).unwrap_or_default();
     let (ours, theirs) = (blocks(one), blocks(other));

@@ -11,7 +11,7 @@ use crate::{
     plan::Abilities,
 };
 
-/// A corrected control. A separate thread connects and reconnects.
+/// A control whose axes are corrected. A separate thread connects and reconnects.
 pub struct FocasController {
     description: Description,
     supply: Supply<Link>,
@@ -51,7 +51,7 @@ impl FocasController {
     /// Waits for the first connection.
     ///
     /// # Errors
-    /// The reason why the connection failed; if the control rejects it, with its return code and meaning.
+    /// Why the connection failed; if the control rejected it, with the return code and its meaning.
     pub fn wait(&mut self, at_most: Duration) -> Result<(), DeviceError> {
         self.supply.wait(at_most).map(|_| ())
     }
@@ -61,13 +61,13 @@ impl FocasController {
         self.supply.opened()
     }
 
-    /// The reason why there is no connection. It takes a lock, so do not call it in a cycle.
+    /// Why there is no connection. Takes a lock: not for a cycle.
     pub fn last_error(&self) -> Option<DeviceError> {
         self.supply.last_error()
     }
 
-    /// Properties that the control reported at the start of the present connection; `None` without a connection. It allocates, so do not call it in
-    /// a cycle.
+    /// Properties that the control reported at the start of the present connection; `None` without a connection. Allocates: not for a
+    /// cycle.
     pub fn inspection(&mut self) -> Option<Inspection> {
         self.supply.current().ok().map(|link| link.found().clone())
     }

@@ -37,7 +37,7 @@ pub enum FocasError {
     /// A request timed out, or its response is unreadable.
     #[error("{request}: {source}")]
     Failed { request: String, source: Fault },
-    /// The control takes the shift words directly, so they must have two bytes for each axis.
+    /// The control takes the shift words without a ladder, so they must have two bytes for each axis.
     #[error(
         "area.width: found {}, expected 2: the control takes two bytes for each axis; or area.copied = true, where a ladder copies the words on",
         .0.bytes()
@@ -57,7 +57,7 @@ pub enum FocasError {
         if one.first == one.last { "lies within" } else { "overlap" }
     )]
     Overlap {
-        /// The block that overlaps the other.
+        /// The other overlapping block.
         one: Block,
         other: Block,
     },
@@ -68,7 +68,7 @@ pub enum FocasError {
         key: &'static str,
         at: PmcAddress,
     },
-    /// Words would end beyond the largest address of an area.
+    /// Words extend beyond the largest address of an area.
     #[error(
         "{key}: found {first} for {points} words of {bytes} bytes each, expected words that end at byte 65535 at the latest"
     )]
@@ -79,7 +79,7 @@ pub enum FocasError {
         points: usize,
         bytes: u16,
     },
-    /// A parameter shows that the control does not take shifts from the configured words.
+    /// A parameter of the control makes it take shifts from other words than the configured ones.
     #[error("parameter {parameter} of the control ({meaning}): found {found}, expected {expected}")]
     Parameter {
         parameter: &'static str,
@@ -97,7 +97,7 @@ pub enum FocasError {
 }
 
 impl FocasError {
-    /// Adds the request to a fault of an exchange.
+    /// Converts a fault of an exchange to an error that names the request.
     pub(crate) fn in_request(request: impl Into<String>, fault: Fault) -> Self {
         let request = request.into();
         match fault {
@@ -109,7 +109,6 @@ impl FocasError {
         }
     }
 
-    /// Advice on how to remedy the error.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Resolve { .. } | Self::NoAddress(_) => "check the host",

@@ -1,4 +1,4 @@
-//! Frames of the protocol in both directions, big-endian, according to public captures and descriptions. Only the construction of requests and
+//! Frames of the protocol in both directions, big-endian, according to public captures and descriptions. Only building requests and
 //! responses allocates.
 
 /// Length of a frame's header, bytes.
@@ -9,7 +9,7 @@ const SYNC: [u8; 4] = [0xa0; 4];
 const REQUEST_VERSION: u16 = 1;
 /// Length of a command without data, bytes.
 const COMMAND: usize = 0x1c;
-/// Length of a block without data, as in a rejection, bytes.
+/// Length of a block without data, bytes.
 const BLOCK: usize = 16;
 
 /// Type of a frame.
@@ -125,7 +125,7 @@ pub enum Target {
     Pmc = 2,
 }
 
-/// One command of a request. The fifth argument is the length of `data` on a write.
+/// One command of a request. For a write, the fifth argument is the length of `data`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command<'a> {
     /// The addressed part of the control.
@@ -145,13 +145,13 @@ pub struct Request {
     commands: Vec<Sent>,
 }
 
-/// Fields of a command that a response must repeat.
+/// Fields of a command that its response must repeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Sent {
     target: u16,
     path: u16,
     function: u16,
-    /// Offset of its data in the frame.
+    /// Offset of the command's data in the frame.
     data: usize,
 }
 
@@ -271,7 +271,7 @@ impl<'a> Blocks<'a> {
         let error = i16::from_be_bytes([head[8], head[9]]);
         let length = usize::from(number(14));
         let data = block.get(BLOCK..).ok_or(CUT)?;
-        // A rejection may state a length without data.
+        // A rejection may contain a length without data.
         let data = match data.get(..length) {
             Some(data) => data,
             None if error != 0 => &[],

@@ -1,4 +1,4 @@
-//! An open session with the requests of a cycle, in the form that the control accepts.
+//! An open session with the requests of a cycle in the form that the control accepts.
 
 use std::{
     thread,
@@ -20,11 +20,11 @@ use crate::{
     session::Session,
 };
 
-/// Maximum time that data sent in a cycle may stay unacknowledged: longer than the deadline of any cycle, but short compared with the time after
-/// which an outdated correction would do harm. It applies even while the program is stopped.
+/// Maximum time that data sent in a cycle may stay unacknowledged: longer than the deadline of any cycle, but too short for an outdated
+/// correction to do harm. The kernel enforces it even while the program is stopped.
 const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_millis(250);
 
-/// Properties that a control reports when it is connected with a configuration.
+/// Properties that a control reports when a session is opened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Inspection {
     /// Protocol version of the control's responses: 2, 3 or 4 by its generation.
@@ -35,10 +35,10 @@ pub struct Inspection {
     pub shift_source: ShiftSource,
     /// Request forms that the control accepts in a cycle.
     pub abilities: Abilities,
-    /// Notes that are not errors, in words.
+    /// Remarks that are not errors.
     pub notes: Vec<String>,
-    /// Reports of the control's barrier with their reading times, two that are one second apart: the scan time follows from the difference of their
-    /// ticks. Empty without a barrier in the configuration, or if the control did not report it.
+    /// Two reports of the control's barrier with their reading times, one second apart: their ticks give the scan time. Empty without a
+    /// barrier in the configuration, or if the control did not report them.
     pub reports: Vec<(Instant, Words)>,
 }
 
@@ -54,14 +54,14 @@ pub(crate) struct Link {
     has_barrier: bool,
     reads: Vec<Exchange<ReadItem>>,
     writes: Vec<Exchange<WriteItem>>,
-    /// The heartbeat at the control: last written, or before that last read.
+    /// The heartbeat at the control: the value last written or, before the first write, last read.
     heartbeat: Option<u8>,
-    /// The last sequence number: last written, or before that last read.
+    /// The sequence number last written or, before the first write, last read.
     sequence: u8,
 }
 
 impl Link {
-    /// Opens a session, finds the axes of the control and the request forms it accepts, and compares its parameters with the configuration.
+    /// Opens a session, finds the axes and the accepted request forms, and compares the control's parameters with the configuration.
     pub(crate) fn open(config: &FocasConfig) -> Result<Self, FocasError> {
         let client = Client::open(&config.host, config.port, config.at_most)?;
         let mut client = client.with_path(config.path);
@@ -80,7 +80,7 @@ impl Link {
             client.integer_parameter(program)?,
         ])?);
         let sequence = match config.sequence.filter(|_| config.barrier.is_none()) {
-            // Continue from the present value, so that the ladder detects the first correction too.
+            // Continue from the present value, so that the ladder also detects the first correction.
             Some(address) => client.read_pmc(address.area, address.at, 1)?,
             None => Vec::new(),
         };
@@ -119,7 +119,7 @@ impl Link {
         self.found.abilities
     }
 
-    /// True if a new session is needed.
+    /// Whether a new session is needed.
     pub(crate) fn is_dead(&self) -> bool {
         self.session.is_dead()
     }
@@ -127,7 +127,7 @@ impl Link {
     pub(crate) fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         let (session, applied) = (&mut self.session, self.applied);
         let reading = reading::read(session, &self.reads, &self.axes, applied, deadline)?;
-        // No other client may change the heartbeat.
+        // A changed heartbeat means that another gateway writes it.
         let before = self.heartbeat;
         self.heartbeat = reading.heartbeat.or(before);
         match (before, reading.heartbeat) {
@@ -205,7 +205,8 @@ impl Link {
             let has_heartbeat = (self.writes[index].parts.iter())
                 .any(|part| matches!(part, WriteItem::Heartbeat(_)));
             if has_heartbeat {
-                // Unknown until the exchange succeeds, so that a failed one is not mistaken for a change by another client.
+                // Unknown until the exchange succeeds: after a failed one, the value at the control must not be taken for that of another
+                // client.
                 self.heartbeat = None;
             }
             self.send(index, deadline)?;
@@ -216,8 +217,8 @@ impl Link {
         Ok(())
     }
 
-    /// Sends one exchange of a write. If an earlier exchange of the same write was sent and this one would miss the deadline, the session is
-    /// aborted, because the control must not continue with half a write.
+    /// Sends one exchange of a write. If its deadline has passed after an earlier exchange of the same write, the session is aborted,
+    /// because the control must not continue with half a write.
     fn send(&mut self, index: usize, deadline: Instant) -> Result<(), Fault> {
         match self.session.exchange(&self.writes[index].request, deadline) {
             Ok(blocks) => {
@@ -236,16 +237,16 @@ impl Link {
     }
 }
 
-/// Timeout of the reading.
+/// Timeout of the reading in [`inspect`].
 const READ_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Time between two reports of a barrier.
 const REPORT_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Connects, makes every check that is made before the first correction, reads once, and disconnects. Nothing is written.
+/// Connects, makes all checks that precede the first correction, reads once, and disconnects. Nothing is written.
 ///
 /// # Errors
-/// The first failed check: no connection, a missing axis, a parameter that disagrees, a rejected request.
+/// The first failed check: no connection, a missing axis, a parameter that does not match, a rejected request.
 pub fn inspect(config: &FocasConfig) -> Result<Inspection, FocasError> {
     config.describe()?;
     let mut link = Link::open(config)?;
@@ -288,7 +289,7 @@ fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, F
         .chain(&config.reads)
         .map(planned)
         .collect::<Result<_, FocasError>>()?;
-    // The control has a word for each of its axes, corrected or not, so the words extend further than the description assumed.
+    // The control has a word for each of its axes, corrected or not, so the words extend further than those of the corrected axes.
     config::check(config, names.len())?;
     Ok(axes)
 }

@@ -21,19 +21,19 @@ pub struct MapPlaces {
 }
 
 impl MapPlaces {
-    /// Number of the byte after the end of buffer 0 or 1.
+    /// Number of the byte after the end of a buffer, 0 or 1.
     fn end(&self, buffer: u16) -> usize {
         usize::from(self.buffers.at) + 2 * self.capacity * (usize::from(buffer) + 1)
     }
 
-    /// True if both buffers are within the addresses that a request can represent.
+    /// Whether both buffers are within the addresses that a request can represent.
     pub fn fits(&self) -> bool {
         self.end(1) <= usize::from(u16::MAX) + 1
     }
 }
 
-/// An open session that transfers a map to the PMC. Every exchange has a timeout; after a failed one the state of the session is undefined, so drop
-/// it.
+/// An open session that transfers a map to the PMC. Every exchange has a timeout. After a failed exchange the state of the session is
+/// undefined: drop it.
 pub struct MapWords {
     client: Client,
     places: MapPlaces,
@@ -82,7 +82,7 @@ impl MapWords {
         self.read(self.places.buffers, skip, count)
     }
 
-    /// Reads words from an offset in bytes after an address.
+    /// Reads the words at `from`, after an offset in bytes.
     fn read(
         &mut self,
         from: PmcAddress,
@@ -96,7 +96,7 @@ impl MapWords {
         );
         while at < end {
             let count = (end - at).min(MAX_READ_BYTES);
-            // The control rejects the largest address if it is beyond what a request can represent.
+            // An offset beyond the addresses of a request is replaced by the largest address, which the control rejects.
             let first = u16::try_from(at).unwrap_or(u16::MAX);
             let length = u16::try_from(count).unwrap_or(u16::MAX);
             let bytes = self.client.read_pmc(from.area, first, length)?;

@@ -1,9 +1,9 @@
-//! Parameters of the control that must agree with the configuration: the source of the machine zero point shift and the unit of positions.
+//! Parameters of the control that must match the configuration: the source of the machine zero point shift and the unit of positions.
 //!
-//! Parameter 1203#0 states whether the extended external machine zero point shift is in use, parameter 1280 where its words begin in R, two bytes
-//! for each axis of the control. Parameter 1001#0 (INM) states whether the machine system counts in inches, 3104#0 (MCN) whether positions are
-//! reported in the unit of the program, and 0#2 (INI) which unit that is at present. All are from memory of manuals and were not verified on a real
-//! control, so a control that does not report them is accepted.
+//! Parameter 1203#0: whether the extended external machine zero point shift is in use. Parameter 1280: first R address of its words, two
+//! bytes for each axis of the control. Parameter 1001#0 (INM): whether the machine coordinate system counts in inches. Parameter 3104#0
+//! (MCN): whether positions are reported in the unit of the program; 0#2 (INI): that unit. The meanings are from memory of manuals, not
+//! verified on a real control, so a control that does not report the parameters is accepted.
 
 use crate::{
     config::{FocasConfig, check_disjoint, without_axis_words},
@@ -11,7 +11,7 @@ use crate::{
     pmc::{Block, PmcAddress, PmcArea},
 };
 
-/// Parameter whose lowest bit states whether the extended external machine zero point shift is in use.
+/// Parameter whose lowest bit enables the extended external machine zero point shift.
 pub(crate) const SHIFT_IN_USE: i32 = 1203;
 /// Parameter with the first R address of the shift words.
 pub(crate) const SHIFT_FIRST: i32 = 1280;
@@ -23,12 +23,12 @@ pub enum ShiftSource {
     /// Reported by the control.
     #[cfg_attr(feature = "serde", serde(rename = "Told"))]
     Reported {
-        /// True if the extended external machine zero point shift is in use (parameter 1203#0).
+        /// Whether the extended external machine zero point shift is in use (parameter 1203#0).
         in_use: bool,
         /// First byte of the words in R, two bytes for each axis (parameter 1280).
         first: u32,
     },
-    /// Not reported by the control: it is too old for the request, or lacks the option.
+    /// The control does not report the parameters: it is too old for the request, or lacks the option.
     #[cfg_attr(feature = "serde", serde(rename = "Untold"))]
     Unreported {
         /// The reason, in words.
@@ -37,10 +37,10 @@ pub enum ShiftSource {
 }
 
 impl ShiftSource {
-    /// Compares the reported source with a configuration; returns notes if there is no conflict.
+    /// Compares the reported source with a configuration. Returns remarks if there is no conflict.
     ///
     /// # Errors
-    /// The parameter that makes the control take the shift from other words than configured; or source words that overlap the configured
+    /// The parameter by which the control takes the shift from other words than configured; or source words that overlap the configured
     /// ones although a ladder must copy them.
     pub(crate) fn check(
         &self,
@@ -124,10 +124,10 @@ impl ShiftSource {
 /// Parameters of which one bit determines the unit of reported positions.
 pub(crate) const UNIT_NUMBERS: [i32; 3] = [1001, 3104, 0];
 
-/// Checks the reported values of [`UNIT_NUMBERS`] against mm, the unit of the configuration; returns notes if there is no conflict.
+/// Checks the reported values of [`UNIT_NUMBERS`]: positions must be in mm. Returns remarks if there is no conflict.
 ///
 /// # Errors
-/// The parameter by which positions are, or may become, inches.
+/// The parameter by which positions are, or may become, in inches.
 pub(crate) fn check_units(reported: &[Result<u32, String>; 3]) -> Result<Vec<String>, FocasError> {
     let [inch_machine, in_unit_of_program, program] = reported;
     let is_set =

@@ -1,4 +1,4 @@
-//! Exchanges of a cycle: its reads and writes, packed into frames as the control accepts them.
+//! The reads and writes of a cycle, packed into frames in the form that the control accepts.
 
 use volcomp_vocabulary::AxisKind;
 
@@ -25,14 +25,14 @@ pub enum Packing {
 pub struct Abilities {
     /// How commands may be packed into frames.
     pub packing: Packing,
-    /// True if a command may address a range of PMC memory, not only one point.
+    /// Whether a command may address a range of PMC memory, not only one point.
     pub ranges: bool,
-    /// True if one command can read the positions of all axes, not only of one.
+    /// Whether one command can read the positions of all axes, not only of one.
     pub all_axes: bool,
 }
 
 impl Abilities {
-    /// The abilities that most controls have and that need the fewest exchanges.
+    /// Abilities of most controls: the fewest exchanges.
     pub(crate) const ALL: Self = Self {
         packing: Packing::OneFrame,
         ranges: true,
@@ -40,7 +40,7 @@ impl Abilities {
     };
 }
 
-/// A corrected or read-only axis with its place in the control. In every list the corrected axes come first.
+/// A corrected or read-only axis, and its index in the control. Corrected axes come first in every list.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlannedAxis {
     /// Index among the control's axes, from 0.
@@ -50,7 +50,7 @@ pub(crate) struct PlannedAxis {
     pub(crate) count: f64,
 }
 
-/// Consecutive words that are read and written together: shifts of slots, or words of a frame or a report.
+/// Consecutive words that are read or written together: shifts of slots, or words of a frame or a report.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Run {
     pub(crate) first: usize,
@@ -91,7 +91,7 @@ pub(crate) enum WriteItem {
     Frame(Run),
 }
 
-/// A frame of a cycle, with the purposes of its commands in order.
+/// A frame of a cycle, and the meaning of each of its commands in order.
 #[derive(Debug)]
 pub(crate) struct Exchange<T> {
     pub(crate) request: Request,
@@ -162,7 +162,7 @@ impl ReadItem {
     }
 }
 
-/// Runs of the corrected axes' slots; neighbours are joined if ranges are accepted.
+/// Runs of the corrected axes' slots; adjacent slots are joined if `ranges` are accepted.
 pub(crate) fn runs(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<Run> {
     let corrected = axes.iter().take(config.axes.len());
     let mut slots: Vec<usize> = corrected.map(|axis| axis.slot).collect();
@@ -190,7 +190,7 @@ pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<ReadItem> {
     }
 }
 
-/// Words with the applied correction: the shifts, or the report of the barrier; joined if ranges are accepted.
+/// Reads of the words with the applied correction: the shifts, or the report of the barrier; joined if `ranges` are accepted.
 pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<ReadItem> {
     if config.barrier.is_none() {
         let runs = runs(config, axes, ranges).into_iter();
@@ -200,7 +200,7 @@ pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) ->
     words.into_iter().map(ReadItem::Report).collect()
 }
 
-/// Runs over `words` words from the first; a single one if ranges are accepted.
+/// Runs that cover the first `words` words: a single one if `ranges` are accepted.
 fn in_runs(words: usize, ranges: bool) -> Vec<Run> {
     let run = |first, count| Run { first, count };
     if ranges {
@@ -210,16 +210,16 @@ fn in_runs(words: usize, ranges: bool) -> Vec<Run> {
     }
 }
 
-/// Further bytes of PMC memory to read.
+/// Reads of further bytes of PMC memory.
 pub(crate) fn bytes(config: &FocasConfig) -> Vec<ReadItem> {
-    // The heartbeat matters only if this driver writes it.
+    // The heartbeat is read only if this driver writes it.
     let writes = config.barrier.is_none() && !config.axes.is_empty();
     let heartbeat = config.heartbeat.filter(|_| writes).map(ReadItem::Heartbeat);
     let referenced = config.referenced.map(ReadItem::Referenced);
     heartbeat.into_iter().chain(referenced).collect()
 }
 
-/// Frames of a read. Positions come first, so that their time is known best.
+/// Frames of a read. Positions come first, so that their time is the least uncertain.
 pub(crate) fn reads(
     config: &FocasConfig,
     axes: &[PlannedAxis],
@@ -253,7 +253,7 @@ pub(crate) fn read(
     })
 }
 
-/// Frames of a write: shifts, then heartbeat, then sequence; or the frame for the barrier, whose checksum is last.
+/// Frames of a write: shifts, then heartbeat, then sequence; or the frame for the barrier, which ends with its checksum.
 pub(crate) fn writes(
     config: &FocasConfig,
     axes: &[PlannedAxis],
@@ -283,7 +283,7 @@ pub(crate) fn writes(
 }
 
 fn write(config: &FocasConfig, parts: &[WriteItem]) -> Result<Exchange<WriteItem>, FrameError> {
-    // Replaced in every cycle; no control has more than 32 axes.
+    // Placeholder that every cycle overwrites; no control has more than 32 axes.
     let room = [0_u8; 4 * 32];
     let mut commands = Vec::new();
     for part in parts {
@@ -322,7 +322,7 @@ fn word_args(first: PmcAddress, run: Run, written: usize) -> [i32; 5] {
     run_args(first, Width::Word, run, written)
 }
 
-/// First and last byte, area, width, and the length of the written data.
+/// Arguments of a PMC command: first byte, last byte, area, width, length of the written data.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_possible_wrap,
@@ -335,7 +335,7 @@ fn run_args(from: PmcAddress, width: Width, run: Run, written: usize) -> [i32; 5
     [first, last, from.area as i32, width.code(), written as i32]
 }
 
-/// First byte of the report; without a barrier that of the shift words, which is not requested then.
+/// First byte of the report; without a barrier that of the shift words, because the report is not requested then.
 fn report_area(config: &FocasConfig) -> PmcAddress {
     config
         .barrier

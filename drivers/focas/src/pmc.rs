@@ -44,13 +44,13 @@ impl PmcArea {
         Self::D,
     ];
 
-    /// True if the area is the ladder's own memory, which has no meaning to the control or the machine until the ladder assigns one. Only there may
-    /// an external program write, and may a barrier report be.
+    /// Whether the area is the ladder's own memory, which has no meaning to the control or the machine until the ladder assigns one.
+    /// External programs may write only there, and barrier reports must be there.
     pub fn is_of_ladder(self) -> bool {
         matches!(self, Self::R | Self::D)
     }
 
-    /// Description of an area that is not the ladder's own memory.
+    /// Content of an area that is not the ladder's own memory, for messages.
     pub(crate) fn holds(self) -> &'static str {
         match self {
             Self::G => {
@@ -131,7 +131,7 @@ impl fmt::Display for PmcAddress {
     }
 }
 
-/// Addresses of a barrier's frames and reports in PMC memory. Both are consecutive two-byte words, low byte first, as the PMC stores numbers.
+/// Addresses of a barrier's frames and reports in PMC memory. Both are consecutive two-byte words, low byte first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BarrierArea {
@@ -142,22 +142,22 @@ pub struct BarrierArea {
 }
 
 impl BarrierArea {
-    /// Number of words in a frame for `axes` axes: epoch, tick, sequence, owner, a value for each axis, two of a checksum.
+    /// Number of words in a frame for `axes` axes: epoch, tick, sequence, owner, a value per axis, two words of checksum.
     pub const fn frame_words(axes: usize) -> usize {
         4 + axes + 2
     }
 
-    /// Number of words in a report for `axes` axes: a header of eight, three for each axis, two of a checksum.
+    /// Number of words in a report for `axes` axes: eight of header, three per axis, two of checksum.
     pub const fn report_words(axes: usize) -> usize {
         8 + 3 * axes + 2
     }
 }
 
-/// A block of PMC memory with its purpose.
+/// A block of PMC memory and its purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// Configuration key that defines its address: `area.first`, `heartbeat`, `sequence`, `referenced`, `barrier.frame` or `barrier.report`. Empty
-    /// if the control defines it.
+    /// Configuration key of its address: `area.first`, `heartbeat`, `sequence`, `referenced`, `barrier.frame` or `barrier.report`. Empty if
+    /// the control determines the address.
     pub key: &'static str,
     /// Purpose of the bytes, in words.
     pub what: &'static str,
@@ -166,7 +166,7 @@ pub struct Block {
 }
 
 impl Block {
-    /// The first byte that both share; `None` if they do not overlap.
+    /// The first byte in both blocks; `None` if they do not overlap.
     pub fn shared(&self, other: &Self) -> Option<PmcAddress> {
         let at = self.first.at.max(other.first.at);
         let is_in_both =
@@ -186,7 +186,7 @@ impl fmt::Display for Block {
     }
 }
 
-/// Decodes the count at the start of `bytes`; `None` if they are too few.
+/// Decodes the count at the start of `bytes`; `None` if there are too few bytes.
 pub(crate) fn count(bytes: &[u8], width: Width) -> Option<f64> {
     match width {
         Width::Byte => bytes.first().map(|b| f64::from(b.cast_signed())),

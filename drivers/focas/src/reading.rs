@@ -1,4 +1,4 @@
-//! A read of a cycle: its exchanges and the decoding of their responses. It does not allocate.
+//! A read of a cycle: its exchanges, and the decoding of their responses. Nothing here allocates.
 
 use std::time::{Duration, Instant};
 
@@ -22,7 +22,7 @@ pub(crate) struct Reading {
     pub(crate) heartbeat: Option<u8>,
 }
 
-/// The words in which the control reports the applied correction.
+/// Which words report the applied correction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Applied {
     /// The shifts themselves, as words of this width.
@@ -40,7 +40,7 @@ impl Applied {
     }
 }
 
-/// Sends the frames of a read one after the other, all before the deadline.
+/// Sends the frames of a read one after the other; the deadline applies to all of them together.
 pub(crate) fn read(
     session: &mut Session,
     exchanges: &[Exchange<ReadItem>],
@@ -75,7 +75,7 @@ pub(crate) fn read(
         },
         heartbeat: None,
     };
-    // From the first to the last frame with positions.
+    // The time of the positions is the middle between the first request and the last response with positions.
     let mut positions_since = None;
     for exchange in exchanges {
         let sent = Instant::now();
@@ -149,7 +149,7 @@ fn take(
             let bits = *data
                 .first()
                 .ok_or(FrameError("no byte of referenced axes"))?;
-            // A byte covers eight axes; axes beyond it are treated as not referenced, which is the safe side.
+            // A byte covers eight axes; further axes are treated as not referenced, which is the safe side.
             let referenced = |axis: &PlannedAxis| axis.slot < 8 && bits >> axis.slot & 1 == 1;
             snapshot.state.referenced = axes.iter().all(referenced);
         }

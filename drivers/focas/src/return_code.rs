@@ -1,4 +1,4 @@
-//! Return codes of the FOCAS library with their meanings.
+//! Return codes of the FOCAS library, and their meanings.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReturnCode(pub i16);
 
-/// Number, name and meaning. The meanings are from public descriptions of the library.
+/// Number, then name and meaning. The meanings are from public descriptions of the library.
 const CODES: [(i16, &str); 31] = [
     (
         -17,
@@ -70,7 +70,7 @@ impl ReturnCode {
 }
 
 impl From<ReturnCode> for volcomp_port::Fault {
-    /// A rejection in a real-time cycle, with the name and the meaning of the code.
+    /// A rejection in a real-time cycle, with the name and meaning of the code.
     fn from(code: ReturnCode) -> Self {
         Self::Refused {
             code: i32::from(code.0),

@@ -1,4 +1,4 @@
-//! An open session: sends a request and receives its response before a deadline.
+//! An open session, which sends a request and receives its response before a deadline.
 
 use std::{
     io::{Error, ErrorKind, Read, Write},
@@ -22,11 +22,11 @@ use crate::{
 /// Maximum length of a response, bytes.
 const MAX_RESPONSE_BYTES: usize = 65_536;
 
-/// An open session. After any fault except a rejection it is dead, because a delayed response would be taken for the next one.
+/// An open session. After any fault except a rejection it is dead, because a delayed response could be taken for the next one.
 ///
-/// A dead session is aborted immediately, within the cycle: the connection is reset, and data that the kernel has not delivered yet are discarded.
-/// Otherwise a request written before a cable was unplugged would reach the control when the cable is plugged in again, and shift an axis by an
-/// outdated correction. The same happens if the process ends in any way before it has closed the session.
+/// A dead session is aborted at once, within the cycle: the connection is reset, and undelivered data in the kernel are discarded.
+/// Otherwise a request written before a cable was unplugged would reach the control when the cable is plugged in again, and shift an axis
+/// by an outdated correction. The same happens if the process ends before it has closed the session.
 #[derive(Debug)]
 pub struct Session {
     stream: TcpStream,
@@ -63,7 +63,7 @@ impl Session {
         let lost = |_| FocasError::NoSession(Fault::Disconnected);
         stream.set_nodelay(true).map_err(lost)?;
         stream.set_nonblocking(true).map_err(lost)?;
-        // After the socket is closed, even by the end of the process, no data are delivered.
+        // No data are delivered after the socket is closed, even by the end of the process.
         let set = set_socket_linger(&stream, Some(Duration::ZERO));
         set.map_err(|e| lost(e.into()))?;
         let mut session = Self {
@@ -91,8 +91,8 @@ impl Session {
         }
     }
 
-    /// Makes the kernel drop the connection if sent data stay unacknowledged for this time, whether this program is running or stopped. If the
-    /// kernel does not support it, the deadlines still apply.
+    /// Makes the kernel drop the connection if sent data stay unacknowledged for this time, even while this program is stopped. If the
+    /// kernel does not support this, the deadlines still apply.
     pub(crate) fn limit_unacknowledged(&self, time: Duration) {
         #[cfg(target_os = "linux")]
         {
@@ -115,16 +115,16 @@ impl Session {
         self.version
     }
 
-    /// True if a new session must be opened.
+    /// Whether a new session must be opened.
     pub fn is_dead(&self) -> bool {
         self.dead
     }
 
-    /// Sends a request and waits for its response. It does not allocate. A request whose deadline has passed is not sent.
+    /// Sends a request and waits for its response, without allocating. A request whose deadline has passed is not sent.
     ///
     /// # Errors
-    /// [`Fault::TimedOut`] before anything was sent, and [`Fault::Refused`] if the control rejects the whole request: the session stays usable.
-    /// After every other fault it is dead; this includes a response after the deadline.
+    /// The session stays usable after [`Fault::TimedOut`] before anything was sent, and after [`Fault::Refused`] (the control rejects the
+    /// whole request). After every other fault it is dead, including a response after the deadline.
     pub fn exchange(&mut self, request: &Request, deadline: Instant) -> Result<Blocks<'_>, Fault> {
         if self.dead {
             return Err(Fault::NotConnected);
@@ -133,7 +133,7 @@ impl Session {
             // Nothing is in flight yet.
             return Err(Fault::TimedOut);
         }
-        // Dead unless the whole exchange succeeds.
+        // The session is dead unless the whole exchange succeeds.
         self.dead = true;
         let received = self
             .send(request.bytes(), deadline)
@@ -185,7 +185,7 @@ impl Session {
         Ok(())
     }
 
-    /// Waits with microsecond resolution until the socket is ready: socket timeouts are as coarse as the kernel's ticks.
+    /// Waits until the socket is ready, with microsecond resolution; socket timeouts have the resolution of the kernel's ticks.
     fn wait_for(&self, error: &Error, what: PollFlags, deadline: Instant) -> Result<(), Fault> {
         match error.kind() {
             ErrorKind::Interrupted => return Ok(()),
@@ -210,7 +210,7 @@ impl Session {
             if have >= needed {
                 match head {
                     None => {
-                        // `have` guarantees that they are present.
+                        // The bytes are present, since `have` is at least their number.
                         let bytes = self.answer.first_chunk().unwrap_or(&[0; HEAD]);
                         head = Some(Head::parse(bytes)?);
                         continue;
@@ -224,7 +224,7 @@ impl Session {
                     }
                 }
             }
-            // A single read returns the whole response if it arrives in one piece.
+            // A single read returns the whole response if it arrived in one piece.
             match self.stream.read(&mut self.answer[have..]) {
                 Ok(0) => return Err(Fault::Disconnected),
                 Ok(count) => have += count,
@@ -239,8 +239,8 @@ impl Drop for Session {
         if self.dead {
             return self.abort();
         }
-        // All sent requests have been answered, so only the closing frame can still be delivered. The peer may have closed the connection;
-        // errors cannot be handled here.
+        // All requests have been answered, so only the closing frame can still be delivered. An error here has no consequence; the peer may
+        // have closed the connection.
         let _ = set_socket_linger(&self.stream, None);
         let _ = self.stream.write(&close_frame());
     }

@@ -2,26 +2,26 @@
 
 use std::time::{Duration, Instant};
 
-/// Time after which an earlier comparison of the clocks expires: they may diverge by 100 us within it (10 ppm).
+/// Validity of a comparison of the clocks, which may drift by 100 µs within it (10 ppm).
 const COMPARISON_WINDOW: Duration = Duration::from_secs(10);
 
-/// The difference between the bridge's clock and ours, from the fastest datagrams. A datagram that was delayed on the network, or queued here,
-/// shows a larger difference and is older by the excess.
+/// The offset between our clock and that of the bridge, from the fastest datagrams. The excess of a datagram's own offset is its delay on
+/// the network or in our queue, and adds to its age.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Clocks {
-    /// The smallest difference, ours minus the bridge's, in this window and in the previous one.
+    /// The smallest offset, as our time at the zero of the bridge's clock, in this window and in the previous one.
     least: [Option<Instant>; 2],
     begun: Option<Instant>,
 }
 
 impl Clocks {
-    /// Forgets all comparisons: the bridge restarted, or moved to another computer.
+    /// Discards all comparisons, because the bridge restarted or moved to another computer.
     pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Converts `time` of the bridge's clock to our clock, as well as the datagrams so far allow. `arrived` is when this one was read; the result
-    /// is never later.
+    /// Converts `time` on the bridge's clock to our clock, by the fastest datagram so far. `arrived` is when the datagram was read; the
+    /// result is never later.
     pub(crate) fn local_time(&mut self, time: Duration, arrived: Instant) -> Instant {
         // Our time at which the bridge's clock was zero; `None` if `Instant` cannot represent it.
         let Some(zero) = arrived.checked_sub(time) else {
@@ -53,10 +53,10 @@ mod tests {
         let mut clocks = Clocks::default();
         let far = 5000 * MS;
         assert_eq!(clocks.local_time(1000 * MS, start + far), start + far);
-        // Sent 10 ms later, and read 25 ms later.
+        // Sent 10 ms after the first one, but read 25 ms after it.
         let local_time = clocks.local_time(1010 * MS, start + far + 25 * MS);
         assert_eq!(local_time, start + far + 10 * MS);
-        // A faster datagram shows that the first one had waited.
+        // A faster datagram proves that the first one was delayed.
         let local_time = clocks.local_time(1020 * MS, start + far + 18 * MS);
         assert_eq!(local_time, start + far + 18 * MS);
         let local_time = clocks.local_time(1030 * MS, start + far + 30 * MS);
@@ -67,7 +67,7 @@ mod tests {
     fn diverging_clocks_are_compared_again() {
         let start = Instant::now();
         let mut clocks = Clocks::default();
-        // Ours runs 0.1 % faster: 60 ms after a minute, of which the last two windows are unknown.
+        // Our clock runs 0.1 % faster: 60 ms in a minute, of which the last two windows remain uncorrected.
         let mut oldest = Duration::ZERO;
         for ms in 1000..61_000 {
             let arrived = start + MS * ms + Duration::from_micros(ms.into());

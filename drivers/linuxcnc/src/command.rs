@@ -21,8 +21,8 @@ pub const COMMAND_BYTES: usize = HEADER_BYTES + 2 * MOST_WORDS + MAC;
 pub struct Command {
     /// Machine number.
     pub machine: u16,
-    /// Run and sequence of the state that it answers: the bridge rejects commands that answer none of its last second. Zeros before the first
-    /// state; such a command requests states.
+    /// Run and sequence number of the state to which the command responds. The bridge rejects frames that respond to none of the states of
+    /// its last second. Zeros before the first state; such a command only requests states.
     pub answers: [u32; 2],
     /// Payload.
     pub content: Content,
@@ -31,7 +31,7 @@ pub struct Command {
 /// The content of a [`Command`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
-    /// No frame: only keeps the states coming.
+    /// Requests that the bridge continues to send states, without a frame.
     Listen,
     /// A frame for the barrier, which carries its own epoch, tick, owner, sequence and checksum.
     Frame(Words),

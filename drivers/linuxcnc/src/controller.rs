@@ -24,16 +24,16 @@ use crate::{
     state::AxisState,
 };
 
-/// Interval of listen commands when no frames are sent; the bridge stops sending states after a second without a command.
+/// Interval of listen commands while no frames are sent: the bridge stops sending states a second after the last command.
 const LISTEN_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Time without a state of the current run after which states of another run are accepted.
+/// Time without states of the current run after which states of another run are accepted.
 const RUN_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Maximum number of datagrams processed per read.
 const MAX_DATAGRAMS_PER_READ: usize = 256;
 
-/// A LinuxCNC control and its bridge, not opened.
+/// Configuration of a LinuxCNC control and its bridge.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinuxCncConfig {
     /// The host name or address of the bridge.
@@ -62,7 +62,7 @@ impl LinuxCncConfig {
     /// One nanometre.
     pub const STEP_LINEAR: Displacement = Displacement::Length(Mm(1e-6));
 
-    /// One millionth of a degree, for rotary axes.
+    /// One millionth of a degree.
     pub fn step_rotary() -> Displacement {
         Displacement::Angle(Deg(1e-6).to_rad())
     }
@@ -79,7 +79,7 @@ impl LinuxCncConfig {
         }
     }
 
-    /// Size of a count in the unit of the bridge: nm, or millionths of a degree.
+    /// Size of a count in the unit of the protocol: nm, or millionths of a degree.
     pub(crate) fn step_nano(&self, kind: AxisKind) -> f64 {
         nano(kind, self.step(kind).mm_or_rad()).round()
     }
@@ -147,13 +147,13 @@ fn nano(kind: AxisKind, mm_or_rad: f64) -> f64 {
 /// Counters of irregularities on the connection to the bridge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Health {
-    /// Datagrams with another key or version, or that are not states.
+    /// Number of datagrams with another key or version, or that are not states.
     pub broken: u64,
-    /// States of another machine, or of other axes or steps.
+    /// Number of states of another machine, or with other axes or steps.
     pub foreign: u64,
-    /// States that arrived out of order or twice.
+    /// Number of states that arrived out of order or twice.
     pub late: u64,
-    /// States that never arrived.
+    /// Number of states that never arrived.
     pub lost: u64,
     /// Number of restarts of the bridge.
     pub restarts: u64,
@@ -165,7 +165,7 @@ pub struct LinuxCncController {
     description: Description,
     machine: u16,
     key: Key,
-    /// When the last command was sent, and the run of the bridge to which it refers.
+    /// When the last command was sent, and the run of the state to which it responded.
     last_sent: Option<(Instant, u32)>,
     last: Option<(State, Instant)>,
     /// When the last state was read.
@@ -177,7 +177,7 @@ pub struct LinuxCncController {
 }
 
 impl LinuxCncController {
-    /// Opens the socket to a bridge, which need not run yet.
+    /// Opens the socket to a bridge, which need not be running.
     ///
     /// # Errors
     /// Invalid axes or steps, a host that cannot be resolved or is another computer, no socket.
@@ -221,13 +221,13 @@ impl LinuxCncController {
         };
         let mut bytes = [0; COMMAND_BYTES];
         let length = command.encode(&self.key, &mut bytes);
-        // A refusal reported by the system concerns the previous datagram: this one is sent again.
+        // An error "connection refused" concerns the previous datagram, so this one is sent again.
         for _ in 0..2 {
             match self.socket.send(&bytes[..length]) {
                 Ok(_) => return Ok(()),
                 Err(e) if e.kind() == ErrorKind::ConnectionRefused => {}
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                // The queue is full: this datagram is lost, like one lost on the network.
+                // The send queue is full; the datagram is lost, as it could be on the network.
                 Err(e) if e.kind() == ErrorKind::WouldBlock => return Err(Fault::TimedOut),
                 Err(_) => return Err(Fault::Disconnected),
             }
@@ -235,8 +235,7 @@ impl LinuxCncController {
         Err(Fault::Disconnected)
     }
 
-    /// Whether a listen command is due: nothing was sent for some time, or no command refers to the run of the last state. Without such commands
-    /// the bridge stops sending states.
+    /// Whether a listen command is due: no command was sent for `LISTEN_INTERVAL`, or none since the bridge restarted.
     fn listen_is_due(&self) -> bool {
         let run = self.state().map_or(0, |state| state.run);
         self.last_sent
@@ -250,7 +249,7 @@ impl LinuxCncController {
             match self.socket.recv(&mut bytes) {
                 Ok(length) => self.take(&bytes[..length], Instant::now()),
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                // No process listens at that port now; the age of the last state shows it.
+                // No process listens at that port; the age of the last state shows it.
                 Err(e) if e.kind() == ErrorKind::ConnectionRefused => {}
                 Err(_) => return,
             }
@@ -269,7 +268,7 @@ impl LinuxCncController {
         }
         if let Some((last, _)) = &self.last {
             if last.run == state.run {
-                // The sequence wraps: less than half of its range ahead is treated as later.
+                // The sequence number wraps: less than half of its range ahead is later.
                 let ahead = state.sequence.wrapping_sub(last.sequence);
                 if ahead == 0 || ahead >= 1 << 31 {
                     self.health.late += 1;
@@ -280,7 +279,7 @@ impl LinuxCncController {
                 let silent = self.last_received.is_none_or(|last_received| {
                     arrived.saturating_duration_since(last_received) > RUN_TIMEOUT
                 });
-                // A recorded state of an earlier run could carry any time.
+                // While states of the current run arrive, another run is a replay, whose time is meaningless.
                 if !silent {
                     self.health.late += 1;
                     return;
@@ -300,7 +299,7 @@ impl LinuxCncController {
 
     /// Why a state does not belong to this machine.
     fn mismatch_of(&self, state: &State) -> Option<&'static str> {
-        // If positions are only read, the configuration has no machine number.
+        // A configuration that only reads positions has no machine number.
         if self.description.barrier && state.machine != self.machine {
             return Some("the bridge has another machine number");
         }
@@ -362,7 +361,7 @@ impl Controller for LinuxCncController {
         };
         let mut positions = PerChannel::ZERO;
         for (position, name) in positions.iter_mut().zip(self.description.shown_axes()) {
-            // Each of these axes is in the state: otherwise it was rejected as a misfit.
+            // Each of these axes is in the state; otherwise `mismatch_of` has rejected it.
             let Some(axis) = state.axes().find(|axis| axis.name == name) else {
                 return Err(Fault::Protocol("an axis is missing"));
             };

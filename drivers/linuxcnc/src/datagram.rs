@@ -1,4 +1,4 @@
-//! The common part of states and commands: header, message authentication code and numbers.
+//! The common part of states and commands: header, message authentication code and number encoding.
 
 use volcomp_port::MOST_WORDS;
 use volcomp_vocabulary::{AxisName, MAX_AXES};
@@ -65,7 +65,7 @@ pub enum DatagramError {
     },
 }
 
-/// Checks magic bytes, version, authentication code and minimum length of a datagram, and returns it without the code.
+/// Checks magic bytes, version, authentication code and minimum length of a datagram, and returns the datagram without the code.
 pub(crate) fn opened<'a>(
     bytes: &'a [u8],
     magic: [u8; 4],
@@ -103,7 +103,7 @@ impl<'a> Writer<'a> {
         Self { bytes, length: 0 }
     }
 
-    /// Appends these bytes; the capacity of every datagram is that of its largest content.
+    /// Appends bytes. They fit, because the capacity of a datagram is that of its largest content.
     pub(crate) fn put(&mut self, more: &[u8]) {
         let end = self.length + more.len();
         if let Some(room) = self.bytes.get_mut(self.length..end) {

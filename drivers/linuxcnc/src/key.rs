@@ -40,7 +40,7 @@ impl Key {
         Self::parse(&text).ok_or_else(|| KeyError::Malformed(file.to_owned()))
     }
 
-    /// Parses 32 hexadecimal digits, which blanks may follow.
+    /// Parses 32 hexadecimal digits; blanks may follow.
     fn parse(text: &str) -> Option<Self> {
         let digits = text.trim_end_matches([' ', '\t', '\r', '\n']).as_bytes();
         let (pairs, []) = digits.as_chunks::<2>() else {

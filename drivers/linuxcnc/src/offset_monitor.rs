@@ -1,7 +1,7 @@
-//! Detects axes whose offset differs from what the bridge reports.
+//! Detects axes whose actual offset differs from the value that the bridge reports as applied.
 //!
-//! The bridge checks this itself, and holds. This second check, by the same rule, covers a faulty bridge: each state contains both the value that
-//! the barrier applies and the offset that the control's planner has reached.
+//! The bridge performs the same check and holds. This second check covers a faulty bridge: each state contains both the value that the
+//! barrier applies and the offset that the control's planner has reached.
 
 use std::time::Duration;
 
@@ -9,26 +9,26 @@ use volcomp_vocabulary::MAX_AXES;
 
 use crate::{Flags, State};
 
-/// Tolerance of an offset in addition to the movement of its value within `MAX_PLANNER_LAG`: some counts, and the distance at which the planner stops (nm or
-/// millionths of a degree). So a small correction that never arrives is detected as well as a large one.
+/// Tolerance of an offset in addition to the recent movement of its value: three counts, plus the distance at which the planner stops (nm
+/// or millionths of a degree). It is small, so that a small missing correction is also detected.
 const TOLERANCE_COUNTS: f64 = 3.0;
 const TOLERANCE_NANO: f64 = 10.0;
-/// Maximum lag of the control's planner.
+/// Maximum lag of the control's planner; time constant with which recent movement decays.
 const MAX_PLANNER_LAG: Duration = Duration::from_millis(250);
-/// How long an offset must be out of tolerance.
+/// Minimum time out of tolerance.
 const LOST_AFTER: Duration = Duration::from_millis(500);
 /// Number of report words before those of the axes, and number of words per axis.
 const HEADER_WORDS: usize = 8;
 const WORDS_PER_AXIS: usize = 3;
 
-/// The value applied last, and its recent movement.
+/// Applied values and their recent movement, updated with each state.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct OffsetMonitor {
     last: Option<Duration>,
     applied: [f64; MAX_AXES],
-    /// Recent movement, which expires after `MAX_PLANNER_LAG`.
+    /// Recent movement of each value, nm or millionths of a degree; decays with `MAX_PLANNER_LAG`.
     moved: [f64; MAX_AXES],
-    /// Since when an axis is out of tolerance.
+    /// Bridge time since which an axis is out of tolerance.
     since: Option<Duration>,
     is_lost: bool,
 }
@@ -39,7 +39,7 @@ impl OffsetMonitor {
         self.is_lost
     }
 
-    /// Processes a state of the same run as the previous one, with `axes` corrected axes.
+    /// Processes a state of the same run as the previous one; its first `axes` axes are corrected.
     pub(crate) fn process(&mut self, state: &State, axes: usize) {
         let words = state.report.as_slice();
         let applies = state.flags.has(Flags::ENABLED) && state.flags.has(Flags::HOMED);
@@ -107,7 +107,7 @@ mod tests {
         state
     }
 
-    /// Time at which the offset is treated as lost, ms.
+    /// Time at which the offset is reported as lost, ms.
     fn lost(of: impl Fn(u32) -> (i16, i64)) -> Option<u32> {
         let mut offset_monitor = OffsetMonitor::default();
         (1..20_000).find(|ms| {
@@ -138,7 +138,7 @@ mod tests {
         assert!(!offset_monitor.is_lost(), "the offset arrived");
     }
 
-    /// A correction that moves up and down at 500 um/s, with offsets that follow late.
+    /// The offset follows a correction that moves up and down at 500 µm/s with a delay.
     #[test]
     fn an_offset_that_follows_in_time_is_not_lost() {
         #[expect(clippy::cast_possible_truncation, reason = "30 um in nm")]
@@ -147,14 +147,14 @@ mod tests {
             (60_000.0 * ((2.0 * phase - 1.0).abs() - 0.5)) as i16
         };
         assert_eq!(lost(|ms| (at(ms), at(ms.saturating_sub(100)).into())), None);
-        // A planner of 5 um/s behind a ramp of 500 um/s to 30 um.
+        // The planner moves at 5 µm/s after a ramp of 500 µm/s to 30 µm.
         #[expect(clippy::cast_possible_truncation, reason = "30 um in nm")]
         let ramp = |ms: u32| (ms.min(60) * 500) as i16;
         let found = lost(|ms| (ramp(ms), i64::from(ms) * 5)).expect("lost");
         assert!((501..1500).contains(&found), "{found} ms");
     }
 
-    /// A correction that creeps away from a stopped planner, slower than one count per cycle.
+    /// The correction moves away from a stopped planner by less than one count per cycle.
     #[test]
     fn a_creeping_difference_is_lost() {
         #[expect(clippy::cast_possible_truncation, reason = "2 um in nm")]

@@ -1,4 +1,4 @@
-//! The socket to a bridge, and a single reading of its state.
+//! The socket to a bridge, and a single request for its state.
 
 use std::{
     net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket},
@@ -64,7 +64,7 @@ fn resolve(host: &str, port: u16, remote: bool) -> Result<SocketAddr, DeviceErro
     })
 }
 
-/// Requests one state of a bridge, whatever its machine and axes are.
+/// Requests one state from a bridge with any machine number and axes.
 ///
 /// # Errors
 /// A host that cannot be resolved or is another computer, a bridge that does not answer or has another version or key.
@@ -98,7 +98,7 @@ pub fn read_state(
     let end = Instant::now() + at_most;
     let mut found = "the bridge does not answer".to_owned();
     while Instant::now() < end {
-        // A refusal means that no bridge was listening; one may start.
+        // "Connection refused" means that no bridge is listening yet.
         let _ = socket.send(&bytes[..length]);
         let mut state = [0; STATE_BYTES + 1];
         match socket.recv(&mut state) {

@@ -32,15 +32,15 @@ impl Flags {
     pub const ENABLED: u16 = 1 << 1;
     /// Every joint is homed.
     pub const HOMED: u16 = 1 << 2;
-    /// The control has cut an offset at a soft limit (`motion.eoffset-limited`).
+    /// The control has limited an offset at a soft limit (`motion.eoffset-limited`).
     pub const LIMITED: u16 = 1 << 3;
     /// The control probes: probed positions contain the offset.
     pub const PROBING: u16 = 1 << 4;
-    /// The control's offset differs from the one that the bridge requested: the control has absorbed it into its position, or it was cleared or
-    /// frozen. The bridge holds for a while, and starts again from the actual offset.
+    /// The control's offset differs from the bridge's request: the control has absorbed it into its position, cleared it or frozen it. The
+    /// bridge holds for a second, and continues from the actual offset.
     pub const LOST: u16 = 1 << 5;
 
-    /// Every flag, as the table of the protocol has it.
+    /// All flags, in the order of the protocol's table.
     pub const ALL: [Flag; 6] = [
         Flag::new(Self::EMERGENCY_STOP, "EMERGENCY_STOP", "emergency stop", ""),
         Flag::new(Self::ENABLED, "ENABLED", "on", "off"),
@@ -128,7 +128,7 @@ pub struct State {
     pub run: u32,
     /// Number of states sent since the start of the bridge; it wraps.
     pub sequence: u32,
-    /// What the control is doing.
+    /// Operating state of the control.
     pub flags: Flags,
     /// The monotonic clock of the bridge's computer when the positions were sampled.
     pub time: Duration,
@@ -141,7 +141,7 @@ pub struct State {
 }
 
 impl State {
-    /// A state of these axes, with everything else zero; `None` if there are more than [`MAX_AXES`].
+    /// A state with these axes and zeros elsewhere; `None` if there are more than [`MAX_AXES`].
     #[must_use]
     pub fn of(axes: &[AxisState]) -> Option<Self> {
         let mut room = [None; MAX_AXES];
@@ -225,7 +225,7 @@ impl State {
     /// Encodes the datagram and returns its length in bytes.
     pub fn encode(&self, key: &Key, bytes: &mut [u8; STATE_BYTES]) -> usize {
         let words = self.report.as_slice();
-        // Both counts fit: their maxima are small.
+        // Both counts fit, since their maxima are small.
         let count = u8::try_from(self.axes().count()).unwrap_or(0);
         let length = u16::try_from(words.len()).unwrap_or(0);
         let mut writer = Writer::new(bytes);

@@ -21,8 +21,7 @@ use tokio_modbus::{
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
 use volcomp_port::{DeviceError, Fault, Reason, exception_name};
 
-/// Default response timeout of a module. It does not bound the age of data: a slower module is treated as not
-/// answering.
+/// Default response timeout of a module: a slower module is treated as not answering. It does not limit the age of data.
 pub const ANSWER_WITHIN: Duration = Duration::from_millis(300);
 
 /// Parity of a serial line.
@@ -92,8 +91,8 @@ impl Bus {
                     .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
                     .and_then(|stream| {
                         stream.set_nodelay(true)?;
-                        // On close the socket is reset: what the kernel still holds of a request must not reach the module when the cable is
-                        // plugged in again.
+                        // Closing resets the socket: data of a request that is still in the kernel must not reach the module when the cable
+                        // is plugged in again.
                         stream.set_zero_linger()?;
                         Ok(stream)
                     })
@@ -138,7 +137,7 @@ impl Bus {
     }
 }
 
-/// The error of a driver whose thread cannot be started.
+/// Error for a device whose thread cannot be started.
 pub(crate) fn thread_error(device: &str, error: io::Error) -> DeviceError {
     let found = format!("no thread for its exchanges: {error}");
     let remedy = "check the limits on threads and memory of this process";
@@ -150,16 +149,16 @@ pub(crate) fn thread_error(device: &str, error: io::Error) -> DeviceError {
 pub(crate) enum RequestError {
     /// Timeout. The line was drained, so a late answer has been discarded.
     NoAnswer,
-    /// The request came back, but no answer in time: an adapter with local echo, and a silent module.
+    /// The request was echoed, but no answer arrived in time: an adapter with local echo, and a silent module.
     EchoOnly,
-    /// The module rejected the request with this exception code; 0: it answered another request.
+    /// The module rejected the request with this exception code; 0: the answer was to another request.
     Refused(u8),
     /// The connection is broken.
     Disconnected,
 }
 
 impl RequestError {
-    /// The corresponding reason for a missing temperature.
+    /// Reason for a missing temperature that corresponds to this error.
     pub(crate) fn reason(self) -> Reason {
         match self {
             Self::NoAnswer | Self::Disconnected | Self::Refused(0) => Reason::NoAnswer,
@@ -168,7 +167,7 @@ impl RequestError {
         }
     }
 
-    /// The corresponding fault of a write.
+    /// Fault of a write that corresponds to this error.
     pub(crate) fn fault(self) -> Fault {
         match self {
             Self::NoAnswer | Self::EchoOnly => Fault::TimedOut,
@@ -189,8 +188,8 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// Timeout for the response to a write. Over TCP it ends at the deadline: the connection is then reset, so that no part of the write remains in
-    /// a kernel queue. A request given to a serial line is on the wire and cannot be cancelled.
+    /// Timeout for the response to a write. Over TCP it is limited by the deadline: the connection is then reset, so that no part of the
+    /// write stays in a kernel queue. A serial line transmits a request at once, so that it cannot be cancelled.
     pub(crate) fn write_timeout(&self, at_most: Duration, deadline: Instant) -> Duration {
         if self.serial.is_some() {
             return at_most;
@@ -232,7 +231,7 @@ impl Line {
     /// Waits until the line has been silent for the response timeout, and discards what arrives.
     async fn drain(&mut self, at_most: Duration) -> Result<(), RequestError> {
         let Some(serial) = &mut self.serial else {
-            // TCP answers carry transaction numbers, but a connection that does not answer is reopened.
+            // TCP answers carry transaction numbers, so draining is not needed; the connection is reopened.
             return Err(RequestError::Disconnected);
         };
         let silence = at_most.max(self.gap);
@@ -250,11 +249,11 @@ impl Line {
     }
 }
 
-/// A serial port that removes the echo of sent requests from the received data: adapters with local echo return every request before the response.
-/// No answer to the requests of this crate begins with the whole request.
+/// A serial port that removes echoes from the received data: adapters with local echo return every request before the response. No answer
+/// to a request of this crate begins with the whole request.
 ///
-/// Invariant: `sent` is the part of the request that may still be echoed, and `matched` of its bytes have come back. A byte that differs proves
-/// that there is no echo: the bytes taken for one are moved to `received`, which is read first.
+/// Invariant: `sent` is the part of the request that may still be echoed; `matched` of its bytes have come back. The first differing byte
+/// proves that there is no echo: the matched bytes are then moved to `received`, which is read first.
 struct Port {
     stream: SerialStream,
     sent: Vec<u8>,
@@ -275,7 +274,7 @@ impl Port {
         }
     }
 
-    /// Discards received data, which belongs to an earlier request.
+    /// Discards received data, which belong to an earlier request.
     fn begin_request(&mut self) {
         self.sent.clear();
         self.received.clear();

@@ -27,10 +27,10 @@ pub struct DigitalModule {
     pub profile: Profile,
 }
 
-/// The lines of several modules; the first module has the lowest bits. Reading and writing never wait for the bus: inputs are those of the
-/// last exchange, with their time of arrival, regardless of their age; outputs are sent with the next exchange, once per write. A write that
-/// cannot begin before its deadline is not sent. The next call reports a write as failed if it was not sent, or not acknowledged by every
-/// module before its deadline. Writes requested before a connection was made are not sent over it.
+/// The lines of several modules; the first module has the lowest bits. Reading and writing never wait for the bus. Inputs are those of the
+/// last exchange, with their arrival time, regardless of their age. Outputs are sent with the next exchange, once per write; a write that
+/// cannot begin before its deadline, or was requested before the connection was made, is not sent. The next call reports a write as failed
+/// if it was not sent, or not acknowledged by every module before its deadline.
 pub struct ModbusDigital {
     device: String,
     inputs: u32,
@@ -197,7 +197,7 @@ impl DigitalIo for ModbusDigital {
         self.exchange
     }
 
-    /// The inputs of the last exchange with their time of arrival; they age while modules do not answer.
+    /// The inputs of the last exchange with their arrival time, which ages while modules do not answer.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let image = *self.images.read();
         let inputs = image.inputs.filter(|_| image.connected);
@@ -207,8 +207,8 @@ impl DigitalIo for ModbusDigital {
         })
     }
 
-    /// Queues the outputs for the next exchange. A fault reports that an earlier write failed; these outputs are queued nevertheless, except
-    /// without a connection or after the deadline.
+    /// Queues the outputs for the next exchange. A fault reports that an earlier write failed; the outputs are queued nevertheless, unless
+    /// there is no connection or the deadline has passed.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
         let (now, image) = (Instant::now(), *self.images.read());
         if !image.connected {

@@ -17,21 +17,21 @@ use crate::{
     profile::Digital,
 };
 
-/// Number of equal answers needed to accept output levels: a single one may be wrong.
+/// Number of consecutive equal answers required to accept output levels, since a single one may be wrong.
 const REQUIRED_EQUAL_ANSWERS: u32 = 3;
 
-/// Maximum number of consecutive output-level requests that break the connection or time out. After that they are no longer sent over this
-/// connection, or, if it broke, over the next one.
+/// Maximum number of consecutive read-backs of the outputs that time out or break the connection. After that they are skipped over this
+/// connection or, if it broke, over the next one.
 const MAX_READ_BACKS: u8 = 3;
 
-/// Exception codes with which a module reports that it lacks a function, or lacks it for these outputs.
+/// Exception codes of a module that lacks the function, or lacks it for these outputs.
 const UNSUPPORTED_CODES: [u8; 2] = [1, 2];
 
 /// Requested output levels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct OutputRequest {
     pub(crate) levels: u64,
-    /// Number of the write, from 1; 0: none was requested.
+    /// Sequence number of the write, from 1; 0 if none was requested.
     pub(crate) number: u64,
     /// Deadline of the write: it is not sent later, and fails if it is not acknowledged by then.
     pub(crate) until: Instant,
@@ -46,13 +46,13 @@ pub(crate) struct Image {
     pub(crate) inputs: Option<InputLevels>,
     /// The exception code with which a module rejected the last reading of its inputs.
     pub(crate) refused: Option<u8>,
-    /// Last confirmed output levels: those of the last write that all modules accepted, or, before the first write, those that they reported.
+    /// Last confirmed output levels: those of the last write accepted by all modules or, before the first write, those read back.
     pub(crate) outputs: Option<u64>,
-    /// A module reported that it cannot read back its outputs.
+    /// A module has reported that it cannot read back its outputs.
     pub(crate) lacks_read_back: bool,
-    /// The last write that all modules accepted.
+    /// Sequence number of the last write that all modules accepted.
     pub(crate) taken: u64,
-    /// The last write that failed, and why.
+    /// Sequence number of the last write that failed, and the fault.
     pub(crate) failed: Option<(u64, Fault)>,
 }
 
@@ -66,9 +66,9 @@ pub(crate) struct Exchanger {
     pub(crate) images: Input<Image>,
     pub(crate) stop: Arc<AtomicBool>,
     pub(crate) image: Image,
-    /// Consecutive output-level requests that broke the connection or timed out.
+    /// Consecutive read-backs of the outputs that timed out or broke the connection.
     pub(crate) failed_read_backs: u8,
-    /// Output levels are not requested over this connection.
+    /// Whether the outputs are not read back over this connection.
     pub(crate) skips_read_back: bool,
 }
 
@@ -108,7 +108,7 @@ impl Exchanger {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Begins a connection: earlier write requests are discarded, and the output levels are read back from the modules.
+    /// Begins a connection: discards earlier write requests, and reads back the output levels.
     async fn begin(&mut self, line: &mut Line) -> Result<(), RequestError> {
         let number = self.requested.read().number;
         if number > self.image.taken {
@@ -125,7 +125,7 @@ impl Exchanger {
         Ok(())
     }
 
-    /// Reads back the output levels if they are unknown and the modules support it; three equal answers in a row are accepted.
+    /// Reads back the output levels if they are unknown and the modules support it. Three consecutive equal answers are accepted.
     async fn read_back_outputs(&mut self, line: &mut Line) -> Result<(), RequestError> {
         let is_known = self.image.outputs.is_some() || self.image.lacks_read_back;
         if is_known || self.skips_read_back || self.failed_read_backs >= MAX_READ_BACKS {
@@ -190,12 +190,12 @@ impl Exchanger {
             matches!(found, Err(RequestError::NoAnswer | RequestError::EchoOnly))
         };
         if [read, written].iter().any(is_silent) {
-            // A module that did not answer may have lost power: its output levels must be read back again.
+            // A module that did not answer may have lost power, so its output levels are read back again.
             self.image.outputs = None;
             self.failed_read_backs = 0;
         }
         self.images.write(self.image);
-        // A rejected reading must not hide a connection that broke later.
+        // A broken connection must not be hidden by an earlier rejected reading.
         written.and(read_back).and(read)
     }
 
@@ -252,7 +252,7 @@ impl Exchanger {
     }
 }
 
-/// The first `count` bits of an answer as levels, starting at line `first`.
+/// The first `count` bits of an answer as levels, shifted up by `first` lines.
 fn gathered(bits: &[bool], count: u16, first: u32) -> u64 {
     let lines = bits.iter().take(usize::from(count)).zip(first..64);
     lines.fold(0, |levels, (level, line)| {

@@ -10,8 +10,8 @@ use crate::{
     profile::{ByteOrder, Channels, NumberType, Unit, WordOrder},
 };
 
-/// The temperature of one channel, from the registers read, which begin with those of the first channel. `status` holds its fault bits, if the
-/// module has any. A temperature is bad only if the module reports so: by fault codes, fault bits, or a value at the end of its range.
+/// The temperature of one channel. `registers` starts with the first channel; `status` holds the fault bits, if the module has any. A
+/// temperature is bad only if the module reports a fault code, a fault bit, or a value at the end of its range.
 pub fn read_channel(
     channels: &Channels,
     registers: &[u16],

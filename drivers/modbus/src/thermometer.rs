@@ -1,4 +1,4 @@
-//! Modules polled in the background, with their temperatures published as reported. Plausibility is not checked here.
+//! Modules that are polled in the background; their temperatures are published as reported. Plausibility is not checked here.
 
 use std::{
     sync::{
@@ -19,7 +19,7 @@ use crate::{
     registers::read_channel,
 };
 
-/// Maximum number of rounds for which a module that does not answer is skipped.
+/// Maximum number of polling rounds that skip a module that does not answer.
 const MAX_SKIPPED_ROUNDS: u32 = 16;
 
 /// A module on the line.
@@ -104,7 +104,7 @@ pub struct ModbusThermometer {
 }
 
 impl ModbusThermometer {
-    /// Starts polling. If the line cannot be opened, opening is retried; its sensors are bad until then.
+    /// Starts polling. If the line cannot be opened, opening is retried, and its sensors are bad until then.
     ///
     /// # Errors
     /// An invalid configuration.
@@ -153,7 +153,7 @@ impl Thermometer for ModbusThermometer {
     }
 }
 
-/// Number of rounds in which a module has not answered, and number of further rounds in which it is skipped.
+/// Number of consecutive rounds in which a module has not answered, and of further rounds that skip it.
 #[derive(Clone, Copy, Default)]
 struct Outage {
     rounds: u32,
@@ -190,7 +190,7 @@ impl Poller {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Sleeps, but not past the end of the thread.
+    /// Sleeps, but at most until the thread is stopped.
     async fn sleep(&self, pause: Duration) {
         let end = Instant::now() + pause;
         while !self.stopped() && Instant::now() < end {
@@ -223,7 +223,7 @@ impl Poller {
                     ) => {
                         outage.rounds += 1;
                         let skip = 1_u32.checked_shl(outage.rounds - 1).unwrap_or(u32::MAX) - 1;
-                        // A single module is never skipped: its timeout delays no other one.
+                        // A single module is never skipped, since its timeout delays no other module.
                         let others = self.config.units.len() > 1;
                         outage.skip = if others {
                             skip.min(MAX_SKIPPED_ROUNDS)

@@ -1,4 +1,4 @@
-//! Conformance tests for the traits of this crate, to be called from the tests of each implementation. Each panics with the rule that is broken.
+//! Conformance tests for the traits of this crate, called from the tests of each implementation. They panic with the violated rule.
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ fn soon() -> Instant {
     Instant::now() + PATIENCE
 }
 
-/// Polls until the condition holds: some devices report a write with a delay.
+/// Polls until the condition holds, since some devices report a write with a delay.
 fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
     let until = soon();
     while !holds() {
@@ -45,7 +45,7 @@ pub fn controller(device: &mut impl Controller) {
     } else {
         plain_values(device, &first);
     }
-    // A deadline that has passed fails in time and leaves the device usable.
+    // With an expired deadline a call fails in time and leaves the device usable.
     let begun = Instant::now();
     let _ = device.read(begun);
     assert!(
@@ -57,7 +57,7 @@ pub fn controller(device: &mut impl Controller) {
     });
 }
 
-/// Checks a controller that takes plain values: they are applied, and read back if the device has a read-back.
+/// Checks a controller without a barrier: values are applied, and read back if the device has a read-back.
 fn plain_values(device: &mut impl Controller, first: &Snapshot) {
     let description = device.description().clone();
     assert_eq!(first.report, None, "a report, but no barrier");
@@ -91,8 +91,8 @@ fn plain_values(device: &mut impl Controller, first: &Snapshot) {
     }
 }
 
-/// Checks a controller that carries frames to a barrier: reports arrive and advance, invalid frames are carried like valid ones (the barrier
-/// rejects them), and plain values are rejected.
+/// Checks a controller with a barrier: reports arrive and advance, invalid frames are sent like valid ones (the barrier rejects them), and
+/// plain values are rejected.
 fn barrier(device: &mut impl Controller, first: &Snapshot) {
     assert_eq!(
         first.applied, None,
@@ -154,7 +154,7 @@ pub fn digital_io(device: &mut impl DigitalIo, wired: bool) {
     }
 }
 
-/// Checks a thermometer all of whose sensors become good within the time limit.
+/// Checks a thermometer: all its sensors become good within the time limit.
 ///
 /// # Panics
 /// If a rule of the trait is broken; the message names it.

@@ -1,11 +1,11 @@
-//! The interface of the program in a simulated control that receives corrections.
+//! Interface of the program in a simulated control that receives corrections.
 
 use volcomp_vocabulary::PerChannel;
 
 use crate::Words;
 
-/// The program of a control that decides what its axes get: a barrier. Simulated controls run one so that they behave like a control with the
-/// barrier in its ladder. Values are whole counts of each axis, in channel order.
+/// The program of a simulated control that determines the corrections of its axes: a barrier, as in the ladder of a real control. Values
+/// are whole counts of each axis, in channel order.
 pub trait ControlProgram: Send {
     /// Runs one scan and returns the report to publish. `mailboxes` holds the words of each incoming path, copied before this call; `holds` is true
     /// during emergency stop, alarm or while not referenced.
@@ -17,9 +17,9 @@ pub trait ControlProgram: Send {
         let _ = (latch, axis, value);
     }
 
-    /// The correction that is applied to the axes, counts.
+    /// The correction applied to the axes, counts.
     fn applied(&self) -> PerChannel<i16>;
 
-    /// Power-up or reset of the control; the words of the axes hold these counts.
+    /// Handles power-up or reset of the control, when the words of the axes hold the counts `applied`.
     fn restart(&mut self, applied: &PerChannel<i16>);
 }

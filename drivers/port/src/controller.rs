@@ -42,8 +42,7 @@ pub enum Heartbeat {
     Unwatched,
 }
 
-/// The operating states that a controller reports. A state that is not reported is never known, and the machine may be corrected only if the
-/// configuration accepts that.
+/// The operating states that a controller reports. The configuration must explicitly accept each state that is not reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ShownStates {
@@ -70,19 +69,18 @@ impl ShownStates {
     };
 }
 
-/// The properties of a controller that its configuration fixes.
+/// The properties of a controller that follow from its configuration.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Description {
     /// The device as the configuration names it.
     pub device: String,
-    /// Name of the channel through which corrections reach the axes. Controllers with the same name are alternatives; corrections of different
-    /// channels would add up, so they are never used together.
+    /// Name of the channel through which corrections reach the axes. Controllers with the same name are alternatives. Different channels
+    /// are never used together, because their corrections would add up.
     pub channel: String,
     /// The written axes in channel order, at most [`MAX_AXES`]. Empty if the controller only reports positions.
     pub axes: Vec<Axis>,
-    /// Axes whose positions the controller reports but which it never writes; they follow the axes of `axes` in all
-    /// lists.
+    /// Axes whose positions the controller reports but which it never writes; they follow those of `axes` in all lists.
     #[cfg_attr(feature = "serde", serde(default))]
     pub reads: Vec<AxisName>,
     /// Whether the control ramps the correction out when the gateway stops.
@@ -117,9 +115,8 @@ impl Description {
         self.shown_axes().any(|shown| shown == name)
     }
 
-    /// Checks the rules for every driver: 1 to [`MAX_AXES`] axes (read-only ones included), each once; every written axis has a positive resolution
-    /// in its own unit, and a largest correction of at least one resolution step. Drivers call it during configuration, before any device is
-    /// opened.
+    /// Checks the rules for every driver: 1 to [`MAX_AXES`] axes (read-only ones included), each once; every written axis has a positive
+    /// resolution in its own unit, and a largest correction of at least one step. Drivers call it before any device is opened.
     ///
     /// # Errors
     /// The first rule that is broken.
@@ -178,7 +175,7 @@ pub enum UnfitAxes {
         name: AxisName,
         resolution: Displacement,
     },
-    /// The largest correction is less than one step, or of the other kind.
+    /// The largest correction is less than one step, or has the wrong unit for the axis.
     #[error(
         "axis {name}: found a largest correction of {largest}, expected at least one step in either direction"
     )]
@@ -188,21 +185,21 @@ pub enum UnfitAxes {
     },
 }
 
-/// The operating state of a controller. A state that is reported in general but missing or invalid in this reading takes its safe value: not
-/// referenced, alarm, emergency stop.
+/// The operating state of a controller. A state that the controller reports, but which is missing or invalid in this reading, takes its
+/// safe value: not referenced, alarm, emergency stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ControllerState {
-    /// Every axis was sent to its reference.
+    /// Every axis is referenced.
     pub referenced: bool,
-    /// An alarm is on.
+    /// An alarm is active.
     pub alarm: bool,
     /// The emergency stop is pressed.
     pub emergency_stop: bool,
 }
 
-/// The positions, state and applied correction received last, each with the time at which it was valid, however long ago. Drivers do not judge
-/// whether that is recent enough.
+/// The positions, state and applied correction received last, each with the time at which it was valid. Drivers return them regardless of
+/// their age.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Snapshot {
     /// Positions as reported, mm and rad: those of the axes that are written, then those that are only read.
@@ -216,8 +213,8 @@ pub struct Snapshot {
     pub state: ControllerState,
     /// When the oldest part of that state was valid, as `taken`.
     pub state_taken: Instant,
-    /// The applied correction, mm and rad, if the device has a read-back and no barrier. If the control has none (see
-    /// [`Description::tells_applied`]): the correction on the outputs to it, as far as the device knows it.
+    /// The applied correction, mm and rad, if the device has no barrier and can read it back. If the control has no read-back
+    /// ([`Description::tells_applied`]): the correction on the outputs to the control, as far as the device knows it.
     pub applied: Option<PerChannel<f64>>,
     /// The last report of the barrier as received; its checksum shows whether it is complete. `None` without a barrier, or before the first report.
     pub report: Option<Words>,
@@ -226,7 +223,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// This snapshot with all times set to one instant.
+    /// This snapshot with all its times set to `taken`.
     #[must_use]
     pub fn at(self, taken: Instant) -> Self {
         Self {
@@ -237,7 +234,7 @@ impl Snapshot {
         }
     }
 
-    /// When the most recent part was valid: nothing was received from the controller since.
+    /// Time at which the most recent part was valid; nothing newer was received from the controller.
     pub fn youngest(&self) -> Instant {
         self.taken.max(self.state_taken).max(self.correction_taken)
     }
@@ -250,11 +247,11 @@ impl Snapshot {
 /// implementation is ready for the next call.
 #[cfg_attr(feature = "mock", mockall::automock)]
 pub trait Controller: Send {
-    /// The properties of the controller that its configuration fixes.
+    /// The properties of the controller that follow from its configuration.
     fn description(&self) -> &Description;
 
-    /// Returns the positions, state and applied correction received last, with the times at which they were valid. If a device sends on its own or
-    /// is read in the background, the call does not wait for a silent one: its last data ages.
+    /// Returns the positions, state and applied correction received last, with the times at which they were valid. If the device sends
+    /// unsolicited or is read in the background, the call does not wait for it, and the data of a silent device age.
     ///
     /// # Errors
     /// See [`Fault`].
@@ -274,7 +271,7 @@ pub trait Controller: Send {
     /// controllers without a barrier. A write whose deadline has passed is not sent.
     ///
     /// # Errors
-    /// See [`Fault`]. It is then unknown whether the device took the corrections; the next [`read`](Self::read) shows it.
+    /// See [`Fault`]. It is then unknown whether the device received the corrections; the next [`read`](Self::read) shows it.
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault>;
 }
 

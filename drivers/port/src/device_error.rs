@@ -4,8 +4,8 @@ use std::{error::Error, fmt, sync::Arc};
 
 use crate::Fault;
 
-/// Why a device cannot be set up, opened or queried. The first three kinds are mistakes of the caller, detected before anything is opened
-/// ([`DeviceError::is_input`]); in the others the device or the connection to it fails.
+/// Why a device cannot be set up, opened or queried. The first three kinds are mistakes of the caller, detected before a device is opened
+/// ([`DeviceError::is_input`]); the others are failures of the device or its connection.
 #[derive(Clone, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DeviceError {
@@ -126,7 +126,7 @@ impl DeviceError {
         )
     }
 
-    /// The constructor of the error kind for an exchange that failed with `fault`.
+    /// Constructor of the error kind for an exchange that failed with `fault`.
     pub fn of_fault_kind(fault: Fault) -> fn(String, String, String) -> Self {
         match fault {
             Fault::NotConnected | Fault::Disconnected => Self::open,
@@ -136,7 +136,7 @@ impl DeviceError {
         }
     }
 
-    /// The error of an exchange that failed with `fault`, which is its source.
+    /// Error for an exchange that failed with `fault`, which becomes its source.
     pub fn of_fault(device: impl Into<String>, fault: Fault, expected: impl Into<String>) -> Self {
         let kind = Self::of_fault_kind(fault);
         kind(device.into(), fault.to_string(), expected.into()).caused_by(fault)

@@ -9,7 +9,7 @@ use crate::Fault;
 pub struct InputLevels {
     /// The levels.
     pub levels: u64,
-    /// When the device delivered the oldest part of them, not when they were requested.
+    /// When the device delivered the oldest of these levels (not when they were requested).
     pub taken: Instant,
 }
 
@@ -35,10 +35,11 @@ pub trait DigitalIo: Send {
     /// Number of outputs.
     fn outputs(&self) -> u32;
 
-    /// Shortest time of one exchange, which bounds the cycle time of anything built on it.
+    /// Shortest duration of one exchange: a lower bound for the cycle time of a controller on this port.
     fn shortest_cycle(&self) -> Duration;
 
-    /// Returns the input levels received last, sampled together as far as the device can, with the time of their arrival, however long ago.
+    /// Returns the input levels received last, regardless of their age, with their arrival time. The device samples them together if it
+    /// can.
     ///
     /// # Errors
     /// See [`Fault`].
@@ -50,12 +51,12 @@ pub trait DigitalIo: Send {
     /// See [`Fault`]. The levels of the outputs are then unknown.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault>;
 
-    /// The output levels that the device confirmed last: those of its last accepted write, or before that those found at start. `None` if they are
-    /// unknown.
+    /// The output levels that the device confirmed last: those of its last accepted write, or those found at start if nothing was written.
+    /// `None` if unknown.
     fn confirmed(&self) -> Option<u64>;
 
-    /// Whether the device can report its output levels. If it cannot, or reported that it lacks the function, outputs without a correction are
-    /// written as off; otherwise nothing is written until the levels are known.
+    /// Whether the device can report its output levels. If it cannot, unused outputs are written as off; otherwise nothing is written until
+    /// the levels are known.
     fn reports_outputs(&self) -> bool {
         true
     }
@@ -95,7 +96,7 @@ impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
     }
 }
 
-/// A digital port that is described but not opened, for checks before opening: every exchange fails with [`Fault::NotConnected`].
+/// A digital port that is not opened, for checks before opening: every exchange fails with [`Fault::NotConnected`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct UnopenedLines {

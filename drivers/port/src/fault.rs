@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
-    /// There is no connection; reconnection is under way in the background.
+    /// There is no connection; a background thread is reconnecting.
     #[error("not connected")]
     NotConnected,
     /// The deadline passed before the answer was complete. The connection is dropped, so that a late answer cannot be taken for the next one.
@@ -27,10 +27,11 @@ pub enum Fault {
     /// Another gateway corrects this controller.
     #[error("another gateway moves the heartbeat")]
     OtherGateway,
-    /// Not every axis has its correction yet: axes that share lines are written in turn. Writing the same corrections again continues.
+    /// Not every axis has its correction yet, because axes that share lines are written in turn. Further calls with the same corrections
+    /// continue.
     #[error("not every axis is written yet")]
     Unfinished,
-    /// The device cannot do this.
+    /// The device does not support this call.
     #[error("not supported: {0}")]
     Unsupported(&'static str),
 }

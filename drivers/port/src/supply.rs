@@ -1,4 +1,4 @@
-//! Connections opened and reopened on a helper thread.
+//! Connections that a helper thread opens and reopens.
 
 use std::{
     sync::{
@@ -34,7 +34,7 @@ impl Default for Backoff {
 }
 
 impl Backoff {
-    /// The delay that follows `before`. `lived` is how long the lost connection lasted; zero if none was made.
+    /// The delay that follows the delay `before`. `lived`: how long the lost connection lasted; zero if there was none.
     #[must_use]
     pub fn next(self, before: Duration, lived: Duration) -> Duration {
         let doubled = if lived > self.first {
@@ -56,12 +56,12 @@ struct Shared {
     last_error: Mutex<Option<DeviceError>>,
 }
 
-/// A connection that is reopened automatically. The real-time thread takes it open and gives it up when it is dead; resolving, connecting, waiting
-/// and closing run on a separate thread, which ends with the supply. Lock-free rings connect the two, so the real-time thread never waits for the
-/// other.
+/// A connection that is reopened automatically. The real-time thread takes an open connection and gives it up when it fails. A separate
+/// thread, which ends with the supply, resolves, connects, waits and closes. Lock-free rings connect the two, so the real-time thread never
+/// waits.
 pub struct Supply<T> {
     current: Option<T>,
-    /// A dead connection for which the ring was full.
+    /// A failed connection, kept because the ring was full.
     kept: Option<T>,
     open: Consumer<T>,
     dead: Producer<T>,
@@ -70,7 +70,7 @@ pub struct Supply<T> {
 }
 
 impl<T: Send + 'static> Supply<T> {
-    /// Starts to connect with `open`, which must bound its own time.
+    /// Starts a thread that connects with `open`, which must limit its own duration.
     ///
     /// # Errors
     /// The thread cannot be started.
@@ -122,20 +122,19 @@ impl<T: Send + 'static> Supply<T> {
         self.current.as_mut().ok_or(Fault::NotConnected)
     }
 
-    /// Gives up the connection, after a timeout or an invalid answer: the other thread closes it and opens a new one. Never blocks, allocates or
-    /// frees.
+    /// Gives up the connection after a timeout or an invalid answer: the helper thread closes it and opens a new one. Never blocks,
+    /// allocates or frees.
     pub fn lose(&mut self) {
         if let Some(dead) = self.current.take() {
             self.give_back(dead);
         }
     }
 
-    /// Hands a dead connection to the thread that closes it, and wakes that thread. Dropping it here would close and free it on the real-time
-    /// thread.
+    /// Hands a failed connection to the helper thread: dropping it here would close and free it on the real-time thread.
     fn give_back(&mut self, dead: T) {
         match self.dead.push(dead) {
             Ok(()) => self.connector.unpark(),
-            // Unreachable, since there is one connection at a time; otherwise the next call would retry.
+            // Unreachable, since there is one connection at a time; otherwise the next call retries.
             Err(PushError::Full(dead)) => self.kept = Some(dead),
         }
     }
@@ -196,7 +195,7 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Connector<T, F> {
                     self.note(None);
                     self.shared.opened.fetch_add(1, Ordering::Relaxed);
                     let born = Instant::now();
-                    // The previous one was returned, so there is room.
+                    // There is room, since the previous connection was returned.
                     if self.hand_over.push(connection).is_err() {
                         return;
                     }
@@ -215,7 +214,7 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Connector<T, F> {
         self.shared.ends.load(Ordering::Acquire)
     }
 
-    /// Waits until the connection is given up; `None` when the supply ends.
+    /// Waits until the connection is given up and returns it; `None` when the supply ends.
     fn dead(&mut self) -> Option<T> {
         loop {
             if let Ok(dead) = self.dead.pop() {

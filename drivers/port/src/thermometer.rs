@@ -22,7 +22,7 @@ pub enum Reason {
     /// The device repeats the request and sends no answer: only the local echo of an RS-485 adapter was received.
     #[error("only the echo of the request came back, no answer")]
     Echo,
-    /// A floating-point value that no thermometer sends.
+    /// The value is a float that no thermometer sends.
     #[error("no number of a thermometer: another byte_order or word_order?")]
     Implausible,
     /// The device reports a fault, or returns a value that encodes one.
@@ -89,7 +89,7 @@ impl Temperature {
         taken: None,
     };
 
-    /// A good temperature; bad if it is not a number.
+    /// A good temperature; bad if `degc` is not a number.
     pub fn good(degc: f64, taken: Instant) -> Self {
         if degc.is_finite() {
             Self {
@@ -140,13 +140,14 @@ impl<T: Thermometer + ?Sized> Thermometer for Box<T> {
     }
 }
 
-/// The producer side, held by the driver's thread.
+/// The producing end, held by the driver's thread.
 pub struct Publisher {
     into: triple_buffer::Input<Vec<Temperature>>,
 }
 
 impl Publisher {
-    /// Publishes temperatures; a sensor without one keeps the previous value of this buffer.
+    /// Publishes temperatures. If there are fewer than sensors, the others keep the values of this buffer, which are not the last published
+    /// ones.
     pub fn publish(&mut self, temperatures: &[Temperature]) {
         let buffer = self.into.input_buffer_mut();
         for (place, found) in buffer.iter_mut().zip(temperatures) {
@@ -156,7 +157,7 @@ impl Publisher {
     }
 }
 
-/// A thermometer that returns the temperatures its [`Publisher`] published last.
+/// A thermometer that returns the temperatures published last.
 pub struct Published {
     device: String,
     names: Vec<String>,

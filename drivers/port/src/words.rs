@@ -3,7 +3,7 @@
 /// Maximum number of words of a block.
 pub const MOST_WORDS: usize = 40;
 
-/// A block of 16-bit words with fixed capacity, so that passing it on does not allocate. Compares by its words.
+/// A block of 16-bit words with fixed capacity, so that copying does not allocate. Only the words in use are compared.
 #[derive(Clone, Copy)]
 pub struct Words {
     words: [u16; MOST_WORDS],

@@ -13,7 +13,7 @@ use crate::{
 
 /// Name of the channel through which corrections reach the axes: SD43900.
 pub const CHANNEL: &str = "temperature-compensation";
-/// Assumed weight of the last digit of positions, mm or deg.
+/// Assumed resolution of reported positions, mm or deg.
 const POSITION_STEP: f64 = 0.001;
 
 /// Sign of the setting data.
@@ -86,7 +86,7 @@ impl SinumerikConfig {
         &self.server.url
     }
 
-    /// Smallest step of the positions of an axis: the third decimal of mm and deg, or the step of its corrections if that is coarser.
+    /// Resolution of the positions of an axis: 0.001 mm or 0.001 deg, or the step of its corrections if that is coarser.
     pub fn position_step(&self, name: AxisName) -> Displacement {
         let decimal = match name.kind() {
             AxisKind::Linear => POSITION_STEP,
@@ -118,8 +118,8 @@ impl SinumerikConfig {
 
     /// The description of the controller, without connecting.
     ///
-    /// The control does not notice when writing stops: the setting data keeps its value. Hence [`Heartbeat::Unwatched`]. The shortest cycle is the
-    /// sampling period of the server, since each cycle writes at most once.
+    /// The setting data keeps its value when writing stops, which the control does not detect: hence [`Heartbeat::Unwatched`]. Each cycle
+    /// writes at most once, so the shortest cycle is the sampling period of the server.
     ///
     /// # Errors
     /// The first invalid setting.
@@ -164,9 +164,10 @@ impl SinumerikConfig {
     }
 }
 
-/// Distance that an axis travels at this speed while a correction is read and written once per `period`: speed times period.
+/// Distance that an axis travels at this speed during one `period`, in which a correction is read and written once.
 ///
-/// A position-dependent correction is wrong by as much as it changes over that distance; one that depends on temperatures alone is not affected.
+/// A position-dependent correction is wrong by its change over that distance; a correction that depends on temperatures alone is not
+/// affected.
 pub fn lag(speed_mm_per_s: f64, period: Duration) -> Mm {
     Mm(speed_mm_per_s * period.as_secs_f64())
 }

@@ -12,7 +12,7 @@ pub enum SinumerikError {
     /// The axes are invalid for a controller.
     #[error(transparent)]
     Axes(#[from] UnfitAxes),
-    /// The axis numbers are not one for each axis, from 1 and all different.
+    /// The axis numbers are not different numbers from 1 on, one for each axis.
     #[error(
         "numbers: found {found:?}, expected {axes} different numbers from 1 on, one for each axis"
     )]
@@ -69,7 +69,7 @@ pub enum SinumerikError {
         "found a server that is not trusted, fingerprint (SHA-1) {fingerprint}, expected one in {}: compare the fingerprint with the one that the control shows, then move {} there", .trusted.display(), .file.display()
     )]
     Untrusted {
-        /// The fingerprint of its certificate.
+        /// The fingerprint of the server's certificate.
         fingerprint: String,
         /// Where the certificate was saved.
         file: PathBuf,
@@ -139,7 +139,7 @@ pub enum SinumerikError {
 }
 
 impl SinumerikError {
-    /// This error as the error of the device at this URL.
+    /// Converts the error to that of the device at this URL.
     pub fn of(self, device: impl Into<String>) -> DeviceError {
         let text = self.to_string();
         let (found, expected) = text.split_once(", expected ").map_or(

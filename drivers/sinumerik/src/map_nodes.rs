@@ -1,7 +1,7 @@
 //! Node ids of a correction map in the PLC: mailbox, report and buffers.
 
-/// The node ids (the string after `s=`) of the words of a map in the PLC. **None was tried on a real control**: arrays are written as manuals write
-/// those of other types (`/Plc/DB2.DBD0:REAL[10]`); browse the server and compare.
+/// The node ids (the string after `s=`) of the words of a map in the PLC. **None was tried on a real control.** The array notation follows
+/// the one that the manuals show for other types (`/Plc/DB2.DBD0:REAL[10]`): browse the server and compare.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
@@ -10,8 +10,8 @@ pub struct MapNodes {
     pub mailbox: String,
     /// The 24 words of the report, an array: `/Plc/DB100.DBW144:WORD[24]`.
     pub report: String,
-    /// Pattern for an array of words in the buffers, the second of which follows the first: `{byte}` is the byte offset of the first word,
-    /// `{count}` the number of words.
+    /// Pattern for an array of words in the two consecutive buffers: `{byte}` is the byte offset of the first word, `{count}` the number of
+    /// words.
     pub buffers: String,
 }
 
@@ -30,7 +30,8 @@ impl Default for MapNodes {
 const PIECE: usize = 64;
 
 impl MapNodes {
-    /// The nodes of the first `count` words of a buffer, 0 or 1, with `capacity` words per buffer: arrays of 64 words, the last one with the rest.
+    /// The nodes of the first `count` words of a buffer (0 or 1), with `capacity` words per buffer: arrays of 64 words, the last one
+    /// shorter.
     #[must_use]
     pub fn of_buffer(&self, buffer: u16, count: usize, capacity: usize) -> Vec<String> {
         let first = usize::from(buffer) * capacity;

@@ -5,21 +5,21 @@ use crate::error::SinumerikError;
 /// Patterns of the node ids (the string after `s=`) of one control. `{axis}` is the number of an axis in the control, from 1; `{db}` is the data
 /// block of that axis in the PLC, 30 + its number.
 ///
-/// The defaults follow the manuals of the 840D sl where these show them (positions), and are otherwise formed like the ids shown there (machine and
-/// setting data). **None was tried on a real control**: browse the server and compare.
+/// The default of the position follows the manuals of the 840D sl; those of machine and setting data are formed like the ids in the
+/// manuals. **None was tried on a real control**: browse the server and compare.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Nodes {
     /// The position of an axis, mm or deg: `/Channel/GeometricAxis/actToolBasePos[u1,{axis}]`.
     pub position: String,
-    /// The name of an axis, which must begin with its letter; empty: not compared.
+    /// The name of an axis, which must begin with its letter; empty: not checked.
     pub name: String,
     /// Setting data 43900 of an axis, the correction, mm or deg.
     pub setting: String,
     /// Machine data 32750 of an axis, the type of its temperature compensation.
     pub kind: String,
-    /// Machine data 32760 of an axis: fraction of its maximum velocity available for a change of the correction; empty: not read.
+    /// Machine data 32760 of an axis, the fraction of its maximum velocity available for a change of the correction; empty: not read.
     pub share: String,
     /// Machine data 32000 of an axis, its maximum velocity, mm/min or rev/min; empty: not read.
     pub speed: String,

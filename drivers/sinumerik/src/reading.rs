@@ -1,4 +1,4 @@
-//! The nodes read in every period and the interpretation of their values, without I/O.
+//! The nodes that are read in every period, and the conversion of their values, without I/O.
 
 use std::time::{Duration, Instant};
 
@@ -14,7 +14,7 @@ use crate::{
 /// One value of a response.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Value {
-    /// The number, 1 for true; `None` if the server has none or its status is not good.
+    /// The number, 1 for true; `None` if there is none or its status is not good.
     pub number: Option<f64>,
     /// Time from sampling to the response, by the server's clock; `None` if the server does not report it.
     pub age: Option<Duration>,
@@ -82,8 +82,8 @@ impl Reading {
 
     /// The snapshot of a response that was requested at `begun` and complete at `ended`.
     ///
-    /// Positions and states were valid before the middle of the exchange, by their age from the server's source timestamps. The age of a setting is
-    /// the time since its last write, so it was valid in the middle of the exchange.
+    /// Positions and states were valid before the middle of the exchange by their age, which follows from the server's source timestamps.
+    /// The age of a setting is the time since its last write, so the setting was valid in the middle of the exchange.
     ///
     /// # Errors
     /// Too few values, a position or a setting that is not a number; [`SinumerikError::SwitchedOff`].
@@ -119,7 +119,7 @@ impl Reading {
         let held = |values: &[Value]| {
             let ages = values.iter().filter_map(|value| value.age);
             let oldest = ages.filter(|_| self.source_timestamps).max();
-            // The clock cannot represent times before its start.
+            // `Instant` cannot represent times before its origin.
             middle
                 .checked_sub(oldest.unwrap_or_default())
                 .unwrap_or(begun)
@@ -144,7 +144,7 @@ impl Reading {
         })
     }
 
-    /// The states. A state without a value takes its safe value; a state without a configured node is assumed good.
+    /// The operating state. A state without a value takes its safe value; a state without a configured node is assumed to be good.
     fn state(&self, values: &[Value]) -> ControllerState {
         let (referenced, rest) = values.split_at(if self.referenced { self.axes.len() } else { 0 });
         let is_on = |value: &Value| value.number.map(|number| number != 0.0);
@@ -162,7 +162,8 @@ impl Reading {
         }
     }
 
-    /// The values to write for corrections in mm and rad: in mm and deg, rounded to the steps of `config`, in the order of [`Reading::settings`].
+    /// The values to write for corrections in mm and rad: mm and deg, rounded to the steps of `config`, in the order of
+    /// [`Reading::settings`].
     pub fn values(
         &self,
         config: &SinumerikConfig,
@@ -179,12 +180,12 @@ impl Reading {
     }
 }
 
-/// Whether bit 0 of MD32750 is set.
+/// Checks that bit 0 of MD32750 is set: the temperature compensation is switched on.
 ///
 /// # Errors
 /// [`SinumerikError::SwitchedOff`].
 pub fn is_switched_on(axis: AxisName, md32750: f64) -> Result<(), SinumerikError> {
-    // Anything but a small whole number has no bit 0.
+    // Any value other than a small whole number counts as 0.
     let whole = if (0.0..=f64::from(u16::MAX)).contains(&md32750) {
         #[expect(
             clippy::cast_possible_truncation,

@@ -11,10 +11,10 @@ pub const SHORTEST_PERIOD: Duration = Duration::from_millis(100);
 /// Default port of the control's OPC UA server.
 pub const PORT: u16 = 4840;
 
-/// The server of a control and how it is polled.
+/// The OPC UA server of a control, and its polling settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Server {
-    /// Its URL, `opc.tcp://HOST:4840`.
+    /// URL of the server, `opc.tcp://HOST:4840`.
     pub url: String,
     /// Namespace of its nodes. Its index is looked up in the server's NamespaceArray at every connection.
     pub namespace: String,
@@ -28,8 +28,8 @@ pub struct Server {
     pub period: Duration,
     /// Timeout of a request; the session is closed when it expires.
     pub time_out: Duration,
-    /// Whether to age positions by the server's source timestamps. Must be off for servers that update them only when a value changes, because
-    /// every axis at standstill would become stale.
+    /// Whether the age of positions follows from the server's source timestamps. Must be off for servers that update them only when a value
+    /// changes, because positions would become stale at standstill.
     pub source_timestamps: bool,
     /// Delay between connection attempts.
     pub backoff: Backoff,
@@ -102,8 +102,8 @@ impl Server {
         Ok(())
     }
 
-    /// Longest time until a sent correction shows in a reading, if every request is answered in time: the write, a reading that had already begun,
-    /// and the next one.
+    /// Longest time until a sent correction appears in a reading, if every request is answered in time: the write, a reading that had
+    /// already begun, and the next reading.
     pub fn read_back(&self) -> Duration {
         self.time_out + 2 * self.period
     }

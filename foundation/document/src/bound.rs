@@ -1,7 +1,7 @@
 //! Bound of every number in an input file.
 
-/// Maximum magnitude of a number in an input file. No quantity of a machine in mm, µm, µrad, °C, s or Pa comes near it, and squares and sums of such
-/// numbers stay finite.
+/// Maximum magnitude of a number in an input file: far above any quantity of a machine in mm, µm, µrad, °C, s or Pa, and small enough for
+/// squares and sums to stay finite.
 pub const LARGEST_NUMBER: f64 = 1e15;
 
 /// Checks a number against the bound; the error describes what is expected.

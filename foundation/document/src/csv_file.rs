@@ -9,16 +9,16 @@ use crate::{bound::bounded, error::InputError, quoted};
 
 /// Table with a header, read from CSV text.
 ///
-/// The separator is the most frequent one in the header, of `,`, `;` and the tab. A first line `sep=;`, as written by spreadsheets, overrides it.
-/// Lines above the header that begin with `#` are skipped. Unless the separator is a comma, numbers may have a decimal comma, then in the whole
-/// table. Cells may be in double quotes; blanks around a cell, blank rows and a byte order mark are ignored. Columns are found by name, regardless of
-/// their order and of case.
+/// The separator is the most frequent of `,`, `;` and the tab in the header. A first line `sep=;`, as written by spreadsheets, overrides
+/// it. Lines above the header that begin with `#` are skipped. Numbers may have a decimal comma if the separator is not a comma; this then
+/// applies to the whole table. Cells may be in double quotes. Blanks around a cell, blank rows and a byte order mark are ignored. Columns
+/// are found by name, in any order and case.
 #[derive(Clone, Debug)]
 pub struct CsvTable {
     file: String,
     text: Arc<str>,
     separator: char,
-    /// First row with a decimal comma, if the table has one.
+    /// Line of the first number with a decimal comma, if the table has one.
     decimal_comma_line: Option<usize>,
     header: Record,
     rows: Vec<Record>,
@@ -163,7 +163,7 @@ impl CsvTable {
         })
     }
 
-    /// Names of the columns that are not among the known ones, for a note on ignored columns.
+    /// Names of the columns that are not `known`, for a note on ignored columns.
     pub fn names_besides(&self, known: &[&str]) -> Vec<&str> {
         let is_known = |name: &str| known.iter().any(|known| known.eq_ignore_ascii_case(name));
         let names = self.names().map(|(_, name)| name);
@@ -183,7 +183,7 @@ impl CsvTable {
         self.error(&self.header, "header", message.into())
     }
 
-    /// An error at the row in a line, or at the header if there is no row in that line.
+    /// An error at the row that begins in `line`, or at the header if no row does.
     pub fn error_at(&self, line: usize, message: impl Into<String>) -> InputError {
         match self.rows().find(|row| row.line() == line) {
             Some(row) => row.error(message),
@@ -235,7 +235,7 @@ impl<'t> Cell<'t> {
     /// Text of the cell, with a decimal point if the table has decimal commas.
     ///
     /// # Errors
-    /// The table has decimal commas and this cell a point: it may separate thousands.
+    /// The table has decimal commas and this cell has a point, which may separate thousands.
     pub fn decimal_text(&self) -> Result<String, InputError> {
         let text = self.text();
         match self.row.table.decimal_comma_line {
@@ -338,7 +338,7 @@ fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (us
         let byte = |position: u64| start + usize::try_from(position).unwrap_or(usize::MAX - start);
         let from = byte(cells.position().map_or(0, csv::Position::byte));
         let to = byte(reader.position().byte());
-        // The reported position of a record may be before the blank lines above it.
+        // The reported position of a record may be that of the blank lines before it.
         let record = bytes.get(from..to).unwrap_or_default();
         let is_break = |byte: &&u8| matches!(byte, b'\n' | b'\r');
         let from = from + record.iter().take_while(is_break).count();

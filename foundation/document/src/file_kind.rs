@@ -1,4 +1,4 @@
-//! Kinds of TOML file: the message on a file of the wrong kind names that kind instead of the first unknown key.
+//! Kinds of TOML file. For a file of the wrong kind the message names its kind instead of the first unknown key.
 
 use crate::{error::InputError, toml_file::Section};
 
@@ -55,8 +55,8 @@ impl FileKind {
 }
 
 impl Section<'_> {
-    /// Rejects every root key of a file except those expected in a file of this kind. A file that has a key of another kind of file, and none
-    /// specific to this kind, is rejected as a whole.
+    /// Rejects every root key except the expected ones. A file with a key of another kind of file, and none specific to this kind, is
+    /// rejected as a whole.
     ///
     /// # Errors
     /// The other kind of file, else the first unknown key, as reported by [`Section::allow`].

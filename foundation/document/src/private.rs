@@ -40,7 +40,7 @@ pub fn is_open_to_others(mode: u32) -> bool {
 /// Opens a file that only its owner may read, or that the service manager provides in the credentials folder of this service.
 ///
 /// # Errors
-/// It cannot be opened, or other users may read it.
+/// The file cannot be opened, or other users may read it.
 pub fn open(path: &Path) -> Result<File, PrivateError> {
     let failed = |source| PrivateError::Read {
         file: path.to_owned(),
@@ -63,7 +63,7 @@ pub fn open(path: &Path) -> Result<File, PrivateError> {
 /// Reads a text from such a file.
 ///
 /// # Errors
-/// It cannot be read, is not text, or other users may read it.
+/// The file cannot be read, is not text, or other users may read it.
 pub fn read(path: &Path) -> Result<String, PrivateError> {
     let mut text = String::new();
     open(path)?

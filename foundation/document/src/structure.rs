@@ -44,18 +44,18 @@ impl From<InputError> for InputErrors {
 /// Full keys in a file (`controller[0].url`), each with the byte range of its value.
 pub type Places = BTreeMap<String, Range<usize>>;
 
-/// Keys of a file, and the errors found in it so far.
+/// Keys of a file and the errors found so far.
 pub struct Mistakes<'a> {
     document: &'a Document,
     places: Places,
-    /// Keys with an invalid value: errors that follow from their absence are not reported.
+    /// Keys whose invalid value was removed. Errors caused by their absence are not reported.
     unread: BTreeSet<String>,
     found: Vec<InputError>,
 }
 
 impl Document {
-    /// Deserialises the file. An invalid value is reported and removed, so that its default applies and further errors are found. `replaced` returns
-    /// a message on the replacement of a key that no longer exists.
+    /// Deserialises the file. An invalid value is reported and removed, so that its default applies and further errors are found. For a
+    /// removed key `replaced` returns a message that names its successor.
     ///
     /// # Errors
     /// A text that is not valid TOML, as [`decode`](Document::decode).
@@ -148,7 +148,7 @@ impl Mistakes<'_> {
         &self.places
     }
 
-    /// Adds an error at a key or a table, unless it follows from an invalid value that was already reported.
+    /// Adds an error at a key or a table, unless a reported invalid value causes it.
     pub fn add(&mut self, key: &str, message: impl Into<String>) {
         let within = |unread: &String| {
             let rest = unread.strip_prefix(key);
@@ -397,7 +397,7 @@ mod tests {
             .map_err(|errors| errors.to_string())
     }
 
-    /// Ten lines with ten mistakes: each is reported with line, key, found and expected value.
+    /// Ten lines with ten mistakes: each message has the line, the key, the found and the expected value.
     #[test]
     fn every_mistake_is_reported() {
         let text = "limit_um = \"much\"\ncount = -1\nword = \"grey\"\nrange = [1.0]\nnames = [1]\nlisten = \"here\"\nold = 3\nlimit = 2\n[[part]]\non = true\n[[part]]\non = 1\nof = 2\n[part.inner]\n[byte]\nat = 70000\n";
@@ -433,7 +433,7 @@ F:16: byte.at: found 70000, expected a whole number from 0 to 65535";
         assert_eq!(file, Ok(expected));
     }
 
-    /// A rule about a key that could not be read reports nothing; one about another key does.
+    /// A rule about a key with an invalid value reports nothing; a rule about another key does.
     #[test]
     fn rules_are_reported_beside_mistakes() {
         let document = Document::new("F", "limit_um = \"much\"\ncount = 9\n[[part]]\non = true\n");
@@ -453,7 +453,7 @@ F:3: part[0].inner: of no use";
         assert_eq!(found, expected);
     }
 
-    /// Reading restarts after each mistake; a file full of mistakes must still end in reasonable time.
+    /// Deserialisation restarts after each mistake; a file full of mistakes must still be read in reasonable time.
     #[test]
     fn a_file_full_of_mistakes_ends() {
         let lines: Vec<String> = (0..5000).map(|n| format!("k{n} = 1")).collect();

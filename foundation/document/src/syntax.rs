@@ -39,7 +39,7 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
             "found `{key} = {whole},{part}`, expected a decimal point: {key} = {whole}.{part}"
         );
     }
-    // Other messages do not concern the value.
+    // Only these messages of the parser concern a value.
     let about_values = ["string values", "unexpected", "invalid", "extra"];
     if !about_values.iter().any(|start| parser.starts_with(start)) {
         return parser.to_owned();
@@ -67,8 +67,7 @@ fn decimal_comma(value: &str) -> Option<(&str, &str)> {
     (digits(size) && digits(part)).then_some((whole, part))
 }
 
-/// Key and digits before and after the comma, for a number with a decimal comma in an inline table: in an inline table a key must follow a comma,
-/// never a number alone.
+/// Key and digits before and after the comma of a number with a decimal comma in an inline table, where a comma must be followed by a key.
 fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
     let inside = value.strip_prefix('{')?;
     let mut parts = inside.split(',').peekable();
@@ -88,7 +87,7 @@ fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
     None
 }
 
-/// Digits before and after a comma just before this offset: in a list such a number is read as two.
+/// Digits before and after a comma just before this offset: a list takes such a number as two.
 fn decimal_comma_at(text: &str, at: usize) -> Option<(&str, &str)> {
     let before = text.get(..at)?.strip_suffix(',')?;
     let whole = before

@@ -38,8 +38,8 @@ pub struct Value<'a> {
     node: &'a Spanned<DeValue<'a>>,
 }
 
-/// Maximum size of a TOML file, bytes. For an invalid one the parser allocates some fifty times its size, which must not exhaust the memory of a
-/// program that corrects a machine.
+/// Maximum size of a TOML file, bytes. On invalid text the parser allocates about fifty times the size, which must not exhaust the memory
+/// of a program that corrects a machine.
 pub(crate) const MOST_BYTES: usize = 4 * 1024 * 1024;
 
 /// Maximum number of keys, headers and their parts between dots. Each becomes a table or a value of some hundred bytes: without a limit 4 MiB of them
@@ -169,10 +169,10 @@ impl<'a> Section<'a> {
             .error(self.span.clone(), self.key.clone(), message)
     }
 
-    /// Rejects every key that is not expected.
+    /// Rejects unknown keys.
     ///
     /// # Errors
-    /// The first unknown key, with suggestions, or without any the list of expected keys.
+    /// The first unknown key, with suggestions or, if there are none, the list of expected keys.
     pub fn allow(&self, expected: &[&str]) -> Result<(), InputError> {
         for (key, value) in self.values() {
             if !expected.contains(&key) {
@@ -364,7 +364,7 @@ impl<'a> Value<'a> {
     pub fn vector<const N: usize>(&self) -> Result<[f64; N], InputError> {
         let numbers = self.numbers()?;
         <[f64; N]>::try_from(numbers).map_err(|numbers| {
-            // Each number with a decimal comma is treated as two.
+            // A number with a decimal comma is parsed as two numbers.
             let hint = if numbers.len() == 2 * N {
                 "; a number has a decimal point, a comma separates numbers"
             } else {

@@ -9,8 +9,8 @@ pub const TURNED_AFTER: Mm = Mm(0.005);
 /// Default travel against its direction after which a rotary axis is treated as reversed.
 pub const TURNED_AFTER_ROTARY: Deg = Deg(5e-4);
 
-/// Current or last direction of travel of an axis. It selects the branch of a bidirectional curve and names the approach to a target (ISO 230-2: ↑
-/// and ↓). For an unknown direction an `Option<Direction>` is `None`, and the mean of both branches applies.
+/// Current or last direction of travel of an axis. It selects the branch of a bidirectional curve, and is the direction of approach to a
+/// target in ISO 230-2 (↑ and ↓). `None` is an unknown direction, for which the mean of both branches applies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Direction {
     /// Towards larger coordinates: `+` in files, ↑ in the standard.

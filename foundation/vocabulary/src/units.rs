@@ -7,7 +7,7 @@ use core::{
 
 use crate::axis::AxisKind;
 
-/// A number with a unit, generic over the unit: for settings that are the same for lengths and for angles.
+/// A number with a unit, for settings that exist both as a length and as an angle.
 pub trait Unit: Copy {
     /// Quantity with this number in this unit.
     fn of(number: f64) -> Self;
@@ -176,7 +176,7 @@ impl From<Deg> for Rad {
     }
 }
 
-/// A length or an angle, by the kind of the axis that it belongs to: a coordinate, a correction, a step, a limit.
+/// A length or an angle, depending on the kind of its axis: a coordinate, correction, step or limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Displacement {
     /// Displacement of a linear axis.

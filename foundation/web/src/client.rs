@@ -33,7 +33,7 @@ pub fn exchange(mut stream: impl Read + Write, request: &str) -> std::io::Result
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
-/// TLS configuration that trusts only this certificate: gateways and centres use self-signed ones.
+/// TLS configuration that trusts only this certificate, since gateways and centres use self-signed ones.
 ///
 /// # Errors
 /// A certificate that TLS rejects.

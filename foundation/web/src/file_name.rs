@@ -3,8 +3,8 @@
 /// Maximum length of a name, bytes.
 const MAX_NAME_BYTES: usize = 120;
 
-/// Converts a name to a safe component of a path: the last part of the file name from the browser, reduced to letters, digits, blanks and `-_.+`, at
-/// most 120 bytes. It is never hidden and never leads out of a folder. `None` for a name without a letter or a digit.
+/// Converts a file name from a browser to a safe path component: its last part, reduced to letters, digits, blanks and `-_.+`, at most 120
+/// bytes, not hidden, never outside its folder. `None` for a name without a letter or a digit.
 pub fn sanitised(name: &str) -> Option<String> {
     let last = name.rsplit(['/', '\\']).next().unwrap_or_default();
     let is_plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | '+' | ' ');
@@ -57,8 +57,7 @@ mod tests {
     }
 
     proptest! {
-        /// For any name from a browser, the result is one name in this folder, not hidden, and valid on every file
-        /// system.
+        /// Any name from a browser becomes one name in this folder, not hidden, and valid on every file system.
         #[test]
         fn a_name_is_one_path_component(given in "\\PC{0,300}|.{0,300}") {
             if let Some(name) = sanitised(&given) {

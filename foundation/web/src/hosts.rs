@@ -9,7 +9,7 @@ use axum::{
     response::Response,
 };
 
-/// Passes on a request whose Host header names this program, and waits for the response at most this time.
+/// Passes on a request if its Host header names this program, and limits the time for the response.
 ///
 /// # Errors
 /// Status and reason: no Host header, a name that is not `known` (the reason is then `unknown`), or no response in time.

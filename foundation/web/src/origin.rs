@@ -1,9 +1,9 @@
-//! Cross-site requests: another site may send them through the browser of a user who is unaware of it.
+//! Cross-site requests, which another site sends through a user's browser without the user's knowledge.
 
 use axum::http::{HeaderMap, header};
 
-/// Whether a browser sent the request from a page of another origin than the requested host (`Origin` and `Sec-Fetch-Site` headers). Other clients
-/// send neither header.
+/// Whether a page of another origin than the requested host sent the request, by the headers `Origin` and `Sec-Fetch-Site`, which only
+/// browsers send.
 pub fn is_of_another_page(headers: &HeaderMap) -> bool {
     let text = |name: &str| headers.get(name).map(|value| value.to_str().unwrap_or(""));
     let host = text(header::HOST.as_str()).unwrap_or("");

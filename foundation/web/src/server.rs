@@ -22,10 +22,9 @@ use tracing::Instrument;
 
 use crate::Tls;
 
-/// Maximum number of simultaneous connections. A further one closes the oldest, so that clients that do not read, or send nothing, cannot block
-/// others.
+/// Maximum number of simultaneous connections. A further one closes the oldest, so that idle clients cannot block others.
 const MAX_CONNECTIONS: usize = 64;
-/// Maximum number of connections of all servers of the program together, which leaves file descriptors for its other tasks.
+/// Maximum number of connections of all servers of the program together, so that file descriptors remain for its other tasks.
 const MAX_TOTAL_CONNECTIONS: usize = 256;
 /// Connections of all servers of the program, the oldest first.
 static ALL_CONNECTIONS: Mutex<VecDeque<AbortHandle>> = Mutex::new(VecDeque::new());
@@ -34,7 +33,7 @@ const HEADER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Timeout for the TLS handshake.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Serves until the runtime ends. Every request has the address of its client as an `Extension<SocketAddr>`.
+/// Serves until the runtime ends. Every request has the client's address as an `Extension<SocketAddr>`.
 pub async fn serve(listener: TcpListener, tls: Option<Tls>, router: Router) {
     let mut open: VecDeque<AbortHandle> = VecDeque::new();
     loop {

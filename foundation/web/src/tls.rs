@@ -23,7 +23,7 @@ use volcomp_document::{PrivateError, private};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TlsError {
-    /// A certificate or key that is invalid, or that do not belong together.
+    /// A certificate or key is invalid, or the two do not match.
     #[error("{}: {source}", file.display())]
     Certificate {
         /// Path of the file.
@@ -99,7 +99,8 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
     Ok(Tls::from(Arc::new(config)))
 }
 
-/// Generates a self-signed certificate for some names or addresses, with its key (mode 0600), in a folder. Existing files are not overwritten.
+/// Generates a self-signed certificate for these names or addresses, and its key (mode 0600), in a folder. Existing files are not
+/// overwritten.
 ///
 /// # Errors
 /// Invalid names, a folder that cannot be written, files that exist already.

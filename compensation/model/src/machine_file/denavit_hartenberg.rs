@@ -1,4 +1,4 @@
-//! The table `[dh]` of a machine file: axis positions by a Denavit–Hartenberg table.
+//! The table `[dh]` of a machine file: axis positions by Denavit–Hartenberg parameters.
 
 use volcomp_document::{InputError, Section, Value};
 use volcomp_kinematics::{
@@ -13,7 +13,7 @@ use crate::axis::Axis;
 const DIRECTION_ROUNDING: f64 = 1e-14;
 /// Coordinates below this are rounding errors, mm.
 const POINT_ROUNDING_MM: f64 = 1e-10;
-/// Maximum distance of a stated point from the line of its axis, mm.
+/// Maximum distance of a configured point from the line of its axis, mm.
 const ON_THE_LINE_MM: f64 = 1e-6;
 
 /// Sets the directions and points of the axes from `[dh]`, if the file has it.
@@ -53,7 +53,7 @@ pub(super) fn place_by_table(
             )));
         }
         axis.direction = Some(rounded(&joint.direction, DIRECTION_ROUNDING));
-        // A linear axis has no fixed line; its `point` is where its errors are stated.
+        // A linear axis has no fixed line; `point` is where its errors apply.
         if axis.name.kind() == AxisKind::Linear {
             continue;
         }
@@ -80,7 +80,7 @@ fn rounded(vector: &Vector3<f64>, below: f64) -> [f64; 3] {
     vector.map(|x| if x.abs() < below { 0.0 } else { x }).into()
 }
 
-/// A frame by its origin and two of its axes.
+/// Decodes a frame from its origin and two of its axes.
 fn decode_base(section: &Section<'_>) -> Result<Pose, InputError> {
     section.allow(&["point", "x", "z"])?;
     let vector = |key: &str, default: [f64; 3]| {
@@ -93,7 +93,7 @@ fn decode_base(section: &Section<'_>) -> Result<Pose, InputError> {
         vector("x", [1.0, 0.0, 0.0])?,
         vector("z", [0.0, 0.0, 1.0])?,
     );
-    // Scaled first, so that squares neither underflow nor overflow.
+    // Scaled first, so that the squares neither underflow nor overflow.
     let unit = |v: Vector3<f64>| (v.amax() > 0.0).then(|| (v / v.amax()).normalize());
     let frame = unit(z).zip(unit(x)).and_then(|(z, x)| {
         let y = z.cross(&x).try_normalize(1e-6)?;
@@ -110,7 +110,7 @@ fn decode_base(section: &Section<'_>) -> Result<Pose, InputError> {
     })
 }
 
-/// One row for each axis, in chain order.
+/// Decodes one row for each axis, in chain order.
 fn decode_rows(value: &Value<'_>, structure: &Structure) -> Result<Vec<DhRow>, InputError> {
     let axes = structure.axes();
     let items = value.items()?;

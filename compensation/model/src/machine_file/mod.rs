@@ -1,4 +1,4 @@
-//! Reads machine files with precise error messages, and writes them with a checksum.
+//! Reads machine files, with messages that name file, line and key, and writes them with a checksum.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -46,7 +46,7 @@ impl Machine {
     /// Reads a machine file; [`parse`](Self::parse) takes its text.
     ///
     /// # Errors
-    /// A file that cannot be read, is not UTF-8 or not a valid machine: with file, line and key.
+    /// A file that cannot be read or is not UTF-8, or an invalid machine, with file, line and key.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, ModelError> {
         Self::decode(&Document::read(path.as_ref())?)
     }
@@ -135,11 +135,11 @@ fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
     Ok(machine)
 }
 
-/// In TOML a key below the header of a table belongs to that table, even after an empty line.
+/// Rejects root keys below the header of a table, which in TOML belong to that table even after an empty line.
 fn refuse_keys_below_a_table(root: &Section<'_>) -> Result<(), InputError> {
     const ABOVE_TABLES: [&str; 3] = ["structure", "correct", "checksum"];
     for (table, value) in root.values() {
-        // The keys of `tools` are user-defined names.
+        // The keys of `tools` are names chosen by the user.
         let Some(section) = value.section().ok().filter(|_| table != "tools") else {
             continue;
         };
@@ -330,7 +330,7 @@ fn decode_axis(section: &Section<'_>, name: AxisName) -> Result<Axis, InputError
     })
 }
 
-/// A direction of any non-zero length.
+/// A direction vector of any length except zero.
 fn decode_direction(value: &Value<'_>) -> Result<[f64; 3], InputError> {
     let direction = value.vector()?;
     if direction == [0.0; 3] {
@@ -339,7 +339,7 @@ fn decode_direction(value: &Value<'_>) -> Result<[f64; 3], InputError> {
     Ok(direction)
 }
 
-/// The key `correct`; errors point at the single names.
+/// Decodes the key `correct`; errors locate the single names.
 fn decode_correct(root: &Section<'_>, machine: &mut Machine) -> Result<(), InputError> {
     let Some(value) = root.get("correct") else {
         return Ok(());
@@ -373,7 +373,7 @@ fn decode_thermal(section: &Section<'_>, structure: &Structure) -> Result<Therma
     let mut all = Vec::new();
     section.tables("seen", |seen| {
         all.push(decode_seen(seen, structure)?);
-        // Checked against the terms and against the ranges before it.
+        // Checked against the terms and the preceding ranges.
         thermal.seen.clone_from(&all);
         let last = all.last().map_or(Ok(()), |last| last.check(&thermal));
         last.map_err(|refusal| seen.error(refusal.to_string()))
@@ -457,7 +457,7 @@ fn decode_tool(section: &Section<'_>) -> Result<Tool, InputError> {
     })
 }
 
-/// `length` and `offset` require a gauge point.
+/// Rejects `length` and `offset` without a gauge point.
 fn check_gauge_keys(
     root: &Section<'_>,
     tool: &Tool,

@@ -11,7 +11,7 @@ use crate::{
     provenance::{Origin, Provenance, Source},
 };
 
-/// Maximum number of runs or targets.
+/// Maximum number of runs and of targets.
 const MAX_RUNS_OR_TARGETS: usize = 100_000_000;
 
 pub(super) fn decode_provenance(
@@ -83,7 +83,7 @@ fn decode_source(section: &Section<'_>) -> Result<Source, InputError> {
     })
 }
 
-/// The table as text; empty if nothing is known, so that the text and the checksum of such files do not change.
+/// The table as text. Empty if nothing is known, so that files without provenance keep their text and checksum.
 pub(super) fn write_provenance(provenance: &Provenance) -> String {
     if provenance.is_empty() {
         return String::new();

@@ -44,7 +44,7 @@ fn a_grid_closes_along_the_axis_that_goes_round() {
             "[[0, 500], [0, 180, 360]]",
             "[[0, 5, 0], [1, 6, 2]]",
         ),
-        // The error of another axis, looked up along C.
+        // An error of another axis that also depends on C.
         grid("[\"X\", \"C\"]", "[[0, 500], [0, 360]]", "[[0, 0], [1, 2]]").replace("EZC", "EZX"),
     ];
     for error in open {
@@ -58,7 +58,7 @@ fn a_grid_closes_along_the_axis_that_goes_round() {
     }
 }
 
-/// A table parked at 0.000° whose last digit flickers was thrown to and fro by 160 µm.
+/// For a table parked at 0.000°, a flickering last digit used to change the correction by 160 µm.
 #[test]
 fn curves_of_every_kind_close_where_the_axis_rolls_over() {
     for [curve, jump] in &cases(
@@ -87,7 +87,7 @@ fn curves_of_every_kind_close_where_the_axis_rolls_over() {
         "{ poly = [3.0] }",
         "{ fourier = [0.0, 80.0, 80.0], period = 360.0 }",
         "{ fourier = [0.0, 80.0, 80.0], period = 120.0 }",
-        // What is fitted to readings closes within their scatter.
+        // Curves fitted to readings close only within the scatter of the readings.
         "{ chebyshev = [0.0, 0.4], domain = [0.0, 360.0] }",
         "{ poly = [0.0, -0.5, 0.0013888888888888888] }",
     ] {

@@ -4,7 +4,7 @@ use volcomp_kinematics::{CorrectionOptions, State};
 use volcomp_model::{CorrectRefusal, Machine, ModelError, Temperatures, Tolerance};
 use volcomp_vocabulary::AxisName;
 
-/// X and U along one another, C under the workpiece; errors that every axis would answer.
+/// U is parallel to X, C is under the workpiece; every axis could correct some of the errors.
 const WITH_U_AND_C: &str = r#"
 structure = "w C' X' b U Y Z t"
 [axes.X]
@@ -31,7 +31,7 @@ fn machine(correct: &str) -> Machine {
     Machine::parse(&format!("{correct}\n{WITH_U_AND_C}"), "m.toml").unwrap()
 }
 
-/// Which axes the correction moves, in chain order: C, X, U, Y, Z.
+/// The axes that the correction moves, in chain order: C, X, U, Y, Z.
 fn moved(machine: &Machine, options: &CorrectionOptions) -> String {
     let state = machine
         .state(&[
@@ -61,7 +61,7 @@ fn the_machine_file_says_which_axes_correct() {
         "UYZ"
     );
     assert_eq!(moved(&machine("correct = [\"Y\"]"), &default), "Y");
-    // The first step has them too, and who asks for axes gets those.
+    // The key also applies to the first-order step; explicit options override it.
     let file = machine("correct = [\"Y\"]");
     assert_eq!(moved(&file, &CorrectionOptions::first_order()), "Y");
     let asked = CorrectionOptions {

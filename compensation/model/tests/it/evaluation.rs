@@ -40,7 +40,7 @@ fn every_kind_of_curve_has_its_value() {
     assert!((exx - (0.0073 * 200.0 - 2.1e-7 * 4e4)).abs() < 1e-12);
     assert!((eyx - (0.4 - 1.2 * t + 3.0 * (2.0 * t * t - 1.0))).abs() < 1e-12);
     assert!((ezx - 0.75).abs() < 1e-12);
-    // Grid: halfway in Y between 0 and 0.5 more, halfway in Z between 650 and 1050.
+    // Grid: in Y half-way between 0 and 0.5, in Z half-way between 650 and 1050.
     assert!((linear_um(&machine, 2, &state)[2] - 1.75).abs() < 1e-12);
     assert!((linear_um(&machine, 3, &state)[1] - (1.0 + 850.0 / 1250.0)).abs() < 1e-12);
     let motion = machine.source(&Temperatures::new()).error_motion(0, &state);
@@ -78,7 +78,7 @@ fn travel_in_radians_is_noted() {
             "{travel}: {found:?}"
         );
     }
-    // A table of small tilts, a full circle, one end alone, none of the usual parts of a circle.
+    // Travels that do not look like radians: a table of small tilts, a full circle, one matching end only, unusual fractions.
     for travel in [
         "[-3, 3]",
         "[0, 360]",
@@ -174,7 +174,7 @@ fn modulo_brings_the_coordinate_into_travel() {
 
 #[test]
 fn diagonals_of_a_scale_error_and_of_squareness() {
-    // EXX = 10 µm over 1000 mm: along a diagonal (1000, 500, 400)/L it shows 10·1000/L.
+    // EXX = 10 µm over 1000 mm: along a diagonal (1000, 500, 400)/L its component is 10·1000/L.
     let length = (1000.0_f64.powi(2) + 500.0_f64.powi(2) + 400.0_f64.powi(2)).sqrt();
     let of = |errors: &str| {
         let machine = plain(errors);
@@ -201,7 +201,7 @@ fn diagonals_of_a_scale_error_and_of_squareness() {
         })
         .collect();
     assert_eq!(names, ["PPP", "NPP", "PNP", "PPN"]);
-    // Squareness 20 µrad takes 20·500·1e-3 = 10 µm off X at the far end of Y: PPP shorter, NPP longer.
+    // A squareness of 20 µrad moves X by −20·500·1e-3 = −10 µm at the far end of Y: PPP is shorter, NPP longer.
     let square = of("EC0Y = 20.0");
     let share = 10.0 * 1000.0 / length;
     let last = |d: &volcomp_model::Diagonal| d.deviation_um[19];

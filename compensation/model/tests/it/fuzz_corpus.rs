@@ -1,4 +1,4 @@
-//! Replays the kept inputs of the fuzz targets; a file named `valid-…` must be read, one named `broken-…` refused.
+//! Replays the fuzz corpus: `valid-…` files must be read, `broken-…` files must be rejected.
 
 use std::path::Path;
 

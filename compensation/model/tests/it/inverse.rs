@@ -1,4 +1,4 @@
-//! From a tip and a tool axis to coordinates within travel.
+//! From a tip and a tool axis to coordinates within the travels.
 
 use std::fmt::Write as _;
 
@@ -36,7 +36,8 @@ fn near(found: &[f64], expected: &[f64]) {
     );
 }
 
-/// A tilting rotary table: the tool axis (sin 30°, 0, cos 30°) by hand. A′ and C′ count for the tool: A = ±30 with C = ±90.
+/// A tilting rotary table with the tool axis at (sin 30°, 0, cos 30°), solved by hand. A′ and C′ are relative to the workpiece: A = ±30
+/// with C = ±90.
 #[test]
 fn every_solution_within_travel_the_smaller_turns_first() {
     let axes = format!("{LINEAR}A.travel = [-90, 90]\nC.travel = [-360, 360]");
@@ -63,7 +64,7 @@ fn every_solution_within_travel_the_smaller_turns_first() {
         let off = table.chain().ideal_tip_mm(state) - Vector3::new(10.0, 20.0, 30.0);
         assert!(off.norm() < 1e-9, "{off}");
     }
-    // With a shorter travel of A only one of each pair is left.
+    // With a shorter travel of A, only one solution of each pair remains.
     let short = machine("w C' A' b X Y Z t", &axes.replace("[-90, 90]", "[-5, 90]"));
     let reached = short.axes_at([0.0; 3], target).unwrap();
     near(&degrees(&short, &reached, AxisName::A), &[30.0, 30.0]);
@@ -137,7 +138,7 @@ fn what_has_no_solution_says_why() {
     );
 }
 
-/// Three rotary axes: two move and the third stands nearest to 0, each pair in turn.
+/// Three rotary axes: each pair moves in turn while the third is nearest to 0.
 #[test]
 fn a_third_rotary_axis_stands() {
     let axes =
@@ -155,14 +156,14 @@ fn a_third_rotary_axis_stands() {
     }
 }
 
-/// The example with a tilting table: beside it the tip is in reach only with the table turned, and the ranges are those of
-/// the two triangles on paper.
+/// The example with a tilting table: next to the table the tip can be reached only with the table turned, within the ranges of two
+/// triangles computed by hand.
 #[test]
 fn a_free_axis_stands_where_the_linear_axes_reach() {
     let axes = "X.travel = [-300, 300]\nY.travel = [-250, 250]\nZ.travel = [-400, 0]\nA.travel = [-110, 30]\nC.travel = [-360, 360]";
     let table = machine("w C' A' b X Y Z t", axes);
     let reached = table.axes_at([0.0, 280.0, -50.0], [0.0, 0.0, 1.0]).unwrap();
-    // 280 mm out, at C the tip is at 280·|cos C| along Y: at most 250, and at 280·|sin C| along X, at most 300.
+    // At a radius of 280 mm and angle C, the tip is at 280·|cos C| along Y (at most 250) and 280·|sin C| along X (at most 300).
     let edge = (250.0_f64 / 280.0).acos().to_degrees();
     let degrees_of = |ranges: &[[f64; 2]]| -> Vec<f64> {
         ranges.iter().flatten().map(|q| q.to_degrees()).collect()
@@ -175,7 +176,7 @@ fn a_free_axis_stands_where_the_linear_axes_reach() {
     found.sort_by(f64::total_cmp);
     near(&found, &[edge - 360.0, -edge, edge, 360.0 - edge]);
     assert!(reached.singular && reached.missed.is_none());
-    // Exactly one place of the axis: the tip is as far out as Y and X go together.
+    // A single coordinate: the radius equals the combined reach of Y and X.
     let corner = machine(
         "w C' A' b X Y Z t",
         &axes.replace("[-300, 300]", "[-1, 400]"),
@@ -185,7 +186,7 @@ fn a_free_axis_stands_where_the_linear_axes_reach() {
         .axes_at([0.0, x.hypot(y), -50.0], [0.0, 0.0, 1.0])
         .unwrap();
     assert!(!reached.solutions.is_empty(), "{reached:?}");
-    // Nowhere.
+    // No solution.
     let reached = corner
         .axes_at([0.0, x.hypot(y) + 0.01, -50.0], [0.0, 0.0, 1.0])
         .unwrap();
@@ -195,8 +196,7 @@ fn a_free_axis_stands_where_the_linear_axes_reach() {
     );
 }
 
-/// Ranges that are narrower than the steps of the search, next to half a turn: the tip is 100 mm out, so that Y is at
-/// 100·|sin C|.
+/// Ranges narrower than the sampling steps, next to half a turn: the radius is 100 mm, so that Y is at 100·|sin C|.
 #[test]
 fn a_narrow_range_next_to_half_a_turn_is_found() {
     let [low, high] = [0.05_f64, 0.15].map(f64::to_radians);
@@ -222,12 +222,12 @@ fn a_narrow_range_next_to_half_a_turn_is_found() {
             near(&sizes, &[0.05, 0.15]);
             ranges[0][0].signum()
         });
-        // One next to +180°, the other next to -180°.
+        // One range is next to +180°, the other next to −180°.
         assert!(found[0] * found[1] < 0.0, "{found:?}");
     }
 }
 
-/// Whatever the structure: what was reached once with the free axis anywhere is found again.
+/// For random structures: a pose that was reached with the free axis at any coordinate is found again.
 #[test]
 fn a_singular_pose_that_was_there_is_found() {
     let mut seed = 7_u64;
@@ -237,7 +237,7 @@ fn a_singular_pose_that_was_there_is_found() {
             .wrapping_add(1_442_695_040_888_963_407);
         low + (high - low) * ((seed >> 11) as f64 / (1_u64 << 53) as f64)
     };
-    // The axis that is free where the others are at 0.
+    // The axis that is free if the others are at 0.
     let structures = [
         ("w C' A' b X Y Z t", AxisName::C),
         ("w C' A' X' b Y Z t", AxisName::C),
@@ -308,7 +308,7 @@ fn a_singular_pose_that_was_there_is_found() {
     }
 }
 
-/// At B = ±90° Z and X run along one line: any share of the way between them is a solution, and travels say which.
+/// At B = ±90° Z and X are parallel: any division of the movement between them is a solution, limited by the travels.
 #[test]
 fn linear_axes_along_one_another_are_free() {
     let with = |z: &str| {
@@ -328,7 +328,7 @@ fn linear_axes_along_one_another_are_free() {
             panic!("{:?}", reached.dependent)
         };
         assert!((moves.q[z].abs() - 1.0).abs() < 1e-12 && (moves.q[x].abs() - 1.0).abs() < 1e-12);
-        // At both ends of its range a free axis, with the other as the move says, has the tip where it was.
+        // At both ends of its range the free axis, combined with the dependent move, leaves the tip in place.
         let state = reached.solutions[0];
         let tip = wide.chain().ideal_tip_mm(&state);
         for (place, ranges) in [z, x].into_iter().zip(&reached.ranges) {
@@ -347,7 +347,7 @@ fn linear_axes_along_one_another_are_free() {
             }
         }
     }
-    // Half the way each is beyond the travel of Z, and yet there is a solution.
+    // With half the movement each, Z is outside its travel, but there is a solution.
     let narrow = with("[-1, 1]");
     let reached = narrow.axes_at([0.0, 0.0, 300.0], [1.0, 0.0, 0.0]).unwrap();
     assert_eq!(reached.solutions.len(), 1, "{reached:?}");
@@ -356,7 +356,7 @@ fn linear_axes_along_one_another_are_free() {
     assert!(!other.singular && other.free.is_empty() && other.dependent.is_empty());
 }
 
-/// Near the pose at which Z and X run along one line a point is still reached, by moves far against each other.
+/// Near the pose at which Z and X are parallel, a point is still reached, by long opposite movements.
 #[test]
 fn points_near_a_pose_of_dependent_axes_are_reached() {
     for structure in ["w Z' B' b X Y t", "w b X Y B Z t"] {

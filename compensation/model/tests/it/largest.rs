@@ -2,7 +2,7 @@
 
 use volcomp_model::{Machine, Temperatures};
 
-/// EXX is 10 µm/m over 0.8 m; the bed adds 2 µm/K, the head takes 3 µm/K away, and the scale grows by 11 µm/(m·K).
+/// EXX is 10 µm/m over 0.8 m; the bed adds 2 µm/K, the head subtracts 3 µm/K, and the scale expands by 11 µm/(m·K).
 const MACHINE: &str = r#"
 structure = "w X b Y Z t"
 [axes.X]
@@ -15,7 +15,7 @@ travel = [0.0, 250.0]
 EXX = { poly = [0.0, 0.01] }
 "#;
 
-/// The effects of the sensors add up, also of a warm one and a cold one.
+/// The magnitudes of the effects of the sensors add up, also for opposite temperature changes.
 #[test]
 fn each_kelvin_changes_the_largest_correction_by_the_sum_over_the_sensors() {
     const DRIFT: &str = "[[thermal.drift]]\nerror = \"EXX\"\nsensors = { bed = 2.0, head = -3.0 }\num_per_k = 1.0\n";
@@ -28,9 +28,9 @@ fn each_kelvin_changes_the_largest_correction_by_the_sum_over_the_sensors() {
         (DRIFT.to_owned(), 5.0),
         (SCALE.to_owned(), 8.8),
         (format!("{SCALE}{DRIFT}"), 13.8),
-        // One sensor of two terms is one temperature: 3 from the head, 2 + 8.8 from the bed.
+        // One sensor in two terms is one temperature: 3 from the head, 2 + 8.8 from the bed.
         (format!("{OF_BED}{DRIFT}"), 13.8),
-        // Also where the reference is beyond what was seen.
+        // The reference may be outside the tested range.
         (format!("{DRIFT}{SEEN}"), 5.0),
     ] {
         let machine = Machine::parse(&format!("{MACHINE}{terms}"), "m").unwrap();

@@ -19,9 +19,9 @@ mod serialised;
 mod thermal;
 mod volumetric;
 
-/// Ends the run on an allocation where one is forbidden.
+/// Aborts the test on a forbidden allocation.
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
-/// The example of the file format, every kind of curve in it.
+/// The example of the file format, with every kind of curve.
 pub const EXAMPLE: &str = volcomp_test_support::machines::EVERY_CURVE;

@@ -1,11 +1,11 @@
-//! What a person reads when a machine file is wrong: file, line, key, found, expected.
+//! Messages on invalid machine files: file, line, key, found and expected value.
 
 use volcomp_model::Machine;
 use volcomp_test_support::cases;
 
 use crate::EXAMPLE;
 
-/// What is replaced in the example, and by what.
+/// Changes to the example, each with its replacement and message.
 const CHANGES: &str = r#"
 structure = "w C' X' b Y Z t" | structure = "w C' X' Y Z t"
 structure = "w C' X' b Y Z t" | structure = "w C' X' b Y' Z t"
@@ -111,7 +111,7 @@ fn unreadable_files_have_their_message() {
 }
 
 proptest::proptest! {
-    /// Whatever is cut out of or put into a machine file, it is a machine or a message, never a panic.
+    /// Whatever is removed from or inserted into a machine file, the result is a machine or a message, without a panic.
     #[test]
     fn damaged_files_do_not_panic(
         place in 0..crate::EXAMPLE.len(), cut in 0..40_usize,
@@ -123,7 +123,7 @@ proptest::proptest! {
         let damaged: String =
             text[..place].iter().copied().chain(put.chars()).chain(text[end..].iter().copied()).collect();
         match Machine::parse(&damaged, "m.toml") {
-            // What is read can be written and read again.
+            // Every machine that is read can be written and read again.
             Ok(machine) => {
                 let again = Machine::parse(&machine.to_toml(), "m.toml");
                 proptest::prop_assert_eq!(again.ok(), Some(machine));

@@ -1,9 +1,9 @@
-//! `[provenance]`: read, written, removed with its error, refused where it is invalid.
+//! `[provenance]` is read, written, removed with its error, and rejected if invalid.
 
 use volcomp_model::{Machine, Provenance, Source, is_date, sha256_of};
 use volcomp_test_support::cases;
 
-/// SHA-256 of no bytes and of "abc" (FIPS 180-4, examples).
+/// SHA-256 of the empty message and of "abc" (FIPS 180-4, examples).
 const OF_NOTHING: &str = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
 const OF_ABC: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
 
@@ -43,7 +43,7 @@ fn what_is_written_is_what_was_read_and_counts_in_the_checksum() {
     assert!(!bare.to_toml().contains("provenance"));
 }
 
-/// An error that is set anew is another one.
+/// Setting an error removes its provenance.
 #[test]
 fn what_is_set_anew_loses_its_provenance() {
     let mut machine = Machine::parse(&told(), "m.toml").expect("a machine");
@@ -95,7 +95,7 @@ fn hashes_are_those_of_the_standard() {
     assert!(sha256_of(folder.path()).is_err());
 }
 
-/// Days as `cal` has them.
+/// Dates compared with `cal`.
 #[test]
 fn days_are_those_of_the_calendar() {
     for day in ["2024-02-29", "2000-02-29", "2026-12-31", "0001-01-01"] {

@@ -1,4 +1,4 @@
-//! The best rigid motion, against rigid motions that are known and against a dense singular value decomposition.
+//! The best-fit rigid motion, against known rigid motions and a dense singular value decomposition.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -19,7 +19,7 @@ fn sums(points: &[Point]) -> RigidSums {
     sums
 }
 
-/// Root of the mean square and the largest of what is left, µm.
+/// Root mean square and maximum of the residual, µm.
 fn left_um(points: &[Point]) -> [f64; 2] {
     let motion = best(points);
     let mut lengths = Lengths::default();
@@ -29,7 +29,7 @@ fn left_um(points: &[Point]) -> [f64; 2] {
     [1e3 * lengths.rms(), 1e3 * lengths.max()]
 }
 
-/// Places all over a box of these sizes whose corner is at `from`, mm.
+/// Points all over a box of this size with a corner at `from`, mm.
 fn box_of(size: [f64; 3], from: [f64; 3]) -> Vec<Vector3<f64>> {
     let mut places = Vec::new();
     for index in 0..7 * 5 * 4 {
@@ -69,7 +69,7 @@ fn a_rigid_motion_leaves_nothing() {
             let [rms, max] = left_um(&points);
             assert!(rms <= max && max < 1e-6, "{size:?} {from:?}: {rms} {max}");
             let found = best(&points);
-            // About a line as thin as 0.1 mm over 40 m a turn shows by a few pm.
+            // For points within 0.1 mm of a line of 40 m, the rotation about the line has an effect of only a few pm.
             if size[2] > 1.0 {
                 assert!((found.rotation_rad - turn).norm() < 1e-12, "{found:?}");
             }
@@ -81,7 +81,7 @@ fn a_rigid_motion_leaves_nothing() {
     }
 }
 
-/// Errors drawn at random: what is left is orthogonal to all six motions, and as much as the dense solution leaves.
+/// With random errors, the residual equals that of a dense solution.
 #[test]
 fn what_is_left_is_what_a_dense_decomposition_leaves() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
@@ -102,7 +102,8 @@ fn what_is_left_is_what_a_dense_decomposition_leaves() {
     }
 }
 
-/// The same by least squares with a dense matrix of six columns, each of unit length, places counted from the middle of their range.
+/// RMS and maximum residual, µm, by least squares with a dense matrix of six normalised columns; points relative to the middle of their
+/// range.
 fn dense_left_um(points: &[Point]) -> [f64; 2] {
     let rows = 3 * points.len();
     let low = points.iter().fold(points[0].0, |a, p| a.inf(&p.0));
@@ -133,7 +134,7 @@ fn dense_left_um(points: &[Point]) -> [f64; 2] {
     [1e3 * all.rms(), 1e3 * all.max()]
 }
 
-/// Only what the points truly do not see is left out: a turn about the line on which they are, or any about a single point.
+/// Only rotations that the points do not determine are omitted: about a line through all points, or any rotation about a single point.
 #[test]
 fn points_in_a_plane_on_a_line_or_at_one_place() {
     let turn = Vector3::new(20e-6, -30e-6, 40e-6);
@@ -165,7 +166,7 @@ fn points_in_a_plane_on_a_line_or_at_one_place() {
     assert_eq!(none.rms_left_mm(), 0.0);
 }
 
-/// Sums of parts are the sums of the whole.
+/// Merged partial sums equal the sums over all points.
 #[test]
 fn parts_are_put_together() {
     let mut random = ChaCha8Rng::seed_from_u64(9);
@@ -184,7 +185,7 @@ fn parts_are_put_together() {
     assert!((whole.rotation_rad - of_parts.rotation_rad).norm() < 1e-18);
 }
 
-/// NaN does not panic.
+/// NaN does not cause a panic.
 #[test]
 fn what_is_no_number_stays_none() {
     for bad in [f64::NAN, f64::INFINITY, 1e300] {

@@ -1,4 +1,4 @@
-//! What is written is what was read.
+//! A written machine file reads back as the same machine.
 
 use proptest::prelude::*;
 use volcomp_model::Machine;

@@ -9,7 +9,7 @@ fn a_machine_reads_back_the_same() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();
     let text = serde_json::to_string(&machine).unwrap();
     assert_eq!(serde_json::from_str::<Machine>(&text).unwrap(), machine);
-    // It passes every check of the machine file, the checksum too.
+    // Deserialisation makes all checks of the machine file, including the checksum.
     for (from, to, told) in [
         ("w C'", "w Q'", "machine:3: structure:"),
         ("EC0Y = 12.0", "EC0Y = 13.0", "machine:2: checksum:"),

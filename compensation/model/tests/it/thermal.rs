@@ -40,7 +40,7 @@ fn state_of(text: &str) -> (Machine, ThermalState) {
     (machine, thermal)
 }
 
-/// Temperatures of the sensors by name.
+/// Temperatures by sensor name.
 fn steady(thermal: &ThermalState, degc: &[Option<f64>]) -> Temperatures {
     let named = thermal.sensors().iter().zip(degc);
     named
@@ -48,7 +48,7 @@ fn steady(thermal: &ThermalState, degc: &[Option<f64>]) -> Temperatures {
         .collect()
 }
 
-/// With steady temperatures the state is the machine compiled at them, on three axes and on more.
+/// At steady temperatures the result equals that of a machine compiled at them, with three axes and with more.
 #[test]
 fn steady_temperatures_are_those_of_the_source() {
     for text in [THREE_AXES, EXAMPLE] {
@@ -89,7 +89,7 @@ fn steady_temperatures_are_those_of_the_source() {
             }
         }
         assert!(moved > 0.01, "{moved}");
-        // Back to the reference temperature: as if there were none.
+        // Back at the reference temperature the terms are zero.
         thermal.step(1e9, &[Some(20.0); 3]);
         thermal.apply(&mut compiled);
         let cold = machine.compile(Tolerance::default()).unwrap();
@@ -101,14 +101,14 @@ fn steady_temperatures_are_those_of_the_source() {
     }
 }
 
-/// Tilt of Y (rad) with spindle and bed, at 0.
+/// Tilt of Y (rad) at these spindle and bed temperatures, at coordinate 0.
 fn tilt_y(machine: &Machine, thermal: &ThermalState) -> f64 {
     let mut compiled = machine.compile(Tolerance::default()).unwrap();
     thermal.apply(&mut compiled);
     compiled.evaluate(&State::default()).rotation_rad[0]
 }
 
-/// A step of temperature: 1 − exp(−t/τ), in one step of time or in many of any length.
+/// A temperature step yields 1 − exp(−t/τ), in one time step or in many of any length.
 #[test]
 fn a_lag_answers_a_step_exactly() {
     let (machine, start) = state_of(THREE_AXES);
@@ -131,7 +131,7 @@ fn a_lag_answers_a_step_exactly() {
         let expected = 2e-6 * 10.0 * (1.0 - (-450.0_f64 / 600.0).exp());
         assert!((tilt_y(&machine, &thermal) - expected).abs() < 1e-15);
     }
-    // The first input is where the lag begins.
+    // The lag starts at its first input.
     let mut thermal = start;
     thermal.step(1.0, &at(30.0));
     assert!((tilt_y(&machine, &thermal) - 2e-5).abs() < 1e-15);
@@ -167,8 +167,8 @@ fn a_missing_sensor_holds_then_fades_then_counts_again() {
     assert!((tilt_y(&machine, &thermal) - 2e-5).abs() < 1e-15, "back");
 }
 
-/// The machine has cooled down while its sensor was silent. Before, the term went back to its value of hours ago in one
-/// step when the sensor returned, and took hours to settle.
+/// The machine has cooled while its sensor was missing. When the sensor returned, the term used to step back to its value of hours ago, and
+/// took hours to settle.
 #[test]
 fn a_term_that_has_faded_does_not_go_back_to_its_value_of_hours_ago() {
     let (machine, mut thermal) = state_of(THREE_AXES);
@@ -183,7 +183,7 @@ fn a_term_that_has_faded_does_not_go_back_to_its_value_of_hours_ago() {
         thermal.step(1.0, &at(Some(20.0)));
         assert!(tilt_y(&machine, &thermal).abs() < 1e-12);
     }
-    // A short silence: the lag advances over it with the next temperature.
+    // After a short silence the lag advances over it with the next temperature.
     let (_, mut thermal) = state_of(THREE_AXES);
     thermal.step(0.0, &at(Some(20.0)));
     thermal.step(200.0, &at(None));
@@ -192,7 +192,7 @@ fn a_term_that_has_faded_does_not_go_back_to_its_value_of_hours_ago() {
     assert!((tilt_y(&machine, &thermal) - expected).abs() < 1e-15);
 }
 
-/// The program stood for ten minutes: no sensor is missing for that, and the lags know that time has passed.
+/// After a pause of the program of ten minutes no sensor counts as missing, and the lags advance over the pause.
 #[test]
 fn lags_go_on_over_a_time_in_which_the_program_stood() {
     let (machine, mut thermal) = state_of(THREE_AXES);
@@ -208,8 +208,8 @@ fn lags_go_on_over_a_time_in_which_the_program_stood() {
     assert!((tilt_y(&machine, &thermal) - expected).abs() < 1e-15);
 }
 
-/// A scale that has grown by 100 µm over a metre takes the carriage 100 µm too far along the direction of its axis, in
-/// whatever way that points. Before, the growth was along X of MCS: the wrong way on a reversed axis.
+/// A scale that has expanded by 100 µm over a metre moves the carriage 100 µm too far along the direction of its axis, whatever that is.
+/// The expansion used to act along X of MCS, the wrong way on a reversed axis.
 #[test]
 fn a_scale_grows_along_the_direction_of_its_axis() {
     let half = std::f64::consts::FRAC_1_SQRT_2;
@@ -247,8 +247,7 @@ fn a_scale_grows_along_the_direction_of_its_axis() {
     }
 }
 
-/// The machine file is read again in the middle of warming up. Before, every lag began anew, and the correction jumped
-/// to its final value.
+/// The machine file is read again during warm-up. Every lag used to restart, and the correction jumped to its final value.
 #[test]
 fn lags_are_carried_over_to_the_same_terms() {
     let text = |um_per_k: f64, lag_s: f64, reference: f64| {
@@ -270,26 +269,26 @@ fn lags_are_carried_over_to_the_same_terms() {
         (z_mm * 1e3, thermal)
     };
     let (warm, before) = z_um(&text(3.0, 600.0, 20.0), None);
-    // 30 µm at last; e^(-1/2) of it is still to come.
+    // The final value is 30 µm, of which e^(-1/2) is still to come.
     assert!(
         (warm - 30.0 * (1.0 - (-0.5_f64).exp())).abs() < 0.01,
         "{warm}"
     );
     let (same, _) = z_um(&text(3.0, 600.0, 20.0), Some(&before));
     assert!((same - warm).abs() < 1e-9, "{same}");
-    // The lagged temperature is the same, whatever it moves and by how much.
+    // The lagged temperature does not depend on the error and factor of the term.
     let (twice, _) = z_um(&text(6.0, 600.0, 20.0), Some(&before));
     assert!((twice - 2.0 * warm).abs() < 1e-9, "{twice}");
-    // A difference of two sensors does not know the reference.
+    // The difference of two sensors does not depend on the reference.
     let (other, _) = z_um(&text(3.0, 600.0, 22.0), Some(&before));
     assert!((other - warm).abs() < 1e-9, "{other}");
-    // Another lag and other weights: the lagged temperatures of the sensors are as they were, and go on from there.
+    // With another lag and other weights, the lagged temperatures of the sensors are unchanged, and continue.
     let (other, _) = z_um(&text(3.0, 60.0, 20.0), Some(&before));
     assert!((other - warm).abs() < 1e-9, "{other}");
     let heavier = text(3.0, 600.0, 20.0).replace("spindle = 1.0", "spindle = 1.001");
     let (heavier, _) = z_um(&heavier, Some(&before));
     assert!((heavier - 1.001 * warm).abs() < 1e-9, "{heavier}");
-    // Of two terms of one sensor that one counts whose lag is nearer.
+    // Of two terms with the same sensor, the one with the nearest lag counts.
     let two = text(3.0, 600.0, 20.0)
         + "[[thermal.drift]]\nerror = \"EYZ\"\nsensors = { spindle = 1.0 }\num_per_k = 0.0\nlag_s = 5.0\n";
     let (_, before) = z_um(&two, None);
@@ -297,7 +296,7 @@ fn lags_are_carried_over_to_the_same_terms() {
     assert!((near - warm).abs() < 1e-9, "{near}");
 }
 
-/// One drift with what it has seen: 20 to 30 °C, 0.3 K/min down and 0.5 K/min up, gone 4 K beyond.
+/// A drift with its tested range: 20 to 30 °C, −0.3 to 0.5 K/min, zero 4 K beyond.
 const SEEN: &str = r#"
 structure = "w X' b Y Z t"
 [axes.X]
@@ -347,8 +346,8 @@ fn column_spindle(column: f64, spindle: f64) -> [Option<f64>; 2] {
     [Some(column), Some(spindle)]
 }
 
-/// Inside nothing changes; beyond, the terms of the error hold and go to zero over the margin, all together; those of
-/// another error, of which nothing is stated, go on. The steady source says the same.
+/// Within the range nothing changes. Beyond it all terms of the error are held and fade to zero over the margin; another error without a
+/// tested range is unaffected. The steady source agrees.
 #[test]
 fn beyond_what_they_have_seen_terms_hold_and_fade() {
     for (spindle, share) in [
@@ -392,8 +391,7 @@ fn beyond_what_they_have_seen_terms_hold_and_fade() {
     }
 }
 
-/// The terms of one error may cancel each other: none of them acts before every sensor with a tested range has delivered a
-/// temperature.
+/// The terms of one error may cancel each other, so none of them acts before every sensor with a tested range has delivered a temperature.
 #[test]
 fn terms_wait_for_the_first_temperature_of_every_watched_sensor() {
     let (machine, mut thermal) = state_of(SEEN);
@@ -410,11 +408,11 @@ fn terms_wait_for_the_first_temperature_of_every_watched_sensor() {
     assert!(!thermal.is_beyond_seen());
 }
 
-/// A temperature leaves the range at 2 K/min: the correction does not jump, the warning does not come early, and the terms
-/// return with the temperature.
+/// A temperature leaves the range at 2 K/min: the correction does not jump, the warning is not early, and the terms return with the
+/// temperature.
 #[test]
 fn a_temperature_that_leaves_takes_the_terms_with_it_smoothly() {
-    // Without rates, so that the temperature alone decides.
+    // Without a tested rate, only the temperature counts.
     let text = SEEN.replace("k_per_min = [-0.3, 0.5]", "");
     let (machine, mut thermal) = state_of(&text);
     let step_s = 2.0;
@@ -428,7 +426,7 @@ fn a_temperature_that_leaves_takes_the_terms_with_it_smoothly() {
         assert_no_alloc(|| thermal.step(if i == 0 { 0.0 } else { step_s }, &degc));
         let z_um = x_z_um(&machine, &thermal)[1];
         if i > 0 {
-            // 3 µm/K at 2 K/min, and 30 µm in ten minutes; no more.
+            // At most 3 µm/K at 2 K/min, plus 30 µm in ten minutes.
             let most = 3.0 * 2.0 * step_s / 60.0 + 30.0 * step_s / 600.0;
             assert!((z_um - before).abs() <= most + 1e-6, "{i}: {before} {z_um}");
         }
@@ -442,13 +440,13 @@ fn a_temperature_that_leaves_takes_the_terms_with_it_smoothly() {
     assert!(gone && back);
 }
 
-/// A spindle that rises faster than in the tests: its rate counts as the change in ten minutes.
+/// A spindle that warms up faster than in the tests: its rate counts by the change in ten minutes.
 #[test]
 fn a_rate_beyond_what_was_seen_fades_as_well() {
     let (machine, mut thermal) = state_of(SEEN);
     thermal.step(0.0, &column_spindle(20.0, 20.0));
     let mut unseen = 0.0_f64;
-    // 0.45 K/min is within it.
+    // A rate of 0.45 K/min is within the range.
     for i in 1..=1200 {
         thermal.step(
             1.0,
@@ -456,7 +454,7 @@ fn a_rate_beyond_what_was_seen_fades_as_well() {
         );
         assert!(!thermal.is_beyond_seen(), "{i}");
     }
-    // 29 °C for an hour; then it falls by 0.7 K/min, whose smoothed rate passes 0.3 K/min after some minutes.
+    // 29 °C for an hour; then a fall of 0.7 K/min, whose smoothed rate passes 0.3 K/min after some minutes.
     for _ in 0..3600 {
         thermal.step(1.0, &column_spindle(20.0, 29.0));
     }
@@ -468,14 +466,14 @@ fn a_rate_beyond_what_was_seen_fades_as_well() {
     }
     assert!(thermal.is_beyond_seen());
     assert!(unseen > 1.0, "{unseen}");
-    // It stands: the rate goes, and the terms are back.
+    // At constant temperature the rate decays, and the terms return.
     for _ in 0..3600 {
         thermal.step(1.0, &column_spindle(20.0, 20.0));
     }
     assert!(!thermal.is_beyond_seen());
 }
 
-/// A reload with a wider range while the terms have faded: they come in again, and do not jump.
+/// A reload with a wider range while the terms have faded: they ramp in again without a jump.
 #[test]
 fn a_reload_does_not_jump_beyond_what_was_seen() {
     let (_, mut old) = state_of(SEEN);
@@ -484,7 +482,7 @@ fn a_reload_does_not_jump_beyond_what_was_seen() {
     let (machine, mut new) = state_of(&SEEN.replace("[20.0, 30.0]", "[20.0, 40.0]"));
     new.carry_over(&old);
     new.step(1.0, &warm);
-    // A quarter of 39 µm, and a second of ten minutes of the rest.
+    // A quarter of 39 µm, plus the remainder's share of one second in ten minutes.
     let z_um = x_z_um(&machine, &new)[1];
     assert!((z_um - 39.0 * (0.25 + 1.0 / 600.0)).abs() < 0.01, "{z_um}");
     new.step(600.0, &warm);

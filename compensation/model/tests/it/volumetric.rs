@@ -10,10 +10,10 @@ use volcomp_model::{
 };
 use volcomp_vocabulary::{AxisName, Direction};
 
-/// Random poses of the brute force.
+/// Number of random poses of the brute force.
 const POSES: usize = 20_000;
 
-/// A machine of the structure with random location errors, constants, slopes and waves.
+/// A machine of this structure with random location errors, constants, slopes and waves.
 fn random_machine(structure: &str, random: &mut ChaCha8Rng) -> Machine {
     let axes: Vec<AxisName> = structure
         .split_whitespace()
@@ -76,7 +76,7 @@ fn random_machine(structure: &str, random: &mut ChaCha8Rng) -> Machine {
                 AxisName::B => 1,
                 _ => 2,
             };
-            // A component along the axis itself has no effect, and is refused.
+            // A rotation about the axis itself has no effect, and is rejected.
             if along == own || component.as_bytes()[1] == b'X' + own {
                 continue;
             }
@@ -143,7 +143,7 @@ fn of_one_tool(machine: &Machine) -> VolumetricError {
     volumetric(&[field]).unwrap()
 }
 
-/// The largest error that is found is at least that of the brute force, and not much larger: random poses miss the corners.
+/// The largest error is at least that of the brute force, and not much larger, since random poses miss the corners.
 #[test]
 fn the_largest_error_over_all_axes_is_that_of_brute_force() {
     let mut random = ChaCha8Rng::seed_from_u64(1);
@@ -162,22 +162,22 @@ fn the_largest_error_over_all_axes_is_that_of_brute_force() {
     }
 }
 
-/// What a machine with wrong rotary axes shows at one rotary pose is a rigid motion; over all axes it is not. Angles
-/// about a fixed point: a closed form.
+/// At a single rotary pose an offset of a rotary axis is a rigid motion, but not over all its angles. Closed form for rotations about a
+/// fixed point.
 #[test]
 fn an_offset_of_a_rotary_axis_is_an_error_over_its_angles() {
     let text = "structure = \"w C' b X Y Z t\"\n[axes]\nC.travel = [-180.0, 180.0]\nX.travel = [-100.0, 100.0]\nY.travel = [-100.0, 100.0]\nZ.travel = [-100.0, 100.0]\n[errors]\nEX0C = 200.0\n";
     let machine = Machine::parse(text, "offset.toml").unwrap();
     let found = of_one_tool(&machine);
-    // An axis at (o, 0) instead of 0 moves the tool by o − R(C)⁻¹ o in workpiece axes: the mean over a turn is o, and what is left
-    // has the length of o everywhere.
+    // An axis at (o, 0) instead of 0 moves the tool by o − R(C)⁻¹ o in workpiece axes: the mean over a turn is o, and the residual has the
+    // length of o at every angle.
     assert!((found.position.value - 0.2).abs() < 1e-3, "{found:?}");
     assert!((found.position_rms_mm - 0.2).abs() < 1e-3, "{found:?}");
     assert!(found.tilt.value < 1e-5, "{found:?}");
     assert_eq!(found.position.at.len(), 4);
 }
 
-/// Play is an error of the parts: half of it to each side, which no alignment takes away.
+/// Backlash is an error of the parts: half of it to each side, which no alignment removes.
 #[test]
 fn play_is_part_of_the_volumetric_error() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[errors]\nEXX = { mean = { poly = [0.0] }, reversal = 100.0 }\n";
@@ -187,18 +187,18 @@ fn play_is_part_of_the_volumetric_error() {
     assert!((found.position_rms_mm - 0.05).abs() < 1e-3, "{found:?}");
 }
 
-/// The largest error is at an end of the travel, approached downwards, before and after alignment.
+/// The largest error is at an end of travel, approached downwards, before and after alignment.
 #[test]
 fn the_ends_of_the_travels_are_reached_from_both_sides() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[errors]\nEXX = { mean = { poly = [0.0, 0.2] }, reversal = -40.0 }\n";
     let machine = Machine::parse(text, "ends.toml").unwrap();
     let found = of_one_tool(&machine);
-    // 0.2 µm per mm over 500 mm and half of the play; alignment takes the mean, 50 µm.
+    // 0.2 µm/mm over 500 mm, plus half the backlash; alignment removes the mean, 50 µm.
     assert!((found.max_mm - 0.12).abs() < 1e-9, "{found:?}");
     assert!((found.position.value - 0.07).abs() < 1e-3, "{found:?}");
 }
 
-/// A spot of each axis that is one node of its table wide: they add up at one place of the travels.
+/// A peak per axis, one table node wide; the peaks add up at one pose.
 #[test]
 fn narrow_spots_of_curves_are_found() {
     use rand::RngExt as _;
@@ -223,7 +223,8 @@ fn narrow_spots_of_curves_are_found() {
     }
 }
 
-/// A spot that takes from the rest of the error where that is largest, and adds to it elsewhere; a node of a grid; a spot of another machine's curve. By sums.
+/// A peak that lowers the largest error elsewhere but adds up at another pose; a single grid node; a peak in another machine's curve.
+/// Against sums computed by hand.
 #[test]
 fn spots_that_add_up_elsewhere_are_found() {
     let three = |errors: &str| {
@@ -237,7 +238,7 @@ fn spots_that_add_up_elsewhere_are_found() {
             "EXX = {{ table = [[0, 0], [412.45, 0], [412.5, {um:?}], [412.55, 0], [1000, 0]], interpolation = \"linear\" }}\n"
         )
     };
-    // 80 at one side of Y, −60 at the other: the spot adds to the smaller one.
+    // 80 µm at one end of Y and −60 µm at the other: the peak adds to the smaller one.
     let wave = "EXY = { table = [[0, 80], [1000, -60]], interpolation = \"linear\" }\n";
     let found = of_one_tool(&three(&format!("{}{wave}", spot(-60.0))));
     assert!((found.max_mm - 0.12).abs() < 1e-6, "{found:?}");
@@ -261,8 +262,8 @@ fn spots_that_add_up_elsewhere_are_found() {
     assert!((found.max_mm - 0.06).abs() < 1e-6, "{found:?}");
 }
 
-/// A tilt that is constant is aligned away with one tool; with tools of two lengths its lever differs by the same shift, which
-/// one alignment for both keeps.
+/// A constant tilt is aligned away with one tool. With two tool lengths its effect at the tip differs, and one alignment cannot remove
+/// both.
 #[test]
 fn tools_of_two_lengths_have_one_alignment() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[tool]\ngauge = [0.0, 0.0, 0.0]\nlength = 100.0\n[tools.SHORT]\nlength = 50.0\n[tools.LONG]\nlength = 250.0\n[errors]\nEBZ = 100.0\n";
@@ -288,7 +289,7 @@ fn tools_of_two_lengths_have_one_alignment() {
         field("LONG", &long, &of_long),
     ];
     let both = volumetric(&both).unwrap();
-    // 100 µrad over 200 mm are 20 µm between the tools, less what a rotation takes of it.
+    // 100 µrad over 200 mm are 20 µm between the tools, of which a rotation of the workpiece removes a part.
     assert!(both.position.value > 0.005, "{both:?}");
 }
 
@@ -326,8 +327,8 @@ fn the_error_is_largest_with_an_extreme_tool() {
     assert!(of_all > 1.5 * largest(&["A", "LONG"]));
 }
 
-/// Machines whose errors are narrow spots of all axes and components, of both signs: a spot that lowers the error at one pose raises it at another, and
-/// two may have to be met at once. The truth is the largest error over all combinations of the nodes of the tables.
+/// Machines whose errors are narrow peaks of both signs in all axes and components: a peak may lower the error at one pose and raise it at
+/// another, and two peaks may have to be hit together. The truth is the largest error over all combinations of table nodes.
 #[test]
 fn spots_that_must_be_met_together_are_found() {
     for (structure, cases) in [("w b X Y Z t", 10), ("w C' b X Y Z t", 3)] {
@@ -346,7 +347,7 @@ fn spots_that_must_be_met_together_are_found() {
     }
 }
 
-/// A machine with two spots a curve, 0.1 mm or 0.1° wide, and the nodes of the tables of each axis.
+/// A machine with two peaks per curve, 0.1 mm or 0.1° wide, and the table nodes of each axis.
 fn machine_of_spots(structure: &str, random: &mut ChaCha8Rng) -> (Machine, Vec<Vec<f64>>) {
     let axes: Vec<AxisName> = structure
         .split_whitespace()
@@ -383,7 +384,7 @@ fn machine_of_spots(structure: &str, random: &mut ChaCha8Rng) -> (Machine, Vec<V
     (machine, nodes)
 }
 
-/// The largest error at all combinations of nodes, mm: before the alignment that was found and after it.
+/// The largest error over all combinations of nodes, mm: before the alignment that was found, and after it.
 fn largest_at_nodes(machine: &Machine, nodes: &[Vec<f64>], found: &VolumetricError) -> [f64; 2] {
     let error_at = errors(machine);
     let [mut before, mut after] = [Lengths::default(); 2];
@@ -408,7 +409,7 @@ fn largest_at_nodes(machine: &Machine, nodes: &[Vec<f64>], found: &VolumetricErr
     [before.max(), after.max()]
 }
 
-/// A spot in the curve of one direction, which adds to a bump of another axis.
+/// A peak in the curve of one direction, which adds to a peak of another axis.
 #[test]
 fn a_spot_of_one_direction_is_found() {
     let text = "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 500]\n[errors]\nEXX = { forward = { table = [[0, -4], [175, -4], [187.5, -10], [200, -4], [700, -4], [700.5, 9], [701, -4], [1000, -4]], interpolation = \"linear\" }, backward = { table = [[0, 4], [1000, 4]], interpolation = \"linear\" } }\nEXY = { table = [[0, 0], [235, 0], [240, 5], [260, 5], [265, 0], [500, 0]], interpolation = \"linear\" }\n";
@@ -416,7 +417,7 @@ fn a_spot_of_one_direction_is_found() {
     assert!((found.max_mm - 0.014).abs() < 1e-6, "{found:?}");
 }
 
-/// A spot of a linear axis that adds to a bump of the rotary table, and takes from the error at all other angles.
+/// A peak of a linear axis that adds to a peak of the rotary table, and reduces the error at all other angles.
 #[test]
 fn a_spot_that_adds_at_one_angle_is_found() {
     let text = "structure = \"w C' X' b Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 500]\nZ.travel = [0, 500]\nC = { travel = [0, 360], point = [500, 250, 0] }\n[errors]\nEXX = { table = [[0, -10], [613.0, -10], [613.5, 6], [614.0, -10], [1000, -10]], interpolation = \"linear\" }\nEXC = { table = [[0, 0], [195, 0], [197, 14], [223, 14], [225, 0], [360, 0]], interpolation = \"linear\" }\n";

@@ -60,8 +60,8 @@ fn a_constant_error_is_removed_completely() {
     assert!(found[0].left_um[0] < 1e-6, "{found:?}");
 }
 
-/// Of 100 µm/m the mean over 100 and 300 mm is removed; ±10 µm remain, less 1e-4 because the corrected axis also has the error. Each offset
-/// has its own mean.
+/// Of a scale error of 100 µm/m the mean over 100 and 300 mm is removed and ±10 µm remain, less 1e-4 because the error also scales the
+/// correction. Each offset has its own mean.
 #[test]
 fn a_scale_error_leaves_its_spread() {
     let (out, found) = run(
@@ -151,7 +151,7 @@ fn the_mean_of_measured_errors() {
         near(found[0].before_um, [14.0, rms([10.0, 14.0, 6.0])]),
         "{found:?}"
     );
-    // Between X and Y only: half belongs to each.
+    // Along a diagonal of X and Y each axis corrects half.
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let (out, _) = taken("", &[at([half, half, 0.0], 20.0 * half)]);
     has(&out, "G10 L2 P1 X99.990 Y49.990 Z-20.500\n");
@@ -237,8 +237,8 @@ fn measured_errors_become_axis_offsets() {
     }
 }
 
-/// With constant errors of 10 µm and 4 µm a part cut from a probed zero is good; so it is with the measured mean plus the amount that the
-/// note subtracts.
+/// With constant errors of 10 µm and 4 µm a part cut from a probed zero has no error, and the same follows from the measured mean plus the
+/// amount in the note.
 #[test]
 fn a_probed_zero_contains_the_measured_error() {
     let machine =
@@ -294,7 +294,7 @@ fn a_zero_set_by_the_program_was_not_probed() {
     }
 }
 
-/// 100 µrad of pitch over a tool of 300 mm are 30 µm, in the mean as in each correction; the program number stays in the first line.
+/// A pitch of 100 µrad at a tool of 300 mm causes 30 µm, in the mean as in each correction; the program number stays in the first line.
 #[test]
 fn the_tool_length_counts_and_the_program_number_stays_first() {
     let machine = format!(
@@ -347,14 +347,14 @@ fn positions_without_the_mean_correction_are_refused() {
         ("G90 G54 G0 X0 Y0\nG1 X0 F100\nG1 X100\nG55 G1 Y5\n", 4, 'X'),
         ("G90 G55 G0 X0 Y0\nG54\nG92 Y0\nG1 X0 Y0 F100\n", 4, 'Y'),
         ("G90 G54 G0 X0 Y0\nG53 G0 Y0\nG1 X10 F100\n", 3, 'Y'),
-        // With the mean the motion is repeated twice as far.
+        // With the mean correction this motion would go twice as far.
         ("G90 G54 G0 X0 Y0\nG1 X[#5221] F100\n", 2, 'X'),
     ] {
         let text = message(errors, SETUP, program);
         begins(&text, &format!("line {line}: the mean correction of "));
         has(&text, &format!(" does not reach {axis} here"));
     }
-    // Z needs none; a shift from a named position contains it.
+    // Z needs no mean correction; a shift from a named position contains it.
     for good in [
         "G90 G54 G0 X0 Y0\nG1 X10 F100\n",
         "G90 G54 G0 X0 Y0\nG92 X5 Y5 Z5\nG1 X10 Y0 F100\n",

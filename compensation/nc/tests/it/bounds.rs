@@ -34,7 +34,7 @@ fn message(errors: &str, program: &str) -> String {
     refused.expect_err("it is refused").to_string()
 }
 
-/// Unit mistakes in every kind of motion and every language.
+/// Unit mistakes are rejected in every kind of motion and every language.
 #[test]
 fn a_correction_beyond_the_limit_is_refused() {
     let rs274 = [
@@ -126,7 +126,7 @@ G90 G0 Z-5\nG98 G81 X10 Y0 Z-20 R0 F50\n | line 2: the correction moves Z from 0
         // Corrections below the rounding change nothing.
         "G90 G0 X0\nG0 Y300\n",
         "G90 G0 X599.98 Y-200\n",
-        // Already outside: a note reports it.
+        // Already outside the travel: a note reports it.
         "G90 G0 X601\n",
         "G90 G0 X580 Y-10\nG3 F100 X580 Y10 J10\n",
     ] {

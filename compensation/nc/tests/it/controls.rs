@@ -501,7 +501,7 @@ fanuc | K1.5 | a cycle with K that is not a number of holes
         let error = run(&of_control(control), &program).expect_err(word);
         begins(&error, &format!("line 4: {expected}"));
     }
-    // Values that LinuxCNC interprets again may be kept by another control.
+    // Another control may keep values that LinuxCNC computes anew.
     for control in [FANUC, HAAS] {
         let program = around("G81 X10. Y100. Z-5. R2. F100.\nG91 X10.");
         let error = run(control, &program).expect_err(control);

@@ -208,7 +208,8 @@ fn centre_point_paths_are_within_the_tolerance() {
     assert!(summary.counts.added > 10, "{:?}", summary.counts);
 }
 
-/// M428 and the set-up hold until M429, G43.4 until G49, whatever tool length is selected in between.
+/// Tool centre point control stays active from M428 or the set-up until M429, and from G43.4 until G49, whatever tool length is selected in
+/// between.
 #[test]
 fn centre_point_control_lasts_until_it_is_switched_off() {
     let machine = machine(LENGTH);
@@ -270,7 +271,7 @@ fn own_kinematics_after_m428_are_refused() {
     );
 }
 
-/// The table would turn, although the machine file has no such axis.
+/// Words of a rotary axis that the machine file lacks are rejected under tool centre point control, because the table would turn.
 #[test]
 fn rotary_words_of_missing_axes_are_refused_with_centre_point_control() {
     let mut machine = machine(LENGTH);
@@ -383,7 +384,7 @@ fn an_axis_with_modulo_does_not_leave_its_travel() {
             Some(expected) => assert!(notes[0].starts_with(expected), "{notes:?}"),
         }
     }
-    // A cradle turns no further than its travel.
+    // A cradle cannot turn beyond its travel.
     let text = "structure = \"w C' A' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.A]\ntravel = [-100, 100]\nmodulo = 360.0\n[axes.C]\ntravel = [0, 360]\nmodulo = 360.0\n[errors]\nEC0Y = 20.0\n";
     let machine = Machine::parse(text, "m.toml").expect("a good machine");
     let program = "G0 X10 Y20 Z0 A0 C0\nA300\nA150\n";
@@ -536,7 +537,7 @@ fn a_purely_rotary_motion_keeps_its_feed() {
     );
     let is_mixed = |line: &String| names(line, "A") && names(line, "XYZ");
     assert!(together[2..].iter().any(is_mixed), "{together:?}");
-    // An unchanged word must not lead back from a corrected position.
+    // An unchanged word must not move the axis back from a corrected position.
     let bent = "EZA = { table = [[0, 0], [10, -0.6], [20, 0.4]], interpolation = \"linear\" }\n";
     let program = "G94 G0 X0 Y0 Z0 A0\nG1 Z0 A10 F600\nG1 Z0 A20\nG1 Z-5\n";
     let out = turned(bent, "", Dialect::Rs274, program).expect("compensated");
@@ -580,7 +581,7 @@ fn the_limit_holds_at_the_tool() {
             .sum();
         let moved_um = 1e3 * off.sqrt();
         assert!(moved_um > 1.0, "{wanted:?} {moved_um}");
-        // Whatever the words are rounded to.
+        // However the words are rounded.
         run(&text, moved_um + 0.1).expect("within the limit");
         let refused = run(&text, moved_um - 0.1).expect_err("beyond the limit");
         let begins = "line 2: the corrections of all axes together move the tool by ";

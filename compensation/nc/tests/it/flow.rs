@@ -250,7 +250,7 @@ fn loops_left_early() {
     let while_left = "o1 while [1 eq 1]\nG0 X1\no1 break\nG0 X2\no1 endwhile\n";
     let do_left = "o3 do\n#5=[#5+1]\nG0 Y1\no3 continue\nG0 Y2\no3 while [#5 lt 2]\n";
     let twice = "o2 repeat [2]\nG0 Z1\no2 endrepeat\n";
-    // A loop do … while after it is done once by rs274 instead of three times.
+    // rs274 executes a later do … while loop once instead of three times.
     let three = "#5=0\no4 do\n#5=[#5+1]\nG0 Y1\no4 while [#5 lt 3]\n";
     assert_eq!(motions(&format!("{while_left}{twice}")).ok(), Some(3));
     says(
@@ -266,7 +266,7 @@ fn loops_left_early() {
     );
     let in_own = "o4 do\n#5=[#5+1]\nG0 Y1\no4 continue\no4 break\no4 while [#5 lt 3]\n";
     says(in_own, "line 6: LinuxCNC ends this loop here");
-    // A loop with one pass ends it.
+    // A loop with one pass clears the pending break.
     let once = three.replace("lt 3", "lt 0").replace("o4", "o5");
     assert_eq!(motions(&format!("{while_left}{once}{three}")).ok(), Some(5));
     let broken = "o4 do\nG0 Y1\no4 break\nG0 Y2\no4 while [1 eq 1]\n";

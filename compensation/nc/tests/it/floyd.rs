@@ -44,7 +44,7 @@ fn all_pairs_equal_relaxation() {
                 for (to, length) in lengths.into_iter().enumerate() {
                     let distance = found.distance(from, to);
                     assert!(distance == length || (distance - length).abs() < 1e-12);
-                    // The nodes of the path give its length.
+                    // The edges of the path add up to its length.
                     let path = found.path(from, to);
                     assert_eq!(path.is_some(), length.is_finite(), "{from} {to}");
                     let Some(path) = path else { continue };
@@ -192,7 +192,7 @@ fn a_rate_limit_centres_the_plan_on_a_jump() {
             .iter()
             .all(|c| (c[1] * 1e3 - (c[1] * 1e3).round()).abs() < 1e-9)
     );
-    // Following as fast as allowed, from where the error appears.
+    // A correction that follows the error as fast as allowed, from where the error appears.
     let mut following = 0.0_f64;
     let mut worst_following = 0.0_f64;
     for at in &path {

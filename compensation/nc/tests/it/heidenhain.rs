@@ -27,7 +27,7 @@ fn program(lines: &[String]) -> String {
     text
 }
 
-/// Each block has the next number.
+/// Asserts that the blocks are numbered consecutively.
 fn is_numbered(text: &str) {
     for (number, line) in text.lines().enumerate() {
         let found = line.split(' ').next();
@@ -244,7 +244,7 @@ fn polar_coordinates() {
     }
 }
 
-/// M128 is M428: the same numbers, to the last digit.
+/// M128 and M428 give the same numbers, to the last digit.
 #[test]
 fn m128_has_the_numbers_of_m428() {
     let example = include_str!("../../../../examples/table-tilting.toml");

@@ -1,4 +1,4 @@
-//! What a measuring machine would find on a part, against closed forms.
+//! Inspection of a virtually machined part, compared with closed forms.
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
@@ -14,7 +14,7 @@ fn inspected(errors: &str, program: &str, part: &str) -> Vec<Inspected> {
     inspected_with([errors, errors], "", program, part).0
 }
 
-/// The same on a machine with the first errors, corrected for the second ones, with a work offset; and the notes.
+/// Like `inspected`, on a machine with the first errors, corrected for the second ones, with a work offset; also returns the notes.
 fn inspected_with(
     errors: [&str; 2],
     work_offset: &str,

@@ -71,7 +71,7 @@ fn the_active_offset_may_not_rotate_under_a_shift() {
         let turned = format!("G90 G54\n{shift}\nG10 L2 P1 X30 R30\nG91 G0 X1\nM2\n");
         let message = refused(&turned);
         begins(&message, "line 3: G10 L2 with R, which rotates");
-        // Neither if the shift is off, nor if another offset is rotated, nor if the rotation is unchanged.
+        // The shift stays if it is off, if another offset is rotated, or if the rotation is unchanged.
         for (from, to) in [
             (shift, "G92.2"),
             ("P1", "P2"),

@@ -197,7 +197,7 @@ fn by_x_and_y(program: &str) -> String {
     result
 }
 
-/// A bolt circle from programming manuals: X errors of a tenth of a micrometre per mm.
+/// A bolt circle from programming manuals; X has an error of 0.1 µm per mm.
 #[test]
 fn a_circle_of_holes_under_g16() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";

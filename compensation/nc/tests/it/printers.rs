@@ -8,7 +8,7 @@ use volcomp_test_support::cases;
 use crate::identity::{begins, compensated_in, rows};
 
 const PRINTERS: [&str; 2] = ["klipper", "marlin"];
-/// A bend at 50 mm of X in Y: lines over it are split there.
+/// Y bends at X 50: lines across it are split there.
 const BENT: &str = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYX = { table = [[-1000, 0], [0, 0], [50, 20], [100, 0], [1000, 0]], interpolation = \"linear\" }\n";
 /// X needs 1 µm for each millimetre of Y.
 const SKEW: &str = "[errors]\nEC0Y = 1000.0\n";
@@ -95,7 +95,7 @@ fn no_filament_is_lost() {
             program += &motion;
             words.push(word);
         }
-        // Motion by motion: each with what is before it.
+        // Each motion alone, after the lines before it.
         let lines: Vec<&str> = program.lines().collect();
         let mut before = numbers(
             &result(control, BENT, &(lines[..4].join("\n") + "\n")).expect("taken"),
@@ -144,7 +144,7 @@ fn filament_follows_the_path_length() {
         let program = format!("G90\n{mode}\nG0 X100 Y0 Z0.2\nG92 E0\nG3 X-100 Y0 I-100 J0 E4.25\n");
         let text = result("klipper", BENT, &program).expect("taken");
         let [x, y, e] = ['X', 'Y', 'E'].map(|letter| numbers(&text, letter));
-        // The first two are those of G0 and G92.
+        // The first two parts are those of G0 and G92.
         let (mut angle, mut filament) = (0.0_f64, 0.0);
         assert!(e.len() > 6, "{text}");
         for ((x, y), e) in x[1..].iter().zip(&y[1..]).zip(&e[1..]) {

@@ -83,7 +83,7 @@ fn a_row_is_unrolled_if_its_corrections_differ() {
         text(step, program),
         "G0 X0 Y0 Z10\n(G91 G81 X100 R-5 Z-5 L3 F100 a row)\nG91 G81 X100.010 R-5 Z-5 F100 (a row)\nX100.000\nX100.000\nG80\nM2\n"
     );
-    // Their heights differ.
+    // The holes have different heights.
     let bent = "[errors]\nEZX = { poly = [0.0, 0.1] }\n";
     assert_eq!(
         text(bent, program),
@@ -124,7 +124,7 @@ fn depth_and_plane_r_have_the_correction_at_their_height() {
     for [program, expected] in rows(
         r"
 G0 X0 Y0 Z20\nG81 X10 R0 Z-200 F100\nX20\nX30 Z-100\nX40 R-40\nG80\nM2\n | G0 X0 Y0 Z19.999\nG81 X10 R0 Z-199.990 F100\nX20\nX30 Z-99.995\nX40 R-39.998\nG80\nM2\n
-// In G91 R counts from the tool, which has 1 µm, and the depth from R.
+// In G91 R counts from the tool, which carries a correction of 1 µm, and the depth from R.
 G0 X0 Y0 Z20\nG91 G81 X10 R-20 Z-200 L2 F100\nX10 Z-100\nG80\nM2\n | G0 X0 Y0 Z19.999\n(G91 G81 X10 R-20 Z-200 L2 F100)\nG91 G81 X10 R-19.999 Z-199.990 F100\nX10.000\nX10 Z-99.995\nG80\nM2\n
 ",
     ) {

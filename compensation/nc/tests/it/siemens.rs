@@ -210,7 +210,7 @@ fn r_parameters() {
     }
 }
 
-/// TRAORI is M428: the same numbers, to the last digit.
+/// TRAORI and M428 give the same numbers, to the last digit.
 #[test]
 fn traori_has_the_numbers_of_m428() {
     let example = include_str!("../../../../examples/table-tilting.toml");

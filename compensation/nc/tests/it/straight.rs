@@ -8,7 +8,7 @@ fn lines(errors: &str, program: &str) -> Vec<String> {
     text.lines().map(str::to_owned).collect()
 }
 
-/// 100 µm/m too long: every coordinate is 100 µm/m shorter, and G91 words by their differences.
+/// Scale errors of 100 µm/m: every coordinate becomes 100 µm/m shorter, and G91 words by their differences.
 #[test]
 fn a_scale_error_is_subtracted_from_every_coordinate() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";

@@ -128,7 +128,7 @@ pub(super) fn direction_word(direction: Option<Direction>) -> &'static str {
     }
 }
 
-/// The look and marker of a direction, the same for its readings, means and curves.
+/// Line style and marker of a direction, for its readings, means and curves.
 pub(super) fn look(direction: Option<Direction>) -> (Look, Mark) {
     match direction {
         Some(Direction::Positive) => (Look::Forward, Mark::Up),
@@ -137,7 +137,7 @@ pub(super) fn look(direction: Option<Direction>) -> (Look, Mark) {
     }
 }
 
-/// The runs of a line, drawn thin.
+/// The runs of a line as thin series.
 pub(super) fn run_series(runs: &[crate::report::Run], line: bool) -> Vec<Series> {
     let series = runs.iter().map(|run| Series {
         name: format!(
@@ -161,7 +161,7 @@ fn main_plot(curve: &Curve) -> XyPlot {
     for line in &curve.lines {
         series.extend(run_series(&line.runs, false));
     }
-    // With a single run, the reading is the mean.
+    // With a single run the reading is the mean.
     let has_runs = curve.lines.iter().any(|line| line.runs.len() > 2);
     for line in &curve.lines {
         for direction in Direction::BOTH {
@@ -210,7 +210,7 @@ fn main_plot(curve: &Curve) -> XyPlot {
     XyPlot {
         words: format!("{}: {}", curve.error, described(&curve.error)),
         x_label: coordinate(curve),
-        // The coordinate is labelled on the residual plot below.
+        // The residual plot below has the label of the coordinate.
         x_named: curve
             .branches
             .iter()
@@ -232,7 +232,7 @@ fn coordinate(curve: &Curve) -> String {
     format!("{}, {}", curve.axis, curve.x_unit)
 }
 
-/// One legend entry per direction: its readings and, if the direction has its own, its curve.
+/// One legend entry per direction: its readings and, if it has one, its curve.
 fn legend(curve: &Curve) -> Vec<(Look, Mark, String)> {
     let mut entries = Vec::new();
     for direction in Direction::BOTH {

@@ -60,7 +60,7 @@ pub(super) fn head(page: &mut Page, report: &Report) {
     page.put("</dl>");
 }
 
-/// A coordinate without trailing zeros.
+/// Formats a coordinate without trailing zeros.
 fn plain(value: f64) -> String {
     let text = short(value, 3);
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
@@ -94,7 +94,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
     }
     let columns = [
         "figure",
-        // Visible on a small screen as well.
+        // Visible on a small screen too.
         "Verdict",
         "of",
         ">value",

@@ -137,7 +137,7 @@ fn targets(page: &mut Page, test: &Positioning) {
     page.table(&columns, rows);
 }
 
-/// All targets if they fit; otherwise evenly spaced ones and those that determine the figures.
+/// All targets if there are few enough; otherwise evenly spaced ones and those that determine the figures.
 fn chosen(all: &[TargetRow]) -> Vec<&TargetRow> {
     if all.len() <= MOST_ROWS {
         return all.iter().collect();
@@ -238,7 +238,7 @@ fn plot(test: &Positioning) -> XyPlot {
     }
 }
 
-/// Brackets for A, E and M next to the plot, and for R and B at the targets that determine them.
+/// Brackets for A, E and M next to the plot, and for R and B at their targets.
 fn brackets(result: &Iso230Part2) -> Vec<Bracket> {
     let rows = &result.targets;
     let approaches = || {
@@ -274,7 +274,7 @@ fn brackets(result: &Iso230Part2) -> Vec<Bracket> {
     });
     let b = most(|row| row.reversal.map(f64::abs)).and_then(|row| {
         Some(Bracket {
-            // B is the absolute value of the largest reversal, as in the figures.
+            // As in the figures, B is the absolute value of the largest reversal value.
             label: format!("B {}", short(row.reversal?.abs(), 1)),
             span: [row.forward?.mean, row.backward?.mean],
             at: Some(row.target),

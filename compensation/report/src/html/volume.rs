@@ -11,7 +11,7 @@ use crate::{
     report::{Diagonal, Report, Slice, Standing, State, Volume},
 };
 
-/// Drawn angle of the largest squareness error, rad.
+/// Angle in the drawing of the largest squareness error, rad.
 const DRAWN_RAD: f64 = 0.2;
 
 pub(super) fn squareness(page: &mut Page, report: &Report) {
@@ -115,7 +115,7 @@ fn state_words(state: State, has_before: bool) -> &'static str {
     }
 }
 
-/// Explains the states before and after.
+/// Writes which errors the states before and after have.
 fn states(page: &mut Page, before: State, after: Option<State>) {
     let line = |name: &str, words: &str| format!("<b>{}</b>: {}", escaped(name), escaped(words));
     let mut all = Vec::new();
@@ -253,7 +253,7 @@ pub(super) fn volume(page: &mut Page, report: &Report) {
     vectors(page, volume);
 }
 
-/// The axes that are not moved, and what the maps therefore do not show.
+/// Lists the axes that do not move, and what the maps therefore omit.
 fn standing(page: &mut Page, volume: &Volume) {
     if volume.standing.is_empty() {
         return;
@@ -272,7 +272,7 @@ fn standing(page: &mut Page, volume: &Volume) {
     );
 }
 
-/// All slices before, then all after, with a common colour scale.
+/// All slices before, then all after compensation, with a common colour scale.
 fn maps(page: &mut Page, volume: &Volume) {
     let all = volume.slices.iter().flat_map(|slice| {
         slice

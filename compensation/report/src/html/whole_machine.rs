@@ -1,4 +1,4 @@
-//! Uncertainty, unmeasured errors, and what observations of the whole machine determine.
+//! Uncertainty, unmeasured errors, and results of observations of the whole machine.
 
 use super::write::{Cell, Page};
 use crate::{
@@ -8,7 +8,7 @@ use crate::{
 
 /// Maximum number of listed combinations of the null space.
 const MOST_COMBINATIONS: usize = 40;
-/// Smallest listed weight of a combination, relative to its largest.
+/// Smallest listed weight in a combination, relative to its largest.
 const LEAST_WEIGHT: f64 = 0.02;
 
 fn list(page: &mut Page, texts: &[String]) {
@@ -185,7 +185,7 @@ pub(super) fn identified(page: &mut Page, report: &Report) {
     }
 }
 
-/// `EXX constant + 0.50 EX0C`.
+/// Formats a combination: `EXX constant + 0.50 EX0C`.
 fn combined(parts: &[Weighted]) -> String {
     let largest = parts
         .iter()

@@ -1,5 +1,5 @@
-//! A colour scale that works with colour-vision deficiency: from dark blue to yellow with increasing lightness, so that it can be printed
-//! in grey. Its supports are those of the published map `cividis` (Nuñez, Anderton, Renslow 2018), rounded.
+//! A colour scale for readers with colour-vision deficiency and for grey printing: from dark blue to yellow with increasing lightness. Its
+//! supports are those of the published colour map `cividis` (Nuñez, Anderton, Renslow 2018), rounded.
 
 use super::svg::finite;
 
@@ -16,7 +16,7 @@ const SUPPORTS: [[f64; 3]; 9] = [
     [254.0, 232.0, 56.0],
 ];
 
-/// The colour of a share from 0 to 1 as `#rrggbb`; NaN is grey.
+/// The colour of a share from 0 to 1, as `#rrggbb`; grey for NaN.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -27,7 +27,7 @@ pub fn colour_at(share: f64) -> String {
         return "#808080".to_owned();
     }
     let at = share.clamp(0.0, 1.0) * (SUPPORTS.len() - 1) as f64;
-    // From 0 to 7: the last support is the end of the last interval.
+    // From 0 to 7, since the last support is the end of the last interval.
     let part = (at.floor() as usize).min(SUPPORTS.len() - 2);
     let within = at - part as f64;
     let channel = |index: usize| {
@@ -37,7 +37,7 @@ pub fn colour_at(share: f64) -> String {
     format!("#{:02x}{:02x}{:02x}", channel(0), channel(1), channel(2))
 }
 
-/// Strips of a legend for the scale: the share at the lower end of each, and its colour.
+/// Strips of a legend: the share at the lower end of each, and its colour.
 pub fn colour_scale(strips: usize) -> impl Iterator<Item = (f64, String)> {
     let count = strips.max(1) as f64;
     (0..strips).map(move |strip| {
@@ -67,7 +67,7 @@ mod tests {
         0.2126 * channel(1) + 0.7152 * channel(3) + 0.0722 * channel(5)
     }
 
-    /// Lightness distinguishes the colours for every reader, including colour-blind ones.
+    /// Lightness alone distinguishes the colours.
     #[test]
     fn it_grows_ever_lighter() {
         let all: Vec<f64> = (0..=50)

@@ -27,13 +27,13 @@ pub struct HeatMap {
     pub y: Vec<f64>,
     /// The values, the first coordinate varying fastest.
     pub values: Vec<f64>,
-    /// The value of the last colour of the scale; the first is 0.
+    /// The value of the last colour of the scale; that of the first is 0.
     pub most: f64,
     /// The unit of the values.
     pub unit: String,
 }
 
-/// Draws a heat map: one cell per node, in the proportions of the plane unless it is too elongated.
+/// Draws a heat map with one cell per node, in the proportions of the plane unless it is too elongated.
 pub fn heat_map(map: &HeatMap) -> String {
     let right = WIDTH - 18.0;
     let range = |nodes: &[f64]| match (nodes.first(), nodes.last()) {
@@ -110,7 +110,7 @@ pub fn heat_map(map: &HeatMap) -> String {
     svg.finish()
 }
 
-/// The edges of cells around nodes: midpoints, and the outermost at the same distance as the inner ones.
+/// The edges of cells around nodes: midpoints between nodes, and symmetric edges for the outermost cells.
 fn edges(nodes: &[f64]) -> Vec<f64> {
     match nodes {
         [] => Vec::new(),

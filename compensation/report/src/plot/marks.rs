@@ -11,9 +11,9 @@ pub enum Mark {
     Dot,
     /// A triangle that points up: forward.
     Up,
-    /// An upward triangle: forward.
+    /// A triangle that points down: backward.
     Down,
-    /// A downward triangle: backward.
+    /// A diagonal cross.
     Cross,
 }
 

@@ -1,5 +1,5 @@
-//! Plots as SVG: pure functions from data to text. Each takes its data and labels and returns one `<svg>` element, whose colours come from
-//! [`STYLE`], so that a page may be light or dark.
+//! Plots as SVG: pure functions from data to text. Each returns one `<svg>` element, whose colours come from [`STYLE`], so that a page can
+//! be light or dark.
 //!
 //! Values that are not finite are not drawn. Texts are escaped.
 
@@ -23,6 +23,6 @@ pub use svg::{Svg, escaped, finite};
 pub use thin::{MOST_POINTS, thinned};
 pub use xy::{Band, Bracket, Look, Series, WIDTH, XyPlot, xy};
 
-/// CSS rules for the classes of the plots. The colours are variables: `--ink`, `--faint`, `--grid`, `--forward`, `--backward`, `--band`,
-/// `--paper`, `--mark`.
+/// CSS rules of the plots. Their colours are the variables `--ink`, `--faint`, `--grid`, `--forward`, `--backward`, `--band`, `--paper`,
+/// `--mark`.
 pub const STYLE: &str = include_str!("style.css");

@@ -1,4 +1,4 @@
-//! Error vectors in space: drawn from one side for printing, and accompanied by their coordinates so that a script can rotate them.
+//! Error vectors in space: a static view for printing, and their coordinates for a script that rotates them.
 
 use super::{
     scale::short,
@@ -16,7 +16,7 @@ pub struct Arrow {
     pub at_mm: [f64; 3],
     /// Error at the position, µm.
     pub error_um: [f64; 3],
-    /// True for the state after compensation.
+    /// Whether the vector belongs to the state after compensation.
     pub after: bool,
 }
 
@@ -33,7 +33,7 @@ pub struct Quiver {
     pub scale_word: String,
 }
 
-/// Rotation about the vertical and tilt of the static view, rad.
+/// Rotation about the vertical axis, and tilt, of the static view, rad.
 const VIEW: [f64; 2] = [-0.62, 0.42];
 
 /// Draws a quiver plot.
@@ -51,7 +51,7 @@ pub fn quiver(quiver: &Quiver) -> String {
         let middle = f64::midpoint(low, high);
         if middle.is_finite() { middle } else { 0.0 }
     });
-    // To a box whose longest side is 1.
+    // Scales to a box whose longest side is 1.
     let to_box = |at: [f64; 3]| [0, 1, 2].map(|axis| (at[axis] - middle[axis]) / largest);
     let length = |v: &[f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     let finite_arrows: Vec<&Arrow> = quiver
@@ -135,9 +135,9 @@ pub fn quiver(quiver: &Quiver) -> String {
     svg.finish()
 }
 
-/// Pixels per unit of the box, such that its corners fill the static view.
+/// Pixels per unit of the box, such that the box fits the static view.
 fn fitting(corners: impl Iterator<Item = [f64; 3]>) -> f64 {
-    /// Share of the picture that the box fills; arrows extend beyond it.
+    /// Share of the picture that the box occupies; arrows extend beyond it.
     const FILLED: f64 = 0.76;
     let halves = corners.fold([0.0_f64; 2], |[across, up], corner| {
         let [x, y] = projected(corner, VIEW, 1.0);
@@ -150,7 +150,7 @@ fn fitting(corners: impl Iterator<Item = [f64; 3]>) -> f64 {
     finite(across.min(up).min(1e4))
 }
 
-/// Projects a point of the box onto the picture; the script uses the same formula.
+/// Projects a point of the box onto the picture, by the formula of the script.
 fn projected([x, y, z]: [f64; 3], [turn, tilt]: [f64; 2], scale_px: f64) -> [f64; 2] {
     let (sin, cos) = turn.sin_cos();
     let (across, away) = (x * cos - y * sin, x * sin + y * cos);
@@ -175,7 +175,7 @@ fn edges_of_box([x, y, z]: [[f64; 2]; 3]) -> Vec<[[f64; 3]; 2]> {
     edges
 }
 
-/// Rounds `value` down to 1, 2 or 5 times a power of ten.
+/// Rounds down to 1, 2 or 5 times a power of ten.
 fn round_below(value: f64) -> f64 {
     let power = 10.0_f64.powf(value.log10().floor());
     [5.0, 2.0, 1.0]
@@ -198,7 +198,7 @@ mod tests {
         }
     }
 
-    /// From straight above (tilt 90°) X points right and Y up; from the front (tilt 0) Z points up.
+    /// Seen from above (tilt 90°) X points right and Y up; from the front (tilt 0) Z points up.
     #[test]
     fn the_view_is_turned_about_the_vertical_and_tilted() {
         let [x, y] = projected([0.5, 0.0, 0.0], [0.0, core::f64::consts::FRAC_PI_2], 200.0);

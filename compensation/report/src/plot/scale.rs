@@ -10,9 +10,9 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// A scale over all finite `values`, extended by `margin` (relative to their range). An empty range is widened.
+    /// A scale over all finite `values`, extended at both ends by `margin` (relative to their range). An empty range is widened.
     pub fn over(values: impl IntoIterator<Item = f64>, places: [f64; 2], margin: f64) -> Self {
-        /// Maximum absolute value that is drawn: far beyond measured values, and safe to subtract.
+        /// Maximum magnitude that is drawn: far beyond measured values, and small enough to subtract.
         const MOST: f64 = 1e12;
         let finite = values.into_iter().filter(|x| x.abs() <= MOST);
         let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
@@ -40,7 +40,7 @@ impl Scale {
     }
 }
 
-/// About `count` round values in a range, and the decimals that they need.
+/// About `count` round values in a range, and the number of decimals that they need.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

@@ -1,11 +1,11 @@
-//! Sketch of the angle between two axes, exaggerated.
+//! Exaggerated sketch of the angle between two axes.
 
 use super::{
     scale::short,
     svg::{Anchor, Svg},
 };
 
-/// Two axes of a machine and the deviation of their angle from 90°.
+/// Two axes of a machine, and the deviation of their angle from 90°.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SquareSketch {
     /// Text alternative for a screen reader.
@@ -14,11 +14,11 @@ pub struct SquareSketch {
     pub first: String,
     /// The axis drawn upwards.
     pub second: String,
-    /// The angle from the first to the second, minus 90°, µrad.
+    /// The angle from the first to the second axis, minus 90°, µrad.
     pub angle_urad: f64,
     /// Factor by which the deviation is exaggerated.
     pub exaggeration: f64,
-    /// The label below, with the number.
+    /// The label below the sketch, with the value.
     pub label: String,
 }
 
@@ -26,7 +26,7 @@ const WIDTH: f64 = 210.0;
 const FOOT: [f64; 2] = [52.0, 168.0];
 const LONG: f64 = 128.0;
 
-/// Draws the sketch of a squareness.
+/// Draws the sketch.
 pub fn square_sketch(sketch: &SquareSketch) -> String {
     let mut svg = Svg::new("plot square", (WIDTH, 226.0), &sketch.words, "");
     let drawn = (sketch.angle_urad * 1e-6 * sketch.exaggeration).clamp(-0.6, 0.6);
@@ -38,7 +38,7 @@ pub fn square_sketch(sketch: &SquareSketch) -> String {
     svg.line("ideal", FOOT, [x, y - LONG]);
     svg.line("axis", FOOT, [x + LONG, y]);
     svg.line("axis tilted", FOOT, tip);
-    // The arc between the ideal and the actual second axis.
+    // The arc from the ideal to the actual second axis.
     let arc = (0..=12).map(|step| {
         let angle = drawn * f64::from(step) / 12.0;
         [x - 0.72 * LONG * angle.sin(), y - 0.72 * LONG * angle.cos()]

@@ -1,4 +1,4 @@
-//! Writer of one SVG element that accepts only finite numbers and escaped text.
+//! Writes one SVG element from finite numbers and escaped text only.
 
 use std::fmt::Write as _;
 
@@ -16,8 +16,8 @@ pub(crate) enum Anchor {
 }
 
 impl Svg {
-    /// An empty picture with a size in its own units and a text alternative for screen readers. `class` and `more` are attributes set by
-    /// this crate, never text from a file.
+    /// An empty picture of this size, in its own units, with a text alternative for screen readers. `class` and `more` are attributes from
+    /// this crate, never from a file.
     pub fn new(class: &str, (width, height): (f64, f64), words: &str, more: &str) -> Self {
         let (width, height) = (finite(width), finite(height));
         Self {
@@ -28,7 +28,7 @@ impl Svg {
         }
     }
 
-    /// Adds markup made of finite numbers and escaped text only.
+    /// Adds markup, which must consist of finite numbers and escaped text.
     pub fn raw(&mut self, markup: &str) {
         self.text += markup;
     }
@@ -95,7 +95,7 @@ impl Svg {
     }
 }
 
-/// A number rounded to hundredths that is never −0, NaN or infinite: 0 if it is not finite.
+/// A number rounded to hundredths, never −0; 0 if it is not finite.
 pub fn finite(x: f64) -> f64 {
     let hundredths = (x * 100.0).round() / 100.0;
     if hundredths.is_finite() {
@@ -105,7 +105,7 @@ pub fn finite(x: f64) -> f64 {
     }
 }
 
-/// Escapes a text for HTML and quoted attributes; control characters that are not allowed in documents are replaced.
+/// Escapes a text for HTML and quoted attributes. Control characters that are invalid in documents are replaced.
 pub fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for sign in text.chars() {

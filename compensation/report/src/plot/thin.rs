@@ -3,8 +3,8 @@
 /// Maximum number of drawn points of one plot.
 pub const MOST_POINTS: usize = 6000;
 
-/// Reduces points in ascending x to at most about `most`: in each of equal parts of the range the first, the smallest, the largest and the
-/// last value are kept, so that no peak is lost. Points that are not finite are removed.
+/// Reduces points in ascending x to about `most`. In each of equal parts of the range the first, smallest, largest and last value are kept,
+/// so that peaks remain. Points that are not finite are removed.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -25,7 +25,7 @@ pub fn thinned(points: &[(f64, f64)], most: usize) -> Vec<(f64, f64)> {
     let width = (high - low) / parts as f64;
     let part_of = |x: f64| {
         if width > 0.0 && width.is_finite() {
-            // Between 0 and `parts`, whatever x is.
+            // Between 0 and `parts` for any x.
             (((x - low) / width).clamp(0.0, parts as f64 - 1.0)) as usize
         } else {
             0

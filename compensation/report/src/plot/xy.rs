@@ -10,12 +10,12 @@ use super::{
 /// Width of a plot that fills a page.
 pub const WIDTH: f64 = 680.0;
 const LEFT: f64 = 58.0;
-/// Distance between two brackets next to the plot.
+/// Distance between adjacent brackets next to the plot.
 const SLOT: f64 = 44.0;
-/// Width of an average character of the legend, whose text is larger on a narrow screen, where the picture is drawn smaller.
+/// Width of an average legend character; the text is larger on narrow screens, where the picture is scaled down.
 const SIGN: f64 = 8.6;
 const ROW: f64 = 17.0;
-/// Maximum number of points of a series drawn with markers: more would overlap.
+/// Maximum number of points of a series with markers, which would overlap otherwise.
 const MOST_MARKS: usize = 250;
 
 /// The look of a series. Forward and backward differ in colour, line (solid, dashed) and markers.
@@ -62,11 +62,11 @@ pub struct Series {
     pub name: String,
     /// Coordinates and values, coordinates ascending.
     pub points: Vec<(f64, f64)>,
-    /// Their look.
+    /// The line style of the points.
     pub look: Look,
     /// The marker at each point.
     pub mark: Mark,
-    /// True if a line connects the points.
+    /// Whether a line connects the points.
     pub line: bool,
 }
 
@@ -79,14 +79,14 @@ pub struct Band {
     pub low: Vec<f64>,
     /// The upper limit at each coordinate.
     pub high: Vec<f64>,
-    /// Look; [`Look::Backward`] is hatched.
+    /// The line style; [`Look::Backward`] is hatched.
     pub look: Look,
 }
 
-/// A span of values with its label: next to the plot, or at a coordinate within it.
+/// A span of values with a label, drawn next to the plot or at a coordinate within it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bracket {
-    /// The letter with the number.
+    /// The symbol with its value.
     pub label: String,
     /// The values at both ends.
     pub span: [f64; 2],
@@ -101,7 +101,7 @@ pub struct XyPlot {
     pub words: String,
     /// The label of the coordinate, with its unit.
     pub x_label: String,
-    /// True if the label is written below the plot; false if another plot with the same coordinate follows.
+    /// Whether the label is written below the plot; false if another plot with the same coordinate follows.
     pub x_named: bool,
     /// The label of the value, with its unit.
     pub y_label: String,
@@ -117,7 +117,7 @@ pub struct XyPlot {
     pub bands: Vec<Band>,
     /// Labelled spans.
     pub brackets: Vec<Bracket>,
-    /// Looks and texts of the legend; empty for no legend.
+    /// Line styles, markers and texts of the legend; empty for no legend.
     pub legend: Vec<(Look, Mark, String)>,
     /// Legend text of the bands; empty without bands.
     pub band_label: String,

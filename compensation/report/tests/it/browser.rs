@@ -1,5 +1,5 @@
-//! The page in a headless Chromium without a network, by Playwright: no request, no error of the script, nothing that is wider than
-//! the screen; and the printed page.
+//! The page in a headless Chromium without network, by Playwright: no requests, no script errors, nothing wider than the screen; and the
+//! printed page.
 
 use std::{fs, path::Path, process::Command};
 

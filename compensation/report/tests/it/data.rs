@@ -1,4 +1,4 @@
-//! What stands in the data of a report.
+//! The data of a report.
 
 use volcomp_report::{
     BandSource, CheckOf, Edition, Identified, Left, Parameter, Report, State, Stated, Verdict,
@@ -27,7 +27,7 @@ fn runs_stand_where_their_curve_is() {
             panic!("one line")
         };
         assert_eq!(line.runs.len(), 10, "{}", curve.error);
-        // The mean of the runs is the mean reading that was fitted.
+        // The mean of the runs equals the fitted mean reading.
         for (direction, means) in line.means.iter().enumerate() {
             let runs = line
                 .runs
@@ -57,18 +57,18 @@ fn runs_stand_where_their_curve_is() {
     }
 }
 
-/// The value at a place on the straight lines through ascending places.
+/// Linear interpolation at a position between ascending positions.
 fn drawn_at(x: &[f64], y: &[f64], at: f64) -> f64 {
     let next = x.partition_point(|place| *place < at).clamp(1, x.len() - 1);
     let share = (at - x[next - 1]) / (x[next] - x[next - 1]);
     y[next - 1] + share * (y[next] - y[next - 1])
 }
 
-/// The band that is drawn is that of the fit at the targets and between them, about the curve.
+/// The drawn band equals that of the fit, around the curve, at the targets and between them.
 #[test]
 fn the_band_is_that_of_the_fit() {
     let shop = Shop::new();
-    // Waves that the targets of 50 mm miss: the band is far wider between them.
+    // Waves that targets every 50 mm miss: the band is much wider between the targets.
     shop.write(
         "exx.csv",
         &crate::csv(17, 50.0, 5, |x, _| 0.02 * x + 3.0 * (x / 21.0).sin()),
@@ -97,7 +97,7 @@ fn the_band_is_that_of_the_fit() {
     }
 }
 
-/// Of one run the residuals are drawn again, and the page says so.
+/// With a single run the residuals are resampled, and the page says so.
 #[test]
 fn one_run_has_a_band_of_its_residuals() {
     let shop = Shop::new();
@@ -145,8 +145,8 @@ fn a_figure_near_its_limit_is_undecided() {
     assert!(page.contains("undecided") && page.contains("Not every stated tolerance is decided"));
 }
 
-/// The reference angle, 2 µrad (k = 1), is U = 4 µrad of the squareness; two mean readings of 0.3 µm make U = 2 √2 · 0.3 µm of a
-/// straightness, of 0.5 µrad 2 √2 · 0.5 µrad of a tilt; the scale of 0.5 µm/m comes to the positioning, by its share in quadrature.
+/// The reference angle, 2 µrad (k = 1), contributes U = 4 µrad to the squareness. Two mean readings of 0.3 µm give U = 2 √2 · 0.3 µm for a
+/// straightness, of 0.5 µrad 2 √2 · 0.5 µrad for a tilt; the scale of 0.5 µm/m is added in quadrature for positioning.
 #[test]
 fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
     let shop = Shop::new();
@@ -182,13 +182,13 @@ fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
         "{}",
         u("EBX")
     );
-    // 0.02 µm/mm over 800 mm with a wave: the extremes are the two ends or near them.
+    // 0.02 µm/mm over 800 mm with a wave: the extremes are at or near the two ends.
     let (least, most) = (
         (0.848_528_f64.powi(2) + 0.7_f64.powi(2)).sqrt(),
         (0.848_528_f64.powi(2) + 0.8_f64.powi(2)).sqrt(),
     );
     assert!((least..most + 1e-6).contains(&u("EXX")), "{}", u("EXX"));
-    // Without a machine drawn the map has none; a figure that is not there needs none.
+    // Without Monte Carlo samples V has no uncertainty, and a missing figure needs none.
     assert_eq!(of("V").uncertainty, None);
 
     let report = judged("");
@@ -202,7 +202,7 @@ fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
     assert_eq!(page.matches("no uncertainty given").count(), 4);
 }
 
-/// The names are those of the edition; VDI/DGQ 3441 stands beside it, and its limits are judged.
+/// The symbols are those of the edition; VDI/DGQ 3441 is included, and its tolerances are checked.
 #[test]
 fn editions_and_vdi_stand_in_the_report() {
     let shop = Shop::new();
@@ -225,7 +225,7 @@ fn editions_and_vdi_stand_in_the_report() {
     );
 }
 
-/// Waves that a polynomial does not follow are no error of the curve: what V is of that does not pass. Of one target there is no range.
+/// Waves that a polynomial does not follow leave the error undecided, so V does not pass. A single target has no range.
 #[test]
 fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     let shop = Shop::new();
@@ -253,9 +253,9 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
         (found[0].outcome, &found[0].of),
         (Verdict::Undecided, &CheckOf::NotBorneOut)
     );
-    // That of the readings does.
+    // The range of the readings passes.
     assert_eq!(found[1].outcome, Verdict::Pass);
-    // The machine file says it to whoever takes it up, until the error is set anew.
+    // The machine file reports the undecided error until the error is set again.
     let text_of_machine = machine.to_toml();
     let mut read = volcomp_model::Machine::parse(&text_of_machine, "m.toml").expect("valid");
     assert_eq!(read.to_toml(), text_of_machine);
@@ -278,7 +278,7 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     let curve = read.error(name).expect("stated").clone();
     read.set_error(name, curve).expect("valid");
     assert!(read.provenance().note().is_none());
-    // Two lines of one run each that contradict each other.
+    // Two contradictory lines of one run each.
     for (file, slope) in [("exx.csv", 0.02), ("second.csv", -0.02)] {
         shop.write(file, &crate::csv(17, 50.0, 1, |x, _| slope * x));
     }
@@ -294,7 +294,7 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     assert_eq!(found[1].outcome, Verdict::NotEvaluated, "{found:?}");
 }
 
-/// What was found if another unknown is zero is found only if that is known to be zero.
+/// A value that is valid only if another unknown is zero counts only if that is known to be zero.
 #[test]
 fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
     let parameter = |name: &str, uncertainty, given_zero: &[&str]| Parameter {
@@ -332,7 +332,7 @@ fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
     assert_eq!(open, ["EAZ legendre 1"]);
     let open = ["EA0Z", "EAZ", "EB0Z", "EBZ"].map(|error| found.leaves_open(error));
     assert_eq!(open, [true, true, false, false]);
-    // Twice the stated uncertainty is left: so much larger is U.
+    // The residual is twice the stated uncertainty, so U is twice as large.
     let mut report = Shop::new().report();
     let known = parameter("EC0Y", Some(0.5), &[]);
     report.identified = Some(Identified {
@@ -344,7 +344,7 @@ fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
     assert_eq!(check[0].uncertainty, Some(2.0));
 }
 
-/// A squareness that stands on the other axis of its pair, one with an uncertainty of its own, readings in one direction alone.
+/// A squareness assigned to the other axis of its pair, one with its own uncertainty, readings in one direction only.
 #[test]
 fn what_a_squareness_is_judged_by() {
     let shop = Shop::new();
@@ -378,7 +378,7 @@ fn what_a_squareness_is_judged_by() {
     let told = |of: &String| of.ends_with("is not known: EXX");
     let (_, report) = judged(&text);
     assert!(report.not_measured.iter().any(told));
-    // The machine file tells it, too: neither it alone nor as the truth passes as a whole machine.
+    // The machine file reports it too: neither the file alone nor as the truth does it pass as a whole machine.
     let (_, calibration) = shop.calibrated();
     let written = calibration.machine.to_toml();
     let machine = volcomp_model::Machine::parse(&written, "machine.toml").expect("written");
@@ -386,7 +386,7 @@ fn what_a_squareness_is_judged_by() {
     assert!(report.not_measured.iter().any(told));
 }
 
-/// What [assembly] turns an axis by is a part of its squareness: the location error alone is no figure of it.
+/// An angle in [assembly] is part of the squareness, so the location error alone is not a figure of it.
 #[test]
 fn no_location_is_judged_beside_assembly_errors() {
     let report = stated("[assembly]\nY = [0, 0, 0, 0, 0, 50]\n[errors]\nEXX = 3.0\n");
@@ -399,7 +399,7 @@ fn no_location_is_judged_beside_assembly_errors() {
     assert!(report.warnings.iter().any(told), "{:?}", report.warnings);
 }
 
-/// An error that a second axis changes is as large as it becomes over both.
+/// The range of an error that depends on a second axis is taken over both axes.
 #[test]
 fn the_range_of_a_stated_error_is_over_all_that_it_depends_on() {
     let grid = |axes: &str, values: &str| {
@@ -412,14 +412,14 @@ fn the_range_of_a_stated_error_is_over_all_that_it_depends_on() {
     let backward = grid("\"X\", \"Z\"", of_the_end);
     for (error, curve, range) in [
         ("EZY", grid("\"Y\", \"Z\"", "[[0, 0], [60, 0]]"), 60.0),
-        // Neither axis of a grid has to be its own one; each direction may have a grid of its own.
+        // A grid need not depend on its own axis, and each direction may have its own grid.
         ("EZX", grid("\"Y\", \"Z\"", of_the_end), 60.0),
         (
             "EZY",
             format!("{{ forward = {forward}, backward = {backward} }}"),
             60.0,
         ),
-        // Between the points of a plot: a wave, and a narrow peak.
+        // Peaks between the points of a plot: a wave, and a narrow peak.
         (
             "EXX",
             "{ fourier = [0, 0, 10], period = 5.0 }".to_owned(),
@@ -440,7 +440,7 @@ fn the_range_of_a_stated_error_is_over_all_that_it_depends_on() {
     }
 }
 
-/// What a drawn machine turns by moves the tip of a long tool further: the uncertainty is that of the longest one.
+/// Rotations of a Monte Carlo sample move the tip of a long tool further: the uncertainty is that of the longest tool.
 #[test]
 fn the_uncertainty_counts_the_longest_tool() {
     let machine = |tools: &str, slope: f64| {
@@ -492,7 +492,7 @@ fn figures_stand_against_tolerances() {
         "{error} {file}"
     );
     assert_eq!(report.checks[0].of.to_string(), format!("EXX, {file}"));
-    // Without a volume there is nothing of which errors would be missing.
+    // Without a volume no errors are missing from it.
     assert_eq!(report.checks[5].of, CheckOf::Symbol);
 }
 
@@ -531,7 +531,7 @@ fn warnings_name_what_lacks_the_gravest_first() {
 fn an_outlier_is_named_with_its_file_run_and_target() {
     let shop = Shop::new();
     let good = crate::csv(17, 50.0, 5, |x, _| 0.02 * x);
-    // One reading that is 3 µm too large: the line begins with target, run and direction.
+    // One reading is 3 µm too large; the line begins with target, run and direction.
     let spoilt = good.lines().map(|line| {
         if line.starts_with("400,3,+,") {
             "400,3,+,11.0"
@@ -565,7 +565,7 @@ pub(crate) fn field<'a>(
     }
 }
 
-/// An error that is (x/1000, 0, 0) mm along X: 0.8 at the end of 800 mm.
+/// An error of x/1000 mm along X: 0.8 mm at the end of 800 mm.
 #[test]
 fn the_working_space_has_the_sizes_of_its_errors() {
     let shop = Shop::new();
@@ -594,11 +594,11 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     .expect("three axes");
     let size = found.before.found;
     assert!((size.max_um - 800.0).abs() < 1e-9);
-    // A shift is no error: 400 µm are left at both ends, but for what a finite number of poses lets a rotation take.
+    // A translation is not an error: 400 µm remain at both ends, except for the effect of rotations with a finite number of poses.
     assert!((size.form_max_um - 400.0).abs() < 1.0, "{size:?}");
     assert_eq!(size.at[0].axis, "X");
     assert!([0.0, 800.0].contains(&size.at[0].at));
-    // Uniform over the travel.
+    // Uniformly distributed over the travel.
     assert!(
         (size.rms_um / (800.0 / 3.0_f64.sqrt()) - 1.0).abs() < 1e-3,
         "{size:?}"
@@ -641,7 +641,7 @@ fn the_data_is_the_same_after_json() {
     assert_eq!(serde_json::to_string(&again).expect("JSON"), text);
 }
 
-/// Of a machine with rotary axes the map holds for one place of these, and the page says which.
+/// On a machine with rotary axes the map is valid for one position of these, which the page states.
 #[test]
 fn axes_that_stand_still_are_named() {
     let path = volcomp_test_support::root().join("examples/five-axis.toml");

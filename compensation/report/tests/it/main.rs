@@ -15,12 +15,12 @@ use volcomp_report::{Report, Stated};
 
 pub(crate) const MACHINE: &str = "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\n";
 
-/// The machine with more lines in its file.
+/// The machine with additional lines in its file.
 pub(crate) fn machine(more: &str) -> Machine {
     Machine::parse(&format!("{MACHINE}{more}"), "machine.toml").expect("a machine")
 }
 
-/// Deviations of runs there and back, with a scatter that is the same each time.
+/// Deviations of bidirectional runs with deterministic scatter.
 pub(crate) fn csv(
     targets: usize,
     step: f64,
@@ -33,7 +33,7 @@ pub(crate) fn csv(
         for backward in [false, true] {
             for index in 0..targets {
                 let target = step * index as f64;
-                // A generator of Lehmer: all that is wanted is that it is not even.
+                // A Lehmer generator, sufficient for uneven values.
                 noise = noise * 48_271 % 2_147_483_647;
                 let scatter = noise as f64 / 2_147_483_647.0 - 0.5;
                 let direction = if backward { "-" } else { "+" };

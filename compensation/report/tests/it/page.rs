@@ -1,4 +1,4 @@
-//! The page as text: what is in it, and what no file can put into it.
+//! The page as text: its content, and that no file can inject markup.
 
 use volcomp_report::{Report, Stated, html};
 
@@ -20,13 +20,13 @@ fn what_nobody_states_is_said_to_be_not_stated() {
     assert!(page.contains("No tolerance stated."));
 }
 
-/// Names of files and heads of measurement files are texts, whatever they hold.
+/// File names and headers of measurement files are escaped, whatever they contain.
 #[test]
 fn texts_of_files_are_never_markup() {
     let shop = Shop::new();
     let hostile =
         "<script>document.title='hit'</script>\"><style>*{display:none}</style></style></main>";
-    // A slash cannot stand in the name of a file.
+    // A file name cannot contain a slash.
     let name = "<script>alert('x')<img src=x onerror=alert(1)>&.csv";
     shop.write(name, &csv(9, 100.0, 5, |x, _| 0.02 * x));
     shop.write(
@@ -55,7 +55,7 @@ fn texts_of_files_are_never_markup() {
     assert!(page.contains("&lt;script&gt;alert(&#39;x&#39;)&lt;img"));
 }
 
-/// Ten thousand targets: the page stays small, and the extreme values are drawn.
+/// With ten thousand targets the page stays small, and the extreme values are drawn.
 #[test]
 fn many_targets_are_thinned() {
     let shop = Shop::new();
@@ -79,7 +79,7 @@ fn many_targets_are_thinned() {
     );
 }
 
-/// B is the size of the largest reversal value, in the plot as in the figures, whichever direction lies higher.
+/// B is the absolute value of the largest reversal value in the plot and in the figures, whichever direction is higher.
 #[test]
 fn b_beside_the_plot_has_no_sign() {
     let shop = Shop::new();
@@ -116,7 +116,7 @@ fn the_page_asks_for_nothing_outside_of_itself() {
     let page = html(&Shop::new().report());
     for outside in ["http://", "https://", "src=", "url(", "@import", "<link"] {
         let found = page.matches(outside).count();
-        // The name of the namespace in the script is no address that is asked for.
+        // The namespace name in the script is not a requested address.
         let own = usize::from(outside == "http://");
         assert_eq!(found, own, "{outside}");
     }

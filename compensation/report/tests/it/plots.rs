@@ -1,4 +1,4 @@
-//! Plots of any numbers.
+//! Plots of arbitrary numbers.
 
 use proptest::prelude::*;
 use volcomp_report::plot::{

@@ -6,7 +6,7 @@ use volcomp_report::html;
 
 use crate::browser::whole;
 
-/// What stands between the tags of a page, without styles and scripts.
+/// The text between the tags of a page, without styles and scripts.
 fn between_tags(page: &str) -> Vec<String> {
     let mut rest = page;
     let mut found = Vec::new();
@@ -22,7 +22,7 @@ fn between_tags(page: &str) -> Vec<String> {
     found
 }
 
-/// Each text of a page once, without its numbers, which change with every mend of a model.
+/// Each distinct text of a page without its numbers, which change with the model.
 #[test]
 fn words_of_a_report() {
     let page = html(&whole());
@@ -31,7 +31,7 @@ fn words_of_a_report() {
             |word: &&str| !word.starts_with(|c: char| c.is_ascii_digit() || "-±−".contains(c));
         text.split(' ').filter(keep).collect::<Vec<_>>().join(" ")
     };
-    // Texts with the path of a file are not the same on each machine.
+    // Texts with file paths differ between computers.
     let texts = between_tags(&page);
     let texts: BTreeSet<String> = (texts.iter())
         .filter(|text| !text.contains('/'))

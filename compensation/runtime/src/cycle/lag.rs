@@ -1,4 +1,5 @@
-//! Reduction of a correction by the age of the positions, since it belongs to a past position of the machine. State: the speeds of the axes.
+//! Reduction of a correction by the age of the positions: the older they are, the farther the machine may have moved. State: the speeds of
+//! the axes.
 
 use std::time::Duration;
 
@@ -11,9 +12,9 @@ use crate::{
     positions::MachinePosition,
 };
 
-/// Minimum time over which speeds are measured: over less, the resolution of the positions dominates.
+/// Minimum time over which speeds are measured; over less, the resolution of the positions dominates.
 const BASE: Duration = Duration::from_millis(20);
-/// How long a reduction is reported: at speed it changes with every position.
+/// Time for which a reduction is reported, since at speed the reduction changes with every position.
 const REPORTED_FOR: Duration = Duration::from_secs(2);
 /// Maximum time of a prediction.
 const MAX_AHEAD: Duration = Duration::from_secs(10);
@@ -21,28 +22,28 @@ const MAX_AHEAD: Duration = Duration::from_secs(10);
 /// Interval at which past corrections are stored, and their number.
 const SPACING: Duration = Duration::from_millis(10);
 const REMEMBERED: usize = 3;
-/// No prediction is made if the requested correction changed by at most this part of itself, over a past interval as long as the time ahead; over a
-/// longer interval by proportionally more, up to `MOST_CHANGE`. If it changed parabolically over that interval, it changes ahead by at most eleven
-/// times as much, which is less than half of it.
+/// Maximum relative change of the requested correction, over a past interval as long as the time ahead, for which no prediction is made;
+/// over a longer interval proportionally more, up to `MOST_CHANGE`. If the change is parabolic, the change ahead is at most eleven times as
+/// large, which is less than half of the correction.
 const CALM_CHANGE: f64 = 1.0 / 32.0;
 const MOST_CHANGE: f64 = 1.0 / 8.0;
 
 /// Speeds of the axes, and the reduction of the correction.
 ///
 /// Invariants:
-/// - `wanted` is in descending order of time, at least `SPACING` apart, and of the present model.
+/// - `wanted` is in descending order of time, entries at least `SPACING` apart, and all from the present model.
 /// - `goes_out` is set only while positions are stale.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lag {
-    /// Positions, and when they were valid.
+    /// Positions, and the time at which they were valid.
     before: Option<(PerAxis<f64>, Duration)>,
-    /// Past corrections by the model, and when their positions were valid; newest first.
+    /// Past corrections by the model, and the times of their positions; newest first.
     wanted: [Option<(CoupledCorrection, Duration)>; REMEMBERED],
     /// Speed of each axis, mm/s and rad/s.
     speed: PerAxis<f64>,
     /// When the correction was last reduced.
     last: Option<Duration>,
-    /// The correction ramps out until positions are fresh again.
+    /// Whether the correction ramps out until positions are fresh again.
     goes_out: bool,
 }
 
@@ -50,23 +51,23 @@ pub(super) struct Lag {
 pub(super) struct PredictionInputs<'a> {
     pub(super) model: &'a Model,
     pub(super) correctors: &'a Correctors,
-    /// Whether the correction is that of thermal terms alone.
+    /// Whether the path carries thermal terms alone.
     pub(super) only_thermal: bool,
     pub(super) limits: &'a Limits,
     pub(super) state: &'a State,
     pub(super) wanted: &'a CoupledCorrection,
     /// The applied correction, in machine order.
     pub(super) applied: &'a PerAxis<f64>,
-    /// Duration of a line to zero.
+    /// Duration of a ramp of the applied correction to zero.
     pub(super) way_out: Duration,
 }
 
-/// The part of a correction that is kept.
+/// The result of a prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reduction {
-    /// Factor up to which the correction is still better than none, 0 to 1.
+    /// Largest factor of the correction that is still better than no correction, 0 to 1.
     pub(super) part: f64,
-    /// Positions are stale, and the held correction would become worse than none.
+    /// Positions are stale, and the held correction would become worse than no correction.
     pub(super) fast_ramp_out: bool,
     pub(super) notes: Reasons,
 }
@@ -90,9 +91,9 @@ impl Lag {
         self.before = Some((place.positions, taken));
     }
 
-    /// The share of a correction that is better than no correction, with positions of this `age`. The machine continues at its speed until the
-    /// correction reaches the axes; meanwhile the required correction changes by some distance d. While d ≤ c/2, a correction of size c is better
-    /// than none for any change up to d. For larger d, only the share 2·(1 − d/c) of it is better; at d = c no correction is.
+    /// The share of a correction c that is better than no correction if positions have this `age`. Until the correction reaches the axes,
+    /// the machine continues at its speed, and the required correction changes by some distance d. While d ≤ c/2, the whole correction is
+    /// better than none, whatever the direction of the change. For larger d only the share 2·(1 − d/c) is; at d = c no correction is.
     pub(super) fn reduction(
         &mut self,
         inputs: &PredictionInputs<'_>,
@@ -103,7 +104,7 @@ impl Lag {
         let stale = age > limits.hold;
         let mut ahead = age.saturating_add(limits.delay());
         if stale {
-            // A held correction ramps out no faster than its slew allows.
+            // A held correction ramps out with its slew.
             ahead = ahead.saturating_add(inputs.way_out);
         }
         let ahead = ahead.min(MAX_AHEAD);
@@ -131,14 +132,14 @@ impl Lag {
 }
 
 impl Lag {
-    /// Whether the correction changed so little up to the positions of `taken` that a prediction would reduce nothing. A prediction costs as much
-    /// as the rest of the cycle.
+    /// Whether the correction changed so little before the positions of `taken` that a prediction would reduce nothing. A prediction costs
+    /// as much as the rest of the cycle.
     fn is_calm(&self, inputs: &PredictionInputs<'_>, taken: Duration, ahead: Duration) -> bool {
         let Some((_, begun)) = self.wanted[REMEMBERED - 1] else {
             return false;
         };
         let stretch = taken.saturating_sub(begun);
-        // Near a singular pose shares start and end abruptly, and at a node a curve may bend: earlier corrections do not predict later ones.
+        // Near a singular pose corrections start and end abruptly, and a curve may bend at a node, so the past does not predict the change.
         let may_bend = |(axis, (at, speed)): (usize, (&f64, &f64))| {
             let [from, to] = [-stretch.as_secs_f64(), ahead.as_secs_f64()].map(|s| at + speed * s);
             from != to && inputs.model.may_bend_between(axis, from, to)
@@ -172,21 +173,21 @@ impl Lag {
         }
     }
 
-    /// Forgets the past corrections, which belong to another model.
+    /// Discards the past corrections, which belong to the replaced model.
     pub(super) fn forget(&mut self) {
         self.wanted = [None; REMEMBERED];
     }
 }
 
 impl PredictionInputs<'_> {
-    /// The part that is better than none anywhere on the path covered in `ahead` at this speed.
+    /// The smaller of the shares of the correction that are better than none at half and at the whole of the path covered in `ahead`.
     fn part_ahead(&self, speed: &PerAxis<f64>, ahead: Duration) -> f64 {
-        // Also checks half the path: a periodic error may return to the same value at its end.
+        // Half the path is also checked, because a periodic error may have the same value at its end.
         let half = self.part_after(speed, ahead / 2);
         half.min(self.part_after(speed, ahead))
     }
 
-    /// The part that is better than none after `time` at this speed.
+    /// The share that is better than none after `time` at this speed.
     fn part_after(&self, speed: &PerAxis<f64>, time: Duration) -> f64 {
         let mut ahead_state = *self.state;
         for (q, speed) in ahead_state.q.iter_mut().zip(speed) {
@@ -203,10 +204,10 @@ impl PredictionInputs<'_> {
         linear.min(rotary)
     }
 
-    /// Compares the present correction with the one required at `then`: linear axes, rotary axes.
+    /// Compares the present correction with `then`, the one required ahead: linear axes, rotary axes.
     fn compare(&self, then: &CoupledCorrection) -> [Comparison; 2] {
         let now = self.wanted;
-        // The effect of the present linear shares at that position, where the levers of the rotary shares differ.
+        // The effect of the present linear corrections at the pose ahead, where the levers of the rotary corrections differ.
         let mut does = now.position;
         let rows = now.follow.iter().zip(&then.follow).zip(&now.rotary);
         for ((now, then), share) in rows.filter(|(_, share)| **share != 0.0) {
@@ -220,7 +221,7 @@ impl PredictionInputs<'_> {
         ]
     }
 
-    /// Largest resolution of the axes of a kind.
+    /// Coarsest resolution among the axes of this kind.
     fn step(&self, kind: AxisKind) -> f64 {
         let axes = self.limits.axes.iter().take(self.limits.count);
         let of_kind = axes.filter(|axis| axis.kind == kind);
@@ -228,7 +229,7 @@ impl PredictionInputs<'_> {
     }
 }
 
-/// A correction compared with the required one; differences of up to one step are ignored.
+/// Size of a correction and its distance from the required one; a distance of up to one step counts as none.
 struct Comparison {
     size: f64,
     differs: f64,
@@ -245,7 +246,7 @@ impl Comparison {
         }
     }
 
-    /// The part of the correction that is better than none.
+    /// The share of the correction that is better than none.
     fn part(&self) -> f64 {
         let differs = self.differs - self.step;
         if differs <= 0.5 * self.size {
@@ -255,7 +256,7 @@ impl Comparison {
         }
     }
 
-    /// Whether the relative difference is at most `part`; above 0.5 the correction is reduced.
+    /// Whether the distance is at most `part` of the correction; above 0.5 the correction is reduced.
     fn is_within(&self, part: f64) -> bool {
         self.differs <= part * (self.size + 2.0 * self.step)
     }

@@ -1,25 +1,26 @@
-//! Largest change of the correction when one model replaces another: over the corners, the centres and the sampling positions of the curves of the
-//! work space, from either direction of approach; then by coordinate ascent from the largest changes found.
+//! Largest change of the correction when one model replaces another: sampled at the corners and the centre of the work space and at the
+//! sampling positions of the curves, in either direction of approach; then by coordinate ascent from the largest changes found.
 
 use volcomp_kinematics::{Correctors, State};
 use volcomp_vocabulary::{Direction, Displacement, Mm, PerAxis, Rad};
 
 use super::{Model, nodes::GridNodes};
 
-/// Maximum number of states apart from curve nodes at which two models are compared; each state evaluates both.
+/// Maximum number of states at which two models are compared, apart from curve nodes.
 const MAX_STATES: usize = 5000;
-/// Maximum number of states at curve nodes. With more, no result is given, and the operator must check the change.
+/// Maximum number of states at curve nodes. With more the result is infinite, and the operator must check the change.
 const MAX_NODE_STATES: usize = 100_000;
-/// Additional equidistant samples per axis: the lever of an axis without errors has no curve.
+/// Number of additional equidistant intervals per axis, since an axis without errors has no curve, but may be a lever.
 const PLACES: usize = 25;
-/// Maximum number of states of the coordinate ascent; more if one pass needs more, up to MAX_NODE_STATES.
+/// Maximum number of states in the coordinate ascent, or those of one pass (at most `MAX_NODE_STATES`) if these are more.
 const MAX_CLIMB_STATES: usize = 40_000;
 /// Maximum number of coordinate-ascent passes.
 const MAX_PASSES: usize = 2;
-/// Number of nodes with the largest differences that are also sampled with the other axes at their ends.
+/// Number of points with the largest changes that are also sampled with the other axes at their ends.
 const MAX_BEST_NODES: usize = 20;
 
-/// Largest change of the correction in the work space when one model replaces another. Infinite if the axes of the machines differ.
+/// Largest change of the correction in the work space when one model replaces another. Infinite if the axes differ, or there are too many
+/// nodes to compare.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LargestMove {
     /// Linear axes.
@@ -51,7 +52,7 @@ struct Pair<'a> {
     worst: LargestMove,
     /// Number of states that may still be sampled.
     left: usize,
-    /// For each axis the largest change of its correction in either direction, mm or rad, and its state.
+    /// For each axis, the largest change of its correction in either direction (mm or rad) and the state with it.
     most: PerAxis<[(f64, State); 2]>,
 }
 
@@ -71,7 +72,7 @@ impl<'a> Pair<'a> {
         }
     }
 
-    /// The change at a state, mm and rad; updates the largest one.
+    /// The change at a state, mm and rad; updates the largest ones.
     fn sample(&mut self, state: &State) -> LargestMove {
         if self.left == 0 {
             return LargestMove::NONE;
@@ -99,7 +100,7 @@ impl<'a> Pair<'a> {
         moved
     }
 
-    /// The largest change at a position over all `directions` of approach.
+    /// A measure of the largest change at a position over these directions of approach.
     fn sample_from(&mut self, q: &PerAxis<f64>, directions: &[PerAxis<Option<Direction>>]) -> f64 {
         let moves = directions.iter().map(|approach| {
             let state = State {
@@ -107,7 +108,7 @@ impl<'a> Pair<'a> {
                 approach: *approach,
             };
             let moved = self.sample(&state);
-            // A single number to rank positions by: one milliradian is treated as one millimetre.
+            // One number that ranks positions: a milliradian counts like a millimetre.
             moved.linear.0 + moved.rotary.0
         });
         moves.fold(0.0, f64::max)
@@ -115,10 +116,9 @@ impl<'a> Pair<'a> {
 }
 
 impl Model {
-    /// Largest change of the correction in the work space when `other` replaces this model: at corners, centres, and every node of the curves and
-    /// grids of both, from either direction of approach. `ways` are the correcting axes of each controller path, with this model and with the other
-    /// one: the change depends on them, so both the correction of all axes and that of each path are compared. Infinite if the axes of the machines
-    /// differ.
+    /// Largest change of the correction in the work space when `other` replaces this model, from either direction of approach. `ways` are
+    /// the correcting axes of each controller path with this model and with the other one. The change depends on them, so the correction of
+    /// each path is compared, and that of all axes.
     pub fn largest_move(
         &self,
         other: &Self,
@@ -156,13 +156,13 @@ impl Model {
 
 /// The sampling positions in the work space of two models, mm and rad.
 struct Space {
-    /// Ends of travel and positions between, of each axis.
+    /// Ends of travel in both models, by axis.
     ends: Vec<Vec<f64>>,
-    /// Centre of the travel of each axis.
+    /// Centre of the travel in the new model, by axis.
     middle: PerAxis<f64>,
-    /// Sampling positions of the curves, and equidistant ones, of each axis.
+    /// Sampling positions of the curves, and equidistant positions, by axis.
     places: Vec<Vec<f64>>,
-    /// Nodes of grids over two axes, and positions of pairs of rotary axes: the product of two rotations is largest where both are turned.
+    /// Nodes of grids over two axes, and positions of pairs of rotary axes, since the product of two rotations is largest with both turned.
     grids: Vec<GridNodes>,
     /// The relevant directions of approach: all axes the same, and each reversing axis opposite to the others.
     directions: Vec<PerAxis<Option<Direction>>>,
@@ -184,7 +184,7 @@ impl Space {
                 let [low, high] = model.travel[axis].map(Displacement::mm_or_rad);
                 space.middle[axis] = f64::midpoint(low, high);
                 ends.extend([low, high]);
-                // The ends of ±360° are one pose, and so is the centre: a rotary axis is sampled in between.
+                // Both ends of ±360° and the centre are the same pose, so equidistant positions cover one turn.
                 let whole = if old.axes[axis].is_rotary() {
                     (high - low).min(std::f64::consts::TAU)
                 } else {
@@ -223,12 +223,12 @@ impl Space {
         space
     }
 
-    /// The directions of approach in which every position is sampled.
+    /// The one or two directions of approach in which every position is sampled.
     fn both(&self) -> &[PerAxis<Option<Direction>>] {
         &self.directions[..self.directions.len().min(2)]
     }
 
-    /// Number of states at the positions along the axes and at the nodes of grids, all of which are sampled.
+    /// Number of states at the positions along the axes and at the grid nodes, all of which are sampled.
     fn node_states(&self) -> usize {
         let along: usize = self.places.iter().map(Vec::len).sum();
         let of_grid = |grid: &GridNodes| grid.nodes[0].len().saturating_mul(grid.nodes[1].len());
@@ -240,9 +240,9 @@ impl Space {
 
     fn sample(&self, pair: &mut Pair<'_>) {
         let whole = pair.left.saturating_sub(self.node_states());
-        // One third for the corners, the rest for the results of the nodes.
+        // A third for the corners, the rest for the points with the largest changes.
         self.corners(pair, whole / 3);
-        // Where along each axis, with all others centred, the correction of each axis changes most.
+        // Positions along each axis, with all others centred, at which the correction of each axis changes most.
         let mut along = Vec::new();
         for (axis, places) in self.places.iter().enumerate() {
             let before = std::mem::take(&mut pair.most);
@@ -271,8 +271,8 @@ impl Space {
         self.climb(pair, &along);
     }
 
-    /// Coordinate ascent: each axis in turn is moved to its largest change. It starts from the largest change found, and from the maxima of the
-    /// single axes combined, because a scan along one axis does not show the sum of two contributions.
+    /// Coordinate ascent: moves one axis at a time to its largest change. Starts from the largest change found, and from the combined
+    /// maxima of the single axes, because a scan along one axis does not show the sum of two contributions.
     fn climb(&self, pair: &mut Pair<'_>, along: &[PerAxis<[(f64, State); 2]>]) {
         let axes = pair.models[0].axes.len();
         let goals: Vec<(usize, usize)> = (0..axes)
@@ -328,7 +328,8 @@ impl Space {
         }
     }
 
-    /// Samples points, which fix some of the axes, with the other axes centred; the worst points also with the other axes at their ends.
+    /// Samples points that fix one or two axes, with the other axes centred; the points with the largest changes also with the other axes
+    /// at their ends.
     fn sample_points(&self, pair: &mut Pair<'_>, points: impl Iterator<Item = Vec<(usize, f64)>>) {
         let at = |mut q: PerAxis<f64>, point: &[(usize, f64)]| {
             for (axis, place) in point {
@@ -352,7 +353,8 @@ impl Space {
         }
     }
 
-    /// Samples the corners of the work space and the centre, and if the budget allows the centres between corners, from every direction.
+    /// Samples the centre and the corners of the work space and, within the budget, combinations of centres and ends, from every direction
+    /// of approach.
     fn corners(&self, pair: &mut Pair<'_>, at_most: usize) {
         let with_middles: Vec<Vec<f64>> = (self.ends.iter().enumerate())
             .map(|(axis, ends)| {
@@ -372,7 +374,7 @@ impl Space {
         };
         pair.sample_from(&self.middle, &self.directions);
         let all = grid.iter().map(Vec::len).product::<usize>();
-        // If there are too many corners, an evenly spread subset.
+        // If there are too many corners, an evenly spread subset is sampled.
         let step = (count(grid).div_ceil(at_most.max(1))).max(1) | 1;
         for number in (0..all).step_by(step) {
             let mut q = PerAxis::default();
@@ -385,7 +387,7 @@ impl Space {
         }
     }
 
-    /// Four corners far from one another.
+    /// Four corners that are far apart.
     fn diagonals(&self) -> impl Iterator<Item = PerAxis<f64>> + '_ {
         (0..4_usize).map(|number| {
             let mut q = PerAxis::default();
@@ -444,7 +446,7 @@ mod tests {
         Model::new(&machine, Fading::default()).unwrap_or_else(|e| panic!("{e}"))
     }
 
-    /// Between the corners, or in one direction of approach only.
+    /// Changes that appear only between the corners, or in one direction of approach.
     #[test]
     fn changes_between_corners_are_found() {
         let flat = model(SMALL, "EYX = 0.0\n");
@@ -453,12 +455,12 @@ mod tests {
                 "EYX = { table = [[0.0, 0.0], [400.0, 300.0], [800.0, 0.0]], interpolation = \"linear\" }\n",
                 299.0,
             ),
-            // A narrow belly at a node that no even division meets.
+            // A narrow peak at a node that no equidistant sampling meets.
             (
                 "EYX = { table = [[0.0, 0.0], [36.0, 0.0], [37.0, 300.0], [38.0, 0.0], [800.0, 0.0]], interpolation = \"linear\" }\n",
                 299.0,
             ),
-            // The lever of Z: 200 µrad at 100 mm over 250 mm of Z.
+            // The lever of Z: 200 µrad at X = 100 mm over 250 mm of Z.
             (
                 "EAX = { table = [[0.0, 0.0], [100.0, 200.0], [800.0, 0.0]], interpolation = \"linear\" }\n",
                 25.0,
@@ -486,7 +488,7 @@ mod tests {
         }
     }
 
-    /// A bump at an off-centre grid node, at the second of 801 targets, and one that needs two rotary axes at once.
+    /// A peak at an off-centre grid node, one at the second of 801 nodes, and a change that needs two turned rotary axes.
     #[test]
     fn every_node_is_sampled() {
         let flat = model(SMALL, "EYX = 0.0\n");
@@ -522,7 +524,7 @@ mod tests {
         assert!(um > 300.0, "both turned: {um} µm");
     }
 
-    /// The error of a screw with a period equal to the distance of the samples.
+    /// A screw error whose period equals the sampling distance.
     #[test]
     fn a_periodic_error_between_samples_is_found() {
         let flat = model(SMALL, "EZZ = 0.0\n");

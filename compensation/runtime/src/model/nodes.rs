@@ -1,4 +1,4 @@
-//! The positions at which two machines must be compared, in mm and rad, and the directions in which their curves differ.
+//! Positions at which two models must be compared, mm and rad, and axes whose errors depend on the direction of approach.
 
 use volcomp_model::{Machine, curve::Field};
 use volcomp_vocabulary::Displacement;
@@ -45,7 +45,7 @@ pub(super) fn grids(machine: &Machine) -> Vec<GridNodes> {
     grids
 }
 
-/// Whether an error of each axis depends on its direction of approach.
+/// Whether errors depend on the direction of approach, by axis.
 pub(super) fn reverses(machine: &Machine) -> Vec<bool> {
     let axes = machine.axes().iter();
     axes.map(|axis| machine.has_directions(axis.name)).collect()

@@ -1,5 +1,4 @@
-//! At an end of travel every form of the model has the error of that end, although the coordinate has gone through
-//! radians on its way.
+//! At an end of travel every form of the model has the error of that end, although the coordinate was converted to radians and back.
 
 use volcomp_kinematics::Form;
 use volcomp_model::{Machine, Temperatures};
@@ -8,7 +7,7 @@ use volcomp_vocabulary::{AxisName, PerAxis};
 
 use crate::rig::guard;
 
-/// A turning table with ECC = C/400 µrad, which nearly closes, and a head with EBB = B/10 µrad, each over its whole travel.
+/// A rotary table with ECC = C/400 µrad, which nearly closes, and a head with EBB = B/10 µrad, each over its whole travel.
 fn machine(turns: [f64; 2], tilts: f64) -> Machine {
     let [low, high] = turns;
     let text = format!(
@@ -26,7 +25,7 @@ fn machine(turns: [f64; 2], tilts: f64) -> Machine {
 fn an_end_of_travel_has_the_error_of_its_own_side() {
     let GuardSettings { fading, .. } = guard();
     let warm = Temperatures::new();
-    // Among them ends that radians return above themselves, and below: 105, 125, 192, 210, 255 and many more.
+    // Includes ends that the conversion to radians and back returns larger or smaller, such as 105, 125, 192, 210 and 255.
     for degrees in 1..=359 {
         let high = f64::from(degrees);
         let machine = machine([high - 360.0, high], high);
@@ -41,7 +40,7 @@ fn an_end_of_travel_has_the_error_of_its_own_side() {
             let state = machine.state(&at).expect("a state");
             let exact = machine.error_at(&state, Form::Exact, &warm);
             let [reported, _] = model.errors(&state, &none);
-            // The tilt of the table about Z is that of the tool about Z, but for the second order; B adds about Y.
+            // Up to second order ECC of the table turns the tool about Z; EBB acts about Y.
             for found in [exact.rotation_rad.z, reported.rotation_rad[2]] {
                 assert!(
                     (found * 1e6 - end / 400.0).abs() < 0.01,
@@ -53,7 +52,7 @@ fn an_end_of_travel_has_the_error_of_its_own_side() {
             assert_eq!(machine.outside_travel(&state), [], "{end} deg");
             assert!(!model.is_outside_range(&state), "{end} deg");
         }
-        // What is really beyond is still outside.
+        // A position beyond the end is still outside.
         let state = machine
             .state(&[(AxisName::B, high + 1e-6)])
             .expect("a state");

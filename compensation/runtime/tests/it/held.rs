@@ -1,5 +1,5 @@
-//! Axes that do not correct, since they may not, or since the tool would be further off than without: nothing is ever written to
-//! them but zero. And linear axes that a rotary axis turns into one direction.
+//! Axes that do not correct, because they may not or because the error of the tool would increase: nothing but zero is written to them. And
+//! linear axes that a rotary axis turns parallel.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use crate::rig::{NAMES, PERIOD, Rig, alone, control, guard, machine, machine_fil
 
 const PLACE: [f64; 5] = [-100.0, 40.0, 200.0, 50.0, 300.0];
 
-/// The five-axis machine of the examples, of which only these axes may correct.
+/// The five-axis machine of the examples, whose correcting axes are limited to these.
 fn correcting(names: &str) -> Machine {
     let text = format!("correct = [{names}]\n{}", machine_file());
     Machine::parse(&text, "held").expect("valid")
@@ -33,7 +33,7 @@ fn shifting() -> GuardSettings {
     guard
 }
 
-/// Arms, and gives the largest output of each axis of the machine until some time after the arming.
+/// Arms, and returns the largest output of each axis of the machine during 3000 cycles.
 fn largest_outputs(rig: &mut Rig, machine: &Machine) -> Vec<(AxisName, f64)> {
     let joints = machine.chain().joints();
     let mut largest: Vec<_> = joints.iter().map(|joint| (joint.name, 0.0_f64)).collect();
@@ -49,7 +49,7 @@ fn largest_outputs(rig: &mut Rig, machine: &Machine) -> Vec<(AxisName, f64)> {
     largest
 }
 
-/// Neither the test shift nor the correction, with or without limits for axes of that kind.
+/// Neither the test shift nor the correction is written to axes that do not correct, with or without limits for axes of that kind.
 #[test]
 fn nothing_is_written_to_axes_that_do_not_correct() {
     let machine = correcting("\"X\", \"Y\", \"Z\"");
@@ -71,7 +71,7 @@ fn nothing_is_written_to_axes_that_do_not_correct() {
     }
 }
 
-/// It is parallel to another one and does not correct.
+/// A linear axis that is parallel to another one does not correct.
 #[test]
 fn a_redundant_linear_axis_is_not_shifted() {
     let text = "structure = \"w b X Y Z C t\"
@@ -105,7 +105,7 @@ fn another_model_removes_the_test_shift_of_axes_that_no_longer_correct() {
     for (name, largest) in largest_outputs(&mut rig, &after) {
         assert_eq!(largest > 0.0, !name.is_rotary(), "axis {name}: {largest}");
     }
-    // And limits that were planned for the old model do not bring it back.
+    // Limits that were planned for the old model do not restore the test shift either.
     let mut rig = Rig::of(&before, &shifting(), PLACE, &NAMES);
     let limits = rig.limits;
     rig.swap(&after);
@@ -157,7 +157,7 @@ fn plan(axes: &[AxisName], step_urad: f64, most: Um) -> Result<PathPlan, PlanErr
     PathPlan::new(description, &model, &guard, &alone(), PERIOD)
 }
 
-/// The plan for all axes with this step and these limits of the rotary ones.
+/// The plan for all axes with this step and these limits of the rotary axes.
 fn shipped(
     step_deg: f64,
     has_barrier: bool,
@@ -183,7 +183,7 @@ fn shipped(
     PathPlan::new(description, &model, &guard, &settings, PERIOD)
 }
 
-/// An axis whose step exceeds its limit, or any limit, is held at zero.
+/// An axis whose step exceeds its limit is held at zero, with and without configured limits.
 #[test]
 fn axes_that_are_too_coarse_to_correct_need_no_limits() {
     let stated = AxisSettings::new(Urad(250.0), Urad(500.0));
@@ -204,7 +204,7 @@ fn axes_that_are_too_coarse_to_correct_need_no_limits() {
             }
         }
     }
-    // One that corrects is refused with a limit below its step, as before.
+    // A correcting axis with a limit below its step is still rejected.
     let fine = AxisSettings::new(Urad(0.5), Urad(500.0));
     let refused = shipped(0.0001, true, Some(fine)).expect_err("less than a step");
     assert!(
@@ -213,7 +213,7 @@ fn axes_that_are_too_coarse_to_correct_need_no_limits() {
     );
 }
 
-/// Half a step times the lever against the allowed error, for each axis.
+/// Compares half a step times the lever with the allowed error, for each axis.
 #[test]
 fn a_rotary_axis_with_coarse_steps_is_not_corrected() {
     let model = Model::new(&machine(), Fading::default()).expect("compiles");
@@ -242,7 +242,8 @@ fn a_rotary_axis_with_coarse_steps_is_not_corrected() {
     assert_eq!(corrects(b.0 * 0.999).0, 0);
 }
 
-/// Otherwise nothing compensates their movement of the tip. A controller without any correcting axis is refused.
+/// Rotary axes correct only with three linear directions, which compensate their movement of the tip. A controller without any correcting
+/// axis is rejected.
 #[test]
 fn rotary_axes_correct_only_with_three_linear_directions() {
     let [x, y, b, c] = [AxisName::X, AxisName::Y, AxisName::B, AxisName::C];
@@ -280,7 +281,8 @@ errors = { EXX = 12.0, EYY = 8.0, EAA = 150.0, EAX = 100.0 }
     assert!(worst < 1e-6, "{worst} mm worse");
 }
 
-/// X under a rotary table, Y on the other side: parallel at C = 90°. The shares grow without bound there and are limited together.
+/// X is under a rotary table, Y on the tool side: they are parallel at C = 90°. Their corrections grow without bound there, and are limited
+/// together.
 #[test]
 fn linear_axes_turned_into_one_direction_are_reported() {
     let text = "structure = \"w X' C' b Y Z t\"
@@ -296,7 +298,7 @@ errors = { EXX = 10.0, EYY = 6.0, EXZ = 8.0, EYZ = -7.0 }
     let c = machine.index_of(AxisName::C).expect("an axis");
     let at = pose.expect("C = ±90°")[c].abs().to_degrees();
     assert!((at - 90.0).abs() < 10.0, "{at}");
-    // Held apart by nothing that turns: nowhere.
+    // On a machine whose rotary axes do not turn linear axes relative to each other, no such pose exists.
     let five = Model::new(&crate::rig::machine(), Fading::default()).expect("compiles");
     assert_eq!(
         five.linear_near_singular(&five.correctors_among(&five.axes)),
@@ -324,7 +326,8 @@ errors = { EXX = 10.0, EYY = 6.0, EXZ = 8.0, EYZ = -7.0 }
     }
 }
 
-/// With a tool 1 mm longer, half a step of B exceeds the allowed error. The change used to be compared with B correcting in both models: 0 µm.
+/// With a tool 1 mm longer, half a step of B exceeds the allowed error, so B stops correcting. The change used to be computed with B
+/// correcting in both models: 0 µm.
 #[test]
 fn a_rotary_axis_that_stops_correcting_counts_as_a_move() {
     let machine = |length: f64| {
@@ -336,7 +339,7 @@ fn a_rotary_axis_that_stops_correcting_counts_as_a_move() {
     let (old, changed) = (machine(120.0), machine(121.0));
     let mut settings = guard();
     settings.rotary = Some(AxisSettings::new(Urad(250.0), Urad(500.0)));
-    // The steps of the simulated control are 1e-8 rad: half of one at 240.5 mm.
+    // Half a step of the simulated control (1e-8 rad) at a lever of 240.5 mm.
     settings.rotary_step = Um(0.5 * 1e-8 * 240.5 * 1e3);
     let place = [-100.0, 0.0, 200.0, 50.0, 300.0];
     let mut rig = Rig::of(&old, &settings, place, &NAMES);

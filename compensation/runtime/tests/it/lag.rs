@@ -1,5 +1,5 @@
-//! Late positions at speed: a rotary table that turns at 33 rpm, positions 0 to 500 ms old. What is written is never worse
-//! than none, and the reasons report the reduction.
+//! Late positions at speed: a rotary table at 33 rpm, positions 0 to 500 ms old. The error with the written correction is never larger than
+//! without, and the reasons report the reduction.
 
 use std::{f64::consts::TAU, time::Duration};
 
@@ -22,7 +22,7 @@ const RPM: f64 = 33.0;
 const STEP: f64 = 1e-4;
 const NAMES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
-/// A rotary table under X, with errors that go round once and twice in a turn, and others that stand.
+/// A rotary table under X, with errors of one and two periods per turn, and constant errors.
 const MACHINE: &str = "structure = \"w C' X' b Y Z t\"
 axes.X = { travel = [-400.0, 400.0] }
 axes.Y = { travel = [-400.0, 400.0] }
@@ -37,13 +37,13 @@ EXX = 4.0
 EYY = -5.0
 ";
 
-/// Where the table is at a time, rad.
+/// Angle of the table at a time, rad.
 fn turned(at: Duration) -> f64 {
     (RPM / 60.0 * TAU * at.as_secs_f64()).rem_euclid(TAU)
 }
 
-/// A control with stationary linear axes; the read-only path reports where the table
-/// was `age` ago, or where it stood when it fell silent.
+/// A control with stationary linear axes. The read-only path reports the table's angle `age` ago, or the one at which the path became
+/// silent.
 #[derive(Default)]
 struct Late {
     age: Duration,
@@ -123,8 +123,8 @@ impl Table {
         self.ways.plant().silent_since = Some(self.ways.clock.elapsed());
     }
 
-    /// How far the tool is off where the table really is, without correction and with the one that is applied, mm: right
-    /// after the write and right before the next one, the larger one.
+    /// Error of the tool at the actual table angle, without and with the applied correction, mm: right after the write, and right before
+    /// the next one.
     fn off(&self) -> [[f64; 2]; 2] {
         let applied = self.ways.plant().applied;
         [Duration::ZERO, PERIOD].map(|later| {
@@ -157,10 +157,10 @@ impl Table {
     }
 }
 
-/// What rounding, the slew of a cycle and the steps of the model may add, mm.
+/// Maximum effect of rounding, the slew of a cycle and the steps of the model, mm.
 const ROUNDING: f64 = 3.0 * STEP + 2e-5;
 
-/// `hold_ms` is 200, the maximum; older positions do not correct at all.
+/// The share is never worse than no correction, with `hold_ms` at its maximum of 200; with older positions nothing is corrected.
 #[test]
 fn a_correction_by_late_positions_is_never_worse_than_none() {
     let hold = Duration::from_millis(200);
@@ -175,7 +175,7 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
             ([0.0, 0.0], 0, 0, f64::NEG_INFINITY);
         for _ in 0..1000 {
             let report = table.step(None);
-            // At 200 ms each cycle may find them too old.
+            // At 200 ms the positions may be too old in some cycles.
             let state = if age_ms <= 180 {
                 "compensating"
             } else {
@@ -213,7 +213,7 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
         );
         lefts.push((age_ms, left, reported > 0));
     }
-    // The table of the book.
+    // The values of the table in the book.
     for (age_ms, expected) in [(0, 0.03), (20, 0.1), (40, 0.17), (100, 0.4), (200, 1.0)] {
         let (_, left, _) = lefts
             .iter()
@@ -229,7 +229,7 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
     );
 }
 
-/// Positions stop while the table keeps turning, and return later.
+/// Positions freeze while the table keeps turning, and return later.
 #[test]
 fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
     for silent_ms in (0..=500).step_by(50) {
@@ -257,7 +257,7 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
                 look(&mut table, 0.0);
             }
             table.ways.plant().silent_since = None;
-            // A ramp is no worse than where it began.
+            // During a ramp the error may be as large as at its start.
             let began = table.off()[1][1];
             for _ in 0..400 {
                 look(&mut table, began);
@@ -271,7 +271,7 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
     }
 }
 
-/// Neither while disarmed nor after ramping out without positions.
+/// No reduction is reported while disarmed or after ramping out without positions.
 #[test]
 fn no_reduction_is_reported_without_a_correction() {
     let is_told = |report: &Report| report.reasons.contains(Reasons::LET_GO);

@@ -1,5 +1,5 @@
-//! Errors are those of where the axes are, not of where an unlimited correction would lead; and what a rotary axis holds
-//! that no longer corrects goes out with the linear axes that belong to it.
+//! Errors are evaluated at the actual position of the axes, not at that of an unlimited correction. The remaining correction of a rotary
+//! axis that no longer corrects ramps out together with the linear axes that compensate it.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ use volcomp_vocabulary::{
 
 use crate::rig::{NAMES, Rig, guard};
 
-/// How far the tool is off with a correction, µm, by the exact chain.
+/// Position error of the tool with a correction, µm, by the exact chain.
 fn off_um(machine: &Machine, state: &State, delta: &PerAxis<f64>) -> f64 {
     let mut there = *state;
     for i in 0..MAX_AXES {
@@ -30,7 +30,7 @@ fn off_um(machine: &Machine, state: &State, delta: &PerAxis<f64>) -> f64 {
     (actual.transform_point(&tip) - chain.ideal_pose(state).transform_point(&tip)).norm() * 1e3
 }
 
-/// A table-tilting machine with periodic errors of its screws.
+/// A table-tilting machine with periodic screw errors.
 const PERIODIC: &str = "structure = \"w C' A' b X Y Z t\"
 axes.X = { travel = [-500.0, 500.0] }
 axes.Y = { travel = [-500.0, 500.0] }
@@ -44,7 +44,7 @@ EYY = { fourier = [0.0, 0.0, 5.0], period = 10.0 }
 EBZ = 100.0
 ";
 
-/// Near the singular pose a limit leaves little of the share of C. Errors evaluated at the unlimited correction used to cause 4.6 µm.
+/// Near the singular pose a limit leaves little of the correction of C. Errors evaluated at the unlimited correction used to cause 4.6 µm.
 #[test]
 fn a_limit_near_the_singular_pose_makes_no_error() {
     let machine = Machine::parse(PERIODIC, "m").expect("valid");
@@ -111,8 +111,8 @@ fn a_limit_near_the_singular_pose_makes_no_error() {
         }
     }
     println!("over what is without: {moving} µm on the ramp, {settled} µm after it");
-    // Of second order: rotary shares of up to 2 mrad turn linear shares of up to 0.1 mm; and on the ramp the errors are
-    // those of one cycle before.
+    // Second-order effect: rotary corrections of up to 2 mrad turn linear corrections of up to 0.1 mm; and on the ramp the errors are those
+    // of the previous cycle.
     assert!(settled < 0.2 && moving < 0.2, "{settled} µm, {moving} µm");
 }
 
@@ -127,7 +127,7 @@ tool = { gauge = [400.0, 300.0, 0.0], length = 120.0 }
 errors = { EBZ = -160.0 }
 ";
 
-/// A machine of which B holds a share, corrected; how far its tool is off; and the most that it may be off from then on.
+/// A corrected machine whose B axis has a correction, its pose, and the maximum error of its tool from then on.
 struct Holding {
     rig: Rig,
     machine: Machine,
@@ -136,7 +136,7 @@ struct Holding {
 }
 
 impl Holding {
-    /// With this rate and acceleration of the rotary axes, µrad/s and µrad/s².
+    /// A machine with this slew and acceleration of the rotary axes, µrad/s and µrad/s².
     fn new(slew_urad: f64, accel: f64) -> Self {
         let machine = Machine::parse(TABLE_AND_HEAD, "m").expect("valid");
         let mut state = State::default();
@@ -170,14 +170,14 @@ impl Holding {
         }
     }
 
-    /// Takes the machine with these axes that correct in its place.
+    /// Swaps in a machine whose correcting axes are limited to these.
     fn corrects(&mut self, axes: &str) {
         let text = format!("correct = [{axes}]\n{TABLE_AND_HEAD}");
         let machine = Machine::parse(&text, "m").expect("valid");
         self.rig.swap(&machine);
     }
 
-    /// Runs cycles, the first with a request, and checks the tool against its bound. Returns the last report.
+    /// Runs cycles, the first with a request, and checks the error of the tool against its bound. Returns the last report.
     fn run(&mut self, request: Request, cycles: u32, what: &str) -> Report {
         let mut report = self.rig.step(Some(request));
         let mut worst = 0.0_f64;
@@ -199,14 +199,14 @@ impl Holding {
     }
 }
 
-/// Rates and accelerations of the rotary axes, µrad/s and µrad/s².
+/// Slews and accelerations of the rotary axes, µrad/s and µrad/s².
 const PACES: [(f64, f64); 3] = [
     (500.0, f64::INFINITY),
     (100.0, f64::INFINITY),
     (500.0, 1000.0),
 ];
 
-/// Another machine file removes the rotary axes from `correct`. Without following linear axes the tool used to be off by 26 µm at 100 µrad/s.
+/// A new machine file removes the rotary axes from `correct`. Without following linear axes the tool used to be off by 26 µm at 100 µrad/s.
 #[test]
 fn rotary_axes_that_stop_correcting_ramp_out_with_the_linear_axes() {
     for (slew, accel) in PACES {
@@ -217,7 +217,8 @@ fn rotary_axes_that_stop_correcting_ramp_out_with_the_linear_axes() {
     }
 }
 
-/// Two linear axes cannot follow rotary ones, so these stop, too. At separate rates the tool used to be off by tens of µm for seconds.
+/// Two linear axes cannot follow rotary axes, so these stop correcting too. With separate ramps the tool used to be off by tens of µm for
+/// seconds.
 #[test]
 fn a_linear_axis_that_stops_correcting_ramps_out_with_the_rotary_axes() {
     for (slew, accel) in PACES {
@@ -249,8 +250,8 @@ fn axes_that_stop_correcting_in_turn_do_not_move_the_tip() {
     }
 }
 
-/// Limits are lowered on the ramp out, and it is armed again: the start of the test shift is reached as one vector. A rotary axis alone used to be
-/// reduced, with tens of µm at the tool.
+/// Limits are lowered during the ramp out, and the gateway is armed again: the whole correction is reduced to the start of the test shift
+/// together. A rotary axis used to be reduced alone, which moved the tool by tens of µm.
 #[test]
 fn limits_lowered_before_arming_reduce_the_whole_correction() {
     for (slew, accel) in PACES {
@@ -273,7 +274,7 @@ fn limits_lowered_before_arming_reduce_the_whole_correction() {
             let mut axes = limits.axes.iter().zip(NAMES);
             let is_beyond = axes.any(|(axis, name)| holding.of(&report, name).abs() > axis.limit);
             assert!(is_beyond, "{what}: it is on its way in");
-            // Each linear axis is shifted by 5 µm.
+            // The test shift moves each linear axis by 5 µm.
             holding.bound_um += 5.0 * 3.0_f64.sqrt();
             let report = holding.run(Request::Arm, 4000, &what);
             assert_eq!(report.state.name(), "compensating", "{what}");

@@ -1,4 +1,4 @@
-//! The runtime on simulated machines whose time the tests count.
+//! The runtime on simulated machines with clocks that the tests advance.
 
 mod coupled;
 mod ends_of_travel;
@@ -20,6 +20,6 @@ mod thermal;
 mod thread;
 mod ways;
 
-/// Ends the run on an allocation where one is forbidden.
+/// Aborts the test on a forbidden allocation.
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;

@@ -1,4 +1,4 @@
-//! Several paths to one control: which one writes, and what an axis gets when it is another one.
+//! Several paths to one control: which path writes, and what the axes receive when the path changes.
 
 use std::time::{Duration, Instant};
 
@@ -17,12 +17,12 @@ use crate::{
 };
 
 const SCAN: Duration = Duration::from_millis(2);
-/// Timeout of a control, and its time to zero.
+/// Timeout of a control, and its time to ramp to zero.
 const TIME_OUT: ControlTimeOut = ControlTimeOut {
     after: Duration::from_millis(200),
     to_zero: Duration::from_millis(100),
 };
-/// The error of X changes by 0.5 µm in 1 mm; 25 µm at 0.
+/// EXX of 0.5 µm per mm, −25 µm at 0.
 const SLOPE: &str = "EXX = { poly = [-25, 0.5] }";
 
 /// Settings of a path to a barrier.
@@ -37,7 +37,7 @@ fn to_barrier() -> PathSettings {
     }
 }
 
-/// Settings of a path whose control goes to zero on its own.
+/// Settings of a path whose control ramps to zero on its own.
 fn lets_go() -> PathSettings {
     PathSettings {
         time_out: Some(TIME_OUT),
@@ -55,8 +55,8 @@ fn writing(device: &str, axes: &[AxisName]) -> Description {
     }
 }
 
-/// X stands, travels 100 mm with 60 m/min from the cycle `begins` on, and stands. The first path is away for a second from
-/// cycle 800 + `offset` on. The largest change of the axis by one write, µm.
+/// X stops, travels 100 mm at 60 m/min from cycle `begins` on, and stops. The first path fails for one second from cycle 800 + `offset` on.
+/// Returns the largest change of the axis by one write, µm.
 fn largest_write_um(offset: u64, begins: u64, hand_back: Duration) -> f64 {
     let ways = Ways::to(Control::default(), Clock::manual());
     let guard = GuardSettings {
@@ -83,7 +83,7 @@ fn largest_write_um(offset: u64, begins: u64, hand_back: Duration) -> f64 {
     ways.plant().largest * 1e3
 }
 
-/// The first write used to rely on a standby reading up to 100 ms old: the axis stepped back by 26 µm where 2 µm are allowed.
+/// The first write used to rely on a standby reading up to 100 ms old: the axis stepped by 26 µm instead of at most 2 µm.
 #[test]
 fn a_change_of_paths_in_motion_makes_no_step() {
     let (sooner, later) = (Duration::from_secs(2), Duration::from_millis(2050));
@@ -105,7 +105,7 @@ fn a_change_of_paths_in_motion_makes_no_step() {
     }
 }
 
-/// The second path has another axis order. This used to be a fault.
+/// The second path has another axis order, which used to cause a fault.
 #[test]
 fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     let ways = Ways::to(Control::default(), Clock::manual());
@@ -142,8 +142,8 @@ fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     assert!(largest <= 0.002 + 1e-9, "{largest} mm");
 }
 
-/// Two paths that write these axes; Z needs +20 µm at X 10 mm. One that writes all goes to zero by itself where it has a
-/// time-out.
+/// Two paths that write these axes; Z needs +20 µm at X 10 mm. The control of the path that writes all axes ramps to zero on its own if it
+/// has a timeout.
 fn fewer_axes(
     axes: [&[AxisName]; 2],
     time_out: Option<ControlTimeOut>,
@@ -167,7 +167,7 @@ fn fewer_axes(
     ways.cycle(model, &guard, paths.into())
 }
 
-/// Otherwise 20 µm would stay on Z.
+/// A path with additional axes must go to zero on its own (time-out); otherwise 20 µm would stay on Z.
 #[test]
 fn a_path_with_additional_axes_must_go_to_zero_on_its_own() {
     let ways = Ways::to(Control::at(&[(AxisName::X, 10.0)]), Clock::manual());
@@ -183,7 +183,7 @@ fn a_path_with_additional_axes_must_go_to_zero_on_its_own() {
     assert!(made([&AXES, &other_order], None).is_ok());
 }
 
-/// The first path holds 20 µm on Z when it falls silent; the second writes X and Y.
+/// The first path holds 20 µm on Z when it becomes silent; the second writes only X and Y.
 #[test]
 fn fewer_axes_take_over_once_the_others_are_at_zero() {
     let ways = Ways::to(Control::at(&[(AxisName::X, 10.0)]), Clock::manual());
@@ -215,9 +215,9 @@ fn fewer_axes_take_over_once_the_others_are_at_zero() {
     assert_eq!((last.state, last.active), (State::Compensating, 1));
 }
 
-/// Three axes behind a barrier, and a second path that writes two of them and goes to zero by itself, too; Z needs 120 µm. The
-/// most that Z has, counts, while the second path writes, and whether it did. The first one is cut off from cycle 1500 on; an
-/// emergency stop, which the second shows, lasts until cycle `stop_until`.
+/// Three axes behind a barrier, and a second path that writes two of them and whose control also ramps to zero; Z needs 120 µm. The first
+/// path is cut off from cycle 1500 on; an emergency stop, which only the second reports, lasts until cycle `stop_until`. Returns the
+/// largest correction on Z, counts, while the second path writes, and whether it wrote.
 fn left_on_z(real_scan: Duration, time_out_scans: u16, stop_until: i32) -> (i16, bool) {
     let control = Control {
         barrier: Some(barrier_of(&AXES, 150, 25, time_out_scans)),
@@ -259,20 +259,20 @@ fn left_on_z(real_scan: Duration, time_out_scans: u16, stop_until: i32) -> (i16,
     (most, taken_over)
 }
 
-/// With scans longer than configured, 120 µm used to be left on Z.
+/// With scans longer than configured, 120 µm used to remain on Z.
 #[test]
 fn a_slow_control_is_at_zero_when_fewer_axes_take_over() {
     let found = left_on_z(Duration::from_micros(2450), 1000, 0);
     assert_eq!(found, (0, true));
 }
 
-/// A barrier holds in a stop: 112 µm used to be left on Z.
+/// A barrier holds its correction during a stop: 112 µm used to remain on Z.
 #[test]
 fn a_stop_does_not_count_towards_the_time_to_zero() {
     assert_eq!(left_on_z(SCAN, 100, 2500), (0, true));
 }
 
-/// Words that can be read back, and lines.
+/// A path whose words can be read back, and a path over digital lines.
 fn words_and_lines(ways: &Ways<Control>) -> Cycle {
     let guard = GuardSettings {
         ramp: Duration::from_millis(500),
@@ -289,8 +289,8 @@ fn words_and_lines(ways: &Ways<Control>) -> Cycle {
     ways.cycle(model, &guard, paths.into()).expect("fits")
 }
 
-/// Words that do not answer, and lines, with this correction of X (mm), and 500 cycles with Acknowledge and Arm in two of them.
-/// `remembered`: what was written down of X, mm. The state, its reasons, and the largest change of X by one write, mm.
+/// Runs 500 cycles after a restart, with Acknowledge and Arm, while the path with words does not answer and its X has this correction (mm);
+/// `remembered` is the stored correction of X, mm. Returns the state, its reasons, and the largest change of X by one write, mm.
 fn after_a_restart(
     x: f64,
     remembered: Option<f64>,
@@ -325,7 +325,7 @@ fn after_a_restart(
     (report.state, report.reasons, ways.plant().largest)
 }
 
-/// After a restart, with −25 µm stored or unknown, lines used to take over at once: X moved by 25 µm in one write.
+/// After a restart, with −25 µm stored or unknown, lines used to take over at once, and X moved by 25 µm in one write.
 #[test]
 fn lines_do_not_take_over_while_a_silent_path_may_hold_a_correction() {
     for remembered in [None, Some(-0.025), Some(f64::NAN)] {
@@ -344,7 +344,7 @@ fn lines_do_not_take_over_while_a_silent_path_may_hold_a_correction() {
     }
 }
 
-/// The operator acknowledged an earlier fault, and with it −25 µm stored for a silent path.
+/// The operator acknowledged an earlier fault, which used to acknowledge −25 µm stored for a silent path as well.
 #[test]
 fn acknowledging_a_fault_does_not_clear_corrections_on_other_paths() {
     let (_, _, change) = after_a_restart(-0.025, Some(-0.025), true, true);
@@ -389,11 +389,10 @@ fn corrections_left_on_lines_after_a_hand_back_are_reported() {
     assert!(holds(&cycle));
 }
 
-/// Cycles after which the scale of Z falls silent.
+/// Number of cycles after which the scale of Z becomes silent.
 const SILENT_AT: u32 = 1000;
 
-/// Two paths to a control, and a third controller that alone tells where Z is: its positions are those of both paths, which
-/// both answer.
+/// Two answering paths to a control, and a third controller that alone reports Z, for both paths.
 fn with_scale(ways: &Ways<Control>) -> Cycle {
     let guard = guard_um(30.0);
     let model = three_axes(SLOPE, &guard);
@@ -410,8 +409,8 @@ fn with_scale(ways: &Ways<Control>) -> Cycle {
     cycle.with_readers(vec![reader]).expect("room")
 }
 
-/// Runs 3000 cycles with a request in one of them. How often the paths changed, the state at the end, and the word of X (µm)
-/// in some cycles.
+/// Runs 3000 cycles with a request to disarm in one of them. Returns the number of path changes, the final state, and the word of X (µm) in
+/// some cycles.
 fn with_silent_scale(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]) {
     let ways = Ways::to(Control::at(&[(AxisName::X, 30.0)]), Clock::manual());
     let mut cycle = with_scale(&ways);
@@ -435,7 +434,7 @@ fn with_silent_scale(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]
     (changes, cycle.report().state, words)
 }
 
-/// The paths used to change in every cycle, each change restarting the ramp.
+/// The paths used to change in every cycle, and each change restarted the ramp.
 #[test]
 fn stale_positions_on_both_paths_ramp_out() {
     let (changes, state, words) = with_silent_scale(u32::MAX, [SILENT_AT, SILENT_AT + 300, 2999]);
@@ -455,7 +454,7 @@ fn disarming_with_stale_positions_ramps_out() {
     assert!(changes <= 1, "{changes} changes");
 }
 
-/// Its exchange takes two seconds.
+/// The read-only controller hangs in an exchange of two seconds.
 #[test]
 fn a_hanging_read_only_controller_delays_no_cycle() {
     let ways = Ways::to(Control::at(&[(AxisName::X, 30.0)]), Clock::system());
@@ -503,8 +502,8 @@ const FIVE: [AxisName; 5] = [
     AxisName::C,
 ];
 
-/// Lines take over from a barrier. What the axes get by the lines, in the order of `FIVE`, mm and rad, in each cycle from then
-/// on, and what is wanted at the end.
+/// Digital lines take over from a barrier. Returns the corrections that the axes receive over the lines, in the order of `FIVE`, mm and
+/// rad, in each cycle from then on, and the final requested correction.
 fn lines_after_a_change(second: [AxisName; 5], place: [f64; 5]) -> (Vec<[f64; 5]>, [f64; 5]) {
     let place = FIVE.into_iter().zip(place).map(|(name, at)| {
         let at = Displacement::from_coordinate(name.kind(), at);
@@ -561,7 +560,7 @@ fn lines_after_a_change(second: [AxisName; 5], place: [f64; 5]) -> (Vec<[f64; 5]
     (got, index.map(|index| cycle.report().wanted[index]))
 }
 
-/// At standstill lines start at zero; no axis exceeds the ramp by more than a step.
+/// At standstill lines start at zero, and no axis exceeds the ramp by more than a step.
 #[test]
 fn lines_with_their_axes_in_another_order_take_over_by_a_ramp() {
     let [x, y, z, a, c] = FIVE;
@@ -573,7 +572,7 @@ fn lines_with_their_axes_in_another_order_take_over_by_a_ramp() {
         for second in [FIVE, [c, a, z, x, y]] {
             let (got, wanted) = lines_after_a_change(second, place);
             for (cycle, words) in got.iter().enumerate() {
-                // The ramp of 2 s has 500 cycles; at most two cycles later, and a step of rounding.
+                // The ramp of 2 s has 500 cycles; two cycles of delay and a step of rounding are allowed.
                 let ramp = (cycle as f64 / 500.0).min(1.0);
                 for (i, word) in words.iter().enumerate() {
                     let beyond = (word - ramp * wanted[i]).abs();

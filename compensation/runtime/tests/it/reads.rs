@@ -1,5 +1,4 @@
-//! Axes whose positions are read and which are never written: the correction of the others is that of where these stand
-//! now.
+//! Axes whose positions are read and which are never written: the correction of the other axes is that for their present positions.
 
 use std::time::Duration;
 
@@ -17,11 +16,11 @@ use crate::rig::{
 const WRITTEN: [AxisName; 3] = [AxisName::Z, AxisName::X, AxisName::Y];
 const READ: [AxisName; 2] = [AxisName::C, AxisName::B];
 
-/// A cycle over a machine whose axes go to and fro.
+/// A cycle on a machine whose axes move to and fro.
 struct Moving {
     cycle: Cycle,
     clock: Clock,
-    /// What happens to the controller that is read, where there is one.
+    /// Faults of the read-only controller, if there is one.
     reader: Option<Injected>,
 }
 
@@ -47,7 +46,7 @@ fn program(names: &[AxisName], ends: [&[f64]; 2], seconds: f64) -> Vec<Move> {
 }
 
 impl Moving {
-    /// A control that writes X, Y and Z, and reads B and C itself or has another controller beside it that does.
+    /// A control that writes X, Y and Z. It reads B and C itself, or another controller (`beside`) does.
     fn new(beside: bool, seconds: f64) -> Self {
         let clock = Clock::manual();
         let guard = guard();
@@ -95,7 +94,7 @@ impl Moving {
     }
 }
 
-/// The rotary axes are read by the path itself, or by another controller.
+/// The path itself or another controller reads the rotary axes.
 #[test]
 fn the_tip_is_corrected_at_the_positions_of_read_only_axes() {
     for beside in [false, true] {
@@ -123,7 +122,7 @@ fn the_tip_is_corrected_at_the_positions_of_read_only_axes() {
             }
         }
         assert!(turned[1] - turned[0] > 2.5, "it turned: {turned:?}");
-        // One cycle behind, and what the last write has not done yet.
+        // The positions lag by one cycle, and the last write is not effective yet.
         assert!(without > 0.010 && with < 1e-3, "{without} {with}");
     }
 }
@@ -145,13 +144,13 @@ fn positions_of_a_silent_reader_expire() {
     assert!(report.reasons.contains(Reasons::POSITIONS_LOST));
     reader.set_silent(false);
     assert_eq!(moving.run(500).state, State::Compensating);
-    // Its interlocks hold the correction like those of the path itself.
+    // Interlocks of the read-only controller hold the correction like those of the path.
     reader.set_stopped(true);
     let report = moving.run(5);
     assert!(report.reasons.contains(Reasons::EMERGENCY_STOP));
     let held = report.correction;
     assert_eq!(moving.run(50).correction, held);
-    // Silence does not lift it.
+    // Silence does not lift the interlock.
     reader.set_silent(true);
     let report = moving.run(5);
     assert!(report.reasons.contains(Reasons::INTERLOCK_UNSEEN));

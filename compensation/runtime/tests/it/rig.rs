@@ -53,8 +53,7 @@ pub(crate) fn guard() -> GuardSettings {
     guard
 }
 
-/// A control without a barrier, with read-back, and these axes in steps of 1 µm, whose positions are without the
-/// correction.
+/// A control without a barrier, with read-back, these axes in steps of 1 µm, and positions without the correction.
 pub(crate) fn without_barrier(device: &str, axes: &[AxisName]) -> Description {
     let axis = |&name: &AxisName| Axis {
         name,
@@ -145,7 +144,7 @@ pub(crate) fn simulated_control(
     machine.start().0
 }
 
-/// A control of which only the first axes are written; the others are read.
+/// A control of which only the first axes are written, and the others read.
 pub(crate) struct Writes<C> {
     inner: C,
     description: Description,
@@ -176,7 +175,7 @@ impl<C: Controller> Controller for Writes<C> {
     }
 }
 
-/// Faults of a controller held by a cycle.
+/// Faults of a controller that a cycle holds.
 #[derive(Clone, Default)]
 pub(crate) struct Injected(Arc<Injections>);
 
@@ -197,22 +196,19 @@ impl Injected {
         }
     }
 
-    /// It does not answer.
     pub(crate) fn set_silent(&self, silent: bool) {
         self.0.silent.store(silent, Ordering::Relaxed);
     }
 
-    /// Its emergency stop is pressed.
     pub(crate) fn set_stopped(&self, stopped: bool) {
         self.0.stopped.store(stopped, Ordering::Relaxed);
     }
 
-    /// Its axes are not referenced.
     pub(crate) fn set_unreferenced(&self, unreferenced: bool) {
         self.0.unreferenced.store(unreferenced, Ordering::Relaxed);
     }
 
-    /// The reported position of its first axis is wrong by this, mm or rad.
+    /// Sets the error of the reported position of the first axis, mm or rad.
     pub(crate) fn displace(&self, by: f64) {
         self.0.displaced.store(by.to_bits(), Ordering::Relaxed);
     }
@@ -252,7 +248,7 @@ pub(crate) fn alone() -> PathSettings {
     }
 }
 
-/// A path to a controller, and the limits that were planned for it.
+/// A path to a controller, and the limits planned for it.
 pub(crate) fn path_of(
     control: impl Controller + 'static,
     model: &Model,
@@ -296,10 +292,10 @@ pub(crate) fn run(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) ->
     *cycle.report()
 }
 
-/// A cycle at a place, and its time.
+/// A cycle on a stationary machine, and its clock.
 pub(crate) struct Rig {
     pub(crate) cycle: Cycle,
-    /// The limits of its path as they were planned.
+    /// The planned limits of the path.
     pub(crate) limits: Limits,
     pub(crate) clock: Clock,
 }
@@ -309,24 +305,24 @@ impl Rig {
         Self::writing(place, &NAMES)
     }
 
-    /// With a faulty control.
+    /// A rig whose control has faults.
     pub(crate) fn injected(place: [f64; 5], by: &Injected) -> Self {
         Self::injected_of(&NAMES, &place, by)
     }
 
-    /// The same with other axes first.
+    /// [`Self::injected`] with these axes in this order.
     pub(crate) fn injected_of(names: &[AxisName], coordinates: &[f64], by: &Injected) -> Self {
         let clock = Clock::manual();
         let control = by.disturb(control_of(names, coordinates, &clock));
         Self::on(&machine(), &guard(), control, clock)
     }
 
-    /// With a control that writes only these axes, and reports the positions of the others.
+    /// A rig whose control writes only these axes, and reports the positions of the others.
     pub(crate) fn writing(place: [f64; 5], names: &[AxisName]) -> Self {
         Self::of(&machine(), &guard(), place, names)
     }
 
-    /// The same with another machine and other settings.
+    /// [`Self::writing`] with another machine and other settings.
     pub(crate) fn of(
         machine: &Machine,
         guard: &GuardSettings,
@@ -346,7 +342,7 @@ impl Rig {
         Self::on(machine, guard, Writes::first(names.len(), control), clock)
     }
 
-    /// A control that writes all of these axes at these coordinates (mm, deg).
+    /// A rig whose control writes all of these axes, at these coordinates (mm, deg).
     pub(crate) fn with(
         machine: &Machine,
         guard: &GuardSettings,
@@ -381,8 +377,8 @@ impl Rig {
         self.run(cycles)
     }
 
-    /// Arms, and compensates after some cycles. Returns the last report, and the largest excess of the residual error of the tip over the error
-    /// without correction, mm.
+    /// Arms, and compensates for some cycles. Returns the last report, and the largest excess of the residual error of the tip over its
+    /// error without correction, mm.
     pub(crate) fn arm_and_compare(&mut self, cycles: u32) -> (Report, f64) {
         self.run(20);
         self.step(Some(Request::Arm));
@@ -396,7 +392,7 @@ impl Rig {
         (report, worst)
     }
 
-    /// Takes another machine with the same axes.
+    /// Swaps in another machine with the same axes.
     pub(crate) fn swap(&mut self, machine: &Machine) {
         let model = Model::new(machine, Fading::default()).expect("compiles");
         let mut replacement = Replacement::new(Box::new(model), &[]);

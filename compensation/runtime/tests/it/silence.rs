@@ -1,5 +1,5 @@
-//! A control that sends cyclically and becomes silent: its driver repeats the last message with its age. What is too
-//! old the guard decides, by `hold` and `zero_after` alone.
+//! A control that sends cyclically and becomes silent: its driver repeats the last message with its age. The guard alone decides, by `hold`
+//! and `zero_after`, what is too old.
 
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ use crate::{
 const HOLD: Duration = Duration::from_millis(60);
 const ZERO_AFTER: Duration = Duration::from_millis(700);
 
-/// The separate messages of a control that have stopped.
+/// Which of the control's messages have stopped.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Silent {
     positions: bool,
@@ -78,7 +78,7 @@ struct Scene {
 }
 
 impl Scene {
-    /// It compensates: 25 µm on X.
+    /// A compensating scene with 25 µm on X.
     fn new() -> Self {
         let mut guard = GuardSettings::new(AxisSettings::new(Um(30.0), Um(500.0)));
         (guard.hold, guard.zero_after) = (HOLD, ZERO_AFTER);
@@ -112,7 +112,7 @@ impl Scene {
         self.ways.plant().silent = silent;
     }
 
-    /// It compensates until the stopped messages are older than `hold`, and then has this state.
+    /// Compensates until the stopped messages are older than `hold`, and checks the state.
     fn holds(&mut self, silent: Silent, expected: State) -> Report {
         self.set(silent);
         let last = self.run(HOLD);
@@ -123,7 +123,7 @@ impl Scene {
         report
     }
 
-    /// Runs for `time`, and then has this state and correction of X, µm.
+    /// Runs for `time`, and checks state and correction of X, µm.
     #[track_caller]
     fn runs_to(&mut self, time: Duration, state: State, x_um: f64) {
         let report = self.run(time);
@@ -136,7 +136,7 @@ impl Scene {
     }
 }
 
-/// Held after `hold`, ramped out after `zero_after`, and in again with the next positions.
+/// The correction is held after `hold`, ramps out after `zero_after`, and ramps in with the next positions.
 #[test]
 fn stale_positions_are_held_and_ramped_out() {
     let mut scene = Scene::new();
@@ -152,7 +152,7 @@ fn stale_positions_are_held_and_ramped_out() {
     scene.comes_back();
 }
 
-/// From `hold` on each flag forbids, until it is reported again.
+/// From `hold` on, every flag forbids correction until it is reported again.
 #[test]
 fn stale_flags_forbid() {
     let mut scene = Scene::new();
@@ -172,7 +172,7 @@ fn stale_flags_forbid() {
     scene.comes_back();
 }
 
-/// Held, without a fault, since no reading contradicts the sent correction.
+/// The correction is held without a fault, because no reading contradicts it.
 #[test]
 fn a_stale_read_back_confirms_nothing() {
     let mut scene = Scene::new();

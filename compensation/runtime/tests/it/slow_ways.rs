@@ -1,4 +1,4 @@
-//! A barrier behind ways on which frames and reports take their time: a way that takes back while the correction moves.
+//! A barrier behind paths with delayed frames and reports: a path takes over again while the correction moves.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -17,7 +17,7 @@ use crate::{
     ways::{AXES, Plant, Ways, barrier_of, guard_um, three_axes},
 };
 
-/// Two ways to the barrier of one control; reports and frames are some cycles on their way.
+/// Two paths to the barrier of one control, with delays of some cycles.
 struct Slow {
     barrier: Barrier,
     x: f64,
@@ -107,7 +107,7 @@ fn slow_ways(late: usize) -> (Ways<Slow>, Cycle) {
     (ways, cycle)
 }
 
-/// X moves up for 80 cycles and down for 80, within the slew; away from the turning points the axis never moves the other way.
+/// X moves up for 80 cycles and down for 80, within the slew; between the turning points the axis never moves the other way.
 #[test]
 fn a_hand_back_in_motion_reverses_no_axis() {
     let mut looked = 0;

@@ -1,4 +1,4 @@
-//! A standby path is read by a separate thread and never delays the cycle.
+//! A separate thread reads a standby path, which never delays the cycle.
 
 use std::time::{Duration, Instant};
 
@@ -18,7 +18,7 @@ use crate::{
     thread::after_cycles,
 };
 
-/// Two ways to one machine; the first can be cut, the second can hang.
+/// Two paths to one machine; the first can be cut, the second can hang.
 struct TwoWays {
     cycle: Cycle,
     first: Remote,
@@ -50,7 +50,7 @@ fn cut(first: &Remote, calls: u32) {
     assert!(first.inject(Injection::Disconnect { calls }));
 }
 
-/// Waits for a report.
+/// Waits for a report with this property.
 fn until(handle: &mut Handle, what: &str, holds: impl Fn(&Report) -> bool) -> Report {
     let end = Instant::now() + Duration::from_secs(30);
     while Instant::now() < end {
@@ -76,7 +76,7 @@ fn a_hanging_standby_delays_no_cycle_and_takes_over_later() {
     assert!(handle.send(Order::Request(Request::Arm)));
     let compensates = |report: &Report| report.state.name() == "compensating";
     until(&mut handle, "compensating", compensates);
-    // All of these cycles run while one exchange with the standby does not come back.
+    // Cycles continue while one exchange with the standby path hangs.
     second.set(true);
     let before = handle.cycles();
     let silent = |report: &Report| report.reasons.contains(Reasons::STANDBY_SILENT);
@@ -94,19 +94,19 @@ fn a_hanging_standby_delays_no_cycle_and_takes_over_later() {
     after_cycles(&mut handle, 100);
     assert!(handle.cycles() - before >= 100);
     assert_eq!(handle.report().active, 0);
-    // It answers again, and is taken.
+    // The second path answers again, and takes over.
     second.set(false);
     let taken = |report: &Report| report.active == 1 && compensates(report);
     let report = until(&mut handle, "taken over", taken);
     assert!(report.reasons.contains(Reasons::FALLBACK));
-    // The first one answers again, and is taken back.
+    // The first path answers again, and takes over again.
     cut(&first, 0);
     let back = |report: &Report| report.active == 0 && compensates(report);
     let report = until(&mut handle, "handed back", back);
     assert!(!report.reasons.contains(Reasons::FALLBACK));
 }
 
-/// Including the transfer of the controller and its readings.
+/// Includes the transfer of the controller and its readings.
 #[test]
 fn taking_over_allocates_nothing() {
     let TwoWays {
@@ -132,7 +132,7 @@ fn taking_over_allocates_nothing() {
     assert_eq!((report.state.name(), report.active), ("compensating", 0));
     cut(&first, 300);
     assert_eq!(run(150, None).active, 1);
-    // The cut lasts for some of the readings of the thread that asks it now, every 100 ms.
+    // The cut still affects some readings of the thread, which now reads every 100 ms.
     cut(&first, 0);
     let report = run(1000, None);
     assert_eq!((report.state.name(), report.active), ("compensating", 0));

@@ -1,4 +1,4 @@
-//! Thermal terms: their lags when a program stands or a machine file is read again, and a path that carries them alone.
+//! Thermal terms: their lags after a pause of the program or a reload of the machine file, and a path that carries thermal terms alone.
 
 use std::time::Duration;
 
@@ -26,7 +26,7 @@ fn model(lag_s: f64, weight: f64) -> Model {
     Model::new(&machine, Fading::default()).expect("compiles")
 }
 
-/// A cycle on a simulated control with one thermometer, on a clock that is counted.
+/// A cycle on a simulated control with one thermometer and a manual clock.
 struct Rig {
     cycle: Cycle,
     publisher: Publisher,
@@ -35,7 +35,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// With a limit of linear axes, µm.
+    /// A rig with a limit of linear axes, µm.
     fn new(model: Model, limit: f64, settings: &PathSettings) -> Self {
         let clock = Clock::manual();
         let stands = simulated::Move {
@@ -69,9 +69,9 @@ impl Rig {
         }
     }
 
-    /// Runs with this temperature; what is wanted of Z then, µm.
+    /// Runs with this temperature, and returns the requested correction of Z, µm.
     fn run(&mut self, seconds: u32, degc: f64) -> f64 {
-        // The thermometer is read once a second, in the middle of it: after the program stood its reading is old at first.
+        // The thermometer is read in the middle of each second, so after a pause its reading is old at first.
         for k in 0..seconds * 250 {
             if k % 250 == 125 {
                 let now = self.clock.now();
@@ -87,8 +87,8 @@ impl Rig {
     }
 }
 
-/// What is wanted of Z (µm) 14 minutes after the spindle began to warm up by 4 K, within two minutes. `stands`: the
-/// program is paused for ten of them.
+/// Requested correction of Z (µm) 14 minutes after the spindle began to warm up by 4 K within two minutes. `stands`: the program is paused
+/// for ten of these minutes.
 fn wanted_after_warming(stands: bool) -> f64 {
     let mut rig = Rig::new(model(600.0, 1.0), 100.0, &alone());
     rig.run(2, 20.0);
@@ -103,12 +103,12 @@ fn wanted_after_warming(stands: bool) -> f64 {
     rig.run(4, 24.0)
 }
 
-/// Beyond it the thermal term fades; it returns within the range.
+/// Beyond the range the thermal term fades; within the range it returns.
 #[test]
 fn temperatures_beyond_the_tested_range_are_reported() {
     let text = model(0.0, 1.0).text
         + "[[thermal.seen]]\nerror = \"EZZ\"\nsensor = \"spindle\"\ndegc = [19.0, 22.0]\n";
-    // The checksum is that of the text before.
+    // The checksum is that of the unmodified text.
     let lines = text.lines().filter(|line| !line.starts_with("checksum"));
     let text: String = lines.map(|line| line.to_owned() + "\n").collect();
     let machine = Machine::parse(&text, "m").expect("valid");
@@ -118,7 +118,7 @@ fn temperatures_beyond_the_tested_range_are_reported() {
     };
     let warming = Model::new(&machine, fading).expect("compiles");
     let mut rig = Rig::new(warming, 100.0, &alone());
-    // Half a kelvin at a time, which is no jump.
+    // Steps of half a kelvin do not count as jumps.
     rig.run(2, 20.0);
     rig.run(15, 20.5);
     let inside = rig.run(15, 21.0);
@@ -127,7 +127,7 @@ fn temperatures_beyond_the_tested_range_are_reported() {
     for degc in [21.5, 22.0, 22.5] {
         rig.run(15, degc);
     }
-    // One of five kelvin beyond: four fifths of 20 µm.
+    // 1 K beyond the range, where the term fades over 5 K: four fifths of 20 µm.
     let beyond = rig.run(40, 23.0);
     assert!((beyond + 16.0).abs() < 0.01, "{beyond} µm");
     assert!(rig.says(Reasons::BEYOND_SEEN) && !rig.says(Reasons::DEGRADED));
@@ -144,7 +144,7 @@ fn thermal_lags_include_the_time_of_a_paused_program() {
     assert!((runs - stood).abs() < 0.5, "{runs} µm, {stood} µm");
 }
 
-/// The lag changes by a second, or a weight by a thousandth, while the spindle warms up: Z used to move to its final value in one ramp.
+/// The lag changes by a second, or a weight by a thousandth, while the spindle warms up. Z used to ramp to its final value at once.
 #[test]
 fn a_reload_that_changes_a_lag_does_not_move_the_axes() {
     let z_um = |model: &Model| model.correction(&State::default()).delta[2] * 1e3;
@@ -163,7 +163,7 @@ fn a_reload_that_changes_a_lag_does_not_move_the_axes() {
     }
 }
 
-/// A term is removed whose sensor has cooled while its lag is still warm: settled nothing moves, now Z does.
+/// A term is removed whose sensor has cooled while its lag is still warm: in the steady state nothing moves, but now Z does.
 #[test]
 fn a_change_is_judged_with_the_present_lags() {
     let cold = |_: &str| Some(20.0);
@@ -183,7 +183,7 @@ fn a_change_is_judged_with_the_present_lags() {
     assert!((moved - Mm(0.06)).abs() < Mm(1e-4), "{moved}");
 }
 
-/// X is 15 µm off whatever the temperature is, Z by 2 µm for each kelvin.
+/// X is off by 15 µm at any temperature, Z by 2 µm per kelvin.
 const ERRORS: &str = "errors = { EXX = 15.0 }\n";
 const THERMAL: &str =
     "[[thermal.drift]]\nerror = \"EZZ\"\nsensors = { spindle = 1.0 }\num_per_k = 2.0\n";
@@ -205,7 +205,7 @@ fn settings(hold: Duration) -> PathSettings {
     }
 }
 
-/// Runs a path for 10 s at 25 °C, and then for 3 s in which the control does not answer. The reports at both ends.
+/// Runs a path for 10 s at 25 °C, and then for 3 s in which the control does not answer. Returns the reports at both ends.
 fn run(settings: &PathSettings) -> [Report; 2] {
     let mut rig = Rig::new(terms([ERRORS, THERMAL]), 30.0, settings);
     rig.run(1, 25.0);
@@ -232,7 +232,7 @@ fn a_path_for_thermal_terms_carries_these_alone_and_holds_longer() {
         assert_eq!(um(report)[..3], [0.0, 0.0, -10.0]);
         assert_eq!(report.state, GuardState::Compensating, "{report:?}");
     }
-    // The residual error is reported as it is.
+    // The residual error is that of the whole model.
     let left = received.residual.expect("positions are known").position_mm[0];
     assert!((left - 0.015).abs() < 1e-6, "{left}");
 }

@@ -18,7 +18,7 @@ use crate::rig::{PERIOD, Rig, alone, control, cycle_of, guard, machine, path_of}
 #[path = "../../examples/embed.rs"]
 mod example;
 
-/// A thread that has run some cycles, the limits of its path, and the switch that lets its controller hang.
+/// A running thread, the limits of its path, and the switch that makes its controller hang.
 fn running() -> (Handle, Limits, HangSwitch) {
     let guard = guard();
     let model = Model::new(&machine(), guard.fading).expect("shipped");
@@ -43,7 +43,7 @@ pub(crate) fn after_cycles(handle: &mut Handle, more: u64) {
     assert!(handle.cycles() >= until, "no cycles");
 }
 
-/// The silence is reported, and requests from that time are dropped.
+/// The silence is reported, and requests sent during it are dropped.
 #[test]
 fn a_request_to_arm_expires_while_the_thread_hangs() {
     let (mut handle, _, hangs) = running();
@@ -69,7 +69,7 @@ fn a_request_to_arm_expires_while_the_thread_hangs() {
     );
 }
 
-/// It needs no place in the ring, and no earlier request arms afterwards.
+/// Disarming needs no room in the ring, and no earlier request arms afterwards.
 #[test]
 fn disarming_overtakes_queued_orders() {
     let (mut handle, _, hangs) = running();
@@ -85,7 +85,7 @@ fn disarming_overtakes_queued_orders() {
     hangs.set(false);
     after_cycles(&mut handle, 100);
     assert_eq!(handle.report().state.name(), "disarmed");
-    // A request from before the disarming that is sent after it, since arming waits for the disk.
+    // A request to arm from before the disarming may be sent after it, because arming waits for the disk.
     let until = Instant::now() + Duration::from_secs(20);
     assert!(handle.send_by(Order::Request(Request::Arm), until, before));
     after_cycles(&mut handle, 5);
@@ -96,7 +96,7 @@ fn disarming_overtakes_queued_orders() {
     switch.disarm();
     after_cycles(&mut handle, 3);
     assert!(!handle.report().state.is_armed());
-    // So does the end of the program.
+    // The end of the program also disarms.
     after_cycles(&mut handle, 200);
     assert!(handle.send(Order::Request(Request::Arm)));
     after_cycles(&mut handle, 5);
@@ -130,7 +130,7 @@ fn a_thread_arms_and_ends() {
     let names: Vec<&str> = changes.iter().map(|change| change.state.name()).collect();
     assert_eq!(names.last(), Some(&"compensating"), "{names:?}");
     assert!(handle.timings().count() > 5);
-    // Limits of another period and of a missing path are refused.
+    // Limits for another period, and for a path that does not exist, are rejected.
     let mut limits = limits;
     assert!(handle.send(Order::Limits(7, Box::new(limits))));
     limits.period = Duration::from_millis(1);

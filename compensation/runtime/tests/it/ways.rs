@@ -23,7 +23,7 @@ use crate::rig::{self, PERIOD, referenced};
 
 pub(crate) const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
-/// A machine of three linear axes with these errors, compiled.
+/// A compiled machine of three linear axes with these errors.
 pub(crate) fn three_axes(errors: &str, guard: &GuardSettings) -> Model {
     let text = format!(
         "structure = \"w X' Y' b Z t\"
@@ -42,7 +42,7 @@ pub(crate) fn guard_um(limit: f64) -> GuardSettings {
     }
 }
 
-/// The barrier of a control of these axes: 2 counts a scan.
+/// The barrier of a control of these axes, with a rate of 2 counts per scan.
 pub(crate) fn barrier_of(
     axes: &[AxisName],
     limit: i16,
@@ -63,7 +63,7 @@ pub(crate) fn barrier_of(
 
 /// The control of a test.
 pub(crate) trait Plant: Send {
-    /// Its reading on this path.
+    /// Reads the control over this path.
     fn read(&mut self, way: &Description, clock: &Clock) -> Result<Snapshot, Fault>;
 
     /// Receives plain values on this path.
@@ -91,11 +91,11 @@ pub(crate) trait Plant: Send {
 /// A control that applies each write at once, at a position set by the test.
 #[derive(Default)]
 pub(crate) struct Control {
-    /// Where its axes are without correction, mm and rad; 0 where it is not named.
+    /// Positions of the axes without correction, mm and rad; 0 if missing.
     pub(crate) place: BTreeMap<AxisName, f64>,
     /// Applied corrections, mm and rad.
     pub(crate) words: BTreeMap<AxisName, f64>,
-    /// Corrections written on paths without read-back, if these lead to other words.
+    /// Corrections written on paths without read-back, if these paths lead to other words.
     pub(crate) lines: Option<BTreeMap<AxisName, f64>>,
     /// The barrier of paths with one.
     pub(crate) barrier: Option<Barrier>,
@@ -104,7 +104,7 @@ pub(crate) struct Control {
     /// The device that does not answer, and the duration of its exchanges.
     pub(crate) away: Option<&'static str>,
     pub(crate) hangs: Duration,
-    /// An emergency stop, which paths with a barrier do not report.
+    /// Whether the emergency stop is pressed; paths with a barrier do not report it.
     pub(crate) stop: bool,
     /// The largest change of a word by one write, mm or rad.
     pub(crate) largest: f64,
@@ -120,7 +120,7 @@ impl Control {
         }
     }
 
-    /// What is written for an axis, µm.
+    /// The word of an axis, µm.
     pub(crate) fn um(&self, axis: AxisName) -> f64 {
         (value(&self.words, axis) * 1e3).round()
     }
@@ -212,7 +212,7 @@ impl Plant for Control {
     }
 }
 
-/// The control, and the clock of the test.
+/// The paths to one control, and the clock of the test.
 pub(crate) struct Ways<P> {
     plant: Arc<Mutex<P>>,
     pub(crate) clock: Clock,
@@ -230,7 +230,7 @@ impl<P: Plant + 'static> Ways<P> {
         self.plant.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A path with this description, as a controller.
+    /// A controller with this description.
     pub(crate) fn controller(&self, description: Description) -> Box<dyn Controller> {
         Box::new(Way {
             plant: Arc::clone(&self.plant),
@@ -239,7 +239,7 @@ impl<P: Plant + 'static> Ways<P> {
         })
     }
 
-    /// The same as a path of a cycle.
+    /// A path of a cycle with this description.
     pub(crate) fn path(
         &self,
         description: Description,
@@ -251,7 +251,7 @@ impl<P: Plant + 'static> Ways<P> {
         ControlPath::new(self.controller(description), &plan.expect("fits")).expect("fits")
     }
 
-    /// A cycle over some of its ways, by the clock of the test.
+    /// A cycle over these paths, on the clock of the test.
     pub(crate) fn cycle(
         &self,
         model: Model,

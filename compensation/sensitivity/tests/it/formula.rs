@@ -1,5 +1,4 @@
-//! Formulas: the published ones term by term, and every printed one evaluated as a reader would, against the sum of
-//! twists.
+//! Formulas: the published ones term by term, and every formula evaluated from its text, against the sum of twists.
 
 use std::collections::BTreeMap;
 
@@ -34,7 +33,7 @@ fn the_published_mechanism_comes_out_term_by_term() {
     );
 }
 
-/// Reads `2.5*x*cos(a) - (y + Yt)*(EXX - EYX)` as Python does.
+/// Parses `2.5*x*cos(a) - (y + Yt)*(EXX - EYX)` like Python.
 struct Reader<'a> {
     text: &'a str,
     values: &'a BTreeMap<String, f64>,
@@ -170,7 +169,7 @@ fn every_printed_formula_is_the_sum_of_twists() {
             let twist = volumetric_error(&chain, &given, &state, Form::Twist);
             let expected = [twist.position_mm.as_slice(), twist.rotation_rad.as_slice()].concat();
             let ours = expression.value(&chain, &given, &state);
-            // Relative to the size of the whole vector: a component may nearly cancel.
+            // Relative to the size of the whole vector, since a component may nearly cancel.
             let size = [twist.position_mm.norm(), twist.rotation_rad.norm()];
             for (k, line) in text.iter().enumerate() {
                 let (_, formula) = line.split_once(" = ").unwrap();

@@ -1,4 +1,4 @@
-//! Effects against evaluations of the model one by one, rank against singular values.
+//! Effects against single evaluations of the model, and rank against singular values.
 
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
@@ -48,7 +48,7 @@ fn random_poses(chain: &Chain, count: usize, rng: &mut ChaCha8Rng) -> Vec<State>
     (0..count).map(pose).collect()
 }
 
-/// One error of 1 µm or 1 µrad.
+/// A single error of 1 µm or 1 µrad.
 fn one(chain: &Chain, term: ErrorTerm) -> GivenErrors {
     let mut errors = GivenErrors::default();
     let axis = chain.structure().index_of(term.axis()).unwrap();
@@ -63,7 +63,7 @@ fn one(chain: &Chain, term: ErrorTerm) -> GivenErrors {
     errors
 }
 
-/// The stacked columns, by one evaluation of the twist form for each pose and error: µm, and µrad times a lever.
+/// The stacked columns, from one evaluation of the twist form for each pose and error: µm, and µrad times a lever.
 fn stacked(chain: &Chain, errors: &[ErrorTerm], poses: &[State]) -> DMatrix<f64> {
     let mut matrix = DMatrix::zeros(6 * poses.len(), errors.len());
     for (column, &term) in errors.iter().enumerate() {
@@ -140,7 +140,7 @@ fn effects_are_those_of_the_model_and_the_rank_that_of_singular_values() {
     }
 }
 
-/// Each null combination moves the tool at no pose, and they are independent of one another.
+/// No null combination moves the tool at any pose, and they are linearly independent.
 fn vanish(found: &Sensitivity, errors: &[ErrorTerm], matrix: &DMatrix<f64>) {
     let mut null = DMatrix::zeros(errors.len(), found.indistinguishable.len());
     for (column, combination) in found.indistinguishable.iter().enumerate() {
@@ -157,7 +157,7 @@ fn vanish(found: &Sensitivity, errors: &[ErrorTerm], matrix: &DMatrix<f64>) {
     assert_eq!(rank, null.ncols());
 }
 
-/// Errors of one motion have proportional columns, and no two motions have.
+/// Errors of the same motion have proportional columns; different motions do not.
 fn proportional(found: &Sensitivity, errors: &[ErrorTerm], scaled: &DMatrix<f64>) {
     let place = |term: &ErrorTerm| errors.iter().position(|other| other == term).unwrap();
     let mut first = Vec::new();
@@ -184,8 +184,8 @@ fn proportional(found: &Sensitivity, errors: &[ErrorTerm], scaled: &DMatrix<f64>
     assert_eq!(named, errors.len());
 }
 
-/// A table whose C axis stands next to the workpiece: a shift of its line is a shift of the workpiece less one that
-/// turns, so three errors are two.
+/// A table with its C axis next to the workpiece: a shift of its line is a shift of the workpiece minus a rotating one, so three errors are
+/// two independent motions.
 #[test]
 fn a_null_direction_names_its_errors() {
     let chain = Chain::new("w C' b t".parse().unwrap());
@@ -198,7 +198,7 @@ fn a_null_direction_names_its_errors() {
     let poses = Poses::over(&chain, [(AxisName::C, [-3.0, 3.0])], 9).unwrap();
     let found = sensitivity(&chain, &named(&["EXC", "EYC", "EX0C", "EY0C"]), &poses).unwrap();
     assert_eq!((found.rank, found.indistinguishable.len()), (4, 0));
-    // Two slides along X: every error of the first is one of the second.
+    // Two slides along X: every error of the first is also an error of the second.
     let chain = Chain::new("w b X U t".parse().unwrap());
     let poses = Poses::over(
         &chain,
@@ -219,7 +219,7 @@ fn a_null_direction_names_its_errors() {
     assert_eq!(words[0].0, "EYX constant");
     assert_eq!(words[1].0, "EYU constant");
     assert!((words[0].1 - half).abs() < 1e-12 && (words[1].1 + half).abs() < 1e-12);
-    // A tilt of a slide about its own line moves nothing where the tool is on it.
+    // A tilt of a slide about its own line has no effect if the tool is on that line.
     let found = sensitivity(&chain, &named(&["EAX"]), &poses).unwrap();
     assert_eq!(
         (found.rank, found.motions.len()),
@@ -273,7 +273,7 @@ fn invalid_poses_are_refused() {
         sensitivity(&chain, &[], &many),
         Err(SensitivityError::NoErrors)
     );
-    // Nodes that no memory holds are counted, not made.
+    // Nodes beyond any memory are counted without creating them.
     let endless = Poses::Even {
         travels: vec![[0.0, 1.0]; 9],
         count: usize::MAX,
@@ -314,7 +314,7 @@ fn dependence_of_a_known_matrix() {
     assert_eq!(nothing[..], [(2, 1.0)]);
 }
 
-/// A source that has one error of another one only.
+/// A source with a single error of another source.
 struct Only<'a, S> {
     source: &'a S,
     term: ErrorTerm,
@@ -352,7 +352,7 @@ impl<S: ErrorSource> ErrorSource for Only<'_, S> {
     }
 }
 
-/// The effect of the values of a machine file against the model evaluated with one error at a time.
+/// The effect of the values of a machine file, against the model evaluated with one error at a time.
 #[test]
 fn effects_of_a_machine_are_those_of_its_errors_one_by_one() {
     let machine = Machine::parse(
@@ -437,7 +437,7 @@ Z = [0.0, 5.0, 0.0, 8.0, 0.0, 0.0]
     assert_eq!(moving, 10, "the errors of the file: {found:?}");
 }
 
-/// Progress reports every pose once, in any order of the cores, and does not change the result.
+/// Progress reports every pose once, in any order, and does not change the result.
 #[test]
 fn progress_counts_every_pose_once() {
     let machine = Machine::parse(
@@ -462,7 +462,7 @@ fn progress_counts_every_pose_once() {
     assert_eq!(found, sensitivity(chain, &errors, &poses).unwrap());
     let mut done = std::mem::take(&mut *reported.lock().unwrap());
     done.sort_unstable();
-    // 8000 poses in chunks of 2048: every partial sum once, the last is all of them.
+    // 8000 poses in chunks of 2048: every partial sum once, the last with all poses.
     assert_eq!(done.len(), 4);
     assert_eq!(done.last(), Some(&8000));
     let none = Temperatures::new();

@@ -1,4 +1,4 @@
-//! The counts of the published models: 60 errors that make 20 distinct motions, and a machine with 37 errors.
+//! The numbers of the published models: 60 errors that cause 20 distinct motions, and a machine with 37 errors.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -42,7 +42,7 @@ fn sixty_errors_are_twenty_motions_in_the_turning_frame() {
     let found = sixty(&machine);
     let mut names = names(&found);
     names.sort_unstable();
-    // Seven translations: all three of the frame, Y and Z of A's, X and Z of B's. Thirteen rotations about lines.
+    // Seven translations: all three of the frame, Y and Z of A, X and Z of B. Thirteen rotations about lines.
     let expected = [
         "rotation about X, line carried by B",
         "rotation about X, line carried by Y",
@@ -84,7 +84,7 @@ fn sixty_errors_are_twenty_motions_in_the_turning_frame() {
     assert_eq!(of("SBX"), "SBX");
     assert_eq!(of("ECX"), "ECX SCY");
     assert_eq!(of("EAZ"), "EAZ EAA SAA SAB");
-    // A measurement of the whole tool pose distinguishes all distinct motions.
+    // A measurement of the complete tool pose distinguishes all distinct motions.
     assert_eq!(found.rank, 20);
     assert_eq!(found.indistinguishable.len(), 40);
 }
@@ -116,7 +116,7 @@ fn sixty_errors_are_sixteen_motions_in_the_fixed_frame() {
     assert_eq!(translations, 5);
 }
 
-/// Y is the reference axis: one squareness of X, two of Z, two errors of parallelism of A and two of C.
+/// Y is the reference axis: one squareness error of X, two of Z, two parallelism errors of A and two of C.
 #[test]
 fn the_machine_with_37_errors() {
     let (file, structure) = ("poe-mill-table.toml", "w C' X' Y' b Z A t");
@@ -138,7 +138,7 @@ fn the_machine_with_37_errors() {
         .collect();
     assert_eq!(stated.len(), 37, "{file}");
     let found = sensitivity(machine.chain(), &stated, &poses(&machine, 3)).unwrap();
-    // Location errors of the published kind are all distinct from the motions.
+    // The published location errors are independent of the motions.
     assert!(
         found.errors.iter().all(|error| error.position_rms_um > 0.0),
         "{file}"
@@ -150,7 +150,7 @@ fn the_machine_with_37_errors() {
     );
 }
 
-/// The sum of the 60 error twists against the exact product: second order is negligible.
+/// The sum of the 60 error twists against the exact product: the second order is negligible.
 #[test]
 fn at_a_thousand_poses_linear_and_actual_errors_differ_by_less_than_a_thousandth() {
     let machine = example("blade-mill.toml");

@@ -23,7 +23,7 @@ struct TrueBar {
     distances: Vec<f64>,
 }
 
-/// The record at a mark of a bar in a pass.
+/// The record at one mark in one pass.
 struct AtMark {
     pass: usize,
     mark: usize,
@@ -32,7 +32,7 @@ struct AtMark {
 }
 
 impl Observer<'_> {
-    /// The bar as placed on the table: tilted, with distances that deviate within their calibration.
+    /// The actual bar on the table: tilted, with distances that deviate according to their calibration.
     fn true_bar(&mut self, bar: &Bar) -> Result<TrueBar, ObservationError> {
         let along = Vector3::from(bar.direction)
             .try_normalize(1e-12)
@@ -53,7 +53,7 @@ impl Observer<'_> {
         })
     }
 
-    /// Visits the marks of a bar, forward and back if requested.
+    /// Visits the marks of a bar, forward and, if requested, back.
     fn along(
         &mut self,
         bar: &Bar,
@@ -85,8 +85,8 @@ impl Observer<'_> {
         Ok(found)
     }
 
-    /// The faces of a step gauge are balls measured along the row only, where the machine touched them: lengths of one run share their
-    /// first face, and all runs share the calibration.
+    /// The faces of a step gauge are recorded like balls that are measured only along the bar. Lengths of one run share their first face,
+    /// and all runs share the calibration.
     pub(super) fn step_gauge(&mut self, bar: &Bar) -> Result<Made, ObservationError> {
         let real = self.true_bar(bar)?;
         let rows = self.along(bar, &real, Reads::Coordinates)?;
@@ -103,7 +103,7 @@ impl Observer<'_> {
         Ok(self.row_of(bar, &real, &rows, "B", [offsets, ""]))
     }
 
-    /// The files of a row: `letter` names its balls or faces; a constant reading is given with its column.
+    /// The row files of a bar. `letter` names its balls or faces; a column with a constant reading comes with that reading.
     fn row_of(
         &self,
         bar: &Bar,

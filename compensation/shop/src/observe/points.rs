@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisKind;
 use super::{Made, Observer, number, push_row};
 use crate::{observation::Poses, poses::actual_tip};
 
-/// Standard uncertainty (k = 1) of a target position on the tool, measured with a ruler, mm.
+/// Standard uncertainty (k = 1) of the target position on the tool if measured with a ruler, mm.
 const RULER_MM: f64 = 1.0;
 
 impl Observer<'_> {
@@ -36,7 +36,7 @@ impl Observer<'_> {
         for (pose, mut state) in states.into_iter().enumerate() {
             self.approach.to(&mut state, self.truth);
             let tip = actual_tip(self.tools.machine(pose), &state, &offset);
-            // A tracker displaced by +d measures every point displaced by −d.
+            // A tracker that is displaced by +d measures every point displaced by −d.
             let share = pose as f64 / poses.saturating_sub(1).max(1) as f64;
             let drifted = self.drift_mm(&shift, pose, poses) + turn.cross(&(tip - middle)) * share;
             let seen = rotation.inverse() * (tip - drifted - place);
@@ -82,7 +82,7 @@ impl Observer<'_> {
         }
     }
 
-    /// True if a tracker determines the target position on the tool: requires rotation about two directions.
+    /// Whether a tracker determines the target position on the tool, which requires rotation about two directions.
     fn tells_targets(&self) -> bool {
         let rotary = self.truth.axes().iter();
         let rotary = rotary.filter(|axis| axis.name.kind() == AxisKind::Rotary);

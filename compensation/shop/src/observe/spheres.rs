@@ -13,7 +13,7 @@ use crate::{
     poses::actual_tip,
 };
 
-/// Maximum distance of the planned tip from a sphere, mm: the range of an R-test is one or two millimetres.
+/// Maximum distance of the commanded tip from a sphere, mm: the range of an R-test is one or two millimetres.
 const NEAR_MM: f64 = 2.0;
 
 impl Observer<'_> {
@@ -94,8 +94,8 @@ impl Observer<'_> {
             })
     }
 
-    /// A planned pose with the ideal tip at the sphere: the linear axes are solved for if the plan commands none of them; otherwise the
-    /// commanded tip must be near it.
+    /// A planned pose with the ideal tip at the sphere. If the plan commands no linear axes, these are solved for; otherwise the commanded
+    /// tip must be near the sphere.
     fn to_sphere(
         &self,
         pose: usize,
@@ -125,7 +125,7 @@ impl Observer<'_> {
         Ok(state)
     }
 
-    /// The row of a sphere at a pose.
+    /// The row for a sphere at a pose.
     fn at_sphere(
         &mut self,
         pose: usize,
@@ -142,7 +142,7 @@ impl Observer<'_> {
         Ok(row)
     }
 
-    /// Moves to a centre from its nominal pose; returns the recorded coordinates, and the offset along `axes`, mm.
+    /// Moves from the nominal pose to a centre. Returns the recorded coordinates, and the offset along `axes`, mm.
     pub(super) fn at_centre(
         &mut self,
         pose: usize,
@@ -166,7 +166,7 @@ impl Observer<'_> {
                         at: (*centre).into(),
                     })
                 };
-                // The approach direction follows from the actual motion, as it can be derived from the recorded coordinates.
+                // The approach direction follows from the actual motion, so that it can be derived from the recorded coordinates.
                 let mut state = found(state)?;
                 self.approach.to(&mut state, self.truth);
                 let mut state = found(state)?;

@@ -1,5 +1,5 @@
-//! Linear axes on both sides of `b`: straightness references stand on the table for some axes and on the tool for others,
-//! and what rotary axes, kept constants and assembly errors add to their slopes is no squareness.
+//! Linear axes on both sides of `b`: straightness references are on the table for some axes and on the tool for others. The slopes that
+//! rotary axes, kept constants and assembly errors cause are not squareness.
 
 use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
@@ -12,7 +12,7 @@ use crate::volume::compare;
 const COMPONENTS: [&str; 6] = ["EX", "EY", "EZ", "EA", "EB", "EC"];
 const SQUARES: &str = "[[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = -3.0\n[[squareness]]\nerror = \"EA0Z\"\nreference_angle_urad = 5.0\n[[squareness]]\nerror = \"EB0Z\"\n";
 
-/// A machine of three linear axes and the rotary ones of its structure.
+/// The geometry of three linear axes and the rotary axes of the structure.
 fn geometry(structure: &str) -> String {
     let mut text = format!(
         "structure = \"{structure}\"\n[axes]\nX.travel = [0, 600]\nY.travel = [0, 500]\nZ.travel = [0, 400]\n"
@@ -33,8 +33,8 @@ fn geometry(structure: &str) -> String {
     text + "[tool]\ntip = [40.0, -30.0, -150.0]\n"
 }
 
-/// Simulates the lines of a shop on a truth and calibrates a machine file that keeps some of its errors; `more` are tables
-/// at the end of the calibration file.
+/// Simulates the lines of a shop on a truth, and calibrates a machine file that keeps some errors of the truth; `more` are tables at the
+/// end of the calibration file.
 pub(crate) fn round_trip(
     folder: &Path,
     truth: &str,
@@ -80,7 +80,7 @@ pub(crate) fn round_trip(
     (shop.truth, calibrate(&file, |_, _| {}).expect("calibrated"))
 }
 
-/// Straightness lines alone, with perfect instruments.
+/// Straightness lines only, with perfect instruments.
 fn straight_lines() -> String {
     format!(
         "machine = \"truth.toml\"\nformat = \"csv\"\n[instrument]\nruns = 1\ntargets = 5\nboth_directions = false\nalignment_urad = 40.0\n\
@@ -97,7 +97,7 @@ const BOTH_SIDES: [&str; 5] = [
 ];
 const TILTS: &str = "EC0Y = 22.0\nEA0Z = -15.0\nEB0Z = 9.0\n";
 
-/// What a machine file keeps is in the readings too, and is not added to the squareness a second time.
+/// Errors kept by a machine file are in the readings too, and must not be added to the squareness again.
 #[test]
 fn constants_that_are_kept_are_no_squareness() {
     for structure in BOTH_SIDES {
@@ -125,7 +125,7 @@ fn constants_that_are_kept_are_no_squareness() {
     }
 }
 
-/// The same of constant angles of `[assembly]`, which turn all that follows.
+/// Constant angles of `[assembly]`, which turn all following axes, are no squareness errors either.
 #[test]
 fn assembly_angles_that_are_kept_are_no_squareness() {
     for structure in BOTH_SIDES {
@@ -186,7 +186,7 @@ pub(crate) fn every_error(structure: &str) -> (String, Vec<String>) {
     (truth, unknown)
 }
 
-/// Every line of the linear axes, with the others where they are held; `more` stands above all tables.
+/// Every line of the linear axes with the other axes held; `more` precedes all tables.
 pub(crate) fn every_line(held: &str, more: &str) -> String {
     let held = |linear: &str| match held {
         "" => format!("at = {{ {linear} }}"),
@@ -219,7 +219,7 @@ pub(crate) fn every_line(held: &str, more: &str) -> String {
     lines + SQUARES
 }
 
-/// Lines that are run while rotary axes stand off zero, and spheres for where the rotary axes lie, in one file.
+/// Lines measured with rotary axes off zero, and spheres for the positions of the rotary axes, in one file.
 #[test]
 fn lines_with_rotary_axes_off_zero_make_the_machine() {
     for (structure, held) in [

@@ -1,5 +1,5 @@
-//! The stated uncertainty is the one that occurs: shops with a known machine are measured, calibrated or identified, and
-//! the share of true errors inside the stated 95 % band is counted.
+//! Coverage of the stated uncertainty: shops with a known machine are measured, and calibrated or identified; the share of true errors
+//! within the 95 % band is counted.
 
 use std::{fmt::Write as _, fs, path::Path};
 
@@ -16,12 +16,12 @@ use volcomp_model::{Ensemble, Machine, Scatter, Temperatures, Tolerance};
 use volcomp_shop::Shop;
 use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
 
-/// Half the width of a 95 % band in standard uncertainties.
+/// Half width of a 95 % band, in standard uncertainties.
 const BAND: f64 = 1.959_964;
-/// How many positions are looked at in each shop.
+/// Number of positions evaluated in each shop.
 const POSES: usize = 10;
 
-/// How many shops: what `VOLCOMP_SHOPS` says (500 for the full figure), else so many as a few seconds allow.
+/// Number of shops: `VOLCOMP_SHOPS` (500 for the full figure), by default as many as take a few seconds.
 fn shops() -> u64 {
     const FEW: u64 = 30;
     asked().unwrap_or(FEW)
@@ -32,11 +32,10 @@ fn asked() -> Option<u64> {
     asked.map(|text| text.parse().expect("a number of shops"))
 }
 
-/// How many machines are drawn for each shop.
+/// Number of Monte Carlo samples for each shop.
 const TRIALS: u64 = 100;
 
-/// Counts of numbers and of those inside their bands, for each component of the error; and the share of each shop that is
-/// through.
+/// Numbers evaluated and numbers within their bands, by component of the error; and the share within of each finished shop.
 #[derive(Default)]
 struct Count {
     inside: [u32; 6],
@@ -48,7 +47,7 @@ struct Count {
 impl Count {
     fn take(&mut self, difference: &[f64; 6], uncertainty: &[f64; 6]) {
         for (k, (difference, uncertainty)) in difference.iter().zip(uncertainty).enumerate() {
-            // What does not vary has no band: 1 pm, 1 prad.
+            // Numbers that do not vary have no band (1 pm, 1 prad).
             if *uncertainty > 1e-12 {
                 self.of[k] += 1;
                 self.inside[k] += u32::from(difference.abs() < BAND * uncertainty);
@@ -56,7 +55,7 @@ impl Count {
         }
     }
 
-    /// A shop is through.
+    /// Ends the count of a shop.
     fn shop_ends(&mut self) {
         let now: [u32; 2] = [self.inside.iter().sum(), self.of.iter().sum()];
         let [inside, of] = [now[0] - self.before[0], now[1] - self.before[1]];
@@ -64,8 +63,8 @@ impl Count {
         self.before = now;
     }
 
-    /// Of 500 shops 93 to 97 % are inside. Numbers of one shop are wrong together, so over fewer shops the share scatters: then
-    /// 95 % are within three standard errors of its mean over the shops.
+    /// Over 500 shops, 93 to 97 % must be within. Numbers of one shop are correlated, so over fewer shops the share scatters: then 95 %
+    /// must be within three standard errors of the mean over the shops.
     fn holds(&self, what: &str) {
         let share = self.report(what);
         let count = self.shops.len() as f64;
@@ -83,7 +82,7 @@ impl Count {
         );
     }
 
-    /// The share of position and rotation components together.
+    /// Share of all components within their bands.
     fn report(&self, what: &str) -> f64 {
         let share = |inside: u32, of: u32| f64::from(inside) / f64::from(of.max(1));
         let each: Vec<String> = (0..6)
@@ -128,8 +127,8 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// The curves of the truth are of the kind that is fitted, zero at the reference; straightness curves have no slope over
-/// their targets. What a calibration calls its frame is then that of the truth.
+/// The curves of the truth are of the fitted kind and zero at the reference; straightness curves have no slope over their targets. The
+/// frame of a calibration is then that of the truth.
 const GANTRY: &str = "structure = \"w X' b Y Z t\"
 axes = { X.travel = [0, 2000], Y.travel = [0, 1000], Z.travel = [0, 600] }
 [tool]
@@ -199,7 +198,7 @@ error = \"EB0Z\"
 reference_angle_urad = 1.0
 ";
 
-/// A shop file and the truth it names, measured with noise of so many seeds; `more` states what it did to a calibration.
+/// A shop file and its truth machine, measured with noise of `count` seeds; `more` is applied to the calibration.
 fn calibrated(
     (truth, text): (&str, &str),
     count: u64,
@@ -248,11 +247,11 @@ fn calibrated(
     total
 }
 
-/// Several runs with the noise of a laser. With two runs, of one degree of freedom, the bands are a little too wide (97.1 %
-/// of 500 shops).
+/// Several runs with the noise of a laser. With two runs, that is one degree of freedom, the bands are slightly too wide (97.1 % of 500
+/// shops).
 #[test]
 fn bands_of_lines_hold_the_truth() {
-    // All counts of runs only in the full figure.
+    // All numbers of runs are tested only for the full figure.
     let counts = if asked().is_some() {
         &["3", "5", "10"][..]
     } else {
@@ -265,7 +264,7 @@ fn bands_of_lines_hold_the_truth() {
     }
 }
 
-/// States the uncertainties of the scale of the laser and of the squares, and makes both wrong by them.
+/// States uncertainties of the laser scale and of the squares, and shifts both by random errors of that size.
 fn laser_and_squares(
     file: &mut CalibrationFile,
     [laser_um_per_m, square_urad]: [f64; 2],
@@ -290,8 +289,8 @@ fn laser_and_squares(
     }
 }
 
-/// What a calibration is told besides its lines is wrong, too, as far as it says: the scale of the laser, the angles of the
-/// squares, and the location errors of a rotary axis.
+/// Inputs besides the lines also have errors of their stated uncertainty: the laser scale, the angles of the squares, and the location
+/// errors of a rotary axis.
 #[test]
 fn bands_of_lines_squares_and_locations_hold_the_truth() {
     const LASER_UM_PER_M: f64 = 1.5;
@@ -337,16 +336,15 @@ resolution_um = 0.001
 poses = 24
 ";
 
-/// What `calibrate` says of unknowns that were found from observations beside lines: their uncertainties count the noise of
-/// the lines that they rest on, the scale of the laser and the squares. With that of the observations alone, bands of 95 %
-/// held 40 to 77 %.
+/// `calibrate` identifies unknowns from observations in addition to lines. Their uncertainties include the noise of the lines, the laser
+/// scale and the squares. With the uncertainty of the observations alone, 95 % bands contained only 40 to 77 %.
 #[test]
 fn bands_of_unknowns_beside_lines_hold_the_truth() {
     unknowns_beside_lines(5, 60);
 }
 
-/// The same with lines of two runs, whose scatter has one degree of freedom: with the formula of Welch and Satterthwaite the bands of
-/// `EA0C` and `EB0C` held 91 %.
+/// As above, with lines of two runs, whose scatter has one degree of freedom. With the Welch–Satterthwaite formula the bands of `EA0C` and
+/// `EB0C` contained 91 %.
 #[test]
 fn bands_of_unknowns_beside_lines_of_two_runs_hold_the_truth() {
     unknowns_beside_lines(2, 300);
@@ -375,7 +373,7 @@ fn unknowns_beside_lines(runs: u32, few: u64) {
     for seed in 0..count {
         shop.seed = 1000 + seed;
         write(&shop, folder);
-        // One file with the lines and the observations.
+        // A single file with the lines and the observations.
         let read = |name: &str| fs::read_to_string(folder.join(name)).expect("written");
         let (lines, observed) = (read("calibration.toml"), read("observations.toml"));
         let at = observed.find("[[observation]]").expect("an observation");
@@ -396,7 +394,7 @@ fn unknowns_beside_lines(runs: u32, few: u64) {
     }
     let shares = inside.map(|inside| inside as f64 / count as f64);
     println!("unknowns beside lines of {runs} runs: {shares:?}");
-    // Of 60 shops 95 % scatter by 2.8 %, of 300 by 1.3 %, of 500 by 1 %.
+    // The share scatters with a standard deviation of 2.8 % over 60 shops, 1.3 % over 300, 1 % over 500.
     let allowed = match count {
         500.. => 0.02,
         300..500 => 0.03,
@@ -453,8 +451,8 @@ resolution_um = 0.01
 poses = 60
 ";
 
-/// Spheres and a tracker whose frame and target are unknown. Where the whole machine stands is then a matter of
-/// convention: what is held against the truth is how the error changes from one position.
+/// Spheres, and a tracker with unknown frame and target. The position of the whole machine is then a convention, so the change of the error
+/// from one position is compared with the truth.
 #[test]
 fn bands_of_observations_hold_the_truth() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,4 @@
-//! Two published machines measured in the virtual shop, identified, and held against the truth over the whole volume.
+//! Two published machines, measured in the virtual shop, identified, and compared with the truth over the whole volume.
 
 use std::{fmt::Write as _, fs, path::Path};
 
@@ -9,7 +9,7 @@ use volcomp_test_support::root;
 
 use crate::volume::{Differences, compare};
 
-/// Measures a truth machine and identifies what was measured; the answer and the largest differences from the truth.
+/// Measures a truth machine and identifies its errors. Returns the result and the largest differences from the truth.
 fn measured(truth: &str, shop: &str) -> (Identification, Differences, Differences) {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str, text: &str| {
@@ -35,14 +35,14 @@ fn against(truth: &Machine, machine: &Machine) -> Differences {
 
 fn found(folder: &Path) -> Identification {
     let mut file = Observations::read(&folder.join("observations.toml")).expect("read back");
-    // Held against the truth, not against rows left out.
+    // The result is compared with the truth instead of rows left out.
     file.folds = 0;
     identify(&file, |_, _| {}).expect("identified")
 }
 
 const SIX: [&str; 6] = ["EX", "EY", "EZ", "EA", "EB", "EC"];
 
-/// All 37 are to be found.
+/// All 37 errors as unknowns.
 fn all_thirty_seven() -> String {
     let mut items: Vec<String> = ["EC0X", "EA0Z", "EB0Z", "EB0A", "EC0A", "EA0C", "EB0C"]
         .map(|name| format!("\"{name}\""))
@@ -55,7 +55,7 @@ fn all_thirty_seven() -> String {
     format!("unknown = [{}]\n", items.join(", "))
 }
 
-/// Spheres at these centres, and a tracer from four points on the table, with two tools in turn.
+/// Spheres at these centres, and a tracer at four points on the table, with two tools in turn.
 fn spheres_and_tracer(centres: &str, each: usize) -> String {
     let mut text = format!(
         "[[observation]]
@@ -85,10 +85,10 @@ tools = [\"short\", \"long\"]
     text
 }
 
-/// Published: 30 position-dependent errors, 3 squareness and 4 parallelism errors, Y the reference; its chain is printed
-/// with a slip; the shipped file is our reading. Everything at 0.3 µm: 200 probings and 400 distances leave 0.6 µm of 45 µm over
-/// 2000 poses; 83 of 121 unknowns can be told apart, the others change no position of the tip. The tool
-/// axis is left within 2.6 µrad; how far the tool turns about itself no tip can show.
+/// Published: 30 position-dependent errors, 3 squareness and 4 parallelism errors, Y as reference; its chain is printed with an error,
+/// which the shipped file corrects. All noise is 0.3 µm. 200 probings and 400 distances leave 0.6 µm of 45 µm over 2000 poses; 83 of 121
+/// unknowns are determined, the others change no position of the tip. The tool axis is within 2.6 µrad; the rotation of the tool about
+/// itself does not affect the tip.
 #[test]
 fn thirty_seven_errors_are_found_to_two_micrometres() {
     let file = "poe-mill-table.toml";
@@ -111,8 +111,8 @@ fn thirty_seven_errors_are_found_to_two_micrometres() {
     );
 }
 
-/// The published machine with both rotary axes in the table, 800 × 600 × 800: two direction cosines and two offsets of each
-/// rotary axis, squareness and scales of the linear ones.
+/// The published machine with both rotary axes in the table, 800 × 600 × 800: two direction cosines and two offsets of each rotary axis,
+/// squareness and scales of the linear axes.
 #[test]
 fn a_tilting_table_is_found_to_two_micrometres_and_three_microradians() {
     let truth = "structure = \"w C' A' b X Y Z t\"
@@ -173,7 +173,7 @@ distances = [0, 100, 200, 300, 400, 500, 570]
 at = { A = 0, C = 0 }
 ";
     let (found, before, after) = measured(truth, shop);
-    // Three spheres of 50 poses, and rows of 9, 7 and 7 balls six times.
+    // Three spheres with 50 poses each, and rows of 9, 7 and 7 balls six times.
     assert_eq!(found.residual.rows, 3 * 50 + 6 * 23);
     println!("tilting table: {before:?} to {after:?}");
     assert!(
@@ -186,8 +186,8 @@ at = { A = 0, C = 0 }
     );
 }
 
-/// Where balls are probed, the machine goes to where they are found: an axis that is not commanded anew still goes to and
-/// fro by its errors, and so changes the side from which it comes.
+/// When balls are probed, the machine moves to their actual positions. An axis that is not commanded then still moves by its errors, which
+/// changes its approach direction.
 #[test]
 fn a_reversal_is_found_from_probed_balls() {
     let truth = "structure = \"w X' b Y Z t\"

@@ -1,4 +1,4 @@
-//! Measurement files of every format hold the same readings; the examples are what the shop makes.
+//! Measurement files of all formats contain the same readings, and the examples equal the output of the shop.
 
 use std::{fs, path::Path};
 
@@ -19,7 +19,7 @@ fn shop(lines: &str) -> Result<Shop, ShopError> {
     })
 }
 
-/// The measurement of the one line of a shop, written in a format and read back.
+/// The measurement of a shop's single line, written in a format and read back.
 fn measured(format: &str, error: &str) -> (String, Measurement) {
     let shop = shop(&format!(
         "format = \"{format}\"\n[header]\ndate = \"2026-11-02\"\nby = \"A. Meier\"\nserial = \"17\"\nmaterial_degc = 20.5\n\
@@ -66,7 +66,7 @@ fn the_means_are_the_same_in_every_format() {
                 assert_eq!(expected.len(), 5);
                 assert_eq!(found.len(), 5, "{name}");
                 for ((at, mean), (found_at, found)) in expected.iter().zip(&found) {
-                    // µm with four decimals, mm with seven, milliradian with nine.
+                    // µm with four decimals, mm with seven, mrad with nine.
                     assert!(
                         (at - found_at).abs() < 1e-9 && (mean - found).abs() < 6e-5,
                         "{name}"
@@ -129,7 +129,7 @@ fn the_files_of_the_examples_are_those_of_their_shops() {
         let shop = Shop::read(&folder.join("shop.toml")).unwrap();
         for (name, text) in shop.files(|_, _| {}).unwrap() {
             let (shipped, text) = match name.as_str() {
-                // The measurement files are in a folder of their own.
+                // The measurement files are in a separate folder.
                 "calibration.toml" => (name.clone(), text.replace("file = \"", "file = \"lasers/")),
                 "machine.toml" => (name.clone(), text),
                 _ => {

@@ -1,4 +1,4 @@
-//! Replays the kept inputs of the fuzz target; a file named `valid-…` must be read, one named `broken-…` refused.
+//! Replays the fuzz corpus: `valid-…` files must be read, `broken-…` files must be rejected.
 
 use std::fs;
 
@@ -6,7 +6,7 @@ use volcomp_model::Machine;
 use volcomp_shop::Shop;
 use volcomp_test_support::root;
 
-/// The machine of `tests/fuzz/fuzz_targets/shop.rs`.
+/// The machine in `tests/fuzz/fuzz_targets/shop.rs`.
 const MACHINE: &str = "structure = \"w b X Y C t\"
 axes.X.travel = [0.0, 500.0]
 axes.Y.travel = [0.0, 400.0]

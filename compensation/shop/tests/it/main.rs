@@ -1,4 +1,4 @@
-//! The virtual shop: what it makes, what it refuses, and against calibration, which reads what it makes.
+//! The virtual shop: its output, its rejections, and the calibration that reads its output.
 
 mod both_sides;
 mod coverage;

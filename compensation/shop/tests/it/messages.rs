@@ -1,4 +1,4 @@
-//! Whatever is wrong with a shop file or with a shop built in code is said, never a panic.
+//! Every error in a shop file, or in a shop built in code, is reported without a panic.
 
 use proptest::prelude::*;
 use volcomp_model::Machine;
@@ -20,7 +20,7 @@ const SHOP: &str = "machine = \"truth.toml\"\nseed = 1\nformat = \"csv\"\n[instr
     [[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = 2.0\n";
 
 proptest! {
-    /// Whatever is cut out of or put into a shop file, it measures or says what is wrong.
+    /// Whatever is removed from or inserted into a shop file, the result is measurements or a message.
     #[test]
     fn damaged_shops_do_not_panic(
         place in 0..SHOP.len(), cut in 0..20_usize, put in "[\\[\\]{}=,.'\"# \n0-9a-zA-Z-]{0,6}",
@@ -28,7 +28,7 @@ proptest! {
         let end = (place + cut).min(SHOP.len());
         let damaged = format!("{}{put}{}", &SHOP[..place], &SHOP[end..]);
         match shop(&damaged) {
-            // A damaged number can ask for a hundred thousand readings of each line.
+            // A damaged number can request 100 000 readings of each line.
             Ok(shop) if shop.lines.iter().all(|l| l.instrument.targets * (l.instrument.runs as usize) < 5000) => {
                 let files = shop.files(|_, _| {}).expect("a shop that was read can measure");
                 prop_assert_eq!(files.len(), shop.lines.len() + 2);
@@ -38,7 +38,7 @@ proptest! {
         }
     }
 
-    /// Every number of a shop built in code may be odd: it measures or says what is wrong.
+    /// Any numbers in a shop built in code yield measurements or an error.
     #[test]
     fn odd_shops_built_in_code_do_not_panic(
         noise in any::<f64>(), step in any::<f64>(), alignment in any::<f64>(), targets in 0..40_usize,
@@ -74,7 +74,7 @@ fn what_is_wrong_with_an_instrument_built_in_code_is_named() {
     );
 }
 
-/// All readings stand in memory at once, so that counts which a line may have are too many of many lines.
+/// All readings are in memory at once, so numbers allowed for one line are too large for many lines.
 #[test]
 fn more_readings_than_fit_are_refused() {
     let lines =
@@ -112,7 +112,7 @@ fn more_readings_than_fit_are_refused() {
     ));
 }
 
-/// What a shop file refuses is refused in a shop that is built in code, too.
+/// A shop built in code is rejected like a shop file.
 #[test]
 fn what_is_wrong_with_an_observation_built_in_code_is_named() {
     let bar = |marks: usize| Bar {
@@ -155,7 +155,7 @@ fn what_is_wrong_with_an_observation_built_in_code_is_named() {
     }
 }
 
-/// As in the calibration file that would be written.
+/// Rejected as in the calibration file that would be written.
 #[test]
 fn a_measurement_names_each_error_once_and_at_least_one() {
     for (errors, expected) in [
@@ -169,7 +169,7 @@ fn a_measurement_names_each_error_once_and_at_least_one() {
         let error = shop(&text).expect_err(errors).to_string();
         assert!(error.contains(expected), "{error}");
     }
-    // Two lines of one error are two tables.
+    // Two lines of one error need two tables.
     let line = "[[measurement]]\nerror = \"EXX\"\n";
     shop(&format!("machine = \"truth.toml\"\n{line}{line}")).expect("a valid shop");
 }

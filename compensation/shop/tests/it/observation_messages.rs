@@ -1,4 +1,4 @@
-//! What is wrong with the observations of a shop file is said, never a panic.
+//! Every error in the observations of a shop file is reported without a panic.
 
 use proptest::prelude::*;
 use volcomp_model::Machine;
@@ -31,7 +31,7 @@ fn refused(text: &str) -> String {
 const UNKNOWN: &str = "unknown = [\"EX0C\"]\n[[observation]]\n";
 const BAR: &str = "kind = \"ball-row\"\norigin = [0, 0, 0]\ndirection = [1, 0, 0]\n";
 
-/// `U:` stands for the unknowns and the head of an observation, `B:` for the beginning of a ball row.
+/// `U:` abbreviates the unknowns and the head of an observation, `B:` the beginning of a ball row.
 #[test]
 fn what_is_wrong_is_named() {
     for (text, expected) in [
@@ -128,7 +128,7 @@ origin = [10, 20, 30]\ndirection = [0, 1, 0]\ndistances = [0, 50, 90]\nat = { C 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// Whatever is cut out of or put into a shop file, it measures or says what is wrong.
+    /// Whatever is removed from or inserted into a shop file, the result is measurements or a message.
     #[test]
     fn damaged_observations_do_not_panic(
         place in 0..SHOP.len(), cut in 0..20_usize, put in "[\\[\\]{}=,.'\"# \n0-9a-zA-Z-]{0,6}",
@@ -136,7 +136,7 @@ proptest! {
         let end = (place + cut).min(SHOP.len());
         let damaged = format!("{}{put}{}", &SHOP[..place], &SHOP[end..]);
         match shop(&damaged) {
-            // A damaged number can ask for thousands of poses.
+            // A damaged number can request thousands of poses.
             Ok(shop) if damaged.len() < SHOP.len() + 2 => match shop.files(|_, _| {}) {
                 Ok(files) => prop_assert!(files.len() >= 2),
                 Err(error) => prop_assert!(error.to_string().starts_with("the "), "{}", error),

@@ -1,5 +1,4 @@
-//! Observations of the virtual shop: against chains of 4×4 matrices that this file writes by itself, and back through
-//! identification.
+//! Observations of the virtual shop against separate chains of 4×4 matrices, and back through identification.
 
 use std::{fmt::Write as _, fs, path::Path};
 
@@ -8,7 +7,7 @@ use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
 use volcomp_shop::Shop;
 
-/// A head of one rotary axis on three linear ones; the machine of the tests by hand.
+/// A head with one rotary axis on three linear axes, the machine of the hand-written chain.
 const HEAD: &str = "structure = \"w X' b Y Z B t\"
 [axes]
 X.travel = [-300, 300]
@@ -23,15 +22,15 @@ EX0B = 30.0
 EAY = { poly = [0.0, 0.2] }
 ";
 
-/// The actual tip of that machine, mm: X carries the workpiece, its scale is 50 µm/m too long; Y rolls about X by 0.2
-/// µrad/mm at the machine zero; the axis of B lies 30 µm too far along X.
+/// The actual tip of that machine, mm: X carries the workpiece, its scale is 50 µm/m too long; Y rolls about X by 0.2 µrad/mm at the
+/// machine zero; the axis of B is 30 µm too far along X.
 fn tip_of_head([x, y, z, b_deg]: [f64; 4]) -> [f64; 3] {
     let (roll, b) = (0.2e-6 * y, b_deg.to_radians());
-    // B: the tip about the line through (20.03, 0, 400), then Z.
+    // B turns the tip about the line through (20.03, 0, 400), then Z moves it.
     let (s, c) = b.sin_cos();
     let [dx, dz] = [0.0 - 20.03, 150.0 - 400.0];
     let turned = [20.03 + c * dx + s * dz, 0.0, 400.0 - s * dx + c * dz + z];
-    // Y: its roll about X rides with the carriage.
+    // Y: its roll about X moves with the carriage.
     let (sr, cr) = roll.sin_cos();
     let rolled = [
         turned[0],
@@ -59,7 +58,7 @@ fn write(folder: &Path, shop: &Shop) {
 
 fn identified(folder: &Path) -> Identification {
     let mut file = Observations::read(&folder.join("observations.toml")).expect("read back");
-    // Held against the truth, not against rows left out.
+    // The result is compared with the truth instead of rows left out.
     file.folds = 0;
     identify(&file, |_, _| {}).expect("identified")
 }
@@ -149,7 +148,7 @@ both_directions = false
         let tip = Vector3::from(tip_of_head(state(&distance, row)));
         let length = (tip - Vector3::new(10.0, 20.0, 30.0)).norm() - 100.5;
         near(number(&distance, row, "length_mm"), length, "distance");
-        // Turned by 90° about Z: the tracker's x is our y. Without B the target moves nothing but X.
+        // The tracker is turned by 90° about Z: its x is our y. Without B the target moves only along X.
         let tip = tip_of_head(state(&tracker, row));
         near(number(&tracker, row, "x"), tip[1] - 200.0, "tracker x");
         near(
@@ -183,7 +182,7 @@ both_directions = false
     }
 }
 
-/// Three squareness errors, the scales, and what the axes of a table do.
+/// Three squareness errors, the scales, and the errors of a table's axes.
 const TABLE: &str = "structure = \"w C' X' Y' b Z A t\"
 [axes]
 C = { travel = [-180, 180], point = [0, 0, 0] }
@@ -217,13 +216,12 @@ const UNKNOWN: &str = "unknown = [\"EC0X\", \"EA0Z\", \"EB0Z\", \"EB0A\", \"EC0A
     { error = \"EXX\", legendre = 1 }, { error = \"EYY\", legendre = 2 }, { error = \"EZZ\", legendre = 1 },
     { error = \"EBX\", legendre = 1 }, { error = \"ECC\", fourier = 1 }]\n";
 
-/// The largest difference of two machines over poses all over the travel, µm, when the workpiece is moved as a rigid
-/// body: where it lies on the table is no error of a machine.
+/// The largest difference between two machines over poses within the travels, µm, after best-fit rigid-body alignment of the workpiece.
 fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     crate::volume::compare(one, other, 300, 5).position_um
 }
 
-/// Every instrument alone or in the mixture that it needs, without noise: what was put in comes back.
+/// Each instrument alone, or in the combination that it needs, without noise: the original errors are found.
 #[test]
 fn every_instrument_brings_the_errors_back() {
     let truth = format!("{TABLE}{ERRORS}");
@@ -347,13 +345,13 @@ fn noise_is_that_of_the_shop_and_a_seed_repeats_itself() {
     let differences: Vec<f64> = pairs.map(|(a, b)| (b - a) * 1e3).collect();
     let count = differences.len() as f64;
     let spread = (differences.iter().map(|d| d * d).sum::<f64>() / count).sqrt();
-    // Of 1200 numbers the standard deviation is known within 2 %.
+    // The standard deviation of 1200 values is known to 2 %.
     assert!((spread / 2.0 - 1.0).abs() < 0.08, "{spread}");
     assert!(clean[2].1.contains("uncertainty_um = 0.001"));
     assert!(noisy[2].1.contains("uncertainty_um = 2\n"));
 }
 
-/// The names in the column `sphere` of a row file, each once, in their order.
+/// The distinct names in the column `sphere` of a row file, in their order.
 fn spheres(folder: &Path, file: &str) -> Vec<String> {
     let table = table(folder, file);
     let place = table.0.iter().position(|name| name == "sphere");
@@ -363,7 +361,7 @@ fn spheres(folder: &Path, file: &str) -> Vec<String> {
     names
 }
 
-/// Two tables with spheres of their own, and a third one at a place of each: what was observed finds the truth.
+/// Two tables with different spheres, and a third with a sphere of each: the observations determine the truth.
 #[test]
 fn spheres_of_several_tables_have_names_of_their_own() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -384,12 +382,12 @@ fn spheres_of_several_tables_have_names_of_their_own() {
     identified(folder);
 }
 
-/// Names with what TOML and CSV read as signs of their own come back as they were.
+/// Names with special characters of TOML and CSV are preserved.
 #[test]
 fn names_are_read_back_whatever_stands_in_them() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    // As TOML reads them.
+    // The names as TOML strings.
     let tools = [r#""T1, long""#, r#"'T"2"'"#, r##""# T3""##, r#""T\u200B4""#];
     let mut truth = HEAD.to_owned();
     for (place, name) in tools.iter().enumerate() {
@@ -408,7 +406,7 @@ fn names_are_read_back_whatever_stands_in_them() {
     );
     let shop = shop(folder, &truth, &text);
     write(folder, &shop);
-    // The machine that the observations start from.
+    // The machine from which the observations start.
     let machine = fs::read_to_string(folder.join("machine.toml")).expect("written");
     fs::write(folder.join("calibrated.toml"), machine).expect("written");
     let file = Observations::read(&folder.join("observations.toml")).expect("read back");
@@ -416,8 +414,8 @@ fn names_are_read_back_whatever_stands_in_them() {
     volcomp_calibrate::CalibrationFile::read(&folder.join("calibration.toml")).expect("read back");
 }
 
-/// A squareness that a step gauge along both diagonals tells: 95 % bands hold it as often, whatever of it is the calibration, which
-/// all runs share, and the touch of the first face, which all lengths of a run share.
+/// A squareness determined by a step gauge along both diagonals: 95 % bands have their coverage, whatever share is due to the calibration
+/// (common to all runs) or to the touch of the first face (common to all lengths of a run).
 #[test]
 fn bands_of_step_gauges_hold_the_truth_as_often() {
     const SHOPS: u32 = 300;
@@ -461,7 +459,8 @@ EC0Y = 25.0
     }
 }
 
-/// Where the machine does not turn the tool, a ruler says where the target is: without it, what tilts do at the tip is not known.
+/// If the machine does not rotate the tool, the target position is measured with a ruler; otherwise the effect of tilts at the tip would be
+/// unknown.
 #[test]
 fn a_target_on_a_machine_without_rotary_axes_is_stated_by_a_ruler() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -489,8 +488,8 @@ travel = [-400.0, 0.0]
     }
 }
 
-/// A real machine came from somewhere: the first row of every seed is half the reversal value to one side or to the other, and no
-/// seed has the mean.
+/// A real machine approaches its first position from one side: the first row of every seed deviates by half the reversal value to one side
+/// or the other, never by the mean.
 #[test]
 fn the_first_row_comes_from_a_side_that_is_drawn() {
     const TRUTH: &str = "structure = \"w b X Y Z t\"

@@ -1,5 +1,5 @@
-//! `[[location]]` values: where an axis lies with all axes at `reference`, seen from the tool tip and along the reference lines
-//! of X and Y. The values come from products of 4×4 matrices that this file writes by itself.
+//! `[[location]]` values: positions of axes with all axes at `reference`, relative to the tool tip and along the reference lines of X and
+//! Y. The expected values are products of separate 4×4 matrices.
 
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ fn product(a: &M, b: &M) -> M {
     std::array::from_fn(|i| std::array::from_fn(|j| (0..4).map(|k| a[i][k] * b[k][j]).sum()))
 }
 
-/// A turn by a small rotation vector (rad) and a displacement (mm) about a point; of second order more than exact.
+/// A rotation by a small vector (rad) and a displacement (mm) about a point, exact to second order.
 fn small(e: V, d: V, c: V) -> M {
     let turned = cross(e, c);
     [
@@ -44,7 +44,7 @@ fn plus(a: V, b: V) -> V {
     std::array::from_fn(|i| a[i] + b[i])
 }
 
-/// The numbers behind a name in the errors of a truth: a polynomial, or one number; none where it is not there.
+/// The numbers of an error of a truth: a polynomial, a single number, or none if it is missing.
 fn numbers(truth: &str, name: &str) -> Vec<f64> {
     let line = truth
         .lines()
@@ -74,7 +74,7 @@ fn least_squares(poly: &[f64], length: f64, targets: usize) -> [f64; 2] {
     [my - slope * mx, slope]
 }
 
-/// Where the rotary axes of a truth lie, as tables of a calibration file.
+/// The locations of the rotary axes of a truth, as tables of a calibration file.
 fn values(truth: &str, structure: &str, targets: usize) -> String {
     let tip = [40.0, -30.0, -150.0];
     let mut before = small([0.0; 3], [0.0; 3], [0.0; 3]);
@@ -118,7 +118,7 @@ fn values(truth: &str, structure: &str, targets: usize) -> String {
         let mut unit = [0.0; 3];
         unit[own] = 1.0;
         let direction = plus(plus(unit, cross(askew, unit)), slope);
-        // Linear: M·E on the tool, E·M on the workpiece; rotary the other way round. M is nothing at 0.
+        // Linear: M·E on the tool, E·M on the workpiece; rotary the other way round. At 0, M is the identity.
         if rotary == on_tool {
             before = product(&before, &errors);
         }
@@ -132,7 +132,7 @@ fn values(truth: &str, structure: &str, targets: usize) -> String {
             before = product(&before, &errors);
         }
     }
-    // The frame of X and Y with the tip in its place: what turns the actual X to (1, 0, 0) and Y into the plane z = 0.
+    // The frame of X and Y with its origin at the tip: it turns the actual X to (1, 0, 0), and Y into the plane z = 0.
     let [x, y, _] = directions;
     let back = [-y[2], x[2], -x[1]];
     let actual_tip = image(&before, tip);

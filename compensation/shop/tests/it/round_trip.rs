@@ -1,5 +1,5 @@
-//! The virtual shop and its inverse: readings come from the whole chain with every error in it, the
-//! calibration works by the rules for single lines.
+//! The virtual shop and its inverse: readings come from the whole chain with all errors, whereas the calibration evaluates single lines by
+//! their rules.
 
 use std::{fmt::Write, fs, path::Path};
 
@@ -12,7 +12,7 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_shop::Shop;
 use volcomp_vocabulary::{AxisName, Um};
 
-/// Every error of three axes: polynomials of order 3 with constants and slopes.
+/// All errors of three axes: polynomials of order 3 with constants and slopes.
 fn truth(structure: &str, axes: &str, more: &str) -> String {
     let mut errors = String::new();
     for (axis, (letter, length)) in [("X", 2000.0), ("Y", 1000.0), ("Z", 800.0)]
@@ -20,7 +20,7 @@ fn truth(structure: &str, axes: &str, more: &str) -> String {
         .enumerate()
     {
         for (component, what) in ["EX", "EY", "EZ", "EA", "EB", "EC"].into_iter().enumerate() {
-            // Different signs and sizes, up to about 20 um and 30 urad over the travel.
+            // Different signs and sizes, up to about 20 µm and 30 µrad over the travel.
             let seed = (7 * axis + 5 * component + 3) as f64;
             let wave = |k: f64| (seed * k).sin();
             let c = [
@@ -98,7 +98,7 @@ reference_angle_urad = 5.0
 error = "EB0Z"
 "#;
 
-/// Simulates and calibrates with polynomials of order 3, exact for the truth.
+/// Simulates, and calibrates with polynomials of order 3, which are exact for the truth.
 fn round_trip(folder: &Path, truth: &str, lines: &str, more: &str) -> (Machine, Calibration) {
     fs::write(folder.join("truth.toml"), truth).expect("written");
     fs::write(folder.join("shop.toml"), lines).expect("written");
@@ -120,7 +120,7 @@ fn round_trip(folder: &Path, truth: &str, lines: &str, more: &str) -> (Machine, 
     (shop.truth, calibrate(&file, |_, _| {}).expect("calibrated"))
 }
 
-/// Where the tip is and its error at a node: mm and um, workpiece axes.
+/// Tip (mm) and its error (µm) at a node, in workpiece axes.
 fn tip_and_error(machine: &Machine, node: [f64; 3]) -> [Vector3<f64>; 2] {
     let axes = [AxisName::X, AxisName::Y, AxisName::Z];
     let state = machine
@@ -133,8 +133,7 @@ fn tip_and_error(machine: &Machine, node: [f64; 3]) -> [Vector3<f64>; 2] {
     ]
 }
 
-/// What is left of the differences of two machines when the workpiece is moved as a rigid body: the
-/// gauge of a calibration.
+/// The largest difference between two machines after best-fit rigid-body alignment, which is the gauge freedom of a calibration.
 fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     let steps = |length: f64| (0..5).map(move |i| length * f64::from(i) / 4.0);
     let nodes: Vec<[f64; 3]> = steps(2000.0)
@@ -158,7 +157,7 @@ fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     (difference - rigid * motion).amax()
 }
 
-/// A positioning deviation of an oblique axis has parts along both of its MCS components.
+/// A positioning deviation of an oblique axis has parts along two MCS axes.
 #[test]
 fn positioning_of_an_oblique_axis_comes_back() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -186,7 +185,7 @@ fn small_gantry() -> String {
     volcomp_test_support::machines::gantry([[0.0, 500.0], [0.0, 400.0], [0.0, 300.0]])
 }
 
-/// Laser files, two directions with a reversal, noise: the curves come back to the noise of the mean.
+/// Laser files in two directions with a reversal and noise: the curves are found to within the noise of the mean.
 #[test]
 fn laser_files_with_reversal_and_noise_come_back() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -206,7 +205,7 @@ fn laser_files_with_reversal_and_noise_come_back() {
     ] {
         assert!(folder.path().join(name).exists(), "{name}");
     }
-    // The set-up's own lost motion cannot be told from the machine's.
+    // The lost motion of the set-up is indistinguishable from that of the machine.
     let exx = found.curves.iter().find(|c| c.error.to_string() == "EXX");
     let Some(Quality::Length(quality)) = exx.map(|curve| curve.quality) else {
         panic!("EXX is a length");
@@ -223,7 +222,7 @@ fn a_shop_repeats_itself_and_lines_do_not_disturb_each_other() {
     fs::write(folder.path().join("truth.toml"), small_gantry()).expect("written");
     let files = |lines: &str| {
         let path = folder.path().join("shop.toml");
-        // Files that state nothing but their readings.
+        // Files that contain only readings.
         let text = format!(
             "machine = \"truth.toml\"\nformat = \"csv\"\n[instrument]\nnoise_um = 1.0\n{lines}"
         );
@@ -278,8 +277,8 @@ fn every_error_comes_back_on_every_three_axis_structure() {
     }
 }
 
-/// EX0C = 40 µm moves the point beneath an indicator by 40·(cos C − 1) µm along X. An instrument that is centred on the axis
-/// itself sees nothing of it, and its calibration file says so.
+/// EX0C = 40 µm moves the point under an indicator by 40·(cos C − 1) µm along X. An instrument centred on the axis does not see this, and
+/// its calibration file says so.
 #[test]
 fn an_instrument_centred_on_the_axis_does_not_see_where_the_axis_lies() {
     const TRUTH: &str = "structure = \"w C' X' b Y Z t\"

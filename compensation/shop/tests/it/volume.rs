@@ -1,4 +1,4 @@
-//! Two machines held against each other over the whole travel.
+//! Comparison of two machines over the whole travel.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -14,12 +14,11 @@ use volcomp_vocabulary::Displacement;
 pub(crate) struct Differences {
     pub(crate) position_um: f64,
     pub(crate) rotation_urad: f64,
-    /// Of the direction of the tool axis: turning about itself is no error of a turning tool.
+    /// Difference of the direction of the tool axis; rotation about itself does not count.
     pub(crate) tool_axis_urad: f64,
 }
 
-/// The largest differences of the volumetric errors, after the rigid motion of the workpiece that fits the positions best:
-/// where it lies on the table is no error of the machine.
+/// The largest differences of the volumetric errors after best-fit rigid-body alignment of the workpiece.
 pub(crate) fn compare(one: &Machine, other: &Machine, poses: usize, seed: u64) -> Differences {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let none = Temperatures::new();

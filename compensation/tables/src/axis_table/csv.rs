@@ -50,7 +50,7 @@ pub(crate) fn write(tables: &[AxisTable], options: &WriteOptions) -> Written {
     }
 }
 
-/// Blanks comment lines, so that line numbers stay the same.
+/// Replaces comment lines by blank ones, so that line numbers stay the same.
 fn without_comments(text: &str) -> String {
     let lines = text.lines().map(|line| {
         if line.trim_start().starts_with('#') {

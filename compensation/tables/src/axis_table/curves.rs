@@ -20,7 +20,7 @@ pub struct Curves {
     pub locations: Vec<(ErrorName, f64)>,
 }
 
-/// The error component along a linear axis or about a rotary one, in the direction of its letter.
+/// The translation along a linear axis or rotation about a rotary one, in the direction of its letter.
 pub(crate) fn own_component(axis: AxisName) -> Component {
     match (axis.is_rotary(), axis.mcs_index()) {
         (false, 0) => Component::EX,
@@ -32,7 +32,7 @@ pub(crate) fn own_component(axis: AxisName) -> Component {
     }
 }
 
-/// The error motion of a table: positioning for its own axis, straightness for another one.
+/// The error motion of a table: positioning for the axis itself, straightness for another axis.
 fn name_of(table: &AxisTable) -> ErrorName {
     ErrorName::motion(own_component(table.output), table.input)
 }
@@ -85,7 +85,7 @@ fn linear(
     positions: &[f64],
     values: impl Iterator<Item = f64>,
 ) -> Result<Curve, ExchangeError> {
-    // Ten decimals: further digits are rounding errors of the unit conversion.
+    // Ten decimals; further digits are rounding errors of the unit conversion.
     let tidy = |x: f64| (x * 1e10).round() / 1e10 + 0.0;
     let edge = |at: &f64| tidy(Displacement::new(axis.kind(), *at).mm_or_deg());
     let nodes = positions.iter().map(edge).zip(values.map(tidy));

@@ -16,11 +16,12 @@ use super::{
 };
 
 impl Format {
-    /// Detects the format of files from their names and first lines; `None` if it is uncertain. A LinuxCNC file does not state its type.
+    /// Detects the format of files from their names and first lines; `None` if it is ambiguous, as for LinuxCNC, whose files do not contain
+    /// their type.
     pub fn of_files(files: &[TextFile]) -> Option<Self> {
         let (facts, tables): (Vec<_>, Vec<_>) =
             (files.iter()).partition(|file| is_facts_file(file.base()));
-        // The facts files state the format, if they agree.
+        // The format in the facts files applies, if these agree.
         let mut stated: Vec<Self> = facts
             .iter()
             .filter_map(|file| stated_format(file))
@@ -32,7 +33,7 @@ impl Format {
         }
     }
 
-    /// The format stated in the header of a file that volcomp wrote; `None` for any other file.
+    /// The format in the header of a file that volcomp wrote; `None` for any other file.
     pub fn stated_in(file: &TextFile) -> Option<Self> {
         stated_format(file)
     }
@@ -80,7 +81,7 @@ impl Content {
 pub struct ReadTables {
     /// Tables of one kind.
     pub content: Content,
-    /// Anomalies in the files.
+    /// Anomalies found in the files.
     pub warnings: Vec<Warning>,
 }
 
@@ -136,7 +137,7 @@ pub fn write(
     Ok(written)
 }
 
-/// Reads the tables of a control. The facts file is not a table. If the caller states no axis numbers, those of the facts file or of a
+/// Reads the tables of a control; the facts file is not a table. Without axis numbers from the caller, those of the facts file or of a
 /// table header apply.
 ///
 /// # Errors
@@ -148,7 +149,7 @@ pub fn read(
 ) -> Result<ReadTables, ExchangeError> {
     let mut warnings = Vec::new();
     let mut options = options.clone();
-    // The SINUMERIK reader compares the headers of its files itself.
+    // The SINUMERIK reader itself compares the headers of its files.
     if options.axes.iter().next().is_none()
         && format != Format::Siemens840d
         && let Some((file, numbers)) = stated_numbers(format, files)
@@ -180,7 +181,7 @@ pub fn read(
         let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
         ExchangeError::NoCurves(format!("{}: {what}", names.join(", ")))
     };
-    // The reader of component errors rejects each with its line.
+    // The reader of component errors rejects invalid tables with their line.
     if let Some(refusal) = content.refusal() {
         return Err(in_files(refusal));
     }

@@ -1,4 +1,4 @@
-//! FANUC pitch error compensation as a parameter file: increments from point to point, in detection units.
+//! FANUC pitch error compensation as a parameter file: increments between consecutive points, in detection units.
 
 use core::fmt::Write;
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ use super::{
 /// First parameter of the data: N10000 + point (from memory).
 const DATA: u32 = 10_000;
 
-/// Content of a file: by parameter and axis, and by point.
+/// Records of a file, by parameter and axis, and by point.
 #[derive(Default)]
 struct Records {
     axes: BTreeMap<u16, BTreeMap<u32, (String, usize)>>,
@@ -102,7 +102,7 @@ fn record(here: FilePosition<'_>, text: &str, found: &mut Records) -> Result<(),
                 let steps = whole(size).ok_or_else(wrong)?;
                 found.data.insert(parameter - DATA, steps);
             }
-            // Other parameters: files contain all of them.
+            // Other parameters, since files contain all of them.
             _ => {}
         }
         rest = behind;
@@ -110,7 +110,7 @@ fn record(here: FilePosition<'_>, text: &str, found: &mut Records) -> Result<(),
     Ok(())
 }
 
-/// Points of an axis, and their spacing.
+/// The compensation points of an axis, and their spacing.
 struct Extent {
     first: u32,
     last: u32,
@@ -252,7 +252,7 @@ impl Reader<'_> {
 const FORMAT: Format = Format::Fanuc;
 /// Maximum number of points: N10000 to N19999.
 const MAX_POINTS: usize = 10_000;
-/// Maximum magnitude of a point's value, with and without the option (from memory).
+/// Maximum magnitude of an increment with the option, then without it (from memory).
 const MAX_INCREMENT: i64 = 127;
 const MAX_STANDARD_INCREMENT: i64 = 7;
 
@@ -263,7 +263,7 @@ struct Points {
     last: u32,
     interval: f64,
     turn: f64,
-    /// First point for negative motion, and the value at the reference position after negative motion.
+    /// First point for negative motion, and the deviation at the reference position after negative motion.
     negative: Option<(u32, i64)>,
 }
 
@@ -356,7 +356,7 @@ impl PitchData {
         let reference = reference_of(table, low, interval)?;
         let base = table.forward[reference];
         if base.abs() > 1e-6 {
-            // Converts mm to µm and rad to µrad.
+            // mm to µm, rad to µrad.
             let micro = base * Displacement::new(table.output.kind(), 1.0).um_or_urad();
             let micro = short(micro, 2);
             self.offsets
@@ -400,7 +400,7 @@ impl PitchData {
         Ok(())
     }
 
-    /// Stores cumulative values as increments from point to point; returns the first point.
+    /// Stores cumulative values as increments between points. Returns the first point.
     fn add_points(&mut self, table: &AxisTable, units: &[i64]) -> Result<u32, ExchangeError> {
         let first = self.next;
         let steps = std::iter::once(0).chain(units.windows(2).map(|pair| pair[1] - pair[0]));
@@ -420,7 +420,7 @@ impl PitchData {
     }
 }
 
-/// Index of the node at machine zero, where the reference position is.
+/// Index of the node at the reference position, which is at machine zero.
 fn reference_of(table: &AxisTable, low: f64, interval: f64) -> Result<usize, ExchangeError> {
     let place = (0.0 - low) / interval;
     let count = table.positions.len();

@@ -55,12 +55,12 @@ impl Format {
         }
     }
 
-    /// True if the format contains component errors, not axis tables.
+    /// Whether the format contains component errors instead of axis tables.
     pub(crate) fn holds_errors(self) -> bool {
         self == Self::IsgCsv
     }
 
-    /// True if its files can hold comments; otherwise the facts are written to a separate file.
+    /// Whether its files can contain comments; otherwise the facts are written to a separate file.
     pub fn has_comments(self) -> bool {
         matches!(self, Self::Csv | Self::Siemens840d | Self::IsgCsv)
     }
@@ -90,7 +90,7 @@ impl Format {
         }
     }
 
-    /// Evidence for the sign. No format was tested on a machine; those of LinuxCNC were tested on its control with simulated drives.
+    /// Evidence for the sign. No format was tested on a machine; those of LinuxCNC were tested in LinuxCNC with simulated drives.
     pub fn trust(self) -> &'static str {
         match self {
             Self::Csv => "Sign proven by definition: this is the format of volcomp itself.",

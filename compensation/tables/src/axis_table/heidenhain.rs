@@ -1,4 +1,4 @@
-//! HEIDENHAIN TNC 640: .com and .cma.
+//! HEIDENHAIN TNC 640: `.com` table files and `.cma` assignment files.
 
 use core::{f64::consts::TAU, fmt::Write};
 use std::borrow::Cow;
@@ -47,7 +47,7 @@ fn begin<'a>(
     })
 }
 
-/// Content of a .cma file: the name of the table of each input axis.
+/// Content of a `.cma` file: the table name of each input axis.
 struct TableAssignment(Vec<(AxisName, String)>);
 
 fn read_cma(file: &TextFile) -> Result<TableAssignment, ExchangeError> {
@@ -160,7 +160,7 @@ fn read_com(
     }
 }
 
-/// Input axis of a table file; `None` if the .CMA file does not name it.
+/// Input axis of a table file; `None` if the `.cma` file does not contain it.
 fn input_of(
     file: &TextFile,
     name: &str,
@@ -288,24 +288,24 @@ fn rows_of(
 /// Tolerance for equal angles, rad.
 const SAME_RAD: f64 = 1e-8;
 
-/// Note for tables with positions that no HEIDENHAIN control accepts.
+/// Why tables with other positions are rejected by every HEIDENHAIN control.
 const WITHIN_A_TURN: &str = "a table over a rotary axis holds 0 to 360 deg";
 
-/// Note for full-turn tables that do not begin at 0 deg.
+/// Why full-turn tables that do not begin at 0 deg are changed.
 const IN_TWO: &str = "a table over a rotary axis holds 0 to 360 deg, and its two ends, which are one position there, deviate differently";
 
-/// Tables in the form that HEIDENHAIN controls accept.
+/// Tables in a form that HEIDENHAIN controls accept.
 #[derive(Default)]
 struct AcceptedTables<'a> {
     tables: Vec<Cow<'a, AxisTable>>,
-    /// Axes whose tables were moved to 0 … 360 deg.
+    /// Axes whose tables were shifted to 0 … 360 deg.
     wrapped: Vec<AxisName>,
     beyond: Vec<&'a AxisTable>,
     in_two: Vec<&'a AxisTable>,
 }
 
 impl<'a> AcceptedTables<'a> {
-    /// Converts the tables over each axis, all of them or none.
+    /// Converts all tables over an axis, or none of them.
     fn new(tables: impl IntoIterator<Item = &'a AxisTable>) -> Self {
         let all: Vec<&AxisTable> = tables.into_iter().collect();
         let over = |input: AxisName| all.iter().copied().filter(move |of| of.input == input);
@@ -328,7 +328,7 @@ impl<'a> AcceptedTables<'a> {
         accepted
     }
 
-    /// Adds notes about differences from the given tables.
+    /// Adds notes about differences from the original tables.
     fn add_notes(&self, written: &mut Written) {
         written.leave_out(WITHIN_A_TURN, &self.beyond);
         written.leave_out(IN_TWO, &self.in_two);
@@ -350,14 +350,14 @@ fn is_within_a_turn(table: &AxisTable) -> bool {
             && positions.last().is_none_or(|at| *at <= TAU + SAME_RAD))
 }
 
-/// True if a table of a rotary axis spans 360 deg, so that it repeats.
+/// Whether the table of a rotary axis spans 360 deg, so that it repeats.
 fn is_turn(table: &AxisTable) -> bool {
     let ends = table.positions.last().zip(table.positions.first());
     let length = ends.map_or(0.0, |(last, first)| last - first);
     table.input.is_rotary() && (length - TAU).abs() < 1e-6
 }
 
-/// True if the values at both ends are equal to the last decimal of a file.
+/// Whether the values at both ends agree to the last decimal of a file.
 fn closes(table: &AxisTable) -> bool {
     let half_a_digit = 0.5 * 10.0_f64.powi(-i32::try_from(DECIMALS).unwrap_or(0));
     let mut both_directions = [Some(&table.forward), table.backward.as_ref()]
@@ -369,15 +369,15 @@ fn closes(table: &AxisTable) -> bool {
     })
 }
 
-/// A full-turn table from 0 to 360 deg. It keeps its nodes if one of them is at 0 or the spacing is uneven; otherwise it is resampled with
-/// the same spacing from 0.
+/// A full-turn table shifted to 0 to 360 deg. It keeps its nodes if one of them is at 0 or the spacing is uneven; otherwise it is resampled
+/// from 0 with the same spacing.
 fn wrapped(table: &AxisTable) -> AxisTable {
     let turn = AxisTable {
         modulo: true,
         ..table.clone()
     };
     let mut positions: Vec<f64> = if let Some(spacing) = table.spacing() {
-        // Whole steps from 0: existing nodes stay, except for rounding.
+        // Multiples of the spacing from 0, which are the existing nodes except for rounding.
         let inner = 1..table.positions.len().saturating_sub(1);
         inner.map(|place| spacing * place as f64).collect()
     } else {

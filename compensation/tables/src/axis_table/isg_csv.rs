@@ -12,7 +12,7 @@ use super::{
     text::{ExchangeError, FilePosition, TextFile, number, short},
 };
 
-/// Decimals of lengths in mm, of angles in rad, and of positions.
+/// Decimals of lengths (mm); below those of angles (rad) and of positions.
 const MM: usize = 7;
 const RAD: usize = 10;
 const POSITION: usize = 9;
@@ -22,7 +22,7 @@ fn value(name: ErrorName, value: f64) -> String {
     short(value, if name.component.is_angular() { RAD } else { MM })
 }
 
-/// True if a line is the header of a table: an axis and error names.
+/// Whether a line is the header of a table: an axis and error names.
 pub(crate) fn is_head(line: &str) -> bool {
     let mut cells = cells(line);
     let mut next = || cells.next().unwrap_or("");

@@ -13,11 +13,11 @@ use super::{
 
 /// Maximum number of lines of a LinuxCNC table.
 const MAX_LINES: usize = 256;
-/// Decimals of mm (1 nm); `DECIMALS_ROTARY` those of deg.
+/// Decimals of mm (1 nm); `DECIMALS_ROTARY`: of deg.
 const DECIMALS: usize = 6;
 const DECIMALS_ROTARY: usize = 8;
 
-/// True if values are trims, nominal − actual (COMP_FILE_TYPE 1), not actual positions (0).
+/// Whether values are trims, nominal − actual (COMP_FILE_TYPE 1), instead of actual positions (0).
 fn holds_trims(format: Format) -> bool {
     format == Format::LinuxcncType1
 }
@@ -58,7 +58,7 @@ pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, Exc
             .zip(&table.forward)
             .zip(backward);
         for ((at, forward), backward) in rows {
-            // Use the nominal as written, so that the difference is the exact deviation.
+            // The nominal as written, so that the difference is the exact deviation.
             let nominal: f64 = short(at, decimals).parse().unwrap_or(at);
             let [forward, backward] = [forward, backward]
                 .map(|by| short(value(nominal, table.output_in_file_unit(*by)), decimals));
@@ -195,7 +195,7 @@ fn read_file(
     Ok(table)
 }
 
-/// Numbers that `sscanf("%lf %lf %lf")` would read from a line, except hexadecimal ones.
+/// Numbers that `sscanf("%lf %lf %lf")` would read from a line; hexadecimal ones are not supported.
 fn scanned(line: &str) -> Option<[f64; 3]> {
     let mut rest = line;
     let mut found = [0.0; 3];

@@ -19,25 +19,25 @@ use super::{
     text::ExchangeError,
 };
 
-/// A kind of error whose share of the loss is reported separately.
+/// A kind of error whose residual is reported separately.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", serde(rename_all = "lowercase"))]
 pub enum Category {
-    /// Error motions of linear axes along themselves.
+    /// Error motions of linear axes along their direction.
     Positioning,
-    /// Error motions of linear axes across themselves.
+    /// Error motions of linear axes across their direction.
     Straightness,
     /// Location and assembly errors of linear axes.
     Squareness,
-    /// Angular error motions of linear axes, which act through levers (Abbe).
+    /// Angular error motions of linear axes, which act through levers (Abbe errors).
     Angular,
     /// Errors that depend on a second coordinate.
     #[cfg_attr(feature = "schema", serde(rename = "second coordinate"))]
     SecondCoordinate,
     /// Differences between the directions of motion.
     Reversal,
-    /// Effect of 1 K at every sensor.
+    /// Effect of 1 K at each sensor.
     #[cfg_attr(feature = "schema", serde(rename = "thermal, 1 K"))]
     Thermal,
     /// All errors of rotary axes.
@@ -121,12 +121,12 @@ pub(crate) fn with_only(
 const MAX_POSES: usize = 3000;
 /// Maximum number of positions along an axis.
 const MAX_POSITIONS_PER_AXIS: usize = 13;
-/// Maximum number of poses per line, separately for the midpoints between table positions and for the nodes of the machine's curves.
+/// Maximum number of poses per line, separately for midpoints between table positions and for nodes of the machine's curves.
 const MAX_POSES_PER_LINE: usize = 400;
-/// Golden section of a line, at which the larger part is to the whole as the smaller to the larger: its multiples modulo 1 never repeat.
+/// Golden ratio, whose multiples modulo 1 never repeat.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
-/// Residual error on one axis with the correction by tables.
+/// Residual error on one axis after correction by tables.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct AxisLoss {
@@ -134,7 +134,7 @@ pub struct AxisLoss {
     pub axis: AxisName,
     /// Unit of the numbers: `um` or `urad`.
     pub unit: &'static str,
-    /// Maximum correction of the model.
+    /// Maximum correction by the model.
     pub correction: f64,
     /// Maximum difference between the tables and the model.
     pub largest: f64,
@@ -142,7 +142,7 @@ pub struct AxisLoss {
     pub rms: f64,
     /// Position of the maximum, mm or deg.
     pub at: BTreeMap<AxisName, f64>,
-    /// Approach direction of the axes at the maximum; `None`: mean of both.
+    /// Direction of approach of the axes at the maximum; `None`: mean of both directions.
     pub direction: Option<Direction>,
 }
 
@@ -152,7 +152,7 @@ pub struct AxisLoss {
 pub struct CategoryLoss {
     /// The kind of error.
     pub category: Category,
-    /// For each corrected axis.
+    /// Residual error of each corrected axis.
     pub axes: Vec<AxisLoss>,
 }
 
@@ -168,14 +168,14 @@ pub struct Loss {
     pub categories: Vec<CategoryLoss>,
 }
 
-/// The correction applied by a control that holds such tables.
+/// The correction applied by a control with such tables.
 enum ControlModel {
     Content(Content),
-    /// The control evaluates its component errors as the model does.
+    /// The control evaluates component errors like the model.
     Machine(Box<Machine>),
 }
 
-/// How tables are made, and the poses at which they are compared.
+/// The options for the tables, and the poses at which they are compared with the model.
 struct Comparison<'a> {
     temperatures: &'a Temperatures,
     options: &'a TableOptions,
@@ -185,13 +185,13 @@ struct Comparison<'a> {
     outputs: Vec<usize>,
     /// Poses over the travel of all axes.
     spread: Vec<State>,
-    /// Poses where a table is likely to have its largest error.
+    /// Poses at which the residual error of a table is probably largest.
     likely: Vec<State>,
 }
 
-/// Compares the correction by tables of this format, as written to files, with the model: for all errors together and for each category
-/// alone. The poses cover the travel of all axes and, along lines, the midpoints between table positions and the nodes of the machine's
-/// curves, after positive and after negative motion of all axes.
+/// Compares the correction by tables of this format, as written to files, with the model, for all errors together and for each category
+/// alone. The poses cover the travel of all axes, and along lines the midpoints between table positions and the nodes of the machine's
+/// curves; each with positive and with negative approach of all axes.
 ///
 /// # Errors
 /// Same as [`sampled`], [`write`](super::write) and [`read`](super::read).
@@ -235,7 +235,7 @@ pub fn loss(
                 if !has_reversal(machine) {
                     continue;
                 }
-                // Difference of a direction from the mean of both.
+                // Difference between one direction and the mean of both.
                 let added = |of: &dyn Fn(&State) -> PerAxis<f64>, state: &State| {
                     let (here, mean) = (
                         of(state),
@@ -285,8 +285,8 @@ pub fn loss(
     })
 }
 
-/// Poses over the travel of all axes. Between the ends the spacing is uneven: even spacing would coincide with table positions, and with
-/// the zeros of a periodic error.
+/// Poses over the travel of all axes. The spacing is uneven, because even spacing would coincide with table positions and with the zeros of
+/// a periodic error.
 fn spread_poses(machine: &Machine) -> Vec<State> {
     let axes = machine.axes();
     let count = (1..=MAX_POSITIONS_PER_AXIS).rev().find(|count| {
@@ -318,7 +318,7 @@ fn spread_poses(machine: &Machine) -> Vec<State> {
     poses
 }
 
-/// Poses along each axis, with the others at the reference position of the tables and at the farther end of their travels: midpoints
+/// Poses along each axis, with the other axes at the reference position of the tables and at the farther end of their travel: midpoints
 /// between table positions, and nodes of the machine's curves.
 fn worst_case_poses(
     machine: &Machine,
@@ -339,7 +339,7 @@ fn worst_case_poses(
     for (index, (axis, (nodes, places))) in
         (machine.axes().iter().zip(tables.iter().zip(&curves))).enumerate()
     {
-        // Nodes of a turn may extend beyond the travel: there the machine is at the equivalent position within it.
+        // Nodes over a turn may be outside the travel; the equivalent position is within it.
         let wrapped = |at: f64| match axis.modulo {
             Some(period) => brought_into(axis.travel, period, at),
             None => at,
@@ -362,7 +362,7 @@ fn with_coordinate(pose: &State, axis: &Axis, index: usize, at: f64) -> State {
     pose
 }
 
-/// Thins out positions. The stride is odd, so that all phases of a period of 16 or more positions are covered.
+/// Thins out positions by an odd stride, so that all phases of a period of 16 or more positions occur.
 fn thinned(places: &[f64]) -> impl Iterator<Item = f64> + '_ {
     let step = places.len().div_ceil(MAX_POSES_PER_LINE).max(1) | 1;
     places.iter().copied().step_by(step)
@@ -374,7 +374,7 @@ fn has_reversal(machine: &Machine) -> bool {
         .any(|(_, curve)| !matches!(curve, ErrorCurve::Single(_)))
 }
 
-/// All sensors 1 K warmer; `None` without thermal terms.
+/// Every sensor warmer by 1 K; `None` without thermal terms.
 fn warmer(machine: &Machine, temperatures: &Temperatures) -> Option<Temperatures> {
     let thermal = machine.thermal();
     let sensors = thermal.sensors();
@@ -389,12 +389,12 @@ fn warmer(machine: &Machine, temperatures: &Temperatures) -> Option<Temperatures
 }
 
 impl Comparison<'_> {
-    /// The correction of the control, from the files read back; `None` if the format holds nothing of this machine.
+    /// The correction by the control, from the files read back; `None` if the format holds no error of this machine.
     fn held_model(&self, machine: &Machine) -> Result<Option<ControlModel>, ExchangeError> {
         let content = sampled(machine, self.temperatures, self.options, self.format)?;
         let files = match write(self.format, &content, self.write) {
             Ok(written) => written.files,
-            // The format holds none of these errors: nothing is corrected.
+            // The format holds none of these errors, so nothing is corrected.
             Err(ExchangeError::NotRepresentable { what, .. }) if what == "tables" => {
                 return Ok(None);
             }

@@ -1,5 +1,4 @@
-//! Tables that a control adds to its axis commands, as plain data: computed from a machine, written for a control, read back, and compared
-//! with the model.
+//! Tables that a control adds to its axis commands: computed from a machine, written for a control, read back, and compared with the model.
 
 mod curves;
 mod exchange;

@@ -16,7 +16,7 @@ use super::{
 pub struct AxisNumbers(Vec<(AxisName, u16)>);
 
 impl AxisNumbers {
-    /// The stated numbers; `None` if an axis or a number occurs twice.
+    /// The given numbers; `None` if an axis or a number occurs twice.
     pub fn stated(numbers: Vec<(AxisName, u16)>) -> Option<Self> {
         let twice = numbers.iter().enumerate().any(|(place, (name, number))| {
             let before = &numbers[..place];
@@ -56,12 +56,13 @@ impl AxisNumbers {
     }
 }
 
-/// Name of the facts file, which accompanies files without comments: one per format, so that it states which tables it is about.
+/// Name of the facts file, which accompanies files without comments. Each format has its own, so that the name shows which tables it
+/// describes.
 pub fn facts_file(format: Format) -> String {
     format!("{FACTS_STEM}-{format}.txt")
 }
 
-/// True if this is the name of a facts file, which no control reads; also the older name without a format.
+/// Whether this is the name of a facts file, which no control reads; also the older name without a format.
 pub fn is_facts_file(name: &str) -> bool {
     let format = name
         .strip_prefix(FACTS_STEM)
@@ -81,17 +82,17 @@ pub struct Facts {
     pub checksum: String,
     /// Reference position of the axes that a table does not cover, mm or deg.
     pub at: Vec<(AxisName, f64)>,
-    /// Temperatures of the sensors, as text; empty if none is stated.
+    /// Temperatures of the sensors, as text; empty if none was given.
     pub temperatures: String,
-    /// Deviations of positioning tables at the reference position, mm or rad.
+    /// Mean deviations of positioning tables at the reference position, mm or rad.
     own_at_reference: Vec<(AxisName, f64)>,
 }
 
-/// Maximum deviation at the reference position that is not reported, mm or rad.
+/// Maximum unreported deviation at the reference position, mm or rad.
 const NEGLIGIBLE_DEVIATION: f64 = 1e-6;
 
 impl Facts {
-    /// Facts of a machine with its axes at a reference position.
+    /// Facts about a machine with its axes at a reference position.
     pub fn of(machine: &Machine, at: Vec<(AxisName, f64)>, temperatures: String) -> Self {
         Self {
             machine: machine.name.clone(),
@@ -102,7 +103,7 @@ impl Facts {
         }
     }
 
-    /// Returns a copy of the options that stores the deviations of these tables at the reference position.
+    /// Adds the deviations of the tables at the reference position to these facts.
     pub(crate) fn with_tables(&self, content: &Content) -> Self {
         let Content::Axes(tables) = content else {
             return self.clone();
@@ -124,8 +125,8 @@ impl Facts {
         }
     }
 
-    /// Explains why positioning tables are not zero at the reference position. Not for FANUC, whose increments begin at 0 there; a note
-    /// states what they leave out.
+    /// Explains why positioning tables are not zero at the reference position. `None` for FANUC, whose increments begin at 0 there; a note
+    /// reports the omitted deviation.
     fn moved_reference(&self, format: Format) -> Option<String> {
         if self.own_at_reference.is_empty() || format == Format::Fanuc {
             return None;
@@ -181,7 +182,7 @@ fn title(format: Format) -> String {
     format!("Compensation tables, format {format}")
 }
 
-/// Axis numbers stated in a header that [`write`](super::exchange::write) made for this format, and the file that contains it.
+/// Axis numbers in a header that [`write`](super::exchange::write) made for this format, and the file with that header.
 pub(crate) fn stated_numbers(
     format: Format,
     files: &[TextFile],
@@ -236,7 +237,7 @@ fn one_line(text: &str) -> String {
         .collect()
 }
 
-/// The facts file.
+/// The facts file of these tables.
 pub(crate) fn facts_with(format: Format, options: &WriteOptions, written: &Written) -> TextFile {
     let mut text = String::new();
     let names = written.files.iter().map(|file| file.name.as_str());
@@ -260,7 +261,7 @@ pub struct WriteOptions {
     pub facts: Facts,
     /// Axis numbers in the control.
     pub axes: AxisNumbers,
-    /// Encoder number of the `$AA_ENC_COMP` table to write: 0 or 1.
+    /// Number of the encoder whose `$AA_ENC_COMP` table is written: 0 or 1.
     pub encoder: u8,
     /// FANUC detection unit, mm or deg.
     pub detection_unit: f64,
@@ -271,7 +272,7 @@ pub struct WriteOptions {
 pub struct ReadOptions {
     /// Axis numbers in the control, if known.
     pub axes: AxisNumbers,
-    /// Encoder number of the `$AA_ENC_COMP` table to read; `None`: the one that has a table.
+    /// Number of the encoder whose `$AA_ENC_COMP` table is read; `None`: the only one with a table.
     pub encoder: Option<u8>,
     /// FANUC detection unit, mm or deg.
     pub detection_unit: f64,
@@ -303,14 +304,14 @@ impl Default for ReadOptions {
 pub struct Written {
     /// Files for the control, and the facts file if any.
     pub files: Vec<TextFile>,
-    /// Information that the files do not hold, and settings that the control needs in addition.
+    /// Information that the files cannot hold, and settings that the control needs.
     pub notes: Vec<String>,
-    /// Omitted tables, by output and input axis; a note states the reason.
+    /// Omitted tables, by output and input axis; a note gives the reason.
     pub left_out: Vec<(AxisName, AxisName)>,
 }
 
 impl Written {
-    /// Omits tables, with a note that states the reason.
+    /// Omits tables, and adds a note with the reason.
     pub(crate) fn leave_out(&mut self, why: &str, tables: &[&AxisTable]) {
         if tables.is_empty() {
             return;

@@ -24,12 +24,12 @@ pub struct TableOptions {
     pub step_deg: f64,
     /// Reference position of the axes that a table does not cover, mm or deg; default: 0 or the nearest end of travel.
     pub at: Vec<(AxisName, f64)>,
-    /// Maximum table value: a machine that needs more is rejected.
+    /// Maximum table value; larger values are rejected.
     pub limit: CorrectionLimit,
 }
 
 impl Default for TableOptions {
-    /// Every 50 mm and 15 deg, the other axes at 0; the limit is 250 µm and 250 µrad.
+    /// Nodes every 50 mm and 15 deg, the other axes at 0, a limit of 250 µm and 250 µrad.
     fn default() -> Self {
         Self {
             step_mm: 50.0,
@@ -65,14 +65,14 @@ impl TableOptions {
     }
 }
 
-/// Samples a machine as tables of this format, at these temperatures and with its current tool.
+/// Samples a machine as tables of this format, at these temperatures and with the current tool.
 ///
-/// Axis tables: on every line through the reference position the sum of the tables equals the model's correction at the nodes. A table of
-/// one axis over another is zero at the reference position, as the mean of both directions.
+/// For axis tables, the sum of the tables equals the model's correction at the nodes on every line through the reference position. The
+/// table of one axis over another is zero at the reference position, by the mean of both directions.
 ///
 /// # Errors
-/// A step is not a positive number or does not divide a turn; a reference position is beyond the travel or, for an axis with modulo, not at
-/// a possible node of the format; a value is beyond the limit.
+/// A step that is not positive or does not divide a turn; a reference position outside the travel or, for an axis with modulo, not at a
+/// possible node of the format; a value beyond the limit.
 pub fn sampled(
     machine: &Machine,
     temperatures: &Temperatures,
@@ -129,10 +129,11 @@ pub(super) fn positions(
     machine.axes().iter().enumerate().map(along).collect()
 }
 
-/// A node of a table: where the model is evaluated, and how its value follows.
+/// A node of a table, and how its value is computed.
 enum Node {
     Within(f64),
-    /// Beyond the end of travel: extrapolated through the node before and the end, so that the value at the end is the model's.
+    /// Outside the travel: extrapolated from the previous node through the end of travel, so that interpolation yields the model's value at
+    /// the end.
     Beyond {
         inner: f64,
         end: f64,
@@ -168,7 +169,7 @@ struct Lines<'a> {
 }
 
 impl Lines<'_> {
-    /// Nodes along an axis, mm or deg: whole steps from the reference position, so that this is a node.
+    /// Nodes along an axis, mm or deg: whole steps from the reference position, which is a node.
     fn nodes(&self, axis: &Axis, index: usize) -> Result<Vec<Node>, ExchangeError> {
         let [low, high] = axis.travel;
         let (option, step) = if axis.name.is_rotary() {
@@ -218,7 +219,7 @@ impl Lines<'_> {
                 (place + step, low)
             };
             if (end - inner).abs() < 1e-6 * step {
-                // No travel at all: the single value applies.
+                // There is no travel, so the single value applies.
                 return Node::Beyond {
                     inner: end,
                     end: end + step.copysign(place - end),
@@ -234,8 +235,9 @@ impl Lines<'_> {
         Ok((first..=last).map(node).collect())
     }
 
-    /// Distance, mm or deg, by which the nodes of a turn begin beyond the low end, so that the reference position is a node. It is not
-    /// known of any control whether its tables may begin within a turn; error curves do not depend on a reference position.
+    /// Distance, mm or deg, from the lower end of travel to the first node of a turn, such that the reference position is a node. Other
+    /// formats than ours are rejected if it is not 0, because no control is known to accept tables that begin within a turn. Error curves
+    /// do not depend on a reference position.
     fn first_beyond(&self, axis: &Axis, index: usize, step: f64) -> Result<f64, ExchangeError> {
         if self.format.holds_errors() {
             return Ok(0.0);
@@ -272,7 +274,7 @@ impl Lines<'_> {
             let along = |direction: Direction| -> Vec<PerAxis<f64>> {
                 let of = |at: f64| {
                     let mut state = self.reference;
-                    // Nodes of a turn may extend beyond the travel.
+                    // Nodes over a turn may be outside the travel.
                     let at = match axis.modulo {
                         Some(period) if at > axis.travel[1] => {
                             brought_into(axis.travel, period, at)
@@ -372,7 +374,7 @@ fn positions_of(axis: &Axis, nodes: &[Node]) -> Vec<f64> {
     nodes.iter().map(at).collect()
 }
 
-/// Copies the first value to the last node: on a full turn they are the same.
+/// Copies the first value to the last node, which is the same position on a full turn.
 fn close(values: &mut [f64]) {
     if let [first, .., last] = values {
         *last = *first;

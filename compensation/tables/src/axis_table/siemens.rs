@@ -1,4 +1,4 @@
-//! SINUMERIK 840D: leadscrew errors as `$AA_ENC_COMP` in a frame AX_EEC.INI, everything else as `$AN_CEC` in a frame NC_CEC.INI.
+//! SINUMERIK 840D: leadscrew errors as `$AA_ENC_COMP` in AX_EEC.INI, all others as `$AN_CEC` in NC_CEC.INI.
 
 use core::fmt::Write;
 use std::{cell::RefCell, collections::BTreeMap};
@@ -38,7 +38,7 @@ pub(crate) fn read(
 struct AxisNames<'a> {
     options: &'a AxisNumbers,
     stated: AxisNumbers,
-    /// Machine axes with a letter and a number (X1) so far.
+    /// Machine axis names with a letter and a number (X1) found so far.
     numbered: RefCell<BTreeMap<AxisName, String>>,
 }
 
@@ -108,7 +108,7 @@ fn cross(
     tables: &mut Vec<AxisTable>,
     warnings: &mut Vec<Warning>,
 ) -> Result<(), ExchangeError> {
-    // Tables for a single direction (forward, backward), until the one for the other direction is found.
+    // Tables for a single direction, until the table for the other direction is found.
     let mut halves: BTreeMap<(AxisName, AxisName), [Option<AxisTable>; 2]> = BTreeMap::new();
     for (number, parameters) in &found.cec {
         let here = parameters.last;
@@ -151,7 +151,7 @@ fn cross(
     Ok(())
 }
 
-/// Joins two unidirectional tables; a missing direction has zero deviation.
+/// Joins two unidirectional tables; a missing direction has no deviation.
 fn joined(halves: [Option<AxisTable>; 2]) -> Option<AxisTable> {
     let zero = |table: &AxisTable| AxisTable {
         forward: vec![0.0; table.forward.len()],
@@ -177,11 +177,11 @@ fn joined(halves: [Option<AxisTable>; 2]) -> Option<AxisTable> {
 enum Statement {
     Metric,
     Inch,
-    /// Blank, or framing such as CHANDATA and M17.
+    /// Blank line, or framing such as CHANDATA and M17.
     Nothing,
     /// Another variable of the control.
     Other(String),
-    /// An element of a compensation table.
+    /// An element or parameter of a compensation table.
     Set {
         name: String,
         index: Vec<String>,
@@ -262,9 +262,9 @@ fn without_number(text: &str) -> &str {
     }
 }
 
-/// Parameters of one table of either kind.
+/// Parameters of one table, of either kind.
 struct Parameters<'a> {
-    /// File of the first statement about the table, and the last line.
+    /// File of the first statement about the table, and the last line about it.
     last: FilePosition<'a>,
     values: BTreeMap<u32, f64>,
     numbers: BTreeMap<String, f64>,
@@ -305,7 +305,7 @@ impl<'a> Parameters<'a> {
             ("", Value::Number(number)) => {
                 self.values.insert(point, number);
             }
-            // Additional parameters of newer controls have no effect here.
+            // Additional parameters of newer controls are ignored.
             (_, Value::Number(number)) => {
                 self.numbers.insert(part.to_owned(), number);
             }
@@ -319,12 +319,12 @@ impl<'a> Parameters<'a> {
 struct Statements<'a> {
     cec: BTreeMap<u32, Parameters<'a>>,
     enc: BTreeMap<(u32, String), Parameters<'a>>,
-    /// Axis numbers stated in a header written by volcomp.
+    /// Axis numbers in a header written by volcomp.
     stated: Vec<(AxisName, u16)>,
 }
 
 impl<'a> Statements<'a> {
-    /// Adds the axis numbers stated in a comment.
+    /// Adds the axis numbers in a comment.
     fn stated_in(&mut self, comment: &str) {
         for pair in numbers_in(comment).unwrap_or_default() {
             if !self.stated.contains(&pair) {
@@ -426,7 +426,7 @@ impl<'a> Statements<'a> {
 /// Maximum number of points of a table.
 const MAX_POINTS: f64 = 100_000.0;
 
-/// Points of a table: positions in mm or deg, values as stated; `None` if undefined.
+/// Points of a table: positions in mm or deg, values as in the file; `None` if undefined.
 struct Points {
     positions: Vec<f64>,
     values: Vec<f64>,
@@ -701,7 +701,7 @@ fn leadscrew(
     Ok(())
 }
 
-/// MIN and MAX, a whole number of steps apart.
+/// MIN and MAX as text, a whole number of steps apart.
 fn ends(table: &AxisTable, first: f64, step: f64) -> (String, String) {
     let last = first + step * (table.positions.len().saturating_sub(1)) as f64;
     (short(first, DECIMALS), short(last, DECIMALS))

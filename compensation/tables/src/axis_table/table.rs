@@ -1,4 +1,4 @@
-//! Tables of one axis over another, and tables of the component errors themselves.
+//! Tables of one axis over another, and tables of component errors.
 
 use volcomp_vocabulary::{
     AxisKind, AxisName, Coordinate, Direction, Displacement, ErrorName, brought_into,
@@ -9,9 +9,9 @@ use super::{format::Format, text::ExchangeError};
 /// Magnitude below which a deviation is treated as zero, mm or rad.
 pub(crate) const ZERO_BELOW: f64 = 1e-9;
 
-/// Deviation of one axis over the commanded position of one axis, linear between the nodes and constant beyond the ends.
+/// Deviation of one axis over the commanded position of the same or another axis, linear between the nodes and constant beyond the ends.
 ///
-/// **Sign:** deviation = actual − commanded of the output axis. A control that removes it adds its negative to the command.
+/// **Sign:** deviation = actual − commanded of the output axis. A control that removes the deviation adds its negative to the command.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisTable {
     /// Axis whose commanded position selects the value.
@@ -24,12 +24,12 @@ pub struct AxisTable {
     pub forward: Vec<f64>,
     /// Deviation after negative motion; `None`: as `forward`.
     pub backward: Option<Vec<f64>>,
-    /// True if the positions repeat with the length of the table.
+    /// Whether the table repeats with its length.
     pub modulo: bool,
 }
 
 impl AxisTable {
-    /// True if input and output axis are the same.
+    /// Whether input and output axis are the same.
     pub fn is_own(&self) -> bool {
         self.input == self.output
     }
@@ -67,7 +67,7 @@ impl AxisTable {
         pairs.map(|(a, b)| 0.5 * (a + b)).collect()
     }
 
-    /// True if every deviation is zero.
+    /// Whether every deviation is zero.
     pub fn is_zero(&self) -> bool {
         let backward = self.backward.iter().flatten();
         let mut all = self.forward.iter().chain(backward);
@@ -86,7 +86,7 @@ impl AxisTable {
         even.then_some(spacing)
     }
 
-    /// Reason why these numbers are not a valid table; `None` if they are.
+    /// Why these numbers are not a valid table; `None` if they are.
     pub fn refusal(&self) -> Option<String> {
         let name = self.title();
         let nodes = self.positions.len();
@@ -150,7 +150,7 @@ impl AxisTable {
         ))
     }
 
-    /// These curves sampled at other positions; nodes in between are lost.
+    /// The curves resampled at these positions; nodes in between are lost.
     pub(crate) fn at_positions(&self, positions: Vec<f64>) -> Self {
         let along = |values: &Vec<f64>| {
             let each = positions.iter();
@@ -185,7 +185,7 @@ pub(crate) fn from_file_unit(axis: AxisName, mm_or_deg: f64) -> f64 {
     Displacement::from_coordinate(axis.kind(), mm_or_deg).mm_or_rad()
 }
 
-/// One error motion at positions of its axis, with the sign of the machine file.
+/// One error motion at positions of its axis, with the sign convention of the machine file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorTable {
     /// Error motion.
@@ -202,7 +202,7 @@ impl ErrorTable {
         Displacement::new(self.name.axis.kind(), position).mm_or_deg()
     }
 
-    /// Reason why these numbers are not a valid table; `None` if they are.
+    /// Why these numbers are not a valid table; `None` if they are.
     pub fn refusal(&self) -> Option<String> {
         let name = self.name;
         let nodes = self.positions.len();
@@ -251,7 +251,7 @@ pub struct ListedTable {
     pub output: String,
     /// Positions, mm or deg.
     pub positions: Vec<f64>,
-    /// Values after positive motion, or after both.
+    /// Values after positive motion, or after either motion if `backward` is `None`.
     pub forward: Vec<f64>,
     /// Values after negative motion; `None`: as `forward`.
     pub backward: Option<Vec<f64>>,
@@ -302,7 +302,7 @@ pub(crate) struct TableValue {
 }
 
 impl Content {
-    /// The first reason why one of the tables is invalid.
+    /// Why the first invalid table is invalid; `None` if all are valid.
     pub(crate) fn refusal(&self) -> Option<String> {
         match self {
             Self::Axes(tables) => tables.iter().find_map(AxisTable::refusal),
@@ -310,7 +310,7 @@ impl Content {
         }
     }
 
-    /// Tables in the units of documents, in order, without location errors.
+    /// The tables in the units of documents, without location errors.
     pub fn listed(&self) -> Vec<ListedTable> {
         match self {
             Self::Axes(tables) => (tables.iter())
@@ -333,7 +333,7 @@ impl Content {
         }
     }
 
-    /// The first value that is not allowed; the caller must reject NaN.
+    /// The first value that is not allowed. NaN must be rejected by the caller.
     pub(crate) fn first_refused(
         &self,
         allows: impl Fn(Displacement) -> bool,

@@ -1,4 +1,4 @@
-//! Text files of tables: number parsing and formatting, and error locations.
+//! Text files of tables: number parsing and formatting, and locations of errors.
 
 use volcomp_document::InputError;
 use volcomp_model::ModelError;
@@ -38,7 +38,7 @@ impl TextFile {
     }
 }
 
-/// The line of a file, or the whole file, that an error or a warning is about.
+/// The line of a file, or the whole file, to which an error or a warning refers.
 #[derive(Clone, Copy)]
 pub(crate) struct FilePosition<'a> {
     pub(crate) file: &'a TextFile,
@@ -59,7 +59,7 @@ impl FilePosition<'_> {
         })
     }
 
-    /// The error for more lines of values than the control accepts.
+    /// The error for a file with more lines of values than the control accepts.
     pub(crate) fn too_many(self, most: usize) -> ExchangeError {
         self.error(format!("a line {}", most + 1), format!("at most {most}"))
     }
@@ -88,7 +88,7 @@ pub struct Warning {
 /// Largest magnitude accepted as a position or deviation.
 const LARGEST: f64 = 1e9;
 
-/// Reads a finite number of plausible magnitude. `-0.000` is 0.
+/// Parses a finite number of plausible magnitude; `-0.000` becomes 0.
 pub(crate) fn number(text: &str) -> Option<f64> {
     let number: f64 = text.trim().parse().ok()?;
     let sane = text.bytes().any(|byte| byte.is_ascii_digit()) && number.abs() <= LARGEST;
@@ -123,7 +123,7 @@ pub(crate) fn signed(value: f64, decimals: usize) -> String {
     }
 }
 
-/// The nearest whole number; `None` if it is beyond the range of the files.
+/// The nearest whole number; `None` if it is out of the range of the files.
 pub(crate) fn whole(value: f64) -> Option<i64> {
     let rounded = value.round();
     #[expect(clippy::cast_possible_truncation, reason = "checked beside it")]
@@ -144,7 +144,7 @@ pub struct LineError {
     pub expected: String,
 }
 
-/// Reason why tables cannot be made, written or read.
+/// Why tables cannot be computed, written or read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages name the fields")]
@@ -158,7 +158,7 @@ pub enum ExchangeError {
     /// A cell of a CSV file is invalid.
     #[error(transparent)]
     Cell(#[from] Box<InputError>),
-    /// An option has an impossible value.
+    /// An option has an invalid value.
     #[error("{what}: found {found}, expected {expected}")]
     InvalidOption {
         what: String,
@@ -175,7 +175,7 @@ pub enum ExchangeError {
     /// A value in a file, or in tables to be written, is implausible for a machine tool.
     #[error("{}{what} is {found:.1}, expected at most {most}", if files.is_empty() { String::new() } else { format!("{}: ", files.join(", ")) })]
     Implausible {
-        /// Empty for tables to be written.
+        /// Empty if the tables were to be written.
         files: Vec<String>,
         what: String,
         found: Displacement,
@@ -189,7 +189,7 @@ pub enum ExchangeError {
         found: String,
         expected: String,
     },
-    /// Tables that cannot be converted to curves of a machine file.
+    /// Tables cannot be converted to curves of a machine file.
     #[error("{0}")]
     NoCurves(String),
 }
@@ -209,7 +209,7 @@ impl ExchangeError {
         }
     }
 
-    /// The error for an option with an impossible value.
+    /// The error for an invalid option.
     pub(crate) fn option(
         what: impl Into<String>,
         found: &impl ToString,

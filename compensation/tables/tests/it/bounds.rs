@@ -1,4 +1,4 @@
-//! The bound against closed forms.
+//! The error bound against closed forms.
 
 use volcomp_tables::{
     Field, GRID_AXES, HEADER_WORDS, OUTPUTS, Position, Request, Table, TablesError, build,
@@ -7,12 +7,12 @@ use volcomp_tables::{
 
 use crate::world::request;
 
-/// Maximum rounding error: 64 parts of 1 µm, the value and one rounding for each axis.
+/// Maximum rounding error with 64 parts of 1 µm: of the value, and one for each axis.
 fn rounding_mm(axes: usize, outputs: usize) -> f64 {
     0.5 * (1.0 + axes as f64) * (outputs as f64).sqrt() * 0.001 / 64.0
 }
 
-/// Maximum rounding error of the position within a cell: half a place along each axis, by the steepest slope.
+/// Maximum error due to rounding the position within a cell: half a place along each axis, times the steepest slope.
 fn places_mm(table: &Table) -> f64 {
     let header = table.map.header();
     let lines = header.lines[..header.grid.count()].iter();
@@ -30,7 +30,7 @@ fn counts(table: &Table) -> Vec<u16> {
 
 #[test]
 fn a_product_is_exact_on_two_lines() {
-    // 100 µm at the far corner: linear along each axis, so two lines along each are enough.
+    // 100 µm at the far corner, linear along each axis, so two lines along each axis suffice.
     let field = |at: &[f64; GRID_AXES]| [0.1 * at[0] * at[1] * at[2] * 1e-9, 0.0, 0.0];
     let table = build(&request(3, 1, 0.1), &field).expect("a map");
     assert_eq!(counts(&table), [2, 2, 2]);
@@ -46,8 +46,8 @@ fn a_product_is_exact_on_two_lines() {
 
 #[test]
 fn a_square_needs_as_many_lines_as_its_second_derivative_says() {
-    // f'' = 8·peak/L², so the error between lines h apart is h²/8·f'' = peak·(h/L)²: 80 µm over 1000 mm within 1 µm is
-    // sqrt(80) = 8.94 gaps, which is nine.
+    // f'' = 8·peak/L², so the error between lines h apart is h²/8·f'' = peak·(h/L)²: 80 µm over 1000 mm with a bound of 1 µm needs sqrt(80)
+    // = 8.94 gaps, hence nine.
     let field = |at: &[f64; GRID_AXES]| [0.08 * (at[0] / 1000.0).powi(2) * 4.0, 0.0, 0.0];
     for within_um in [4.0, 1.0, 0.3] {
         let table = build(&request(1, 1, within_um), &field).expect("a map");
@@ -61,7 +61,7 @@ fn a_square_needs_as_many_lines_as_its_second_derivative_says() {
             table.misfit
         );
         assert!(table.misfit.max_mm <= within_um * 1e-3);
-        // Not a third more than are needed.
+        // At most a third more lines than needed.
         let needed = (80.0 / within_um).sqrt().ceil();
         assert!(
             gaps >= needed && gaps <= 1.3 * needed + 1.0,
@@ -79,7 +79,7 @@ fn the_rms_is_that_of_a_parabola() {
     let table = build(&wanted, &field).expect("a map");
     let ratio = table.misfit.rms_mm / table.misfit.max_mm;
     assert!((ratio - (8.0_f64 / 15.0).sqrt()).abs() < 0.02, "{ratio}");
-    // Where it is: halfway between two lines.
+    // The maximum is half-way between two lines.
     let lines = &table.map.header().lines[0];
     let gap = (table.misfit.at[0] - lines.at(0)) / (lines.at(1) - lines.at(0));
     assert!((gap.fract() - 0.5).abs() < 0.2, "{gap}");
@@ -87,7 +87,7 @@ fn the_rms_is_that_of_a_parabola() {
 
 #[test]
 fn a_jump_between_the_lines_is_found() {
-    // A bump 3 mm wide, away from every lattice that a power of two makes: the bound must hold there, too, or be refused.
+    // A peak 3 mm wide, not at a lattice point of a power of two: the bound must be met there too, or the request rejected.
     let field = |at: &[f64; GRID_AXES]| {
         let from = (at[0] - 377.3) / 3.0;
         [0.02 * (-from * from).exp(), 0.0, 0.0]
@@ -131,7 +131,7 @@ fn a_memory_shortage_states_the_words_needed() {
         said.starts_with("0.8 µm need ") && said.contains("lines along X "),
         "{said}"
     );
-    // Both statements hold.
+    // Both numbers in the message are correct.
     wanted.words = needed;
     let table = build(&wanted, &field).expect("as many words as it takes");
     assert!(table.map.words().len() <= needed && table.misfit.max_mm <= 0.0008);
@@ -139,7 +139,7 @@ fn a_memory_shortage_states_the_words_needed() {
     wanted.within_mm = 1.05 * reached_um * 1e-3;
     let table = build(&wanted, &field).expect("the error that it said");
     assert!(table.map.words().len() <= 1000);
-    // Room for nothing.
+    // No room for any map.
     wanted.words = 60;
     let refused = build(&wanted, &field).expect_err("no room");
     assert!(
@@ -176,7 +176,7 @@ fn invalid_requests_are_refused() {
             |r| r.axes.clear(),
             "expected one to five different axes of the grid",
         ),
-        // Finer than the parts of a step.
+        // A bound finer than the parts of a step.
         (|r| r.within_mm = 5e-6, "no grid keeps 0.005 µm"),
     ];
     let flat = |_: &[f64; GRID_AXES]| [0.01, 0.0, 0.0];
@@ -193,7 +193,7 @@ fn invalid_requests_are_refused() {
     ));
 }
 
-/// A screw with play: 8 µm constant, and 2 µm more at the far end.
+/// A backlash of 8 µm, plus 2 µm at the far end.
 struct Play {
     varies_mm: f64,
 }
@@ -223,7 +223,7 @@ fn a_constant_reversal_is_in_the_map_and_the_rest_counts() {
         "{:?}",
         table.misfit
     );
-    // Half of the 2 µm that it varies by, either way from the middle: 0.5 µm.
+    // The backlash varies by 2 µm, so half of it by ±0.5 µm from its middle value.
     let table = build(&request(1, 1, 1.0), &Play { varies_mm: 0.002 }).expect("a map");
     assert!(
         (table.misfit.max_mm - 0.0005).abs() <= 2.0 * rounding_mm(1, 1),

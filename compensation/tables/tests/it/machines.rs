@@ -65,7 +65,7 @@ fn steps(mm: f64) -> i32 {
     (mm * 1000.0) as i32
 }
 
-/// Compares a map with the exact corrections at drawn positions, in drawn directions: the largest difference, mm.
+/// Largest difference between a map and the exact corrections at random positions and directions, mm.
 fn largest_mm(machine: &Machine, temperatures: &Temperatures, made: &MachineMap) -> f64 {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let header = made.table.map.header();
@@ -120,7 +120,7 @@ fn the_map_of_a_gantry_is_its_correction_within_the_bound() {
             found <= 1.02 * stated && found > 0.3 * stated,
             "{found}, stated {stated}"
         );
-        // Half of 6 µm of reversal, against the direction of the error.
+        // Half of the 6 µm reversal value, opposite to the error.
         let header = made.table.map.header();
         let step = f64::from(header.scale);
         assert!(
@@ -160,7 +160,7 @@ fn the_refresh_interval_follows_from_the_effect_of_1_k() {
         (scale - 9.2).abs() < 0.05 && (spindle - 3.2).abs() < 0.02,
         "{found:?}"
     );
-    // 12.4 µm/K at half a kelvin in an hour: 1 µm in 580 s.
+    // 12.4 µm/K at 0.5 K/h: 1 µm in 580 s.
     let seconds = refresh_s(&made.sensitivities, 0.5, 0.001).expect("temperatures count");
     assert!((seconds - 3600.0 / 6.2).abs() < 5.0, "{seconds}");
     assert_eq!(refresh_s(&[], 0.5, 0.001), None);
@@ -176,10 +176,10 @@ fn fixed_rotary_axes_and_their_neglected_effect() {
     };
     let made = MachineMap::new(&machine, &Temperatures::new(), &options).expect("a map");
     assert_eq!(made.held, [(AxisName::C, 0.0), (AxisName::B, 0.0)]);
-    // 20 µm of the axis of C: half a turn from where the map holds it is 40 µm, and the tilt of B adds to it.
+    // An offset of the C axis of 20 µm: half a turn away from the fixed position it is 40 µm, plus the tilt of B.
     let elsewhere_um = made.elsewhere_mm.expect("two axes are held") * 1e3;
     assert!((38.0..80.0).contains(&elsewhere_um), "{elsewhere_um}");
-    // With them in the grid nothing is left aside.
+    // With both axes in the grid nothing is neglected.
     let options = MapOptions {
         grid: vec![
             AxisName::X,
@@ -246,7 +246,7 @@ fn a_transfer_counts_every_frame() {
     );
 }
 
-/// Outside its travel a map holds the value of its end, and an axis with a modulo has that of the turned position there.
+/// Outside its travel a map holds its end value, but an axis with a modulo has the value of the equivalent position.
 #[test]
 fn an_axis_that_rolls_over_has_no_map() {
     let text = FIVE_AXES.replace(

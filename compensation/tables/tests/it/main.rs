@@ -1,5 +1,5 @@
-//! Maps against closed forms and SciPy; the control's half against its Structured Text, and behind a wire that loses,
-//! tears, delays and exchanges.
+//! Maps against closed forms and SciPy; the control's side against its Structured Text, and on a wire that loses, tears, delays and
+//! reorders.
 
 mod axis_table;
 mod bounds;

@@ -1,5 +1,5 @@
-//! The sender against the reference control, over a wire that drops writes and whose sender goes away: the map before stays
-//! in use until its time is out, and what is applied never moves by more than its rate.
+//! The sender against the reference control, on a wire that drops writes, and with senders that stop: the previous map stays active until
+//! its timeout, and the applied correction never moves faster than its rate.
 
 use volcomp_tables::{
     Exchange, GRID_AXES, Layout, LimitError, Map, OUTPUTS, SendError, Sender, SenderLimits, Step,
@@ -13,7 +13,7 @@ use crate::world;
 
 const MACHINE: u16 = 77;
 
-/// The control with a mailbox that the wire reaches.
+/// A control whose mailbox is written over the wire.
 struct Control {
     lookup: Lookup,
     settings: Settings,
@@ -25,7 +25,7 @@ struct Control {
     writes: usize,
     /// Every n-th write is lost; 0: none.
     loses: usize,
-    /// One word that is read back wrong, once.
+    /// One word is read back wrong, once.
     lies: bool,
 }
 
@@ -99,7 +99,7 @@ impl Exchange for Control {
     }
 }
 
-/// A map that corrects X by 80 µm along X and Y by 50 µm along Y, times `times`.
+/// A map that corrects X by 80 µm along X and Y by 50 µm along Y, multiplied by `times`.
 fn map(counter: u16, times: f64) -> Map {
     let request = volcomp_tables::Request {
         counter,
@@ -131,7 +131,7 @@ fn sender(map: &Map, owner: u16) -> Sender {
     Sender::new(map.clone(), MACHINE, owner, allowed()).expect("within the limits")
 }
 
-/// Steps until the map is kept; how many it took.
+/// Runs steps until the map is kept; returns their number.
 fn bring(sender: &mut Sender, control: &mut Control) -> usize {
     for count in 1..2000 {
         if sender.step(control).expect("no fault that lasts") == Step::Kept {
@@ -141,7 +141,7 @@ fn bring(sender: &mut Sender, control: &mut Control) -> usize {
     panic!("not in use: {:?}", control.lookup.report());
 }
 
-/// The sender reports the active map of the control until the next one is active.
+/// The sender reports the active map until the next one is active.
 #[test]
 fn the_active_map_is_reported_during_a_transfer() {
     let mut control = Control::new();
@@ -154,7 +154,7 @@ fn the_active_map_is_reported_during_a_transfer() {
         assert_eq!(first.in_use(), Some(1));
     }
     assert_eq!(first.in_use(), Some(2));
-    // No frames for longer than the time-out, in the middle of a third map.
+    // No frames for longer than the timeout, during the transfer of a third map.
     first.replace(map(3, 1.0)).expect("within the limits");
     assert_eq!(first.step(&mut control), Ok(Step::Loading));
     assert_eq!(first.in_use(), Some(2));
@@ -211,7 +211,7 @@ fn lost_writes_and_a_wrong_word_only_cost_time() {
     }
 }
 
-/// The first map stays in use while the second is half there, and both are gone when the time is out.
+/// The first map stays active while the second is loaded halfway; both are discarded at the timeout.
 #[test]
 fn a_lost_sender_ramps_to_zero() {
     let mut control = Control::new();
@@ -219,7 +219,7 @@ fn a_lost_sender_ramps_to_zero() {
     bring(&mut first, &mut control);
     keep(&mut first, &mut control, 200);
     let full = control.applied;
-    // The same sender with another map, killed in the middle of it.
+    // The same sender with another map, stopped during its transfer.
     first.replace(map(4, -1.0)).expect("within the limits");
     for _ in 0..3 {
         assert_eq!(first.step(&mut control), Ok(Step::Loading));
@@ -249,12 +249,12 @@ fn a_lost_sender_ramps_to_zero() {
         "{report:?}"
     );
     assert_eq!(control.largest, 3, "at the control's rate");
-    // The next sender begins from the start.
+    // The next sender starts from the beginning.
     bring(&mut sender(&map(4, -1.0), 10), &mut control);
 }
 
-/// Another map of the same sender: the one before stays in use until all of the other is there, and then every axis goes from
-/// value to value at the control's rate, not through zero. Lost writes only cost time.
+/// A new map of the same sender: the previous map stays active until the new one is loaded completely; then every axis moves directly to
+/// its new value at the control's rate, not through zero. Lost writes only cost time.
 #[test]
 fn a_second_map_is_swapped_in_without_a_jump() {
     for loses in [0, 3] {
@@ -296,7 +296,7 @@ fn a_second_sender_sends_nothing() {
     let mut first = sender(&map(3, 1.0), 9);
     bring(&mut first, &mut control);
     let (mailbox, writes) = (control.mailbox, control.writes);
-    // Also one that has drawn the same number by chance.
+    // Also a sender that has the same owner number by chance.
     for owner in [10, 9] {
         let found = sender(&map(4, -1.0), owner).step(&mut control);
         assert!(
@@ -309,21 +309,21 @@ fn a_second_sender_sends_nothing() {
     assert!(control.lookup.report().valid);
 }
 
-/// Frames whose sequence does not go on, as a frozen mailbox has them, do not keep a map.
+/// Frames whose sequence does not advance, as in a frozen mailbox, do not keep a map.
 #[test]
 fn a_stale_mailbox_keeps_nothing() {
     let mut control = Control::new();
     let mut sender = sender(&map(3, 1.0), 9);
     bring(&mut sender, &mut control);
     let before = control.mailbox;
-    // Every write is lost from now on, and the sender goes on without knowing.
+    // Every write is lost from now on, which the sender does not detect.
     control.loses = 1;
     for _ in 0..60 {
         let _ = sender.step(&mut control);
     }
     assert_eq!(control.mailbox, before);
     assert!(!control.lookup.report().valid);
-    // It is begun anew when the wire is whole again.
+    // When the wire works again, the transfer is restarted.
     control.loses = 0;
     bring(&mut sender, &mut control);
 }
@@ -358,7 +358,7 @@ fn limits_of_sender_and_control_are_checked() {
     }
 }
 
-/// The control takes smaller corrections than the map has: it is begun some times, and then no more.
+/// The control accepts only smaller corrections than those of the map: the transfer is restarted some times, and then given up.
 #[test]
 fn a_rejected_map_stops_the_sender() {
     let mut control = Control::new();

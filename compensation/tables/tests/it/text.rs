@@ -1,4 +1,4 @@
-//! The Structured Text that is shipped, run by a small interpreter and compared with the reference: the same frames, the same words.
+//! The shipped Structured Text, run by a small interpreter and compared with the reference: the same frames yield the same words.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -13,7 +13,7 @@ use crate::world;
 
 const TEXT: &str = include_str!("../../../../docs/src/plc/map.st");
 
-/// A control that runs the text.
+/// A control that runs the Structured Text.
 struct Control(Block);
 
 impl Control {
@@ -43,7 +43,7 @@ impl Control {
         Self(block)
     }
 
-    /// The next scan is the first after power-up or a reset.
+    /// Makes the next scan the first after power-up or a reset.
     fn begins(&mut self, tick: u16, applied: [i16; OUTPUTS]) {
         for (output, applied) in applied.into_iter().enumerate() {
             self.0.set("atStart", output, applied.into());
@@ -74,7 +74,7 @@ impl Control {
     }
 }
 
-/// A map with one thing wrong, or none.
+/// A map with one error, or none.
 fn random_map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Vec<u16> {
     let map = world::map(rng, settings, counter);
     let mut words = map.words().to_vec();
@@ -101,13 +101,13 @@ fn random_map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Vec<u1
         }
         10 => words[9] = [0, 64, 65, 65535][rng.random_range(0..4)],
         11 => words.push(0),
-        // The head says as many words as there are, which its lines do not make.
+        // The header's number of words is the actual one, but not that of its lines.
         12 => {
             words.push(0);
             words[10] += 1;
         }
         19..=20 => words[10] ^= 1,
-        // One line, and as many values as one line makes.
+        // A single line, with the number of values of one line.
         13 => {
             words[at + 4] = 1;
             let lines = (0..axes).map(|axis| usize::from(words[15 + 7 * axis]));
@@ -120,7 +120,7 @@ fn random_map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Vec<u1
     words
 }
 
-/// A sender with all its mistakes.
+/// A sender that makes every kind of mistake.
 struct Sender {
     map: Vec<u16>,
     counter: u16,
@@ -180,7 +180,7 @@ impl Sender {
                 let check = checksum(settings, &self.map);
                 body = Body::Swap { counter, check };
             }
-            // One of the two sums is another.
+            // One of the two checksum words is wrong.
             6 | 7 => {
                 if let Body::Swap { check, .. } = &mut body {
                     check[rng.random_range(0..2)] ^= 1;
@@ -220,7 +220,7 @@ impl Sender {
                 let at = rng.random_range(0..words.len());
                 words[at] = rng.random();
             }
-            // Of a kind that there is not.
+            // An unknown kind of frame.
             1 => {
                 words[4] = rng.random_range(0..7);
                 let check = checksum(settings, &words[..FRAME_WORDS - 2]);
@@ -244,7 +244,7 @@ impl Sender {
     }
 }
 
-/// Fletcher's checksum, written here once more.
+/// Fletcher's checksum, implemented again.
 fn checksum(settings: &Settings, words: &[u16]) -> [u16; 2] {
     let layout = u64::from(settings.outputs.axes.number());
     let first = u64::from(settings.outputs.machine) + layout / 65535;
@@ -256,7 +256,7 @@ fn checksum(settings: &Settings, words: &[u16]) -> [u16; 2] {
     [sum, of_sums].map(|sum| u16::try_from(sum).expect("below 65535"))
 }
 
-/// Runs a text in parallel with the reference: number of maps that became active, number of each refusal, or where they differ.
+/// Runs a text in parallel with the reference. Returns the number of maps that became active and of each refusal, or the first difference.
 fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let block = Block::parse(text)?;
@@ -283,7 +283,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
         for scan in 0..150 {
             if rng.random_bool(often) {
                 let words = sender.frame(&mut rng, &settings, &lookup);
-                // Torn now and then: what was there before stays in a part of it.
+                // Some frames are torn: a part of the previous frame remains.
                 let torn = rng.random_bool(0.02);
                 let until = if torn {
                     rng.random_range(0..FRAME_WORDS)
@@ -310,7 +310,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
             let counter = lookup.report().counter;
             let report = lookup.scan(&mailbox, &steps, holds);
             swaps += usize::from(report.valid && report.counter != counter);
-            // A look-up refuses nothing that comes on lines.
+            // A look-up has no refusals that concern digital lines.
             let kind = report.of.refusal as usize;
             refused[kind - usize::from(kind > Refusal::Lines as usize)] += 1;
             let mut expected = [0; REPORT_WORDS];
@@ -323,7 +323,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
                 ));
             }
         }
-        // What a sender reads back is what the reference holds.
+        // The words that a sender reads back are those of the reference.
         let memory = lookup.memory();
         let words = memory.used.as_ref().map_or(0, Header::words);
         let base = memory.buffer * usize::from(settings.capacity);
@@ -347,7 +347,7 @@ fn the_structured_text_matches_the_reference() {
     assert!(refused.iter().all(|count| *count > 20), "{refused:?}");
 }
 
-/// A part of the text, and its mutation.
+/// Parts of the text, each with its mutation.
 const MISTAKES: &str = r"
 sum := (machine + layout / 65535) MOD 65535; | sum := 0;
 FOR at := 0 TO 69 DO | FOR at := 0 TO 68 DO
@@ -427,7 +427,7 @@ fn every_mutation_of_the_text_is_detected() {
         let text = TEXT.replacen(right.as_str(), wrong, 1);
         compare(&text).is_err()
     };
-    // Two at a time: it is most of the time of these tests.
+    // Two at a time, because this takes most of the time of these tests.
     let (first, second) = mistakes.split_at(mistakes.len() / 2);
     let missed_in = |part: &[[String; 2]]| -> Vec<String> {
         let missed = part.iter().filter(|mistake| !found(mistake));

@@ -1,5 +1,5 @@
-//! A gateway, a control and a wire that loses, doubles, delays, exchanges and tears: whatever it does, what is applied is that of a
-//! whole map or on its way to zero, and moves at most at its rate.
+//! A gateway, a control, and a wire that loses, duplicates, delays, reorders and tears: the applied correction is always that of a complete
+//! map or ramping to zero, and moves at most at its rate.
 
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -13,7 +13,7 @@ use volcomp_tables::{
 
 use crate::world;
 
-/// How bad the wire is, each a probability.
+/// Probabilities of the wire's faults.
 #[derive(Clone, Copy, Debug)]
 struct Badness {
     lost: f64,
@@ -22,7 +22,7 @@ struct Badness {
     late: f64,
 }
 
-/// Writes and reads on their way, by the scan at which they arrive.
+/// Writes and reads in transit, by the scan at which they arrive.
 struct Wire {
     bad: Badness,
     writes: Vec<(usize, Vec<(usize, u16)>)>,
@@ -50,7 +50,7 @@ impl Wire {
             }
             let all: Vec<(usize, u16)> = words.iter().copied().enumerate().collect();
             if rng.random_bool(self.bad.torn) {
-                // In two pieces, of which the second comes later or never.
+                // In two pieces, of which the second arrives later or never.
                 let (first, second) = all.split_at(rng.random_range(0..FRAME_WORDS));
                 self.writes.push((arrives, first.to_vec()));
                 if rng.random_bool(0.7) {
@@ -71,7 +71,7 @@ impl Wire {
         }
     }
 
-    /// What a gateway reads: nothing, a report torn together from two, or the report.
+    /// What a gateway reads: nothing, a report torn from two, or the report.
     fn read(
         &mut self,
         rng: &mut ChaCha8Rng,
@@ -93,12 +93,12 @@ impl Wire {
     }
 }
 
-/// A gateway that sends its maps one after the other.
+/// A gateway that sends its maps in turn.
 struct Gateway {
     session: Session,
     map: Map,
     loaded: ReadBackResult,
-    /// What it sent, by number, since a control counts only what belongs to one of them as whole.
+    /// The maps that it sent, by number; every active map must be one of them.
     sent: Vec<Map>,
 }
 
@@ -110,8 +110,7 @@ impl Gateway {
     }
 }
 
-/// The multilinear value of a map in floating point without its reversals, in parts, written here once more from the
-/// definition.
+/// The multilinear value of a map in floating point without its reversals, in parts, implemented again from the definition.
 fn reference(map: &Map, steps: &[i32; GRID_AXES], output: usize) -> f64 {
     let header = map.header();
     let (axes, outputs) = (header.grid.count(), header.outputs.count());
@@ -141,7 +140,7 @@ fn reference(map: &Map, steps: &[i32; GRID_AXES], output: usize) -> f64 {
     sum
 }
 
-/// What the reversals add for every combination of directions that the axes may have, in parts.
+/// The contribution of the reversals for every possible combination of directions, in parts.
 fn reversals(map: &Map, output: usize) -> Vec<f64> {
     let header = map.header();
     let mut sums = vec![0.0];
@@ -155,7 +154,7 @@ fn reversals(map: &Map, output: usize) -> Vec<f64> {
     sums
 }
 
-/// Runs a simulation for this number of scans and returns the number of maps that became active.
+/// Runs a simulation for this number of scans, and returns the number of maps that became active.
 #[expect(
     clippy::too_many_lines,
     reason = "one world: its wire, its senders, its control and their rules"
@@ -236,7 +235,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
             let applied = memory.applied;
             lookup = Lookup::start(settings, memory.link.epoch, rng.random(), applied)
                 .expect("sensible");
-            // Nothing is used before a swap, whatever lies in the mailbox.
+            // No map is active before a swap, whatever the mailbox contains.
             prop_assert!(!lookup.report().valid);
             silent = 0;
         }
@@ -247,7 +246,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
         let before = lookup.memory().clone();
         let report = lookup.scan(&mailbox, &steps, holds);
         let memory = lookup.memory();
-        // Moves at most at its rate, and not at all while the control holds.
+        // Corrections move at most at their rate, and not at all while the control holds.
         for output in 0..OUTPUTS {
             let moved =
                 (i32::from(memory.applied[output]) - i32::from(before.applied[output])).abs();
@@ -262,7 +261,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
         since_taken = memory.link.sequence;
         silent = if taken { 0 } else { silent + u32::from(!holds) };
         if let Some(header) = &memory.used {
-            // The map in use is one that was sent, word for word.
+            // The active map equals one that was sent, word for word.
             let words = &lookup.buffer(memory.buffer)[..header.words()];
             let sent = gateways.iter().flat_map(|gateway| &gateway.sent);
             let whole = sent.into_iter().find(|map| map.words() == words);
@@ -272,11 +271,11 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
             );
             let map = whole.expect("seen above");
             swaps += usize::from(before.used != memory.used);
-            // The corrections approach its values for one of the possible directions of each axis.
+            // The corrections approach the map's values for one of the possible directions of each axis.
             for output in 0..outputs {
                 let scale = f64::from(header.scale);
                 let limit = f64::from(settings.outputs.limit[output]);
-                // 0.6 of a step, the roundings of the values along five axes, and of the position within a cell.
+                // 0.6 of a step, plus the rounding of the values along five axes and of the position within a cell.
                 let roundings = 0.6 + 0.5 * (1.0 + GRID_AXES as f64) / scale;
                 let fits = roundings + cell_rounding(map, output);
                 let value = reference(map, &steps, output);
@@ -292,7 +291,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
                 );
             }
         } else {
-            // To zero: never further away.
+            // On the way to zero the corrections never increase.
             for output in 0..outputs {
                 let [before, now] =
                     [before.applied, memory.applied].map(|of| i32::from(of[output]));
@@ -302,7 +301,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
                 );
             }
         }
-        // Zero within the stated time after the last frame that was taken.
+        // They are zero within the computed time after the last accepted frame.
         if silent > settings.zero_within_scans() {
             prop_assert_eq!(report.of.applied, Counts::default());
         }
@@ -310,7 +309,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
     Ok(swaps)
 }
 
-/// What the position within a cell may be rounded by, in steps of the output: half a place along each axis, by the steepest cell.
+/// Maximum error due to rounding the position within a cell, in output steps: half a place along each axis, times the steepest slope.
 fn cell_rounding(map: &Map, output: usize) -> f64 {
     let header = map.header();
     let outputs = header.outputs.count();
@@ -362,7 +361,7 @@ fn maps_become_active_over_good_and_bad_wires() {
     }
 }
 
-/// A frame that was on its way for long, in a control that meanwhile timed out, brings nothing into use.
+/// A frame that was delayed for long does not activate anything in a control that has timed out meanwhile.
 #[test]
 fn a_late_swap_is_rejected_in_another_epoch() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);

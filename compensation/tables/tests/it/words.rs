@@ -1,4 +1,4 @@
-//! Words, bytes and heads.
+//! Words, bytes and headers.
 
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -43,7 +43,7 @@ proptest! {
         let at = at.index(image.len());
         prop_assume!(image[at] != to);
         image[at] = to;
-        // 0 and 65535 weigh the same to the checksum: one part of a step.
+        // 0 and 65535 are equal for the checksum: one part of a step.
         let found = Map::from_image(&image, machine);
         let same_weight = found.as_ref().is_ok_and(|found| {
             let pairs = found.words().iter().zip(map.words());
@@ -116,7 +116,7 @@ fn invalid_images_are_refused_with_a_reason() {
     );
 }
 
-/// The kept inputs of the fuzz target `map`.
+/// Replays the corpus of the fuzz target `map`.
 #[test]
 fn corpus_files_are_read_or_refused_by_their_names() {
     let mut seen = [0; 2];

@@ -1,4 +1,4 @@
-//! What the tests share: settings, maps and fields.
+//! Common settings, maps and fields of the tests.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -33,7 +33,7 @@ pub(crate) fn request(axes: usize, outputs: usize, within_um: f64) -> Request {
     }
 }
 
-/// Settings with few scans of everything, and room for maps of 300 words.
+/// Random settings with few scans of each kind, and buffers for maps of 300 words.
 pub(crate) fn settings(rng: &mut ChaCha8Rng) -> Settings {
     let (axes, outputs) = (
         rng.random_range(1..=GRID_AXES),
@@ -61,10 +61,10 @@ pub(crate) fn settings(rng: &mut ChaCha8Rng) -> Settings {
     }
 }
 
-/// A map that fits these settings.
+/// A random map that fits these settings.
 pub(crate) fn map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Map {
     let (axes, outputs) = (settings.grid.count(), settings.outputs.axes.count());
-    // Room for 232 values.
+    // At most 232 values.
     let most = [70_u16, 8, 4, 2, 2][axes - 1];
     let scale = [1, 3, 64][rng.random_range(0..3)];
     let far = rng.random_bool(0.1);
@@ -119,7 +119,7 @@ pub(crate) fn map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Ma
     map
 }
 
-/// A place in or about the grid of a map.
+/// A random position in or around the grid of a map.
 pub(crate) fn somewhere(rng: &mut ChaCha8Rng, header: &Header) -> [i32; GRID_AXES] {
     core::array::from_fn(|axis| {
         if rng.random_bool(0.02) {
@@ -131,7 +131,7 @@ pub(crate) fn somewhere(rng: &mut ChaCha8Rng, header: &Header) -> [i32; GRID_AXE
     })
 }
 
-/// Names and contents of the kept inputs of a fuzz target.
+/// Names and contents of the corpus of a fuzz target.
 pub(crate) fn corpus(target: &str) -> Vec<(String, Vec<u8>)> {
     let folder = volcomp_test_support::root()
         .join("tests/fuzz/corpus")

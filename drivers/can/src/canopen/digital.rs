@@ -15,13 +15,13 @@ pub struct CanopenDigital<P> {
     inputs: u32,
     outputs: u32,
     levels: Option<InputLevels>,
-    /// The levels of the last frame accepted by the bus.
+    /// The output levels of the last frame accepted by the bus.
     sent: Option<u64>,
 }
 
 impl<P: CanPort> CanopenDigital<P> {
-    /// A node with these numbers of lines. If its heartbeat is older than `silent_after`, it is treated as not running: this is the heartbeat
-    /// consumer time of CiA 301, to be chosen by the heartbeat period of the node.
+    /// A node with these numbers of lines. A node whose heartbeat is older than `silent_after` is treated as not running (heartbeat
+    /// consumer time of CiA 301; choose it by the heartbeat period of the node).
     ///
     /// # Errors
     /// Numbers out of range.
@@ -62,12 +62,12 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         self.outputs
     }
 
-    /// Four frames at 125 kBd.
+    /// Duration of four frames at 125 kBd.
     fn shortest_cycle(&self) -> Duration {
         Duration::from_millis(4)
     }
 
-    /// The inputs that the node sent last and their arrival, regardless of their age, as long as the node runs.
+    /// The inputs that the node sent last with their arrival time, regardless of their age, as long as the node runs.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
         self.nodes
@@ -102,7 +102,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Ok(())
     }
 
-    /// The levels accepted by the bus: nodes do not acknowledge process data.
+    /// The levels that the bus accepted; nodes do not acknowledge process data.
     fn confirmed(&self) -> Option<u64> {
         self.sent
     }
@@ -112,7 +112,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
     }
 }
 
-/// The frame with a node's output lines: its RPDO 1.
+/// The frame with the output levels of a node, its RPDO 1.
 fn outputs_frame(node: u8, levels: u64, lines: u32) -> Option<Frame> {
     let bytes = levels.to_le_bytes();
     let count = usize::try_from(lines.div_ceil(8)).ok()?;

@@ -1,5 +1,5 @@
-//! A small CANopen consumer: starts nodes, monitors their heartbeat, reads and writes single objects, and reads temperatures (CiA 404) and digital
-//! lines (CiA 401) from process data. Default identifiers (CiA 301).
+//! A small CANopen consumer with the default identifiers of CiA 301. It starts nodes, monitors their heartbeat, reads and writes single
+//! objects, and gets temperatures (CiA 404) and digital lines (CiA 401) from process data.
 
 mod digital;
 mod nodes;

@@ -1,4 +1,4 @@
-//! The monitored nodes: started when pre-operational, supervised by their heartbeat.
+//! Monitored nodes: started when pre-operational, supervised by their heartbeat.
 
 use std::{
     collections::BTreeMap,
@@ -19,7 +19,7 @@ struct MonitoredNode {
     started: Option<Instant>,
 }
 
-/// The monitored nodes: started when pre-operational, and considered silent with their heartbeat.
+/// The monitored nodes, which are started when pre-operational and treated as not answering when their heartbeat is too old.
 #[derive(Debug)]
 pub(super) struct Nodes {
     monitored: BTreeMap<u8, MonitoredNode>,
@@ -27,7 +27,7 @@ pub(super) struct Nodes {
 }
 
 impl Nodes {
-    /// These nodes; one whose heartbeat is older than `silent_after` is treated as not answering.
+    /// Monitors these nodes; `silent_after` is the maximum age of their heartbeat.
     pub(super) fn new(nodes: impl Iterator<Item = u8>, silent_after: Duration) -> Self {
         let monitored = MonitoredNode {
             state: None,
@@ -41,8 +41,8 @@ impl Nodes {
         }
     }
 
-    /// Processes the waiting frames without blocking, passes process data on (node, number, frame, arrival), and starts a node that is ready for
-    /// it.
+    /// Processes the waiting frames without blocking: passes process data on (node, number, frame, arrival), and starts a node that is
+    /// ready.
     ///
     /// # Errors
     /// [`Fault::Disconnected`] if the interface is down or bus-off.
@@ -69,7 +69,7 @@ impl Nodes {
             }
         }
         if let Some(frame) = self.start(now) {
-            // A bus that accepts nothing shows up as missing heartbeats.
+            // Missing heartbeats reveal a bus that accepts no frames.
             let _ = port.send(&frame, now);
         }
         Ok(())
@@ -94,7 +94,7 @@ impl Nodes {
         }
     }
 
-    /// The frame that starts a node which does not run, at most once a second per node.
+    /// The frame that starts a node which does not run, at most once per second and node.
     fn start(&mut self, now: Instant) -> Option<Frame> {
         let needs_start = |monitored: &MonitoredNode| {
             let due = monitored
@@ -110,7 +110,7 @@ impl Nodes {
         nmt(NmtCommand::Start, *node)
     }
 
-    /// Why a node's data must not be used; `None` if they may.
+    /// Why the data of a node must not be used; `None` if they may.
     pub(super) fn failure(&self, node: u8) -> Option<Reason> {
         let monitored = self.monitored.get(&node)?;
         if monitored.last_heartbeat.elapsed() > self.silent_after || monitored.state.is_none() {

@@ -7,7 +7,7 @@ use volcomp_port::Fault;
 use super::telegrams::{SdoAnswer, Telegram, sdo_read, sdo_write, telegram};
 use crate::frame::{CanPort, Received};
 
-/// Reads and writes single objects of nodes, one at a time. For configuration: it blocks.
+/// Reads and writes single objects of nodes, one at a time. It blocks, so it is for configuration only.
 #[derive(Debug)]
 pub struct SdoClient<P> {
     port: P,
@@ -73,7 +73,7 @@ impl<P: CanPort> SdoClient<P> {
             | SdoAnswer::Written { object }
             | SdoAnswer::Aborted { object, .. }
             | SdoAnswer::Segmented { object }) = answer;
-            // A late answer to another request.
+            // A late answer to an earlier request.
             if from != node || object != object_id {
                 continue;
             }

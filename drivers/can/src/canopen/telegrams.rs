@@ -1,4 +1,4 @@
-//! Decoding of CANopen frames, and the frames sent by a consumer.
+//! Decoding of CANopen frames, and encoding of the frames that a consumer sends.
 
 use crate::frame::Frame;
 
@@ -8,13 +8,13 @@ use crate::frame::Frame;
 pub enum NodeState {
     /// The node has just started.
     BootUp,
-    /// The node was stopped: it sends only its heartbeat.
+    /// The node was stopped, and sends only its heartbeat.
     Stopped,
     /// The node sends process data.
     Operational,
-    /// The node waits to be started.
+    /// The node waits for its start.
     PreOperational,
-    /// Another state, by the code of the heartbeat.
+    /// Another state, with the code in the heartbeat.
     Other(u8),
 }
 
@@ -96,7 +96,7 @@ pub enum SdoAnswer {
     },
 }
 
-/// Decodes a frame; `None` if it is another frame or malformed.
+/// Decodes a frame; `None` if it is not one of these telegrams or is malformed.
 pub fn telegram(frame: &Frame) -> Option<Telegram> {
     if frame.extended || frame.fd {
         return None;
@@ -133,7 +133,7 @@ fn sdo_answer(data: [u8; 8]) -> Option<SdoAnswer> {
     let value = u32::from_le_bytes([a, b, c, d]);
     Some(match command >> 5 {
         2 if command & 0b10 != 0 => {
-            // Without a stated size all four bytes are valid.
+            // If no size is indicated, all four bytes are valid.
             let unused = if command & 1 == 1 {
                 command >> 2 & 3
             } else {
@@ -171,7 +171,7 @@ pub enum NmtCommand {
     Reset = 129,
 }
 
-/// The frame that sends a command to a node (0: to all of them).
+/// The frame that sends a command to a node (0: to all nodes).
 pub fn nmt(command: NmtCommand, node: u8) -> Option<Frame> {
     Frame::new(0, false, false, &[command as u8, node])
 }

@@ -57,8 +57,8 @@ pub struct Channel {
     pub status_at: Option<usize>,
 }
 
-/// Temperatures of CiA 404 nodes. The consumer starts the nodes and supervises their heartbeat; reading processes the received frames and does not
-/// block.
+/// Temperatures of CiA 404 nodes. The consumer starts the nodes and supervises their heartbeat. Reading processes the received frames and
+/// does not block.
 pub struct CanopenThermometer<P> {
     port: P,
     nodes: Nodes,
@@ -68,9 +68,8 @@ pub struct CanopenThermometer<P> {
 }
 
 impl<P: CanPort> CanopenThermometer<P> {
-    /// These channels on a bus. A node whose heartbeat is older than `silent_after` is treated as not running, and its data are not used: this is
-    /// the heartbeat consumer time of CiA 301, to be chosen by the heartbeat period of the node. The age of the process data of a running node is
-    /// not checked here.
+    /// Reads these channels. The data of a node whose heartbeat is older than `silent_after` are not used (heartbeat consumer time of CiA
+    /// 301; choose it by the heartbeat period of the node). The age of the process data of a running node is not checked.
     ///
     /// # Errors
     /// Invalid channels.
@@ -152,7 +151,7 @@ impl<P: CanPort> Thermometer for CanopenThermometer<P> {
         let take = |node, number, frame: &Frame, taken| {
             take(channels, latest, (node, number), frame, taken);
         };
-        // A lost bus shows up as missing heartbeats.
+        // Missing heartbeats reveal a lost bus.
         let _ = self.nodes.listen(&mut self.port, take);
         for (channel, latest) in self.channels.iter().zip(&mut self.latest) {
             let failure = self.nodes.failure(channel.node);

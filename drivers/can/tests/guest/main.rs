@@ -1,5 +1,5 @@
-//! SocketCAN on vcan0 and vcan1: frames of can-utils, error frames, an interface that goes down and up, and a node of PyPI's
-//! canopen. Runs on the interfaces of this computer if present, and in the guest by `./test`.
+//! SocketCAN on vcan0 and vcan1: frames of can-utils, error frames, an interface that goes down and up, and a node of PyPI's canopen. Runs
+//! on this computer's interfaces if present, and in the guest by `./test`.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -19,7 +19,7 @@ use volcomp_port::{Controller, Fault, Quality, Reason, Thermometer};
 use volcomp_test_support::{Running, peers};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-/// Locks the virtual buses for one test. `None`, with a line on standard error, without them.
+/// Locks the virtual buses for one test; without them prints a line on standard error and returns `None`.
 fn buses() -> Option<MutexGuard<'static, ()>> {
     static BUSES: Mutex<()> = Mutex::new(());
     let buses = BUSES.lock().unwrap_or_else(PoisonError::into_inner);
@@ -108,7 +108,7 @@ fn candump_receives_sent_frames() {
             .args(["-L", "-n", "2", "vcan0"])
             .stdout(Stdio::piped()),
     );
-    // Wait until it has opened its socket.
+    // Wait until candump has opened its socket.
     while !std::fs::read_to_string("/proc/net/can/rcvlist_all")
         .is_ok_and(|list| list.contains("raw"))
     {
@@ -130,7 +130,7 @@ fn candump_receives_sent_frames() {
     );
 }
 
-/// The bridge against a control, with the interface down and up in between.
+/// The bridge against a control, while the interface goes down and up.
 #[test]
 fn the_bridge_survives_an_interface_going_down() {
     let Some(_buses) = buses() else {
@@ -211,8 +211,7 @@ fn the_bridge_survives_an_interface_going_down() {
     controller.apply(&PerChannel([0.001; 9]), soon()).unwrap();
 }
 
-/// The time of a frame is its arrival time in the kernel, however long it waited; a bridge that was not read for a while
-/// returns old positions as old.
+/// The time of a frame is its kernel arrival time, however long it waited; positions that were not read for a while are returned as old.
 #[test]
 fn queued_frames_keep_their_kernel_timestamps() {
     let Some(_buses) = buses() else {

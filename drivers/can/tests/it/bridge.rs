@@ -15,7 +15,7 @@ fn config(axes: &[AxisName]) -> BridgeConfig {
     crate::config(SHIPPED_DBC, axes)
 }
 
-/// A control that sends its positions and takes the last sent correction.
+/// A control that sends its positions and applies the last correction.
 struct Control {
     bus: Bus,
     table: SignalTable,
@@ -145,8 +145,8 @@ fn the_controller_contract() {
     contract::controller(&mut Answering(controller, Control::new(&bus)));
 }
 
-/// Repeated counters, lost frames, wrong checksums and lengths, error frames, bus-off and an interface that is down are
-/// counted or reported, and never change a position.
+/// Repeated counters, lost frames, wrong checksums and lengths, error frames, bus-off and an interface that is down are counted or
+/// reported, and do not change a position.
 #[test]
 fn bus_errors_are_counted_and_never_change_a_position() {
     let bus = Bus::default();
@@ -292,8 +292,8 @@ fn names_select_temperatures() {
     );
 }
 
-/// A state that was never received forbids correction, and a received one has the age of its message; a state missing in the
-/// file is described as not shown, and the configuration must accept that.
+/// A state that was never received forbids correction; a received one has the age of its message. A state missing in the file is described
+/// as not reported, which the configuration must accept.
 #[test]
 fn an_unknown_state_forbids_correction() {
     let bus = Bus::default();
@@ -347,8 +347,8 @@ fn an_unknown_state_forbids_correction() {
     assert_eq!(shown, expected);
 }
 
-/// After a silence the last positions, state and applied correction are returned with the arrival times of their frames; their
-/// age is not checked here. The read does not wait for new frames.
+/// After a silence the last positions, state and applied correction are returned with the arrival times of their frames, regardless of
+/// their age and without waiting for new frames.
 #[test]
 fn values_keep_their_arrival_times() {
     let bus = Bus::default();
@@ -375,7 +375,7 @@ fn values_keep_their_arrival_times() {
         let others = [snapshot.state_taken, snapshot.correction_taken];
         assert_eq!((others, snapshot.youngest()), ([at(5); 2], at(7)));
     }
-    // New positions must not refresh the applied correction: 60 to 100 ms caused a step of 28 µm and a fault.
+    // New positions must not refresh the applied correction. When they did, an age of 60 to 100 ms caused a step of 28 µm and a fault.
     deliver(frame_of(&table, "POSITION_XY", &[("X_POS", 6.0)], 2), 240);
     let snapshot = controller.read(deadline).unwrap();
     assert_eq!(
@@ -384,7 +384,7 @@ fn values_keep_their_arrival_times() {
     );
 }
 
-/// Frames that waited unread keep their age, and the last position counts.
+/// Frames that waited unread keep their age, and the last position is returned.
 #[test]
 fn queued_frames_keep_their_age() {
     let bus = Bus::default();
@@ -472,7 +472,7 @@ fn a_custom_fd_frame() {
     );
 }
 
-/// Z was shifted by -2048 µm from the first frame, although only X and Y are corrected.
+/// Z used to be shifted by −2048 µm from the first frame on, although only X and Y are corrected.
 #[test]
 fn an_uncorrected_axis_gets_zero() {
     let (from, to) = ("Z_CORR : 24|12@1- (1,0)", "Z_CORR : 24|12@1+ (1,-2048)");
@@ -491,7 +491,7 @@ fn an_uncorrected_axis_gets_zero() {
     assert_eq!(found.abs(), 0.0, "µm");
 }
 
-/// Frames duplicated by a bridge between two buses cleared an emergency stop and reported an old position as new.
+/// Frames duplicated by a bridge between two buses used to clear an emergency stop and to report an old position as new.
 #[test]
 fn an_overtaken_frame_is_ignored() {
     let table = shipped();
@@ -517,7 +517,7 @@ fn an_overtaken_frame_is_ignored() {
     assert_eq!(controller.health().repeated, 2);
     deliver(7, 12.0, 0.0);
     assert!(!controller.read(soon()).unwrap().state.emergency_stop);
-    // After a silence the number of missed counts is unknown.
+    // After a silence the number of missed frames is unknown.
     std::thread::sleep(Duration::from_millis(120));
     deliver(3, 13.0, 1.0);
     assert!(controller.read(soon()).unwrap().state.emergency_stop);

@@ -169,7 +169,7 @@ fn a_node_is_started_monitored_and_read() {
     let latest = seen(&[pdo(215, 21.5, [1, 0])]);
     assert_eq!(latest[0].quality, Quality::Bad(Reason::Reported));
     assert_eq!(latest[1].degc, Some(21.5));
-    // Too short for both channels.
+    // Too short for the data of both channels.
     let latest = seen(&[frame(0x185, &[1])]);
     assert!(latest.iter().all(|t| t.degc.is_none()));
     let emergency = frame(0x085, &[0x10, 0x50, 0, 0, 0, 0, 0, 0]);
@@ -180,7 +180,7 @@ fn a_node_is_started_monitored_and_read() {
         seen(&[pdo(215, 21.5, [0, 0]), gone])[1].quality,
         Quality::Good
     );
-    // After a power cycle it must be started again.
+    // After a power cycle the node must be started again.
     let latest = seen(&[frame(0x705, &[0x7f])]);
     assert_eq!(latest[1].quality, Quality::Bad(Reason::NotRead));
     assert_eq!(
@@ -213,7 +213,7 @@ fn invalid_channels_are_rejected() {
 #[test]
 fn lines_of_a_node() {
     let bus = Bus::default();
-    // Long intervals, so that a loaded computer does not mix them up.
+    // The intervals differ widely, so that a loaded computer does not confuse them.
     let (quick, patient) = (Duration::from_millis(20), Duration::from_secs(60));
     let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, patient).unwrap();
     assert_eq!(port.read(soon()), Err(Fault::NotConnected));
@@ -250,7 +250,7 @@ fn lines_of_a_node() {
         bus.deliver(frame(0x709, &[5]));
         bus.deliver(frame(0x189, &[0x34, 0]));
         let came = Instant::now();
-        // The heartbeat is fresh; the result depends on the time since then.
+        // The heartbeat is still fresh; the result depends on the time from here on.
         let _ = port.read(soon());
         std::thread::sleep(3 * quick);
         let found = port.read(soon());

@@ -1,4 +1,4 @@
-//! The contracts of thermometers and digital ports, with nodes that send periodically.
+//! The conformance tests for thermometers and digital ports, with nodes that send periodically.
 
 use std::{
     sync::{

@@ -1,4 +1,4 @@
-//! The words of the shipped file against the reference barrier: a scanning control, a gateway, and a bus that loses messages.
+//! The words of the shipped file with the reference barrier: a scanning control, a gateway, and a bus that loses messages.
 
 use std::time::{Duration, Instant};
 
@@ -59,7 +59,7 @@ impl Control {
         }
     }
 
-    /// Receives messages, runs one scan, and sends positions and report, except for lost messages.
+    /// Receives messages, runs one scan, and sends positions and report. `is_lost` decides which messages are lost.
     fn scan(&mut self, mut is_lost: impl FnMut() -> bool) {
         for frame in self.bus.sent() {
             if is_lost() {
@@ -104,7 +104,7 @@ impl Control {
     }
 }
 
-/// Deadline of a write, which waits only for the processor.
+/// A distant deadline for writes.
 fn late() -> Instant {
     Instant::now() + Duration::from_secs(5)
 }
@@ -126,7 +126,7 @@ impl Gateway {
         }
     }
 
-    /// Answers the last complete report with these counts and returns it, if it was new.
+    /// Answers a new complete report with a frame of these counts, and returns the report.
     fn answers(&mut self, settings: &Settings, values: [i16; 3]) -> Option<Report> {
         let snapshot = self.controller.read(soon()).ok()?;
         let report = Report::decode(MACHINE, layout(), snapshot.report?.as_slice())?;
@@ -164,8 +164,8 @@ fn frames_arrive_and_silence_ramps_to_zero() {
     assert_eq!(control.barrier.report().applied, Counts::default());
 }
 
-/// Random message loss tears frames and reports: no report is accepted that the control did not publish, and the axes stay
-/// within rate and limit. The checksum of the words alone, without message counters, would accept some.
+/// Random message loss tears frames and reports. No accepted report differs from the published ones, and the axes stay within rate and
+/// limit. Without message counters, the checksum of the words alone would accept some torn ones.
 #[test]
 fn torn_words_are_rejected() {
     for (percent, kept) in [(1, 0.99), (10, 0.9), (40, 0.6)] {
@@ -191,7 +191,7 @@ fn torn_words_are_rejected() {
                 accepted += 1;
             }
         }
-        // All seven messages of a report arrive in (1 − p)⁷ of all scans; a third less is required.
+        // All seven messages of a report arrive in (1 − p)⁷ of the scans; two thirds of that number is required.
         let least = 0.67 * 3000.0 * f64::powi(kept, 7);
         assert!(
             f64::from(accepted) >= least,

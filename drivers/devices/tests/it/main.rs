@@ -219,7 +219,7 @@ fn a_profile_may_be_a_file() {
     );
 }
 
-/// Callers distinguish wrong input from failures by the kind of an error, not by its text.
+/// Callers distinguish invalid input from failures by the kind of an error, not by its text.
 #[test]
 fn errors_have_kinds() {
     let probed = |url: &str| {

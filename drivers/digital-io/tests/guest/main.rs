@@ -29,7 +29,7 @@ fn soon() -> Instant {
     Instant::now() + Duration::from_secs(2)
 }
 
-/// The control's side of a chip: the simulator's files for setting and reading levels.
+/// The control's side of a chip: the simulator's files that set and read levels.
 fn bank(label: &str) -> PathBuf {
     let labelled = |chip: &PathBuf| {
         let info = gpiocdev::Chip::from_path(chip).and_then(|chip| chip.info());
@@ -50,7 +50,7 @@ fn simulated(label: &'static str, line: u32) -> PathBuf {
     bank.join(format!("sim_gpio{line}"))
 }
 
-/// The control sets its outputs, in the order of their numbers, one after the other.
+/// Sets the control's outputs one after the other, in the order of their numbers.
 fn control_shows(levels: u64) {
     for line in 0..15 {
         let level = if levels >> line & 1 == 1 {
@@ -105,7 +105,7 @@ fn opening_changes_no_line() {
     for levels in [0xa5, 0x5a, 0xff, 0] {
         let mut first = port();
         first.write(levels, soon()).unwrap();
-        // The kernel may release closed lines; the simulator's pulls represent the control's side.
+        // The kernel may release closed lines; the simulator's pulls replace the control's side.
         drop(first);
         for line in 0..8 {
             let level = if levels >> line & 1 == 1 {

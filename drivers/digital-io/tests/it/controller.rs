@@ -161,7 +161,7 @@ fn low_bits_follow_a_long_axis() {
 /// as recent, wrong by a full range.
 #[test]
 fn a_long_pause_makes_the_position_unknown() {
-    // 1.28 mm take 32 ms.
+    // The axis can move 1.28 mm in 32 ms.
     let (panel, mut controller) = low_bits(40.0);
     assert!(controller.read(soon()).is_ok());
     std::thread::sleep(Duration::from_millis(35));
@@ -208,8 +208,8 @@ fn an_unconfigured_axis_is_a_fault() {
     assert!(message.contains("no strobe line is named"), "{message}");
 }
 
-/// Steps must match the kind of the axis: a rotary axis with the published words, which are lengths, is rejected, and one with
-/// angular steps is described and corrected in rad.
+/// Steps must match the kind of the axis: a rotary axis with the published words, whose steps are lengths, is rejected; one with angular
+/// steps is described and corrected in rad.
 #[test]
 fn units_must_match_the_kind_of_the_axis() {
     let new = |axis: DigitalAxis| {
@@ -244,8 +244,8 @@ fn units_must_match_the_kind_of_the_axis() {
     assert!((controller.sent()[0].unwrap() - 5e-6).abs() < 1e-18);
 }
 
-/// With a latch the control accepts a correction only at an edge, one write after the word; only accepted corrections count as
-/// sent. Unused lines keep their levels.
+/// With a latch the control accepts a correction at an edge, one write after the word; only accepted corrections count as sent. Unused
+/// lines keep their levels.
 #[test]
 fn the_latch_toggles_one_write_after_the_word() {
     let axis = DigitalAxis::published(AxisName::X);

@@ -1,4 +1,4 @@
-//! Lines behind the guard: the corrections that reach the axes.
+//! The guard over digital lines: the corrections that reach the axes.
 
 use std::{
     sync::{Arc, Mutex},
@@ -96,8 +96,8 @@ impl Rig {
     }
 }
 
-/// With a latch the last word used to be written and counted as applied, but never accepted: after each disarming the control
-/// kept 1 to 3 µm while 0 was reported. During motion two slews were accepted at once.
+/// With a latch the last word was written and counted as applied, but the control never accepted it: after each disarming the control kept
+/// 1 to 3 µm while 0 was reported. During motion it accepted two slews at once.
 #[test]
 fn the_last_word_is_latched() {
     let wiring = Wiring {
@@ -132,7 +132,7 @@ fn the_last_word_is_latched() {
     }
 }
 
-/// Only the selected axis was written, but all counted as written: the other one got 20 µm in one step when selected.
+/// Only the selected axis was written, but all counted as written: the other axis got 20 µm in one step when selected.
 #[test]
 fn axes_that_share_lines_do_not_step() {
     let wiring = Wiring {

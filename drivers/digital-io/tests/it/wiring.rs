@@ -73,7 +73,6 @@ fn invalid_wirings_are_rejected() {
     );
 }
 
-/// The levels of [`volcomp_digital_io::read_coherent`], without their time.
 fn read_coherent(
     io: &mut impl DigitalIo,
     wiring: &Wiring,

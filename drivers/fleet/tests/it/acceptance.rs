@@ -1,4 +1,4 @@
-//! Which manifests a machine accepts.
+//! Accepted and rejected manifests.
 
 use proptest::prelude::*;
 use volcomp_fleet::{Desired, Manifest, ManifestRejection, ModelRef, SigningKey, Trust};
@@ -84,7 +84,7 @@ fn each_rejection_reason_is_reported() {
     assert!(matches!(refused(&short), ManifestRejection::Document(_)));
 }
 
-/// The point of order 1 verifies anything for a verifier that does not look: `verify_strict` does.
+/// A plain verification accepts any signature by the neutral point, a key of order 1; `verify_strict` rejects it.
 #[test]
 fn a_key_of_small_order_verifies_nothing() {
     use base64::{Engine, engine::general_purpose::STANDARD};
@@ -103,7 +103,7 @@ fn a_key_of_small_order_verifies_nothing() {
     ));
 }
 
-/// A signature made for something else than a manifest fits none.
+/// A signature for another purpose than a manifest is invalid.
 #[test]
 fn a_signature_of_the_bare_manifest_is_rejected() {
     use base64::{Engine, engine::general_purpose::STANDARD};
@@ -118,7 +118,7 @@ fn a_signature_of_the_bare_manifest_is_rejected() {
 }
 
 proptest! {
-    /// Whatever byte is changed on the way, the manifest that is accepted is the one that was signed, with its model.
+    /// Whichever byte is changed in transit, an accepted manifest is the signed one, with its model.
     #[test]
     fn a_changed_byte_is_never_accepted(at in 0_usize..2000, to in any::<u8>()) {
         let mut bytes = signed(|_| {}).bytes().unwrap();
@@ -141,7 +141,7 @@ proptest! {
         }
     }
 
-    /// Names contain no characters with a meaning in subjects.
+    /// Machine and site names contain no characters with a meaning in subjects.
     #[test]
     fn machine_and_site_names_are_restricted(text in ".{0,70}") {
         if let Ok(name) = text.parse::<volcomp_fleet::MachineId>() {

@@ -28,7 +28,7 @@ pub(crate) fn identity(machine: &str) -> Identity {
 }
 
 impl Bench {
-    /// Runs a test with a server; where the program is not installed it is not run, which fails under CI.
+    /// Runs a test with a server. If `nats-server` is not installed, the test is skipped, which fails under CI.
     pub(crate) fn run(test: impl AsyncFnOnce(&mut Self)) {
         if program().is_none() {
             volcomp_test_support::peers::not_run("nats-server is not installed");
@@ -88,7 +88,7 @@ impl Bench {
         }
     }
 
-    /// The centre's connection, with bucket and streams made.
+    /// The centre's connection, with its bucket and streams created.
     pub(crate) async fn prepared(&self) -> jetstream::Context {
         let client = ConnectOptions::with_nkey(self.centre.seed().unwrap())
             .connect(self.url())
@@ -102,7 +102,7 @@ impl Bench {
         context
     }
 
-    /// The same with the bucket, in which each machine has a value.
+    /// The context of [`Self::prepared`], and the bucket with a value for each machine.
     pub(crate) async fn with_values(&self) -> (jetstream::Context, kv::Store) {
         let context = self.prepared().await;
         let store = context.get_key_value("desired").await.unwrap();
@@ -111,7 +111,7 @@ impl Bench {
         (context, store)
     }
 
-    /// With the credentials of the first machine an answer of the server is stored under the key of the second.
+    /// Stores a server response under the key of the second machine, with the credentials of the first.
     pub(crate) async fn forge(&self) {
         let thief = self.stolen(0).await;
         let (subject, reply) = ("volcomp.berlin.mill-a.condition", "$KV.desired.mill-b");
@@ -120,7 +120,7 @@ impl Bench {
         thief.flush().await.unwrap();
     }
 
-    /// A connection with the credentials of a machine and nothing else of ours.
+    /// A plain NATS connection with the credentials of a machine.
     pub(crate) async fn stolen(&self, machine: usize) -> async_nats::Client {
         let (identity, key) = &self.machines[machine];
         ConnectOptions::with_nkey(key.seed().unwrap())

@@ -1,4 +1,4 @@
-//! The port on which the servers of a cluster reach one another, on the real server.
+//! The cluster port of the real server, over which servers join.
 
 use std::{path::Path, time::Duration};
 
@@ -14,9 +14,9 @@ use volcomp_test_support::free_address;
 
 use crate::bench::{identity, runtime};
 
-/// On the slowest computer.
+/// Timeout, for slow computers.
 const LONG: Duration = Duration::from_secs(60);
-/// What does not come within this time is taken as kept away.
+/// Messages that do not arrive within this time count as blocked.
 const NEVER: Duration = Duration::from_millis(800);
 
 fn settings(name: &str, folder: &Path, centre: &KeyPair, cluster: Cluster) -> ServerSettings {
@@ -44,8 +44,8 @@ async fn connected(settings: &ServerSettings, centre: &KeyPair) -> async_nats::C
     timeout(LONG, connecting).await.unwrap()
 }
 
-/// Three servers with one password are a cluster: a stream is on each of them. A fourth with everything but the password is
-/// kept out: it hears nothing of what is said at the others.
+/// Three servers with one password form a cluster, and a stream has a replica on each. A fourth server with another password cannot join,
+/// and receives none of the others' messages.
 #[test]
 fn a_server_without_the_password_cannot_join() {
     if program().is_none() {
@@ -80,7 +80,7 @@ fn a_server_without_the_password_cannot_join() {
         for (_, settings, _) in &servers {
             clients.push(connected(settings, &centre).await);
         }
-        // Three copies of each stream: only where the three have found one another.
+        // Streams with three replicas can be created only once the three servers have joined.
         let context = async_nats::jetstream::new(clients[0].clone());
         let retention = StreamRetention {
             replicas: 3,
@@ -96,7 +96,7 @@ fn a_server_without_the_password_cannot_join() {
             }
         };
         timeout(LONG, prepared).await.unwrap();
-        // The stranger has tried, and was refused.
+        // The fourth server has tried to join and was rejected.
         let refused = async {
             loop {
                 let log = std::fs::read_to_string(servers[3].2.join("nats.log")).unwrap();

@@ -1,4 +1,4 @@
-//! The centre's side, against the `nats-server` that is installed.
+//! The centre's side, against the installed `nats-server`.
 
 use std::time::Duration;
 
@@ -41,7 +41,7 @@ fn unacknowledged_messages_are_redelivered() {
             let [telemetry, _] = hub.collections(&identity.site);
             telemetry.again_after(Duration::from_secs(2))
         };
-        // As a centre that dies before it has stored anything.
+        // A centre that stops before it has stored anything.
         let mut first = collection(&hub_one);
         let batch = timeout(SOON, first.next()).await.unwrap().unwrap();
         assert_eq!(batch.messages[0].bytes, "message 0");
@@ -52,15 +52,15 @@ fn unacknowledged_messages_are_redelivered() {
         let mut second = collection(&hub_two);
         let mut seen = std::collections::BTreeSet::new();
         while seen.len() < 5 {
-            // A server that does not run yet is reported as an error, and retried.
+            // A server that is not running yet is reported as an error, and retried.
             let Ok(batch) = timeout(SOON, second.next()).await.unwrap() else {
                 continue;
             };
             seen.extend(batch.messages.iter().map(|message| message.sequence));
             batch.acknowledge().await.unwrap();
         }
-        // The server is killed and started again: what comes new comes, and of the others some may come once more, since a
-        // server writes acknowledgements down a little later.
+        // The server is killed and restarted: new messages arrive, and some old ones may arrive again, because a server stores
+        // acknowledgements with a delay.
         bench.stop();
         bench.restart();
         let end = tokio::time::Instant::now() + SOON;
@@ -98,7 +98,7 @@ fn the_watch_reports_every_put() {
         assert_eq!(hub.desired(&machine).await.unwrap(), None);
         hub.put_desired(&machine, "own".into()).await.unwrap();
         assert_eq!(hub.desired(&machine).await.unwrap().unwrap(), "own");
-        // With the credentials of the other machine, by reflection.
+        // Another client puts a value: a redirected response, with the credentials of the other machine.
         bench.forge().await;
         let mut heard = Vec::new();
         while heard.len() < 2 {
@@ -109,7 +109,7 @@ fn the_watch_reports_every_put() {
         }
         assert_eq!(heard[0], "own");
         assert_ne!(heard[1], "own");
-        // Direct questions need not see at once what a consumer has seen.
+        // A direct request may return a change later than a consumer.
         let is_found = async { while hub.desired(&machine).await.unwrap().unwrap() != heard[1] {} };
         timeout(SOON, is_found).await.unwrap();
     });

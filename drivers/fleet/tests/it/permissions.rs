@@ -29,7 +29,7 @@ fn texts_cannot_inject_configuration() {
         keyed.machines[0].nkey = bad.to_owned();
         assert!(matches!(keyed.text(), Err(ServerConfigError::Nkey { .. })));
     }
-    // A seed given as the public key would appear in a file that others can read.
+    // A seed given instead of the public key would appear in a file that others can read.
     let mut seed = settings();
     seed.machines[0].nkey = nkeys::KeyPair::new_user().seed().unwrap();
     assert!(matches!(seed.text(), Err(ServerConfigError::Nkey { .. })));

@@ -1,5 +1,5 @@
-//! What the fleet relies on, against the `nats-server` that is installed (Debian 12 has 2.9): buckets, direct questions,
-//! object stores, permissions.
+//! Server features that the fleet uses, against the installed `nats-server` (Debian 12 has 2.9): buckets, direct requests, object stores,
+//! permissions.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use volcomp_fleet::{Identity, Kind, MachineLink, ModelRef, put_model};
 use crate::bench::{Bench, runtime};
 
 const SOON: Duration = Duration::from_secs(5);
-/// What does not come within this time is taken as refused.
+/// Requests not answered within this time count as rejected.
 const NEVER: Duration = Duration::from_millis(400);
 
 async fn bucket(context: &jetstream::Context) -> jetstream::kv::Store {
@@ -38,7 +38,7 @@ fn a_machine_receives_its_value_at_start_and_on_change() {
         store.put("mill-b", "not for a".into()).await.unwrap();
         store.put("mill-a", "second".into()).await.unwrap();
         assert_eq!(next(&mut link).await, "second");
-        // The same again is no change.
+        // Putting the same value again is not a change.
         store.put("mill-a", "second".into()).await.unwrap();
         store.put("mill-a", "third".into()).await.unwrap();
         assert_eq!(next(&mut link).await, "third");
@@ -63,7 +63,7 @@ fn a_reconnected_machine_receives_the_missed_value() {
             timeout(4 * SOON, link.next_desired()).await.unwrap(),
             "after"
         );
-        // What was not acknowledged is sent again: it is there once.
+        // An unacknowledged message is sent again, and stored once.
         for _ in 0..2 {
             let sent = link.publish(Kind::Condition, "1-1", "once".into()).await;
             sent.unwrap();
@@ -88,7 +88,7 @@ fn a_large_model_is_fetched_completely_or_rejected() {
         };
         put(&text).await.unwrap();
         assert_eq!(link.fetch_model(&model).await.unwrap(), text);
-        // Tampered in the store: another content under the same name.
+        // Another content under the same name in the store.
         let other = text.replacen("line", "lime", 1);
         put(&other).await.unwrap();
         let error = link.fetch_model(&model).await.unwrap_err().to_string();
@@ -96,7 +96,7 @@ fn a_large_model_is_fetched_completely_or_rejected() {
     });
 }
 
-/// With the credentials of machine A: everything that is not its own is refused by the server.
+/// With the credentials of machine A, the server rejects access to everything that belongs to others.
 #[test]
 fn stolen_credentials_give_no_further_access() {
     Bench::run(async |bench| {
@@ -143,7 +143,7 @@ fn stolen_credentials_give_no_further_access() {
             let answer = timeout(NEVER, thief.request(subject, Bytes::new())).await;
             assert!(!matches!(answer, Ok(Ok(_))), "{subject}: {answer:?}");
         }
-        // Subscriptions: everything, and another machine's.
+        // Subscriptions to everything, and to another machine.
         for subject in [
             ">",
             "*.*.*.*",
@@ -166,7 +166,7 @@ fn stolen_credentials_give_no_further_access() {
             let message = timeout(NEVER, heard.next()).await;
             assert!(!matches!(message, Ok(Some(_))), "{subject}: {message:?}");
         }
-        // Publications: another's subjects, its key, its objects.
+        // Publications on another machine's subjects, to its key and to its objects.
         let before = messages(&context).await;
         for subject in [
             "$KV.desired.mill-a",
@@ -185,7 +185,7 @@ fn stolen_credentials_give_no_further_access() {
     });
 }
 
-/// The numbers of messages of every stream.
+/// The last sequence number of every stream.
 async fn messages(context: &jetstream::Context) -> Vec<(String, u64)> {
     let mut streams = context.streams();
     let mut found = Vec::new();
@@ -197,9 +197,9 @@ async fn messages(context: &jetstream::Context) -> Vec<(String, u64)> {
     found
 }
 
-/// The server does not ask whether a machine may publish on the subject to which it has an answer sent. So a thief can have
-/// an answer of the server stored as the value of another machine's key; the thief cannot choose its content, no
-/// machine accepts it, and the centre sees a value that it did not put.
+/// The server does not check whether a machine may publish on the reply subject of its request. So a thief can have a server response
+/// stored as the value of another machine's key. The thief cannot choose its content, no machine accepts it, and the centre detects a value
+/// that it did not put.
 #[test]
 fn a_redirected_response_is_no_manifest() {
     Bench::run(async |bench| {

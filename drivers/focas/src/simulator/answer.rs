@@ -122,7 +122,7 @@ fn axis_names(options: &Options, world: &World) -> Vec<u8> {
     data
 }
 
-/// Encodes numbers with three decimals, and the content of the unused slots.
+/// Encodes numbers with three decimals in slots, and fills the unused slots.
 fn slots(values: impl Iterator<Item = f64>, options: &Options) -> Vec<u8> {
     let mut data: Vec<u8> = values.flat_map(|value| number_bytes(value, 3)).collect();
     let mut garbage = 0x5eed_u32;
@@ -210,7 +210,7 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Command
     } else {
         known_parameter(number, world)
     };
-    // As captured: an unknown number rejects the frame.
+    // As in captures, an unknown number rejects the frame.
     let default = default.ok_or(Refusal::Frame)?;
     let mut data = number.to_be_bytes().to_vec();
     data.extend([0, 0, 0, 2]);
@@ -222,7 +222,7 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Command
 /// Parameters for the unit of reported positions, and for the source of the shifts in the simulated control.
 fn known_parameter(number: i32, world: &World) -> Option<f64> {
     if UNIT_NUMBERS.contains(&number) {
-        // A metric machine that reports mm.
+        // A metric machine that reports positions in mm.
         return Some(0.0);
     }
     if !world.reports_shift_source {
@@ -290,7 +290,7 @@ fn write_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> Com
     if options.write_protected {
         return Err(Refusal::Command(PROTECTED));
     }
-    // As observed on a simulated control of the manufacturer: outputs to the machine are rejected.
+    // The manufacturer's simulated control rejects writes to the machine's outputs.
     if area == PmcArea::Y || !world.write(area, at, &swap_points(command.data, width)) {
         return Err(Refusal::Command(NUMBER));
     }

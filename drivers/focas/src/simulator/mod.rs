@@ -1,4 +1,4 @@
-//! A simulated control on the network, for tests and rehearsals: it responds as in public captures, and misbehaves on request.
+//! A simulated control on the network, for tests and rehearsals. It responds as in public captures, and misbehaves on request.
 
 mod answer;
 mod world;
@@ -30,21 +30,21 @@ pub struct Options {
     pub version: u16,
     /// Number of slots in responses about all axes: 8 or 32.
     pub slots: usize,
-    /// True if slots after the axes contain garbage.
+    /// Whether slots after the axes contain garbage.
     pub garbage: bool,
-    /// True if a command may address only one point of PMC memory; ranges are rejected with EW_NUMBER.
+    /// Whether a command may address only one point of PMC memory; ranges are rejected with EW_NUMBER.
     pub one_point: bool,
-    /// True if a command may read the position of only one axis; all axes at once are rejected with EW_NUMBER.
+    /// Whether a command may read the position of only one axis; all axes at once are rejected with EW_NUMBER.
     pub one_axis: bool,
-    /// True if a request with commands for both the control and the PMC is rejected as a whole.
+    /// Whether a request with commands for both the control and the PMC is rejected as a whole.
     pub refuses_mix: bool,
-    /// True if a request with more than one command is rejected as a whole.
+    /// Whether a request with more than one command is rejected as a whole.
     pub one_command: bool,
-    /// True if PMC memory is write-protected.
+    /// Whether PMC memory is write-protected.
     pub write_protected: bool,
     /// Maximum number of concurrent sessions.
     pub sessions: usize,
-    /// Size of the pieces in which responses are sent, bytes; 0: in one piece.
+    /// Size of the pieces in which responses are sent, bytes; 0: whole.
     pub fragment: usize,
     /// Delay of a response.
     pub latency: Duration,
@@ -95,12 +95,12 @@ impl Shared {
 }
 
 impl Simulator {
-    /// Listens on an address, such as `127.0.0.1:0`, and runs the control's scans.
+    /// Listens on an address such as `127.0.0.1:0`, and runs the control's scans.
     ///
     /// # Errors
     /// The address cannot be bound.
     pub fn start(address: &str, options: Options, mut world: World) -> std::io::Result<Self> {
-        // The control's program starts with the axes at the shifts in their words.
+        // The control's program starts with the shifts in the words of the axes.
         world.reset();
         let listener = TcpListener::bind(address)?;
         let address = listener.local_addr()?;
@@ -134,7 +134,7 @@ impl Simulator {
         self.address
     }
 
-    /// The machine and the memory of the control. Responses wait while the lock is held.
+    /// The machine and the memory of the control. Holding the lock delays responses.
     pub fn world(&self) -> MutexGuard<'_, World> {
         self.shared.world()
     }
@@ -158,7 +158,7 @@ impl Simulator {
     /// Cuts all connections, like an unplugged cable.
     pub fn disconnect_all(&self) {
         for session in self.shared.sessions().iter() {
-            // It may be closed already.
+            // The session may be closed already.
             let _ = session.shutdown(Shutdown::Both);
         }
     }
@@ -168,7 +168,7 @@ impl Drop for Simulator {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::SeqCst);
         self.disconnect_all();
-        // Wakes the listener.
+        // A connection wakes the listener.
         drop(TcpStream::connect(self.address));
         for thread in self.threads.drain(..) {
             // The panic message was already printed.
@@ -177,7 +177,7 @@ impl Drop for Simulator {
     }
 }
 
-/// Runs the scans of the control at its own pace. Late scans are made up for, up to a limit.
+/// Runs the scans of the control with its period. Late scans are made up for, up to a limit.
 fn scan(shared: &Shared) {
     const MOST_BEHIND: u32 = 5;
     let mut due = Instant::now();
@@ -293,7 +293,7 @@ fn send(
         0 => stream.write_all(&bytes),
         pieces => bytes.chunks(pieces).try_for_each(|piece| {
             stream.write_all(piece)?;
-            // So that the pieces are not sent together.
+            // Without a pause the pieces would be sent together.
             thread::sleep(Duration::from_micros(200));
             Ok(())
         }),

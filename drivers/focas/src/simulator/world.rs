@@ -1,5 +1,5 @@
-//! The machine behind the simulated control, its memory, and the programs that run in it. Units are those of the control: mm for linear, deg for
-//! rotary axes.
+//! The machine behind the simulated control, its memory, and the programs in the control. Units are those of the control: mm for linear,
+//! deg for rotary axes.
 
 use std::{
     collections::BTreeMap,
@@ -18,7 +18,7 @@ use crate::{
 /// Size of each PMC area, bytes.
 const AREA: usize = 10_000;
 
-/// Words of the machine zero point shifts of the axes.
+/// PMC words of the machine zero point shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShiftArea {
     /// The area of PMC memory.
@@ -29,43 +29,42 @@ pub struct ShiftArea {
     pub width: Width,
     /// Displacement of an axis by one count, mm or deg.
     pub count: f64,
-    /// True if reported positions include the shift.
+    /// Whether reported positions include the shift.
     pub in_positions: bool,
 }
 
-/// Positions of the axes after moving for a time, mm or deg.
+/// Positions of the axes as a function of motion time, mm or deg.
 pub type Motion = Arc<dyn Fn(Duration) -> Vec<f64> + Send + Sync>;
 
-/// Log entry of one scan of the control.
+/// One scan of the control, for a log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scan<'a> {
     /// The shifts of all axes after the scan, counts.
     pub shifts: &'a [i64],
-    /// True if the control was power-cycled since the previous scan: movements of its axes meanwhile are not treated as
-    /// steps.
+    /// Whether the control was power-cycled since the previous scan: changes of the shifts in between are not steps of the axes.
     pub switched_on: bool,
 }
 
-/// Callback for every scan. It must not block, because the world is locked meanwhile.
+/// Callback for every scan. It must not block, because the world is locked.
 pub type ScanLog = Box<dyn FnMut(Scan<'_>) + Send>;
 
 /// The machine and the memory of the control.
 pub struct World {
     /// Axis letters, in the control's order.
     pub axes: Vec<char>,
-    /// How the axes move.
+    /// Positions of the axes over motion time.
     pub motion: Motion,
-    /// Where the shifts are read from.
+    /// The words from which the shifts are read.
     pub shift: ShiftArea,
     /// Delay after which a write to PMC memory can be read back and takes effect.
     pub readback_delay: Duration,
-    /// The program that runs in the control; `None`: the axes take the shift words as written.
+    /// The program that runs in the control; `None`: the axes take the shift words directly.
     pub ladder: Option<Ladder>,
     /// Scan period of the control.
     pub scan: Duration,
     /// Delay of a response, in addition to that of the options.
     pub latency: Duration,
-    /// True if the control reports the source of the shifts by parameters 1203 and 1280.
+    /// Whether the control reports the source of the shifts by parameters 1203 and 1280.
     pub reports_shift_source: bool,
     /// Active alarms: number and text.
     pub alarms: Vec<(i32, String)>,
@@ -87,22 +86,22 @@ pub struct World {
     lines: Option<(bool, usize, i16)>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
-    /// If set, only this number of bytes of the next longer write arrives immediately.
+    /// If set, only this number of bytes of the next longer write arrives at once.
     tear: Option<usize>,
     /// The positions reported while they are frozen.
     frozen: Option<Vec<f64>>,
-    /// True if positions of linear axes are reported in inches.
+    /// Whether positions of linear axes are reported in inches.
     inches: bool,
     /// Shifts at the last scan, counts.
     scanned: Vec<i64>,
-    /// Maximum change of each shift between two scans, counts.
+    /// Largest change of each shift between two scans, counts.
     largest_steps: Vec<i64>,
-    /// True if it was power-cycled since the last scan.
+    /// Whether the control was power-cycled since the last scan.
     switched_on: bool,
 }
 
 impl World {
-    /// Axes at 0, referenced, with shifts in words of 0.001 from R100.
+    /// Axes at 0, referenced, with shifts in words of 0.001 mm or deg from R100.
     pub fn new(axes: &[char]) -> Self {
         let count = axes.len();
         let mut world = Self {
@@ -143,12 +142,12 @@ impl World {
         world
     }
 
-    /// Sets the bits of F120 that report the axes as referenced: all of them, or none.
+    /// Sets the referenced bits in F120, of all axes or of none.
     pub fn set_referenced(&mut self, referenced: bool) {
         self.set(PmcArea::F, 120, &[if referenced { 0xff } else { 0 }]);
     }
 
-    /// This control with a barrier of all its axes: one mailbox from R200, the report from R240.
+    /// This control with a barrier for all its axes: one mailbox from R200, the report from R240.
     #[must_use]
     pub fn with_barrier(mut self, program: Box<dyn ControlProgram>) -> Self {
         let axes = self.axes.len();
@@ -156,7 +155,6 @@ impl World {
         self
     }
 
-    /// Runs one scan: the program runs, and the axes take their shifts.
     pub(super) fn run_scan(&mut self) {
         if let Some(mut ladder) = self.ladder.take() {
             ladder.scan(self);
@@ -181,8 +179,8 @@ impl World {
         self.scanned = now;
     }
 
-    /// Sets the digital lines to the control: this word (counts) for the axis at this index of its program, and this level of the latch line, which
-    /// toggles when they have settled. The program decides how to use them.
+    /// Sets the digital lines to the control: `value` (counts) for the axis at this index of the program, and the level of the latch line,
+    /// which toggles when the others have settled. The program determines their effect.
     pub fn set_lines(&mut self, latch: bool, axis: usize, value: i16) {
         self.lines = Some((latch, axis, value));
     }
@@ -192,7 +190,7 @@ impl World {
         self.lines
     }
 
-    /// Maximum change of each axis's shift between two scans, counts, since the start or the last call of
+    /// Largest change of each axis's shift between two scans, counts, since the start or the last call of
     /// [`reset_largest_steps`](Self::reset_largest_steps).
     pub fn largest_steps(&self) -> &[i64] {
         &self.largest_steps
@@ -211,8 +209,8 @@ impl World {
         }
     }
 
-    /// Power-cycles the control: the memory in R is cleared, and its program restarts with nothing applied. Movements of the axes meanwhile are
-    /// not treated as steps, because their drives are off.
+    /// Power-cycles the control: the R memory is cleared, and the program restarts with nothing applied. Changes of the shifts in between
+    /// are not steps, because the drives are off.
     pub fn power_up(&mut self) {
         self.pending.clear();
         if let Some(memory) = self.memory.get_mut(PmcArea::R as usize) {
@@ -231,13 +229,13 @@ impl World {
         self.switched_on = true;
     }
 
-    /// Freezes the reported positions at their present values, or reports the true ones again.
+    /// Freezes the reported positions at their present values, or ends the freeze.
     pub fn freeze_positions(&mut self, frozen: bool) {
         self.frozen = None;
         self.frozen = frozen.then(|| self.positions());
     }
 
-    /// Reports the positions of linear axes in inches, as a control does whose parameter 3104#0 is 1 after G20, or in mm again.
+    /// Reports positions of linear axes in inches, like a control with parameter 3104#0 = 1 after G20, or in mm again.
     pub fn report_inches(&mut self, inches: bool) {
         self.inches = inches;
         let [_, in_unit_of_program, program] = UNIT_NUMBERS;
@@ -246,12 +244,12 @@ impl World {
         self.parameters.insert((program, 0), unit);
     }
 
-    /// Tears the next write of more than `bytes` bytes: that many arrive immediately, the others two scans later.
+    /// Tears the next write of more than `bytes` bytes: the first `bytes` arrive at once, the others two scans later.
     pub fn tear_next_write(&mut self, bytes: usize) {
         self.tear = Some(bytes);
     }
 
-    /// True if the control holds its axes: emergency stop, alarm, or an axis that is not referenced.
+    /// Whether the control holds its axes: emergency stop, alarm, or an axis that is not referenced.
     pub fn holds(&mut self) -> bool {
         let bits = self.read(PmcArea::F, 120, 1);
         let bits = bits.and_then(|bytes| bytes.first().copied()).unwrap_or(0);
@@ -260,12 +258,12 @@ impl World {
         self.emergency_stop() || !self.alarms.is_empty() || !referenced
     }
 
-    /// Pauses all responses for this time from now on, including new sessions. Requests received meanwhile are answered afterwards.
+    /// Delays all responses, also to new sessions, by this time from now on. Requests received meanwhile are answered afterwards.
     pub fn pause(&mut self, time: Duration) {
         self.silent_until = Instant::now().checked_add(time);
     }
 
-    /// Remaining time of the pause; `None` if the control responds.
+    /// Remaining time of the pause; `None` without a pause.
     pub(super) fn silence(&self) -> Option<Duration> {
         let left = self.silent_until?.checked_duration_since(Instant::now())?;
         (!left.is_zero()).then_some(left)
@@ -276,12 +274,12 @@ impl World {
         self.started.elapsed()
     }
 
-    /// True if the emergency stop is pressed.
+    /// Whether the emergency stop is pressed.
     pub fn emergency_stop(&self) -> bool {
         self.stopped_at.is_some()
     }
 
-    /// Presses or releases the emergency stop. The axes stop while it is pressed and continue from there.
+    /// Presses or releases the emergency stop. The axes stop while it is pressed, and continue afterwards.
     pub fn set_emergency_stop(&mut self, pressed: bool) {
         if pressed {
             self.stopped_at = Some(self.moved_for());
@@ -290,7 +288,7 @@ impl World {
         }
     }
 
-    /// Motion time: the time since the start without emergency stops.
+    /// Motion time: the time since the start, less the time in emergency stop.
     pub fn moved_for(&self) -> Duration {
         let moves = || self.elapsed().saturating_sub(self.stop_time);
         self.stopped_at.unwrap_or_else(moves)
@@ -355,7 +353,7 @@ impl World {
             .collect()
     }
 
-    /// Sets the shift of an axis by its index in the control, counts.
+    /// Sets the shift of the axis with this index in the control, counts.
     pub fn set_shift(&mut self, slot: usize, counts: i64) {
         let (shift, width) = (self.shift, usize::from(self.shift.width.bytes()));
         let bytes = counts.to_le_bytes();
@@ -379,7 +377,7 @@ impl World {
         self.set(first.area, first.at.into(), &bytes);
     }
 
-    /// Reads bytes of PMC memory as visible now.
+    /// Reads bytes of PMC memory that are visible now (see `readback_delay`).
     pub fn read(&mut self, area: PmcArea, at: usize, length: usize) -> Option<Vec<u8>> {
         let now = Instant::now();
         let (due, later) = std::mem::take(&mut self.pending)
@@ -431,7 +429,7 @@ impl World {
     }
 }
 
-/// The program of the simulated control, which runs once in each scan.
+/// The program of the simulated control, run once per scan.
 pub enum Ladder {
     /// A barrier: it validates frames, moves the shifts at its own rate, and reports.
     Barrier(BarrierLadder),
@@ -444,7 +442,7 @@ pub trait LadderProgram: Send {
     /// Runs one scan: the program reads and writes PMC memory, and sets the shifts of the axes.
     fn scan(&mut self, world: &mut World);
 
-    /// Restarts the program, as after a reset, with the axes at the shifts in their words.
+    /// Restarts the program, as after a reset, with the shifts in the words of the axes.
     fn restart(&mut self, world: &mut World);
 }
 
@@ -456,12 +454,12 @@ pub struct BarrierLadder {
     pub frames: Vec<PmcAddress>,
     /// First byte of the report.
     pub report: PmcAddress,
-    /// Index in the control of each axis of the barrier, in channel order, from 0.
+    /// Index in the control of each axis of the barrier, from 0, in channel order.
     pub slots: Vec<usize>,
 }
 
 impl BarrierLadder {
-    /// A barrier of the control's first `axes` axes: one mailbox from R200, the report from R240.
+    /// A barrier for the control's first `axes` axes: one mailbox from R200, the report from R240.
     pub fn new(program: Box<dyn ControlProgram>, axes: usize) -> Self {
         let address = |at| PmcAddress {
             area: PmcArea::R,
@@ -477,7 +475,7 @@ impl BarrierLadder {
 
     fn scan(&mut self, world: &mut World) {
         let words = BarrierArea::frame_words(self.slots.len());
-        // Copied first, then validated.
+        // Copied before validation, as in a ladder.
         let frames: Vec<Vec<u16>> = self
             .frames
             .iter()

@@ -1,4 +1,4 @@
-//! Controls with fewer and fewer request forms: the driver determines the accepted form and reports rejections in words.
+//! Controls that accept fewer and fewer request forms: the driver determines the accepted form and reports rejections in words.
 
 use std::{
     sync::Arc,
@@ -18,8 +18,8 @@ use crate::{
     simulator, until,
 };
 
-/// Controls with fewer and fewer request forms, the form to use with each, and the requests for a read and a write of three
-/// axes with a heartbeat and a byte of referenced axes.
+/// Controls that accept fewer and fewer request forms; the form to use with each, and the number of requests for a read and a write of
+/// three axes with a heartbeat and a byte of referenced axes.
 fn controls() -> [(Options, Abilities, u64); 6] {
     use Packing::{ByTarget, OneByOne, OneFrame};
     let options = |change: fn(&mut Options)| {
@@ -59,7 +59,7 @@ fn controls() -> [(Options, Abilities, u64); 6] {
     ]
 }
 
-/// The error of a connection that is rejected.
+/// The error of a rejected connection.
 fn connection_error(config: FocasConfig) -> String {
     let mut controller = FocasController::new(config).unwrap();
     until("the error is reported", || {
@@ -75,7 +75,7 @@ fn every_control_fulfils_the_controller_contract() {
         let simulator = simulator(options);
         simulator.world().readback_delay = Duration::from_millis(3);
         let mut config = config(&simulator, &[AxisName::X, AxisName::Y, AxisName::Z]);
-        // With a delayed read-back the source of a heartbeat change is unknown.
+        // With a delayed read-back a heartbeat change cannot be attributed.
         config.heartbeat = None;
         let mut controller = connected(config);
         assert_eq!(controller.abilities(), Some(expected));
@@ -135,7 +135,7 @@ fn a_rejection_in_a_cycle_names_the_code() {
         refused.to_string(),
         "refused with code 7: EW_PROT, writing is protected"
     );
-    // The rejected write may have changed the heartbeat, which must not count as another gateway.
+    // The rejected write may have changed the heartbeat, which must not be attributed to another gateway.
     assert!(controller.read(soon()).is_ok(), "the session stays open");
 }
 
@@ -165,7 +165,7 @@ fn a_missing_axis_is_named() {
     );
 }
 
-/// FANUC axis names have suffixes (`Z2`): of two axes with the same letter, the first was corrected silently.
+/// FANUC axis names have suffixes (`Z2`). Of two axes with the same letter, the first used to be corrected silently.
 #[test]
 fn an_ambiguous_axis_letter_is_rejected() {
     let world = World::new(&['Z', 'Y', 'Z']);
@@ -176,7 +176,7 @@ fn an_ambiguous_axis_letter_is_rejected() {
     assert!(error.contains(expected), "{error}");
 }
 
-/// The byte covers eight axes: the ninth always counted as referenced.
+/// The byte covers eight axes. The ninth used to count as referenced.
 #[test]
 fn the_ninth_axis_counts_as_not_referenced() {
     let world = World::new(&['X', 'Y', 'Z', 'A', 'B', 'C', 'U', 'V', 'W']);

@@ -1,4 +1,4 @@
-//! Frames to a barrier in the simulated control and its reports, opaque to the driver. The applied shifts are checked in the
+//! Frames to a barrier in the simulated control, and its reports, both opaque to the driver. The applied shifts are read from the
 //! simulator.
 
 use std::{
@@ -35,7 +35,7 @@ pub(crate) fn area() -> BarrierArea {
     }
 }
 
-/// The barrier of the first axes of the control.
+/// Settings of a barrier for the first `axes` axes of the control.
 fn settings(axes: usize) -> Settings {
     volcomp_test_support::barrier::settings(&AXES[..axes]).unwrap()
 }
@@ -91,7 +91,7 @@ impl Sender {
         Words::new(&words[..length])
     }
 
-    /// Cycles until the barrier applies these counts.
+    /// Runs cycles until the barrier applies these counts.
     fn drive(&mut self, controller: &mut FocasController, um: [i16; 3]) {
         let end = Instant::now() + TIMEOUT;
         loop {
@@ -119,7 +119,7 @@ fn the_barrier_receives_frames_and_reports() {
             fragment: 11,
             ..Options::default()
         },
-        // Single points only: each word is a separate command, all in one request.
+        // Single points only: a command for each word, all in one request.
         Options {
             version: 2,
             slots: 8,
@@ -147,8 +147,8 @@ fn the_barrier_receives_frames_and_reports() {
     }
 }
 
-/// If every word needs a separate request, a scan falls within nearly every frame and report. Both ends reject torn data by
-/// the checksum, and the axes keep their rate.
+/// If every word needs a separate request, nearly every frame and report is torn by a scan. Both ends reject torn data by the checksum, and
+/// the axes keep their rate.
 #[test]
 fn torn_frames_and_reports_are_rejected() {
     let simulator = simulated(Options {
@@ -182,7 +182,7 @@ fn torn_frames_and_reports_are_rejected() {
     for bytes in (2..18).step_by(2) {
         sender.read(&mut controller);
         simulator.world().tear_next_write(bytes);
-        // The barrier sees the first half alone at the next scan only.
+        // The first half alone is visible only at the next scan.
         let frame = sender.frame([-5, 60, 0]).unwrap();
         controller.post(&frame, soon()).unwrap();
         sleep(Duration::from_millis(3));
@@ -226,13 +226,13 @@ fn garbage_in_memory_causes_no_step() {
     let mut controller = connected(barrier_config(&simulator));
     let mut sender = Sender::new(81);
     sender.drive(&mut controller, [110, 10, 0]);
-    // Another writer changes the axis words: the next scan restores the applied correction.
+    // After another writer has changed the axis words, the next scan restores the applied correction.
     simulator.world().set_words(r(100), &[5000, 0, 0]);
     sleep(Duration::from_millis(20));
     assert_eq!(simulator.world().shifts(), [0.110, 0.010, 0.0]);
 }
 
-/// The correction holds while the control holds its axes; power-up starts at zero with a new epoch.
+/// The correction holds while the control holds its axes; after a power-up it starts at zero with a new epoch.
 #[test]
 fn emergency_stop_holds_and_power_up_starts_a_new_epoch() {
     let simulator = simulated(Options::default());
@@ -375,7 +375,7 @@ fn overlapping_words_are_rejected() {
     assert!(fixed.unwrap().contains("barrier.frame: found F0"));
 }
 
-/// Two configurations of one control need separate frames, but may share a report.
+/// Two configurations for one control need separate frames, but may share a report.
 #[test]
 fn controllers_of_one_control_need_disjoint_words() {
     let config = |frame: Option<u16>, first: u16| {
@@ -405,7 +405,7 @@ fn controllers_of_one_control_need_disjoint_words() {
         shared(&config(Some(217), 100)),
         found("R217", [frame, frame])
     );
-    // A controller without a barrier writes the words of the axes, report or frame.
+    // A controller without a barrier writes words that are the axis words, report or frame of the other.
     assert_eq!(shared(&config(None, 100)), found("R100", [area, area]));
     assert_eq!(shared(&config(None, 241)), found("R241", [report, area]));
     assert_eq!(shared(&config(None, 300)), None);
@@ -436,8 +436,7 @@ fn two_mailboxes() -> (Simulator, [FocasController; 2]) {
     (simulator, controllers)
 }
 
-/// One gateway switches between the connections while a correction is applied; the other mailbox keeps an old frame, complete
-/// or torn.
+/// One gateway switches between the connections while a correction is applied. The other mailbox keeps an old frame, complete or torn.
 #[test]
 fn a_gateway_switches_connections_without_a_step() {
     let (simulator, mut controllers) = two_mailboxes();
@@ -461,12 +460,12 @@ fn a_gateway_switches_connections_without_a_step() {
     assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
 }
 
-/// A second gateway is rejected in the other mailbox as in the same one, and receives the owner's number.
+/// A second gateway is rejected in either mailbox, and receives the owner's number.
 #[test]
 fn a_second_gateway_in_the_other_mailbox_is_rejected() {
     let (simulator, [mut first, mut second]) = two_mailboxes();
     let (mut ours, mut other) = (Sender::new(77), Sender::new(78));
-    // It reads while the control has no owner, and sends when it has one. A report torn by a scan is read again.
+    // The second gateway reads before the control has an owner, and sends afterwards. A torn report is read again.
     while other.read(&mut second).is_none() {}
     let late = other.frame([100, 100, 100]).expect("a report was read");
     ours.drive(&mut first, [20, -20, 5]);

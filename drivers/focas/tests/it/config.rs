@@ -11,8 +11,8 @@ fn config(change: impl Fn(&mut FocasConfig)) -> FocasConfig {
     config
 }
 
-/// Only the ladder's own memory may be written, not the signals between control and ladder (G8.4 is the emergency stop) or
-/// those of the machine. All areas may be read. The ladder writes the report.
+/// Only the ladder's own memory may be written, not signals between control and ladder (G8.4 is the emergency stop) or of the machine. All
+/// areas may be read. The report must be in the ladder's memory.
 #[test]
 fn only_ladder_memory_is_writable() {
     for area in PmcArea::ALL {
@@ -97,8 +97,8 @@ fn the_width_limits_the_shift() {
     }
 }
 
-/// The control takes two bytes for each axis: with one-byte words, 21 µm for X and 2 µm for Y became half a millimetre for X,
-/// and with four-byte words Y got the sign of X.
+/// The control takes two bytes for each axis. With one-byte words, 21 µm for X and 2 µm for Y became half a millimetre for X; with
+/// four-byte words Y got the sign of X.
 #[test]
 fn directly_taken_words_must_have_two_bytes() {
     for width in [Width::Byte, Width::Long] {

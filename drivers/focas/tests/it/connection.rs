@@ -1,5 +1,5 @@
-//! Loss and recovery of the connection. A write sent before an outage must not reach the control after it. A proxy holds sent bytes back, as the sender's kernel
-//! does while a cable is unplugged, and checks afterwards whether the sender has reset the connection.
+//! Loss and recovery of the connection. A write sent before an outage must not reach the control after it. A proxy holds sent bytes back,
+//! like the sender's kernel while a cable is unplugged, and then checks whether the sender has reset the connection.
 
 use std::{
     io::{Read, Write},
@@ -28,7 +28,7 @@ use crate::{
 /// A cable between the driver and the simulator.
 struct Cable {
     address: SocketAddr,
-    /// True while it is unplugged.
+    /// Whether the cable is unplugged.
     out: Arc<AtomicBool>,
     /// Connections whose held bytes were discarded by the sender's reset.
     reset: Arc<AtomicUsize>,
@@ -83,8 +83,8 @@ fn forward(mut from: TcpStream, mut to: TcpStream) {
     let _ = to.shutdown(std::net::Shutdown::Write);
 }
 
-/// Forwards the driver's bytes. They are held while the cable is unplugged, and delivered afterwards unless the driver has
-/// reset the connection, because its kernel then has nothing left to send.
+/// Forwards the driver's bytes. While the cable is unplugged they are held; afterwards they are delivered, unless the driver has reset the
+/// connection, because its kernel then has nothing left to send.
 fn hold_and_forward(
     mut from: TcpStream,
     mut to: TcpStream,
@@ -118,7 +118,7 @@ fn hold_and_forward(
     let _ = to.shutdown(std::net::Shutdown::Write);
 }
 
-/// With an orderly close, three outages out of three delivered an old write.
+/// An orderly close used to deliver an old write in three outages out of three.
 #[test]
 fn an_old_write_is_not_delivered_after_an_outage() {
     let simulator = simulator(Options::default());
@@ -130,7 +130,7 @@ fn an_old_write_is_not_delivered_after_an_outage() {
         let deadline = Instant::now() + Duration::from_millis(5);
         let lost = controller.apply(&um(40.0, 40.0, 40.0), deadline);
         assert_eq!(lost, Err(Fault::TimedOut));
-        // The reset must precede the return of the call, not happen when the socket is closed later.
+        // The call itself must have reset the connection, before the socket is closed.
         thread::sleep(Duration::from_millis(20));
         cable.out.store(false, Ordering::SeqCst);
         until("the cable is back", || {
@@ -149,7 +149,7 @@ fn an_old_write_is_not_delivered_after_an_outage() {
     }
 }
 
-/// Checks the proxy: after an orderly close it delivers the bytes late. Otherwise the test above proves nothing.
+/// Checks that the proxy delivers late bytes after an orderly close, without which the test above would prove nothing.
 #[test]
 fn the_proxy_delivers_late_after_an_orderly_close() {
     let simulator = simulator(Options::default());
@@ -158,7 +158,7 @@ fn the_proxy_delivers_late_after_an_orderly_close() {
     sender
         .write_all(&volcomp_focas::frame::open_frame())
         .unwrap();
-    // Read everything: unread data turn the close into a reset.
+    // Read everything, since unread data turn the close into a reset.
     sender.read_exact(&mut [0; 10 + 360]).unwrap();
     cable.out.store(true, Ordering::SeqCst);
     sender
@@ -213,8 +213,8 @@ fn a_write_whose_deadline_has_passed_is_not_sent() {
     assert_eq!(controller.connections(), 1);
 }
 
-/// If a write needs several requests and the deadline passes between them, the session ends: the control must not continue
-/// with half a write.
+/// If a write needs several requests and the deadline passes between them, the session ends, because the control must not continue with
+/// half a write.
 #[test]
 fn half_a_write_ends_the_session() {
     let latency = Duration::from_millis(4);
@@ -246,8 +246,7 @@ fn no_call_blocks_longer_than_its_deadline() {
     assert!(took < Duration::from_millis(120), "{took:?}");
 }
 
-/// The controller reconnects after a disconnection, a late response and a power cycle, and never takes a late response for
-/// the next one.
+/// The controller reconnects after a disconnection, a late response and a power cycle, and never takes a late response for the next one.
 #[test]
 fn it_reconnects_automatically() {
     let options = Options {
@@ -313,6 +312,6 @@ fn a_thousand_connections_leak_nothing() {
     };
     let early = count_at(&mut controller, 20);
     let late = count_at(&mut controller, 1000);
-    // Other tests of this program open a few at the same time.
+    // Other tests of this program open some descriptors at the same time.
     assert!(late <= early + 60, "{early} descriptors, then {late}");
 }

@@ -47,8 +47,8 @@ fn shifts_reach_the_named_axes() {
     assert!(snapshot.uncertainty < Duration::from_millis(500));
 }
 
-/// Positions of read-only axes follow those of corrected axes, and nothing is written for them. A read-only controller writes
-/// nothing, and does not report a writer as another gateway.
+/// Positions of read-only axes follow those of corrected axes, and nothing is written for them. A read-only controller does not report a
+/// writer as another gateway.
 #[test]
 fn read_only_axes_are_read_and_not_written() {
     let simulator = simulator(Options::default());
@@ -169,7 +169,7 @@ fn the_sequence_byte_counts_corrections() {
             Some(vec![beats])
         );
     }
-    // It continues after a reconnection, so that the ladder detects the first correction.
+    // The sequence continues after a reconnection, so that the ladder detects the first correction.
     let mut controller = connected(config);
     controller.apply(&um(1.0, 0.0, 0.0), soon()).unwrap();
     let number = simulator.world().read(PmcArea::D, 7, 1);

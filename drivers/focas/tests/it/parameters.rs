@@ -1,5 +1,4 @@
-//! Parameters of the control: one that takes the shifts of its axes from other words than configured, or that may report
-//! positions in inches, is rejected.
+//! A control whose parameters say that it takes shifts from other words than configured, or may report positions in inches, is rejected.
 
 use std::{
     cell::RefCell,
@@ -59,11 +58,11 @@ fn the_parameters_of_the_control_are_compared_with_the_configuration() {
         |config| config.shift.first = at(PmcArea::D, 100),
         "found 100, expected words in R, but area is D100",
     );
-    // With a copying ladder the words must differ from ours.
+    // With a copying ladder, the words from which the control takes shifts must differ from ours.
     assert_eq!(found([1.0, 300.0], copied).unwrap(), reported(true, 300));
     assert_eq!(found([0.0, 0.0], copied).unwrap(), reported(false, 0));
     refused([1.0, 100.0], copied, "overlap");
-    // The last of the four axes of the control, of which only two are corrected.
+    // The words of all four axes count, although only two are corrected: the last one overlaps ours.
     refused([1.0, 94.0], copied, "overlap");
     assert!(found([1.0, 92.0], copied).is_ok());
     refused(
@@ -132,7 +131,7 @@ fn an_unreported_shift_source_is_noted() {
     );
 }
 
-/// The check applies to controllers too, not only to `inspect`.
+/// Controllers make the check too, not only `inspect`.
 #[test]
 fn a_conflicting_shift_source_prevents_connection() {
     let simulator = simulator(Options::default());
@@ -143,7 +142,7 @@ fn a_conflicting_shift_source_prevents_connection() {
     });
     let error = controller.wait(Duration::from_millis(1)).unwrap_err();
     assert!(error.to_string().contains("parameter 1280"), "{error}");
-    // It connects as soon as the parameter is corrected.
+    // The controller connects as soon as the parameter is corrected.
     simulator.world().parameters.insert((1280, 0), 100.0);
     controller.wait(TIMEOUT).unwrap();
     assert_eq!(

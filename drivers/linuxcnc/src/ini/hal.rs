@@ -1,4 +1,4 @@
-//! The other HAL files: those before the file of the bridge, and those that a display loads after it (`[HAL]POSTGUI_HALFILE`).
+//! The HAL files besides that of the bridge: those before it, and those that a display loads after it (`[HAL]POSTGUI_HALFILE`).
 
 use std::{
     collections::HashMap,
@@ -11,7 +11,7 @@ use super::{Ini, Problem, below, is_bridge};
 /// Directory in which LinuxCNC searches for HAL files that are not next to the INI file.
 const HAL_LIBRARY: &str = "/usr/share/linuxcnc/hallib";
 
-/// Path of a HAL file named in an INI file in this folder; arguments may follow the name.
+/// Path of a HAL file named in an INI file in `folder`; arguments may follow the name.
 fn path_of(folder: &Path, value: &str) -> PathBuf {
     let name = value.split_whitespace().next().unwrap_or_default();
     if let Some(name) = name.strip_prefix("LIB:") {
@@ -50,7 +50,7 @@ fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
     })
 }
 
-/// The signal to which the file of the bridge connects a pin of LinuxCNC that has none.
+/// The signal to which the bridge's HAL file connects a pin of LinuxCNC, if no earlier file has connected the pin.
 fn signal_of(pin: &str) -> Option<String> {
     let of_axis = pin
         .strip_prefix("axis.")
@@ -79,7 +79,7 @@ fn signal_of(pin: &str) -> Option<String> {
 }
 
 impl Ini {
-    /// Finds pins that the bridge has connected and that a later file connects to another signal, at which LinuxCNC stops.
+    /// Finds pins of the bridge that a later file connects to another signal, on which LinuxCNC stops.
     pub(super) fn check_display_files(&self, problems: &mut Vec<Problem>) {
         let Some(folder) = &self.folder else {
             return;
@@ -97,7 +97,7 @@ impl Ini {
             .map(|(_, pin, signal)| (pin, signal))
             .collect();
         let [corrected, read_only] = self.letters().map(|letters| letters.to_lowercase());
-        // For an axis that is only read, the bridge connects only the position.
+        // Of a read-only axis the bridge connects only the position.
         let is_reported = |pin: &str| match pin
             .strip_prefix("axis.")
             .and_then(|rest| rest.split_once('.'))

@@ -1,4 +1,4 @@
-//! Checks the INI file of a LinuxCNC for settings that prevent a correction.
+//! Checks the INI file of LinuxCNC for settings that prevent a correction.
 
 mod hal;
 mod numbers;
@@ -34,7 +34,7 @@ pub struct Expected<'a> {
     pub control: &'a LinuxCncConfig,
     /// The period of the servo thread, ms.
     pub scan_ms: f64,
-    /// Minimum values that the guard needs in the bridge; `None` if nothing is corrected.
+    /// Minimum values that the guard requires of the bridge; `None` if nothing is corrected.
     pub least: Option<GuardMinimum>,
 }
 
@@ -63,8 +63,8 @@ const KEYS: [&str; 15] = [
 /// Maximum number of joints in LinuxCNC.
 const MAX_JOINTS: f64 = 16.0;
 
-/// The units of the bridge, by the words that LinuxCNC accepts in any case, and the same words for messages. LinuxCNC also accepts numbers, and
-/// text after a number: these are rejected, as the bridge does.
+/// Units that the bridge accepts: key, accepted words in any case, and the same words for messages. LinuxCNC also accepts numbers, and text
+/// after a number; the bridge rejects these, and so does this check.
 const UNITS: [(&str, [&str; 2], &str); 2] = [
     ("LINEAR_UNITS", ["mm", "metric"], "mm or metric"),
     ("ANGULAR_UNITS", ["degree", "deg"], "degree or deg"),
@@ -76,15 +76,15 @@ fn is_bridge(value: &str) -> bool {
     file.rsplit('/').next() == Some(BRIDGE)
 }
 
-/// Path of a file named in an INI file in this folder: relative to it, or to the user's home.
+/// Path of a file named in an INI file in `folder`: relative to it, or to the user's home (`~/`).
 fn below(folder: &Path, name: &str) -> PathBuf {
     let home = std::env::home_dir().zip(name.strip_prefix("~/"));
     home.map_or_else(|| folder.join(name), |(home, rest)| home.join(rest))
 }
 
 impl Ini {
-    /// Parses a file as LinuxCNC does: keys before any section and malformed lines are ignored. Only a whole line can be a comment; after a value
-    /// it is part of the value.
+    /// Parses a file as LinuxCNC does: keys before any section and malformed lines are ignored; a comment takes a whole line, and text
+    /// after a value is part of the value.
     #[must_use]
     pub fn parse(text: &str) -> Self {
         let (mut entries, mut section) = (Vec::new(), String::new());
@@ -106,10 +106,11 @@ impl Ini {
         }
     }
 
-    /// Reads a file and its includes, as LinuxCNC does: at `#INCLUDE FILE`, relative to the file. Such lines in included files are comments.
+    /// Reads a file and the files that its lines `#INCLUDE FILE` name, relative to it. As in LinuxCNC, such lines in included files are
+    /// comments.
     ///
     /// # Errors
-    /// A file that cannot be read. An included one that cannot be read is a [`Problem`].
+    /// The file cannot be read. An included file that cannot be read is a [`Problem`].
     pub fn read(file: &Path) -> std::io::Result<Self> {
         let folder = file.parent().unwrap_or(Path::new(""));
         let (mut text, mut unread) = (String::new(), Vec::new());
@@ -184,7 +185,7 @@ impl Ini {
         }
     }
 
-    /// Finds unknown keys in the bridge's section, such as `HOLDMS`: LinuxCNC and the bridge would use the default.
+    /// Finds unknown keys in the bridge's section, such as `HOLDMS`, for which LinuxCNC and the bridge would use the default.
     fn unknown(&self, problems: &mut Vec<Problem>) {
         for (section, key, _) in &self.entries {
             if section == "VOLCOMP" && !KEYS.contains(&key.as_str()) {
@@ -194,7 +195,7 @@ impl Ini {
         }
     }
 
-    /// Checks that the bridge has the gateway's key. A file of another account cannot be compared.
+    /// Checks that the bridge has the gateway's key. A key file of another user cannot be compared.
     fn key(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let Some(folder) = &self.folder else {
             return;
@@ -223,7 +224,7 @@ impl Ini {
         }
     }
 
-    /// The letters of the axes that the bridge corrects, and of those whose position it only reports.
+    /// The letters of the axes that the bridge corrects, and of those that it only reports.
     fn letters(&self) -> [String; 2] {
         let of = |key| self.bridge_value(key);
         [
@@ -232,13 +233,13 @@ impl Ini {
         ]
     }
 
-    /// A value of the bridge's section as the bridge reads it: without blanks, in upper case.
+    /// A value of the bridge's section in the form that the bridge uses: without blanks, in upper case.
     fn bridge_value(&self, key: &str) -> Option<String> {
         let text = self.get("VOLCOMP", key)?;
         Some(text.replace(' ', "").to_uppercase())
     }
 
-    /// Checks the axis sections: every corrected axis reserves a share of its velocity for the offset.
+    /// Checks the axis sections: every corrected axis reserves a share of its velocity for the offset (`OFFSET_AV_RATIO`).
     fn shares(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         for axis in &expected.control.axes {
             match self.get(&format!("AXIS_{axis}"), "OFFSET_AV_RATIO") {
@@ -254,7 +255,7 @@ impl Ini {
         }
     }
 
-    /// Checks the joint sections: no LinuxCNC compensation corrects the same errors.
+    /// Checks the joint sections: LinuxCNC must not compensate the same errors.
     fn joints(&self, problems: &mut Vec<Problem>) {
         for (section, key, value) in &self.entries {
             let Some(joint) = section.strip_prefix("JOINT_") else {

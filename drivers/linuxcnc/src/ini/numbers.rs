@@ -1,4 +1,4 @@
-//! Checks of the bridge's numbers in an INI file: whether the bridge accepts them and the gateway can arm with them.
+//! Checks the bridge's numbers in an INI file: whether the bridge accepts them, and the gateway can arm with them.
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 
@@ -10,18 +10,18 @@ const MAX_WORD: f64 = i16::MAX as f64;
 /// LinuxCNC's default for the maximum velocity of an axis, mm/s or deg/s.
 const DEFAULT_MAX_VELOCITY: f64 = 1.0;
 
-/// Minimum values that the guard needs in the bridge: the largest of all axes of a kind.
+/// Minimum values that the guard requires of the bridge, for linear axes and for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuardMinimum {
-    /// Largest correction of linear axes, um, and of rotary ones, millidegrees.
+    /// Largest correction: µm, and millidegrees for rotary axes.
     pub limit: [f64; 2],
-    /// Minimum rate of the barrier, twice the slew: um/s, and millidegrees per second.
+    /// Minimum rate of the barrier, twice the slew: µm/s, and millidegrees per second for rotary axes.
     pub rate: [f64; 2],
     /// Time after which the guard ramps out, ms.
     pub zero_after_ms: f64,
 }
 
-/// The keys of the axes of a kind.
+/// The keys of the settings for one kind of axis.
 pub(super) struct Keys {
     pub(super) of: AxisKind,
     pub(super) step: &'static str,
@@ -45,7 +45,7 @@ pub(super) const KEYS: [Keys; 2] = [
 ];
 
 impl Ini {
-    /// Reads a number of the bridge; reports it if it is malformed, or missing without a default.
+    /// Reads a number of the bridge's section. A malformed number, or a missing one without a default, is reported.
     fn number(
         &self,
         key: &'static str,
@@ -71,7 +71,7 @@ impl Ini {
         found
     }
 
-    /// Checks limits, rates and times, like the bridge and the guard.
+    /// Checks limits, rates and times by the rules of the bridge and the guard.
     pub(super) fn numbers(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let scan_s = expected.scan_ms * 1e-3;
         for (at, keys) in KEYS.iter().enumerate() {
@@ -157,7 +157,7 @@ impl Ini {
         }
     }
 
-    /// Checks that the offset of an axis is as fast as the bridge, mm/s or deg/s. A missing or invalid share is reported elsewhere.
+    /// Checks that an axis can move its offset at the rate of the bridge, mm/s or deg/s. A missing or invalid share is reported elsewhere.
     fn check_offset_rate(
         &self,
         axis: AxisName,
@@ -176,7 +176,7 @@ impl Ini {
             problems.push(Problem::Slow {
                 axis,
                 found,
-                // Rounded up to the displayed digits, so that it is never less than needed.
+                // Rounded up to the displayed digits, so that the displayed value is sufficient.
                 expected: (rate * 1e-3 / velocity * 1e4 - 1e-6).ceil() / 1e4,
                 velocity,
                 key,
@@ -185,7 +185,7 @@ impl Ini {
     }
 }
 
-/// Reports a number that is below one of the bounds, each with its reason, or too large.
+/// Reports a number that is too large, or below one of several bounds, each with its reason.
 fn check_range(
     key: &'static str,
     found: f64,

@@ -44,7 +44,7 @@ pub enum Problem {
         /// The value of this key in the INI file; empty if it is missing.
         found: String,
     },
-    /// A value of the bridge is not a number. LinuxCNC takes a comment after a value as part of it.
+    /// A value of the bridge is not a number. LinuxCNC treats a comment after a value as part of the value.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} and nothing behind it")]
     Number {
         /// The key.
@@ -110,7 +110,7 @@ pub enum Problem {
         /// The signal to which the pin is connected already.
         expected: String,
     },
-    /// A key of the bridge's section that the bridge does not know.
+    /// The bridge's section contains an unknown key.
     #[error("[VOLCOMP]{key}: unknown key, expected one of {known}")]
     Unknown {
         /// The key as written.
@@ -138,7 +138,7 @@ pub enum Problem {
         /// Why the file cannot be read.
         reason: String,
     },
-    /// The offset of an axis is slower than the correction.
+    /// An axis moves its offset more slowly than the bridge changes it.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected {expected} or more: of MAX_VELOCITY = {velocity} that is the rate of the bridge, [VOLCOMP]{key}, which the offset has to follow"
     )]
@@ -172,7 +172,7 @@ pub enum Problem {
         /// The value of this key in the INI file.
         found: String,
     },
-    /// A joint has a compensation table in LinuxCNC, which would add to our correction.
+    /// LinuxCNC has a compensation table for a joint, which would add to our correction.
     #[error(
         "[JOINT_{joint}]COMP_FILE: found {found}, expected none: its correction and that of the gateway would add up"
     )]
@@ -182,7 +182,7 @@ pub enum Problem {
         /// The name of the table's file in the INI file.
         found: String,
     },
-    /// A joint has a backlash in LinuxCNC, which would add to our correction.
+    /// LinuxCNC has a backlash for a joint, which would add to our correction.
     #[error(
         "[JOINT_{joint}]BACKLASH: found {found}, expected none or 0: the model of the machine has the reversal errors, and both would add up"
     )]
@@ -212,7 +212,7 @@ pub enum Problem {
         /// The words for the expected unit.
         expected: &'static str,
     },
-    /// The number of joints is not a valid number.
+    /// The number of joints is invalid.
     #[error(
         "[KINS]JOINTS: found {found}, expected the number of joints, 1 to {MAX_JOINTS} and nothing behind it"
     )]
@@ -223,7 +223,7 @@ pub enum Problem {
     /// The number of joints is missing.
     #[error("[KINS]JOINTS is missing, expected the number of joints, 1 to {MAX_JOINTS}")]
     NoJoints,
-    /// The kinematics are not trivial (machine axes).
+    /// The kinematics are not trivial (`trivkins`).
     #[error(
         "[KINS]KINEMATICS: found {found}, expected trivkins: with other kinematics LinuxCNC adds offsets to coordinates of the workpiece, not of the machine"
     )]

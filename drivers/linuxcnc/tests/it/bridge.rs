@@ -38,7 +38,7 @@ pub(crate) fn settings() -> Settings {
     }
 }
 
-/// Data and faults of the bridge besides its report.
+/// Faults and data that the simulated bridge sends besides its report.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Behaviour {
     pub(crate) machine: u16,
@@ -46,7 +46,7 @@ pub(crate) struct Behaviour {
     pub(crate) flags: u16,
     pub(crate) at: [f64; 2],
     pub(crate) silent: bool,
-    /// True if the planner of the control does not move.
+    /// The planner of the control does not move.
     pub(crate) stuck: bool,
 }
 

@@ -36,9 +36,8 @@ fn encoded_state(state: &State) -> Vec<u8> {
     bytes[..length].to_vec()
 }
 
-/// The bytes that Python's `struct` makes of the same content, and the code that an implementation of
-/// SipHash in Python, which passes the published test vectors, makes of these bytes:
-/// `struct.pack("<4sBBHIIHH3H", b"VCLF", 2, 0, 7, 9, 5, 1, 3, 1, 2, 65535)`.
+/// The bytes of Python's `struct` for the same content, and their authentication code by a Python SipHash that passes the published test
+/// vectors: `struct.pack("<4sBBHIIHH3H", b"VCLF", 2, 0, 7, 9, 5, 1, 3, 1, 2, 65535)`.
 #[test]
 fn a_command_has_the_bytes_of_an_independent_implementation() {
     let command = Command {
@@ -136,7 +135,7 @@ fn invalid_contents_are_named() {
     assert_eq!(State::decode(&bytes, &KEY), Err(DatagramError::Mac));
 }
 
-/// Replays the fuzz corpus of datagrams without their code: `valid-…` must be decoded, `broken-…` rejected.
+/// Replays the fuzz corpus of datagrams without authentication code: `valid-…` must be decoded, `broken-…` rejected.
 #[test]
 fn corpus_datagrams_are_decoded_or_rejected() {
     let folder = volcomp_test_support::root().join("tests/fuzz/corpus/linuxcnc");
@@ -169,7 +168,7 @@ fn corpus_datagrams_are_decoded_or_rejected() {
     assert_eq!(valid, 3);
 }
 
-/// Rows of the README table whose first column has this heading; cells without backticks.
+/// Rows of the README table whose first column has the heading `first`; cells without backticks.
 fn table(first: &str) -> Vec<Vec<String>> {
     let text = std::fs::read_to_string(crate_file("README.md")).unwrap();
     let rows = text

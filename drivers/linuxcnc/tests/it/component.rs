@@ -1,4 +1,4 @@
-//! The component of the servo thread without LinuxCNC, as a program driven by a test.
+//! The servo-thread component without LinuxCNC, as a program run by a test.
 
 use std::{
     fmt::Write as _,
@@ -42,7 +42,7 @@ fn pins(head: &str) -> String {
     includes + &pins
 }
 
-/// Sanitizers of memory and arithmetic, and of data races.
+/// Memory and arithmetic sanitizers; data-race sanitizer below.
 pub(crate) const MEMORY: &str = "-fsanitize=address,undefined";
 pub(crate) const THREADS: &str = "-fsanitize=thread";
 
@@ -87,7 +87,7 @@ pub(crate) fn write_key(file: &Path, text: &str, mode: u32) {
     std::fs::set_permissions(file, std::fs::Permissions::from_mode(mode)).unwrap();
 }
 
-/// A process that is killed at the end of the test.
+/// Process that is killed at the end of the test.
 pub(crate) struct Ended(pub(crate) Child);
 
 impl Drop for Ended {

@@ -20,7 +20,7 @@ fn soon() -> Instant {
     Instant::now() + Duration::from_secs(5)
 }
 
-/// Reads until this holds.
+/// Reads until `done` holds.
 fn until(controller: &mut LinuxCncController, done: impl Fn(&Result<Snapshot, Fault>) -> bool) {
     let end = soon();
     loop {
@@ -40,7 +40,7 @@ fn the_controller_contract() {
     contract::controller(&mut controller);
 }
 
-/// A complete exchange: reports arrive, frames that answer them are accepted, and the barrier applies the sent values.
+/// Complete exchange: reports arrive, frames that answer them are accepted, and the barrier applies the sent values.
 #[test]
 fn the_barrier_applies_a_correction() {
     let bridge = Bridge::start();
@@ -75,7 +75,7 @@ fn the_barrier_applies_a_correction() {
     assert_eq!(controller.health().broken, 0);
 }
 
-/// The bridge reports a correction that the control has not applied, without setting the flag.
+/// The bridge reports a correction that the control has not applied, and does not set the flag `LOST`.
 #[test]
 fn a_missing_offset_is_an_alarm() {
     let bridge = Bridge::start();
@@ -190,7 +190,7 @@ fn without_a_bridge_a_read_ends_at_its_deadline() {
     assert!(Instant::now() >= deadline);
 }
 
-/// Handmade datagrams: duplicated, out of order, of an earlier run, and delayed in a queue.
+/// Constructed datagrams: duplicated, out of order, from an earlier run, and delayed in a queue.
 #[test]
 fn late_duplicate_and_queued_states_are_distinguished() {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -250,7 +250,7 @@ fn positions_alone_can_be_read() {
     let bridge = Bridge::start();
     let mut config = bridge.config();
     (config.axes, config.reads) = (Vec::new(), vec![AxisName::C]);
-    // The gateway's configuration has no machine number then.
+    // A configuration that only reads positions has no machine number.
     config.machine = 0;
     let mut controller = LinuxCncController::new(&config).unwrap();
     let read = controller.read(soon()).unwrap();

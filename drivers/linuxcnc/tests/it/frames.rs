@@ -89,7 +89,7 @@ fn words_of(post: Post, last: &Report) -> Vec<u16> {
     }
 }
 
-/// Contents of two mailboxes at a scan. Only random words repeat, and not for long; a gateway answers each report.
+/// Contents of the filled mailboxes at a scan; none after three repetitions, since a gateway answers each report with a new frame.
 pub(crate) fn mailboxes_of(posts: [Post; 2], repeat: usize, last: &Report) -> Vec<Vec<u16>> {
     let posts = posts.into_iter().filter(|_| repeat <= 3);
     let mailboxes = posts.map(|post| words_of(post, last));

@@ -1,5 +1,4 @@
-//! The barrier of the bridge against the reference, scan by scan and datagram by datagram: the component itself without
-//! LinuxCNC, compiled with sanitizers.
+//! The bridge's component without LinuxCNC, compiled with sanitizers, against the reference barrier, scan by scan and datagram by datagram.
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
@@ -24,9 +23,9 @@ use crate::{
     frames::{Post, mailboxes_of, posts, settings},
 };
 
-/// Number of scans after the start without motion, because the machine was just switched on.
+/// Number of scans without motion after the start, when the machine has just been switched on.
 const SETTLES: usize = 20;
-/// Distance of a start's epoch from the stored one.
+/// Advance of the epoch at a start, relative to the stored epoch.
 const EPOCHS_AHEAD: u16 = 16;
 
 #[derive(Clone, Debug)]
@@ -116,7 +115,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
         Command::new(program)
             .arg(&epoch_file)
             .arg(key_file(dir))
-            // System libraries keep memory until the end, which is not a leak of the component.
+            // System libraries keep memory until the end, which is not a leak.
             .env("ASAN_OPTIONS", "detect_leaks=0")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -182,7 +181,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
     drop(input);
     let status = child.0.wait().unwrap();
     prop_assert!(status.success(), "{status}");
-    // At its end it has stored its epoch.
+    // At its end the component has stored its epoch.
     let kept = std::fs::read_to_string(&epoch_file).unwrap();
     prop_assert_eq!(kept.trim().parse(), Ok(barrier.report().epoch));
     Ok(counts)
@@ -222,7 +221,7 @@ fn the_component_has_no_data_race() {
     let Some(program) = built(dir.path(), "datagrams.c", THREADS) else {
         return;
     };
-    // Includes a timeout, which advances the epoch.
+    // The scans include a timeout, which advances the epoch.
     let scans = "0\n".repeat(60);
     let input = format!("XC 7 1 2 7 0 100 100 5 5 0 0\n{scans}");
     let run = |command: &mut Command| {
@@ -234,7 +233,7 @@ fn the_component_has_no_data_race() {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        // It may exit before reading everything.
+        // The program may exit before reading everything.
         let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
         let output = child.wait_with_output().unwrap();
         let errors = String::from_utf8_lossy(&output.stderr).into_owned();

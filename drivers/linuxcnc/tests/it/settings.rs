@@ -7,9 +7,9 @@ use volcomp_test_support::{cases, peers};
 
 use crate::ini::{control, expected, mill};
 
-/// Units in an INI file, and whether the bridge accepts them. LinuxCNC 2.9 (`EmcIniFile`, tried with the library of
-/// Debian 12) takes mm, metric, in, inch and imperial, deg, degree, grad, gon, rad and radian in any case, and numbers, with any
-/// text after them; other words, and comments after a word, stop it. It reads units in `[TRAJ]` alone.
+/// Units in an INI file, and whether the bridge accepts them. LinuxCNC 2.9 (`EmcIniFile` of Debian 12) accepts mm, metric, in, inch,
+/// imperial, deg, degree, grad, gon, rad and radian in any case, and numbers followed by any text. Other words, and comments after a word,
+/// stop it. It reads units only in `[TRAJ]`.
 const UNITS: [(&str, &str, bool); 28] = [
     ("LINEAR_UNITS", "mm", true),
     ("LINEAR_UNITS", "MM", true),
@@ -41,8 +41,8 @@ const UNITS: [(&str, &str, bool); 28] = [
     ("ANGULAR_UNITS", "mm", false),
 ];
 
-/// Lines of the shipped file, their replacement, and the common message. Each of the languages that read the last three accepts
-/// one of them as a number.
+/// Lines of the shipped file, their replacement, and the message of both programs. Each of the last three replacements is a number in one
+/// of the languages used (Rust, Tcl, C).
 const REFUSED: &str = r"
 LINEAR_UNITS = mm\n |  | [TRAJ]LINEAR_UNITS is missing, expected mm or metric: the bridge counts in this unit
 ANGULAR_UNITS = degree\n |  | [TRAJ]ANGULAR_UNITS is missing, expected degree or deg: the bridge counts in this unit
@@ -103,7 +103,7 @@ fn check_by_gateway(ini: &str) -> (bool, String) {
     (message.is_empty(), message.join("\n"))
 }
 
-/// The results of both programs, with their names.
+/// The results of both programs, with the program names.
 fn check_by_both(ini: &str) -> Vec<(&'static str, bool, String)> {
     let results = [
         ("check", Some(check_by_gateway(ini))),
@@ -153,7 +153,7 @@ fn unknown_keys_are_reported_by_check_and_the_hal_file() {
     for (program, accepts, message) in check_by_both(&ini) {
         assert!(!accepts && message.contains(&says), "{program}: {message}");
     }
-    // Each of these is a key.
+    // Each of these words must be a known key.
     for key in keys.split(", ").filter(|key| !mill().contains(key)) {
         let ini = mill().replace("[VOLCOMP]\n", &format!("[VOLCOMP]\n{key} = 1\n"));
         for (program, _, message) in check_by_both(&ini) {

@@ -118,7 +118,7 @@ pub enum Unit {
 pub struct Fault {
     /// The lowest and highest raw number that report this fault.
     pub raw: [f64; 2],
-    /// The reported fault.
+    /// The fault that they encode.
     pub reason: Reason,
 }
 

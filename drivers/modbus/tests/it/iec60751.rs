@@ -17,7 +17,7 @@ fn resistances_match_the_standard() {
     ] {
         let found = 100.0 * ratio(degc).unwrap();
         assert!((found - ohm).abs() < 6e-5, "{degc}: {found}");
-        // Four decimals of an ohm are a quarter of a millikelvin.
+        // 0.0001 Ω corresponds to 0.25 mK.
         let back = temperature(ohm / 100.0).unwrap();
         assert!((back - degc).abs() < 3e-4, "{ohm}: {back}");
     }
@@ -37,7 +37,7 @@ fn values_outside_the_range_are_rejected() {
 
 #[test]
 fn lead_resistance_and_tolerance_classes() {
-    // 0.1 ohm of leads are a quarter of a kelvin.
+    // 0.1 Ω of lead resistance corresponds to 0.25 K.
     let off = two_wire(107.7935 + 0.1, 0.0, 100.0).unwrap() - 20.0;
     assert!((off - 0.257).abs() < 1e-3, "{off}");
     assert!((two_wire(107.7935 + 0.1, 0.1, 100.0).unwrap() - 20.0).abs() < 1e-3);

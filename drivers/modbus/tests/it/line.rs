@@ -46,7 +46,7 @@ impl Modules {
         Self::start_with_echo(wire, false, behaviour)
     }
 
-    /// The same behind an adapter that echoes every request if `echoes` is set.
+    /// Starts modules; if `echoes` is set, behind an adapter that echoes every request.
     fn start_with_echo(wire: &Wire, echoes: bool, mut behaviour: Box<Behaviour>) -> Self {
         let mut port: File = OpenOptions::new()
             .read(true)
@@ -99,7 +99,7 @@ impl Drop for Modules {
     }
 }
 
-/// Registers of a unit: 20.1 °C plus 1 °C for each unit.
+/// Registers of a unit: 20.1 °C, plus 1 °C per unit number.
 fn registers(request: &[u8]) -> Vec<u8> {
     let unit = request[0];
     let mut answer = vec![unit, request[1], 8];
@@ -209,8 +209,8 @@ fn units_on_one_line_are_polled_in_turn() {
     );
 }
 
-/// Unit 1 responds only after the timeout, with data that would fit any unit's request: its response is never taken for
-/// unit 2's, nor for its own next one.
+/// Unit 1 responds only after the timeout, with data that would fit a request to any unit. Its response is never taken for that of unit 2,
+/// nor for its own next one.
 #[test]
 fn a_late_response_is_never_taken_for_another() {
     let Some(wire) = Wire::new() else { return };
@@ -222,7 +222,7 @@ fn a_late_response_is_never_taken_for_another() {
         &wire,
         Box::new(move |request| {
             if request[0] == 1 && is_late.load(Ordering::Relaxed) {
-                // The late response claims to be from unit 2, and 99 °C.
+                // The late response has the address of unit 2, and reports 99 °C.
                 *counted.lock().unwrap() += 1;
                 let mut answer = vec![2, 3, 8];
                 answer.extend([990_u16; 4].iter().flat_map(|word| word.to_be_bytes()));
@@ -270,7 +270,8 @@ fn corrupted_responses_are_rejected() {
             if turn.is_multiple_of(2) {
                 return Some((Duration::ZERO, answer));
             }
-            // Truncated by at least two of its eleven bytes, then one byte and a valid checksum: only the length byte reveals it.
+            // The answer loses at least two of its eleven bytes; then one byte and a valid checksum follow: only the length byte reveals
+            // the truncation.
             answer.truncate((*turn / 2) % 10);
             answer.push(0xee);
             Some((Duration::ZERO, answer))
@@ -307,7 +308,7 @@ fn an_unplugged_adapter_reconnects() {
     until("the reason is reported", || {
         thermometer.latest()[0].quality == Quality::Bad(Reason::NoAnswer)
     });
-    // The adapter is plugged in again with its old device names.
+    // Plug the adapter in again under its old device name.
     std::fs::create_dir_all(ours.parent().unwrap()).unwrap();
     let again = Wire {
         _socat: crate::socat(&ours, &theirs),
@@ -383,9 +384,9 @@ fn digital_modules_form_one_port() {
     until("the write arrives", || {
         *outputs.lock().unwrap() == [0x5a, 0xa5]
     });
-    // After a module lost power its outputs are read back; they used to count as written.
+    // The outputs of a module that lost power are read back; they used to count as written.
     power.store(false, Ordering::Relaxed);
-    // Its last inputs are returned and age.
+    // The module's last inputs are returned with their age.
     let off = Instant::now();
     until("the output levels are unknown", || {
         port.read(soon).unwrap();

@@ -203,15 +203,15 @@ fn a_write_is_sent_once_and_confirmed() {
         reads(&mut port);
         port.confirmed() == Some(0x5a)
     });
-    // It was written only once after many exchanges; a write after its deadline is not sent.
+    // The levels were written only once after many exchanges; a write after its deadline is not sent.
     std::thread::sleep(Duration::from_millis(50));
     assert_eq!(port.write(0x11, Instant::now()), Err(Fault::TimedOut));
     std::thread::sleep(Duration::from_millis(50));
     assert_eq!(module.get(|state| state.writes.clone()), [0x5a]);
 }
 
-/// A slow read delays a write: after its deadline the write is not sent, and the next call reports it. It used to be sent up
-/// to two exchanges later.
+/// A slow read delays a write: after its deadline the write is not sent, and the next call reports the failure. It used to be sent up to
+/// two exchanges later.
 #[test]
 fn a_write_delayed_past_its_deadline_is_not_sent() {
     const LONG: Duration = Duration::from_secs(600);
@@ -223,7 +223,7 @@ fn a_write_delayed_past_its_deadline_is_not_sent() {
         module.get(|state| state.is_blocked)
     });
     let deadline = Instant::now() + Duration::from_millis(20);
-    // If this thread was suspended for that long, the deadline has already passed.
+    // If this thread was suspended, the deadline may have passed.
     let was_in_time = port.write(0x77, deadline).is_ok();
     std::thread::sleep(deadline.saturating_duration_since(Instant::now()));
     let released = Instant::now();
@@ -240,8 +240,8 @@ fn a_write_delayed_past_its_deadline_is_not_sent() {
     assert_eq!(result.is_err(), was_in_time, "{result:?}");
 }
 
-/// Over TCP the connection is reset if a write is not acknowledged by its deadline, so that nothing of it stays queued. The
-/// response timeout of the module is much longer.
+/// Over TCP the connection is reset if a write is not acknowledged by its deadline, so that no part of the write stays queued. The response
+/// timeout of the module is much longer.
 #[test]
 fn an_unacknowledged_write_resets_the_connection_at_its_deadline() {
     let (module, address) = Module::start();
@@ -277,7 +277,7 @@ fn inputs_keep_their_time_of_arrival() {
     });
 }
 
-/// A later call reports a rejected or unacknowledged write as failed; it confirms nothing.
+/// A later call reports a rejected or unacknowledged write as failed; such a write is not confirmed.
 #[test]
 fn a_rejected_write_is_reported_as_failed() {
     let (module, address) = Module::start();
@@ -296,7 +296,7 @@ fn a_rejected_write_is_reported_as_failed() {
     }
     assert_eq!(port.confirmed(), Some(0));
     module.set(|state| state.rejects_writes = false);
-    // Reports the failure of the previous write, then none.
+    // The first call reports the failure of the previous write, the next one none.
     assert!(port.write(2, soon()).is_err());
     until("it is confirmed", || {
         reads(&mut port);
@@ -345,14 +345,14 @@ fn an_old_write_is_not_sent_over_a_new_connection() {
     assert_eq!(module.get(|state| state.closes), 0);
 }
 
-/// A failed read-back of the coils is repeated, over this connection or a later one, until the levels are known. If the module
-/// lacks the function, they stay unknown, which is reported. Without the repetition unused outputs were switched off.
+/// A failed read-back of the coils is repeated, over this connection or a later one, until the levels are known. If the module lacks the
+/// function, the levels stay unknown, and that is reported. Without the repetition unused outputs were switched off.
 #[test]
 fn the_read_back_of_outputs_is_repeated() {
     use CoilResponse::{Disconnect, Levels, Reject};
     for (responses, known) in [
         (vec![Disconnect; 2], Some(0xa5)),
-        // After three failures one connection skips the read-back; it is broken for another reason below.
+        // After three failures one connection skips the read-back; that connection is closed below.
         (vec![Disconnect; 5], Some(0xa5)),
         // Busy, and one wrong response.
         (vec![Reject(6), Levels(0xff)], Some(0xa5)),
@@ -381,7 +381,7 @@ fn the_read_back_of_outputs_is_repeated() {
     }
 }
 
-/// The time of the inputs is the arrival of their oldest part: a slow second module makes them older.
+/// The time of the inputs is the arrival time of their oldest part: that of the first module, if the second is slow.
 #[test]
 fn inputs_are_as_old_as_their_oldest_part() {
     let (module, address) = Module::start();

@@ -53,7 +53,7 @@ fn tcp(port: u16) -> Bus {
     }
 }
 
-/// Four channels of each unit, in steps of 0.1 K for each channel and 10 K for each unit.
+/// Checks four channels of each unit, which differ by 0.1 K per channel and 10 K per unit.
 fn check(bus: Bus, units: &[u8]) {
     let mut thermometer = ModbusThermometer::new(config(bus, units)).unwrap();
     contract::thermometer(&mut thermometer);

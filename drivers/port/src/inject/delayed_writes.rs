@@ -1,13 +1,12 @@
-//! Queue of writes that are held back.
+//! Queue of delayed writes.
 
 use volcomp_vocabulary::PerChannel;
 
 use crate::Words;
 
-/// Maximum number of writes held back; a further one is delivered at once.
+/// Maximum number of delayed writes; a further one is delivered at once.
 const MAX_DELAYED: usize = 8;
 
-/// What is written to a device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Write {
     Frame(Words),
@@ -16,7 +15,8 @@ pub(super) enum Write {
 }
 
 impl Write {
-    /// The first part of this write and the rest of the previous one, as a control may read them during the write. `cut` is between 0 and 1.
+    /// Mixes the first part of this write with the rest of the previous one, as read by a control during the write. `cut` is the size of
+    /// the first part, 0 to 1.
     pub(super) fn torn(&self, before: Option<&Self>, cut: f64) -> Self {
         match (*self, before) {
             (Self::Frame(new), Some(Self::Frame(old))) => {
@@ -58,7 +58,7 @@ impl Write {
     }
 }
 
-/// An index after the first and before the last of `count`.
+/// Index of the cut among `count` elements, at least 1 and below `count`.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -75,17 +75,17 @@ enum Due {
     NextWrite,
 }
 
-/// The writes that are held back, in the order in which they were made.
+/// The delayed writes, in no particular order, because free slots are reused.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct DelayedWrites([Option<(Write, Due)>; MAX_DELAYED]);
 
 impl DelayedWrites {
-    /// Holds a write back for a number of calls. Returns it if there is no room.
+    /// Delays a write by a number of calls. Returns the write if the queue is full.
     pub(super) fn keep(&mut self, write: Write, calls: u32) -> Option<Write> {
         self.put(write, Due::After(calls.max(1)))
     }
 
-    /// Holds a write back until after the next one. Returns it if there is no room.
+    /// Delays a write until after the next one. Returns the write if the queue is full.
     pub(super) fn keep_for_next(&mut self, write: Write) -> Option<Write> {
         self.put(write, Due::NextWrite)
     }
@@ -116,7 +116,7 @@ impl DelayedWrites {
         }
     }
 
-    /// Removes a write that is due, or that was waiting for the one just made.
+    /// Removes and returns a due write. `written`: a write has just been delivered, so those delayed until after it are due.
     pub(super) fn take(&mut self, written: bool) -> Option<Write> {
         let due = |slot: &&mut Option<(Write, Due)>| match slot {
             Some((_, Due::After(calls))) => *calls == 0,

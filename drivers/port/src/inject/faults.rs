@@ -10,9 +10,9 @@ use std::time::Duration;
     serde(default)
 )]
 pub struct Faults {
-    /// Additional duration of a call.
+    /// Maximum or fixed delay of each call, see `jitter`.
     pub delay: Duration,
-    /// Draw the delay uniformly up to `delay` instead of using it as is.
+    /// Whether the delay is drawn uniformly from 0 to `delay` (otherwise it is `delay`).
     pub jitter: bool,
     /// The answer does not arrive before the deadline.
     pub drop: f64,
@@ -22,16 +22,16 @@ pub struct Faults {
     pub freeze: f64,
     /// The next `calls` calls find no connection.
     pub disconnect: f64,
-    /// Duration of a freeze, a disconnection or any other lasting fault, in calls.
+    /// Duration of a freeze, a disconnection and every other lasting fault, in calls.
     pub calls: u32,
     /// The read-back of one reading is wrong, as described by [`Lie`].
     pub lie: f64,
     /// The next `calls` readings repeat the read-back, or the report of the barrier, of the present reading.
     pub constant: f64,
-    /// A write is held back although the call succeeds, and delivered after up to `calls` further calls, even if the connection was lost in
+    /// A write is delayed although the call succeeds, and delivered after up to `calls` further calls, even if the connection was lost in
     /// between.
     pub late_write: f64,
-    /// A write is delivered, and once more after up to `calls` further calls.
+    /// A write is delivered at once, and a second time after up to `calls` further calls.
     pub double_write: f64,
     /// Only some words or axes of a write are delivered; the rest follows with the next call.
     pub torn_write: f64,
@@ -51,7 +51,7 @@ pub struct Faults {
     pub dropped_flag: f64,
     /// The position of one axis is off by one correction step in this reading.
     pub flicker: f64,
-    /// Positions lag by this number of readings, at most 63, with fresh times. Not a probability.
+    /// Number of readings by which the positions lag, with fresh times; at most 63.
     pub lag: u32,
 }
 
@@ -72,7 +72,7 @@ pub enum Lie {
 }
 
 impl Lie {
-    /// All ways.
+    /// All kinds.
     pub const ALL: [Self; 5] = [
         Self::Value,
         Self::NotANumber,
@@ -82,7 +82,7 @@ impl Lie {
     ];
 }
 
-/// A fault on request. It begins with the next applicable call.
+/// A fault on request, injected from the next applicable call on.
 #[expect(
     missing_docs,
     reason = "numbers of readings or calls, and places of axes"
@@ -92,11 +92,11 @@ impl Lie {
 pub enum Injection {
     /// Readings report a wrong read-back.
     Lie { lie: Lie, readings: u32 },
-    /// Readings report the read-back of the next one.
+    /// The read-back of the next reading is repeated.
     Constant { readings: u32 },
-    /// The next write is delivered after further calls on an open connection.
+    /// The next write is delivered after `calls` further calls on an open connection.
     LateWrite { calls: u32 },
-    /// The next write is delivered, and once more after further calls.
+    /// The next write is delivered at once, and a second time after `calls` further calls.
     DoubleWrite { calls: u32 },
     /// Only a part of the next write is delivered; the rest follows with the next call.
     TornWrite,
@@ -104,7 +104,7 @@ pub enum Injection {
     ReorderedWrite,
     /// The delay of the next answer, within its deadline.
     LateAnswer(Duration),
-    /// Readings report the positions of the next one.
+    /// The positions of the next reading are repeated.
     FrozenPositions { readings: u32 },
     /// Readings report a wrong position of an axis, as after a jump or in another unit.
     WrongPosition {
@@ -127,14 +127,14 @@ pub enum Injection {
     Lag(u32),
     /// Calls find no connection.
     Disconnect { calls: u32 },
-    /// One sensor of a thermometer is offset from now on, as after a jump. 0 ends it.
+    /// One sensor of a thermometer has this offset from now on; 0 K ends it.
     Jump {
         sensor: usize,
-        /// The difference, K.
+        /// Offset, K.
         kelvin: f64,
     },
-    /// All writes that are held back are delivered with the next call on an open connection.
+    /// The next call on an open connection delivers all delayed writes.
     Release,
-    /// Replaces the probabilities from now on.
+    /// Replaces the fault probabilities.
     Faults(Faults),
 }

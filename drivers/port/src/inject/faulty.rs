@@ -1,4 +1,4 @@
-//! The device wrapper that injects faults: the common part, then each kind of device.
+//! The device wrapper that injects faults: the common part, then the part for each kind of device.
 
 use std::{
     fmt,
@@ -23,15 +23,15 @@ use crate::{
 const MAX_ERROR_STEPS: f64 = 5000.0;
 /// Maximum number of injections queued for the next call.
 const MAX_QUEUED_INJECTIONS: usize = 64;
-/// Number of readings whose positions are kept.
+/// Number of readings whose positions are kept, for the fault `lag`.
 const MAX_LAG: usize = 64;
-/// Timeout of a late write.
+/// Deadline of a delayed write.
 const LATE_WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Pauses the program for a duration.
+/// Function that waits instead of the clock.
 type Pause = Box<dyn FnMut(Duration) + Send>;
 
-/// How a kind of device carries out a write.
+/// Function that carries out a write on this kind of device.
 type Deliver<D> = fn(&mut D, &Write, Instant) -> Result<(), Fault>;
 
 /// A device with injected faults.
@@ -50,7 +50,7 @@ pub struct Faulty<D> {
     pause: Option<Pause>,
     injections: Arc<Mutex<Vec<Injection>>>,
     last_snapshot: Option<Snapshot>,
-    /// The last reading before any fault.
+    /// The last reading without faults.
     last_true: Option<Snapshot>,
     positions: [PerChannel<f64>; MAX_LAG],
     readings: usize,
@@ -58,12 +58,11 @@ pub struct Faulty<D> {
     last_temperatures: Vec<Temperature>,
 }
 
-/// Faults requested for the next calls.
 #[derive(Clone, Copy, Debug, Default)]
 struct PendingFaults {
     lie: Option<(Lie, u32)>,
     constant: u32,
-    /// The reading whose read-back is repeated.
+    /// The reading whose read-back or report is repeated.
     constant_of: Option<Snapshot>,
     late_write: Option<u32>,
     double_write: Option<u32>,
@@ -81,12 +80,12 @@ struct PendingFaults {
     jump: Option<(usize, f64)>,
 }
 
-/// Requests faults of a device that another owner holds.
+/// Handle to request faults of a [`Faulty`] device that another owner holds.
 #[derive(Clone, Debug)]
 pub struct Remote(Arc<Mutex<Vec<Injection>>>);
 
 impl Remote {
-    /// Requests a fault from the next call on. Returns `false`, and discards it, if 64 are queued.
+    /// Requests a fault from the next call on. Returns `false` and discards it if 64 requests are queued.
     pub fn inject(&self, injection: Injection) -> bool {
         let mut injections = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let room = injections.len() < MAX_QUEUED_INJECTIONS;
@@ -138,8 +137,8 @@ impl<D> Faulty<D> {
         self
     }
 
-    /// Sets the function that waits: called with the duration wherever the program stops or an answer is late, hence between a reading and the
-    /// write that follows.
+    /// Sets the function that waits. It is called with the duration of every delay and program stop, also of those between a reading and
+    /// the following write.
     #[must_use]
     pub fn with_pause(mut self, pause: impl FnMut(Duration) + Send + 'static) -> Self {
         self.pause = Some(Box::new(pause));
@@ -191,7 +190,7 @@ impl<D> Faulty<D> {
         chance > 0.0 && self.random.random::<f64>() < chance
     }
 
-    /// Takes the requests of remote handles. If a handle holds the lock, they are taken at the next call.
+    /// Applies the requests of [`Remote`] handles; if a handle holds the lock, the next call applies them.
     fn take_injections(&mut self) {
         let injections = Arc::clone(&self.injections);
         if let Ok(mut injections) = injections.try_lock() {
@@ -202,7 +201,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Draws a number of calls: the duration or the delay of a fault.
+    /// Draws the duration or delay of a fault, in calls.
     fn calls(&mut self) -> u32 {
         self.random.random_range(1..=self.faults.calls.max(1))
     }
@@ -248,7 +247,7 @@ impl<D> Faulty<D> {
         Ok(())
     }
 
-    /// Whether the last answer is repeated.
+    /// Whether this answer repeats the last one.
     fn is_frozen(&mut self) -> bool {
         if self.frozen == 0 && self.occurs(self.faults.freeze) {
             self.frozen = self.faults.calls;
@@ -267,7 +266,6 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Draws the faults of a reading.
     fn draw_reading(&mut self, axes: usize) {
         if self.occurs(self.faults.lie) {
             let lie = Lie::ALL[self.random.random_range(0..Lie::ALL.len())];
@@ -291,7 +289,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Applies and returns the delay of the answer after the device was read.
+    /// Waits for the drawn delay of an answer that the device has already given, and returns the delay.
     fn delay_response(&mut self, deadline: Instant) -> Duration {
         let left = deadline.saturating_duration_since(self.clock.now());
         let most = left.mul_f64(0.9);
@@ -306,7 +304,7 @@ impl<D> Faulty<D> {
         late
     }
 
-    /// Stops the program after a reading, before it is used.
+    /// Stops the program for the drawn duration after a reading.
     fn after_reading(&mut self) {
         if self.occurs(self.faults.stop_after_read) {
             self.pending.stop_after_read = Some(self.stop_time());
@@ -316,7 +314,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Delivers the due writes on an open connection.
+    /// Delivers due writes; called with an open connection.
     fn deliver_due(&mut self, deliver: Deliver<D>) {
         self.delayed.pass();
         self.deliver_delayed(deliver, false);
@@ -343,7 +341,7 @@ impl<D> Faulty<D> {
             let left = deadline.saturating_duration_since(self.clock.now());
             self.pass_time(time);
             if time >= left {
-                // Drivers guarantee that a write whose deadline has passed is not sent.
+                // Drivers never send a write whose deadline has passed.
                 return Err(Fault::TimedOut);
             }
         }
@@ -370,7 +368,7 @@ impl<D> Faulty<D> {
         let result = deliver(&mut self.device, &sent, deadline);
         self.deliver_delayed(deliver, true);
         if let Some(calls) = self.pending.double_write.take() {
-            // If the queue is full, it is delivered twice at once.
+            // If the queue is full, both copies are delivered at once.
             if let Some(write) = self.delayed.keep(write, calls) {
                 let _ = deliver(&mut self.device, &write, deadline);
             }

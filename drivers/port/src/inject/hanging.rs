@@ -13,17 +13,17 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{Controller, Description, Fault, Snapshot, Words};
 
-/// Polling interval of the switch while a reading hangs.
+/// Polling interval of the switch during a blocked reading.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
-/// A controller whose readings block while its switch is on, regardless of their deadline, as a faulty driver or system call would. Writes
-/// pass.
+/// A controller whose readings block while its switch is on, regardless of their deadline, like a hanging driver or system call. Writes are
+/// passed on.
 pub struct Hanging<C> {
     inner: C,
     switch: HangSwitch,
 }
 
-/// The switch of a [`Hanging`] controller, for any thread.
+/// Switch of a [`Hanging`] controller, usable from any thread.
 #[derive(Clone, Debug, Default)]
 pub struct HangSwitch(Arc<AtomicBool>);
 
@@ -39,7 +39,7 @@ impl HangSwitch {
 }
 
 impl<C> Hanging<C> {
-    /// A controller that blocks while the switch is on.
+    /// Wraps a controller whose readings block while `switch` is on.
     pub fn new(inner: C, switch: &HangSwitch) -> Self {
         Self {
             inner,

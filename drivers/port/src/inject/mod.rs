@@ -1,4 +1,4 @@
-//! Fault injection, seeded: wrap a device in [`Faulty`] to test its users. Faults occur with set probabilities ([`Faults`]) or on request
+//! Seeded fault injection: wrap a device in [`Faulty`] to test its users. Faults occur with set probabilities ([`Faults`]) or on request
 //! ([`Injection`]), also from another thread ([`Remote`]).
 //!
 //! | fault | models |

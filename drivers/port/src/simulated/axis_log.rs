@@ -1,4 +1,4 @@
-//! Record of the corrections that the axes of a simulated machine got, independent of any bus.
+//! Record of the corrections applied to the axes of a simulated machine, independent of any bus.
 
 use std::{
     array,
@@ -11,15 +11,15 @@ use std::{
 
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
-/// The corrections applied to the axes of a simulated machine: one record per scan of its control, or per write if the control runs no program.
-/// Reading it has no side effects and works from any thread.
+/// The corrections applied to the axes of a simulated machine: one record per scan of its control, or per write if the control runs no
+/// program. It can be read from any thread without side effects.
 ///
-/// Changes that the control makes to its own words at a restart ([`Controls::clear_applied`](super::Controls::clear_applied)) do not count: the
-/// axes are without power then.
+/// Changes that the control makes to its words at a restart ([`Controls::clear_applied`](super::Controls::clear_applied)) do not count,
+/// because the axes are without power then.
 #[derive(Debug, Default)]
 pub struct AxisLog {
     scans: AtomicU64,
-    /// The bits of one `f64` for each axis.
+    /// Bits of the `f64` of each axis.
     applied: [AtomicU64; MAX_AXES],
     largest_change: [AtomicU64; MAX_AXES],
     furthest: [AtomicU64; MAX_AXES],
@@ -28,7 +28,7 @@ pub struct AxisLog {
     recorded: Mutex<Vec<Given>>,
 }
 
-/// The corrections that the axes got in one scan.
+/// The corrections applied in one scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Given {
     /// Time on the clock of the machine.
@@ -43,7 +43,7 @@ fn load(bits: &[AtomicU64; MAX_AXES]) -> PerChannel<f64> {
     PerChannel::from_fn(|axis| f64::from_bits(bits[axis].load(Ordering::Relaxed)))
 }
 
-/// Raises the stored number to `value`. `value` must not be negative, so that bit patterns compare like the numbers.
+/// Raises the stored number to `value` if that is larger. `value` must not be negative, so that bit patterns are ordered like the numbers.
 fn raise(bits: &AtomicU64, value: f64) {
     bits.fetch_max(value.to_bits(), Ordering::Relaxed);
 }
@@ -59,7 +59,7 @@ impl AxisLog {
         load(&self.applied)
     }
 
-    /// The largest change of each axis from one scan to the next since [`forget`](Self::forget), mm and rad.
+    /// The largest change of each axis between consecutive scans since [`forget`](Self::forget), mm and rad.
     pub fn largest_change(&self) -> PerChannel<f64> {
         load(&self.largest_change)
     }
@@ -69,12 +69,12 @@ impl AxisLog {
         load(&self.furthest)
     }
 
-    /// Number of scans since [`forget`](Self::forget) that changed a correction during emergency stop, alarm or without reference.
+    /// Number of scans since [`forget`](Self::forget) that changed a correction during emergency stop or alarm, or while not referenced.
     pub fn changes_while_held(&self) -> u64 {
         self.changes_while_held.load(Ordering::Relaxed)
     }
 
-    /// Resets the largest changes and corrections, and the recording.
+    /// Resets the largest changes, the largest corrections and the recorded scans.
     pub fn forget(&self) {
         for bits in self.largest_change.iter().chain(&self.furthest) {
             bits.store(0, Ordering::Relaxed);
@@ -83,7 +83,7 @@ impl AxisLog {
         self.lock().clear();
     }
 
-    /// Records scans from now on, up to `most`, for [`recorded`](Self::recorded). Allocates their memory here, so that scans do not allocate.
+    /// Records up to `most` scans from now on, for [`recorded`](Self::recorded). Allocates here, so that scans do not allocate.
     pub fn record(&self, most: usize) {
         *self.lock() = Vec::with_capacity(most);
         self.records.store(most > 0, Ordering::Relaxed);
@@ -119,7 +119,7 @@ impl AxisLog {
         }
     }
 
-    /// Sets the initial corrections, which are not treated as a change.
+    /// Sets the initial corrections without counting a change.
     pub(super) fn start_at(&self, applied: &PerChannel<f64>) {
         for (bits, value) in self.applied.iter().zip(applied) {
             bits.store(value.to_bits(), Ordering::Relaxed);

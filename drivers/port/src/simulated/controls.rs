@@ -4,8 +4,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::AxisLog;
 
-/// Switches with which a test disturbs a running machine, and the record of its axes. The machine reads them on every call and takes them as valid
-/// since the previous call.
+/// Switches with which a test disturbs a running machine, and the record of its corrections. The machine reads the switches on every call,
+/// and treats them as set since the previous call.
 #[derive(Debug, Default)]
 pub struct Controls {
     /// The axes are not referenced: the machine stops.
@@ -16,24 +16,24 @@ pub struct Controls {
     pub emergency_stop: AtomicBool,
     /// Feed hold: the machine stops, without an interlock.
     pub feed_hold: AtomicBool,
-    /// The reported positions freeze.
+    /// The reported positions no longer change.
     pub frozen: AtomicBool,
-    /// The connection is lost, on every path to the machine.
+    /// All connections to the machine are lost.
     pub disconnected: AtomicBool,
-    /// On the next call the applied correction is cleared, as after a reboot without retained data; then it is false again. The control's program
-    /// restarts at zero.
+    /// At the next call the machine clears the applied correction, as in a reboot without retained data, restarts the control's program at
+    /// zero, and resets this switch.
     pub clear_applied: AtomicBool,
-    /// On the next call the control restarts with the applied correction still in the words of its axes; then it is false again. No effect if the
-    /// control runs no program.
+    /// At the next call the control restarts with the applied correction still in the words of its axes, and resets this switch. No effect
+    /// if the control runs no program.
     pub restart: AtomicBool,
     /// Number of corrections applied or frames posted.
     pub heartbeat: AtomicU64,
-    /// Corrections that the axes got.
+    /// Corrections applied to the axes.
     pub axes: AxisLog,
 }
 
 impl Controls {
-    /// Emergency stop, alarm or not referenced: corrections are held.
+    /// Whether corrections are held: emergency stop, alarm or not referenced.
     pub(super) fn holds(&self) -> bool {
         [&self.unreferenced, &self.alarm, &self.emergency_stop]
             .iter()

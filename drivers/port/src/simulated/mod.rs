@@ -1,5 +1,5 @@
-//! A simulated machine: it runs a part program, has a hidden true error and heats up. Its control may run a program that determines the
-//! corrections of the axes. It uses no model: the error is a function passed to it.
+//! A simulated machine: it runs a part program, has a true error and heats up. Its control may run a program that determines the
+//! corrections of the axes. The true error is a function, independent of the error model under test.
 
 mod axis_log;
 mod controls;

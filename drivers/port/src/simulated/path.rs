@@ -16,7 +16,7 @@ pub struct Move {
     pub dwell: Duration,
 }
 
-/// Positions over time along a program: all moves have the same acceleration and deceleration, and the first one starts where the last one ends.
+/// Positions over time along a program that repeats. All moves have the same acceleration and deceleration.
 #[derive(Clone, Debug)]
 pub struct Path {
     segments: Vec<Segment>,
@@ -29,7 +29,7 @@ struct Segment {
     from: PerChannel<f64>,
     to: PerChannel<f64>,
     length: f64,
-    /// Duration of the acceleration and of the deceleration, which are equal; coasting in between, s.
+    /// Duration of the acceleration, equal to that of the deceleration, s.
     accelerating_s: f64,
     coasting_s: f64,
     acceleration: f64,
@@ -50,7 +50,7 @@ impl Path {
         Self { segments, starts_s }
     }
 
-    /// Arrival time at the end point of a move (counted from 0) since the start, excluding its dwell. `None` if there is no such move.
+    /// Time from the start until the end point of a move (counted from 0), without its dwell. `None` if there is no such move.
     pub fn arrival(&self, index: usize) -> Option<Duration> {
         let (segment, start_s) = (self.segments.get(index)?, self.starts_s.get(index)?);
         Duration::try_from_secs_f64(start_s + segment.duration_s()).ok()

@@ -13,13 +13,13 @@ use crate::{
     ShownStates, Snapshot, Words,
 };
 
-/// Maximum number of paths to one machine.
+/// Maximum number of controllers of one machine.
 pub const MOST_WAYS: usize = 4;
 
 /// Shortest cycle of a machine whose control runs no program.
 const SHORTEST_CYCLE: Duration = Duration::from_micros(10);
 
-/// The true error of the tool on each axis, mm and rad, at a position (mm, rad) and sensor temperatures (°C).
+/// The true error on each axis, mm and rad, at a position (mm, rad) and sensor temperatures (°C).
 pub type Truth = Arc<dyn Fn(&PerChannel<f64>, &[f64]) -> PerChannel<f64> + Send + Sync>;
 
 /// The axes, program, sensors and true error of a simulated machine.
@@ -31,23 +31,23 @@ pub struct Machine {
     pub program: Vec<Move>,
     /// Acceleration and deceleration of every move, mm/s² or rad/s².
     pub acceleration_per_s2: f64,
-    /// The temperature sensors of the machine, each with its own warming.
+    /// The temperature sensors of the machine.
     pub sensors: Vec<Warming>,
-    /// The true error of the machine, which the compensation does not know.
+    /// The true error of the machine, unknown to the compensation.
     pub truth: Truth,
-    /// The clock by which the machine moves and warms, and its control scans.
+    /// The clock of motion, warming and scans.
     pub clock: Clock,
 }
 
 impl Machine {
-    /// Starts the machine; returns its controller, thermometer and test switches. Corrections are plain values that reach the axes at once, without
-    /// any protection in the control.
+    /// Starts a machine whose control runs no program: corrections are plain values and reach the axes at once. Returns its controller,
+    /// thermometer and test switches.
     pub fn start(self) -> (SimulatedController, SimulatedThermometer, Arc<Controls>) {
         self.started(None)
     }
 
-    /// Starts the machine with a program in its control, run once per `scan` (at least 1 µs): corrections are sent to it in frames
-    /// ([`Controller::post`]), and the axes get what it applies.
+    /// Starts a machine whose control runs a program once per `scan` (at least 1 µs): corrections are sent in frames
+    /// ([`Controller::post`]), and the axes get what the program applies.
     pub fn start_with(
         self,
         program: Box<dyn ControlProgram>,
@@ -67,8 +67,8 @@ impl Machine {
     }
 }
 
-/// A simulated machine that runs whether or not a controller is connected; clones are the same machine. Its time advances on every call, which
-/// first runs all scans of its control that are due.
+/// A simulated machine, which runs whether or not a controller is connected; clones are the same machine. Every call first advances its
+/// time and runs the due scans of its control.
 #[derive(Clone)]
 pub struct Plant(Arc<Mutex<Inner>>);
 
@@ -78,9 +78,9 @@ struct Inner {
     controls: Arc<Controls>,
     applied: PerChannel<f64>,
     frozen_at: Option<PerChannel<f64>>,
-    /// Time up to which the machine was simulated, by its clock.
+    /// Clock time up to which the machine was simulated.
     until: Duration,
-    /// Part of that time in which the machine moved along its program.
+    /// Part of that time during which the machine moved along its program.
     moved: Duration,
     control: Option<Control>,
 }
@@ -116,21 +116,21 @@ impl Plant {
             controls,
             applied: PerChannel::ZERO,
             frozen_at: None,
-            // Time on the clock before the start is treated as passed.
+            // The time before the start counts as simulated.
             until: Duration::ZERO,
             moved: Duration::ZERO,
             control,
         })))
     }
 
-    /// Runs all scans that are due, and returns the machine.
+    /// Runs the due scans, and returns the machine.
     fn now(&self) -> MutexGuard<'_, Inner> {
         let mut inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         inner.pass();
         inner
     }
 
-    /// Advances the machine to the time of its clock, running all scans that are due.
+    /// Advances the machine to the time of its clock, running the due scans.
     pub fn pass(&self) {
         drop(self.now());
     }
@@ -146,7 +146,7 @@ impl Plant {
         self.now().applied
     }
 
-    /// The error of the tool now with the applied correction, and without: mm and rad for each axis.
+    /// Error on each axis now, with the applied correction and without, mm and rad.
     pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
         let inner = self.now();
         let sensors = inner.machine.sensors.iter();
@@ -158,15 +158,15 @@ impl Plant {
         [PerChannel::from_fn(|i| missed[i] + inner.applied[i]), error]
     }
 
-    /// Sets the digital lines of the control from now on: `value` (counts) for the axis at this index, and the level of the latch line, which
-    /// toggles once the others have settled. The control's program decides whether to take it.
+    /// Sets the digital lines of the control: `value` (counts) for the axis at this index, and the level of the latch line, which toggles
+    /// once the others have settled. The control's program decides whether to accept the value.
     pub fn set_lines(&self, latch: bool, axis: usize, value: i16) {
         if let Some(control) = &mut self.now().control {
             control.program.lines(latch, axis, value);
         }
     }
 
-    /// Adds a path to the machine, with its own mailbox; `None` if the maximum is reached.
+    /// Adds a mailbox for a further controller; `None` if the maximum is reached.
     fn another_way(&self) -> Option<usize> {
         let mut inner = self.now();
         let Some(control) = &mut inner.control else {
@@ -179,7 +179,7 @@ impl Plant {
         })
     }
 
-    /// The axes of the machine, and the scan period if the control runs a program.
+    /// The axes, and the scan period if the control runs a program.
     fn shape(&self) -> (Vec<Axis>, Option<Duration>) {
         let inner = self.now();
         let scan = inner.control.as_ref().map(|control| control.scan);
@@ -210,7 +210,7 @@ impl Plant {
         inner.controls.heartbeat.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Puts a frame into the mailbox of a path, where the next scan finds it.
+    /// Stores a frame in the mailbox of a controller, for the next scan.
     fn post(&self, way: usize, frame: &Words) {
         let mut inner = self.now();
         if let Some(mailbox) = (inner.control.as_mut()).and_then(|c| c.mailboxes.get_mut(way)) {
@@ -330,7 +330,7 @@ impl SimulatedController {
                 barrier: scan.is_some(),
                 tells_applied: true,
                 shown: ShownStates::ALL,
-                // No other process can reach it.
+                // No other process can access it.
                 sees_other_gateways: true,
                 shortest_cycle: scan.unwrap_or(SHORTEST_CYCLE),
             },
@@ -340,7 +340,7 @@ impl SimulatedController {
         }
     }
 
-    /// Another controller of the same machine, like a second gateway or a second bus; if the control runs a program, it has its own mailbox. `None`
+    /// Another controller of the same machine, like a second gateway or bus; if the control runs a program, it has its own mailbox. `None`
     /// if [`MOST_WAYS`] exist already.
     pub fn another(&self) -> Option<Self> {
         let way = self.plant.another_way()?;
@@ -357,7 +357,7 @@ impl SimulatedController {
         self.plant.commanded()
     }
 
-    /// The error of the tool now with the applied correction, and without: mm and rad for each axis.
+    /// Error on each axis now, with the applied correction and without, mm and rad.
     pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
         self.plant.residual_and_error()
     }

@@ -124,7 +124,7 @@ fn corrupted_temperatures() {
     assert!(seen_nan);
 }
 
-/// Documents of versions without false read-backs use their defaults.
+/// Configurations without the keys of read-back faults use their defaults.
 #[test]
 fn old_documents_are_accepted() {
     let old = r#"{"delay":{"secs":0,"nanos":3000000},"jitter":false,"drop":0.25,"corrupt":0.0,"freeze":0.0,"disconnect":0.0,"calls":0}"#;

@@ -49,7 +49,7 @@ impl Rig {
         self.faulty.apply(&place(x_mm, -x_mm), soon)
     }
 
-    /// Applied correction of the axes.
+    /// Correction applied to the axes.
     fn truth(&self) -> [f64; 2] {
         let applied = self.controls.axes.applied();
         [applied[0], applied[1]]
@@ -68,7 +68,7 @@ fn a_false_read_back_lasts_as_requested() {
         let mut lies = 0;
         for reading in 0..6 {
             let reported = rig.read().applied.unwrap();
-            // Torn words are wrong only where something changed.
+            // A torn read-back differs only if something changed.
             lies += u32::from(reported != truth);
             assert!(
                 reading < 3 || reported == truth,
@@ -93,7 +93,7 @@ fn a_constant_read_back_hides_changes() {
     assert!((rig.read().applied.unwrap()[0] - 0.024).abs() < 1e-12);
 }
 
-/// Field failure: a write from before an outage arrived after it, with the axis elsewhere.
+/// Field failure: a write from before an outage arrived after it, when the axis was elsewhere.
 #[test]
 fn a_late_write_arrives_after_the_requested_calls_and_survives_an_outage() {
     let mut rig = Rig::new(Faults::default());
@@ -168,7 +168,7 @@ fn the_program_stops_between_reading_and_writing() {
         .inject(Injection::StopBeforeWrite(Duration::from_millis(1)));
     rig.apply(0.040).unwrap();
     assert_eq!(rig.truth(), [0.040, -0.040]);
-    // A closure instead of the clock.
+    // A callback waits instead of the clock.
     let stood = Arc::new(Mutex::new(Vec::new()));
     let kept = Arc::clone(&stood);
     let (controller, _, _) = machine(Clock::manual()).start();

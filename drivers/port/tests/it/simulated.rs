@@ -26,7 +26,7 @@ fn moves_respect_feed_and_acceleration() {
     let (mut controller, _, _) = machine(clock.clone()).start();
     let step = Duration::from_millis(1);
     let mut places = Vec::new();
-    // 1.7 + 2.2 + 0.1 + 2.7 s, then again.
+    // Twice the program of 1.7 + 2.2 + 0.1 + 2.7 s.
     for _ in 0..14_000 {
         places.push(controller.read(soon()).unwrap().positions);
         clock.advance(step);
@@ -115,7 +115,7 @@ fn changes_by_a_test_take_effect() {
     );
 }
 
-/// It used to move on during emergency stop and alarm, and jumped by seconds of travel afterwards.
+/// The machine must not move during emergency stop and alarm. It used to move on internally and jump afterwards.
 #[test]
 fn it_stops_while_motion_is_forbidden_and_continues_from_there() {
     let clock = Clock::manual();

@@ -56,8 +56,7 @@ fn a_lost_connection_is_reopened_and_dropped() {
     until(|| alive.load(Ordering::SeqCst) == 0);
 }
 
-/// Connections are lost repeatedly, but each lasted longer than the first delay: the delay starts again at its first value. It
-/// used to double up to 10 s.
+/// Connections that lasted longer than the first delay: the delay restarts at its first value. It used to double up to 10 s.
 #[test]
 fn the_delay_restarts_after_a_lasting_connection() {
     let backoff = Backoff {
@@ -71,7 +70,7 @@ fn the_delay_restarts_after_a_lasting_connection() {
         std::thread::sleep(Duration::from_millis(20));
         supply.lose();
     }
-    // Without a connection it doubles, to the largest one.
+    // Without a connection the delay doubles up to the maximum.
     let mut pause = Duration::ZERO;
     let pauses = [5, 10, 20].map(Duration::from_millis);
     for expected in pauses {
@@ -99,7 +98,7 @@ fn the_real_time_thread_does_not_allocate_or_free() {
                 assert!(supply.current().is_err(), "it was given up");
                 lost += 1;
             }
-            // Without a connection nothing happens.
+            // Without a connection `lose` has no effect.
             supply.lose();
         }
     });

@@ -1,4 +1,4 @@
-//! The controller: returns the latest reading and queues writes, without waiting.
+//! Controller that returns the latest reading and queues writes, without waiting.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -15,8 +15,8 @@ use super::{
 };
 use crate::{config::SinumerikConfig, reading::Reading};
 
-/// A control corrected through its temperature compensation. A separate thread reads and writes; the calls of a cycle only take its latest reading
-/// and queue a write, so no cycle waits for the control.
+/// A control corrected through its temperature compensation. A separate thread reads and writes. The calls of a cycle only return its
+/// latest reading and queue a write, so that no cycle waits for the control.
 ///
 /// [`Controller::apply`] returns before the correction is sent; later readings show whether it was applied. While the control rejects writes, it
 /// returns [`Fault::Refused`].
@@ -130,7 +130,7 @@ impl Controller for SinumerikController {
         });
         match self.shared.refused.load(Ordering::Acquire) {
             0 => Ok(()),
-            // The status code in its bit representation.
+            // Bit representation of the OPC UA status code.
             code => Err(Fault::Refused {
                 code: code.cast_signed(),
                 what: "SD43900 cannot be written: see the user's rights at the control",
@@ -145,7 +145,7 @@ impl Drop for SinumerikController {
     }
 }
 
-/// Runs the work for a control on a separate thread.
+/// Runs the connection to a control on a separate thread.
 pub(super) fn start(
     device: &str,
     work: impl Future<Output = ()> + Send + 'static,

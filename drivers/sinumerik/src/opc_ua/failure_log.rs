@@ -1,9 +1,9 @@
-//! Logs the reason for a missing session once: repeated at every attempt it would bury the rest of the log.
+//! Logs the reason for a missing session once, not at every attempt.
 
 use std::time::Duration;
 
-/// A session that lasted this long is treated as a recovery: its end is logged even if the reason is the same as before. One that is lost
-/// sooner, at every attempt, is the same failure.
+/// Minimum duration of a session after which a further failure with the same reason is logged again; a shorter session is part of the same
+/// failure.
 const RECOVERED: Duration = Duration::from_secs(10);
 
 /// The reason logged last.
@@ -11,7 +11,7 @@ const RECOVERED: Duration = Duration::from_secs(10);
 pub(super) struct FailureLog(Option<String>);
 
 impl FailureLog {
-    /// Whether this reason is to be logged now. `lived` is how long the session lasted that it ended; zero if none was opened.
+    /// Whether to log this reason now. `lived` is the duration of the session that ended; zero if none was opened.
     pub(super) fn is_new(&mut self, failure: &str, lived: Duration) -> bool {
         if lived < RECOVERED && self.0.as_deref() == Some(failure) {
             return false;
@@ -25,7 +25,7 @@ impl FailureLog {
 mod tests {
     use super::*;
 
-    /// A second loss of a control for the same reason must be logged as well (regression).
+    /// A second loss for the same reason must be logged as well (regression).
     #[test]
     fn a_failure_is_logged_once_and_again_after_a_recovery() {
         let mut failures = FailureLog::default();

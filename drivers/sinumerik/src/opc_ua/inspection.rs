@@ -1,4 +1,4 @@
-//! The properties of a control at the opening of a session, and the check that it accepts corrections.
+//! Reads the properties of a control when a session is opened, and checks that it accepts corrections.
 
 use opcua::types::{DataValue, Variant};
 use volcomp_vocabulary::{AxisName, MAX_AXES};
@@ -44,8 +44,8 @@ pub fn inspect(config: &SinumerikConfig) -> Result<Inspection, SinumerikError> {
     })
 }
 
-/// Lists the axes of an unknown control: names and positions, mm and deg. Axis numbers are read from 1 until one is missing; an axis without a
-/// name is listed by its number. Nothing is written.
+/// Lists the axes of an unknown control: names and positions, mm and deg. Axis numbers are read from 1 until one does not exist; an axis
+/// without a name is listed by its number. Nothing is written.
 ///
 /// # Errors
 /// A control that cannot be reached, or has no axis at these nodes.
@@ -83,7 +83,7 @@ fn block_on<T>(work: impl Future<Output = Result<T, SinumerikError>>) -> Result<
     runtime.block_on(work)
 }
 
-/// The properties of the control, on an open session.
+/// The properties of the control, read on an open session.
 pub(super) async fn opened(
     link: &Link,
     config: &SinumerikConfig,

@@ -35,7 +35,7 @@ const REFUSALS: [StatusCode; 6] = [
     StatusCode::BadInvalidState,
 ];
 
-/// An open session. Dropping it resets the connection and discards what was not delivered.
+/// An open session. Dropping it resets the connection and discards undelivered data.
 pub(super) struct Link {
     session: Arc<Session>,
     /// The task that transports the messages.
@@ -105,7 +105,7 @@ impl Link {
             .user_identity_token(identity)
             .build(client.certificate_store().clone())
             .map_err(connect)?;
-        // The library must not reopen a lost session: values from before the loss could be taken for new ones.
+        // The library must not reopen a lost session, since old values could be taken for new ones.
         session.disable_reconnects();
         let mut link = Self {
             session,
@@ -149,7 +149,7 @@ impl Link {
         NodeId::new(self.namespace, node)
     }
 
-    /// Reads nodes of the control, fresh from their source.
+    /// Reads nodes of the control from their source, not from the server's cache.
     pub(super) async fn read(&self, nodes: &[String]) -> Result<Answer, SinumerikError> {
         self.read_nodes(nodes.iter().map(|node| self.id(node)).collect())
             .await
@@ -187,7 +187,7 @@ impl Link {
         values: impl Iterator<Item = (&String, Variant)>,
     ) -> Result<Vec<StatusCode>, SinumerikError> {
         let values = values.map(|(node, value)| {
-            // Without status and timestamps: many servers reject writes that contain them.
+            // Without status and timestamps, which many servers reject in writes.
             let value = DataValue {
                 value: Some(value),
                 ..DataValue::null()
@@ -204,13 +204,13 @@ impl Link {
             .timeout(self.time_out);
         match self.answered(write.send(self.session.channel())).await? {
             Ok(response) => Ok(response.results.unwrap_or_default()),
-            // Rejected as a whole: the session goes on.
+            // The server rejected the write as a whole; the session remains usable.
             Err(error) if REFUSALS.contains(&error.status()) => Ok(vec![error.status()]),
             Err(error) => Err(SinumerikError::Connect(error.to_string())),
         }
     }
 
-    /// Awaits a response within the deadline, on a session that is still alive.
+    /// Awaits a response within the timeout, while the session is alive.
     async fn within<T>(
         &self,
         request: impl Future<Output = Result<T, opcua::types::Error>>,
@@ -219,7 +219,7 @@ impl Link {
         answer.map_err(|error| SinumerikError::Connect(error.to_string()))
     }
 
-    /// Awaits the server's response within the deadline; an expired deadline is an error.
+    /// Awaits the server's response within the timeout; expiry is an error.
     async fn answered<T>(
         &self,
         request: impl Future<Output = Result<T, opcua::types::Error>>,
@@ -233,7 +233,7 @@ impl Link {
         }
     }
 
-    /// Closes the session properly: a control admits only a few.
+    /// Closes the session properly, since a control admits only a few sessions.
     pub(super) async fn close(self) {
         // If the server does not respond, the session is dropped anyway.
         let _ = tokio::time::timeout(self.time_out, self.session.disconnect()).await;
@@ -309,10 +309,10 @@ fn client(server: &Server) -> Result<Client, SinumerikError> {
         .session_name("volcomp")
         .session_retry_limit(0)
         .request_timeout(server.time_out)
-        // Time for which a control keeps the session of a vanished gateway: it admits only a few.
+        // Time for which a control keeps the session of a vanished gateway; it admits only a few sessions.
         .session_timeout(ms(Duration::from_secs(10)))
         .keep_alive_interval(Duration::from_secs(2))
-        // The clocks of controls are set by hand.
+        // The clocks of controls are set by hand, so that their skew is ignored.
         .ignore_clock_skew(true)
         .trust_server_certs(server.security == Security::None)
         .verify_server_certs(server.security != Security::None);

@@ -1,4 +1,4 @@
-//! The TCP connection below OPC UA. It is always reset on closing, so that undelivered data never reaches the control later: a request written
+//! The TCP connection below OPC UA. Closing always resets it, so that undelivered data never reaches the control later: a request written
 //! before a cable was unplugged must not move an axis when the cable is plugged in again.
 
 use std::{sync::Arc, time::Duration};
@@ -25,7 +25,7 @@ use tokio_util::codec::FramedRead;
 pub(super) struct ResetOnClose {
     /// Host and port.
     pub(super) address: String,
-    /// Data that stays unacknowledged for this long ends the connection.
+    /// The connection ends if data stays unacknowledged for this long.
     pub(super) time_out: Duration,
 }
 
@@ -96,7 +96,7 @@ async fn open(
         let ms = u32::try_from(time_out.as_millis())
             .unwrap_or(u32::MAX)
             .max(1);
-        // If the kernel does not support it, the deadlines of requests still apply.
+        // If the kernel does not support this option, the deadlines of requests still apply.
         let _ = rustix::net::sockopt::set_tcp_user_timeout(&stream, ms);
     }
     #[cfg(not(target_os = "linux"))]

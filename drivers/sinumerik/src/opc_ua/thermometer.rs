@@ -24,14 +24,14 @@ pub struct Sensor {
     pub node: String,
 }
 
-/// Temperatures of a control, read once per period of its server, but at most once a second.
+/// Temperatures of a control, read once per period of its server, at most once a second.
 pub struct SinumerikThermometer {
     published: Published,
     ends: Arc<AtomicBool>,
 }
 
 impl SinumerikThermometer {
-    /// Starts to read. A control that does not answer is retried; its sensors are bad until then.
+    /// Starts reading. A control that does not answer is retried, and its sensors are bad until then.
     ///
     /// # Errors
     /// An invalid server configuration, or the thread cannot be started.

@@ -1,5 +1,5 @@
-//! Certificates of a secure connection: the client's own, and the server's, which must be among the trusted ones. Problems are reported before a
-//! session is opened, with the file and the remedy.
+//! Certificates of a secure connection: the client's own, and the server's, which must be trusted. Problems are reported with the file and
+//! the remedy before a session is opened.
 
 use std::{
     fs, io,
@@ -69,7 +69,7 @@ pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
         return Err(wrong(&file, "a certificate without this URI", expected));
     }
     let public = certificate.public_key().map_err(|_| none())?;
-    // Certificate and key must match: verify a signature of one with the other.
+    // A signature by the key must verify with the certificate.
     let mut signature = vec![0; read.size()];
     let signed = read.sign_sha256(APPLICATION_URI.as_bytes(), &mut signature);
     let belongs = signed.is_ok()
@@ -127,11 +127,11 @@ fn words(policy: SecurityPolicy, mode: MessageSecurityMode) -> String {
     format!("{} {mode}", policy.to_str())
 }
 
-/// Checks that a server's certificate is among the trusted ones, under any file name, and valid today. An untrusted one is saved next to them, for
-/// the operator to compare.
+/// Checks that a server's certificate is among the trusted ones, under any file name, and valid today. An untrusted certificate is saved as
+/// rejected, for the operator to compare.
 ///
 /// # Errors
-/// It is not trusted, it is expired, or the folder cannot be used.
+/// The certificate is not trusted or has expired, or the folder cannot be used.
 pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(), SinumerikError> {
     let certificate = &X509::from_byte_string(&endpoint.server_certificate).map_err(|_| {
         wrong(
@@ -159,11 +159,11 @@ pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(),
                 trusted,
             });
         };
-        // The library finds it by this name only. The file is moved, not copied, so that removing it revokes the trust.
+        // The library finds a certificate by this file name only. The file is moved, not copied, so that removing it revokes the trust.
         fs::write(&file, &der).map_err(|e| failed(&file, &e))?;
         fs::remove_file(&found).map_err(|e| failed(&found, &e))?;
     }
-    // If the operator copied it to the trusted certificates, it is still among the rejected ones.
+    // A certificate that the operator copied to the trusted ones is still among the rejected ones.
     if kept.exists() {
         fs::remove_file(&kept).map_err(|e| failed(&kept, &e))?;
     }
@@ -174,7 +174,7 @@ pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(),
     )
 }
 
-/// The file in a folder that contains this certificate.
+/// The file with this certificate in a folder.
 fn same(folder: &Path, der: &[u8]) -> Option<PathBuf> {
     let files = fs::read_dir(folder).ok()?;
     let files = files.filter_map(|file| Some(file.ok()?.path()));
@@ -207,7 +207,7 @@ fn check_validity(file: &Path, certificate: &X509, expected: &str) -> Result<(),
     ))
 }
 
-/// Formats a fingerprint as controls display it.
+/// Formats a fingerprint in pairs of digits, as controls display it.
 fn fingerprint_pairs(hex: &str) -> String {
     let pairs: Vec<String> = hex
         .as_bytes()

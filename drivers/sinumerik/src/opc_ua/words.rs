@@ -8,8 +8,8 @@ use crate::{error::SinumerikError, map_nodes::MapNodes, server::Server};
 /// Maximum number of arrays per read request.
 const MAX_ARRAYS_PER_READ: usize = 16;
 
-/// An open session that transfers a map to the PLC. Every exchange ends within the server's timeout; after a failed one the state of the session is
-/// unknown, and it should be dropped.
+/// An open session that transfers a map to the PLC. Every exchange ends within the server's timeout. After a failed exchange the state of
+/// the session is unknown: drop it.
 pub struct MapWords {
     runtime: tokio::runtime::Runtime,
     link: Link,

@@ -1,4 +1,4 @@
-//! The thread of a control. State: the session, the last write, and the last reading.
+//! The thread of a control. It owns the session, the last write and the last reading.
 
 use std::{
     sync::{
@@ -20,7 +20,7 @@ use super::{
 };
 use crate::{config::SinumerikConfig, error::SinumerikError, reading::Reading};
 
-/// Polling interval for queued writes: the queue is lock-free and cannot wake this thread.
+/// Polling interval for queued writes: the lock-free queue cannot wake this thread.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// Corrections to write, mm and rad.
@@ -29,7 +29,7 @@ pub(super) struct WriteRequest {
     /// Increasing sequence number; 0: no write was requested yet.
     pub(super) number: u64,
     pub(super) corrections: PerChannel<f64>,
-    /// Not sent after this time.
+    /// Time after which the request is not sent.
     pub(super) deadline: Option<Instant>,
 }
 
@@ -38,7 +38,7 @@ pub(super) struct WriteRequest {
 pub(super) struct Latest {
     /// Whether a session is open.
     pub(super) connected: bool,
-    /// The last reading; it is kept while later ones fail, and ages.
+    /// The last reading; it is kept, and ages, while later readings fail.
     pub(super) snapshot: Option<Snapshot>,
 }
 
@@ -70,7 +70,7 @@ impl Shared {
             .clone()
     }
 
-    /// The properties reported when the session was opened. Takes a lock: not for a cycle.
+    /// The properties of the control found when the session was opened. Takes a lock: not for a cycle.
     pub(super) fn found(&self) -> Option<Inspection> {
         self.diagnosis
             .lock()
@@ -96,7 +96,7 @@ pub(super) struct Worker {
     pub(super) shared: Arc<Shared>,
     /// Start of the present session.
     pub(super) opened: Option<Instant>,
-    /// The notes of the last opening; new ones are logged only if they differ.
+    /// The notes of the last session start; notes are logged only if they differ from these.
     pub(super) noted: Vec<String>,
 }
 
@@ -172,7 +172,7 @@ impl Worker {
         Ok(())
     }
 
-    /// Reads the control; `None` if a node has no good number, which shows only by the age of the last reading.
+    /// Reads the control; `None` if a node has no good number. The failure shows only in the age of the last reading.
     async fn read(&self, link: &Link) -> Result<Option<Snapshot>, SinumerikError> {
         let answer = link.read(self.reading.nodes()).await?;
         match self
@@ -185,7 +185,7 @@ impl Worker {
         }
     }
 
-    /// Writes the requested corrections, unless the deadline has passed or they are applied already.
+    /// Writes the requested corrections, unless the deadline has passed or they are already applied.
     async fn carry_out(
         &self,
         link: &Link,

@@ -43,7 +43,7 @@ fn read(controller: &mut SinumerikController) -> Snapshot {
     controller.read(soon()).expect("a connected control")
 }
 
-/// A snapshot whose readings began after now.
+/// A snapshot from a reading that began after this call.
 fn next(controller: &mut SinumerikController) -> Snapshot {
     let now = Instant::now();
     until("a new reading", TIMEOUT, || {
@@ -88,7 +88,7 @@ fn positions_states_and_corrections() {
     next(&mut controller);
     next(&mut controller);
     assert_eq!(controller.writes(), [written, missed]);
-    // A value changed by another client is.
+    // A value changed by another client is written again.
     peer.type_in("set X=0");
     until("the change is seen", TIMEOUT, || {
         read(&mut controller).applied.unwrap()[0] == 0.0
@@ -135,7 +135,7 @@ fn the_configured_sign_applies_and_rotary_axes_are_in_degrees() {
         let applied = read(&mut controller).applied.unwrap();
         (applied[0] - 0.01).abs() < 1e-9 && (applied[1] - 4.0 * step).abs() < 1e-12
     });
-    // The setting is negative, and the axis goes in the direction of the correction.
+    // The setting is negative, and the axis moves in the direction of the correction.
     assert_eq!(peer.number("setting_um", "X"), -10.0);
     until("the axis has the correction", TIMEOUT, || {
         peer.number("correction_um", "X") == 10.0
@@ -173,7 +173,7 @@ fn a_control_that_ignores_corrections_is_rejected() {
         controller.apply(&PerChannel::leading([0.01]), soon()),
         Err(Fault::NotConnected)
     );
-    // It is accepted when switched on, and rejected when switched off during operation.
+    // The axis is accepted when its compensation is switched on, and rejected when it is switched off during operation.
     peer.type_in("md32750 3");
     until("it connects", TIMEOUT, || controller.read(soon()).is_ok());
     peer.type_in("md32750 0");
@@ -247,7 +247,7 @@ fn positions_age_while_the_sampler_stalls() {
         until(fault, TIMEOUT, || {
             age(&read(&mut controller)) > Duration::from_secs(1)
         });
-        // The applied correction is still as recent as the exchange.
+        // The applied correction keeps the time of the exchange.
         assert!(next(&mut controller).applied.is_some());
         peer.type_in(&format!("{fault} off"));
         until("fresh again", TIMEOUT, || {
@@ -292,7 +292,7 @@ fn dropped_rejected_and_falsified_writes() {
         controller.writes()[0] == 1
     });
     assert_eq!(next(&mut controller).applied, Some(PerChannel::ZERO));
-    // It is sent again until it is applied.
+    // The correction is sent again until it is applied.
     controller.apply(&expected, soon()).unwrap();
     until("the write is answered again", TIMEOUT, || {
         controller.writes()[0] == 2

@@ -1,5 +1,5 @@
-//! Transfer of a map over OPC UA to a PLC simulation written independently from the documentation: the axes get the values of
-//! the map, and transfer faults never cause a step.
+//! Transfer of a map over OPC UA to a PLC simulation that was written independently from the documentation: the axes get the values of the
+//! map, and transfer faults never cause a step.
 
 use std::time::{Duration, Instant};
 
@@ -13,7 +13,7 @@ use volcomp_test_support::until;
 use crate::peer::{Peer, TIMEOUT};
 
 const MACHINE: u16 = 1002;
-/// One scan per 10 ms; the map stays valid for 4 s after the last frame, for loaded computers.
+/// One scan per 10 ms; the map stays valid for 4 s after the last frame, which suits loaded computers.
 const PLC: &str = "machine=1002,capacity=700,limit=100,rate=2,hold=200,time_out=400";
 
 struct Words(MapWords);
@@ -86,7 +86,7 @@ fn sender(counter: u16, owner: u16) -> Sender {
     Sender::new(map(counter), MACHINE, owner, allowed).expect("within the limits")
 }
 
-/// Runs steps until one has this result.
+/// Runs the sender until a step has this result.
 fn step_until(sender: &mut Sender, words: &mut Words, expected: Step) {
     let end = Instant::now() + TIMEOUT;
     while sender.step(words).expect("no fault") != expected {
@@ -99,7 +99,7 @@ fn applied_um(peer: &mut Peer, axis: &str) -> f64 {
     peer.number("map_um", axis)
 }
 
-/// Runs steps until an axis has this correction, µm.
+/// Runs the sender until an axis has this correction, µm.
 fn keep_until(peer: &mut Peer, sender: &mut Sender, words: &mut Words, axis: &str, um: f64) {
     until("the correction", TIMEOUT, || {
         sender.step(words).expect("no fault");
@@ -124,7 +124,7 @@ fn the_axes_follow_the_map() {
     {
         keep_until(&mut peer, &mut sender, &mut words, axis, um * 1e3);
     }
-    // The true position includes the correction, the reported one does not.
+    // The true position contains the correction, the reported one does not.
     let applied_um = peer.number("correction_um", "Z");
     assert!((applied_um + 40.0).abs() <= 1.0, "{applied_um}");
     let report = peer.report();
@@ -132,8 +132,8 @@ fn the_axes_follow_the_map() {
     words.0.close();
 }
 
-/// The server acknowledges writes but drops them: the map stays valid until its timeout, then the axes ramp to zero; when writes
-/// arrive again, the map is sent again.
+/// The server acknowledges writes but drops them: the map stays valid until its timeout, then the axes ramp to zero. When writes arrive
+/// again, the map is sent again.
 #[test]
 fn silence_ramps_to_zero_and_the_map_is_sent_again() {
     let Some(mut peer) = peer() else { return };
@@ -156,7 +156,7 @@ fn silence_ramps_to_zero_and_the_map_is_sent_again() {
     keep_until(&mut peer, &mut sender, &mut words, "Z", -40.0);
 }
 
-/// A first map is active; the sender of a second one is killed in the middle, and a third sender finds the control owned.
+/// A first map is active. The sender of a second map is killed during its transfer, and a third sender finds the control owned.
 #[test]
 fn a_killed_sender_and_a_foreign_sender() {
     let Some(mut peer) = peer() else { return };
@@ -183,7 +183,7 @@ fn a_killed_sender_and_a_foreign_sender() {
         "{found:?}"
     );
     assert!((applied_um(&mut peer, "Z") + 40.0).abs() <= 1.0);
-    // After the first one's timeout the axes ramp to zero, and the other sender is accepted.
+    // After the timeout of the first map the axes ramp to zero, and the third sender is accepted.
     until("zero", TIMEOUT, || applied_um(&mut peer, "Z") == 0.0);
     assert!(!is_valid(&mut peer));
     let mut third = sender(7, 22);
@@ -192,7 +192,7 @@ fn a_killed_sender_and_a_foreign_sender() {
     assert!(report.contains("\"largest_move_um\": 2}"), "{report}");
 }
 
-/// A restarted PLC ignores the contents of its memory; a stopped one is not written.
+/// A restarted PLC ignores the contents of its memory; nothing is written to a stopped PLC.
 #[test]
 fn a_restarted_plc_gets_the_map_again() {
     let Some(mut peer) = peer() else { return };

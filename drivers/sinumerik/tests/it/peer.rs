@@ -19,7 +19,7 @@ pub(crate) struct Peer {
 }
 
 impl Peer {
-    /// Starts it on a free port; `None` without its Python.
+    /// Starts a simulated control on a free port; `None` without the Python of the tests.
     pub(crate) fn start(arguments: &[&str]) -> Option<Self> {
         let python = peers::python()?;
         let program = root().join("drivers/sinumerik/tests/peer/sinumerik-sim.py");

@@ -48,7 +48,7 @@ fn responses_are_decoded_in_order() {
     assert_eq!(snapshot.taken, now + Duration::from_millis(10));
     assert!(snapshot.state.referenced && !snapshot.state.alarm && !snapshot.state.emergency_stop);
 
-    // The oldest position counts; the time at which a setting was written does not.
+    // The oldest position determines the time of the positions; the age of a setting does not.
     let mut aged = good.clone();
     aged[1].age = Some(Duration::from_millis(7));
     aged[2].age = Some(Duration::from_secs(1000));
@@ -56,7 +56,7 @@ fn responses_are_decoded_in_order() {
     assert_eq!(snapshot.taken, now + Duration::from_millis(3));
     assert_eq!(snapshot.correction_taken, now + Duration::from_millis(10));
 
-    // A missing state forbids correction.
+    // A missing state value forbids correction.
     let mut missing = good.clone();
     missing[5].number = None;
     missing[6].number = None;

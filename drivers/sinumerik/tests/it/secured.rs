@@ -1,4 +1,4 @@
-//! Secured connections to servers of an independent library that accept nothing else: trust and messages.
+//! Secured connections to servers of an independent library, which accept no others: trust and messages.
 
 use std::{
     fs,
@@ -118,7 +118,7 @@ fn a_server_is_trusted_after_the_operator_accepts_it() {
     let fingerprint = String::from_utf8(fingerprint.stdout).unwrap();
     let (_, fingerprint) = fingerprint.trim().split_once('=').unwrap();
     assert!(message.contains(fingerprint), "{fingerprint}: {message}");
-    // The same again: a rejected certificate does not become trusted automatically.
+    // A rejected certificate does not become trusted at the second attempt.
     client.refused(&url, &["not trusted"]);
     let name = rejected[0].file_name().unwrap();
     fs::rename(&rejected[0], client.pki().join("trusted").join(name)).unwrap();
@@ -127,7 +127,7 @@ fn a_server_is_trusted_after_the_operator_accepts_it() {
     // Remove it again.
     fs::remove_file(client.pki().join("trusted").join(name)).unwrap();
     client.refused(&url, &["not trusted"]);
-    // As copied from the control: in PEM and under another name, with the rejected file still present.
+    // As copied from the control: PEM under another name, while the rejected file is still present.
     let pem = client.pki().join("trusted/mill-1.pem");
     let made = Command::new("openssl")
         .args(["x509", "-inform", "der", "-in"])

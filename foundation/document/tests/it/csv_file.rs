@@ -106,7 +106,7 @@ fn remarks_count_as_lines_and_halves_of_numbers_are_told() {
         message.contains("found 3 columns") && !message.contains(hint),
         "{message}"
     );
-    // What stands in quotes is shown as it is.
+    // Quotes inside a quoted cell are shown in the message.
     let message = told("\"X \"\"a\"\"\",Z\n1,2\n");
     assert!(message.contains("found `X \"a\",Z`"), "{message}");
 }

@@ -1,4 +1,4 @@
-//! Tests of the document layer: whatever the text, an answer or a message with its place.
+//! Tests of the document layer: every text yields a value or an error with its location.
 
 mod csv_file;
 
@@ -46,7 +46,7 @@ proptest! {
     }
 }
 
-/// What `decode` says of one value under the key `a`.
+/// Result of `decode` on one value under the key `a`.
 fn asked<T>(
     text: &str,
     decode: impl FnOnce(&Section<'_>) -> Result<T, InputError>,
@@ -113,7 +113,7 @@ fn files_that_cannot_be_read_are_told_apart() {
         assert!(matches!(error, ReadError::System { .. }), "{error}");
         assert!(error.to_string().starts_with(&path.display().to_string()));
     }
-    // Broken ones of many times the size that a machine file can have ended the program that read them.
+    // Invalid files far above the size limit used to exhaust the memory of the reader.
     let large = folder.path().join("large.toml");
     for unit in ["[", "ä", "#"] {
         std::fs::write(&large, unit.repeat(6 * 1024 * 1024)).unwrap();
@@ -123,7 +123,7 @@ fn files_that_cannot_be_read_are_told_apart() {
         let told = read.expect_err("too large").to_string();
         assert!(told.contains("4 MiB at the most"), "{told}");
     }
-    // Small on disk, large once it is parsed.
+    // Small on disk, large once parsed.
     let dotted = "a.".repeat(70);
     for (count, form) in [
         (1500, "{dotted}a{n} = 1\n"),
@@ -155,7 +155,7 @@ fn files_that_cannot_be_read_are_told_apart() {
 }
 
 proptest! {
-    /// A number is taken exactly when it lies within the range.
+    /// A number is accepted exactly when it lies within the range.
     #[test]
     fn ranges_hold(number in -1e9..1e9_f64, low in -1e9..1e9_f64, high in -1e9..1e9_f64) {
         let text = format!("a = {number:?}");
@@ -171,7 +171,7 @@ proptest! {
         prop_assert_eq!(found.ok(), within);
     }
 
-    /// Whatever is asked of whatever text: an answer, or a message with the file's name.
+    /// Every lookup in any text returns a value, or an error that names the file.
     #[test]
     fn no_lookup_panics(
         text in "(a( = |\\.b = |]\nb = )|\\[a\\]\n|\\[\\[a\\]\\]\n)?[-+a-f0-9.\"x_\\[\\]{}=, \n]{0,12}",
@@ -203,7 +203,7 @@ proptest! {
     }
 }
 
-/// The parser's words are kept where they are not about a value, and nothing is guessed of a first line that is TOML.
+/// The parser's message is kept unless it concerns a value. A first line that is valid TOML yields no hint about the file format.
 #[test]
 fn text_that_is_no_toml_is_told_in_words_of_the_file() {
     for (text, expected) in [
@@ -267,7 +267,7 @@ fn a_file_of_another_kind_is_named_with_the_key_that_tells() {
             "[[measurement]]\nx = 1",
             "found a calibration file (it has the key `measurement`)",
         ),
-        // Its own key makes it a machine file, in which the other key is wrong.
+        // `structure` identifies a machine file, in which the other key is unknown.
         (
             "structure = 1\n[guard]",
             "f.toml:2: guard: unknown key, expected one of: name, structure",
@@ -277,14 +277,14 @@ fn a_file_of_another_kind_is_named_with_the_key_that_tells() {
         let message = read(text).expect_err(text);
         assert!(message.contains(expected), "{text}: {message}");
     }
-    // A key that is expected here makes no other kind of file, whoever else has it.
+    // An expected key does not identify another kind of file, even if that kind has it too.
     let decode = |root: Section<'_>| root.allow_in(FileKind::Calibration, &["machine", "unknown"]);
     let told = Document::new("f.toml", "unknown = []\nmachin = 1").decode(decode);
     let message = told.expect_err("a wrong key").to_string();
     assert!(message.contains("did you mean `machine`?"), "{message}");
 }
 
-/// Numbers beyond any quantity of a machine are refused where they stand: what is computed from them would overflow.
+/// Numbers beyond any quantity of a machine are rejected with their location: calculations with them would overflow.
 #[test]
 fn numbers_that_overflow_are_refused() {
     for (text, expected) in [

@@ -18,7 +18,7 @@ fn errors_are_plausible_up_to_two_millimetres_and_milliradians() {
         for (value, plausible) in [
             (0.0, true),
             (-most, true),
-            // Converted from µm or µrad and back.
+            // Rounding of the conversion from µm or µrad.
             (most * (1.0 + 1e-12), true),
             (most * 1.001, false),
             (f64::NAN, false),
@@ -58,7 +58,7 @@ fn a_limit_is_one_number_for_both_kinds_of_axes() {
     );
 }
 
-/// Temperatures as 32-bit floats: in the right order they are plausible, in the three wrong ones nearly never.
+/// 32-bit floats of temperatures are plausible in the right byte order, and nearly never in the three wrong ones.
 #[test]
 fn a_float_in_a_wrong_byte_order_is_no_reading() {
     let (mut wrong, mut all) = (0, 0);

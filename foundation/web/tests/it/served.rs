@@ -1,4 +1,4 @@
-//! What is served, over plain connections and TLS, and what is refused.
+//! Served and rejected requests, over plain connections and TLS.
 
 use std::{os::unix::fs::PermissionsExt, sync::Arc, time::Duration};
 
@@ -43,7 +43,7 @@ async fn a_request_carries_its_client_address() {
     assert!(answer(stream, ask).await.ends_with("127.0.0.1"));
 }
 
-/// With more clients than are served at one time, the oldest is given up, and the newest is answered.
+/// With more clients than the maximum, the oldest connection is closed and the newest is served.
 #[tokio::test]
 async fn hanging_clients_do_not_block_others() {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
@@ -70,7 +70,7 @@ async fn plain_http_to_a_tls_page_is_not_answered() {
     let dir = tempfile::tempdir().expect("writable");
     let names = ["localhost".to_owned()];
     let [certificate, key] = tls::make(dir.path(), &names).expect("made");
-    // What is there is not overwritten.
+    // Existing files are not overwritten.
     assert!(matches!(
         tls::make(dir.path(), &names),
         Err(TlsError::There { .. })
@@ -99,8 +99,7 @@ fn invalid_certificate_files_are_named() {
     assert!(error.to_string().contains("x.pem"), "{error}");
 }
 
-/// Who trusts the certificate and asks for one of its names is answered over TLS; another name, and a key that others can read,
-/// are refused.
+/// A client that trusts the certificate is served over TLS under its names; another name, and a key that others can read, are rejected.
 #[tokio::test]
 async fn a_tls_page_serves_clients_that_trust_its_certificate() {
     let dir = tempfile::tempdir().expect("writable");

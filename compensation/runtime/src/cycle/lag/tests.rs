@@ -1,4 +1,4 @@
-//! Tests of the look-ahead, and of the conditions under which it is skipped.
+//! Tests of the prediction, and of the conditions under which it is skipped.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -8,7 +8,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::*;
 
-/// Holds for any required correction within the distance.
+/// The share is never worse than no correction, for any change of the required correction by a distance.
 #[test]
 fn a_reduced_correction_is_never_worse_than_none() {
     let of = |x: f64, y: f64| PerAxis::from_fn(|i| [x, y].get(i).copied().unwrap_or(0.0));
@@ -33,7 +33,7 @@ fn a_reduced_correction_is_never_worse_than_none() {
     assert_eq!(part(2.0, 1.0), 0.0);
 }
 
-/// A machine with a rotary table and a head, its errors polynomials and waves of some millimetres and degrees.
+/// A machine with a rotary table and a head, and random polynomials, waves and tables as errors.
 fn random_model(random: &mut ChaCha8Rng) -> Model {
     let mut number = |size: f64| random.random_range(-size..=size);
     let mut lines =
@@ -67,8 +67,8 @@ fn random_model(random: &mut ChaCha8Rng) -> Model {
     Model::new(&machine, Fading::default()).expect("compiles")
 }
 
-/// Number of look-aheads that were skipped, made, and reduced the correction; and the smallest share that a skipped one
-/// would have kept.
+/// Number of predictions that were skipped, made, and reduced the correction; and the smallest share that a skipped prediction would have
+/// kept.
 #[derive(Debug)]
 struct Looks {
     spared: u32,
@@ -145,7 +145,7 @@ const NO_LOOKS: Looks = Looks {
     least: 1.0,
 };
 
-/// Tested on random machines, and paths with corners and speed ramps.
+/// On random machines, and paths with corners and speed ramps.
 #[test]
 fn a_skipped_prediction_would_reduce_nothing() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
@@ -170,7 +170,7 @@ fn a_skipped_prediction_would_reduce_nothing() {
                         let part = random.random_range(-1.0..1.0);
                         goal[axis] = if moves { part * feed * scale } else { 0.0 };
                     }
-                    // With 5 m/s², and as much for rotary axes.
+                    // Acceleration of 5 m/s², scaled for rotary axes.
                     let most = 5000.0 * period_s * scale;
                     speed[axis] += (goal[axis] - speed[axis]).clamp(-most, most);
                     q[axis] += speed[axis] * period_s;

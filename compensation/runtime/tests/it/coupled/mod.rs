@@ -1,6 +1,6 @@
-//! Rule of the coupled axes: however a correction is limited, ramped or rounded, the tool is no further off than without
-//! correction or than at the start of the ramp, except for rounding. Judged by the exact chain, over every type of machine
-//! with oblique axes, any pose and any limits. `COUPLED_POSES` is the number of poses of each type.
+//! Rule for coupled axes: however a correction is limited, ramped or rounded, the error of the tool is no larger than without correction or
+//! at the start of the ramp, except for rounding. Checked by the exact chain, for every type of machine with oblique axes, random poses and
+//! limits. `COUPLED_POSES` is the number of poses of each type.
 
 mod cell;
 mod ramps;
@@ -26,8 +26,8 @@ fn poses() -> usize {
         .unwrap_or(POSES)
 }
 
-/// Runs a scene for every pose of every type of machine, on two cores.
-/// No more than the part `behind` of the cycles may be excused from the bound because linear axes are behind.
+/// Runs a scene for every pose of every type of machine, on two threads. At most the share `behind` of the cycles may be exempt from the
+/// bound because linear axes are behind.
 fn over_all_types(
     name: &str,
     behind: f64,
@@ -46,7 +46,7 @@ fn over_all_types(
                             continue;
                         }
                         let mut rng = ChaCha8Rng::seed_from_u64(index as u64);
-                        // Every machine for some poses.
+                        // A new machine for every 20 poses.
                         let mut cell = Cell::new(structure, &mut rng);
                         for pose in 0..poses() {
                             if pose % 20 == 19 {

@@ -64,7 +64,7 @@ fn ramps_to_the_correction() {
                     for _ in 0..rng.random_range(1..60) {
                         scene.follow(rng, seen);
                     }
-                    // Nothing is written while the machine moves on.
+                    // Nothing is written while the machine continues to move.
                     scene.stands(rng.random_range(0.0..1.0));
                     scene.vector.begin_ramp();
                     scene.ramp_begins = true;
@@ -79,7 +79,7 @@ fn ramps_to_the_correction() {
     }
 }
 
-/// Given time and room, except for rounding.
+/// With enough time and room, except for rounding.
 #[test]
 fn arrives_at_the_whole_correction() {
     over_all_types("arrives", 0.03, |cell, rng, seen| {
@@ -93,7 +93,7 @@ fn arrives_at_the_whole_correction() {
         for (i, axis) in scene.limits.axes.iter_mut().enumerate() {
             axis.limit = full[i].abs() + 3.0 * axis.resolution;
         }
-        // The linear axes have room for the rotary shares on the way, too.
+        // The linear axes also have room for following the rotary corrections on the way.
         for (i, axis) in scene.limits.axes.iter_mut().enumerate() {
             axis.limit += wanted.position[i].abs() + 0.1;
         }
@@ -126,8 +126,8 @@ fn arrives_at_the_whole_correction() {
         {
             let close = 0.6001 * axis.resolution;
             match axis.kind {
-                // The request depends on the positions of the axes, and near a singular pose on their rounding: the
-                // word is the one for where they are, and within a step of the one for where they would be unrounded.
+                // The request depends on the positions of the axes and, near a singular pose, on their rounding: the word is that for the
+                // actual position, and within a step of that for the unrounded one.
                 AxisKind::Rotary => {
                     assert!((words[i] - there.rotary[i]).abs() <= close);
                     assert!((words[i] - full[i]).abs() <= axis.resolution);
@@ -141,7 +141,7 @@ fn arrives_at_the_whole_correction() {
     });
 }
 
-/// At standstill the tool stays between its initial and its uncorrected position.
+/// At standstill the error of the tool stays between its initial and its uncorrected value.
 #[test]
 fn ramps_to_zero() {
     over_all_types("zero", 0.01, |cell, rng, seen| {
@@ -150,7 +150,7 @@ fn ramps_to_zero() {
         for _ in 0..rng.random_range(1..40) {
             scene.follow(rng, seen);
         }
-        // Axes that were not where they belong together do not stop together.
+        // Axes that were behind do not arrive together.
         let together = !scene.followed.behind;
         scene.begins();
         scene.vector.begin_line(&PerChannel::ZERO);
@@ -175,8 +175,8 @@ fn ramps_to_zero() {
     });
 }
 
-/// Limits, slew and acceleration: no word moves further out than before or than the new limit, the return takes the lower of both slews, and
-/// afterwards the bound holds again.
+/// Limits, slew and acceleration are lowered: no word moves further out than before or than the new limit, the return has the lower of both
+/// slews, and afterwards the bound holds again.
 #[test]
 fn limits_lowered_in_motion() {
     over_all_types("lowered", 0.25, |cell, rng, seen| {
@@ -204,7 +204,7 @@ fn limits_lowered_in_motion() {
             let before = scene.vector;
             let dt_s = scene.tick(rng);
             scene.time_s += dt_s;
-            // The ramp begins once what moved stands.
+            // The ramp begins once the moving axes have stopped.
             if before.is_to_begin() {
                 scene.begins();
             }

@@ -1,4 +1,4 @@
-//! A correction that follows a machine, and what the tool makes of it.
+//! A correction that follows a machine, and the resulting error of the tool.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, PerAxis, PerChannel};
 
 use super::cell::Cell;
 
-/// Where the command is at a time: it stands, or all axes move to and fro.
+/// Commanded position over time: constant, or all axes moving at constant rates.
 pub(crate) struct Path {
     pub(crate) from: State,
     /// mm/s and rad/s.
@@ -43,7 +43,7 @@ impl Path {
     }
 }
 
-/// What is counted over all scenes of a kind.
+/// Counts over all scenes of a kind.
 #[derive(Default)]
 pub(crate) struct Seen {
     pub(crate) cycles: usize,
@@ -52,7 +52,7 @@ pub(crate) struct Seen {
     pub(crate) limited: usize,
     pub(crate) arrived: usize,
     pub(crate) scenes: usize,
-    /// The most by which the tool was further off than the bound (or the least by which it was not), mm.
+    /// Largest amount by which the error of the tool exceeded its bound (negative: margin), mm.
     pub(crate) worst: Option<f64>,
     pub(crate) reported: String,
 }
@@ -64,16 +64,16 @@ pub(crate) struct Scene<'a> {
     pub(crate) path: Path,
     pub(crate) vector: Vector,
     pub(crate) time_s: f64,
-    /// How far the tool was off when the ramp or line began, mm.
+    /// Error of the tool when the ramp or line began, mm.
     pub(crate) began: f64,
     /// The correction at the last evaluation of the model.
     pub(crate) asked_at: PerChannel<f64>,
-    /// The next cycle begins a ramp.
+    /// Whether the next cycle begins a ramp.
     pub(crate) ramp_begins: bool,
     pub(crate) followed: FollowResult,
-    /// The change of the smooth values in a second in the cycle before.
+    /// Rate of the smooth values in the previous cycle, mm/s and rad/s.
     pub(crate) rate: PerChannel<f64>,
-    /// When each word was written.
+    /// Each word with its time, s.
     pub(crate) trace: Vec<(f64, PerChannel<f64>)>,
 }
 
@@ -104,14 +104,14 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// How far the tool is off where a ramp or a line begins, at the position of the cycle that begins it.
+    /// Records the error of the tool where a ramp or line begins, at the position of the cycle that begins it.
     pub(crate) fn begins(&mut self) {
         self.began = self
             .cell
             .off(&self.path.at(self.time_s), &self.vector.smooth());
     }
 
-    /// What the model asks for now, with the errors of where the axes are.
+    /// The correction that the model requests now, with the errors at the actual position.
     pub(crate) fn wanted(&mut self, state: &State) -> RequestedCorrection {
         self.asked_at = self.vector.output();
         self.cell.wanted(state, &self.asked_at)
@@ -146,7 +146,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Every word is within its limit or being reduced, every move within slew and acceleration.
+    /// Checks that every word is within its limit or approaching it, and every movement within slew and acceleration.
     pub(crate) fn holds_words(&mut self, before: &Vector, dt_s: f64) {
         for i in 0..self.limits.count {
             let axis = &self.limits.axes[i];
@@ -170,7 +170,7 @@ impl<'a> Scene<'a> {
         self.trace.push((self.time_s, self.vector.output()));
     }
 
-    /// In any window of time a word moves by at most the slew and one step.
+    /// Checks that in any window of time a word moves by at most slew times time, plus one step.
     pub(crate) fn holds_in_windows(&self) {
         for (first, (start, from)) in self.trace.iter().enumerate() {
             for (end, to) in &self.trace[first..] {
@@ -183,7 +183,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Nothing is written for a while.
+    /// Writes nothing for a while.
     pub(crate) fn stands(&mut self, time_s: f64) {
         self.vector.stop();
         self.rate = PerChannel::ZERO;
@@ -194,7 +194,7 @@ impl<'a> Scene<'a> {
         let cell = self.cell;
         let off = cell.off(state, &self.vector.output());
         let without = cell.off(state, &PerChannel::ZERO);
-        // Of second order: what is left of the position error turns with the rotary shares.
+        // Second-order effect: the remaining position error turns with the rotary corrections.
         let (mut turned, mut moved) = (0.0, self.began);
         for (share, axis) in self.vector.smooth().iter().zip(&self.limits.axes) {
             match axis.kind {

@@ -16,7 +16,7 @@ use super::{
     scene::{Path, Scene, Seen},
 };
 
-/// A trunnion: C on A on the table, the pivot 0.1 m under the spindle's nose.
+/// A trunnion table: C on A, the pivot 0.1 m below the spindle nose.
 fn trunnion(rng: &mut ChaCha8Rng) -> Cell {
     let mut number = |size: f64| rng.random_range(-size..=size);
     let mut text = "structure = \"w C' A' b X Y Z t\"\n".to_owned();
@@ -47,8 +47,8 @@ fn trunnion(rng: &mut ChaCha8Rng) -> Cell {
     )
 }
 
-/// Within 1.5° of the singular pose C is requested for many times the error of the tool axis. With each axis limited and rounded alone (50 µm, 100
-/// µrad, steps of 17 µrad), 10.8 µm became 51.3 µm.
+/// Within 1.5° of the singular pose, C is requested to correct many times the error of the tool axis. With each axis limited and rounded
+/// separately (50 µm, 100 µrad, steps of 17 µrad), an error of 10.8 µm became 51.3 µm.
 #[test]
 fn near_the_singular_pose_the_tool_is_no_further_off() {
     let mut rng = ChaCha8Rng::seed_from_u64(14);
@@ -132,7 +132,7 @@ fn a_flickering_digit_at_the_edge_of_the_singular_pose_moves_each_axis_by_one_st
         }
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             let moved = (high[i] - low[i]) / axis.resolution;
-            // A step of C moves Y by up to 250 mm times its own.
+            // A step of C moves Y by up to 250 mm times the step.
             let most = if axis.kind == AxisKind::Rotary {
                 1.01
             } else {
@@ -143,7 +143,7 @@ fn a_flickering_digit_at_the_edge_of_the_singular_pose_moves_each_axis_by_one_st
     }
 }
 
-/// Half a step moves the tip by half a step times its lever, nowhere more than predicted, and by that much somewhere.
+/// Half a step moves the tip by half a step times its lever, nowhere more than predicted, and somewhere by that much.
 #[test]
 fn the_rotary_step_error_is_exact() {
     let mut rng = ChaCha8Rng::seed_from_u64(15);
@@ -175,7 +175,7 @@ fn the_rotary_step_error_is_exact() {
                 };
                 most = most.max((tip(0.5 * step.0) - tip(0.0)).norm());
             }
-            // Between the 25 places of another rotary axis it may be a little more.
+            // Between the 25 sampled positions of another rotary axis the lever may be slightly longer.
             assert!(
                 most <= reported.0 * 1.01,
                 "{structure} {axis}: {most} {reported}"

@@ -1,4 +1,4 @@
-//! The kept inputs of the fuzz targets `table_…`.
+//! The corpus of the fuzz targets `table_…`.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -29,7 +29,7 @@ fn corpus_files_are_read_or_refused_by_their_names() {
     }
 }
 
-/// What the fuzz targets look for, on a drawn few thousand texts near the kept ones: no panic, and what is read can be written and
+/// Checks of the fuzz targets on some thousand random texts similar to the corpus: no panic, and every text that is read can be written and
 /// read again.
 #[test]
 fn mutated_texts_do_not_panic() {

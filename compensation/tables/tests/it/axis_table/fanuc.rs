@@ -1,4 +1,4 @@
-//! FANUC pitch error compensation: steps that sum up.
+//! FANUC pitch error compensation: increments that are summed up.
 
 use volcomp_tables::axis_table::{AxisTable, Content, Format, write};
 use volcomp_tables::vocabulary::{AxisName, Direction};
@@ -25,13 +25,13 @@ fn written(table: AxisTable) -> Result<String, String> {
 
 #[test]
 fn a_value_is_minus_the_step_of_the_error() {
-    // The errors 2, 0, 3, 7 µm: from −100 to 0 the error falls by 2, then rises by 3 and 4.
+    // Errors 2, 0, 3, 7 µm: from −100 to 0 the error falls by 2, then it rises by 3 and 4.
     let text = written(table([2.0, 0.0, 3.0, 7.0], None)).expect("written");
     assert_eq!(
         text,
         "%\nN03605A1P00000000\nN03620A1P1\nN03621A1P0\nN03622A1P3\nN03623A1P1\nN03624A1P100.0\nN03625A1P0.0\nN10000P0\nN10001P2\nN10002P-3\nN10003P-4\n%\n"
     );
-    // Rounding does not add up: thirds of a detection unit.
+    // Rounding errors of thirds of a detection unit do not accumulate.
     let text = written(table([0.0, 0.0, 0.4, 0.8], None)).expect("written");
     assert!(text.contains("N10002P0\nN10003P-1\n"), "{text}");
 }
@@ -57,10 +57,10 @@ fn both_directions() {
 
 #[test]
 fn files_as_controls_put_them_out() {
-    // EOB as LF or CR, a semicolon for it, other parameters between, two axes in a record.
+    // End of block as LF, CR or semicolon, other parameters in between, two axes in a record.
     let text = "%\rN00000P00001100;\rN05898S1P30.0S2P30.0;\rN03620A1P1A2P0;\rN03621A1P0A2P0;\rN03622A1P2A2P0;\rN03623A1P2A2P0;\rN03624A1P50.0A2P0;\rN10000P0;\rN10001P-1;\rN10002P3;\r%\r";
     let (found, warnings) = tables(Format::Fanuc, "p", text);
-    // Magnification 2: 1 µm steps count double; the second axis has no points.
+    // With magnification 2, increments of 1 µm count twice; the second axis has no points.
     assert_eq!(found.len(), 1);
     let expected = [(-50.0, -0.002), (0.0, 0.0), (50.0, -0.006)];
     for (found, expected) in edges(&found[0]).into_iter().zip(expected) {

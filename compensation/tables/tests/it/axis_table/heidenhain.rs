@@ -1,4 +1,4 @@
-//! HEIDENHAIN: the forms that are known.
+//! HEIDENHAIN: the known file formats.
 
 use volcomp_tables::axis_table::{
     AxisNumbers, AxisTable, Content, Format, TableOptions, WriteOptions, loss, read, sampled, write,
@@ -96,7 +96,7 @@ COM MM | COM INCH | found INCH
     }
 }
 
-/// A rotary table with 25 µrad in its first harmonic and 4 µrad of reversal.
+/// A rotary table with a first harmonic of 25 µrad and a reversal value of 4 µrad.
 fn turning(modulo: &str, travel: &str) -> Machine {
     Machine::parse(
         &format!(
@@ -112,7 +112,7 @@ fn turning(modulo: &str, travel: &str) -> Machine {
 fn a_turn_from_minus_180_deg_is_written_from_0_to_360() {
     use AxisName::{A, C};
     let format = Format::HeidenhainTnc640;
-    // With A at 0, C turns about the tool and corrects nothing: A does not go there.
+    // With A at 0, C turns about the tool and corrects nothing.
     let tilted = TableOptions {
         at: vec![(A, 30.0)],
         ..TableOptions::default()
@@ -149,7 +149,7 @@ fn a_turn_from_minus_180_deg_is_written_from_0_to_360() {
                 close(found, mean + half, resolution);
             }
         }
-        // What the report of losses compares with the model is the file that was read back: half a digit, and the bend between nodes.
+        // The loss compares the file that was read back with the model: half a digit, and the interpolation error between nodes.
         let write = WriteOptions {
             axes: AxisNumbers::of_machine(&machine),
             ..WriteOptions::default()

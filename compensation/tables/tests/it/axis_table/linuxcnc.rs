@@ -1,4 +1,4 @@
-//! LinuxCNC's COMP_FILE: its own rules, its own documentation, and its formula in another language.
+//! LinuxCNC's COMP_FILE: its rules, its documentation, and its formula in C.
 
 use std::{fs, process::Command};
 
@@ -46,12 +46,12 @@ fn numbers_after_a_foreign_line_are_reported() {
     );
     let (_, warnings) = tables(Format::Linuxcnc, "X.comp", "0 0 0\n1 1 1\n\n");
     assert!(warnings.is_empty(), "{warnings:?}");
-    // What sscanf takes: more behind the third number, signs, exponents.
+    // Accepted by sscanf: text after the third number, signs, exponents.
     let text = "  -1e1\t-10.5 -9.5 # first\n+0 .5 -.5junk\n";
     let (found, _) = tables(Format::Linuxcnc, "X.comp", text);
     assert_eq!(found[0].positions, [-10.0, 0.0]);
     assert_eq!(found[0].forward, [-0.5, 0.5]);
-    // A comment in front takes everything.
+    // A comment in the first line is rejected.
     let message = refused(Format::Linuxcnc, "X.comp", "# head\n0 0 0\n1 1 1\n");
     assert!(message.contains("0 lines of three numbers"), "{message}");
 }
@@ -78,7 +78,7 @@ fn limits_of_the_format() {
     assert!(message.to_string().contains(expected), "{message}");
 }
 
-/// control.c and usrmotintf.cc in a few lines: what LinuxCNC adds to the motor's command.
+/// The code of control.c and usrmotintf.cc that computes LinuxCNC's addition to the motor command.
 const PEER: &str = r"
 import sys
 kind, path = int(sys.argv[1]), sys.argv[2]

@@ -1,4 +1,4 @@
-//! What tables lose, against closed forms.
+//! Residual errors of tables, against closed forms.
 
 use volcomp_tables::axis_table::{
     self, AxisLoss, AxisNumbers, Category, Facts, Format, Loss, TableOptions, WriteOptions, loss,
@@ -44,7 +44,7 @@ fn of_axis(axes: &[AxisLoss], axis: AxisName) -> &AxisLoss {
     found.expect("it is there")
 }
 
-/// The largest of an axis, µm.
+/// The largest residual error of an axis, µm.
 fn um(loss: &Loss, category: Option<Category>, axis: AxisName) -> f64 {
     let mut categories = loss.categories.iter();
     let axes = match category {
@@ -83,14 +83,13 @@ fn straight_lines_lose_the_bend_between_nodes() {
         (at / 100.0).round() % 2.0 == 1.0,
         "in the middle of a step: {at}"
     );
-    // With the half of the step a quarter, though thirteen poses along each axis stand 100 mm apart, too.
+    // Half the step yields a quarter of the loss, although thirteen poses along each axis are also 100 mm apart.
     let finer = lost(&machine, Format::Csv, 100.0);
     close(um(&finer, None, X), 0.25, 2e-3);
     assert!(finer.axes[0].rms > 0.05, "{:?}", finer.axes[0]);
 }
 
-/// An error that is zero at every position of a table is lost entirely, and that is reported; a model with nothing else is refused,
-/// with the reason.
+/// An error that is zero at every table position is lost entirely and reported; a model with nothing else is rejected with the reason.
 #[test]
 fn an_error_with_the_period_of_the_step_is_lost() {
     let screw = "EXX = { fourier = [0.0, 0.0, 5.0], period = 10.0 }\n";
@@ -126,7 +125,7 @@ fn squareness_is_a_table_over_another_axis() {
 
 #[test]
 fn levers_are_those_of_the_reference_position() {
-    // EBX = 0.05 µrad/mm: 60 µrad at the end, times 1200 mm of Z away from where the tables hold: 72 µm.
+    // EBX = 0.05 µrad/mm: 60 µrad at the end, times 1200 mm of Z from the reference position: 72 µm.
     let machine = machine("[errors]\nEBX = { poly = [0.0, 0.05] }\n");
     for format in [
         Format::Csv,
@@ -136,7 +135,7 @@ fn levers_are_those_of_the_reference_position() {
     ] {
         loses(&machine, format, Category::Angular, X, 72.0, 0.2);
     }
-    // Component errors know the lever.
+    // Component errors include the lever.
     loses(&machine, Format::IsgCsv, Category::Angular, X, 0.0, 0.02);
 }
 
@@ -218,7 +217,7 @@ fn every_format_is_compared_for_every_example() {
     }
 }
 
-/// The bend between nodes is lost at whatever step: where poses of the comparison and nodes of the tables fall together, too.
+/// The interpolation error is found with any step, also if poses of the comparison coincide with table nodes.
 #[test]
 fn the_bend_between_nodes_is_found_at_any_step() {
     let machine = machine("[errors]\nEXX = { poly = [0.0, 0.0, 1.0e-4] }\n");
@@ -233,14 +232,14 @@ fn the_bend_between_nodes_is_found_at_any_step() {
     }
 }
 
-/// The last middle of a turn that begins within the travel lies beyond it: the pose is that of the turned position.
+/// The last midpoint of a turn that begins within the travel is outside it; the pose is the equivalent position.
 #[test]
 fn the_midpoint_beyond_the_end_of_a_turn_is_compared() {
     let tops = 15.0;
     let (sin, cos) = f64::to_radians(tops).sin_cos();
     let (sin_2, cos_2) = f64::to_radians(2.0 * tops).sin_cos();
-    // 10 µm (cos φ + cos 2φ) with φ from 15°: in the middle of the nodes at ∓45° lies the largest loss, 10 (2 − cos 45°) µm. In the
-    // opposite one it is 10 (1 − (1 − cos 45°)) µm, and beside it at most that.
+    // 10 µm (cos φ + cos 2φ) with φ from 15°: the largest loss is midway between the nodes at ∓45°, 10 (2 − cos 45°) µm. Midway on the
+    // opposite side it is 10 (1 − (1 − cos 45°)) µm, and next to it at most that.
     let machine = Machine::parse(
         &format!(
             "structure = \"w C' X' b Y Z t\"\n[axes]\nX.travel = [0.0, 100.0]\nY.travel = [0.0, 100.0]\nZ.travel = [0.0, 100.0]\n\

@@ -1,4 +1,4 @@
-//! Tables from machines: on the lines through the reference position they are the model's correction.
+//! Tables from machines equal the model's correction on the lines through the reference position.
 
 use volcomp_tables::axis_table::{
     AxisTable, Content, Format, TableOptions, curves, sampled, to_toml,
@@ -70,7 +70,7 @@ fn on_lines_through_the_reference_the_tables_sum_to_the_correction() {
                     looked_at += 1;
                 }
             }
-            // A table of one axis over another is zero at the reference.
+            // The table of one axis over another is zero at the reference position.
             if table.input != table.output {
                 close(table.deviation(standing.q[along], None), 0.0, 1e-9);
             }
@@ -111,7 +111,7 @@ fn reversal_makes_two_directions() {
         .iter()
         .find(|table| (table.input, table.output) == (AxisName::Z, AxisName::Z))
         .expect("it is there");
-    // The reversal of the example, 3 µm, forward − backward.
+    // The reversal value of the example, 3 µm, is forward − backward.
     let [forward, backward] = Direction::BOTH.map(|direction| z.deviation(-100.0, Some(direction)));
     close(forward - backward, 0.003, 1e-6);
 }
@@ -156,7 +156,7 @@ fn back_to_curves_of_the_machine_file() {
         "structure = \"w X' Y' b Z t\"\n[axes]\nX.travel = [0.0, 600.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-500.0, 0.0]\n{text}"
     );
     let read = Machine::parse(&whole, "m.toml").expect("a part of a machine file");
-    // 20 µm per metre; and the pitch, 0.05 µrad/mm, through 530 mm from the table surface up to the tool where Z is at 0.
+    // 20 µm per metre, plus the pitch, 0.05 µrad/mm, times 530 mm from the table surface to the tool with Z at 0.
     let exx = read.error("EXX".parse().expect("a name")).expect("a curve");
     close(
         exx.value(0, &[300.0, 0.0, 0.0], None),
@@ -165,7 +165,7 @@ fn back_to_curves_of_the_machine_file() {
     );
 }
 
-/// Tables of an axis with modulo are zero at the reference position in their header, or the format is refused; at the nodes the sum is
+/// Tables of an axis with modulo are zero at the reference position in their header, or the format is rejected; at the nodes the sum is
 /// that of the model.
 #[test]
 fn tables_of_a_turn_are_zero_at_the_reference() {
@@ -180,7 +180,7 @@ fn tables_of_a_turn_are_zero_at_the_reference() {
     };
     let cold = Temperatures::new();
     let tables = |format, deg| sampled(&machine, &cold, &at(deg), format);
-    // 40 is no whole number of steps of 15; 45 is.
+    // 40 is not a multiple of the step 15; 45 is.
     for deg in [40.0, 45.0, 359.0_f64] {
         let Content::Axes(found) = tables(Format::Csv, deg).expect("made") else {
             panic!("tables of axes");
@@ -194,7 +194,7 @@ fn tables_of_a_turn_are_zero_at_the_reference() {
         assert!(here.abs() < 1e-9, "{deg}: {here} mm");
         let turn = table.positions[table.positions.len() - 1] - table.positions[0];
         assert!((turn.to_degrees() - 360.0).abs() < 1e-9, "{turn}");
-        // 10 µm · (sin of the node − sin of the reference), seen with the workpiece turned by the node.
+        // 10 µm · (sin of the node − sin of the reference), rotated with the workpiece by the angle of the node.
         let largest = table
             .forward
             .iter()

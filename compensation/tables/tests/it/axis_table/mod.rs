@@ -1,4 +1,4 @@
-//! Tables of axes: from machines, through every format, against closed forms and the documents of the makers.
+//! Axis tables from machines, through every format, against closed forms and the manufacturers' documents.
 
 mod corpus;
 mod fanuc;
@@ -45,7 +45,7 @@ pub(crate) fn read_text(
     read(format, &[file(name, text)], &options())
 }
 
-/// What writers have to know, with these numbers of the axes.
+/// Options of writers, with these axis numbers.
 pub(crate) fn writing() -> WriteOptions {
     WriteOptions {
         axes: numbers(),
@@ -78,7 +78,7 @@ pub(crate) fn own(axis: AxisName, positions: Vec<f64>, forward: Vec<f64>) -> Axi
     }
 }
 
-/// mm or deg as tables have them: mm or rad.
+/// Converts mm or deg, as in tables, to mm or rad.
 pub(crate) fn inside(axis: AxisName, edge: f64) -> f64 {
     if axis.is_rotary() {
         edge.to_radians()
@@ -87,7 +87,7 @@ pub(crate) fn inside(axis: AxisName, edge: f64) -> f64 {
     }
 }
 
-/// The tables and the warnings of a text that is read.
+/// Reads a text, and returns its tables and warnings.
 pub(crate) fn tables(format: Format, name: &str, text: &str) -> (Vec<AxisTable>, Vec<String>) {
     let found = read_text(format, name, text).unwrap_or_else(|error| panic!("{error}"));
     let warnings = found.warnings.iter().map(ToString::to_string);
@@ -99,7 +99,7 @@ pub(crate) fn refused(format: Format, name: &str, text: &str) -> String {
     error.to_string()
 }
 
-/// mm or deg of a position, and of a deviation.
+/// Positions and deviations, mm or deg.
 pub(crate) fn edges(table: &AxisTable) -> Vec<(f64, f64)> {
     let nodes = table.positions.iter().zip(&table.forward);
     nodes

@@ -1,4 +1,4 @@
-//! Every format: what is written comes back within its resolution.
+//! Every format: written tables read back within the format's resolution.
 
 use proptest::prelude::*;
 use volcomp_tables::axis_table::{
@@ -8,7 +8,7 @@ use volcomp_tables::vocabulary::{AxisName, Direction, ErrorName};
 
 use super::{inside, of_axes, over, own, writing};
 
-/// Positions and values in mm and deg; the node number `zero` is at 0.
+/// Random positions and values in mm and deg, with the node at index `zero` at 0.
 fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> {
     let steps = prop_oneof![Just(0.5), Just(1.0), Just(2.5), Just(10.0), Just(50.0)];
     (
@@ -21,7 +21,7 @@ fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> 
             let values = || prop::collection::vec(-0.05..0.05_f64, count);
             let zero = zero.index(count);
             (values(), values()).prop_map(move |(forward, backward)| {
-                // A machine has at most 2 mm and 2 mrad, with the halves of a reversal and lines beyond the ends.
+                // The limits are 2 mm and 2 mrad, including half the reversal and extrapolated nodes.
                 let each = |values: Vec<f64>| -> Vec<f64> {
                     values.into_iter().map(|v| inside(output, v)).collect()
                 };
@@ -35,16 +35,16 @@ fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> 
         })
 }
 
-/// What a format keeps of a table.
+/// The part of a table that a format preserves.
 #[derive(Clone, Copy)]
 enum Keeps {
     Everything,
-    /// Both directions where the axis itself deviates, else their mean.
+    /// Both directions of positioning tables, the mean of others.
     OwnDirections,
-    /// The mean where the axis itself deviates, else both directions.
+    /// The mean of positioning tables, both directions of others.
     CrossDirections,
     OwnAlone,
-    /// The deviation from that at 0.
+    /// The deviation relative to that at 0.
     OwnFromZero,
 }
 
@@ -73,7 +73,7 @@ fn kept(table: &AxisTable, keeps: Keeps) -> Option<AxisTable> {
     }
 }
 
-/// `within`: mm or deg of a value.
+/// Checks that written tables read back; `within` is the resolution in mm or deg.
 fn comes_back(
     format: Format,
     tables: &[AxisTable],
@@ -122,7 +122,7 @@ fn comes_back(
     Ok(())
 }
 
-/// Own and cross tables of linear and rotary axes.
+/// Positioning and other tables of linear and rotary axes.
 fn several() -> impl Strategy<Value = Vec<AxisTable>> {
     use AxisName::{A, C, X, Y};
     let pairs = [(X, X), (X, Y), (C, C), (A, C), (A, X)];
@@ -131,7 +131,7 @@ fn several() -> impl Strategy<Value = Vec<AxisTable>> {
         .prop_map(Vec::from)
 }
 
-/// As the TNC has them: all tables over an axis at the same positions.
+/// Tables for the TNC: all tables over an axis have the same positions.
 fn several_of_one() -> impl Strategy<Value = Vec<AxisTable>> {
     use AxisName::{C, X, Y};
     (table(X, X), prop::collection::vec(-0.05..0.05_f64, 40)).prop_map(|(own, values)| {
@@ -141,7 +141,7 @@ fn several_of_one() -> impl Strategy<Value = Vec<AxisTable>> {
             backward: None,
             ..own.clone()
         };
-        // At 1950 mm 0.68 mrad; a machine has at most 2 mrad.
+        // 0.68 mrad at 1950 mm; the limit is 2 mrad.
         let slope = own.positions.iter().map(|at| (at * 2e-5).to_radians());
         let to_rotary = AxisTable {
             forward: slope.collect(),
@@ -192,7 +192,7 @@ fn errors_come_back(format: Format, errors: &ErrorTables) -> Result<(), TestCase
             prop_assert!((a - b).abs() <= within, "{} {a} {b}", expected.name);
         }
     }
-    // Location errors have no place in this format.
+    // This format has no location errors.
     prop_assert!(found.locations.is_empty());
     Ok(())
 }
@@ -258,7 +258,7 @@ fn a_turn_comes_back_as_a_turn() {
         let found = read(format, &files, &super::options()).expect("read");
         let found = of_axes(found.content);
         assert!(found[0].modulo, "{format}");
-        // 380 deg is 20 deg, −90 deg is 270 deg.
+        // 380 deg equals 20 deg, −90 deg equals 270 deg.
         for (at, same) in [(380.0_f64, 20.0_f64), (-90.0, 270.0)] {
             let [a, b] = [at, same].map(|deg| found[0].deviation(deg.to_radians(), None));
             assert!((a - b).abs() < 1e-9, "{format}: {a} {b}");

@@ -1,4 +1,4 @@
-//! SINUMERIK 840D: what real archives hold.
+//! SINUMERIK 840D: files as in real archives.
 
 use std::fmt::Write;
 
@@ -9,7 +9,7 @@ use super::{close, edges, file, inside, options, refused, tables, writing};
 
 const F: Format = Format::Siemens840d;
 
-/// A table as an archive has it.
+/// A table as in an archive.
 fn cec(
     number: u32,
     values: &[f64],
@@ -32,7 +32,7 @@ fn cec(
     text + more
 }
 
-/// The table and the warnings of one as an archive has it.
+/// Reads a table as in an archive, and returns it with its warnings.
 fn read_cec(values: &[f64], axes: [&str; 2], steps: [f64; 3]) -> (Vec<AxisTable>, Vec<String>) {
     tables(F, "a.ini", &framed(&cec(0, values, axes, steps, "")))
 }
@@ -54,7 +54,7 @@ fn a_length_of_no_whole_number_of_steps_is_read_with_a_warning() {
     let nodes = edges(&found[0]);
     assert_eq!(nodes.len(), 10);
     assert_eq!(nodes[0], (-850.0, 0.0));
-    // Point 9 would be at 50; at MAX the straight line towards it applies.
+    // Point 9 would be at 50; at MAX the line towards it is interpolated.
     close(nodes[9].0, 0.0, 1e-12);
     close(nodes[9].1, 0.0085, 1e-12);
     close(found[0].deviation(400.0, None), 0.0085, 1e-12);
@@ -162,12 +162,12 @@ fn tables_for_single_directions_become_one() {
     for (direction, expected) in Direction::BOTH.into_iter().zip([0.005, 0.03]) {
         close(found[0].deviation(50.0, Some(direction)), expected, 1e-12);
     }
-    // The other direction is not corrected at all.
+    // The other direction is not corrected.
     let (found, _) = tables(F, "a", &framed(&one));
     assert_eq!(found[0].deviation(100.0, Some(Direction::Negative)), 0.0);
 }
 
-/// Machine axes have the names that a control is delivered with; the example is that of the manual.
+/// Machine axes have their factory names; the example is that of the manual.
 #[test]
 fn machine_axes_may_be_named_by_letter_and_number() {
     let leadscrew = |axis: &str| {
@@ -261,7 +261,7 @@ fn written_files_follow_the_documented_form() {
     }
     let ends = "$AN_CEC_IS_MODULO[0]=1\n$AN_CEC_TYPE[0]=0\nM17\n";
     assert!(file.text.ends_with(ends), "{}", file.text);
-    // The head states the numbers, so it is read without them.
+    // The header contains the axis numbers, so it is read without options.
     let again = read(F, &written.files, &ReadOptions::default()).expect("read");
     assert!(again.warnings.is_empty(), "{:?}", again.warnings);
 }
