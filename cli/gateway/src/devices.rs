@@ -153,7 +153,7 @@ fn barrier(
         ));
     }
     let misfits = barrier_misfits(&last.settings, scan, limits);
-    wrong.extend(misfits.map(|misfit| words_of(misfit, axes, limits)));
+    wrong.extend(misfits.map(|misfit| words_of(misfit, axes)));
     if !wrong.is_empty() {
         return Err(DeviceError::protocol(
             device,
@@ -201,10 +201,9 @@ fn strange(device: &str, machine: u16, axes: &[AxisName], layout: Option<Layout>
 }
 
 /// Describes a mismatch in terms of the configuration keys.
-fn words_of(misfit: BarrierMisfit, axes: &[AxisName], limits: &Limits) -> String {
-    let micro = |axis: usize, value: f64| {
-        round(Displacement::new(limits.axes[axis].kind, value).um_or_urad())
-    };
+pub(crate) fn words_of(misfit: BarrierMisfit, axes: &[AxisName]) -> String {
+    let micro =
+        |axis: usize, value: f64| round(Displacement::new(axes[axis].kind(), value).um_or_urad());
     let units = |axis: usize| {
         if axes[axis].is_rotary() {
             ("urad", "µrad")
@@ -241,6 +240,11 @@ fn words_of(misfit: BarrierMisfit, axes: &[AxisName], limits: &Limits) -> String
         }
         BarrierMisfit::TimeOut { found, expected } => format!(
             "guard.zero_after_ms: found {} ms, and the barrier releases the correction after {} ms",
+            ms(expected),
+            ms(found)
+        ),
+        BarrierMisfit::ScanPeriod { found, expected } => format!(
+            "barrier.scan_ms: found {} ms, and the control's scans take {} ms",
             ms(expected),
             ms(found)
         ),

@@ -6,10 +6,11 @@ use hdrhistogram::Histogram;
 use volcomp_guard::{Reasons, Scheme};
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_port::Description;
-use volcomp_runtime::{Model, Report, Timing, ToolError};
+use volcomp_runtime::{Model, PathReport, Report, Timing, ToolError};
 use volcomp_vocabulary::{AxisKind, AxisName, Coordinate, Displacement, PerAxis};
 
 use crate::{
+    devices::words_of,
     documents::{
         ByAxis, ControllerState, CycleTimes, MachineState, PathState, ProvenName, SensorState,
         StateName, Status, StretchTimes, round,
@@ -40,7 +41,7 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
     axes.sort_unstable();
     let mut status = Status {
         state: report.state.into(),
-        reasons: reasons(model, report),
+        reasons: reasons(facts, report),
         armed: report.state.is_armed(),
         auto_arm: facts.auto_arm,
         simulated: facts.truth.is_some(),
@@ -104,8 +105,9 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
     status
 }
 
-/// The reasons of the state; a rejected position is listed with its axis.
-fn reasons(model: &Model, report: &Report) -> Vec<String> {
+/// The reasons of the state; a rejected position is listed with its axis, a barrier that does not fit with its value.
+fn reasons(facts: &Facts<'_>, report: &Report) -> Vec<String> {
+    let model = facts.model;
     let with_places = |text: &str, axes: u16| {
         let of = (0..model.axes.len()).filter(|index| axes >> index & 1 == 1);
         let places: Vec<String> = of
@@ -122,9 +124,26 @@ fn reasons(model: &Model, report: &Report) -> Vec<String> {
         .map(|text| match Reasons::with_text(text) {
             Some(Reasons::OUTSIDE_TRAVEL) => with_places(text, report.outside_travel),
             Some(Reasons::JUMPED) => with_places(text, report.jumped),
-            _ => text.to_owned(),
+            _ => {
+                match (facts.controllers.get(report.active)).zip(report.paths.get(report.active)) {
+                    Some((controller, path)) => reason_of_path(text, controller, path),
+                    None => text.to_owned(),
+                }
+            }
         })
         .collect()
+}
+
+/// The text of a reason of a path; a barrier that does not fit is listed with the value found and the expected one.
+fn reason_of_path(text: &str, controller: &Description, path: &PathReport) -> String {
+    let unfit = Reasons::with_text(text) == Some(Reasons::BARRIER_UNFIT);
+    match path.barrier_misfit.filter(|_| unfit) {
+        Some(misfit) => {
+            let axes: Vec<AxisName> = controller.axes.iter().map(|axis| axis.name).collect();
+            format!("{text}: {}", words_of(misfit, &axes))
+        }
+        None => text.to_owned(),
+    }
 }
 
 /// Marks the present values as unknown after `silence` without a cycle: position and applied correction are not known.
@@ -205,7 +224,9 @@ fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
             holds_correction: (path.confirmed)
                 .filter(|age| *age <= KNOWN_FOR || path.scheme == Scheme::NoReadBack)
                 .map(|_| path.holds),
-            reasons: path.reasons.texts().map(str::to_owned).collect(),
+            reasons: (path.reasons.texts())
+                .map(|text| reason_of_path(text, controller, path))
+                .collect(),
         })
         .collect()
 }
@@ -418,5 +439,51 @@ impl Times {
                 histogram.rotate();
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use volcomp_guard::BarrierMisfit;
+    use volcomp_port::{Axis, Heartbeat, ShownStates};
+
+    #[test]
+    fn a_barrier_that_does_not_fit_is_listed_with_its_value() {
+        let axis = |name: AxisName| Axis {
+            name,
+            includes_correction: false,
+            resolution: Displacement::from_micro(name.kind(), 1.0),
+            largest: None,
+        };
+        let control = Description {
+            device: "control".to_owned(),
+            channel: "one".to_owned(),
+            axes: [AxisName::X, AxisName::A].map(axis).to_vec(),
+            reads: Vec::new(),
+            heartbeat: Heartbeat::Watched,
+            barrier: true,
+            tells_applied: true,
+            shown: ShownStates::ALL,
+            sees_other_gateways: true,
+            shortest_cycle: Duration::from_millis(1),
+        };
+        let path = PathReport {
+            barrier_misfit: Some(BarrierMisfit::Limit {
+                axis: 1,
+                found: 150e-6,
+                expected: 200e-6,
+            }),
+            ..PathReport::default()
+        };
+        let text = |reasons: Reasons| {
+            let mut texts = reasons.texts();
+            reason_of_path(texts.next().expect("one"), &control, &path)
+        };
+        assert_eq!(
+            text(Reasons::BARRIER_UNFIT),
+            "the control's barrier does not fit the limits: axis A: guard.limit_urad is 200 µrad, and the barrier permits 150 µrad"
+        );
+        assert_eq!(text(Reasons::NO_BARRIER), "no barrier");
     }
 }

@@ -1,5 +1,7 @@
 //! Calibration: the stages over the lines of a file, the unknowns from its observations, and messages.
 
+use std::collections::BTreeMap;
+
 use volcomp_model::Machine;
 use volcomp_vocabulary::{ErrorName, Urad};
 
@@ -31,6 +33,10 @@ pub struct Calibration {
     pub lines: Vec<FittedLine>,
     /// Each squareness, as the calibration file names it.
     pub squareness: Vec<(ErrorName, Urad)>,
+    /// Standard uncertainty of each squareness whose contributions are known, from lines or stated, widened by Student's t so that
+    /// twice of it holds the truth with 95.45 %. Not contained are the uncertainties of the tilts that were removed from the lines, and, with one
+    /// run, the alignment of its reference.
+    pub square_uncertainties: BTreeMap<ErrorName, Urad>,
     /// Each location error stated in the calibration file, with its uncertainty.
     pub locations: Vec<Location>,
     /// Result from observations of the whole machine; `None` if the file has none.
@@ -107,6 +113,7 @@ fn calibrated(
         curves: stages.curves,
         lines: stages.lines,
         squareness: stages.squareness,
+        square_uncertainties: stages.square_uncertainties,
         locations: file.locations.clone(),
         identified,
         warnings,

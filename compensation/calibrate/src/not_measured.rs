@@ -59,6 +59,22 @@ pub fn not_stated(machine: &Machine) -> Vec<String> {
     notes(machine, axes, &is_measured, &is_stated)
 }
 
+/// Number of errors of a machine of which no value is known, so that they count as 0.
+pub fn errors_without_value(machine: &Machine) -> usize {
+    let motions = machine.axes().iter().flat_map(|axis| {
+        let names = Component::ALL.map(|component| ErrorName::motion(component, axis.name));
+        names
+            .into_iter()
+            .filter(|name| machine.error(*name).is_none())
+    });
+    let is_stated = |square: ErrorName| {
+        let mut stated = machine.locations().keys();
+        stated.any(|error| square_of(*error) == square)
+    };
+    let axes = [AxisName::X, AxisName::Y];
+    motions.count() + locations_not_measured(machine, axes, &is_stated).len()
+}
+
 /// Notes on the errors that were not measured, and whether the machine file has them: error motions by axis, then
 /// location errors including squareness, each with its possible effect.
 fn notes(

@@ -2,12 +2,16 @@
 //! the tilts of held axes; from stated values; or from diagonals (ISO 230-6).
 
 use std::{
+    borrow::Cow,
     collections::{BTreeMap, BTreeSet},
     path::PathBuf,
 };
 
 use volcomp_identify::identify;
-use volcomp_metrology::{RunAlignment, slope_uncertainty_with_runs, squareness, squareness_parts};
+use volcomp_metrology::{
+    Direction, Measurement, Reading, ReferenceKind, RunAlignment, SlopeUncertainty,
+    angular_method_um, slope_gain, slope_gain_of_tilts, squareness, squareness_parts,
+};
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
@@ -26,6 +30,11 @@ const TIMES_NOISE: f64 = 3.0;
 /// Slope differences up to this are irrelevant for any machine tool, µrad.
 const NEVER_BELOW_URAD: f64 = 0.5;
 
+/// Ratio of the uncertainty of a slope by its runs to that by the readings of its line above which the slopes of the runs
+/// scatter more than the readings explain. Independent scatter of the readings exceeds it for one in twenty lines of two
+/// runs, and more rarely with more runs.
+const TIMES_OF_LINE: f64 = 2.0;
+
 /// Least-squares slope of each measured straightness error, by the coordinate of the machine coordinate system.
 pub(crate) type Slopes = BTreeMap<ErrorName, Urad>;
 
@@ -36,6 +45,10 @@ pub(crate) struct RemovedSlope<'a> {
     /// Standard deviation of the slope: from repeated runs, otherwise from the scatter of the targets about the line; `None`
     /// if neither is available.
     pub(crate) noise: Option<Urad>,
+    /// Uncertainty of a least-squares slope by the scatter of its readings; `None` for one run that does not show it.
+    scatter: Option<SlopeUncertainty>,
+    /// Change of the slope per independent deviation of each mean reading, µrad by µm or µrad.
+    gain: f64,
 }
 
 impl<'a> RemovedSlope<'a> {
@@ -49,16 +62,127 @@ impl<'a> RemovedSlope<'a> {
             .or_else(|| profile.unevenness());
         let noise = noise_um.filter(|_| spread > 0.0);
         let of_line = noise.map(|um| 1e3 * um / spread.sqrt());
-        let of_slope = match profile.line.setup.method {
-            Method::Direct => slope_uncertainty_with_runs(&profile.line.readings, of_line),
-            Method::Angular { .. } => of_line,
+        let line = profile.line;
+        let of_runs = heights(line).and_then(|heights| SlopeUncertainty::of_runs(&heights));
+        let noise_of_runs = (of_runs.map(|of| of.standard_urad))
+            .filter(|_| line.setup.method == Method::Direct)
+            .filter(|of_runs| of_line.is_none_or(|of_line| *of_runs > TIMES_OF_LINE * of_line));
+        let (of_one_run, gain) = match line.setup.method {
+            Method::Direct => (
+                SlopeUncertainty::of_line(&line.readings.mean_curve()),
+                slope_gain(&profile.all().map(|(at, _)| *at).collect::<Vec<_>>()),
+            ),
+            Method::Angular { .. } => {
+                // The tilt at the first target is not used.
+                let curve = line.readings.mean_curve();
+                let tilts: Vec<f64> = curve.iter().skip(1).map(|(_, tilt)| *tilt).collect();
+                let directions = profile.points.iter().filter(|of| !of.is_empty()).count();
+                let gain = slope_gain_of_tilts(tilts.len()) / (directions.max(1) as f64).sqrt();
+                (SlopeUncertainty::of_tilts(&tilts), gain)
+            }
         };
         Self {
-            line: profile.line,
+            line,
             slope: profile.removed,
-            noise: of_slope.map(Urad),
+            noise: noise_of_runs.or(of_line).map(Urad),
+            // The slopes of other lines scatter more.
+            scatter: (of_runs.or(of_one_run))
+                .filter(|_| line.reference_line == ReferenceKind::LeastSquares),
+            gain,
         }
     }
+}
+
+/// The readings of a line as straightness, with those of a bridge summed for each run; `None` if the runs of a bridge are not complete.
+fn heights(line: &Line) -> Option<Cow<'_, Measurement>> {
+    let Method::Angular { bridge_mm, reading } = line.setup.method else {
+        return Some(Cow::Borrowed(&line.readings));
+    };
+    let mut readings = Vec::new();
+    for direction in Direction::BOTH {
+        for run in line.readings.runs(direction) {
+            let own = line.readings.readings.iter();
+            let own = own.filter(|of| of.direction == direction && of.run == run);
+            let mut tilts: Vec<_> = own.map(|of| (of.target, of.deviation)).collect();
+            tilts.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let heights = angular_method_um(line.setup.error, reading, &tilts, bridge_mm).ok()?;
+            readings.extend(heights.into_iter().map(|(target, deviation)| Reading {
+                target,
+                run,
+                direction,
+                deviation,
+            }));
+        }
+    }
+    Some(Cow::Owned(Measurement {
+        readings,
+        ..Measurement::default()
+    }))
+}
+
+/// Standard uncertainty of each squareness of a file whose contributions are known, widened so that twice of it holds the
+/// truth with 95.45 %. A squareness from slopes has that of its reference angle, the scatter of the slopes with Student's
+/// t, and the stated uncertainty of the readings; a stated value that of the reference angle.
+pub(crate) fn square_uncertainties(
+    file: &CalibrationFile,
+    removed: &[RemovedSlope<'_>],
+) -> Result<BTreeMap<ErrorName, Urad>, CalibrateError> {
+    let stated = &file.uncertainty;
+    let mut found = BTreeMap::new();
+    for entry in &file.squareness {
+        let of_slopes = match entry.source {
+            SquarenessSource::Diagonals => continue,
+            SquarenessSource::Value(_) => Some(0.0),
+            SquarenessSource::Slopes { .. } => {
+                let parts = squareness_parts(entry.error)?;
+                let of = |part: ErrorName| {
+                    let lines = removed.iter();
+                    lines.filter(move |of| of.line.setup.error == part)
+                };
+                let count = parts.map(|part| of(part).count() as f64);
+                let lines = || (0..2).flat_map(|k| of(parts[k]).map(move |of| (of, count[k])));
+                let scatter = lines()
+                    .map(|(of, count)| Some(of.scatter?.divided_by(count)))
+                    .collect::<Option<Vec<_>>>();
+                let of_readings = lines().map(|(of, count)| {
+                    let reading = match of.line.setup.method {
+                        Method::Direct => stated.reading_um,
+                        Method::Angular { .. } => stated.reading_urad,
+                    };
+                    of.gain * reading / count
+                });
+                let of_readings = of_readings.fold(0.0, f64::hypot);
+                scatter.map(|of| {
+                    let scatter = SlopeUncertainty::of_sum(of).expanded_urad() / 2.0;
+                    scatter.hypot(of_readings)
+                })
+            }
+        };
+        let whole = of_slopes.map(|of_slopes| stated.square_urad.hypot(of_slopes));
+        if let Some(known) = whole.filter(|whole| *whole > 0.0) {
+            found.insert(entry.error, Urad(known));
+        }
+    }
+    Ok(found)
+}
+
+/// Straightness lines of one run whose slopes make a squareness: their scatter does not show how the reference is aligned.
+pub fn squareness_lines_of_one_run(file: &CalibrationFile) -> impl Iterator<Item = &Line> {
+    let from_slopes = |line: &&Line| {
+        let mut squares = file.squareness.iter();
+        squares.any(|entry| {
+            matches!(entry.source, SquarenessSource::Slopes { .. })
+                && squareness_parts(entry.error).is_ok_and(|of| of.contains(&line.setup.error))
+        })
+    };
+    let is_one_run = |line: &&Line| {
+        let runs = Direction::BOTH.map(|direction| line.readings.runs(direction).len());
+        runs[0].max(runs[1]) < 2
+    };
+    file.measurements
+        .iter()
+        .filter(from_slopes)
+        .filter(is_one_run)
 }
 
 /// Mean slope of the lines of each straightness error, from the slopes removed from them, and notes on lines whose slopes contradict each other.

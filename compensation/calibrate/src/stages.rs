@@ -1,6 +1,8 @@
 //! Stages from readings to a machine: angular errors, linear errors without Abbe errors, slopes of the straightness
 //! lines, squareness. Each stage processes the readings of a file once.
 
+use std::collections::BTreeMap;
+
 use volcomp_metrology::squareness_parts;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisKind, ErrorName, Urad};
@@ -15,7 +17,7 @@ use crate::{
     fitted::FittedLine,
     linear::linear,
     squareness::{set_square, tilt_of},
-    squares::{slopes, squares},
+    squares::{slopes, square_uncertainties, squares},
 };
 
 /// Maximum number of passes after the first: the contribution of a rotary axis to the lines of another is small.
@@ -28,6 +30,7 @@ pub(crate) struct Stages {
     pub(crate) curves: Vec<FittedCurve>,
     pub(crate) lines: Vec<FittedLine>,
     pub(crate) squareness: Vec<(ErrorName, Urad)>,
+    pub(crate) square_uncertainties: BTreeMap<ErrorName, Urad>,
     pub(crate) notes: Vec<String>,
     pub(crate) contradictions: Vec<(ErrorName, String)>,
     /// Location errors that diagonals or lines do not support.
@@ -80,6 +83,7 @@ impl Stages {
         let linear = linear(file, &tilts, whole, &mut step)?;
         let (slopes, of_slopes) = slopes(&linear.removed, &parallel.tilted, artefacts)?;
         let mut squareness = squares(file, &slopes)?;
+        let square_uncertainties = square_uncertainties(file, &linear.removed)?;
         let mut machine = parallel.tilted;
         for fitted in &linear.fitted {
             fitted.set_in(&mut machine)?;
@@ -128,6 +132,7 @@ impl Stages {
             curves: curves.collect(),
             lines,
             squareness,
+            square_uncertainties,
             notes,
             contradictions,
             undecided,

@@ -96,7 +96,7 @@ reasons! {
     /// The fleet centre has disabled the correction.
     DISABLED_BY_CENTRE = forbids, "disabled by the centre";
     /// The operator disarmed: no auto-arm, not even after a restart.
-    DISARMED_BY_PERSON = informs, "disarmed by a person: it does not arm by itself";
+    DISARMED_BY_PERSON = informs, "disarmed by the operator: the correction stays off until the operator arms";
     /// The machine file or the limits differ from the last confirmed ones.
     MUST_CONFIRM = informs, "machine file or limits must be confirmed";
     /// The configuration or the machine file on disk was rejected or needs a confirmation: the previous one is active.

@@ -1,6 +1,6 @@
 //! Builds reports from a calibration, an identification or a machine file.
 
-use volcomp_calibrate::{Calibration, CalibrationFile, SquarenessSource, not_stated};
+use volcomp_calibrate::{Calibration, CalibrationFile, errors_without_value, not_stated};
 use volcomp_identify::{Identification, Observations};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{Direction, ErrorName};
@@ -36,7 +36,7 @@ impl Report {
             squareness: squares(
                 machine,
                 |pair| is_measured(calibration, pair),
-                |error| of_square(file, machine, error),
+                |error| of_square(file, calibration, error),
             ),
             locations: other_locations(machine, &calibration.locations),
             not_measured,
@@ -136,6 +136,7 @@ impl Report {
             volume: None,
             uncertainty: None,
             not_measured: Vec::new(),
+            count_as_0: errors_without_value(machine),
             undecided: (machine.provenance().undecided.iter())
                 .map(ErrorName::to_string)
                 .collect(),
@@ -158,27 +159,20 @@ impl Report {
     }
 }
 
-/// The standard uncertainty of a squareness in a calibration file: its own, or that of the reference square of the straightness lines.
-/// `None` if several location errors make up the angle, because the uncertainty of the square belongs to none of them alone.
-fn of_square(file: &CalibrationFile, machine: &Machine, error: ErrorName) -> Option<f64> {
+/// The standard uncertainty of a squareness: its own of the calibration file, or that of the lines and the reference square. `None` if several
+/// location errors make up the angle: none of them has that uncertainty.
+fn of_square(file: &CalibrationFile, calibration: &Calibration, error: ErrorName) -> Option<f64> {
     let mut locations = file.locations.iter();
     if let Some(own) = locations.find(|of| of.error == error) {
         return Some(own.uncertainty).filter(|stated| *stated > 0.0);
     }
     let pair = pair_of(error);
     let of_pair = |name: &ErrorName| pair_of(*name) == pair;
-    let is_alone = machine
-        .locations()
-        .keys()
-        .filter(|name| of_pair(name))
-        .count()
-        == 1;
-    let mut squares = file.squareness.iter();
-    let is_at_square = squares.any(|square| {
-        of_pair(&square.error) && !matches!(square.source, SquarenessSource::Diagonals)
-    });
-    let stated = file.uncertainty.square_urad;
-    (is_alone && is_at_square && stated > 0.0).then_some(stated)
+    let locations = calibration.machine.locations().keys();
+    let is_alone = locations.filter(|name| of_pair(name)).count() == 1;
+    let mut known = calibration.square_uncertainties.iter();
+    let known = known.find(|(name, _)| of_pair(name));
+    known.filter(|_| is_alone).map(|(_, known)| known.0)
 }
 
 /// A note if axes have assembly errors.

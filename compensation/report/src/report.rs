@@ -30,6 +30,8 @@ pub struct Report {
     pub uncertainty: Option<Uncertainty>,
     /// The errors that were not measured, each with its possible effect.
     pub not_measured: Vec<String>,
+    /// Number of errors of the structure without a value, which count as 0.
+    pub count_as_0: usize,
     /// The errors that the measurements do not determine: curves that do not follow their readings, contradictory lines, unknowns that the
     /// observations do not determine, observations that the unknowns do not explain.
     pub undecided: Vec<String>,
@@ -41,6 +43,18 @@ pub struct Report {
     pub identified: Option<Identified>,
     /// The version of volcomp that made the report.
     pub version: String,
+}
+
+impl Report {
+    /// The sentence of a report whose tolerances are all met, without a full stop.
+    pub fn all_met(&self) -> String {
+        let met = "all stated tolerances are met";
+        match self.count_as_0 {
+            0 => met.to_owned(),
+            1 => format!("{met}; 1 error was not measured and counts as 0"),
+            more => format!("{met}; {more} errors were not measured and count as 0"),
+        }
+    }
 }
 
 /// Machine, date, operator, instrument; `None` if neither a file nor an option has the value.
@@ -151,7 +165,7 @@ pub struct Check {
     pub limit: f64,
     /// `µm` or `µrad`.
     pub unit: String,
-    /// Expanded uncertainty (k = 2) from the contributions in the files; `None` without any.
+    /// Expanded uncertainty (k = 2) from the known contributions; `None` without any.
     pub uncertainty: Option<f64>,
     /// The verdict, by ISO 14253-1 if the uncertainty is known.
     pub outcome: Verdict,
@@ -358,7 +372,7 @@ pub struct Tilt {
     pub error: String,
     /// Value of the location error, µrad.
     pub urad: f64,
-    /// Standard uncertainty from the contributions in the files, µrad; `None` without any.
+    /// Standard uncertainty from the stated contributions and the slopes of the lines, µrad, with Student's t; `None` without any.
     pub uncertainty: Option<f64>,
 }
 

@@ -328,12 +328,11 @@ fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
     Some(of_readings.hypot(of_scale))
 }
 
-/// The standard uncertainty of a squareness: that of its unknown if it was identified, or that of the reference angle if it was measured.
-/// If several location errors make up the angle, the uncertainty of the reference belongs to none of them alone.
+/// The standard uncertainty of a squareness: that of its unknown if it was identified, otherwise that of its lines and reference angle.
 fn of_square(report: &Report, square: &Square, name: &str) -> Option<f64> {
     let mut from = square.from.iter();
-    let of_statement = || from.find(|of| of.error == name)?.uncertainty;
-    identified(report, name).or_else(of_statement)
+    let of_lines = || from.find(|of| of.error == name)?.uncertainty;
+    identified(report, name).or_else(of_lines)
 }
 
 /// The standard uncertainty of an identified unknown.

@@ -1,6 +1,8 @@
 //! Warnings of a report, most severe first.
 
-use volcomp_calibrate::{Calibration, CalibrationFile, Line, Method, with_files};
+use volcomp_calibrate::{
+    Calibration, CalibrationFile, Line, Method, squareness_lines_of_one_run, with_files,
+};
 use volcomp_metrology::{
     Edition, MotionKind, Quantity, environment_notes, outlier_hints, shortfalls,
 };
@@ -83,6 +85,18 @@ pub(crate) fn of_calibration(
     }
     for text in not_measured {
         add(WarningKind::NotMeasured, text.clone());
+    }
+    let of_one_run: Vec<String> = squareness_lines_of_one_run(file)
+        .map(|line| line.file.display().to_string())
+        .collect();
+    if !of_one_run.is_empty() {
+        add(
+            WarningKind::Few,
+            format!(
+                "{}: one run; U of the squareness from it does not contain the alignment and drift of the reference, which several runs show",
+                of_one_run.join(", ")
+            ),
+        );
     }
     for text in &calibration.warnings {
         add(WarningKind::Note, text.clone());

@@ -233,11 +233,12 @@ pub enum OrderRefusal {
     )]
     OtherAxes,
     /// The cycle has no path with this index.
-    #[error("limits of path {path}: the cycle has {paths} paths, counted from 0")]
+    #[error("limits of path {}: found no such path, expected 1 to {paths}", path + 1)]
     NoSuchPath { path: usize, paths: usize },
     /// The limits are for another period.
     #[error(
-        "limits of path {path}: found a period of {found:?}, expected {expected:?}, that of the cycle"
+        "limits of path {}: found a period of {found:?}, expected {expected:?}, that of the cycle",
+        path + 1
     )]
     Period {
         /// Index of the path, from 0.
@@ -246,7 +247,7 @@ pub enum OrderRefusal {
         expected: Duration,
     },
     /// A limit is invalid; lengths in mm, angles in rad.
-    #[error("limits of path {path}: {source}")]
+    #[error("limits of path {}: {source}", path + 1)]
     Limits {
         /// Index of the path, from 0.
         path: usize,

@@ -382,6 +382,7 @@ impl ControlPath {
                 .map(|confirmed| now.saturating_sub(confirmed.at)),
             scheme: read_back_status.scheme,
             holds: read_back_status.holds(&self.limits),
+            barrier_misfit: read_back_status.barrier_misfit,
             reasons: read_back_status.reasons | self.notes,
         }
     }

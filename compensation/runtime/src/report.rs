@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use volcomp_guard::{
-    AxisProof, MAX_PATHS, MAX_SENSORS, Reasons, Request, Scheme, SensorReport, State,
+    AxisProof, BarrierMisfit, MAX_PATHS, MAX_SENSORS, Reasons, Request, Scheme, SensorReport, State,
 };
 use volcomp_vocabulary::PerAxis;
 
@@ -42,6 +42,8 @@ pub struct PathReport {
     pub scheme: Scheme,
     /// Whether the controller is known to apply a correction other than zero.
     pub holds: bool,
+    /// The first value of its barrier that does not fit the limits; axes in the order of the path.
+    pub barrier_misfit: Option<BarrierMisfit>,
     /// Reasons reported for the path.
     pub reasons: Reasons,
 }

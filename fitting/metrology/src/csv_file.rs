@@ -19,7 +19,8 @@ use crate::{
 const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];
 const EXPECTED_HEADER: &str = "the header `target,run,direction,deviation` or `target,deviation`";
 /// A column head such as `Run 1 Fwd` does not define its run and direction.
-const ONE_ROW_A_READING: &str = "one row for each reading, `target,run,direction,deviation`: columns for each run or direction are not read";
+const ONE_ROW_A_READING: &str = "one row for each reading under the header `target,run,direction,deviation`: write the columns of the runs one below the other, or read one of them with `columns = { target = …, deviation = … }` in the calibration file or as `[columns]` in a file of this name with `.toml` appended";
+const OTHER_HEADS: &str = "the header `target,run,direction,deviation` or `target,deviation`; state other heads with `columns = { target = …, deviation = … }` in the calibration file or as `[columns]` in a file of this name with `.toml` appended";
 
 /// Reads a table of readings from CSV text.
 ///
@@ -122,7 +123,7 @@ impl Columns {
             let expected = if is_wide {
                 ONE_ROW_A_READING
             } else {
-                EXPECTED_HEADER
+                OTHER_HEADS
             };
             return Err(wrong(heads(table), expected).into());
         };

@@ -27,6 +27,7 @@ mod positioning_uncertainty;
 mod read;
 mod renishaw;
 mod runs;
+mod slope_uncertainty;
 mod squareness;
 mod straightness;
 mod test_plan;
@@ -66,13 +67,14 @@ pub use positioning_uncertainty::{
 pub use read::{Content, READ_EXTENSIONS, read_content, read_file, read_file_with};
 pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, write_renishaw};
 pub use runs::{RunAlignment, RunScatter};
+pub use slope_uncertainty::{SlopeUncertainty, slope_gain, slope_gain_of_tilts};
 pub use squareness::{
     SquarenessInputs, SquarenessUncertainty, opening, squareness, squareness_parts,
     squareness_uncertainty,
 };
 pub use straightness::{
     ReferenceKind, ReferenceLine, Straightness, StraightnessAbout, TiltReading, angular_method_um,
-    slope_uncertainty_with_runs, straightness_of, straightness_of_profile, tilt_sign,
+    straightness_of, straightness_of_profile, tilt_sign,
 };
 pub use test_plan::{RequiredTest, axis_kind, required_test, shortfalls};
 pub use three_lines::{ParallelLine, SeparatedAngles, separate_parallel_lines};

@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
 
-use crate::MetrologyError;
+use crate::{MetrologyError, SlopeUncertainty};
 
 /// Error names that [`squareness`] supports, for messages.
 const KNOWN: &str = "EC0Y, EA0Z or EB0Z";
@@ -90,12 +90,12 @@ pub struct SquarenessInputs {
     pub temperature_urad: Option<f64>,
 }
 
-/// Expanded uncertainties (k = 2) of a squareness, µrad; `None` is not stated, and left out.
+/// Expanded uncertainties of a squareness for 95.45 %, the probability of k = 2, µrad; `None` is not stated, and left out.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SquarenessUncertainty {
-    /// Of both slopes, by what their lines leave.
+    /// Of both slopes, by the scatter of their runs, or with one run by the readings about the line; with Student's t.
     pub scatter_urad: f64,
     /// Of the square.
     pub square_urad: Option<f64>,
@@ -109,17 +109,17 @@ pub struct SquarenessUncertainty {
     pub left_out: Vec<String>,
 }
 
-/// Evaluates the uncertainty. `slopes_urad` are the standard uncertainties of the two slopes by their residuals, `lengths_mm` the lengths of the two
-/// lines.
+/// Evaluates the uncertainty from those of the two slopes; `lengths_mm` are the lengths of the two lines.
 ///
-/// The square is treated as calibrated. Independent errors U of a straight edge at both ends of a line of length L turn the line by √2 U/L. A range
+/// The expanded uncertainties are added in quadrature, that of both slopes with Student's t. Welch and Satterthwaite over all of them would cover too
+/// little, because a scatter of few runs that is small by chance looks well known. The square is treated as calibrated. Independent errors U of a straight edge at both ends of a line of length L turn the line by √2 U/L. A range
 /// R of the angle due to temperature is that of a uniform distribution, R/√3.
 ///
 /// # Errors
 /// A length that is not above zero, a number that is negative or not finite.
 pub fn squareness_uncertainty(
     inputs: &SquarenessInputs,
-    slopes_urad: [f64; 2],
+    slopes: [SlopeUncertainty; 2],
     lengths_mm: [f64; 2],
 ) -> Result<SquarenessUncertainty, MetrologyError> {
     const URAD_PER_UM_PER_MM: f64 = 1e3;
@@ -138,8 +138,14 @@ pub fn squareness_uncertainty(
             inputs.straight_edge_um,
         ),
         ("range by temperature, µrad", inputs.temperature_urad),
-        ("uncertainty of a slope, µrad", Some(slopes_urad[0])),
-        ("uncertainty of a slope, µrad", Some(slopes_urad[1])),
+        (
+            "uncertainty of a slope, µrad",
+            Some(slopes[0].standard_urad),
+        ),
+        (
+            "uncertainty of a slope, µrad",
+            Some(slopes[1].standard_urad),
+        ),
     ] {
         if let Some(value) = value
             && !(0.0..=crate::number::LARGEST).contains(&value)
@@ -147,8 +153,7 @@ pub fn squareness_uncertainty(
             return Err(refuse(what, value, "a finite number of at least 0"));
         }
     }
-    let [a, b] = slopes_urad;
-    let scatter_urad = 2.0 * a.hypot(b);
+    let scatter_urad = SlopeUncertainty::of_sum(slopes).expanded_urad();
     let straight_edge_urad = inputs.straight_edge_um.map(|u| {
         let turn = |length: f64| 2.0_f64.sqrt() * u / length * URAD_PER_UM_PER_MM;
         turn(lengths_mm[0]).hypot(turn(lengths_mm[1]))

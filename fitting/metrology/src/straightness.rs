@@ -1,11 +1,9 @@
 //! Straightness: profiles from bridge readings, reference lines of ISO 230-1, and the straightness error about each of them.
 
-use std::collections::BTreeMap;
-
 use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
 use crate::number::range;
-use crate::{Direction, Measurement, MetrologyError, MotionKind};
+use crate::{Direction, Measurement, MetrologyError, MotionKind, SlopeUncertainty};
 
 /// Sign convention of the tilt reading of a bridge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -265,9 +263,8 @@ pub struct Straightness {
     pub about: [StraightnessAbout; 3],
     /// Largest difference of the means of the two directions, µm; `None` with one direction.
     pub reversal_um: Option<f64>,
-    /// Standard uncertainty of the least-squares slope from the residuals alone, µrad; `None` with two targets. The straightness error itself is
-    /// treated as noise.
-    pub slope_standard_uncertainty_urad: Option<f64>,
+    /// Uncertainty of the least-squares slope: of the runs, or with one run of the readings about the line; `None` with one run of two targets.
+    pub slope_uncertainty: Option<SlopeUncertainty>,
 }
 
 impl Straightness {
@@ -289,9 +286,8 @@ pub fn straightness_of(measurement: &Measurement) -> Result<Straightness, Metrol
     measurement.check_directions()?;
     let mut straightness = straightness_of_profile(&measurement.mean_curve())?;
     let [forward, backward] = Direction::BOTH.map(|d| measurement.mean_curve_in(d));
-    let of_line = straightness.slope_standard_uncertainty_urad;
-    straightness.slope_standard_uncertainty_urad =
-        slope_uncertainty_with_runs(measurement, of_line);
+    let of_runs = SlopeUncertainty::of_runs(measurement);
+    straightness.slope_uncertainty = of_runs.or(straightness.slope_uncertainty);
     straightness.reversal_um = if backward.is_empty() || forward.is_empty() {
         None
     } else {
@@ -325,55 +321,11 @@ pub fn straightness_of_profile(profile: &[(f64, f64)]) -> Result<Straightness, M
         about(ReferenceKind::MinimumZone)?,
     ];
     Ok(Straightness {
-        slope_standard_uncertainty_urad: slope_uncertainty(profile, &about[0].line),
+        slope_uncertainty: SlopeUncertainty::of_line(profile),
         profile: profile.to_vec(),
         about,
         reversal_um: None,
     })
-}
-
-/// Standard uncertainty of the slope of a line, µrad: from its residuals (`of_line`), or from the slopes of its runs if these scatter more than the
-/// residuals explain, as with a beam that is realigned for each run.
-pub fn slope_uncertainty_with_runs(measurement: &Measurement, of_line: Option<f64>) -> Option<f64> {
-    let of_runs = slope_uncertainty_of_runs(measurement);
-    match (of_runs, of_line) {
-        (Some(of_runs), Some(of_line)) if of_runs <= TIMES_OF_LINE * of_line => Some(of_line),
-        (of_runs, of_line) => of_runs.or(of_line),
-    }
-}
-
-/// Ratio of both uncertainties above which the slopes of the runs scatter more than the residuals of the line explain. Independent scatter of the
-/// readings exceeds it for one in twenty lines of two runs, and more rarely with more runs.
-const TIMES_OF_LINE: f64 = 2.0;
-
-/// s/√n in µrad with s the standard deviation of the slopes of n runs, both directions of a run together; `None` for fewer than two.
-fn slope_uncertainty_of_runs(measurement: &Measurement) -> Option<f64> {
-    let mut runs: BTreeMap<u32, Vec<(f64, f64)>> = BTreeMap::new();
-    for reading in &measurement.readings {
-        let run = runs.entry(reading.run).or_default();
-        run.push((reading.target, reading.deviation));
-    }
-    let lines = runs
-        .values()
-        .filter_map(|run| ReferenceLine::least_squares(run).ok());
-    let slopes: Vec<f64> = lines.map(|line| line.slope().0).collect();
-    let n = slopes.len() as f64;
-    let mean = slopes.iter().sum::<f64>() / n;
-    let squares: f64 = slopes.iter().map(|slope| (slope - mean).powi(2)).sum();
-    (slopes.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt())
-}
-
-/// s/√Σ(q − q̄)² with s² the sum of the squared residuals over n − 2.
-fn slope_uncertainty(profile: &[(f64, f64)], line: &ReferenceLine) -> Option<f64> {
-    const URAD_PER_UM_PER_MM: f64 = 1e3;
-    let n = profile.len();
-    if n < 3 {
-        return None;
-    }
-    let squares: f64 = line.removed_from(profile).iter().map(|r| r.1 * r.1).sum();
-    let mean = profile.iter().map(|p| p.0).sum::<f64>() / n as f64;
-    let spread: f64 = profile.iter().map(|p| (p.0 - mean).powi(2)).sum();
-    Some((squares / (n - 2) as f64 / spread).sqrt() * URAD_PER_UM_PER_MM)
 }
 
 fn check_points(name: &str, points: &[(f64, f64)]) -> Result<(), MetrologyError> {

@@ -112,7 +112,7 @@ pub struct ModelState {
     pub name: String,
     /// Where it comes from.
     pub from: ModelSource,
-    /// Who activated it and when; null unless an operator did.
+    /// The operator who activated this model, the time and the source; null if the configuration or the centre did.
     pub put_in_force: Option<ModelInForce>,
     /// The machine file of the configuration.
     pub configured: ConfiguredModel,

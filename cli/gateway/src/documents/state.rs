@@ -224,7 +224,7 @@ pub struct ControllerState {
     pub device: String,
     /// The name of the channel by which its corrections reach the axes.
     pub channel: String,
-    /// Its place among the configured controllers, from 0.
+    /// Its place among the configured controllers, from 0; texts count from 1 (path 1).
     pub number: usize,
 }
 
@@ -233,7 +233,7 @@ pub struct ControllerState {
 pub struct PathState {
     /// The URL of the device.
     pub device: String,
-    /// Its place among the configured controllers, from 0.
+    /// Its place among the configured controllers, from 0; texts count from 1 (path 1).
     pub number: usize,
     /// Whether it is the one that corrects.
     pub active: bool,

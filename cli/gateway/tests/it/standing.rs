@@ -69,7 +69,7 @@ impl Drop for SmallDisk {
     }
 }
 
-const DISARMED: &str = "disarmed by a person";
+const DISARMED: &str = "disarmed by the operator";
 const UNWRITTEN: &str = "audit log cannot be written";
 
 /// A compensating gateway with auto-arm.

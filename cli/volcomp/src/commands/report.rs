@@ -127,7 +127,7 @@ struct ReportCheck {
     limit: f64,
     /// `µm` or `µrad`.
     unit: String,
-    /// The expanded uncertainty (k = 2) of the figure, of what is stated; null where nothing is.
+    /// The expanded uncertainty (k = 2) of the figure, of what is stated and, for a squareness, of the slopes of its lines; null without any.
     uncertainty: Option<f64>,
     /// `pass`, `fail`, `undecided` (nearer to the limit than the uncertainty) or `not_evaluated`: by ISO 14253-1 where an uncertainty is
     /// stated.
@@ -468,13 +468,14 @@ fn answer(
     notes: Vec<String>,
 ) -> Result<Answer, Failure> {
     let whole = Outcome::of_all(report.checks.iter().map(|check| check.outcome));
+    let met = report.all_met();
     let (verdict, words) = match whole {
         _ if limits.is_empty() => ("none", "no tolerance stated"),
         Outcome::Fail => ("fail", "not all stated tolerances are met"),
         Outcome::NotEvaluated | Outcome::Undecided => {
             ("undecided", "not every stated tolerance is decided")
         }
-        Outcome::Pass => ("pass", "all stated tolerances are met"),
+        Outcome::Pass => ("pass", met.as_str()),
     };
     let largest = |size: &Size| Largest {
         max_um: size.max_um,

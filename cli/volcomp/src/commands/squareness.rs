@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_metrology::{
-    DeviationUnit, LARGEST_PLAUSIBLE, ReferenceKind, SquarenessInputs, SquarenessUncertainty,
-    StandardQuantity, judged, squareness, squareness_parts, squareness_uncertainty,
-    straightness_of,
+    DeviationUnit, LARGEST_PLAUSIBLE, ReferenceKind, SlopeUncertainty, SquarenessInputs,
+    SquarenessUncertainty, StandardQuantity, judged, squareness, squareness_parts,
+    squareness_uncertainty, straightness_of,
 };
 use volcomp_vocabulary::{ErrorName, Urad};
 
@@ -75,8 +75,8 @@ pub(crate) struct SquarenessTest {
     reference: &'static str,
     /// The squareness, µrad.
     squareness_urad: f64,
-    /// Its expanded uncertainty (k = 2), µrad, of what is stated; null where a file has two targets or with another line than that of
-    /// least squares.
+    /// Its expanded uncertainty for 95.45 % (the probability of k = 2), µrad, of what is known; null where a file has one run of two
+    /// targets or with another line than that of least squares.
     uncertainty_urad: Option<f64>,
     /// Its contributions; null where it is.
     uncertainty: Option<SquarenessUncertainty>,
@@ -97,6 +97,8 @@ struct SquarenessPart {
 }
 
 const SYMBOL: &str = "squareness";
+/// Two files do not state where their lines ran.
+const PLACES: &str = "the squareness holds where the lines were measured: tilts of the other axes there, and those of the measured axis over its Abbe offset, are not removed and not in U; `volcomp calibrate` removes them";
 
 pub(crate) fn run(arguments: &SquarenessArguments) -> Result<Answer, Failure> {
     /// Maximum plausible error of an optical square, µrad.
@@ -121,11 +123,13 @@ pub(crate) fn run(arguments: &SquarenessArguments) -> Result<Answer, Failure> {
     let [first_error, second_error] = parts;
     let first = line(arguments, paths[0], first_error, &mut notes)?;
     let second = line(arguments, paths[1], second_error, &mut notes)?;
-    let lines = [&first, &second].map(|line| (line.uncertainty_urad, line.length_mm));
+    let lines = [&first, &second].map(|line| (line.uncertainty, line.length_mm));
     let slopes = [(first_error, first.slope), (second_error, second.slope)];
     let value = squareness(arguments.error, Urad(angle), slopes)?.0;
     let whole = uncertainty(arguments, kind, &lines)?;
     notes.extend(notes_on(arguments, value, whole.as_ref()));
+    notes.extend(one_run([&first, &second]).filter(|_| whole.is_some()));
+    notes.push(PLACES.to_owned());
     let uncertainty = whole.as_ref().map(|whole| whole.whole_urad);
     let quantity = StandardQuantity {
         symbol: SYMBOL,
@@ -153,8 +157,21 @@ pub(crate) fn run(arguments: &SquarenessArguments) -> Result<Answer, Failure> {
 struct Line {
     part: SquarenessPart,
     slope: Urad,
-    uncertainty_urad: Option<f64>,
+    uncertainty: Option<SlopeUncertainty>,
+    has_one_run: bool,
     length_mm: f64,
+}
+
+/// A note on lines of one run.
+fn one_run(lines: [&Line; 2]) -> Option<String> {
+    let names = lines.iter().filter(|line| line.has_one_run);
+    let names: Vec<&str> = names.map(|line| line.part.error.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "one run of {}: U has the scatter of the readings about the line, not the alignment and drift of the reference, which several runs show",
+            names.join(" and ")
+        )
+    })
 }
 
 fn line(
@@ -188,7 +205,8 @@ fn line(
             slope_urad: slope.0,
         },
         slope,
-        uncertainty_urad: found.slope_standard_uncertainty_urad,
+        uncertainty: found.slope_uncertainty,
+        has_one_run: SlopeUncertainty::of_runs(&measurement).is_none(),
         length_mm: ends.map_or(0.0, |(first, last)| last.0 - first.0),
     })
 }
@@ -206,7 +224,7 @@ fn notes_on(
             whole.left_out.join(", ")
         )),
         None if arguments.inputs() != SquarenessInputs::default() => notes.push(
-            "no measurement uncertainty is stated: that of the slopes is known with three targets and the line of least squares alone"
+            "no measurement uncertainty is stated: that of the slopes is known for the line of least squares alone, through three targets or of several runs"
                 .to_owned(),
         ),
         _ => {}
@@ -229,11 +247,11 @@ impl SquarenessArguments {
     }
 }
 
-/// The uncertainty, if that of both slopes is known: for least-squares lines with at least three targets.
+/// The uncertainty, if that of both slopes is known: for least-squares lines with at least three targets or several runs.
 fn uncertainty(
     arguments: &SquarenessArguments,
     kind: ReferenceKind,
-    lines: &[(Option<f64>, f64)],
+    lines: &[(Option<SlopeUncertainty>, f64)],
 ) -> Result<Option<SquarenessUncertainty>, Failure> {
     let &[(Some(first), first_mm), (Some(second), second_mm)] = lines else {
         return Ok(None);
@@ -247,14 +265,14 @@ fn uncertainty(
 }
 
 fn uncertainty_text(uncertainty: &SquarenessUncertainty) -> String {
-    let mut rows = table(&["contribution", "U (k=2) µrad", "from"]);
+    let mut rows = table(&["contribution", "U (95 %) µrad", "from"]);
     crate::table::to_the_left(&mut rows, &[2]);
     let size = |u: Option<f64>| u.map_or_else(|| "left out".to_owned(), |u| fixed(u, 2));
     for (name, u, from) in [
         (
             "scatter",
             Some(uncertainty.scatter_urad),
-            "what the two lines leave",
+            "slopes of the runs (one: readings)",
         ),
         ("square", uncertainty.square_urad, "its calibration"),
         (

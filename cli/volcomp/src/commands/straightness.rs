@@ -9,9 +9,9 @@ use clap::ValueEnum;
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_metrology::{
-    DeviationUnit, Measurement, Metadata, ReferenceKind, StandardQuantity, Straightness,
-    TiltReading, Tolerance, angular_method_um, axis_named, implausible_size, judged, read_file,
-    straightness_of, straightness_of_profile,
+    DeviationUnit, Measurement, Metadata, ReferenceKind, SlopeUncertainty, StandardQuantity,
+    Straightness, TiltReading, Tolerance, angular_method_um, axis_named, implausible_size, judged,
+    read_file, straightness_of, straightness_of_profile,
 };
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 
@@ -66,7 +66,8 @@ pub(crate) struct StraightnessTest {
     method: &'static str,
     /// The slope of each reference line, µrad: least squares, end points, minimum zone.
     slopes_urad: [f64; 3],
-    /// Standard uncertainty of the slope of least squares by the residuals, µrad; null with two targets.
+    /// Standard uncertainty of the slope of least squares, µrad: by the slopes of the runs, with one run by its readings; null with one run of
+    /// two targets.
     slope_standard_uncertainty_urad: Option<f64>,
     /// The largest difference of the two directions, µm; null with one direction or by the angular method.
     reversal_um: Option<f64>,
@@ -187,7 +188,10 @@ fn one(
                 None => (rising(), TiltReading::Slope),
             };
             let profile = angular_method_um(error, reading, &tilts, bridge_mm)?;
-            let found = straightness_of_profile(&profile)?;
+            let mut found = straightness_of_profile(&profile)?;
+            // The tilt at the first target is not used.
+            let tilts: Vec<f64> = tilts.iter().skip(1).map(|(_, tilt)| *tilt).collect();
+            found.slope_uncertainty = SlopeUncertainty::of_tilts(&tilts);
             (found, measurement.notes, "angular-method")
         }
     };
@@ -241,7 +245,7 @@ fn document(
         file: path.display().to_string(),
         method,
         slopes_urad: slopes,
-        slope_standard_uncertainty_urad: found.slope_standard_uncertainty_urad,
+        slope_standard_uncertainty_urad: found.slope_uncertainty.map(|of| of.standard_urad),
         reversal_um: found.reversal_um,
         reference: key(kind),
         profile: profile.into_iter().map(|(q, x)| [q, x]).collect(),

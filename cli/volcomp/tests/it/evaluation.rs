@@ -238,6 +238,24 @@ fn straightness_and_squareness_of_the_examples() {
         &open,
         "left out of the measurement uncertainty, not stated: square, straight edge, temperature",
     );
+    contains(&open, "the squareness holds where the lines were measured");
+    // One run shows nothing of how the reference is aligned: the first of each direction.
+    let folder = Folder::new();
+    let of_one_run = [exy, eyx].map(|file| {
+        let text = fs::read_to_string(root().join(file)).expect("an example");
+        let rows = text
+            .lines()
+            .filter(|row| row.starts_with("target") || row.contains(",1,"));
+        let name = file.rsplit('/').next().expect("a name");
+        folder.write(name, rows.collect::<Vec<_>>().join("\n") + "\n")
+    });
+    assert!(!open.contains("one run of"), "{open}");
+    let [exy, eyx] = &of_one_run;
+    let square = json(&["squareness", exy, eyx, "--error", "EC0Y"]);
+    contains(
+        &square["notes"].to_string(),
+        "one run of EXY and EYX: U has",
+    );
     // Bridge of 250 mm; the straightness has waves of 12 and 5 µm.
     let tilts = json(&["straightness", "examples/tilts.csv", "--bridge-mm", "250"]);
     assert_eq!(tilts["method"], "angular-method");

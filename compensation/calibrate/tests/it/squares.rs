@@ -295,3 +295,78 @@ diagonals = [{ file = "eyx.csv", from = {}, to = {} }, { file = "eyx.csv", from 
         assert!(message.contains(expected), "{keys}: {message}");
     }
 }
+
+/// By hand. EXY: slopes of three runs of −6, 1 and 5 µrad, s²/n = 62/2/3 with ν = 2. EYX: one run of residuals −0.6, 1.8, −1.8, 0.6 µm on steps of
+/// 200 mm, s² = 3.6, Σ(q − q̄)² = 5 · 200²: 18 µrad² with ν = 2. Together √28.33 with ν = 3.727, for which Student's t is 2.957 for 95.45 %.
+#[test]
+fn the_uncertainty_of_a_squareness_contains_both_slopes() {
+    let lab = Lab::new(GEOMETRY);
+    lab.write("eyx.csv", "target,deviation\n0,0\n200,3\n400,0\n600,3\n");
+    let mut csv = String::from("target,run,direction,deviation\n");
+    for (run, slope) in [(1, -6.0), (2, 1.0), (3, 5.0)] {
+        for target in [0.0, 200.0, 400.0] {
+            // The zero of a run and the profile do not count.
+            let profile = if target == 200.0 { 8.0 } else { 0.0 };
+            let value = 100.0 * f64::from(run) + profile + 1e-3 * slope * target;
+            writeln!(csv, "{target},{run},+,{value:.9}").expect("a String");
+        }
+    }
+    lab.write("exy.csv", &csv);
+    let found = |more: &str| {
+        let text = format!(
+            "{more}{}reference_angle_urad = 0\n",
+            LINES.replace("LINE", "")
+        );
+        let found = lab.calibrated(&text).square_uncertainties;
+        found[&"EC0Y".parse().expect("a name")]
+    };
+    let near =
+        |found: f64, expected: f64| assert!((found - expected).abs() < 2e-3, "{found} {expected}");
+    near(found("").0, 7.8712);
+    near(
+        found("[uncertainty]\nsquare_urad = 3.0\n").0,
+        7.8712_f64.hypot(3.0),
+    );
+    // 0.5 µm of each mean reading, 1/√(5 · 200²) and 1/√(2 · 200²) of them per mm.
+    let of_readings = (500.0 / 2e5_f64.sqrt()).hypot(500.0 / 8e4_f64.sqrt());
+    near(
+        found("[uncertainty]\nreading_um = 0.5\n").0,
+        7.8712_f64.hypot(of_readings),
+    );
+    let file = lab
+        .read(&format!(
+            "{}reference_angle_urad = 0\n",
+            LINES.replace("LINE", "")
+        ))
+        .expect("a file");
+    let of_one_run = volcomp_calibrate::squareness_lines_of_one_run(&file);
+    let names: Vec<String> = of_one_run
+        .map(|line| line.setup.error.to_string())
+        .collect();
+    assert_eq!(names, ["EYX"]);
+}
+
+/// A bridge is moved over three steps in each of two runs, whose tilts differ by 4 µrad: slopes of ±2, s/√n = 2 with ν = 1. With one run the three
+/// tilts scatter: 5, 8 and 11 µrad by s = 3, and the weights of three tilts on the slope are 0.3, 0.4, 0.3.
+#[test]
+fn the_uncertainty_of_a_squareness_contains_the_slopes_of_bridges() {
+    let lab = Lab::new(GEOMETRY);
+    let bridge = "method = \"angular\"\nbridge_mm = 200\nreading = \"slope\"\nunit = \"urad\"";
+    let text = format!("{}reference_angle_urad = 0\n", LINES.replace("LINE", "")).replacen(
+        "curve = { table = {} }",
+        &format!("curve = {{ table = {{}} }}\n{bridge}"),
+        1,
+    );
+    straight(&lab, "exy.csv", 400.0, |q| 0.004 * q);
+    let found = |csv: &str| {
+        lab.write("eyx.csv", &format!("target,run,direction,deviation\n{csv}"));
+        let found = lab.calibrated(&text).square_uncertainties;
+        2.0 * found[&"EC0Y".parse().expect("a name")].0
+    };
+    let two = found(
+        "0,1,+,0\n200,1,+,5\n400,1,+,8\n600,1,+,11\n0,2,+,0\n200,2,+,9\n400,2,+,12\n600,2,+,15\n",
+    );
+    assert!((two - 13.9677 * 2.0).abs() < 1e-3, "{two}");
+    let one = found("0,1,+,0\n200,1,+,5\n400,1,+,8\n600,1,+,11\n");
+    assert!((one - 4.5265 * 3.0 * 0.34_f64.sqrt()).abs() < 1e-3, "{one}");
+}

@@ -38,6 +38,8 @@ pub struct BarrierLink {
     counted: u32,
     /// Whether the scan period is as configured; `None`: not measured long enough.
     scans_fit: Option<bool>,
+    /// The scan period as last counted; zero before.
+    scan_counted: Duration,
     /// The last sent correction.
     last_sent: Option<Counts>,
     /// The correction at which the control has stopped although it accepted another one, and since when.
@@ -64,6 +66,7 @@ impl BarrierLink {
             counted_from: None,
             counted: 0,
             scans_fit: None,
+            scan_counted: Duration::ZERO,
             last_sent: None,
             stands: None,
             held_by_other: false,
@@ -146,6 +149,7 @@ impl BarrierLink {
         let passed = taken.saturating_sub(from);
         if passed >= COUNTED {
             self.scans_fit = Some(scans_fit(self.counted, passed, self.scan));
+            self.scan_counted = passed / self.counted.max(1);
             (self.counted_from, self.counted) = (Some(taken), 0);
         }
     }
@@ -168,14 +172,15 @@ impl BarrierLink {
             (self.settings).map(|settings| self.time_of(settings.time_out_scans));
         // A frame that answers an older report would be rejected.
         status.writable = self.can_send && hold.zip(age).is_some_and(|(hold, age)| age < hold);
-        let fits = self.settings.is_some_and(|settings| {
-            barrier_misfits(&settings, self.scan, limits)
-                .next()
-                .is_none()
+        let settings = self.settings;
+        let of_settings = settings.and_then(|of| barrier_misfits(&of, self.scan, limits).next());
+        let of_scans = (self.scans_fit == Some(false)).then_some(BarrierMisfit::ScanPeriod {
+            found: self.scan_counted,
+            expected: self.scan,
         });
+        status.barrier_misfit = of_settings.or(of_scans);
         status.reasons = Reasons::OTHER_GATEWAY.when(self.held_by_other)
-            | Reasons::BARRIER_UNFIT
-                .when(self.settings.is_some() && !fits || self.scans_fit == Some(false))
+            | Reasons::BARRIER_UNFIT.when(status.barrier_misfit.is_some())
             | Reasons::BARRIER_STRANGE.when(self.is_foreign_report && self.settings.is_none())
             | Reasons::WATCHING.when(self.settings.is_some() && self.scans_fit.is_none());
     }
@@ -274,6 +279,8 @@ pub enum BarrierMisfit {
     },
     /// The barrier's timeout is longer than the time after which the guard ramps out (`zero_after`).
     TimeOut { found: Duration, expected: Duration },
+    /// The control's scans do not take the configured time. [`barrier_misfits`] does not give it: it is counted.
+    ScanPeriod { found: Duration, expected: Duration },
 }
 
 /// All settings of a barrier, with a scan period of `scan`, that do not fit the limits: it must pass every correction of the guard, follow it, and

@@ -4,6 +4,7 @@ use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
+use super::barrier::BarrierMisfit;
 use crate::{Limits, Reasons, step::is_same_step};
 
 /// A confirmed correction.
@@ -61,6 +62,8 @@ pub struct ReadBackStatus {
     pub motion_delay: Duration,
     /// Timeout of a barrier after the last frame that it accepted: an older confirmation is no longer valid. `None`: no barrier reports it.
     pub barrier_time_out: Option<Duration>,
+    /// The first value of a barrier that does not fit the limits ([`Reasons::BARRIER_UNFIT`]).
+    pub barrier_misfit: Option<BarrierMisfit>,
     /// Time of the cycle's clock from which the control may ramp to zero on its own; earlier decisions are not sent after it. `None`: it never
     /// does, or it reports the ramp.
     pub control_acts_at: Option<Duration>,

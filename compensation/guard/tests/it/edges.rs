@@ -4,12 +4,12 @@
 use std::{f64::consts::TAU, time::Duration};
 
 use volcomp_guard::{
-    Cause, Limits, Reasons, Request, Scheme, State,
+    BarrierMisfit, Cause, Limits, Reasons, Request, Scheme, State,
     barrier::{Barrier, Memory, REPORT_WORDS},
 };
 use volcomp_vocabulary::PerChannel;
 
-use crate::world::{MOST, PERIOD, SECOND, World, axes, barrier_from, limits};
+use crate::world::{MOST, PERIOD, SCAN, SECOND, World, axes, barrier_from, limits};
 
 const COMPENSATING: State = State::Compensating;
 const DOES_NOT_STICK: State = State::Faulted(Cause::DoesNotStick);
@@ -409,6 +409,34 @@ fn a_restarted_control_still_fits() {
         assert_eq!(world.guard.state(), COMPENSATING);
         assert!((world.applied[0] - 0.040).abs() < 1e-9);
     }
+}
+
+/// The reason comes with the value found and the expected one: a limit of 150 µm in the barrier, and scans that take twice the configured time.
+#[test]
+fn a_barrier_that_does_not_fit_is_named_with_its_value() {
+    let near = |found: f64, expected: f64| (found - expected).abs() < 1e-9;
+    let mut limits = limits();
+    for axis in &mut limits.axes {
+        axis.limit = 0.200;
+    }
+    let mut world = World::guarded(&limits);
+    let output = world.run(Duration::ZERO);
+    assert!(output.reasons.contains(Reasons::BARRIER_UNFIT));
+    let misfit = world.status().barrier_misfit;
+    assert!(
+        matches!(misfit, Some(BarrierMisfit::Limit { axis: 0, found, expected }) if near(found, 0.150) && near(expected, 0.200)),
+        "{misfit:?}"
+    );
+    let mut world = World::guarded(&crate::world::limits());
+    assert_eq!(world.status().barrier_misfit, None);
+    world.scan_time = 2 * SCAN;
+    let output = world.run(3 * SECOND);
+    assert!(output.reasons.contains(Reasons::BARRIER_UNFIT));
+    let misfit = world.status().barrier_misfit;
+    assert!(
+        matches!(misfit, Some(BarrierMisfit::ScanPeriod { found, expected: SCAN }) if found.abs_diff(2 * SCAN) < SCAN / 10),
+        "{misfit:?}"
+    );
 }
 
 /// Repeated short outages, in each of which the barrier goes to zero, are a fault. After its acknowledgement the earlier failures do not

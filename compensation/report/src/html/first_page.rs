@@ -70,6 +70,7 @@ const LARGEST: &str = "largest volumetric error over all axes, after alignment";
 
 pub(super) fn verdict(page: &mut Page, report: &Report) {
     let whole = Verdict::of_all(report.checks.iter().map(|check| check.outcome));
+    let met = report.all_met().replacen('a', "A", 1) + ".";
     let (class, sign, sentence) = match whole {
         _ if report.checks.is_empty() => ("open", "–", "No tolerance stated."),
         Verdict::Fail => ("fail", "✗", "Not all stated tolerances are met."),
@@ -79,7 +80,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
             "Not every stated tolerance could be evaluated.",
         ),
         Verdict::Undecided => ("open", "?", "Not every stated tolerance is decided."),
-        Verdict::Pass => ("pass", "✓", "All stated tolerances are met."),
+        Verdict::Pass => ("pass", "✓", met.as_str()),
     };
     page.put(&format!(
         "<div class=\"verdict {class}\"><span class=\"sign\" aria-hidden=\"true\">{sign}</span><strong>{}</strong></div>",
@@ -140,7 +141,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
         ]
     });
     page.table(&columns, rows);
-    page.paragraph("note", "Where an uncertainty U (k = 2) is stated, by ISO 14253-1: a figure passes where it and U on top are at most the tolerance, fails where it less U is beyond, and is undecided between. Where none is stated the figure alone is compared. U has in it what is stated, and nothing else.");
+    page.paragraph("note", "Where an uncertainty U (k = 2) is stated, by ISO 14253-1: a figure passes where it and U on top are at most the tolerance, fails where it less U is beyond, and is undecided between. Where none is stated the figure alone is compared. U contains what is stated and, for a squareness, the scatter of its lines, and nothing else.");
 }
 
 pub(super) fn warnings(page: &mut Page, report: &Report) {

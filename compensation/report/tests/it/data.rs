@@ -202,6 +202,35 @@ fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
     assert_eq!(page.matches("no uncertainty given").count(), 4);
 }
 
+/// A squareness from lines is judged with the scatter of their slopes, without any stated contribution; a line of one run is named.
+#[test]
+fn a_squareness_from_lines_is_judged_with_their_slopes() {
+    let shop = Shop::new();
+    shop.write("exy.csv", &crate::csv(13, 50.0, 1, |y, _| 0.004 * y));
+    let text = shop.read("calibration.toml");
+    shop.write(
+        "calibration.toml",
+        &text.replace(
+            "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 12.0\n",
+            "[[measurement]]\nerror = \"EXY\"\nfile = \"exy.csv\"\n[[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = 0.0\n",
+        ),
+    );
+    let report = shop.report();
+    let found = checks(&report, &tolerances("EC0Y=15").expect("one"));
+    let u = found[0].uncertainty.expect("of the slopes");
+    let known = shop.calibrated().1.square_uncertainties;
+    assert!((u - 2.0 * known[&"EC0Y".parse().expect("a name")].0).abs() < 1e-12);
+    assert!((0.1..5.0).contains(&u), "{u}");
+    let mut warnings = report.warnings.iter();
+    assert!(warnings.any(|of| of.text.contains("exy.csv: one run; U of the squareness")));
+    // EXX, EYX, EBX, EXY and the squareness of X and Y of 21 errors.
+    assert_eq!(report.count_as_0, 16);
+    assert_eq!(
+        report.all_met(),
+        "all stated tolerances are met; 16 errors were not measured and count as 0"
+    );
+}
+
 /// The symbols are those of the edition; VDI/DGQ 3441 is included, and its tolerances are checked.
 #[test]
 fn editions_and_vdi_stand_in_the_report() {

@@ -226,6 +226,11 @@ fn invalid_limits_are_refused() {
     ));
     let missing = rig.cycle.set_limits(1, &good);
     assert_eq!(missing, Err(OrderRefusal::NoSuchPath { path: 1, paths: 1 }));
+    // Messages count paths from 1.
+    assert_eq!(
+        missing.unwrap_err().to_string(),
+        "limits of path 2: found no such path, expected 1 to 1"
+    );
 }
 
 /// Limits of two axes used to be rejected, but applied to the path nevertheless.
