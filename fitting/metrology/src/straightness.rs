@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
 use crate::number::range;
-use crate::{Direction, Measurement, MetrologyError, MotionKind};
+use crate::{Direction, Measurement, MetrologyError, MotionKind, Quantity};
 
 /// Sign convention of the tilt reading of a bridge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -281,12 +281,17 @@ impl Straightness {
     }
 }
 
-/// Evaluates the profile of all runs of a measurement with deviations in µm.
+/// Evaluates the profile of all runs of a measurement with deviations in µm. If not all runs hold all targets, they are aligned by offset and slope.
 ///
 /// # Errors
-/// Fewer than two targets, numbers that are not finite, a target lacking in a direction that was run.
+/// Fewer than two targets, numbers that are not finite, a target lacking in a direction that was run, runs that cannot be aligned.
 pub fn straightness_of(measurement: &Measurement) -> Result<Straightness, MetrologyError> {
+    let measurement = &Measurement {
+        quantity: Some(Quantity::Straightness),
+        ..measurement.clone()
+    };
     measurement.check_directions()?;
+    measurement.check_lines_of_runs()?;
     let mut straightness = straightness_of_profile(&measurement.mean_curve())?;
     let [forward, backward] = Direction::BOTH.map(|d| measurement.mean_curve_in(d));
     let of_line = straightness.slope_standard_uncertainty_urad;
@@ -348,6 +353,10 @@ const TIMES_OF_LINE: f64 = 2.0;
 
 /// s/√n in µrad with s the standard deviation of the slopes of n runs, both directions of a run together; `None` for fewer than two.
 fn slope_uncertainty_of_runs(measurement: &Measurement) -> Option<f64> {
+    // The own slope of a run that lacks targets contains the shape of the profile.
+    if let Some(incomplete) = measurement.incomplete_runs() {
+        return incomplete.slope_uncertainty().map(|slope| slope.0);
+    }
     let mut runs: BTreeMap<u32, Vec<(f64, f64)>> = BTreeMap::new();
     for reading in &measurement.readings {
         let run = runs.entry(reading.run).or_default();
