@@ -1,16 +1,15 @@
 //! Fits the lines of one error to one curve, or to one for each direction, and evaluates the fit.
 
 use volcomp_curve::{ErrorCurve, Field};
-use volcomp_fit::{
-    Band, BandOptions, Between, Choice, Fit, FitError, FitOptions, Method, Noise, band, band_places,
-};
+use volcomp_fit::{Band, Between, Choice, Fit, FitError, FitOptions, Method, Noise, band_places};
 use volcomp_metrology::{MotionKind, ReferenceLine, RunAlignment};
 use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
 
 use crate::{
     curve_choice::CurveChoice,
     error::CalibrateError,
-    profile::{Points, Profile, Run, files_of},
+    profile::{Points, Profile, files_of},
+    repeated::Repeated,
 };
 
 /// Lines are aligned until they move by less than this.
@@ -43,8 +42,8 @@ pub(crate) struct Branches {
     choice: Option<Choice>,
     /// Scatter of a mean reading about the curves.
     noise: Option<Noise>,
-    /// Runs of each fit, from which its band is resampled; empty until the lines are aligned.
-    runs: Vec<Option<Vec<Run>>>,
+    /// Repeated readings of each fit, from which its band is resampled; empty until the lines are aligned.
+    repeated: Vec<Option<Repeated>>,
     /// Factor by which the curves were multiplied.
     factor: f64,
 }
@@ -89,7 +88,7 @@ impl Branches {
             }
             branches = Self::fit_once(error, choice, period, &profiles)?;
         }
-        branches.runs = branches.runs_of(&profiles);
+        branches.repeated = branches.repeated_of(&profiles);
         Ok((branches, profiles))
     }
 
@@ -159,20 +158,21 @@ impl Branches {
             method,
             choice,
             noise,
-            runs: Vec::new(),
+            repeated: Vec::new(),
             factor: 1.0,
         })
     }
 
-    /// Runs of each fit: those of the only line; of several lines, the lines. `None` if a bridge sums its tilts.
-    fn runs_of(&self, profiles: &[Profile<'_>]) -> Vec<Option<Vec<Run>>> {
+    /// Repeated readings of each fit: the runs of the only line; of several lines, the lines. `None` if a bridge sums its tilts.
+    fn repeated_of(&self, profiles: &[Profile<'_>]) -> Vec<Option<Repeated>> {
         let of = |(direction, _): &(Direction, Fit)| {
             if let [profile] = profiles {
-                return profile.runs_in(*direction);
+                return profile.repeated_in(*direction);
             }
             let points = profiles.iter().map(|p| &p.points[*direction as usize]);
             let read = points.filter(|points| !points.is_empty());
-            Some(read.map(|points| points.iter().copied().unzip()).collect())
+            let lines = read.map(|points| points.iter().copied().unzip());
+            Some(Repeated::Runs(lines.collect()))
         };
         self.fits.iter().map(of).collect()
     }
@@ -235,10 +235,11 @@ impl Branches {
     pub(crate) fn fitted(&self, error: ErrorName) -> Vec<FittedCurve> {
         let reversal = self.reversal();
         let both = self.fits.len() == 2;
-        let runs = self.runs.iter().cloned().chain(std::iter::repeat(None));
-        let each = self.fits.iter().zip(&self.points).zip(runs);
-        let row =
-            |(((direction, fit), points), runs): ((&(Direction, Fit), &Points), _)| FittedCurve {
+        let repeated = self.repeated.iter().cloned();
+        let repeated = repeated.chain(std::iter::repeat(None));
+        let each = self.fits.iter().zip(&self.points).zip(repeated);
+        let row = |(((direction, fit), points), repeated): ((&(Direction, Fit), &Points), _)| {
+            FittedCurve {
                 error,
                 direction: both.then_some(*direction),
                 kind: fit.curve.kind(),
@@ -254,8 +255,8 @@ impl Branches {
                     let (x, u): (Vec<f64>, Vec<f64>) = points.iter().copied().unzip();
                     Between::of(fit, &x, &u, self.noise)
                 },
-                resampled: Option::<Vec<Run>>::map(runs, |runs| Resampled {
-                    runs,
+                resampled: Option::<Repeated>::map(repeated, |repeated| Resampled {
+                    repeated,
                     targets: self.targets.clone(),
                     factor: self.factor,
                 }),
@@ -263,7 +264,8 @@ impl Branches {
                     .map(|((x, u), residual)| [*x, *u, u - residual])
                     .collect(),
                 sampled: sampled(fit, points),
-            };
+            }
+        };
         each.map(row).collect()
     }
 
@@ -366,7 +368,7 @@ pub struct FittedCurve {
 /// Data from which the band of a curve is resampled.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Resampled {
-    pub(crate) runs: Vec<Run>,
+    pub(crate) repeated: Repeated,
     pub(crate) targets: Vec<f64>,
     /// Factor by which the readings were multiplied for this curve.
     pub(crate) factor: f64,
@@ -382,10 +384,11 @@ impl FittedCurve {
     /// if it is not known. It is resampled from the runs at each call, which takes longer than the fit.
     pub fn band(&self) -> Option<Band> {
         let of = self.resampled.as_ref()?;
-        let runs: Vec<(&[f64], &[f64])> = of.runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
         // A method that the readings of some runs do not support has no band.
-        let places = band_places(&of.targets);
-        let mut band = band(self.method, &runs, &places, &BandOptions::default()).ok()?;
+        let mut band = of
+            .repeated
+            .band(self.method, &band_places(&of.targets))
+            .ok()?;
         for half in &mut band.half_width {
             *half *= of.factor.abs();
         }

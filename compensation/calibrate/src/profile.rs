@@ -10,7 +10,7 @@ use volcomp_metrology::{
 use volcomp_model::Axis;
 use volcomp_vocabulary::{COORDINATE_ROUNDING, Direction, Urad, brought_into};
 
-use crate::{calibration_file::Line, error::CalibrateError, setup::Method};
+use crate::{calibration_file::Line, error::CalibrateError, repeated::Repeated, setup::Method};
 
 /// (target in mm or deg, mean reading in µm or µrad), targets ascending.
 pub(crate) type Points = Vec<(f64, f64)>;
@@ -30,6 +30,8 @@ pub(crate) struct Profile<'a> {
 impl<'a> Profile<'a> {
     /// Mean readings of a line along `joint`; for a bridge, the profile from the sum of its tilts.
     pub(crate) fn new(line: &'a Line, joint: &Joint) -> Result<Self, CalibrateError> {
+        let checked = line.readings.check_lines_of_runs();
+        checked.map_err(|source| wrong(line, source))?;
         let mut points = Direction::BOTH.map(|direction| line.readings.mean_curve_in(direction));
         if let Method::Angular { bridge_mm, reading } = line.setup.method {
             let name = line.setup.error;
@@ -120,7 +122,7 @@ impl<'a> Profile<'a> {
 
     /// Targets and readings of every run in a direction, about the mean readings of this profile; `None` if readings
     /// are summed, or if a target was moved.
-    pub(crate) fn runs_in(&self, direction: Direction) -> Option<Vec<Run>> {
+    pub(crate) fn repeated_in(&self, direction: Direction) -> Option<Repeated> {
         if self.line.setup.method != Method::Direct {
             return None;
         }
@@ -130,16 +132,23 @@ impl<'a> Profile<'a> {
         if means.len() != points.len() || means.iter().zip(points).any(|(a, b)| a.0 != b.0) {
             return None;
         }
+        if let Some(runs) = readings.incomplete_runs() {
+            return Some(Repeated::Incomplete {
+                runs: Box::new(runs),
+                direction,
+                means: points.iter().copied().unzip(),
+            });
+        }
         let mut runs: BTreeMap<_, Run> = BTreeMap::new();
-        let completed = readings.completed_readings();
-        for reading in completed.iter().filter(|r| r.direction == direction) {
+        let in_direction = readings.readings.iter();
+        for reading in in_direction.filter(|r| r.direction == direction) {
             let place = means.partition_point(|mean| mean.0 < reading.target);
             let (mean, point) = (means.get(place)?, points.get(place)?);
             let (x, u) = runs.entry(reading.run).or_default();
             x.push(reading.target);
             u.push(reading.deviation - mean.1 + point.1);
         }
-        Some(runs.into_values().collect())
+        Some(Repeated::Runs(runs.into_values().collect()))
     }
 
     /// Points of both directions, forward first.

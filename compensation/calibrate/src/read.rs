@@ -5,7 +5,7 @@ use std::path::Path;
 use volcomp_document::{Document, FileKind, InputError, Section, Value};
 use volcomp_identify::Observations;
 use volcomp_metrology::{
-    Columns, DeviationUnit, FileFormat, Mapping, Measurement, MotionKind, ReadingUnit,
+    Columns, DeviationUnit, FileFormat, Mapping, Measurement, MotionKind, Quantity, ReadingUnit,
     ReferenceKind,
 };
 use volcomp_model::{Axis, Machine, Source};
@@ -18,7 +18,7 @@ use crate::{
     error::CalibrateError,
     observed::{Direct, decode_observations},
     questions::refuse_open,
-    setup::{Setup, decode_motion, set_coordinates},
+    setup::{Method, Setup, decode_motion, set_coordinates},
     squareness::square_of,
     tables::{
         decode_location, decode_squareness, read_measurement, sources_of, standard_uncertainty,
@@ -262,6 +262,10 @@ fn decode_line(
     }
     refuse_serial(&file_value, &readings, common.serial)?;
     refuse(&file_value, &setup, &readings, machine)?;
+    if MotionKind::of(error) == MotionKind::Straightness && setup.method == Method::Direct {
+        // Runs that do not all hold all targets are then aligned by their slopes as well.
+        readings.quantity = Some(Quantity::Straightness);
+    }
     let at = file_value.error("");
     let source = source_of(&file_value, &file, &setup, &readings, machine)?;
     Ok(Line {

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use volcomp_fit::student_widening;
 use volcomp_identify::{Observations, Row, RowReading};
 use volcomp_metrology::{Measurement, MotionKind, Reading};
 use volcomp_vocabulary::{Direction, Urad};
@@ -85,7 +86,12 @@ impl CalibrationFile {
         let mut shifted = self.clone();
         if let Some(line) = shifted.measurements.get_mut(line) {
             let mut shifts = BTreeMap::new();
-            add_runs(&mut shifts, line, |of| if of == run { 1.0 } else { 0.0 });
+            add_runs(
+                &mut shifts,
+                line,
+                |of| if of == run { 1.0 } else { 0.0 },
+                &mut || 0.0,
+            );
             for reading in &mut line.readings.readings {
                 reading.deviation += shifts.get(&place(reading)).copied().unwrap_or_default();
             }
@@ -93,12 +99,16 @@ impl CalibrationFile {
         shifted
     }
 
-    /// Lines whose scatter is not known: only one run in each direction, and nothing stated in `[uncertainty]` for their readings.
+    /// Lines whose scatter is not known: only one run in each direction, or runs without repeated targets, and nothing stated in `[uncertainty]` for
+    /// their readings.
     pub fn without_scatter(&self) -> impl Iterator<Item = &Line> {
         let is_stated = |line: &Line| independent(line, &self.uncertainty) > 0.0;
-        self.measurements
-            .iter()
-            .filter(move |line| most_runs(&line.readings) < 2 && !is_stated(line))
+        let is_repeated = |readings: &Measurement| match readings.incomplete_runs() {
+            Some(runs) => runs.scatter().is_some(),
+            None => most_runs(readings) > 1,
+        };
+        let lines = self.measurements.iter();
+        lines.filter(move |line| !is_repeated(&line.readings) && !is_stated(line))
     }
 }
 
@@ -209,8 +219,12 @@ fn vary_row(row: &mut Row, next: &mut impl FnMut() -> f64) {
 
 /// Target and direction of a reading, as a key.
 fn place(reading: &Reading) -> (Direction, u64) {
+    key(reading.direction, reading.target)
+}
+
+fn key(direction: Direction, target: f64) -> (Direction, u64) {
     // −0.0 and 0.0 are one target.
-    (reading.direction, (reading.target + 0.0).to_bits())
+    (direction, (target + 0.0).to_bits())
 }
 
 /// Stated standard uncertainty that is independent between targets, µm or µrad.
@@ -250,26 +264,44 @@ fn vary(
         };
         *shift = scale + independent * next(Part::Stated);
     }
-    add_runs(&mut shifts, line, |run| factors[&run]);
+    add_runs(&mut shifts, line, |run| factors[&run], &mut || {
+        next(Part::Stated)
+    });
     for reading in &mut line.readings.readings {
         reading.deviation += shifts[&place(reading)];
     }
 }
 
-/// Adds the deviation of each run from the means of the targets, times its factor, divided by √(n (n − 1)), to the shifts of the targets.
+/// Adds the deviation of each run from the means of the targets, times its factor, divided by √(n (n − 1)), to the shifts of the targets. If not all
+/// runs hold all targets, see [`volcomp_metrology::IncompleteRuns::sampled`]: then `next` returns the numbers that are not of a run.
 fn add_runs(
     shifts: &mut BTreeMap<(Direction, u64), f64>,
     line: &Line,
     factor: impl Fn(u32) -> f64,
+    next: &mut impl FnMut() -> f64,
 ) {
+    if let Some(runs) = line.readings.incomplete_runs() {
+        // ±1.96 of the pooled scatter are its 95 % band.
+        let widening = runs
+            .scatter()
+            .map_or(1.0, |of| student_widening(of.freedom));
+        let sampled = runs.sampled(factor, &mut || widening * next());
+        for (direction, sampled) in Direction::BOTH.into_iter().zip(sampled) {
+            let curve = line.readings.mean_curve_in(direction);
+            for ((target, _), shift) in curve.into_iter().zip(sampled) {
+                *shifts.entry(key(direction, target)).or_default() += shift;
+            }
+        }
+        return;
+    }
     let mut means: BTreeMap<(Direction, u64), (f64, f64)> = BTreeMap::new();
-    let readings = line.readings.completed_readings();
-    for reading in readings.iter() {
+    let readings = &line.readings.readings;
+    for reading in readings {
         let (sum, count) = means.entry(place(reading)).or_default();
         *sum += reading.deviation;
         *count += 1.0;
     }
-    for reading in readings.iter() {
+    for reading in readings {
         let (sum, count) = means[&place(reading)];
         if count > 1.0 {
             let deviation = reading.deviation - sum / count;

@@ -38,7 +38,7 @@ impl Default for BandOptions {
     serde(rename_all = "snake_case")
 )]
 pub enum BandSource {
-    /// Whole runs, of which there are several.
+    /// Whole runs, of which there are several; the scatter of their readings where not all runs hold all targets.
     Runs,
     /// The residuals of the only run: what differs from run to run does not show.
     Residuals,
@@ -110,6 +110,55 @@ pub fn band(
         at: at.to_vec(),
         half_width,
         source,
+    })
+}
+
+/// How mean readings scatter that come from runs of which not all hold all targets, so that whole runs cannot be compared.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MeanScatter {
+    /// Independent shifts of the means by what each run has in common, its zero or its line: the sum of their squares is the variance.
+    pub of_runs: Vec<Vec<f64>>,
+    /// Degrees of freedom of these shifts.
+    pub run_freedom: f64,
+    /// Samples of the shifts of the means by the scatter of the readings.
+    pub samples: Vec<Vec<f64>>,
+    /// Degrees of freedom of this scatter.
+    pub freedom: f64,
+}
+
+impl MeanScatter {
+    /// Number of samples for a band of this number of targets: fewer where there are many.
+    pub fn samples_for(targets: usize, options: &BandOptions) -> usize {
+        (MAX_REFITTED / targets.max(1))
+            .max(MIN_RESAMPLES)
+            .min(options.resamples as usize)
+    }
+}
+
+/// 95 % band of the curve that `method` fits to the means `u` of the targets `x`, which ascend, at the places `at`. The means scatter as stated, and
+/// the shape counts as in [`band`].
+///
+/// # Errors
+/// The errors of the fit; no samples.
+pub fn band_of_means(
+    method: Method,
+    [x, u]: [&[f64]; 2],
+    scatter: &MeanScatter,
+    at: &[f64],
+) -> Result<Band, FitError> {
+    if scatter.samples.is_empty() {
+        return Err(FitError::Parameter {
+            what: "number of samples",
+            value: 0.0,
+            expected: "at least 1",
+        });
+    }
+    readings::check(x, u)?;
+    let whole = Whole::new(method, x, u)?;
+    Ok(Band {
+        at: at.to_vec(),
+        half_width: whole.of_means(scatter, at)?,
+        source: BandSource::Runs,
     })
 }
 
@@ -270,6 +319,39 @@ impl Whole {
         Ok(at.iter().map(half_width).collect())
     }
 
+    fn of_means(&self, scatter: &MeanScatter, at: &[f64]) -> Result<Vec<f64>, FitError> {
+        // Variance of the curve at each place from shifts of the means, and the mean variance of a mean.
+        let variance = |shifts: &[Vec<f64>], count: f64| -> Result<(Vec<f64>, f64), FitError> {
+            let mut variances = vec![0.0; at.len()];
+            for shift in shifts {
+                for (variance, value) in variances.iter_mut().zip(self.smoothed(shift, at)?) {
+                    *variance += value * value / count;
+                }
+            }
+            let squares: f64 = shifts.iter().flatten().map(|shift| shift * shift).sum();
+            Ok((variances, squares / count / self.targets.len() as f64))
+        };
+        let (of_runs, _) = variance(&scatter.of_runs, 1.0)?;
+        let samples = &scatter.samples;
+        let (of_readings, noise) = variance(samples, samples.len() as f64)?;
+        let wrong = self.wrong(noise);
+        let half_width = |((&x, of_runs), of_readings): ((&f64, &f64), &f64)| {
+            let variance = of_runs + of_readings;
+            // The formula of Welch and Satterthwaite gives too narrow bands where few runs show a small share by chance; Student's t of each to the
+            // power of its share covers 91 to 97 % of mixtures.
+            let share = if variance > 0.0 {
+                of_runs / variance
+            } else {
+                0.0
+            };
+            let t = student_95(scatter.run_freedom.max(1.0)).powf(share)
+                * student_95(scatter.freedom).powf(1.0 - share);
+            (t * t * variance + self.wrong_at(x, wrong)).sqrt()
+        };
+        let variances = at.iter().zip(&of_runs).zip(&of_readings);
+        Ok(variances.map(half_width).collect())
+    }
+
     /// Mean square error of shape at the targets, and of targets left out, each beyond the noise of the mean readings.
     fn wrong(&self, noise: f64) -> [f64; 2] {
         let count = self.targets.len() as f64;
@@ -339,9 +421,7 @@ impl Whole {
             let half = if squares == 0.0 { 0.0 } else { f64::INFINITY };
             return Ok(vec![half; at.len()]);
         }
-        let resamples = (MAX_REFITTED / count)
-            .max(MIN_RESAMPLES)
-            .min(options.resamples as usize);
+        let resamples = MeanScatter::samples_for(count, options);
         let mut random = ChaCha8Rng::seed_from_u64(options.seed);
         let mut sums = vec![0.0; at.len()];
         for _ in 0..resamples {

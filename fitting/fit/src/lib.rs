@@ -21,7 +21,7 @@ mod table;
 mod thermal;
 mod triangle;
 
-pub use band::{Band, BandOptions, BandSource, band, band_places};
+pub use band::{Band, BandOptions, BandSource, MeanScatter, band, band_of_means, band_places};
 pub use between::{Between, unevenness};
 pub use bspline::fit_bspline;
 pub use choice::{AutoFit, Choice, FitOptions, Reason, Score};

@@ -102,6 +102,16 @@ pub enum MetrologyError {
         target: f64,
         direction: Direction,
     },
+    /// Runs of a straightness cannot be aligned with each other.
+    #[error(
+        "{name}: run {runs} {direction}: found fewer than three targets in common with the other runs, expected three: where not all runs hold all targets, the offset and the slope of each run of a straightness come from its common targets; leave the run out or complete it"
+    )]
+    RunLineUnknown {
+        name: String,
+        /// Numbers of the runs.
+        runs: String,
+        direction: Direction,
+    },
     /// Readings that cannot be evaluated (only possible if built in code).
     #[error("{name}: {what}: found {found}, expected {expected}")]
     Readings {

@@ -16,6 +16,7 @@ mod error;
 mod error_motion;
 mod file_format;
 pub mod form;
+mod incomplete_runs;
 mod iso230_2;
 mod iso230_6;
 mod keysight;
@@ -23,6 +24,7 @@ mod mapped_table;
 mod mapping;
 mod measurement;
 mod number;
+mod passes;
 mod positioning_uncertainty;
 mod read;
 mod renishaw;
@@ -53,6 +55,7 @@ pub use edition::Edition;
 pub use error::{Finding, MetrologyError};
 pub use error_motion::{MotionKind, errors_named};
 pub use file_format::{FileFormat, Quantity};
+pub use incomplete_runs::{AtTargets, IncompleteRuns};
 pub use iso230_2::{Approach, Iso230Part2, TargetRow, evaluate};
 pub use iso230_6::{
     DIAGONAL_NAMES, Diagonal, Iso230Part6, MeasuredDiagonal, SquarenessHint, evaluate_diagonals,

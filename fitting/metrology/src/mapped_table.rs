@@ -377,20 +377,16 @@ fn direction(place: Place<'_>, text: &str) -> Result<Direction, MetrologyError> 
 fn readings(file: &str, rows: &[Row]) -> Result<Vec<Reading>, MetrologyError> {
     let targets: Vec<f64> = rows.iter().map(|row| row.target).collect();
     let travelled = runs_by_travel(&targets);
+    let counted = counted_runs(file, rows)?;
     let mut seen: HashMap<(u32, Direction, u64), usize> = HashMap::new();
-    let mut counts: HashMap<(Direction, u64), u32> = HashMap::new();
     let mut readings = Vec::with_capacity(rows.len());
-    for (row, (travel_run, travel_direction)) in rows.iter().zip(travelled) {
+    for ((row, (travel_run, travel_direction)), counted) in rows.iter().zip(travelled).zip(counted)
+    {
         let direction = row.direction.unwrap_or(travel_direction);
-        let run = match (row.run, row.direction) {
-            (Some(run), _) => run,
-            (None, None) => travel_run,
-            (None, Some(_)) => {
-                let count = counts.entry((direction, row.target.to_bits())).or_default();
-                *count += 1;
-                *count
-            }
-        };
+        let run = row.run.unwrap_or(match row.direction {
+            Some(_) => counted,
+            None => travel_run,
+        });
         if let Some(first) = seen.insert((run, direction, row.target.to_bits()), row.line) {
             let place = Place::new(file, row.line);
             let found = format!(
@@ -407,4 +403,71 @@ fn readings(file: &str, rows: &[Row]) -> Result<Vec<Reading>, MetrologyError> {
         });
     }
     Ok(readings)
+}
+
+/// Runs of rows that state a direction and no run: the first reading of each target in a direction is of run 1. If the numbers of readings differ, a
+/// run lacks some, and the passes are taken from the order of travel.
+fn counted_runs(file: &str, rows: &[Row]) -> Result<Vec<u32>, MetrologyError> {
+    let mut counts: HashMap<(Option<Direction>, u64), u32> = HashMap::new();
+    let count = |row: &Row| {
+        let count = counts.entry((row.direction, row.target.to_bits()));
+        let count = count.or_default();
+        *count += 1;
+        *count
+    };
+    let counted: Vec<u32> = rows.iter().map(count).collect();
+    let Some(of_first) = rows
+        .first()
+        .filter(|row| row.run.is_none() && row.direction.is_some())
+    else {
+        return Ok(counted);
+    };
+    let expected = counts.get(&(of_first.direction, of_first.target.to_bits()));
+    if counts.values().all(|count| Some(count) == expected) {
+        return Ok(counted);
+    }
+    runs_by_passes(rows).ok_or_else(|| {
+        let found = "targets with different numbers of readings, not in the order of travel";
+        let expected = "a column of runs (`run`), which says what run lacks a reading";
+        Place::new(file, of_first.line).contradictory("rows", found.to_owned(), expected)
+    })
+}
+
+/// Run of each row in the order of travel, of which each has a direction. A pass ends where the direction changes or the order of its targets begins
+/// again. The first direction of the file begins a run, also where a pass is missing. `None` if a pass before the last has a single target of several: the rows
+/// are then in another order, such as by targets.
+fn runs_by_passes(rows: &[Row]) -> Option<Vec<u32>> {
+    let steps = |direction: Option<Direction>| {
+        let pairs = rows
+            .windows(2)
+            .filter(move |pair| pair[0].direction == direction && pair[1].direction == direction);
+        pairs.map(|pair| pair[1].target - pair[0].target)
+    };
+    let ascends = |direction| {
+        let up = steps(direction).filter(|step| *step > 0.0).count();
+        2 * up > steps(direction).count()
+    };
+    let both = [Some(Direction::Positive), Some(Direction::Negative)];
+    let ascends = both.map(ascends);
+    let goes_on = |a: &Row, b: &Row| {
+        let step = b.target - a.target;
+        let is_up = ascends[usize::from(a.direction == both[1])];
+        a.direction == b.direction && step != 0.0 && (step > 0.0) == is_up
+    };
+    let has_several = rows.iter().any(|row| row.target != rows[0].target);
+    let first = rows.first()?.direction;
+    let mut runs = Vec::with_capacity(rows.len());
+    let (mut run, mut before) = (0, None);
+    for pass in rows.chunk_by(goes_on) {
+        let direction = pass.first()?.direction;
+        // The last pass may end after its first target.
+        let is_last = runs.len() + pass.len() == rows.len();
+        if has_several && pass.len() < 2 && !is_last {
+            return None;
+        }
+        run += u32::from(direction == first || before == Some(direction));
+        before = Some(direction);
+        runs.extend(pass.iter().map(|_| run));
+    }
+    Some(runs)
 }

@@ -6,13 +6,16 @@ use clap::ValueEnum;
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
+use volcomp_calibrate::mean_scatter;
 use volcomp_curve::Curve;
 use volcomp_fit::{
     BandOptions, BandSource, Between, Choice, Fit, FitError, FitOptions, MLS_ORDERS, MlsTrial,
-    Noise, band, band_places, choose, fit_bspline, fit_chebyshev, fit_cubic_table, fit_mls,
-    fit_mls_auto, fit_polynomial, scan_mls,
+    Noise, band, band_of_means, band_places, choose, fit_bspline, fit_chebyshev, fit_cubic_table,
+    fit_mls, fit_mls_auto, fit_polynomial, scan_mls,
 };
-use volcomp_metrology::{DeviationUnit, Measurement, RunAlignment, axis_kind, read_file};
+use volcomp_metrology::{
+    AtTargets, DeviationUnit, Measurement, RunAlignment, axis_kind, read_file,
+};
 use volcomp_model::write_curve;
 use volcomp_vocabulary::{AxisKind, Direction};
 
@@ -207,6 +210,7 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
     }
     let mut measurement = read_file(&arguments.data)?;
     measurement.check_directions()?;
+    measurement.check_lines_of_runs()?;
     let unit = unit::apply(&arguments.data, &mut measurement, arguments.unit)?;
     let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
     let failed = |e: FitError| Failure::Input(format!("{}: {e}", arguments.data.display()));
@@ -438,13 +442,18 @@ fn auto(
     u: &[f64],
     required: Option<f64>,
 ) -> Result<(Fit, Chosen), FitError> {
-    let mut runs = whole_runs(measurement);
+    let incomplete = measurement.incomplete_runs();
+    let mut runs = match incomplete {
+        Some(_) => Vec::new(),
+        None => whole_runs(measurement),
+    };
     if runs.is_empty() {
         runs.push((x.to_vec(), u.to_vec()));
     }
     let options = FitOptions {
         required_residual: required,
         period: period(measurement),
+        noise: incomplete.as_ref().and(noise_of_mean(measurement)),
         ..FitOptions::default()
     };
     let all = |of: fn(&Run) -> &Vec<f64>| -> Vec<f64> {
@@ -459,7 +468,13 @@ fn auto(
     let runs: Vec<(&[f64], &[f64])> = runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
     // No band if the method cannot be fitted to some of the runs.
     let places = band_places(x);
-    let found = band(choice.method, &runs, &places, &BandOptions::default()).ok();
+    let options = BandOptions::default();
+    let scatter = incomplete.and_then(|of| mean_scatter(&of, over_directions, &options));
+    let found = match scatter {
+        Some(scatter) => band_of_means(choice.method, [x, u], &scatter, &places),
+        None => band(choice.method, &runs, &places, &options),
+    };
+    let found = found.ok();
     let found = found.filter(|band| band.half_width.iter().all(|half| half.is_finite()));
     let band = found.map(|band| Band {
         from: band.source,
@@ -491,8 +506,7 @@ fn whole_runs(measurement: &Measurement) -> Vec<Run> {
         .into_iter()
         .filter(|way| measurement.has(*way))
         .count();
-    let completed = measurement.completed_readings();
-    let mut readings: Vec<_> = completed.iter().collect();
+    let mut readings: Vec<_> = measurement.readings.iter().collect();
     readings.sort_by(|a, b| (a.run.cmp(&b.run)).then(a.target.total_cmp(&b.target)));
     let by_run = readings.chunk_by(|a, b| a.run == b.run);
     let run = |readings: &[&volcomp_metrology::Reading]| -> Run {
@@ -511,6 +525,15 @@ fn whole_runs(measurement: &Measurement) -> Vec<Run> {
         .map(run)
         .filter(|(targets, _)| !targets.is_empty())
         .collect()
+}
+
+/// Shifts of the means over the directions; each target was measured in all of them.
+fn over_directions([forward, backward]: &AtTargets) -> Vec<f64> {
+    if forward.is_empty() || backward.is_empty() {
+        return [&forward[..], backward].concat();
+    }
+    let both = forward.iter().zip(backward);
+    both.map(|(a, b)| f64::midpoint(*a, *b)).collect()
 }
 
 /// Scatter of the mean reading of a target, over its directions, about the curve.

@@ -264,6 +264,28 @@ fn bands_of_lines_hold_the_truth() {
     }
 }
 
+/// Lines of which some runs lack targets: one stops, one starts late, single readings are missing, and one run alone holds an end.
+#[test]
+fn bands_of_lines_that_lack_targets_hold_the_truth() {
+    let text = LINES.replace("RUNS", "5");
+    let count = calibrated((GANTRY, &text), shops(), |file, _| {
+        for (number, line) in file.measurements.iter_mut().enumerate() {
+            let targets = line.readings.targets();
+            let place = |target: f64| targets.iter().position(|at| *at == target).unwrap_or(0);
+            line.readings.readings.retain(|reading| {
+                let (run, at) = (reading.run as usize, place(reading.target));
+                match number % 4 {
+                    0 => run != 2 || at <= 5,
+                    1 => run > 2 || at >= 3,
+                    2 => (7 * at + 5 * run) % 11 > 1,
+                    _ => run == 1 || at <= 6,
+                }
+            });
+        }
+    });
+    count.holds("lines that lack targets, 5 runs");
+}
+
 /// States uncertainties of the laser scale and of the squares, and shifts both by random errors of that size.
 fn laser_and_squares(
     file: &mut CalibrationFile,

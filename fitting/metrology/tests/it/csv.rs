@@ -152,7 +152,7 @@ fn incomplete_or_suspicious_tables_are_noted() {
     run 2 + holds 1 of 3 targets
     run 1 - holds 2 of 3 targets
     2 runs forward, 1 backward
-    not all runs hold all targets: for curves the runs are aligned by their offsets at common targets; a run of another slope leaves a step where it ends, and bands are too narrow where few runs hold a target; ISO 230-2 uses the readings as they are
+    not all runs hold all targets: for curves the runs are aligned at common targets, by their offsets and for straightness also by their slopes; ISO 230-2 uses the readings as they are
     ");
     let zeros = BIDIRECTIONAL
         .replace("-2.25", "0")

@@ -173,6 +173,44 @@ fn header_rows_are_lines_of_the_file() {
     assert_eq!(table(numbered, "\nt,d\n0,1\n").unwrap().readings.len(), 1);
 }
 
+/// Readings of passes, each a direction and targets, as a table with a column of directions, and the runs that are read.
+fn runs_of(passes: &[(&str, &[u32])]) -> Result<Vec<u32>, MetrologyError> {
+    let toml = "[columns]\ntarget = \"t\"\ndeviation = \"d\"\ndirection = \"way\"";
+    let rows = passes.iter().flat_map(|(way, targets)| {
+        let row = move |target: &u32| format!("{target},{way},0.5\n");
+        targets.iter().map(row)
+    });
+    let read = table(toml, &format!("t,way,d\n{}", rows.collect::<String>()))?;
+    Ok(read.readings.iter().map(|reading| reading.run).collect())
+}
+
+/// Without a column of runs, a run that lacks a target does not take the reading of the next one.
+#[test]
+fn runs_that_lack_targets_are_counted_by_passes() {
+    let there_and_back: [(&str, &[u32]); 6] = [
+        ("+", &[0, 1, 2]),
+        ("-", &[2, 1, 0]),
+        ("+", &[0, 2]),
+        ("-", &[2, 1, 0]),
+        ("+", &[0, 1, 2]),
+        ("-", &[1, 0]),
+    ];
+    let expected = [1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3];
+    assert_eq!(runs_of(&there_and_back).unwrap(), expected);
+    // The way back of the second run is missing.
+    let passes = [&there_and_back[..3], &there_and_back[4..]].concat();
+    let expected = [1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 3, 3, 3];
+    assert_eq!(runs_of(&passes).unwrap(), expected);
+    // One direction; the second run begins late.
+    let one_way: [(&str, &[u32]); 3] = [("+", &[0, 1, 2]), ("+", &[1, 2]), ("+", &[0, 1, 2])];
+    assert_eq!(runs_of(&one_way).unwrap(), [1, 1, 1, 2, 2, 3, 3, 3]);
+    // Complete runs are counted whatever the order of the rows.
+    let by_targets: [(&str, &[u32]); 1] = [("+", &[0, 0, 1, 1, 2, 2])];
+    assert_eq!(runs_of(&by_targets).unwrap(), [1, 2, 1, 2, 1, 2]);
+    let lacking: [(&str, &[u32]); 1] = [("+", &[0, 0, 1, 2, 2])];
+    insta::assert_snapshot!(runs_of(&lacking).unwrap_err(), @"x.csv:2: rows: found targets with different numbers of readings, not in the order of travel, expected a column of runs (`run`), which says what run lacks a reading");
+}
+
 #[test]
 fn runs_and_directions_come_from_columns_if_present() {
     let toml =

@@ -1,0 +1,68 @@
+//! Repeated readings of a curve, from which its band is resampled.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use volcomp_fit::{Band, BandOptions, FitError, MeanScatter, Method, band, band_of_means};
+use volcomp_metrology::{AtTargets, IncompleteRuns};
+use volcomp_vocabulary::Direction;
+
+use crate::{profile::Run, varied::normal};
+
+/// Repeated readings of a curve.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Repeated {
+    /// Runs that all hold all targets, or means of lines.
+    Runs(Vec<Run>),
+    /// Runs of which not all hold all targets, and the means of one direction.
+    Incomplete {
+        runs: Box<IncompleteRuns>,
+        direction: Direction,
+        means: Run,
+    },
+}
+
+impl Repeated {
+    /// 95 % band of the curve that a method fits to the means.
+    pub(crate) fn band(&self, method: Method, places: &[f64]) -> Result<Band, FitError> {
+        let options = BandOptions::default();
+        match self {
+            Self::Runs(runs) => {
+                let runs: Vec<(&[f64], &[f64])> =
+                    runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
+                band(method, &runs, places, &options)
+            }
+            Self::Incomplete {
+                runs,
+                direction,
+                means: (x, u),
+            } => {
+                let of_direction = |shifts: &AtTargets| shifts[*direction as usize].clone();
+                match mean_scatter(runs, of_direction, &options) {
+                    Some(scatter) => band_of_means(method, [x, u], &scatter, places),
+                    // Readings without any repetition are those of a single run.
+                    None => band(method, &[(x, u)], places, &options),
+                }
+            }
+        }
+    }
+}
+
+/// Scatter of means where not all runs hold all targets, for [`band_of_means`]; `means` picks the means of a curve. `None` if no reading was repeated.
+pub fn mean_scatter(
+    runs: &IncompleteRuns,
+    means: impl Fn(&AtTargets) -> Vec<f64>,
+    options: &BandOptions,
+) -> Option<MeanScatter> {
+    let freedom = runs.scatter()?.freedom;
+    let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
+    let mut sample = || means(&runs.shifted_by_noise(&mut || normal(&mut rng)));
+    let first = sample();
+    let count = MeanScatter::samples_for(first.len(), options);
+    let more = (1..count).map(|_| sample());
+    Some(MeanScatter {
+        samples: std::iter::once(first).chain(more).collect(),
+        of_runs: runs.shifts_by_lines().map(means).collect(),
+        run_freedom: runs.freedom_of_lines() as f64,
+        freedom,
+    })
+}
