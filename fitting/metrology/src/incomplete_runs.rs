@@ -6,11 +6,9 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_vocabulary::Urad;
-
 use crate::passes::Passes;
 use crate::runs::{Alignment, RunAlignment, RunScatter, pooled_scatter};
-use crate::{Measurement, ReferenceLine};
+use crate::{Measurement, ReferenceLine, SlopeUncertainty};
 
 /// Values at the targets of both directions, forward first, in the order of [`Measurement::mean_curve_in`].
 pub type AtTargets = [Vec<f64>; 2];
@@ -59,8 +57,12 @@ impl IncompleteRuns {
         self.of_lines.len().saturating_sub(1)
     }
 
-    /// Standard uncertainty of the slope of the mean of both directions from the slopes of the runs; `None` with one run.
-    pub(crate) fn slope_uncertainty(&self) -> Option<Urad> {
+    /// Uncertainty of the slope of the mean of both directions, from the slopes of the runs; `None` with one run, or if the runs are aligned by
+    /// their offsets.
+    pub(crate) fn slope_uncertainty(&self) -> Option<SlopeUncertainty> {
+        if self.alignment.kind == RunAlignment::Offset {
+            return None;
+        }
         let slope = |by: &AtTargets| -> Option<f64> {
             let targets = self.alignment.passes.iter().flat_map(|of| &of.targets);
             let shifts = targets
@@ -71,7 +73,10 @@ impl IncompleteRuns {
         };
         let slopes: Vec<f64> = self.of_lines.values().filter_map(slope).collect();
         let squares: f64 = slopes.iter().map(|slope| slope * slope).sum();
-        (slopes.len() > 1).then(|| Urad(squares.sqrt()))
+        (slopes.len() > 1).then(|| SlopeUncertainty {
+            standard_urad: squares.sqrt(),
+            degrees: slopes.len() as f64 - 1.0,
+        })
     }
 
     /// Change of the means if each reading changes by the standard deviation of a reading times a number that `next` returns.

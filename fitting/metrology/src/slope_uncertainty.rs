@@ -20,15 +20,18 @@ impl SlopeUncertainty {
     /// Of the mean slope of several runs, from the scatter of their slopes: s/√n. It contains the realignment and the drift of the reference
     /// between runs, which the readings about the mean line do not show. `None` for one run in each direction.
     ///
-    /// The slopes are those about the mean profile of the targets that all of these runs hold, so that they contain neither the profile nor the
-    /// reversal. Runs with separate numbers in the two directions have one mean in each, and one degree of freedom less.
+    /// The slopes are those about the mean profile, so that they contain neither the profile nor the reversal; those of runs that lack targets
+    /// are the slopes of their alignment. Runs with separate numbers in the two directions have one mean in each, and one degree of freedom less.
     pub fn of_runs(measurement: &Measurement) -> Option<Self> {
         // −0.0 and 0.0 are one target.
         let key = |target: f64, direction| (direction, (target + 0.0).to_bits());
-        let readings = measurement.complete_readings(1);
+        if let Some(incomplete) = measurement.incomplete_runs() {
+            return incomplete.slope_uncertainty();
+        }
+        let readings = &measurement.readings;
         let mut means: BTreeMap<(Direction, u64), (f64, f64)> = BTreeMap::new();
         let mut runs_in = [BTreeSet::new(), BTreeSet::new()];
-        for reading in &readings {
+        for reading in readings {
             let (sum, count) = means
                 .entry(key(reading.target, reading.direction))
                 .or_default();
@@ -37,7 +40,7 @@ impl SlopeUncertainty {
             runs_in[reading.direction as usize].insert(reading.run);
         }
         let mut runs: BTreeMap<u32, Vec<(f64, f64)>> = BTreeMap::new();
-        for reading in &readings {
+        for reading in readings {
             let (sum, count) = means[&key(reading.target, reading.direction)];
             let run = runs.entry(reading.run).or_default();
             run.push((reading.target, reading.deviation - sum / count));

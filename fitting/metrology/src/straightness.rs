@@ -333,54 +333,6 @@ pub fn straightness_of_profile(profile: &[(f64, f64)]) -> Result<Straightness, M
     })
 }
 
-/// Standard uncertainty of the slope of a line, µrad: from its residuals (`of_line`), or from the slopes of its runs if these scatter more than the
-/// residuals explain, as with a beam that is realigned for each run.
-pub fn slope_uncertainty_with_runs(measurement: &Measurement, of_line: Option<f64>) -> Option<f64> {
-    let of_runs = slope_uncertainty_of_runs(measurement);
-    match (of_runs, of_line) {
-        (Some(of_runs), Some(of_line)) if of_runs <= TIMES_OF_LINE * of_line => Some(of_line),
-        (of_runs, of_line) => of_runs.or(of_line),
-    }
-}
-
-/// Ratio of both uncertainties above which the slopes of the runs scatter more than the residuals of the line explain. Independent scatter of the
-/// readings exceeds it for one in twenty lines of two runs, and more rarely with more runs.
-const TIMES_OF_LINE: f64 = 2.0;
-
-/// s/√n in µrad with s the standard deviation of the slopes of n runs, both directions of a run together; `None` for fewer than two.
-fn slope_uncertainty_of_runs(measurement: &Measurement) -> Option<f64> {
-    // The own slope of a run that lacks targets contains the shape of the profile.
-    if let Some(incomplete) = measurement.incomplete_runs() {
-        return incomplete.slope_uncertainty().map(|slope| slope.0);
-    }
-    let mut runs: BTreeMap<u32, Vec<(f64, f64)>> = BTreeMap::new();
-    for reading in &measurement.readings {
-        let run = runs.entry(reading.run).or_default();
-        run.push((reading.target, reading.deviation));
-    }
-    let lines = runs
-        .values()
-        .filter_map(|run| ReferenceLine::least_squares(run).ok());
-    let slopes: Vec<f64> = lines.map(|line| line.slope().0).collect();
-    let n = slopes.len() as f64;
-    let mean = slopes.iter().sum::<f64>() / n;
-    let squares: f64 = slopes.iter().map(|slope| (slope - mean).powi(2)).sum();
-    (slopes.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt())
-}
-
-/// s/√Σ(q − q̄)² with s² the sum of the squared residuals over n − 2.
-fn slope_uncertainty(profile: &[(f64, f64)], line: &ReferenceLine) -> Option<f64> {
-    const URAD_PER_UM_PER_MM: f64 = 1e3;
-    let n = profile.len();
-    if n < 3 {
-        return None;
-    }
-    let squares: f64 = line.removed_from(profile).iter().map(|r| r.1 * r.1).sum();
-    let mean = profile.iter().map(|p| p.0).sum::<f64>() / n as f64;
-    let spread: f64 = profile.iter().map(|p| (p.0 - mean).powi(2)).sum();
-    Some((squares / (n - 2) as f64 / spread).sqrt() * URAD_PER_UM_PER_MM)
-}
-
 fn check_points(name: &str, points: &[(f64, f64)]) -> Result<(), MetrologyError> {
     let refuse = |found: String, expected: &str| {
         Err(MetrologyError::readings(name, "points", found, expected))

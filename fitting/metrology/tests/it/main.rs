@@ -1,3 +1,4 @@
+//! Behaviour of the crate, seen from outside.
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 mod bad_input;
