@@ -155,7 +155,7 @@ fn elsewhere_only_with_tls_and_a_token() {
             path(&viewer),
         ])
     };
-    // The dashboard responds before the first cycle.
+    // The dashboard must respond before the first cycle.
     let end = Instant::now() + Duration::from_secs(60);
     loop {
         let with = with_token();
@@ -168,11 +168,11 @@ fn elsewhere_only_with_tls_and_a_token() {
         assert!(Instant::now() < end, "{reported}");
         std::thread::sleep(Duration::from_millis(50));
     }
-    // The rest of the file is not read, because it may be being edited.
+    // `status` finds the address although another key is invalid, because the file may be being edited.
     change(&config, "slew_um_per_s = 500.0", "slew_um_per_s = \"fast\"");
     let changed = with_token();
     assert_eq!(changed.status.code(), Some(0), "{changed:?}");
-    // A file that is not TOML contains no address: the message states how to request the state anyway.
+    // A file that is not TOML has no address: the message states how to request the state without the file.
     change(&config, "slew_um_per_s = \"fast\"", "slew_um_per_s");
     let broken = call(&["status", "--config", path(&config)]);
     assert_eq!(broken.status.code(), Some(2), "{broken:?}");
