@@ -174,7 +174,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "at = 120 }\narea = { pmc = \"R\", first = 100, width = 4 }",
         "area.width: found 4, expected 2",
     ),
-    // States that the device does not report, or reports although another key fixes them.
+    // `unseen`: a duplicate, a missing state, and a state that the device reports.
     on_lines(
         "\"emergency_stop\"]",
         "\"referenced\"]",
