@@ -5,7 +5,7 @@ use volcomp_nc::{Corrector, Dialect, Job, MeanOf, NcError, SetUp, average, compe
 
 use crate::identity::{TRAVELS, compensated_in};
 
-/// X needs 1 µm for each millimetre of Y, and a line over 50 mm of X is split.
+/// X is corrected by 1 µm per mm of Y, and a line over 50 mm of X is split.
 const ERRORS: &str = "[errors]\nEC0Y = 1000.0\nEYX = { table = [[-1000, 0], [0, 0], [50, 20], [100, 0], [1000, 0]], interpolation = \"linear\" }\n";
 
 const PROGRAMS: [&str; 4] = [
@@ -25,7 +25,6 @@ fn with_ends(text: &[u8], end: &str) -> Vec<u8> {
     text.replace('\n', end).into_bytes()
 }
 
-/// The result has the line ends of its program and is otherwise equal.
 #[test]
 fn added_lines_have_the_line_ends_of_the_program() {
     for program in PROGRAMS {
@@ -88,7 +87,7 @@ fn line_ends_across_buffers() {
     }
 }
 
-/// Bytes that occur in none of these files are refused with their position; lines are counted as an editor counts them.
+/// Bytes that no such file contains are refused with their position. Lines are counted as in an editor.
 #[test]
 fn other_bytes_are_refused() {
     for (program, expected) in [
