@@ -1,4 +1,4 @@
-//! Two runs with separate zeros, the second of which stops half-way: curve, band and Monte Carlo samples are those of complete runs.
+//! The second of two runs with separate zeros stops half-way: curve, band and Monte Carlo samples are those of complete runs.
 
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ fn truth(x: f64, sign: &str) -> f64 {
     0.02 * x + 3.0 * (x / 130.0).sin() + half
 }
 
-/// Targets every 50 mm in both directions; run 2 is 40 µm higher and, with `last`, ends at that target (mm) of its forward part.
+/// Targets every 50 mm in both directions. Run 2 is 40 µm higher and ends, with `last`, at that target (mm) of its forward part.
 fn file(curve: &str, last: Option<f64>) -> CalibrationFile {
     let mut csv = String::from("target,run,direction,deviation_um\n");
     for (run, offset) in [(1, 0.0), (2, 40.0)] {
@@ -57,7 +57,7 @@ fn a_run_that_stops_makes_no_step() {
     );
 }
 
-/// The runs differ only in their zeros, which are known for both.
+/// Runs that differ only in their zeros have the band and samples of complete runs.
 #[test]
 fn band_and_samples_are_those_of_complete_runs() {
     let [complete, stopped] =
@@ -69,7 +69,7 @@ fn band_and_samples_are_those_of_complete_runs() {
         };
         let [a, b] = [a, b].map(|curve| curve.band().expect("a band"));
         assert_eq!(a.at, b.at);
-        // The backward direction was run once, so only its residuals are available.
+        // The backward direction was run once, so it has only residuals.
         let same = a.source == b.source;
         assert_eq!(same, direction.name() == "forward");
         for (a, b) in a.half_width.iter().zip(&b.half_width).filter(|_| same) {
