@@ -1,7 +1,7 @@
 //! Corrects a control without a bus by the published scheme: its 15 outputs report the position of X, its 8 inputs receive the
 //! correction. Here the lines are in memory; on a machine they are a `GpioPort` or a Modbus module.
 //!
-//! cargo run -p volcomp-digital-io --example panel
+//!     cargo run -p volcomp-digital-io --example panel
 
 use std::{
     error::Error,
