@@ -426,7 +426,6 @@ fn model_show_and_model_download() {
     assert_eq!(std::fs::read_to_string(path.join("m.toml")).unwrap(), text);
 }
 
-/// The book quotes the start of the example model's checksum.
 #[test]
 fn the_book_quotes_the_checksum_of_the_example_model() {
     let folder = tempfile::tempdir().unwrap();

@@ -10,7 +10,6 @@ fn read(text: &str) -> Result<Config, String> {
     Config::read(&file).map_err(|e| strip(e.to_string()))
 }
 
-/// The configuration in the book with every key.
 fn book_example() -> String {
     let book = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/src/fleet.md");
     let book = std::fs::read_to_string(book).unwrap();
@@ -52,7 +51,6 @@ fn the_book_shows_every_key_with_its_default() {
     }
 }
 
-/// `nats-config` writes a server that listens on the port of the centre's `url`.
 #[test]
 fn the_nats_server_listens_on_the_port_of_the_url() {
     for (url, server, listen) in [

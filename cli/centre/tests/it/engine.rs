@@ -205,7 +205,6 @@ fn no_message_is_lost_while_the_centre_is_disconnected() {
     });
 }
 
-/// After a kill of one server of the cluster every acknowledged message is stored.
 #[test]
 fn a_killed_cluster_server_loses_no_message() {
     Shop::run(3, 2, async |shop| {

@@ -422,7 +422,6 @@ fn a_machine_file_is_added_and_rolled_out() {
     );
 }
 
-/// A model is downloaded exactly as signed, and as tables for a control.
 #[test]
 fn a_model_is_downloaded_as_signed_and_as_tables() {
     let page = Page::start();

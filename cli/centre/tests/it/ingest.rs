@@ -154,7 +154,6 @@ fn a_limited_history_returns_its_newest_points() {
     );
 }
 
-/// A message number up to the maximum is counted without overflow.
 #[test]
 fn message_numbers_up_to_the_maximum_are_counted() {
     let mut instances = volcomp_centre::instance::Instances::default();

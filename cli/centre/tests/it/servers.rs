@@ -70,7 +70,6 @@ fn joined(monitor: &str) -> Option<u64> {
     document["num_routes"].as_u64()
 }
 
-/// Three servers configured by one centre form a cluster with TLS and a password.
 #[test]
 fn three_servers_of_one_centre_join_with_tls() {
     let Some(server) = program() else {

@@ -112,7 +112,6 @@ fn a_concurrent_reader_loses_no_rows() {
     assert_eq!(place.open().unwrap().machines().unwrap().len(), 2);
 }
 
-/// A wrong path does not change the permissions of that file.
 #[test]
 fn a_file_that_is_no_database_keeps_its_permissions() {
     use std::os::unix::fs::PermissionsExt;
@@ -452,7 +451,6 @@ fn a_panic_in_a_transaction_is_rolled_back() {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
-/// A database of the first schema version is migrated with its content.
 #[test]
 fn an_older_database_is_migrated() {
     let (place, store) = opened();
@@ -516,7 +514,6 @@ fn unstorable_instance_names_do_not_block_a_batch() {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
-/// Numbers keep every bit.
 #[test]
 fn numbers_are_stored_exactly() {
     let (_place, store) = opened();

@@ -176,7 +176,6 @@ fn every_reason_is_in_the_chapter() {
     );
 }
 
-/// Names of the tests in the table of hazards.
 fn tests_of_hazards() -> BTreeSet<String> {
     let text = fs::read_to_string(chapter("guard.md")).expect("a page");
     let rows = text

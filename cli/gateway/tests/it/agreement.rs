@@ -87,7 +87,6 @@ fn a_wrong_configuration_ends_the_programs() {
     assert!(reported.is_some_and(|text| text.contains("unwatched = true")));
 }
 
-/// The descriptions in the plan equal those of the open controllers.
 #[test]
 fn a_plan_describes_what_is_opened() {
     use volcomp_gateway::{config::Config, plan::Plan};

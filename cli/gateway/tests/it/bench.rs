@@ -108,7 +108,6 @@ pub(crate) struct Parts<'a> {
     pub(crate) clock: &'a Clock,
 }
 
-/// Plans a path, and opens its controller.
 pub(crate) fn path(
     controller: impl Controller + 'static,
     model: &Model,

@@ -82,7 +82,6 @@ fn status_and_check_speak_for_themselves() {
     }
 }
 
-/// The configuration in the manual is valid.
 #[test]
 fn the_documented_configuration_is_right() {
     let dir = tempfile::tempdir().expect("writable");

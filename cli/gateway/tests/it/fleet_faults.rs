@@ -21,7 +21,6 @@ fn says(state: &serde_json::Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// Message numbers for each start of a gateway.
 fn numbers(centre: &Centre) -> BTreeMap<String, BTreeSet<u64>> {
     let mut numbers: BTreeMap<String, BTreeSet<u64>> = BTreeMap::new();
     for stream in ["telemetry", "audit"] {

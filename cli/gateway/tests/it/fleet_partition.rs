@@ -233,7 +233,6 @@ fn partition(lost: Lost) {
     no_step(&trace);
 }
 
-/// Checks during the partition.
 fn alone(whole: &Whole, program: &Program) {
     wait(program, "the gateway notices", |state| {
         goes_on(state, -25.0);
@@ -261,7 +260,6 @@ fn alone(whole: &Whole, program: &Program) {
     assert_eq!(page["silent"], true, "{page}");
 }
 
-/// Checks after the partition.
 fn comes_later(whole: &Whole, program: &Program, dir: &std::path::Path, cut: Duration) {
     whole.machine_is("its state is reported", "mill-1", |one| {
         one["enable"] == false && one["live"]["condition"]["state"] == "disarmed"

@@ -334,7 +334,6 @@ impl Whole {
         answer(&text)
     }
 
-    /// Logs in on the page; returns the cookie.
     pub(crate) fn log_in(&self) -> String {
         let body = json!({ "name": "anna", "password": PASSWORD }).to_string();
         let answer = self.ask("POST", "/api/login", "X-Volcomp: 1\r\n", &body);

@@ -299,7 +299,6 @@ fn a_rotary_axis_on_lines_has_its_own_steps() {
     assert_eq!(step, Displacement::from_micro(AxisKind::Linear, 0.5));
 }
 
-/// A key for the other kind of axis is rejected, and a missing key is named.
 #[test]
 fn keys_of_the_other_kind_are_refused() {
     for (axis, keys, line, key) in [

@@ -238,12 +238,10 @@ impl Gateway {
         panic!("no fault: {}", self.state());
     }
 
-    /// Cuts the connection to the control.
     pub(crate) fn disconnect(&self) {
         self.rig.inject(Injection::Disconnect { calls: u32::MAX });
     }
 
-    /// One cycle without the service.
     pub(crate) fn cycle_alone(&mut self) {
         self.rig.clock().advance(self.period);
         self.cycles.cycle();

@@ -37,7 +37,6 @@ fn started(config: &Path) -> Program {
     Program::start(dir, &["--config", path(config)])
 }
 
-/// A standby path that never responded is reported.
 #[test]
 fn a_silent_standby_path_is_reported() {
     let dir = tempfile::tempdir().expect("writable");

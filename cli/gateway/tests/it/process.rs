@@ -298,12 +298,10 @@ fn sighup_reloads_and_http_confirms() {
     corrects(-100.0);
 }
 
-/// Runs the machine until it fails.
 pub(crate) fn failed(config: PathBuf, slot: &Arc<Slot>, turn: ServiceStep<'_>) -> Failure {
     failed_at(([127, 0, 0, 1], 0).into(), config, slot, turn)
 }
 
-/// Like [`failed`], with the dashboard at this address.
 pub(crate) fn failed_at(
     listen: SocketAddr,
     config: PathBuf,

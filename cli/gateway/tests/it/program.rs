@@ -65,7 +65,6 @@ impl Answer {
     }
 }
 
-/// A file with tokens of both roles.
 pub(crate) fn token_file(dir: &Path) -> PathBuf {
     use std::os::unix::fs::PermissionsExt;
     let path = dir.join("tokens");
@@ -112,7 +111,6 @@ impl Program {
         Self { running, client }
     }
 
-    /// The built-in simulation with tokens.
     pub(crate) fn simulated(dir: &Path) -> Self {
         let tokens = token_file(dir);
         let audit = dir.join("audit");

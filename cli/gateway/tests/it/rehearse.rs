@@ -110,7 +110,6 @@ fn shipped_configurations_pass() {
     );
 }
 
-/// With a barrier no fault needs an exception, for several seeds.
 #[test]
 fn with_a_barrier_no_fault_is_excepted() {
     let (_dir, file) = changed(|text| with_thermometer(&text));

@@ -89,7 +89,6 @@ fn write(dir: &Path, url: &str, largest_um: f64) -> PathBuf {
     file
 }
 
-/// Writes only the map, with this number.
 fn write_map(dir: &Path, largest_um: f64, counter: u16) {
     let names = [AxisName::X, AxisName::Y, AxisName::Z];
     let request = Request {

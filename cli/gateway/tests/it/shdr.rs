@@ -25,7 +25,6 @@ use crate::{
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The shape of a five-axis gateway.
 fn shape() -> Shape {
     Shape {
         machine: "m".to_owned(),

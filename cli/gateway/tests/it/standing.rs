@@ -356,7 +356,6 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
     }
 }
 
-/// Acknowledging an alarm of the control does not accept a sensor that jumped.
 #[test]
 fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     let dir = tempfile::tempdir().expect("writable");

@@ -88,7 +88,6 @@ fn one_file_with_defaults_yields_a_machine_file() {
     assert!(is_stale());
 }
 
-/// A calibration file written by the page and then edited is not overwritten.
 #[test]
 fn a_hand_edited_calibration_file_is_not_overwritten() {
     let (dir, folder) = small();

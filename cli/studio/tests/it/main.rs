@@ -37,7 +37,6 @@ pub(crate) fn defaults(folder: &Folder) -> Vec<TypedAnswer> {
         .collect()
 }
 
-/// Copies a folder with its subfolders.
 pub(crate) fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).expect("writable");
     for entry in fs::read_dir(from).expect("readable") {

@@ -32,7 +32,6 @@ fn few_terms_are_enough_for_a_spindle() {
     }
 }
 
-/// The section of one displacement in the output.
 fn section<'t>(printed: &'t str, name: &str, next: &str) -> &'t str {
     let (_, from) = printed.split_once(&format!("\n\n{name}\n")).expect(name);
     from.split_once(&format!("\n\n{next}\n"))
@@ -462,7 +461,6 @@ fn inverted_files_dead_sensors_and_other_units_are_named() {
     contains(&in_mm, "expected µm");
 }
 
-/// Of two files with opposite signs either may be wrong, so both are named.
 #[test]
 fn two_files_of_opposite_sign_are_both_named() {
     let folder = Folder::new();

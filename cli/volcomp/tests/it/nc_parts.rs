@@ -11,7 +11,6 @@ fn inspected(folder: &Folder, model: &str, truth: &str, part: &str, setup: Optio
     inspected_with(folder, model, truth, part, setup, &[])
 }
 
-/// Like [`inspected`], with more options.
 fn inspected_with(
     folder: &Folder,
     model: &str,

@@ -104,7 +104,7 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     let errors = json(&["error", "-m", GANTRY, "--points", &once]);
     assert_eq!(errors, json(&["error", "-m", GANTRY, "--points", &points]));
 
-    // So is the correction of a single position, and a map.
+    // The output for a single position and a map are tables of positions as well.
     json(&format!(
         "correct -m {FIVE_AXES} --at X=700,B=10,C=30 -o {once}"
     ));

@@ -270,7 +270,6 @@ fn the_printed_commands_lead_to_a_good_machine() {
     assert!(left > 10.0, "{left}");
 }
 
-/// In printed commands each path is one shell word for any folder name.
 #[cfg(unix)]
 #[test]
 fn printed_commands_keep_paths_in_one_word() {

@@ -57,7 +57,6 @@ fn a_run_that_stops_makes_no_step() {
     );
 }
 
-/// Runs that differ only in their zeros have the band and samples of complete runs.
 #[test]
 fn band_and_samples_are_those_of_complete_runs() {
     let [complete, stopped] =

@@ -153,7 +153,6 @@ fn implausible_settings_are_refused_or_noted() {
     }
 }
 
-/// One note lists all lines without a point, with file, position and tilts of each.
 #[test]
 fn lines_without_a_point_are_listed_in_one_note() {
     let lab = two_axes();

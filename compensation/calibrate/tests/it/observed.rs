@@ -213,7 +213,6 @@ fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
     }
 }
 
-/// Lines and unknowns that are solved alternately.
 #[test]
 fn uncertainties_of_unknowns_identified_together_with_lines() {
     let lab = Lab::new(GEOMETRY);
@@ -232,7 +231,6 @@ fn uncertainties_of_unknowns_identified_together_with_lines() {
     uncertainties_are_those_of_repeats(lab.read(&text).expect("read"));
 }
 
-/// Lines and unknowns that are solved together.
 #[test]
 fn uncertainties_of_unknowns_that_lines_follow() {
     let tilt = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tilt/c.toml");

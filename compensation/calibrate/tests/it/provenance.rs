@@ -81,7 +81,6 @@ fn a_curve_has_the_provenance_and_quality_of_its_file() {
     );
 }
 
-/// The same files give the same bytes in any folder and at any time.
 #[test]
 fn the_same_files_give_the_same_bytes() {
     let calibrated = |machine: &str| files(machine).calibrated(CALIBRATION).machine;

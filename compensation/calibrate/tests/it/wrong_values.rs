@@ -134,7 +134,6 @@ fn a_dial_along_a_mandrel_reads_as_the_book_states() {
     }
 }
 
-/// A squareness with the wrong sign is noted with its position in the file.
 #[test]
 fn a_squareness_of_the_wrong_sign_is_noted() {
     let lab = seen(GEOMETRY, "EX0C = 23.8\nEC0Y = 40.0\n");

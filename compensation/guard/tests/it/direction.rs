@@ -420,7 +420,6 @@ proptest! {
         }
     }
 
-    /// A reversal is detected in spite of two wrong readings in five.
     #[test]
     fn a_reversal_is_found_among_wrong_readings(wrong in wrong_readings(), step in 0.001..0.5_f64) {
         let mut memory = Memory::default();

@@ -153,7 +153,6 @@ fn lines_that_take_over_start_at_their_levels() {
     arms(&mut world, "taken over");
 }
 
-/// Levels of unknown origin are reported; disarming ramps them to zero.
 #[test]
 fn left_levels_are_reported_and_disarming_ramps_them_out() {
     let mut world = World::lines(&limits());

@@ -393,7 +393,6 @@ fn a_correction_between_steps_ramps_out() {
     }
 }
 
-/// A ramp to zero ends although the rotary axis, with an acceleration limit, is almost at zero already.
 #[test]
 fn a_ramp_to_zero_ends_with_a_rotary_axis_already_at_zero() {
     let mut limits = limits();

@@ -9,7 +9,6 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::machine::{KINDS, Kind, Machine};
 
-/// The number in an environment variable, or this default.
 fn environment(name: &str, otherwise: u32) -> u32 {
     let environment = std::env::var(name).ok();
     environment
@@ -135,7 +134,6 @@ proptest! {
     }
 }
 
-/// With every kind of control the random sequences reach every state.
 #[test]
 fn sequences_visit_every_state() {
     for kind in KINDS {

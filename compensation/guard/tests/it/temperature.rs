@@ -149,7 +149,7 @@ fn a_jump_that_was_a_disturbance_ends_after_ten_minutes() {
     assert_eq!(machine.used_after(&[20.8], 500.0), None);
     machine.reads(&[22.5]);
     assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
-    // So does a fault.
+    // A fault restarts the ten minutes too.
     machine.reads(&[60.0]);
     assert_eq!(machine.used_after(&[20.8], 500.0), None);
     machine.hears(&[SensorReading::Fault]);
@@ -356,7 +356,6 @@ fn a_sensor_that_disagrees_is_reported() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// A slow warm-up is accepted with any resolution, interval and noise.
     #[test]
     fn a_slow_warm_up_is_accepted(
         k_per_min in -4.0..4.0_f64,

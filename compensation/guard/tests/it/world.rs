@@ -222,7 +222,7 @@ impl World {
         world
     }
 
-    /// Another path to the same barrier, not read yet, takes over with these limits.
+    /// Takes over on another path to the same barrier, which was not read yet, with these limits.
     pub(crate) fn take_other_path(&mut self, limits: &Limits) {
         let link = BarrierLink::new(99, MACHINE, layout(), SCAN);
         let places = same_places();
@@ -250,7 +250,6 @@ impl World {
         !self.referenced || self.alarm || self.emergency_stop
     }
 
-    /// Runs the due scans of the control.
     pub(crate) fn scan(&mut self) {
         while self.scanned + self.scan_time <= self.now {
             self.scanned += self.scan_time;
@@ -264,7 +263,6 @@ impl World {
         }
     }
 
-    /// Moves the axes.
     pub(crate) fn apply(&mut self, values: PerChannel<f64>) {
         for (new, old) in values.iter().zip(&self.applied) {
             self.largest_step = self.largest_step.max((new - old).abs());
@@ -293,7 +291,6 @@ impl World {
         self.answers.then_some(reading)
     }
 
-    /// Updates positions that come at intervals.
     fn show(&mut self) {
         let Some(every) = self.positions_every.take() else {
             return;
@@ -305,7 +302,6 @@ impl World {
         self.positions_every = Some(every);
     }
 
-    /// Reads the control.
     pub(crate) fn read(&mut self) {
         self.show();
         let limits = *self.guard.limits();
@@ -339,7 +335,6 @@ impl World {
         self.interlocks.update(0, self.answers.then_some(interlock));
     }
 
-    /// Runs the guard.
     pub(crate) fn decide(&mut self, request: Option<Request>) -> Output {
         if request == Some(Request::Acknowledge) {
             self.interlocks.acknowledge();
@@ -361,7 +356,7 @@ impl World {
         })
     }
 
-    /// Sends an output, unless it has expired.
+    /// Sends an output unless its deadline has passed.
     pub(crate) fn send(&mut self, output: &Output) {
         if !output.write {
             return;
@@ -402,14 +397,14 @@ impl World {
         output
     }
 
-    /// Foreign change of the correction, if the control has no barrier.
+    /// Changes the correction like a foreign client, if the control has no barrier.
     pub(crate) fn clear(&mut self, values: PerChannel<f64>) {
         if self.status().scheme == Scheme::Plain {
             self.applied = values;
         }
     }
 
-    /// A cycle in which the program pauses for `stopped` between reading and writing. Returns whether the output was sent.
+    /// A cycle in which the program is suspended for `stopped` between read and write; returns whether the output was sent.
     pub(crate) fn cycle_with_pause(
         &mut self,
         dt: Duration,
@@ -427,7 +422,7 @@ impl World {
         (output, before != self.applied)
     }
 
-    /// Every change of an axis by one write or scan was at most `most`, mm.
+    /// Checks that no write or scan changed an axis by more than `most`, mm.
     #[track_caller]
     pub(crate) fn assert_steps(&self, most: f64, case: &str) {
         let found = self.largest_step;
@@ -437,14 +432,14 @@ impl World {
         );
     }
 
-    /// X and Y have these corrections, mm.
+    /// Checks the corrections of X and Y, mm.
     #[track_caller]
     pub(crate) fn assert_applied(&self, expected: PerChannel<f64>, case: &str) {
         let off = |i: usize| (self.applied[i] - expected[i]).abs();
         assert!(off(0) < 1e-9 && off(1) < 1e-9, "{case}: {:?}", self.applied);
     }
 
-    /// Runs for `time`, and then is in this state.
+    /// Runs for `time`, then checks the state.
     #[track_caller]
     pub(crate) fn run_to(&mut self, time: Duration, state: State) -> Output {
         let output = self.run(time);
@@ -474,14 +469,14 @@ impl World {
         self
     }
 
-    /// Arms, and counts the largest step from here.
+    /// Arms, and resets the largest step.
     pub(crate) fn arm_from_here(mut self) -> Self {
         self.largest_step = 0.0;
         self.request(Request::Arm);
         self
     }
 
-    /// A control without a barrier, with read-back, armed.
+    /// An armed control without a barrier, with read-back.
     pub(crate) fn compensating(limits: &Limits) -> Self {
         Self::new(limits).arm()
     }

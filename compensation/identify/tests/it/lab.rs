@@ -27,7 +27,6 @@ impl Lab {
         fs::write(self.0.path().join(name), bytes).expect("written");
     }
 
-    /// The path of a file as messages name it.
     pub(crate) fn path(&self, name: &str) -> String {
         self.0.path().join(name).display().to_string()
     }
@@ -70,7 +69,6 @@ pub(crate) fn words(found: &Identification) -> String {
     notes.join("\n")
 }
 
-/// Value and uncertainty of a parameter.
 pub(crate) fn value(found: &Identification, name: &str) -> (f64, f64) {
     let parameter = found.parameters.iter().find(|p| p.name == name);
     let parameter = parameter.unwrap_or_else(|| panic!("{name}: {:?}", found.parameters));

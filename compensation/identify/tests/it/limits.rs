@@ -236,7 +236,6 @@ fn invalid_observations_of_a_program_are_refused() {
     );
 }
 
-/// A row without a line number is named by its file.
 #[test]
 fn a_row_without_a_line_is_named_by_its_file() {
     let lab = lab();

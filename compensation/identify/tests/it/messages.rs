@@ -24,7 +24,6 @@ fn points(extra: &str) -> String {
     )
 }
 
-/// Rows of the nominal machine.
 fn rows(places: &[(f64, f64)], noise_um: f64) -> String {
     let machine = Machine::parse(MACHINE, "m").expect("a machine");
     let mut noise = Noise::new(1);

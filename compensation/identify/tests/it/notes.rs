@@ -123,7 +123,6 @@ fn uncertainties_with_penalties_are_not_multiplied_twice() {
     assert!((with_of_six / with - 6.0).abs() < 1.5, "{found:?}");
 }
 
-/// With `unknown = []` only the set-up is identified, and the rows validate a machine file.
 #[test]
 fn a_machine_file_is_validated_with_an_identified_set_up() {
     let lab = Lab::new(MACHINE);

@@ -43,7 +43,6 @@ fn what_is_written_is_what_was_read_and_counts_in_the_checksum() {
     assert!(!bare.to_toml().contains("provenance"));
 }
 
-/// An error that is set again loses its provenance.
 #[test]
 fn what_is_set_anew_loses_its_provenance() {
     let mut machine = Machine::parse(&told(), "m.toml").expect("a machine");

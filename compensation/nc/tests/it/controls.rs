@@ -191,7 +191,6 @@ unit | G0 X50 Y100\n | G0 X50.100 Y100\n
     }
 }
 
-/// A computed number is not in increments, and is written with a point.
 #[test]
 fn computed_numbers_get_a_point() {
     let program = "G0 X0 Y0 Z0\nG1 X[#5420+20.] Y100. F100\n#1=50\nG1 X#1 Y100.\n";

@@ -64,7 +64,6 @@ fn leaders_and_trailers_are_copied() {
     }
 }
 
-/// Lines longer than a buffer end correctly wherever the buffer ends.
 #[test]
 fn line_ends_across_buffers() {
     let machine = Machine::parse(&format!("{TRAVELS}{ERRORS}"), "m.toml").expect("a good machine");

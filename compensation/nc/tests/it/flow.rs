@@ -195,7 +195,6 @@ fn invalid_subprograms_are_refused() {
     assert_eq!(text("", none), none);
 }
 
-/// A return from a counted loop ends that loop, and the loop around the call continues.
 #[test]
 fn a_return_ends_the_loops_it_leaves() {
     let bent = "[errors]\nEXX = { poly = [0.0, 0.0, 0.001] }\n";

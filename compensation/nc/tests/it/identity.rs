@@ -33,7 +33,6 @@ pub(crate) fn compensated(errors: &str, program: &[u8]) -> Result<(Vec<u8>, Summ
     compensated_in(&SetUp::default(), errors, program)
 }
 
-/// Like [`compensated`], with a set-up.
 pub(crate) fn compensated_in(
     setup: &SetUp,
     errors: &str,

@@ -217,7 +217,6 @@ fn a_circle_of_holes_under_g16() {
     );
 }
 
-/// Under G16 the line added before an arc is in X and Y.
 #[test]
 fn a_line_before_an_arc_under_g16() {
     let play = "[errors]\nEXX = { mean = { poly = [0.0] }, reversal = -6.0 }\n";

@@ -161,7 +161,6 @@ fn filament_follows_the_path_length() {
     }
 }
 
-/// A split motion is refused if its filament is unknown.
 #[test]
 fn unknown_filament_of_a_split_motion_is_refused() {
     let line = "G1 X100 Y0 E5\n";
@@ -316,7 +315,6 @@ fn homing_makes_positions_unknown() {
     );
 }
 
-/// Settings and commands of Grbl are copied; a jog is refused.
 #[test]
 fn grbl_settings_are_copied() {
     for (line, known) in [

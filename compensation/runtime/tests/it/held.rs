@@ -114,7 +114,6 @@ fn another_model_removes_the_test_shift_of_axes_that_no_longer_correct() {
     }
 }
 
-/// Rotary axes without a test shift, next to linear axes with one, are reported as not proven.
 #[test]
 fn axes_without_a_test_shift_are_reported_as_not_proven() {
     let rotary = shifting();

@@ -69,7 +69,6 @@ fn go(rig: &mut Rig, control: &Injected, [from, to]: [f64; 2]) {
     }
 }
 
-/// A machine that compensates with Z at −100.
 fn compensating() -> (Rig, Injected, Report) {
     let control = Injected::default();
     let mut rig = Rig::injected(PLACE, &control);

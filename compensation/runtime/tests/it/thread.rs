@@ -42,7 +42,6 @@ pub(crate) fn after_cycles(handle: &mut Handle, more: u64) {
     assert!(handle.cycles() >= until, "no cycles");
 }
 
-/// While the thread hangs, its silence is reported, and a request to arm made meanwhile expires.
 #[test]
 fn a_request_to_arm_expires_while_the_thread_hangs() {
     let (mut handle, _, hangs) = running();

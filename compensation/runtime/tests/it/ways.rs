@@ -116,7 +116,6 @@ impl Control {
         (value(&self.words, axis) * 1e3).round()
     }
 
-    /// Runs the scans that are due at `now`.
     pub(crate) fn scan_until(&mut self, now: Duration, scan: Duration) {
         while self.scanned + scan <= now {
             self.scanned += scan;

@@ -80,7 +80,6 @@ pub(crate) fn round_trip(
     (shop.truth, calibrate(&file, |_, _| {}).expect("calibrated"))
 }
 
-/// Straightness lines only, with perfect instruments.
 fn straight_lines() -> String {
     format!(
         "machine = \"truth.toml\"\nformat = \"csv\"\n[instrument]\nruns = 1\ntargets = 5\nboth_directions = false\nalignment_urad = 40.0\n\

@@ -42,7 +42,6 @@ fn found(folder: &Path) -> Identification {
 
 const SIX: [&str; 6] = ["EX", "EY", "EZ", "EA", "EB", "EC"];
 
-/// All 37 errors as unknowns.
 fn all_thirty_seven() -> String {
     let mut items: Vec<String> = ["EC0X", "EA0Z", "EB0Z", "EB0A", "EC0A", "EA0C", "EB0C"]
         .map(|name| format!("\"{name}\""))

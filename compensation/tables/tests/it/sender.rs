@@ -141,7 +141,6 @@ fn bring(sender: &mut Sender, control: &mut Control) -> usize {
     panic!("not in use: {:?}", control.lookup.report());
 }
 
-/// During a transfer the sender reports the active map until the next one is active.
 #[test]
 fn the_active_map_is_reported_during_a_transfer() {
     let mut control = Control::new();
@@ -310,7 +309,7 @@ fn a_second_sender_sends_nothing() {
     assert!(control.lookup.report().valid);
 }
 
-/// The map at the control becomes invalid if the sequence number of the frames no longer advances, as in a frozen mailbox.
+/// The map at the control becomes invalid when the sequence number of the frames stops advancing, as in a frozen mailbox.
 #[test]
 fn a_stale_mailbox_keeps_nothing() {
     let mut control = Control::new();

@@ -409,7 +409,6 @@ fn a_late_correction_is_not_sent() {
     assert_eq!((late, bus.sent()), (Err(Fault::TimedOut), vec![]));
 }
 
-/// Wrong units are rejected also in a table that was not parsed from a file.
 #[test]
 fn units_of_any_table_are_checked() {
     for [signal, unit, expected] in &cases(

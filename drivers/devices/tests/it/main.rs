@@ -113,7 +113,6 @@ fn invalid_urls_name_the_expected_value() {
     );
 }
 
-/// The table in the book lists every key of every URL scheme.
 #[test]
 fn the_book_lists_every_key_of_a_url() {
     let book = volcomp_test_support::root().join("docs/src/commands.md");
@@ -282,7 +281,6 @@ fn a_module_without_read_back_is_reported() {
     }
 }
 
-/// Listing opens no device; without devices the lists are empty.
 #[test]
 fn local_devices_are_listed() {
     let found = volcomp_devices::list();

@@ -19,7 +19,6 @@ use volcomp_vocabulary::{AxisName, PerChannel};
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
-/// Locks the only panel for one test.
 fn panel() -> MutexGuard<'static, ()> {
     static PANEL: Mutex<()> = Mutex::new(());
     PANEL.lock().unwrap_or_else(PoisonError::into_inner)

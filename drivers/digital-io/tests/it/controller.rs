@@ -293,7 +293,6 @@ fn the_latch_toggles_one_write_after_the_word() {
     assert_eq!(apply(20.0), (true, 0x214, 20, Some(20.0)));
 }
 
-/// A failed write does not count as sent; a write after its deadline is not made.
 #[test]
 fn a_failed_write_does_not_count_as_sent() {
     let axis = DigitalAxis::published(AxisName::X);

@@ -170,7 +170,6 @@ fn a_temporary_read_failure_loses_no_message() {
     assert_eq!(spool.trouble(), None);
 }
 
-/// One byte of a file is damaged: the messages lost with it are counted.
 #[test]
 fn messages_lost_with_a_damaged_file_are_counted() {
     let folder = tempfile::tempdir().unwrap();

@@ -195,7 +195,6 @@ fn torn_frames_and_reports_are_rejected() {
     assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
 }
 
-/// Without frames the barrier ramps to zero; afterwards an old frame is rejected.
 #[test]
 fn silence_ramps_to_zero_and_an_old_frame_is_rejected() {
     let simulator = simulated(Options::default());
@@ -413,7 +412,6 @@ fn controllers_of_one_control_need_disjoint_words() {
     assert_eq!(shared(&elsewhere), None);
 }
 
-/// A control with two mailboxes, and a connection to each.
 fn two_mailboxes() -> (Simulator, [FocasController; 2]) {
     let program = Program::new(settings(3)).unwrap();
     let mut ladder = BarrierLadder::new(Box::new(program), 3);

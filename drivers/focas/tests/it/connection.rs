@@ -171,7 +171,6 @@ fn the_proxy_delivers_late_after_an_orderly_close() {
     until("closed", || simulator.open_sessions() == 0);
 }
 
-/// Dropping the controller discards a write in flight and resets the session.
 #[test]
 fn dropping_the_controller_discards_a_write_in_flight() {
     let simulator = simulator(Options::default());

@@ -41,7 +41,6 @@ pub(crate) fn mill() -> String {
         .unwrap()
 }
 
-/// Problems of an INI file and of the files that it names.
 fn problems_of_file(file: &std::path::Path, text: &str) -> Vec<String> {
     std::fs::write(file, text).unwrap();
     key_file(file.parent().unwrap());

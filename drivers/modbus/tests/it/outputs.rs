@@ -156,7 +156,6 @@ fn open(address: SocketAddr, units: &[u8]) -> ModbusDigital {
     open_with_timeout(address, units, Duration::from_millis(80))
 }
 
-/// Opens the modules with this response timeout.
 fn open_with_timeout(address: SocketAddr, units: &[u8], within: Duration) -> ModbusDigital {
     let profile = Profile::named("WAVESHARE-IO-8CH").unwrap();
     let modules: Vec<_> = units

@@ -161,7 +161,6 @@ fn four_byte_orders_are_supported() {
     }
 }
 
-/// Invalid profiles are rejected with position, found and expected value.
 #[test]
 fn invalid_profiles_are_rejected() {
     let message = |change: &str| {
@@ -256,7 +255,6 @@ proptest! {
         let _ = Profile::parse(&text);
     }
 
-    /// A good value is always within the module's range.
     #[test]
     fn good_values_are_within_the_range(registers in proptest::collection::vec(any::<u16>(), 0..20), which in 0_usize..11, channel in 0_usize..8, status: Option<u16>) {
         let profile = &Profile::shipped()[which];

@@ -80,7 +80,6 @@ fn a_delay_ends_at_the_deadline() {
     assert!(faulty.read(soon()).is_ok());
 }
 
-/// Behind a mocked device exactly one bit of the levels is flipped.
 #[test]
 fn one_bit_of_a_mocked_device_is_flipped() {
     let mut port = MockDigitalIo::new();

@@ -48,7 +48,6 @@ impl Rig {
         self.faulty.apply(&place(x_mm, -x_mm), soon)
     }
 
-    /// The correction applied to the axes.
     fn truth(&self) -> [f64; 2] {
         let applied = self.controls.axes.applied();
         [applied[0], applied[1]]
@@ -271,7 +270,6 @@ impl ControlProgram for Counting {
     fn restart(&mut self, _: &PerChannel<i16>) {}
 }
 
-/// Words of reports and frames are falsified like plain values.
 #[test]
 fn reports_and_frames_are_falsified_by_word() {
     let clock = Clock::manual();
@@ -313,7 +311,6 @@ fn reports_and_frames_are_falsified_by_word() {
     assert_eq!(read(&mut faulty).as_slice()[1..3], [2, 2]);
 }
 
-/// All kinds of faults together are the same for the same seed.
 #[test]
 fn all_faults_together_are_seeded() {
     let often = 0.05;
@@ -407,7 +404,6 @@ fn lines_are_written_torn_and_late() {
     assert!(mixed > 10, "{mixed}");
 }
 
-/// A jump of a sensor remains until it is reset.
 #[test]
 fn a_sensor_jump_persists() {
     let (_, thermometer, _) = machine(Clock::manual()).start();

@@ -19,7 +19,6 @@ fn controller_and_thermometer_contracts() {
     contract::thermometer(&mut thermometer);
 }
 
-/// Feed and acceleration limits hold at every corner.
 #[test]
 fn moves_respect_feed_and_acceleration() {
     let clock = Clock::manual();
@@ -115,7 +114,7 @@ fn changes_by_a_test_take_effect() {
     );
 }
 
-/// During an emergency stop or alarm the machine stands still; afterwards it continues from there without a jump.
+/// During an emergency stop or alarm the machine does not move; afterwards it continues from there without a jump.
 #[test]
 fn it_stops_while_motion_is_forbidden_and_continues_from_there() {
     let clock = Clock::manual();

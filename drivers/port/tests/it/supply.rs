@@ -55,7 +55,6 @@ fn a_lost_connection_is_reopened_and_dropped() {
     until(|| alive.load(Ordering::SeqCst) == 0);
 }
 
-/// After a connection that lasted longer than the first delay, the delay restarts at its first value.
 #[test]
 fn the_delay_restarts_after_a_lasting_connection() {
     let backoff = Backoff {

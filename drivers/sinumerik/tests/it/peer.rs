@@ -43,7 +43,6 @@ impl Peer {
         writeln!(input, "{command}").expect("it runs");
     }
 
-    /// The current report, a JSON document.
     pub(crate) fn report(&mut self) -> String {
         self.type_in("report");
         let mut line = String::new();

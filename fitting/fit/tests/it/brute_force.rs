@@ -73,7 +73,6 @@ pub(crate) fn tried() -> Vec<(usize, f64)> {
 /// A setting that the nodes support: order, support, largest residual, leave-one-out RMS.
 pub(crate) type Trial = (usize, f64, f64, f64);
 
-/// Every setting that the nodes support.
 pub(crate) fn scan(nodes: &[[f64; 2]]) -> Vec<Trial> {
     let range = nodes[nodes.len() - 1][0] - nodes[0][0];
     let carried = |&(order, support): &(usize, f64)| carried(nodes, order, support * range);

@@ -102,7 +102,6 @@ fn a_sensor_without_part_is_left_out() {
     assert_eq!(fit.sensors(), [0, 1]);
 }
 
-/// Rows outside the fitted range do not change the fit.
 #[test]
 fn rows_outside_the_fitted_range_have_no_effect() {
     let mut record = record(3000, 0.1, 4);

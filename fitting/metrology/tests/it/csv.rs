@@ -56,7 +56,6 @@ fn spreadsheet_exports_are_read_like_plain_tables() {
     assert_eq!(m.notes, ["columns that are not read: degC"]);
 }
 
-/// A unit in the header is read, with any punctuation around it.
 #[test]
 fn units_in_the_header_are_read() {
     for (text, unit) in [
@@ -111,7 +110,6 @@ fn written_tables_read_back_exactly() {
     assert_eq!(write_csv(&m), text);
 }
 
-/// Written tables state their units in the header, and are read back equal.
 #[test]
 fn written_tables_state_their_units() {
     let mut m = csv("target,run,direction,deviation\n0,1,+,1.5\n").unwrap();

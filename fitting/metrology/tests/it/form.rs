@@ -138,7 +138,6 @@ fn rough(rng: &mut ChaCha8Rng, n: usize, size: f64) -> Vec<Point> {
     points
 }
 
-/// Width of the ring about this centre.
 fn ring_width(points: &[Point], x: f64, y: f64) -> f64 {
     let radii = points.iter().map(|p| (p[0] - x).hypot(p[1] - y));
     let (low, high) = radii.fold((f64::MAX, f64::MIN), |(l, h), r| (l.min(r), h.max(r)));

@@ -309,7 +309,6 @@ proptest! {
         }
     }
 
-    /// Complete runs are averaged bit for bit as they are.
     #[test]
     fn complete_runs_stay_as_they_are(deviations in prop::collection::vec(-1e3..1e3_f64, 2 * TARGETS * 3)) {
         let noise = |run: u32, way: Direction, target: usize| deviations[(run as usize - 1) * 2 * TARGETS + way as usize * TARGETS + target];

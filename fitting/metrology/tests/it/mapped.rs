@@ -42,7 +42,6 @@ fn shown(m: &Measurement) -> Vec<(f64, u32, &'static str, f64)> {
     m.readings.iter().map(row).collect()
 }
 
-/// A unit at the end of a named column's header is used.
 #[test]
 fn the_unit_in_the_head_of_a_named_column_is_used() {
     let read = |heads: [&str; 2], unit: &str| {
@@ -468,7 +467,6 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
     assert_ne!(left.readings, straight.readings);
 }
 
-/// Lines out of order give the same readings, with a note.
 #[test]
 fn a_log_out_of_order_gives_the_same_readings() {
     let text = log();

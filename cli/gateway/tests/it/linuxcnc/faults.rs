@@ -59,7 +59,7 @@ fn a_gateway_that_dies_leaves_nothing() {
 
     // A second gateway with separate folders moves no axis.
     let other = tempfile::tempdir().expect("writable");
-    // It needs another address: a second gateway on this computer is refused at the same one.
+    // The second gateway needs another address: a second gateway on this computer is refused at the same address.
     let mut relay = Relay::start(47_101, PORT);
     let config = super::configuration(other.path(), 47_101);
     let second = Program::start(other.path(), &["--config", path(&config)]);

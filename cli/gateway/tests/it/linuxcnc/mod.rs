@@ -68,7 +68,6 @@ fn key_file(dir: &Path) {
     std::fs::set_permissions(file, own).expect("ours");
 }
 
-/// A configuration with further lines for its controller.
 fn write_configuration(dir: &Path, port: u16, machine: &str, more: &str) -> PathBuf {
     std::fs::write(dir.join("machine.toml"), machine).expect("writable");
     token_file(dir);

@@ -17,7 +17,6 @@ use volcomp_guard::{
     vocabulary::{AxisName, PerChannel},
 };
 
-/// The layout of the first `axes` axes.
 pub(super) fn layout(axes: usize) -> Layout {
     Layout::of(AxisName::ALL[..axes].iter().copied()).expect("each once")
 }

@@ -84,7 +84,6 @@ pub(crate) fn inside(axis: AxisName, edge: f64) -> f64 {
     }
 }
 
-/// Tables and warnings of a text.
 pub(crate) fn tables(format: Format, name: &str, text: &str) -> (Vec<AxisTable>, Vec<String>) {
     let found = read_text(format, name, text).unwrap_or_else(|error| panic!("{error}"));
     let warnings = found.warnings.iter().map(ToString::to_string);

@@ -109,7 +109,7 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
     }
     for sender in world.senders.iter_mut().flatten() {
         sender.session.sent = None;
-        // Frames sent in another epoch no longer matter, since the first frame of this epoch is accepted before it is reported.
+        // Frames sent in another epoch do not matter, since the first frame of this epoch is accepted before it is reported.
         for own in &mut sender.session.own {
             *own = own
                 .filter(|(of, _)| *of == epoch)
@@ -152,7 +152,6 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
     world
 }
 
-/// Renumbers the owners in the order of their occurrence.
 fn renumber_owners(world: &mut World) {
     let mut met = vec![0];
     let mut rename = |owner: &mut u16| {
