@@ -14,7 +14,6 @@ axes.C.travel = [-180.0, 180.0]
 axes.B.travel = [-90.0, 90.0]
 ";
 
-/// A pseudorandom number from 0 to 1.
 fn spread(k: u32, of: f64) -> f64 {
     (f64::from(k) * of).fract()
 }

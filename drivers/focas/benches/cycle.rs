@@ -33,7 +33,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Pins this thread, and threads that it starts, to a core.
 fn pin_to(core: usize) -> Result<(), rustix::io::Errno> {
     let mut set = rustix::thread::CpuSet::new();
     set.set(core);

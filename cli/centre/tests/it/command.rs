@@ -328,7 +328,6 @@ fn invalid_machines_are_rejected_without_showing_a_seed() {
     );
 }
 
-/// A centre without a server reports the address once. A second centre on the same port reports that the port is in use.
 #[test]
 fn an_unreachable_server_and_a_used_port_are_reported_once() {
     let folder = tempfile::tempdir().unwrap();

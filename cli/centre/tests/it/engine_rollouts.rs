@@ -431,7 +431,6 @@ fn an_offline_machine_does_not_accept_a_stopped_rollout() {
     });
 }
 
-/// A user decides that a machine keeps the model: the decision is recorded, and the alarm closes.
 #[test]
 fn the_user_may_keep_a_suspect_model() {
     Shop::run(1, 1, async |shop| {

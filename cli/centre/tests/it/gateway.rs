@@ -49,7 +49,6 @@ struct Gateway {
     model: String,
 }
 
-/// Runs until the task is aborted.
 pub(crate) async fn run(plan: Plan, reported: GatewayState) {
     let mut link = MachineLink::connect(&plan.link, &plan.identity)
         .await

@@ -50,7 +50,6 @@ impl Answer {
 }
 
 impl Page {
-    /// A page with a viewer, an engineer and an admin.
     pub(crate) fn start() -> Self {
         Self::start_with(PageSettings::default())
     }

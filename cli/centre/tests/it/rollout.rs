@@ -384,7 +384,6 @@ fn event(happens: &Happens, machines: usize) -> Event {
 }
 
 proptest! {
-    /// Invariants for any order of events, with a restart between any two.
     #[test]
     fn invariants_hold_for_any_event_sequence(
         machines in 1_usize..8,

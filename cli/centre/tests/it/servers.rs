@@ -35,7 +35,6 @@ impl Drop for Running {
     }
 }
 
-/// A folder with the files of a centre, and a certificate for this computer.
 fn centre() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     configure(folder.path(), "alone", "127.0.0.1:4222", None);

@@ -302,7 +302,6 @@ impl Shop {
     }
 }
 
-/// The default rules with this soak time, s.
 pub(crate) fn soak(soak_s: f64) -> Rules {
     Rules {
         soak_s,

@@ -197,7 +197,6 @@ fn a_silent_disk_is_reported() {
     soon(|| writer.trouble().is_none());
 }
 
-/// The number of records that could not be written is in the next record that is written.
 #[test]
 fn a_record_that_fails_is_counted_in_the_next() {
     let dir = tempfile::tempdir().expect("writable");

@@ -128,7 +128,6 @@ pub(crate) fn alone() -> PathSettings {
     }
 }
 
-/// Settings without a test shift.
 pub(crate) fn unproven() -> PathSettings {
     PathSettings {
         proves: false,

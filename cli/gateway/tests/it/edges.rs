@@ -162,7 +162,6 @@ fn a_control_that_begins_anew() {
     }
 }
 
-/// Garbage in the words of frame and report is not read as a correction and not written back.
 #[test]
 fn garbage_in_the_words() {
     let dir = tempfile::tempdir().expect("writable");

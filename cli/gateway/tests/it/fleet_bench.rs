@@ -82,7 +82,6 @@ impl Centre {
         Some(bench)
     }
 
-    /// Kills the server, as in a power failure.
     pub(crate) fn stop(&mut self) {
         self.server = None;
     }
@@ -186,7 +185,6 @@ impl Centre {
             .collect()
     }
 
-    /// Waits for the acknowledgement of a version with this outcome.
     pub(crate) fn acknowledged(&self, version: u64, outcome: &str) -> Value {
         let end = Instant::now() + PATIENCE;
         loop {

@@ -72,7 +72,6 @@ fn each_wrong_key_is_named() {
     assert!(message.contains("duplicate"), "{message}");
 }
 
-/// Without the feature `fleet` the table is rejected; the message names the feature.
 #[cfg(not(feature = "fleet"))]
 #[test]
 fn a_build_without_the_fleet_refuses_it() {

@@ -36,7 +36,6 @@ fn numbers(centre: &Centre) -> BTreeMap<String, BTreeSet<u64>> {
     numbers
 }
 
-/// Whether the numbers have no gap.
 fn is_whole(numbers: &BTreeSet<u64>) -> bool {
     numbers.last() == Some(&(numbers.len() as u64))
 }

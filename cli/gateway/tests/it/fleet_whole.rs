@@ -183,7 +183,6 @@ fn faults_and_silence_raise_alarms() {
     assert!(said.contains("mill-1: silent"), "{said}");
 }
 
-/// A model for another machine is never activated, and centre and machine report the reason.
 #[test]
 fn the_wrong_machine_is_refused_with_the_reason() {
     // The file orders its axes differently from the gateway's X, Y, Z.

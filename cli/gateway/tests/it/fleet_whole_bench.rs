@@ -395,7 +395,6 @@ fn call(place: &Place, folder: &Path, arguments: &str, input: &str) -> Called {
 }
 
 impl Called {
-    /// Standard output of a successful call.
     fn done(self) -> String {
         assert_eq!(self.status, Some(0), "{}{}", self.out, self.err);
         self.out

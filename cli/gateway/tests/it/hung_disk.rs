@@ -25,7 +25,6 @@ struct Rig {
 }
 
 impl Rig {
-    /// `None` without a C compiler.
     fn start() -> Option<Self> {
         let dir = tempfile::tempdir().expect("writable");
         let library = preloaded(dir.path())?;

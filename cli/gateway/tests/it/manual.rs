@@ -356,7 +356,6 @@ impl Served {
         self.taken().stop()
     }
 
-    /// Ends serving, and returns the gateway.
     fn taken(mut self) -> Gateway {
         self.end_cycles();
         let gateway = Arc::clone(&self.gateway);

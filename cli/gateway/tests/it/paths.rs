@@ -90,7 +90,6 @@ fn a_correction_on_a_standby_path_is_reported() {
     assert!(metrics.contains(line), "{metrics}");
 }
 
-/// When the control stops responding, its applied correction is shown as unknown.
 #[test]
 fn an_unknown_correction_is_shown_as_unknown() {
     let dir = tempfile::tempdir().expect("writable");

@@ -348,7 +348,6 @@ fn a_disk_that_hangs_keeps_the_map_in_use() {
     assert!(log.contains("the last records are lost"), "{log}");
 }
 
-/// A confirmation that arrives during the rejection of another one is processed separately.
 #[test]
 fn a_confirmation_during_a_refusal_is_separate() {
     let Some(mut rig) = Rig::new() else {

@@ -144,7 +144,6 @@ fn five_axes_as_shipped() {
     rehearse("gateway-five-axis.toml");
 }
 
-/// A rejected write is logged with the control's return code in words.
 #[test]
 fn a_refusal_is_logged_with_its_code() {
     let (dir, examples) = copied_examples();

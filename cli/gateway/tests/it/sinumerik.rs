@@ -185,7 +185,6 @@ fn is(name: &str) -> impl Fn(&Value) -> bool {
     move |state| state["state"] == name
 }
 
-/// Whether every written correction is zero.
 fn is_zero(report: &Value) -> bool {
     ["X", "Y", "Z"]
         .iter()
@@ -344,7 +343,6 @@ fn a_control_that_ignores_corrections_is_refused() {
     assert!(program.post("/api/arm", "").status >= 400);
 }
 
-/// Each of these configurations is rejected by `check` without connecting.
 #[test]
 fn configurations_that_this_control_cannot_have() {
     let dir = tempfile::tempdir().expect("writable");

@@ -47,7 +47,6 @@ impl SmallDisk {
         None
     }
 
-    /// Fills the disk except for `left` bytes.
     pub(crate) fn fill(&self, left: u64) {
         let path = self.0.join("filler");
         let mut filler = File::create(&path).expect("writable");
@@ -79,7 +78,6 @@ fn compensating(dir: &Path) -> (PathBuf, Gateway) {
     (config, gateway)
 }
 
-/// A gateway with `auto_arm` that an operator has disarmed stays disarmed after a restart.
 #[test]
 fn an_operators_disarm_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");

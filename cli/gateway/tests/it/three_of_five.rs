@@ -84,7 +84,6 @@ fn places(report: &Value) -> BTreeMap<String, f64> {
     places
 }
 
-/// Report lines received within this time.
 fn reports(control: &Control, within: Duration) -> Vec<Value> {
     let mut reports: Vec<Value> = Vec::new();
     let end = Instant::now() + within;

@@ -172,7 +172,6 @@ pub(crate) fn refuses(call: &(impl Call + ?Sized), part: &str) {
     contains(&refused(call), part);
 }
 
-/// The rows `CASE => EXPECTED` of a table.
 pub(crate) fn cases(table: &str) -> impl Iterator<Item = (&str, &str)> {
     let rows = table.lines().filter(|row| !row.is_empty());
     rows.map(|row| row.split_once(" => ").expect("a case and what is expected"))

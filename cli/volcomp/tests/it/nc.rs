@@ -278,7 +278,6 @@ fn options_without_sense_are_refused_before_the_work() {
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1);
 }
 
-/// A feature that no line cuts is reported with file and key, and the others are evaluated.
 #[test]
 fn a_feature_that_nothing_cuts_is_told_with_its_key() {
     let folder = Folder::new();

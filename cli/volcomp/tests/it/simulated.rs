@@ -183,7 +183,6 @@ fn files_of_others_are_refused() {
     assert!(help.contains("simulated-files.sha256"), "{help}");
 }
 
-/// `volcomp demo` overwrites no foreign file either.
 #[test]
 fn the_demo_writes_over_no_files_of_others() {
     let folder = tempfile::tempdir().expect("a folder");

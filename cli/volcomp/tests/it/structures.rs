@@ -282,7 +282,6 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
     );
 }
 
-/// A single node of an axis with a full turn is in the middle of its travel, as for other axes.
 #[test]
 fn one_node_of_a_turn_is_the_middle() {
     let folder = Folder::new();

@@ -22,7 +22,6 @@ fn drafted_in(fill: impl FnOnce(&Path, &Path)) -> (tempfile::TempDir, Draft) {
     (dir, found)
 }
 
-/// The draft of these measurement files of the example.
 fn drafted(names: &[&str]) -> (tempfile::TempDir, Draft) {
     drafted_in(|examples, folder| {
         for name in names {

@@ -316,7 +316,6 @@ fn files_of_another_machine_and_targets_beyond_the_travel_are_noted() {
     );
 }
 
-/// One answer applies to all three lines, with an exception for one error.
 #[test]
 fn one_answer_applies_to_every_question_of_its_key() {
     let shop = Shop::new(&[

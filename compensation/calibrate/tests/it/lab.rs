@@ -36,7 +36,6 @@ impl Lab {
         self.tried(text).expect("calibrated")
     }
 
-    /// The message with which the text is rejected.
     pub(crate) fn refused(&self, text: &str) -> String {
         match self.tried(text) {
             Ok(_) => panic!("calibrated, expected a refusal of\n{text}"),

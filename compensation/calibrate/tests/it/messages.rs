@@ -11,7 +11,6 @@ use crate::lab::Lab;
 
 const GOOD: &str = "[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\n";
 
-/// A machine of two axes, and the file `a.csv` of a line.
 fn two_axes() -> Lab {
     let lab =
         Lab::new("structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n");

@@ -237,7 +237,6 @@ fn uncertainties_of_unknowns_that_lines_follow() {
     uncertainties_are_those_of_repeats(CalibrationFile::read(&tilt).expect("read"));
 }
 
-/// A location error with the wrong sign is noted exactly if the observations contradict it.
 #[test]
 fn a_location_with_the_wrong_sign_is_noted() {
     let lab = Lab::new(GEOMETRY);

@@ -46,7 +46,6 @@ fn batches_are_the_same_as_single_poses() {
     }
 }
 
-/// A batch in another order than the chain (X before C) is rejected.
 #[test]
 fn a_batch_in_another_order_is_refused() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();

@@ -79,7 +79,6 @@ fn one_wrong_reading_moves_nothing() {
     }
 }
 
-/// A wrong word in a barrier's report is detected by the checksum and moves no axis.
 #[test]
 fn one_wrong_word_of_a_report_moves_nothing() {
     let mut world = World::guarded(&with_delay(1)).arm();

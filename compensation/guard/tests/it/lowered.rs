@@ -222,7 +222,6 @@ fn limits_lowered_in_motion_without_a_barrier_are_no_fault() {
     }
 }
 
-/// A sent correction beyond a lowered limit is accepted only while it may be in transit; later it is a fault.
 #[test]
 fn a_correction_sent_long_before_a_limit_was_lowered_is_a_fault() {
     for found in [0.140, 0.040] {

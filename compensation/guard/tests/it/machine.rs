@@ -255,7 +255,6 @@ impl Machine {
         self.selector.active()
     }
 
-    /// Any request, as from a wrong model.
     fn any_request(&mut self) -> RequestedCorrection {
         let count = self.limits.count;
         let random = &mut self.random;
@@ -739,7 +738,6 @@ impl Machine {
         self.may_be_beyond();
     }
 
-    /// Records that the current correction may be beyond a limit.
     fn may_be_beyond(&mut self) {
         for i in self.axes() {
             let axis = &self.limits.axes[i];
@@ -782,7 +780,6 @@ impl Machine {
         }
     }
 
-    /// Restarts the gateway with a new owner number.
     fn restart(&mut self) {
         let has_no_read_back = matches!(self.kind, Kind::Lines | Kind::LinesWithTimeOut);
         if has_no_read_back && self.ways.len() > 1 {

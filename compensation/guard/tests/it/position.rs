@@ -210,7 +210,6 @@ proptest! {
         }
     }
 
-    /// A rotary table at maximum speed is accepted, with positions reported from 0° to 360°.
     #[test]
     fn a_table_at_maximum_speed_is_accepted(
         begins in 0.0..360.0_f64, cycle in 1_u32..100, clockwise in any::<bool>(),

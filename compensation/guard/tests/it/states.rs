@@ -233,7 +233,6 @@ fn a_correction_beyond_the_limit_ramps_out_after_acknowledgement() {
     world.assert_steps(MOST, "ramping out");
 }
 
-/// A repeated set of the same limits does not accept an unknown correction beyond the limit.
 #[test]
 fn setting_the_same_limits_accepts_no_correction() {
     for request in [Request::Arm, Request::Disarm] {
@@ -304,7 +303,7 @@ fn disarming_does_not_ramp_out_another_gateways_correction() {
     assert!(reasons.contains(Reasons::WATCHING), "{reasons:?}");
     world.request(Request::Disarm);
     world.run_to(4 * SECOND, State::Disarmed);
-    // Also if the other gateway is detected later.
+    // The correction also stays if the other gateway is detected later.
     world.read_back.report_other_gateway(world.now);
     world.request(Request::Disarm);
     world.run(SECOND);

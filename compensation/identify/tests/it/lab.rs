@@ -45,7 +45,6 @@ impl Lab {
         identify(&self.read(text)?, |_, _| {})
     }
 
-    /// The message with which the text is rejected.
     pub(crate) fn refused(&self, text: &str) -> String {
         match self.identify(text) {
             Ok(_) => panic!("found something, expected a refusal"),

@@ -281,7 +281,6 @@ fn known_errors_of_another_structure_are_refused() {
     );
 }
 
-/// Every unknown is read back as written, whatever penalty the file's root states.
 #[test]
 fn an_unknown_is_read_back_as_it_was_written() {
     let machine = Machine::parse(MACHINE, "machine").expect("a machine");

@@ -18,7 +18,6 @@ fn machine() -> Machine {
     Machine::parse(EXAMPLE, "m").unwrap()
 }
 
-/// Any number, often an absurd one.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
         any::<f64>(),

@@ -5,7 +5,6 @@ fn text(errors: &str, program: &str) -> String {
     String::from_utf8(out).expect("text")
 }
 
-/// A constant error shifts the ends of an arc; its centre relative to the start stays.
 #[test]
 fn a_constant_error_shifts_an_arc() {
     let constant = "[errors]\nEXX = { poly = [10.0] }\nEYY = { poly = [-20.0] }\n";

@@ -318,7 +318,6 @@ fanuc | M97 P1000 | M97, which is not supported
  | M73 | M73, which is not supported
 "#;
 
-/// The refusal of a code states the reason, or the control that supports the code.
 #[test]
 fn unsupported_codes_are_refused_with_a_reason() {
     for [control, line, expected] in &cases(REFUSED) {

@@ -256,7 +256,6 @@ fn play_is_taken_up_where_an_axis_reverses() {
     assert!(inner.count() > 0, "{:?}", summary.shares);
 }
 
-/// M430 of LinuxCNC selects kinematics defined by the user, and is refused after M428.
 #[test]
 fn own_kinematics_after_m428_are_refused() {
     let mut machine = machine(LENGTH);

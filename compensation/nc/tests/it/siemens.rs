@@ -20,7 +20,6 @@ fn header() -> String {
     "%_N_DRAWN_MPF\nG71 G90 G54 G17 ; as RS-274\nF1000\n".to_owned()
 }
 
-/// The words for the circle of an arc, in a random notation.
 fn circle(draw: &mut Draw, step: &Step, centre: [f64; 2], turns: f64) -> String {
     let [i, j] = [centre[0] - step.from[0], centre[1] - step.from[1]];
     match draw.below(3) {

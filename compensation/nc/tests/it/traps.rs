@@ -367,7 +367,6 @@ G0 X0 Y0 Z10\nG81 X10 Z-5 R2\nR5\nX20\n | line 3: R alone while a cycle is activ
     assert!(message.starts_with(expected), "{message}");
 }
 
-/// G28.1 stores the corrected position, so a motion to it contains that correction once.
 #[test]
 fn a_stored_position_is_corrected_once() {
     let errors = "EXX = { poly = [0, 0.1] }\n";

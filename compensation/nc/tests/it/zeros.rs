@@ -11,7 +11,6 @@ const OFF: &str = "G54 the machine is off by X 10.0 Y 20.0 Z 30.0 µm";
 const START: &str = "[work_offset.G54]\nX = 200\nY = 150\nZ = -100\n[start]\nX = 0\nY = 0\nZ = 0\n";
 const TABLE: &str = "structure = \"w C' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.C]\ntravel = [-360, 360]\ndirection = [0, 0, -1]\n[tool]\ngauge = [0, 0, 0]\nlength = 100\n[errors]\nEYY = 10.0\n";
 
-/// The line of the note and its text up to the colon.
 fn note(dialect: Dialect, machine: &str, setup: &str, program: &str) -> Option<String> {
     let machine = Machine::parse(machine, "m.toml").expect("a machine");
     let (_, notes) = written(dialect, &machine, setup, program).expect(program);

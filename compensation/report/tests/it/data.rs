@@ -95,7 +95,6 @@ fn the_band_is_that_of_the_fit() {
     }
 }
 
-/// With a single run the band is from resampled residuals, and the page says so.
 #[test]
 fn one_run_has_a_band_of_its_residuals() {
     let shop = Shop::new();

@@ -271,7 +271,6 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
     }
 }
 
-/// A reduction is not reported while disarmed or after a ramp-out.
 #[test]
 fn no_reduction_is_reported_without_a_correction() {
     let is_told = |report: &Report| report.reasons.contains(Reasons::LET_GO);

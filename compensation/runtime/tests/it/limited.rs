@@ -171,7 +171,6 @@ impl Holding {
         }
     }
 
-    /// Activates a machine with only these correcting axes.
     fn corrects(&mut self, axes: &str) {
         let text = format!("correct = [{axes}]\n{TABLE_AND_HEAD}");
         let machine = Machine::parse(&text, "m").expect("valid");

@@ -275,7 +275,6 @@ pub(crate) fn step(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -
     run(cycle, clock, request)
 }
 
-/// One cycle at the current time.
 pub(crate) fn run(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
     let input = CycleInput {
         request,

@@ -102,7 +102,6 @@ fn wanted_after_warming(stands: bool) -> f64 {
     rig.run(4, 24.0)
 }
 
-/// Beyond the tested range the thermal term fades and is reported; within the range it returns.
 #[test]
 fn temperatures_beyond_the_tested_range_are_reported() {
     let text = model(0.0, 1.0).text

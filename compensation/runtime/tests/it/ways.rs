@@ -245,7 +245,6 @@ impl<P: Plant + 'static> Ways<P> {
         Ok(rig::cycle_of(model, guard, paths)?.with_clock(self.clock.clone()))
     }
 
-    /// One cycle at the current time.
     pub(crate) fn run(&self, cycle: &mut Cycle, request: Option<Request>) -> Report {
         rig::run(cycle, &self.clock, request)
     }

@@ -352,7 +352,6 @@ impl<S: ErrorSource> ErrorSource for Only<'_, S> {
     }
 }
 
-/// The effects of a machine file's values equal those of the model with one error at a time.
 #[test]
 fn effects_of_a_machine_are_those_of_its_errors_one_by_one() {
     let machine = Machine::parse(
@@ -437,7 +436,6 @@ Z = [0.0, 5.0, 0.0, 8.0, 0.0, 0.0]
     assert_eq!(moving, 10, "the errors of the file: {found:?}");
 }
 
-/// Progress reports every pose once, in any order, and does not change the result.
 #[test]
 fn progress_counts_every_pose_once() {
     let machine = Machine::parse(

@@ -93,7 +93,6 @@ impl Count {
     }
 }
 
-/// Random positions inside the travels.
 fn poses(machine: &Machine, rng: &mut ChaCha8Rng) -> Vec<State> {
     let mut pose = |_| {
         let at: Vec<_> = machine

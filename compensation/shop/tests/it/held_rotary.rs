@@ -34,7 +34,6 @@ fn shift([x, y, z]: [f64; 3]) -> M {
     ]
 }
 
-/// A rotation about Y through a point.
 fn about_y(angle: f64, point: [f64; 3]) -> M {
     let (s, c) = angle.sin_cos();
     let turn = [

@@ -160,7 +160,6 @@ fn values(truth: &str, structure: &str, targets: usize) -> String {
     tables
 }
 
-/// Error motions of the rotary axes, with constants.
 fn of_rotary(structure: &str) -> String {
     let mut errors = String::new();
     for (axis, letter) in ['A', 'B', 'C'].into_iter().enumerate() {

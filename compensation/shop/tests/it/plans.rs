@@ -71,7 +71,6 @@ fn angles_alone_let_the_linear_axes_follow() {
     }
 }
 
-/// With two spheres each row names its sphere, in the order of the plan.
 #[test]
 fn rows_alternate_between_spheres() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -94,7 +93,6 @@ fn rows_alternate_between_spheres() {
     assert!((x - 150.0).abs() < 2e-6 && y.abs() < 2e-6, "{x} {y}");
 }
 
-/// The row file of a tracker has every coordinate as planned.
 #[test]
 fn commands_of_a_tracker_are_those_of_the_plan() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -73,7 +73,6 @@ impl Control {
     }
 }
 
-/// A map with one error, or none.
 fn random_map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Vec<u16> {
     let map = world::map(rng, settings, counter);
     let mut words = map.words().to_vec();
@@ -243,7 +242,6 @@ impl Sender {
     }
 }
 
-/// Fletcher's checksum, implemented again.
 fn checksum(settings: &Settings, words: &[u16]) -> [u16; 2] {
     let layout = u64::from(settings.outputs.axes.number());
     let first = u64::from(settings.outputs.machine) + layout / 65535;

@@ -15,7 +15,6 @@ fn words(from: u16, count: u16) -> Words {
     Words::new(&words).unwrap()
 }
 
-/// The frames of a report with these words, in order.
 pub(crate) fn report_of(table: &SignalTable, words: &[u16], counter: u64) -> Vec<Frame> {
     let of_report = |m: &&volcomp_can::Message| m.name.starts_with("BARRIER_REPORT");
     let mut frames = Vec::new();

@@ -383,7 +383,6 @@ fn values_keep_their_arrival_times() {
     );
 }
 
-/// Frames that waited unread keep their age, and the last position is returned.
 #[test]
 fn queued_frames_keep_their_age() {
     let bus = Bus::default();
@@ -400,7 +399,6 @@ fn queued_frames_keep_their_age() {
     assert!(snapshot.taken <= came);
 }
 
-/// A write whose deadline has passed is not sent.
 #[test]
 fn a_late_correction_is_not_sent() {
     let bus = Bus::default();

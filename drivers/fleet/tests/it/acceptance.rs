@@ -101,7 +101,6 @@ fn a_key_of_small_order_verifies_nothing() {
     ));
 }
 
-/// A signature of the manifest without the purpose prefix is rejected.
 #[test]
 fn a_signature_of_the_bare_manifest_is_rejected() {
     use base64::{Engine, engine::general_purpose::STANDARD};

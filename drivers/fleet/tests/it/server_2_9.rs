@@ -96,7 +96,6 @@ fn a_large_model_is_fetched_completely_or_rejected() {
     });
 }
 
-/// With machine A's credentials the server rejects access to everything of others.
 #[test]
 fn stolen_credentials_give_no_further_access() {
     Bench::run(async |bench| {

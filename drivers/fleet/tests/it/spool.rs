@@ -59,7 +59,6 @@ fn messages_are_sent_once_and_in_order() {
     assert_eq!((spool.dropped(), files(folder.path())), (0, 0));
 }
 
-/// A message that is being sent is not replaced by a newer one.
 #[test]
 fn a_message_stays_until_it_is_done() {
     let folder = tempfile::tempdir().unwrap();

@@ -175,7 +175,6 @@ fn an_ambiguous_axis_letter_is_rejected() {
     assert!(error.contains(expected), "{error}");
 }
 
-/// The byte of referenced axes covers eight axes, so the ninth counts as not referenced.
 #[test]
 fn the_ninth_axis_counts_as_not_referenced() {
     let world = World::new(&['X', 'Y', 'Z', 'A', 'B', 'C', 'U', 'V', 'W']);

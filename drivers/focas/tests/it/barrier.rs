@@ -213,7 +213,6 @@ fn silence_ramps_to_zero_and_an_old_frame_is_rejected() {
     assert_eq!(sender.last.unwrap().refusal, Refusal::Epoch);
 }
 
-/// The barrier ramps from garbage in the axis words without a step.
 #[test]
 fn garbage_in_memory_causes_no_step() {
     let program = Program::new(settings(3)).unwrap();

@@ -71,7 +71,7 @@ fn reports() {
     });
 }
 
-/// Reads as the users of circles do: all deviations are finite.
+/// Every point of an accepted circle has a finite deviation, and its evaluation does not panic.
 #[test]
 fn circles() {
     replay("circle", |bytes, name| {
@@ -82,7 +82,7 @@ fn circles() {
     });
 }
 
-/// Reads as the users of captures do: all samples are finite.
+/// Every sample of an accepted capture is finite.
 #[test]
 fn captures() {
     replay("capture", |bytes, name| {

@@ -38,7 +38,6 @@ macro_rules! alone {
 }
 pub(crate) use alone;
 
-/// Whether LinuxCNC with the bridge can be started here.
 fn can_start() -> bool {
     for (file, package) in [
         (LINUXCNC, "linuxcnc-uspace"),

@@ -164,7 +164,6 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     program.must_arm();
 }
 
-/// A fault during the ramp to a new model causes no step, and the ramp continues after the fault.
 #[test]
 fn a_fault_on_the_ramp_makes_no_step() {
     let rig = Rig::new("auto_arm = true");

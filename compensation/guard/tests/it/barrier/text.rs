@@ -112,7 +112,6 @@ fn random_settings(rng: &mut ChaCha8Rng) -> Settings {
     }
 }
 
-/// A valid frame, or one with a single defect.
 fn random_frame(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier) -> Vec<u16> {
     let now = barrier.report();
     let mut frame = Frame {
