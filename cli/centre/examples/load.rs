@@ -365,7 +365,6 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
         let seen = gateway::GatewayState::default();
         reported.push(seen.clone());
         tasks.spawn(gateway::run(plan, seen));
-        // Spread the starts.
         tokio::time::sleep(Duration::from_millis(2)).await;
     }
     let all = || {

@@ -226,7 +226,6 @@ impl Own {
             [AxisName::C, AxisName::B],
         ];
         let pair = pairs[random.random_range(0..pairs.len())];
-        // The twelve types in turn.
         let [_, _, _, _, _, _, _, of_twelve] = (seed % 12).to_be_bytes();
         let structure =
             Structure::from_type(of_twelve % 4, 1 + of_twelve / 4, &pair).expect("a type");

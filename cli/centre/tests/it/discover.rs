@@ -104,7 +104,6 @@ fn a_control_with_axes_yields_structure_proposals() {
     );
     let json = serde_json::to_value(&found).expect("JSON");
     assert_eq!(json[0]["kind"], "focas");
-    // Nothing was written.
     assert!(control.world().shifts().iter().all(|shift| *shift == 0.0));
 }
 

@@ -462,7 +462,6 @@ fn a_model_is_downloaded_as_signed_and_as_tables() {
         "{}",
         table.body
     );
-    // Every offered format has files.
     for format in page
         .get("/api/formats", &viewer)
         .json()

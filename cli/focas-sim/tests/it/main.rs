@@ -107,7 +107,6 @@ fn a_program_is_repeated() {
     while Instant::now() < end {
         let positions = client.positions(PositionKind::Machine, 3).unwrap();
         let on_the_way = (0.0..=10.0).contains(&positions[0]) && positions[1] == 7.0;
-        // Both axes move in proportion.
         let together = (positions[2] - 9.0 * positions[0]).abs() < 0.01;
         assert!(on_the_way && together, "{positions:?}");
         let ends = [0.0, 10.0].map(|x| positions[0] == x);

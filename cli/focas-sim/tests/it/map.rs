@@ -143,7 +143,6 @@ fn the_axes_follow_the_map_and_silence_ramps_to_zero() {
         matches!(held, Err(SendError::Held { by: 21, .. })),
         "{held:?}"
     );
-    // Silence.
     let end = Instant::now() + PATIENCE;
     while shifts(&simulator) != [0.0; 3] {
         assert!(Instant::now() < end, "{:?}", shifts(&simulator));

@@ -255,7 +255,6 @@ fn a_torn_log_is_cut_and_a_forged_one_put_aside() {
     assert!(again.starts_with(kept) && again.len() > kept.len());
     assert_eq!(found(&again)["cut_bytes"], torn.len() - kept.len());
     let rig = gateway.stop();
-    // A record is modified.
     let text = std::fs::read_to_string(&log).expect("a log");
     let forged = text.replacen("\"who\":\"auto_arm\"", "\"who\":\"nobody\"", 1);
     assert_ne!(forged, text);

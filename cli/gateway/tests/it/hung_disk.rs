@@ -172,7 +172,6 @@ fn a_model_that_waits_for_the_disk_times_out() {
         newest["hash"] == made["result"]["hash"] && newest["outcome"] == "refused"
     });
     assert_eq!(now["hash"], before);
-    // A repeated request is executed.
     let taken = activate(program, &candidate(program), None);
     assert_eq!(taken.status, 200, "{}", taken.body);
     assert_eq!(model(program)["hash"], made["result"]["hash"]);

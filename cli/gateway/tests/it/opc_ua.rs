@@ -151,7 +151,6 @@ fn a_client_reads_what_the_dashboard_shows() {
     // X moves back and forth.
     let values = client.order("watch x_position");
     assert_eq!(values.as_array().map(Vec::len), Some(2), "{values}");
-    // Its control is disconnected.
     drop(control);
     let old = client.order("wait x_position UncertainLastUsableValue");
     assert!(old["value"].is_number(), "{old}");
@@ -268,7 +267,6 @@ fn a_flood_of_connections_is_bounded() {
         }
     }
     assert_eq!(client.order("wait machine Good")["value"], "small");
-    // A slot is free again.
     let mut again = Client::start(&address).expect("there is a Python");
     assert_eq!(again.order("wait machine Good")["value"], "small");
     program.wait_for("compensating");

@@ -262,7 +262,6 @@ fn stopping_leaves_a_found_correction_alone() {
     gateway.watch();
     let rig = gateway.stop();
     assert_eq!(rig.controls.axes.applied(), found);
-    // An operator removes it.
     let mut gateway = Gateway::again(rig, &config);
     gateway.wait_until_says("a correction is applied");
     gateway.watch();

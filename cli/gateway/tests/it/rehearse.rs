@@ -127,7 +127,6 @@ fn with_a_barrier_no_fault_is_excepted() {
                 .all(|f| !f.bounded_by_limit && !f.interlock_hidden)
         );
         assert!(faults.iter().all(|f| f.moved_while_held == 0));
-        // The machine was corrected.
         assert!(
             faults[0]
                 .axes

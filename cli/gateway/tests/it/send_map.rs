@@ -334,7 +334,6 @@ fn a_disk_that_hangs_keeps_the_map_in_use() {
         rig.keeps(40.0);
         sender.log().contains("the audit log is written again")
     });
-    // A second confirmation activates it.
     rig.must_replace();
     rig.control.reaches(30.0);
     assert_eq!(sender.line(), "map 8 is in use\n");

@@ -115,7 +115,6 @@ fn what_is_not_known_is_not_available() {
         unconfirmed.contains("|x_correction|UNAVAILABLE\n"),
         "{unconfirmed}"
     );
-    // The control thread is silent.
     let silent = next(json!({
         "state": "unknown", "reasons": ["no cycle for 1234 ms"], "correction_known": false, "positions_mm": {},
         "positions_deg": {}, "correction_um": {}, "correction_urad": {}, "error_um": null,

@@ -127,7 +127,6 @@ pub(crate) const CASES: &[Wrong] = &[
         "url = \"can://can9?dbc=bare.dbc\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }",
         "unwatched = true",
     ),
-    // Cycles below the device's minimum.
     wrong("cycle_ms = 4.0", "cycle_ms = 0.5", "cycle_ms: found 0.5 ms"),
     wrong(
         FOCAS,
@@ -423,7 +422,6 @@ pub(crate) const CASES: &[Wrong] = &[
             "nowhere",
         )
     },
-    // The dashboard: TLS, tokens.
     wrong(
         "listen = \"127.0.0.1:0\"",
         "listen = \"0.0.0.0:0\"",
@@ -505,7 +503,6 @@ pub(crate) const CASES: &[Wrong] = &[
         "digital = { position_bits = 8 }",
         "digital: found this key for a FANUC control",
     ),
-    // Limits above the absolute maximum.
     wrong("limit_um = 150.0", "limit_um = 2000.1", "guard.limit_um"),
     wrong(
         "slew_um_per_s = 500.0",

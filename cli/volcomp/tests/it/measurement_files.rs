@@ -284,7 +284,6 @@ fn several_files_end_in_a_table() {
             && verdicts.matches("FAIL").count() == 2,
         "{verdicts}"
     );
-    // Rejected files are named, also in JSON.
     let wrong = folder.write("lasers/eyy.rtl", "HEADER::\r\n");
     let output = volcomp(&["--json", "iso230", &one, &wrong]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -102,7 +102,6 @@ fn a_worse_result_is_not_kept() {
     ended(&ran, 1, "not written, since the tool is further off");
     let kept = fs::read_to_string(&result).expect("the file");
     assert_eq!(kept, "what was there before");
-    // Nor is the plot.
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 4);
 }
 

@@ -60,7 +60,6 @@ fn the_same_input_gives_the_same_bytes_and_a_changed_file_is_named() {
     let notes = String::from_utf8_lossy(&output.stderr).replace("\n  ", " ");
     contains(&notes, "exx.csv: not the file that EXX was found from");
     assert!(!notes.contains("exy.csv: not"), "{notes}");
-    // The files are in another folder.
     let elsewhere = two.path().display().to_string();
     let found = states(&["check", &machine, "--files", &elsewhere]);
     assert!(found.iter().all(|(_, state)| state == "same"), "{found:?}");

@@ -340,7 +340,6 @@ fn a_report_that_is_replaced_is_told() {
         assert_eq!(output.status.code(), Some(0));
         String::from_utf8_lossy(&output.stderr).contains("replaced the file that was there")
     };
-    // An identical report replaces nothing.
     assert_eq!(
         [told(&[]), told(&[]), told(&["--serial", "7"])],
         [false, false, true]

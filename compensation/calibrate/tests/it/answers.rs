@@ -184,7 +184,6 @@ fn a_unit_of_angle_opens_the_question_for_the_bridge() {
     let (_dir, found) = drafted(&["ezx-level.csv"]);
     let of = Subject::Measurement(0);
     assert!(!open_keys(&found).contains(&"bridge_mm".to_owned()));
-    // In any order.
     let answers = [
         answer(of.clone(), "bridge_mm", "150"),
         answer(of.clone(), "unit", "urad"),

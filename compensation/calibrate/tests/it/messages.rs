@@ -387,7 +387,6 @@ fn a_target_that_lacks_a_direction_is_refused() {
         error.contains("a.csv: target 100: found no reading in direction -"),
         "{error}"
     );
-    // A single direction throughout is accepted.
     lab.write(
         "a.csv",
         "target,run,direction,deviation\n0,1,+,0\n50,1,+,1\n100,1,+,2\n",

@@ -307,7 +307,6 @@ fn flags_are_those_of_the_source() {
             ..State::default()
         };
         if step % 10 == 0 {
-            // The ends of travel themselves.
             state.q[1] = [0.0, 8000.0][step / 10 % 2];
             state.q[2] = [0.0, 4000.0][step / 20 % 2];
         }

@@ -263,7 +263,6 @@ fn many_turns_do_not_change_the_direction() {
         let mut rolled = Memory::default();
         let mut position = 0.0_f64;
         let reported = |position: f64| position.rem_euclid(TAU);
-        // 5000 turns with 20 readings each.
         for _ in 0..100_000 {
             position += sign * TAU / 20.0;
             rolled.at(reported(position), THRESHOLD, Some(TAU));

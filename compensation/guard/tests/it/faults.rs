@@ -85,7 +85,6 @@ fn a_cleared_correction_ramps_in_again() {
     assert_eq!(output.state.name(), "arming");
     assert!(world.largest_step <= STEP, "{}", world.largest_step);
     assert_eq!(world.run(2 * SECOND).state, State::Compensating);
-    // Each further reset has the same effect.
     for _ in 0..5 {
         world.applied = PerChannel::ZERO;
         world.largest_step = 0.0;
@@ -103,7 +102,6 @@ fn a_write_that_does_not_stick_is_a_fault() {
     let output = world.run(2 * SECOND);
     assert_eq!(output.state.name(), "faulted");
     assert!(output.reasons.contains(Reasons::DOES_NOT_STICK));
-    // The cause remains.
     assert_eq!(world.request(Request::Acknowledge).state.name(), "faulted");
     world.sticks = true;
     world.run(2 * SECOND);
@@ -152,9 +150,7 @@ fn interlocks_freeze_the_correction_and_it_ramps_in_again() {
         set(&mut world, true);
         let output = world.run(SECOND);
         assert_eq!((output.state.name(), output.write), ("holding", false));
-        // The control has rebooted.
         world.applied = PerChannel::ZERO;
-        // Silence in between changes nothing.
         world.answers = false;
         assert!(!world.run(SECOND).write);
         world.answers = true;
@@ -177,7 +173,6 @@ fn nan_positions_hold_then_ramp_out() {
     assert_eq!(world.applied, before);
     world.run(2 * SECOND);
     assert_eq!(world.applied, PerChannel::ZERO);
-    // On a NaN read-back nothing is written.
     world.positions[1] = 0.0;
     world.applied[0] = f64::NAN;
     assert!(!world.run(SECOND).write);
@@ -396,7 +391,6 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
                 "{delay_ms} ms, {step_scans} of {scan:?}: cycle {cycle}"
             );
         }
-        // Now the control holds.
         (world.holds, world.target) = (true, Some(axes(0.0, 0.0)));
         let begun = world.now;
         while world.cycle_after(period, None).state == State::Compensating {

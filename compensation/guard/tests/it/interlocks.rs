@@ -105,7 +105,6 @@ fn the_correction_held_by_a_barrier_in_a_stop_is_adopted() {
             .reasons
             .contains(Reasons::UNCONFIRMED)
     );
-    // Only the barrier is released.
     (world.emergency_stop, world.answers) = (false, true);
     world.interlocks.update(1, STOP);
     world.run(Duration::from_secs(1));
@@ -121,7 +120,6 @@ fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
         // Either the control holds or only another path reports the stop, briefly or until the position is known.
         for (holds, cycles) in [(true, 4), (true, 80), (false, 4), (false, 80)] {
             let mut world = World::ramping(late, 60);
-            // Times, words, and positions of the axis.
             let mut words = Vec::new();
             let mut furthest = 0.0_f64;
             for cycle in 0..400 {

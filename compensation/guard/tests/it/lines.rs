@@ -205,7 +205,6 @@ fn lines_that_take_over_again_start_at_their_last_write() {
     world.run(10 * PERIOD);
     let left = world.applied[0];
     assert!(left > 0.01, "{left}");
-    // Meanwhile another path writes.
     let places = same_places();
     world.guard.take_path(limits(), &places).expect("valid");
     world.read_back.take_over(world.now, false);

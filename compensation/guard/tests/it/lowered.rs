@@ -269,7 +269,6 @@ fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
         let state = world.run(Duration::from_secs(3)).state;
         if is_expected {
             assert_eq!(state, State::Compensating, "{:?}", world.applied);
-            // Both axes by one factor.
             let comes_in = axes(-0.015, 0.030);
             let off = |i: usize| (world.applied[i] - comes_in[i]).abs();
             assert!(off(0) < 1e-9 && off(1) < 1e-9, "{:?}", world.applied);

@@ -503,7 +503,6 @@ fn slow_positions_prove_what_they_contain() {
                 while world.now < end && output.state != State::Compensating {
                     output = world.cycle_after(limits.period, None);
                 }
-                // The machine moves before arming.
                 world.positions = axes(1.0, -1.0);
                 (output, world.guard.verdict().axes)
             };

@@ -18,7 +18,6 @@ fn line_s(limits: &Limits, from: &PerChannel<f64>, to: &PerChannel<f64>) -> f64 
     vector.begin_line(to);
     for cycle in 1..100_000 {
         let arrived = vector.advance_line(limits, 0.004);
-        // All axes by one factor.
         let part = |i: usize| (vector.smooth()[i] - from[i]) / (to[i] - from[i]);
         for i in 1..limits.count {
             assert!((part(i) - part(0)).abs() < 1e-6, "{i}: {vector:?}");

@@ -75,7 +75,6 @@ fn arming_is_refused_with_reasons() {
             Reasons::NO_CONTROLLER | stale,
             none,
         ),
-        // A single missing response.
         (
             |world| world.answers = false,
             Duration::ZERO,

@@ -90,7 +90,6 @@ fn every_flaw() {
     assert_eq!(check(&mut one, 40, 21.0, 5), out(SensorFlaw::Stale));
     // 2.5 K is the permitted change in 30 s, the maximum time credited after a fault.
     assert_eq!(check(&mut one, 65, 23.9, 65), (Some(23.9), None));
-    // Repeating a reading is no fault.
     assert_eq!(check(&mut one, 66, 23.9, 65), (Some(23.9), None));
     assert_eq!(check(&mut one, 67, 25.0, 67), out(SensorFlaw::Jumped));
     for readings in [SensorReading::Silence, SensorReading::Fault] {
@@ -121,7 +120,6 @@ fn a_jump_of_forty_kelvin_is_never_accepted() {
         among.used_after(&[60.0, 21.0, 25.0, 22.0], 5.0 * 3600.0),
         None
     );
-    // The other sensors are not affected.
     assert_eq!(among.reads(&[60.0, 21.0, 25.0, 22.0])[1..], [None; 3]);
 }
 

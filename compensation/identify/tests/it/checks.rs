@@ -166,7 +166,6 @@ fn rows_of_another_sphere_are_refused() {
         .map(|(file, ..)| file)
         .collect();
     assert!(files.iter().any(|file| file == "high.csv"), "{files:?}");
-    // With its own name the sphere fits.
     lab.write("high.csv", &only(true).replace("S1", "S2"));
     assert!(lab.identify(&both).is_ok());
 }

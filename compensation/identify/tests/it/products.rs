@@ -109,7 +109,6 @@ fn a_sag_over_a_second_axis_is_found() {
         .map(|p| p.value.abs())
         .sum();
     assert!(second < 0.4, "{second}");
-    // The written file gives the same machine.
     let written = Machine::parse(&found.machine.to_toml(), "written").expect("a machine");
     for (y, z) in [(70.0, -310.0), (430.0, -20.0)] {
         let difference = error(&written, y, z) - error(&found.machine, y, z);

@@ -200,7 +200,6 @@ fn computed_numbers_get_a_point() {
     );
     let expected = "G0 X0 Y0 Z0\nG1 X20.100 Y100. F100\n#1=50\nG1 X50.100 Y100.\n";
     assert_eq!(found.as_deref(), Ok(expected));
-    // Also without decimals.
     let found = result("control = \"fanuc\"\n", "G0 X50. Y900.\nX-0.9\n");
     assert_eq!(found.as_deref(), Ok("G0 X50.900 Y900.\nX0.000\n"));
 }

@@ -11,7 +11,6 @@ const ERRORS: &str = "[errors]\nEC0Y = 1000.0\nEYX = { table = [[-1000, 0], [0, 
 const PROGRAMS: [&str; 4] = [
     "%\nO0001 (PART)\nG21 G90 G54\n\n(A COMMENT)\nG0 X0 Y100. Z10.\nG1 X100. F500.\nG2 X90. Y90. I0 J-10.\nG81 X20. Y50. Z-5. R2.\nG80\nM30\n%\n",
     "G0 X0 Y100 Z0\nG1 X100 F500\n\n\nX0\n",
-    // Executed and unrolled.
     "G21 G90\nG0 X0 Y0 Z0\no100 repeat [3]\nG91 G1 X40 Y40 F100\nG90\no100 endrepeat\n\nG0 X0 Y0\nM2\n",
     "O1 (MAIN)\nG0 X0 Y100. Z0\nM98 P2 L2\nM30\nO2\nG91\nG1 X30. F100\nG90\nM99\n",
 ];

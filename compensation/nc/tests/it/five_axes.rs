@@ -127,7 +127,6 @@ fn random_places(count: usize) -> Vec<[f64; 5]> {
             places.push([x, y, random(-300.0, 0.0), a, random(-350.0, 350.0)]);
         }
     }
-    // With the precision of the program's words.
     let round = |value: f64, by: f64| (value * by).round() / by;
     for [x, y, z, a, c] in &mut places {
         for length in [x, y, z] {
@@ -468,7 +467,6 @@ fn the_direction_of_a_modulo_axis_must_be_stated() {
         turned.windows(2).all(|pair| pair[1] > pair[0]),
         "{turned:?}"
     );
-    // A motion of 120°.
     assert!(
         shorter.iter().all(|c| !(10.1..249.9).contains(c)),
         "{shorter:?}"

@@ -190,7 +190,6 @@ fn invalid_subprograms_are_refused() {
             "{message}"
         );
     }
-    // Zero calls execute nothing.
     let none = "M98 P7 L0\nM30\nO7\nG1 X900\nM99\n";
     assert_eq!(text("", none), none);
 }
@@ -214,7 +213,6 @@ fn a_return_ends_the_loops_it_leaves() {
         3,
         "the subroutine, and both of its passes"
     );
-    // The same with M98 and M99.
     let program =
         "G90 G0 X0 Y0 Z0\nM98 P7 L2\nM30\nO7\no2 repeat [3]\nG91 G0 X100\nM99\no2 endrepeat\nM99\n";
     let result = text(bent, program);

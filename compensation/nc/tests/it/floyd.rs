@@ -185,7 +185,6 @@ fn a_rate_limit_centres_the_plan_on_a_jump() {
     for pair in found.commands.windows(2) {
         assert!((pair[1][1] - pair[0][1]).abs() <= 0.001 + 1e-12);
     }
-    // Whole steps of 1 µm.
     assert!(
         found
             .commands

@@ -179,7 +179,6 @@ klipper | G92\n | line 1: G92 without an axis
     for (control, program) in [
         ("klipper", "M83\nG90\nG0 X0 Y0 Z0\n"),
         ("marlin", "G90\nM83\nG0 X0 Y0 Z0\n"),
-        // Motions that are not split.
         ("marlin", "M83\nG90\nG0 X0 Y0 Z0\nG1 X10 E5\nM83\n"),
         ("klipper", "M82\nG0 X0 Y0 Z0\nG1 X1 E3\n"),
     ] {

@@ -122,7 +122,6 @@ fn half_circles_by_radius_get_a_centre() {
         result(scale, "G0 X0 Y0 Z0\nG3 X100 Y0 R50 (half)\nG2 X0 R50\n"),
         "G0 X0 Y0 Z0\nG3 X100.009 Y0 I50.005 J0.000 (half)\nG2 X0 I-50.005 J0.000\n"
     );
-    // A quarter circle keeps its R.
     assert_eq!(
         result(scale, "G0 X100 Y0 Z0\nG3 X0 Y100 R100\n"),
         "G0 X100.009 Y0 Z0\nG3 X0 Y100.009 R100.009\n"
@@ -313,7 +312,6 @@ fn entry_moves_stay_whole() {
         let out = result(bent, &program);
         assert_eq!(out.lines().count(), program.lines().count(), "{out}");
     }
-    // After the exit, motions are split again.
     let out = result(
         bent,
         "G0 X-400 Y-20 Z0\nG41.1 D6\nG1 X0 Y-10\nG40\nG1 X1\nG1 X400\n",

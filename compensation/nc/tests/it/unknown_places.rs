@@ -350,7 +350,6 @@ fn an_arc_with_one_unknown_axis_is_not_split() {
         let out = result(&format!("G0 X400\n{arc}\n"));
         assert_eq!(out, format!("G0 X399.980\n{expected}\n"), "{arc}");
     }
-    // In another plane.
     let out = result("G0 X400\nG18 G2 X420 I10 K0 F100\n");
     assert_eq!(out, "G0 X399.980\nG18 G2 X419.980 I10 K0 F100\n");
     // After the arc each known axis is corrected again.

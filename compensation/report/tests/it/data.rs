@@ -250,7 +250,6 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
         (found[0].outcome, &found[0].of),
         (Verdict::Undecided, &CheckOf::NotBorneOut)
     );
-    // The range of the readings passes.
     assert_eq!(found[1].outcome, Verdict::Pass);
     // The machine file reports the undecided error until the error is set again.
     let text_of_machine = machine.to_toml();

@@ -38,7 +38,6 @@ fn a_position_far_outside_the_travel_holds_and_comes_back() {
         );
         assert_eq!(report.outside_travel, 1 << z);
         assert_eq!(report.error, None);
-        // The correction is held, then ramps out.
         let held = rig.run(10);
         assert!(
             (held.sent.unwrap()[z] - applied[z]).abs() < 1e-9,

@@ -54,7 +54,6 @@ pub(crate) fn round_trip(
         .expect("measured")
         .into_iter()
         .collect();
-    // Lines and observations in one file.
     if let Some(observations) = files.remove("observations.toml") {
         let (head, tables) = observations
             .split_once("[[observation]]")

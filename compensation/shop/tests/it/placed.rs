@@ -210,7 +210,6 @@ fn a_value_holds_with_all_axes_at_the_reference() {
         let (as_it_is, found) = round_trip(folder.path(), &truth, "", &shop, &more);
         let left = compare(&as_it_is, &found.machine, 1000, 4);
         assert!(left.position_um < 0.02, "{structure}: {left:?}");
-        // The shop computes the same values.
         for [linear, angular] in [
             ["EY0A\", \"EZ0A", "EB0A\", \"EC0A"],
             ["EX0B\", \"EZ0B", "EA0B\", \"EC0B"],

@@ -222,7 +222,6 @@ fn a_shop_repeats_itself_and_lines_do_not_disturb_each_other() {
     fs::write(folder.path().join("truth.toml"), small_gantry()).expect("written");
     let files = |lines: &str| {
         let path = folder.path().join("shop.toml");
-        // Files with readings only.
         let text = format!(
             "machine = \"truth.toml\"\nformat = \"csv\"\n[instrument]\nnoise_um = 1.0\n{lines}"
         );

@@ -43,7 +43,6 @@ fn a_gateway_that_dies_leaves_nothing() {
     assert_eq!(control.pin("volcomp.owner"), 0.0);
     drop(program);
 
-    // The gateway is restarted, and continues.
     let program = gateway(dir.path(), PORT);
     let cycles = control.record(|control| wait_corrected(control, &program));
     no_jump(&cycles, MOST);

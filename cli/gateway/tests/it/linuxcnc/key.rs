@@ -133,7 +133,6 @@ impl Attack {
                     let forged = encoded(beside.answers(), Content::Listen, &other);
                     let _ = listener.send(&forged);
                     let _ = listener.send(&recorded);
-                    // Arbitrary bytes.
                     let _ = listener.send(&recorded[..round % recorded.len()]);
                 }
                 round += 1;

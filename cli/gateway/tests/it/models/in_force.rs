@@ -274,7 +274,6 @@ fn a_model_that_cannot_be_kept_is_reported_until_it_is() {
         trouble.contains("cannot be kept on disk")
     };
     wait_model(&program, is_told);
-    // The next poll does not clear it.
     std::thread::sleep(Duration::from_secs(3));
     let now = model(&program);
     assert!(is_told(&now), "{now}");

@@ -46,7 +46,6 @@ fn over_all_types(
                             continue;
                         }
                         let mut rng = ChaCha8Rng::seed_from_u64(index as u64);
-                        // A new machine every 20 poses.
                         let mut cell = Cell::new(structure, &mut rng);
                         for pose in 0..poses() {
                             if pose % 20 == 19 {
