@@ -1,7 +1,9 @@
 //! The correction of a five-axis machine with both rotary axes on the table: the addition to a command that gives the tool its commanded
 //! position and direction.
 //!
-//!     cargo run -p volcomp-kinematics --example five_axis
+//! ```text
+//! cargo run -p volcomp-kinematics --example five_axis
+//! ```
 
 use volcomp_kinematics::{
     Chain, CorrectionOptions, Form, GivenErrors, State, Structure, correct, volumetric_error,
@@ -15,7 +17,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     chain.set_point(AxisName::A, [0.0, 0.0, 50.0])?;
     chain.set_tool([0.0, 0.0, 100.0], [0.0, 0.0, 1.0])?;
 
-    // The axis of C is displaced by 15 µm in X and tilted by 30 µrad about Y; Y is 20 µrad out of square.
+    // C's axis is displaced by 15 µm in X and tilted by 30 µrad about Y; Y is 20 µrad out of square.
     let mut errors = GivenErrors::default();
     for (name, value) in [("EX0C", 15.0), ("EB0C", 30.0), ("EC0Y", 20.0)] {
         errors.set(&chain, name.parse()?, value)?;

@@ -42,7 +42,6 @@ use volcomp_fleet::{
     StreamRetention, Subjects, server::Server,
 };
 
-/// Telemetry of a gateway.
 const STATE: &str = include_str!("state.json");
 const MODEL: &str = include_str!("../../../examples/gantry.toml");
 
@@ -62,7 +61,6 @@ struct Arguments {
     rounds: u32,
 }
 
-/// Database size, MB.
 fn size_mb(file: &Path) -> f64 {
     let of = |file: &Path| std::fs::metadata(file).map_or(0, |data| data.len());
     (of(file) + of(&file.with_extension("db-wal"))) as f64 / 1e6
@@ -231,7 +229,7 @@ fn message(instance: &str, number: u64) -> (Kind, Vec<u8>) {
     }
 }
 
-/// Publishes messages of all machines of a site, with a bounded number in flight, each acknowledged by the stream.
+/// Publishes messages of all machines of a site with a bounded number in flight; the stream acknowledges each.
 async fn publish(hub: &Hub, site: &str, machines: usize, messages: u64, run: u32) -> u64 {
     const MAX_IN_FLIGHT: usize = 500;
     let bytes = AtomicU64::new(0);
@@ -260,7 +258,7 @@ async fn publish(hub: &Hub, site: &str, machines: usize, messages: u64, run: u32
     bytes.load(Ordering::Relaxed)
 }
 
-/// Waits until the centre has acknowledged the whole stream, so that every message is on disk.
+/// Waits until the centre has acknowledged the whole stream: every message is on disk.
 async fn acknowledged(hub: &Hub, stream: &str) {
     loop {
         let stream = hub.context().get_stream(stream).await.unwrap();
@@ -279,7 +277,7 @@ async fn throughput(bench: &Bench, arguments: &Arguments) {
         .await
         .unwrap();
     let mut ratios = Vec::new();
-    // One pull subscription for all rounds: the server would still send messages to an abandoned one for a while.
+    // One pull subscription for all rounds, because the server would still send messages to an abandoned one.
     let [mut collection, _] = hub.collections(&bare[0]);
     let count = arguments.machines;
     for round in 0..arguments.rounds {
@@ -330,7 +328,6 @@ fn memory_mib(process: u32) -> f64 {
     kib.unwrap_or(0.0) / 1024.0
 }
 
-/// Processor time of a process, s.
 fn processor_s(process: u32) -> f64 {
     let text = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     let after = text.rsplit(')').next().unwrap_or_default();
@@ -338,7 +335,7 @@ fn processor_s(process: u32) -> f64 {
         .split_whitespace()
         .filter_map(|one| one.parse().ok())
         .collect();
-    // The process state is not a number, so utime and stime are the 11th and 12th of the remaining fields.
+    // Without the process state, which is no number, utime and stime are fields 11 and 12.
     fields
         .get(10)
         .zip(fields.get(11))
@@ -358,7 +355,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
             identity: machine.identity.clone(),
             serial: machine.serial.clone(),
             trusted: vec![bench.key.key.verifying_key()],
-            // The server discards a second message with the same id, so every gateway needs its own instance name.
+            // The server discards a second message with the same ID, so every gateway needs its own instance name.
             instance: format!("fleet-{}", machine.identity.machine),
             condition_every: Duration::from_secs(1),
             telemetry_every: Duration::from_secs(10),
@@ -368,7 +365,6 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
         let seen = gateway::GatewayState::default();
         reported.push(seen.clone());
         tasks.spawn(gateway::run(plan, seen));
-        // Spread the starts.
         tokio::time::sleep(Duration::from_millis(2)).await;
     }
     let all = || {
@@ -388,7 +384,6 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
     let end = Instant::now() + Duration::from_secs(60 * arguments.minutes);
     let mut rolls = Vec::new();
     while Instant::now() < end {
-        // The roll-out blocks on the database.
         let took_s = tokio::task::block_in_place(|| roll_out(bench, &reported, number));
         rolls.push(took_s);
         number += 1;
@@ -424,7 +419,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
     );
 }
 
-/// Seconds of a roll-out to all machines, until all have answered and the centre has closed it.
+/// Duration of a roll-out to all machines until the centre has closed it, s.
 fn roll_out(bench: &Bench, reported: &[gateway::GatewayState], number: u32) -> f64 {
     let new = model(number);
     bench.store.add_model(&new.model, &new.text).unwrap();

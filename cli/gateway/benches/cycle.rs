@@ -1,5 +1,5 @@
-//! A whole cycle on the simulated machine: reading, temperatures, model, guard, writing; and the same with nothing to
-//! correct, which measures the cost of the simulation itself.
+//! A full cycle on the simulated machine: reads, temperatures, model, guard and writes. The same with nothing to correct measures the
+//! cost of the simulation alone.
 
 use std::{hint::black_box, time::Duration};
 

@@ -1,10 +1,10 @@
-//! A calibration file and the measurement files that it names to a machine file:
+//! Creates a machine file from a calibration file and the measurement files that it names:
 //!
 //! ```text
 //! cargo run -p volcomp-calibrate --example calibrate -- calibration.toml
 //! ```
 //!
-//! Without a file it takes the one in the folder `examples/calibration` of the repository.
+//! Without an argument it uses the file in the repository's folder `examples/calibration`.
 
 use std::path::{Path, PathBuf};
 
@@ -16,14 +16,14 @@ fn main() -> Result<(), CalibrateError> {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration/calibration.toml");
     let path = std::env::args().nth(1).map_or(shipped, PathBuf::from);
 
-    // Reading finds what is wrong in any of the files, with file, line and key.
+    // Reading reports an error in any of the files, with file, line and key.
     let file = CalibrationFile::read(&path)?;
     let calibration = calibrate(&file, |done, of| eprintln!("{done} of {of} errors fitted"))?;
 
     for curve in &calibration.curves {
         let direction = curve.direction.map_or("both directions", Direction::name);
         let (error, kind) = (curve.error, curve.kind);
-        // Lengths and angles are different types: µm cannot be taken for µrad.
+        // Lengths and angles are different types, so µm cannot be mistaken for µrad.
         match &curve.quality {
             Quality::Length(q) => println!(
                 "{error} {direction}: {kind}, residual {:.2} rms",

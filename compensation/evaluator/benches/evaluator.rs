@@ -1,6 +1,5 @@
-//! The compiled evaluator against the exact form on curve objects, against 4×4 products fed with the
-//! same compiled curves, against a plain copy and against `memset`. Only ratios within one run mean
-//! anything; `benches/compare` makes the table.
+//! The compiled evaluator compared with the exact form on curve objects, 4×4 products with the same compiled curves, a plain copy and
+//! `memset`. Only ratios within one run are meaningful; `benches/compare` makes the table.
 
 use std::{hint::black_box, time::Duration};
 
@@ -68,7 +67,7 @@ fn five_axis() -> Machine {
             machine
                 .set_error(name, ErrorCurve::Single(Field::Curve(curve.into())))
                 .expect("an axis of the machine");
-            // Location errors without effect are refused: eleven remain of eighteen tried.
+            // Location errors without effect are rejected: eleven of eighteen remain.
             let location = volcomp_model::ErrorName::location(component, axis.name);
             let _ = machine.set_location(location, 12.0);
         }
@@ -100,7 +99,7 @@ fn workloads() -> [(&'static str, Machine); 3] {
     ]
 }
 
-/// One pose: independent poses (throughput), and a chain in which each pose depends on the previous result (latency).
+/// Independent poses (throughput), and a chain in which each pose depends on the previous result (latency).
 fn one_pose(c: &mut Criterion) {
     for (name, machine) in workloads() {
         let compiled = machine.compile(Tolerance::default()).expect("compiles");
@@ -259,7 +258,7 @@ fn scattered(c: &mut Criterion) {
         });
         group.bench_function("copy", |b| {
             b.iter(|| {
-                // Memory traffic of the evaluation without its arithmetic: 24 bytes read, 48 written per pose.
+                // Memory traffic of the evaluation without the arithmetic: 24 bytes read, 48 written per pose.
                 for (pose, error) in poses.chunks_exact(3).zip(black_box(&mut errors)) {
                     error[..3].copy_from_slice(pose);
                     error[3..].copy_from_slice(pose);

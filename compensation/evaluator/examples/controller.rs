@@ -26,7 +26,7 @@ fn at_a_desk() -> Result<Vec<u8>, Box<dyn std::error::Error>> {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let machine = CompiledMachine::from_blob(&at_a_desk()?)?;
-    // In the cycle: positions in mm in, corrections in mm out.
+    // In the cycle: positions in mm to corrections in mm.
     for x in [0.0, 250.0, 500.0, 1000.0] {
         let state = State::new(
             machine.chain(),

@@ -1,4 +1,4 @@
-//! One axis under the guard, and what reaches it when positions stop and when the control is reset.
+//! One axis under the guard: its correction when positions stop, and when the control is reset.
 //!
 //! `cargo run -p volcomp-guard --example faults`
 
@@ -37,7 +37,7 @@ fn main() -> Result<(), LimitsError> {
     let mut guard = Guard::new(limits)?;
     let mut read_back = ReadBack::plain(Duration::ZERO);
 
-    // The model requests 30 µm in every cycle; the control applies what is written.
+    // The model requests 30 µm in every cycle; the control applies every write.
     let mut applied = PerChannel::ZERO;
     let mut target = PerChannel::ZERO;
     target[0] = 0.030;
@@ -92,7 +92,7 @@ fn main() -> Result<(), LimitsError> {
         "largest step that reached the axis: {:.0} µm",
         1e3 * largest_step
     );
-    // The slew of 0.2 mm/s in a cycle of 4 ms is less than one step of the control.
+    // Slew of 0.2 mm/s in a cycle of 4 ms: below one output step of the control.
     assert!(largest_step < 0.0021 && guard.state() == State::Compensating);
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! A tracker at 300 poses, about a hundred unknowns.
+//! Time to identify about a hundred unknowns from a tracker at 300 poses.
 
 use std::{fmt::Write as _, hint::black_box, path::Path};
 
@@ -14,12 +14,11 @@ axes.C.travel = [-180.0, 180.0]
 axes.B.travel = [-90.0, 90.0]
 ";
 
-/// A pseudorandom number from 0 to 1.
 fn spread(k: u32, of: f64) -> f64 {
     (f64::from(k) * of).fract()
 }
 
-/// Nominal positions of a target 250 mm below the tip; rounding them to 10 µm makes the noise.
+/// Nominal positions of a target 250 mm below the tip, rounded to 10 µm as noise.
 fn rows() -> String {
     let mut text = String::from("X,Y,Z,C,B,x,y,z\n");
     for k in 1..=POSES {

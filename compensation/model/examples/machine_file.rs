@@ -1,5 +1,5 @@
-//! Reads a machine file, and prints the error of the tool tip at a position and its correction, on all axes and on those that a controller
-//! writes.
+//! Reads a machine file, and prints the error of the tool tip at a position and its correction, on all axes and on those that a
+//! controller writes.
 //!
 //! `cargo run -p volcomp-model --example machine_file -- examples/trunnion.toml`
 
@@ -16,7 +16,7 @@ fn main() -> ExitCode {
     let file = env::args_os().nth(1).map_or(shipped.into(), PathBuf::from);
     match Machine::read(&file).and_then(|machine| answer(&machine)) {
         Ok(()) => ExitCode::SUCCESS,
-        // The message has file, line, key, and the found and the expected value.
+        // The message has file, line, key, and found and expected value.
         Err(error) => {
             eprintln!("error: {error}");
             ExitCode::from(2)
@@ -27,7 +27,7 @@ fn main() -> ExitCode {
 fn answer(machine: &Machine) -> Result<(), ModelError> {
     println!("{} ({})", machine.name, machine.chain().structure());
 
-    // A command at a quarter of every travel: coordinates in mm and deg, as the control displays them.
+    // A command at a quarter of every travel: coordinates in mm and deg, as a control displays them.
     let quarter = |[low, high]: [f64; 2]| low + 0.25 * (high - low);
     let axes = machine.axes().iter();
     let command: Vec<(AxisName, f64)> = axes.map(|a| (a.name, quarter(a.travel))).collect();
@@ -37,7 +37,7 @@ fn answer(machine: &Machine) -> Result<(), ModelError> {
     }
     println!();
 
-    // The error is actual minus ideal, in workpiece axes. In memory, lengths are in mm and angles in rad.
+    // The error is actual minus ideal, in workpiece axes. In memory lengths are in mm and angles in rad.
     let steady = Temperatures::new();
     let error = machine.error_at(&state, Form::Exact, &steady);
     let [x, y, z] = (error.position_mm * 1e3).into();
@@ -46,8 +46,8 @@ fn answer(machine: &Machine) -> Result<(), ModelError> {
         println!("  {name} is evaluated outside its measured range");
     }
 
-    // The correction is added to the command: on the axes of the machine file's key `correct` (default: all), and on the linear axes alone.
-    // Errors that the axes cannot correct are residual.
+    // The correction is added to the command: on the axes of the machine file's key `correct` (default: all), and on the linear axes
+    // alone. Errors that the axes cannot correct are residual.
     let linear = command.iter().map(|(axis, _)| *axis);
     let linear = linear.filter(|axis| axis.kind() == AxisKind::Linear);
     let linear_only = CorrectionOptions::of(&linear.collect::<Vec<_>>());

@@ -17,7 +17,6 @@ use volcomp_model::{
 
 type V3 = [f64; 3];
 
-/// Number of threads among which the machines are divided.
 const THREADS: u64 = 2;
 /// Required share of the true value.
 const TOLERANCE: f64 = 0.99;
@@ -163,7 +162,7 @@ fn compared(seed: u64, poses: u32) -> Compared {
 /// A machine with axes along the directions of their letters, implemented without the crates.
 struct Own {
     structure: Structure,
-    /// The axes from the workpiece to the tool.
+    /// The axes from workpiece to tool.
     axes: Vec<Axis>,
     tip: V3,
 }
@@ -175,7 +174,7 @@ struct Axis {
     travel: [f64; 2],
     point: V3,
     curves: [Curve; 6],
-    /// Backlash, µm and µrad: half of it is added when a place is approached upwards, and subtracted otherwise.
+    /// Backlash, µm and µrad: half is added when a position is approached upwards, and subtracted otherwise.
     reversal: [f64; 6],
     /// EX0 … EC0, µm and µrad.
     location: [f64; 6],
@@ -183,11 +182,11 @@ struct Axis {
 
 enum Curve {
     Chebyshev(Vec<f64>),
-    /// Over 360°: the mean, then cosine and sine of each harmonic.
+    /// Over 360°: mean, then cosine and sine of each harmonic.
     Fourier(Vec<f64>),
 }
 
-/// The pose at which an error is, mm and rad.
+/// An error and its pose, mm and rad.
 struct At {
     tip: V3,
     tool_axis: V3,
@@ -227,7 +226,6 @@ impl Own {
             [AxisName::C, AxisName::B],
         ];
         let pair = pairs[random.random_range(0..pairs.len())];
-        // The twelve types in turn.
         let [_, _, _, _, _, _, _, of_twelve] = (seed % 12).to_be_bytes();
         let structure =
             Structure::from_type(of_twelve % 4, 1 + of_twelve / 4, &pair).expect("a type");
@@ -275,7 +273,7 @@ impl Own {
             let reversal = [0, 1, 2, 3, 4, 5].map(play).map(Option::unwrap_or_default);
             let mut location = [0.0; 6];
             for (k, value) in location.iter_mut().enumerate() {
-                // A rotation about the axis itself has no effect, and neither has an offset of a linear axis.
+                // A rotation about the axis itself has no effect, nor has an offset of a linear axis.
                 if k % 3 == name.mcs_index()
                     || (k < 3 && !name.is_rotary())
                     || !random.random_bool(share)
@@ -346,8 +344,8 @@ impl Own {
         text + &errors
     }
 
-    /// The error at a pose: coordinates in mm and deg, then the directions of approach (1: upwards, −1). The tip is carried from the tool
-    /// to the workpiece twice, with and without errors.
+    /// The error at a pose: coordinates in mm and deg, then the directions of approach (1 upwards, −1 downwards). The tip is transformed
+    /// from tool to workpiece twice, with and without errors.
     fn at(&self, pose: &[f64]) -> At {
         let (mut ideal, mut real) = (self.tip, self.tip);
         let (mut tool_axis, mut turn) = ([0.0, 0.0, 1.0], [0.0; 3]);
@@ -486,7 +484,7 @@ impl Curve {
     }
 }
 
-/// The least-squares motion of the position errors, by normal equations of six unknowns.
+/// Least-squares rigid motion of the position errors, by normal equations of six unknowns.
 fn aligned(found: &[At]) -> Aligned {
     let mut about = [0.0; 3];
     for at in found {
@@ -525,7 +523,7 @@ fn in_mm_and_rad([x, y, z, a, b, c]: [f64; 6]) -> [V3; 2] {
     [scaled([x, y, z], 1e-3), scaled([a, b, c], 1e-6)]
 }
 
-/// Rotation of a point about an axis by Rodrigues' formula.
+/// Rotates a point about an axis (Rodrigues).
 fn turned(axis: V3, angle: f64, p: V3) -> V3 {
     let (sin, cos) = angle.sin_cos();
     let across = plus(scaled(p, cos), scaled(cross(axis, p), sin));

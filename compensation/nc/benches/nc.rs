@@ -1,4 +1,4 @@
-//! Time to compensate programs of many short lines, compared with copying them and with reading and printing their numbers.
+//! Time to compensate programs of many short lines, compared with copying them, and with parsing and printing their numbers.
 
 use std::{fmt::Write as _, hint::black_box, io::Write as _};
 
@@ -7,7 +7,7 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{Corrector, Job, SetUp, compensate};
 
 const BLOCKS: u32 = 50_000;
-/// All 21 errors of three axes, without play.
+/// All 21 errors of three axes, without backlash.
 const THREE: &str = "structure = \"w X' b Y Z t\"
 axes.X.travel = [0.0, 600.0]
 axes.Y.travel = [0.0, 500.0]
@@ -37,7 +37,7 @@ EB0Z = 10.0
 ";
 const FIVE: &str = include_str!("../../../examples/trunnion.toml");
 
-/// A random walk of short steps about a position, one line per step.
+/// A random walk of short steps about a position; one line per step.
 fn program(first: &str, places: &[(char, f64)]) -> String {
     let mut seed = 1_u64;
     let mut text = format!("G21 G90 G17 G54\n{first}\n");
@@ -61,7 +61,7 @@ fn program(first: &str, places: &[(char, f64)]) -> String {
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "coordinates are small")]
-/// Reads each number and prints it with its own decimals; copies everything else.
+/// Parses each number and prints it with its own decimals; copies everything else.
 fn read_and_print(text: &[u8], out: &mut Vec<u8>) {
     let mut digits = itoa::Buffer::new();
     let mut at = 0;

@@ -4,7 +4,7 @@
 //! cargo run --release -p volcomp-nc --example floyd
 //! ```
 //!
-//! `examples/floyd/README.md` explains the output, `examples/floyd/printed.txt` contains it.
+//! `examples/floyd/README.md` explains the output; `examples/floyd/printed.txt` contains it.
 
 use std::{error::Error, fmt::Write as _};
 
@@ -14,25 +14,24 @@ use volcomp_nc::{
     shortest::{AllPairs, all_pairs, through},
 };
 
-/// The step of the control, mm.
+/// Step of the control, mm.
 const STEP_MM: f64 = 1e-3;
-/// Half width of the field around the path, in steps of X and of Y.
+/// Half width of the field around the path, in steps along X and Y.
 const FIELD: i32 = 100;
-/// Maximum distance of nodes from the exact correction, mm.
+/// Maximum distance of a node from the exact correction, mm.
 const BAND_MM: f64 = 2.2e-3;
-/// Weight of the mean square change of the correction relative to that of the deviation.
+/// Weight of the mean square change of the correction, relative to that of the deviation.
 const PRICE: f64 = 0.05;
 
 /// A point of the plane, mm.
 type Point = [f64; 2];
 
-/// The errors of a machine in the plane of X and Y.
+/// Errors of a machine in the XY plane.
 struct Field {
     machine: Machine,
 }
 
 impl Field {
-    /// Actual tool position for a command.
     fn actual(&self, [x, y]: Point) -> Result<Point, Box<dyn Error>> {
         let state = self.machine.state(&[(AxisName::X, x), (AxisName::Y, y)])?;
         let error = self
@@ -42,13 +41,12 @@ impl Field {
     }
 }
 
-/// One station of the path with its nodes: commands where the normal of the path crosses a line of the field.
+/// A station of the path with its nodes: commands where the normal of the path crosses the grid of the field.
 struct Station {
     at: Point,
     nodes: Vec<Point>,
 }
 
-/// The stations of a straight path and their nodes.
 fn stations(
     field: &Field,
     from: Point,
@@ -63,7 +61,7 @@ fn stations(
         let share = place as f64 / (count - 1) as f64;
         let at = [from[0] + share * way[0], from[1] + share * way[1]];
         let actual = field.actual(at)?;
-        // The wanted correction across the path.
+        // Required correction perpendicular to the path.
         let wanted = -((actual[0] - at[0]) * normal[0] + (actual[1] - at[1]) * normal[1]);
         let mut along: Vec<f64> = Vec::new();
         for line in -FIELD / 2..FIELD / 2 {
@@ -87,7 +85,7 @@ fn stations(
     Ok(stations)
 }
 
-/// The deviation of the actual motion between two commands from the path, as a mean square, and the price of its change.
+/// Mean square deviation of the actual motion between two commands from the path, plus the weighted change of the correction.
 fn weight(
     field: &Field,
     price: f64,
@@ -111,7 +109,7 @@ fn weight(
     Ok((first * first + 4.0 * middle * middle + last * last) / 6.0 + price * change)
 }
 
-/// The graph of some stations: nodes ordered by station, weights in µm².
+/// The graph of some stations: nodes in the order of stations, weights in µm².
 fn graph(field: &Field, price: f64, stations: &[Station]) -> Result<Vec<Vec<f64>>, Box<dyn Error>> {
     let count: usize = stations.iter().map(|station| station.nodes.len()).sum();
     let mut weights = vec![vec![f64::INFINITY; count]; count];
@@ -129,7 +127,7 @@ fn graph(field: &Field, price: f64, stations: &[Station]) -> Result<Vec<Vec<f64>
     Ok(weights)
 }
 
-/// Distances from one node by Dijkstra's algorithm without a heap, and the number of compared sums.
+/// Distances from one node by Dijkstra's algorithm without a heap, and the number of sums compared.
 fn dijkstra(weights: &[Vec<f64>], from: usize) -> (Vec<f64>, u64) {
     let count = weights.len();
     let (mut lengths, mut done) = (vec![f64::INFINITY; count], vec![false; count]);
@@ -148,7 +146,7 @@ fn dijkstra(weights: &[Vec<f64>], from: usize) -> (Vec<f64>, u64) {
     (lengths, operations)
 }
 
-/// The output of the example.
+/// Prints the output of the example.
 ///
 /// # Errors
 /// The machine file cannot be read.
@@ -164,7 +162,7 @@ pub(crate) fn printed(machine: &str) -> Result<String, Box<dyn Error>> {
     Ok(text)
 }
 
-/// A graph of six nodes, round by round.
+/// A graph of six nodes, with the matrix of each round.
 fn small(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     let mut stations = stations(field, [40.0, 60.0], [240.0, 170.0], 4)?;
     for (place, station) in stations.iter_mut().enumerate() {
@@ -206,7 +204,7 @@ fn matrix(text: &mut String, round: usize, distances: &[Vec<f64>]) -> std::fmt::
     Ok(())
 }
 
-/// The graph with a start node before the first nodes and a target node after the last ones, joined by edges of weight 0.
+/// The graph with a start node before the first nodes and a target node after the last ones, connected by edges of weight 0.
 fn closed(weights: &[Vec<f64>], first: usize, last: usize) -> Vec<Vec<f64>> {
     let nodes = weights.len();
     let mut closed = weights.to_vec();
@@ -220,7 +218,7 @@ fn closed(weights: &[Vec<f64>], first: usize, last: usize) -> Vec<Vec<f64>> {
     closed
 }
 
-/// A path over the whole field by both algorithms.
+/// One path through the whole field by both algorithms.
 #[expect(
     clippy::too_many_lines,
     reason = "one line of the table after the other"
@@ -271,7 +269,7 @@ fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
         writeln!(text, "  {name:<38}{length:>12.4}{operations:>14}")?;
     }
     writeln!(text, "  the same way: {}", if same { "yes" } else { "no" })?;
-    // Root mean square and largest across the path, and the largest change of the correction, µm.
+    // RMS and maximum deviation perpendicular to the path, and maximum change of the correction, µm.
     let across = |commands: &[Point]| -> Result<[f64; 3], Box<dyn Error>> {
         let mut squares = 0.0;
         let mut largest = 0.0_f64;
@@ -309,7 +307,7 @@ fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     let path: Vec<Place> = nominal.iter().map(|[x, y]| [*x, *y, 0.0]).collect();
     let actual = |[x, y, z]: Place| match field.actual([x, y]) {
         Ok([x, y]) => [x, y, z],
-        // Every place of the path is within the machine's travel.
+        // The whole path is within the machine's travel.
         Err(_) => [f64::NAN; 3],
     };
     let planned = plan(&path, actual, &Limits::default()).ok_or("no plan")?;
@@ -338,7 +336,7 @@ fn long(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Plans two stations 40 mm apart, with more and more stations between them.
+/// Plans between two stations 40 mm apart with an increasing number of stations between them.
 fn more_nodes(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     writeln!(
         text,
@@ -365,7 +363,7 @@ fn more_nodes(field: &Field, text: &mut String) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A correction that grows from zero to (5, 3) steps, by a step to any of eight neighbours at a time, while the error is constant.
+/// A correction that grows from zero to (5, 3) steps in moves to one of eight neighbours, under a constant error.
 fn eight_directions(text: &mut String) -> Result<(), Box<dyn Error>> {
     const SIDE: usize = 8;
     let wanted = [5.0, 3.0];

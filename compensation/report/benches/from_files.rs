@@ -34,7 +34,6 @@ fn table(targets: u32, runs: u32, travel_mm: f64, seed: u32) -> String {
                 let noise = f64::from((k * 7919 + run * 104_729 + seed * 15_485_863) % 1000) * 1e-3;
                 let target = travel_mm * f64::from(k) / f64::from(targets - 1);
                 let wave = 5.0 * (target * 1e-3 + f64::from(seed)).sin();
-                // Writing to a String cannot fail.
                 let _ = writeln!(
                     text,
                     "{target:.2},{run},{direction},{:.3}",
@@ -50,7 +49,7 @@ fn written(folder: &Path, name: &str, text: &str) {
     fs::write(folder.join(name), text).expect("written");
 }
 
-/// All errors of the machine in this number of files, with a calibration file that reads them.
+/// All errors of the machine in this number of files, with their calibration file.
 fn folder_of(files: usize, targets: u32) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     written(folder.path(), "machine.toml", MACHINE);
@@ -110,11 +109,10 @@ fn large_test(criterion: &mut Criterion) {
     }
 }
 
-/// Number of rounds.
 const ROUNDS: usize = 15;
 
-/// Reads, evaluates, fits both directions, and reads and calibrates, in turn. Prints for each step the minimum and the median duration, and
-/// the median of its ratios to reading within each round.
+/// Reads, evaluates, fits both directions, and reads and calibrates, in turn. Prints for each step the minimum and median duration, and
+/// the median ratio to reading in the same round.
 fn in_turn(_: &mut Criterion) {
     let text = table(10_000, 5, 8000.0, 1);
     let folder = tempfile::tempdir().expect("a folder");

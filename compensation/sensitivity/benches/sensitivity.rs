@@ -1,5 +1,5 @@
-//! The sensitivity of 60 errors compared with one evaluation of the model for each entry of the table (pose and error), and the whole grid
-//! of nine nodes per axis, which must take less than 10 s on two cores. Only ratios within one run are meaningful.
+//! The sensitivity of 60 errors compared with one model evaluation per entry of the table (pose and error), and the whole grid of nine
+//! nodes per axis, which must take less than 10 s on two cores. Only ratios within one run are meaningful.
 
 use std::hint::black_box;
 
@@ -16,7 +16,7 @@ const TRAVELS: [(AxisName, [f64; 2]); 5] = [
     (AxisName::B, [-0.5, 1.5]),
 ];
 
-/// Evaluates the model for every entry: this error is 1, all others are 0.
+/// Evaluates the model for every entry, with one error at 1 and all others at 0.
 fn entry_by_entry(chain: &Chain, errors: &[ErrorTerm], poses: &Poses) -> f64 {
     let mut largest = 0.0_f64;
     for term in errors {

@@ -9,7 +9,7 @@ use volcomp_shop::Shop;
 use volcomp_vocabulary::AxisName;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // Truth machine, instrument and lines of the example in the repository.
+    // Truth machine, instrument and lines of the repository's example.
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration");
     let shop = Shop::read(&examples.join("shop.toml"))?;
 
@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     )?;
     fs::remove_dir_all(&folder)?;
 
-    // The remaining difference is noise, drift, and the position of the workpiece, which a calibration cannot determine.
+    // Noise, drift, and the position of the workpiece remain, which a calibration cannot determine.
     let none = Temperatures::new();
     let error_um = |machine: &Machine, at: &[(AxisName, f64)]| {
         let state = machine.state(at)?;

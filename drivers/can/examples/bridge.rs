@@ -1,5 +1,5 @@
-//! Corrects a control that sends its positions in plain CAN frames of the shipped `volcomp.dbc`. The bus is in memory; on a
-//! machine use `CanSocket::open("can0")`.
+//! Corrects a control that sends its positions in plain CAN frames of the shipped `volcomp.dbc`. The bus is in memory; on a machine use
+//! `CanSocket::open("can0")`.
 //!
 //!     cargo run -p volcomp-can --example bridge
 
@@ -85,7 +85,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let mut counter = 0_u64;
     for x_mm in [0.0, 100.0, 250.0] {
-        // The control sends its positions and that it is referenced.
+        // The control sends its positions, and that it is referenced.
         counter += 1;
         let position = [("X_POS", x_mm), ("Y_POS", 50.0)];
         let state = [("X_APPLIED", 0.0), ("REFERENCED", 1.0)];
@@ -93,7 +93,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let frame = message(&table, values, counter).ok_or("the table lacks a signal")?;
             bus.push(TO_GATEWAY, frame);
         }
-        // The gateway answers with the correction of an axis that is 40 µm per metre too long.
+        // The gateway answers with the correction of an axis that is 40 µm/m too long.
         let soon = Instant::now() + Duration::from_millis(100);
         let snapshot = controller.read(soon)?;
         assert!(snapshot.state.referenced);

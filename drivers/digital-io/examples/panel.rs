@@ -1,5 +1,5 @@
-//! Corrects a control without a bus by the published scheme: its 15 outputs report the position of X, its 8 inputs receive the correction.
-//! Here the lines are in memory; on a machine they are a `GpioPort` or a Modbus module.
+//! Corrects a control without a bus by the published scheme: its 15 outputs report the position of X, its 8 inputs receive the
+//! correction. Here the lines are in memory; on a machine they are a `GpioPort` or a Modbus module.
 //!
 //!     cargo run -p volcomp-digital-io --example panel
 
@@ -28,13 +28,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         let soon = Instant::now() + Duration::from_millis(100);
         let snapshot = controller.read(soon)?;
         let read_mm = snapshot.positions[0];
-        // X is 60 µm per metre too long.
+        // X is 60 µm/m too long.
         controller.apply(&PerChannel::leading([-6e-5 * read_mm]), soon)?;
         let taken_um = panel.correction().ok_or("the word of no correction")? * 1e3;
         println!("X {x_mm} mm, read as {read_mm:.3} mm: correction {taken_um:.0} µm");
         assert!((taken_um + 0.06 * x_mm).abs() <= 0.51);
     }
-    // A correction beyond the range of the word is clamped and counted.
+    // A correction above the range of the word is clamped and counted.
     let soon = Instant::now() + Duration::from_millis(100);
     controller.apply(&PerChannel::leading([0.5]), soon)?;
     println!(

@@ -1,5 +1,5 @@
-//! Duration of a cycle against the simulator on loopback, compared with two exchanges of the same sizes against a bare echo, in turns in
-//! one run: medians and 99th percentiles.
+//! Duration of a cycle with the simulator on loopback, compared with two exchanges of the same sizes with a bare echo, in turn in one
+//! run: medians and 99th percentiles.
 
 use std::{
     io::{Read, Write},
@@ -33,14 +33,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Pins this thread, and threads that it starts later, to a core.
 fn pin_to(core: usize) -> Result<(), rustix::io::Errno> {
     let mut set = rustix::thread::CpuSet::new();
     set.set(core);
     rustix::thread::sched_setaffinity(None, &set)
 }
 
-/// Durations of the cycles and of the bare exchanges, ascending.
+/// Durations of the cycles and of the bare exchanges, sorted.
 fn measure(servers_on: usize) -> Result<[Vec<Duration>; 2], Box<dyn std::error::Error>> {
     let mut world = World::new(&['X', 'Y', 'Z']);
     world.motion = std::sync::Arc::new(|_| vec![1.0, 2.0, 3.0]);
@@ -75,7 +74,7 @@ fn measure(servers_on: usize) -> Result<[Vec<Duration>; 2], Box<dyn std::error::
     Ok([cycles, bare])
 }
 
-/// Starts a thread that answers requests with responses of the sizes in [`EXCHANGES`].
+/// Starts a thread that answers requests by the sizes in [`EXCHANGES`].
 fn echo() -> std::io::Result<TcpStream> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let stream = TcpStream::connect(listener.local_addr()?)?;

@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let mut controller = FocasController::new(config)?;
     controller.wait(Duration::from_secs(5))?;
-    // Read the present heartbeat before the first write.
+    // The heartbeat must be read before the first write.
     controller.read(soon())?;
     for shift in [shift, Um(0.0)] {
         // Corrections are mm and rad, in the order of the configuration's axes.

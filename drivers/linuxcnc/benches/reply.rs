@@ -1,4 +1,4 @@
-//! Time from a received state to the frame that answers it, compared with a bare echo of the same size, in turns over thousands of
+//! Time from a received state to the frame that answers it, compared with a bare echo of the same size, in turn over thousands of
 //! datagrams in one process: `cargo bench -p volcomp-linuxcnc --bench reply -- 20000`.
 #![allow(missing_docs, reason = "a program")]
 
@@ -99,7 +99,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         replies.push(begun.elapsed());
         bridge.recv_from(&mut room)?;
 
-        // Wait, so that caches are as cold as for the echo.
+        // Wait, so that the caches are as cold as for the echo.
         next += EVERY;
         std::thread::sleep(next.saturating_duration_since(Instant::now()));
         near.send(&bytes[..length])?;

@@ -1,6 +1,8 @@
-//! A simulated machine on a connection that loses answers and breaks: the faults that a correcting program must handle.
+//! A simulated machine on a connection that loses responses and breaks: the faults that a correcting program must handle.
 //!
-//!     cargo run -p volcomp-port --example disturbed
+//! ```text
+//! cargo run -p volcomp-port --example disturbed
+//! ```
 
 use std::{
     sync::Arc,
@@ -39,7 +41,7 @@ fn main() {
             rise_k: 3.0,
             time_constant_s: 600.0,
         }],
-        // X is 20 µm per metre too long.
+        // X is 20 µm/m too long.
         truth: Arc::new(|at, _| PerChannel::leading([2e-5 * at[0]])),
         clock: clock.clone(),
     };
@@ -50,7 +52,7 @@ fn main() {
         calls: 20,
         ..Faults::default()
     };
-    // The same seed yields the same faults.
+    // The same seed gives the same faults.
     let mut controller = Faulty::new(controller, faults, 7);
     let (mut answered, mut missed) = (0_u32, 0_u32);
     let mut worst_um = 0.0_f64;
@@ -63,7 +65,7 @@ fn main() {
                 let [residual, _] = controller.device.residual_and_error();
                 worst_um = worst_um.max(residual[0].abs() * 1e3);
             }
-            // Nothing was read: the applied correction stays until the next answer.
+            // Nothing was read: the applied correction stays until the next response.
             Err(fault) => {
                 missed += 1;
                 assert!(matches!(fault, Fault::TimedOut | Fault::NotConnected));
@@ -73,7 +75,7 @@ fn main() {
     println!("{answered} cycles answered, {missed} missed");
     println!("worst residual of X in an answered cycle: {worst_um:.2} µm");
     assert!(answered > 1000 && missed > 20);
-    // Half a step of the correction, plus the travel between reading and writing.
+    // Half an output step, plus the travel between read and write.
     assert!(worst_um < 1.0, "{worst_um}");
     let names = thermometer.names().to_vec();
     for (name, found) in names.iter().zip(thermometer.latest()) {

@@ -1,4 +1,4 @@
-//! One positioning deviation written as four kinds of curve, and how they differ between and beyond the targets.
+//! One positioning deviation as four kinds of curve, and their differences between and beyond the targets.
 //!
 //! `cargo run -p volcomp-curve --example curves`
 
@@ -49,7 +49,7 @@ fn main() -> Result<(), CurveError> {
         println!("at 400 mm, approach {text}: {value_um:.2} µm");
     }
 
-    // An invalid curve is rejected, and the message states the value found and the expected one.
+    // An invalid curve is rejected with the found and the expected value.
     let refused = Table::linear(vec![[0.0, 1.0], [0.0, 2.0]]);
     println!("{}", refused.expect_err("two nodes at one place"));
     Ok(())

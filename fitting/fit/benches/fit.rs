@@ -1,4 +1,4 @@
-//! Fits over the usual 21 targets, and the automatic choice over many.
+//! Fits over the usual 21 targets, and the automatic choice over many targets.
 
 use std::hint::black_box;
 

@@ -17,8 +17,8 @@ fn main() -> Result<(), FitError> {
         }
     }
 
-    // The largest residual shows how well a curve follows the readings; the leave-one-out error shows how well it predicts readings that
-    // were left out, and decides.
+    // The largest residual shows how well a curve follows the readings, the leave-one-out error how well it predicts readings that were
+    // left out. The latter decides.
     let fits: [(&str, Fit); 3] = [
         (
             "straight line",

@@ -1,5 +1,5 @@
-//! Duration of a large positioning test: a table of 10 000 targets and 10 runs (5 in each direction) is read, evaluated by every standard,
-//! and a line is fitted to its means. Prints the times of several rounds.
+//! Duration of a large positioning test: a table of 10 000 targets and 10 runs (5 in each direction) is read, evaluated by every
+//! standard, and a line is fitted to its means. Prints the times of several rounds.
 
 use std::{error::Error, fmt::Write as _, time::Instant};
 

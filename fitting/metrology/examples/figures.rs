@@ -1,5 +1,5 @@
 //! Accuracy of evaluations over many seeds: straightness by the angular method, squareness from two lines, angles from three parallel
-//! lines. Prints the 95th percentile and the worst; nothing is asserted here.
+//! lines. Prints the 95th percentile and the maximum, without assertions.
 
 use std::error::Error;
 
@@ -13,7 +13,7 @@ use volcomp_vocabulary::ErrorName;
 
 const SEEDS: u64 = 2000;
 
-/// A guideway of 8 m, µm.
+/// Straightness of a guideway of 8 m, µm.
 fn guideway(q: f64) -> f64 {
     let t = q / 8000.0 * std::f64::consts::TAU;
     20.0 * t.sin() + 6.0 * (3.0 * t).cos()
@@ -26,7 +26,7 @@ fn percentile_and_worst(mut errors: Vec<f64>) -> (f64, f64) {
     (at(place), at(errors.len().saturating_sub(1)))
 }
 
-/// Largest difference from the guideway anywhere, both relative to their least-squares lines.
+/// Largest deviation from the guideway, both relative to their least-squares lines.
 fn angular_method(
     bridge_mm: f64,
     noise_urad: f64,
@@ -97,7 +97,6 @@ fn three_lines(lever_mm: f64, runs: u32, noise_um: f64, seed: u64) -> Result<f64
     Ok(errors.fold(0.0, |m: f64, e| m.max(e.abs())))
 }
 
-/// Prints one figure over all seeds.
 fn figure(
     name: &str,
     unit: &str,

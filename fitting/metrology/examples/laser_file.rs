@@ -7,7 +7,7 @@ use volcomp_metrology::{
 use volcomp_vocabulary::Direction;
 
 fn main() -> Result<(), MetrologyError> {
-    // Two bidirectional runs over three targets; the machine loses 2 µm in the backward direction.
+    // Two bidirectional runs over three targets, with 2 µm of lost motion in backward direction.
     let mut measurement = Measurement {
         unit: Some(DeviationUnit::Um),
         ..Measurement::default()
@@ -51,7 +51,7 @@ fn main() -> Result<(), MetrologyError> {
             }
         }
     }
-    // A broken file is rejected, and the message names the place.
+    // A broken file is rejected; the message names the line.
     let broken = text.replace("500.000000", "5oo.000000");
     match parse_renishaw(broken.as_bytes(), "broken.rtl", RenishawKind::Linear) {
         Err(error) => println!("refused: {error}"),

@@ -1,4 +1,4 @@
-//! The volumetric error as a chain of 4×4 products written by hand in nalgebra: the reference for the speed of the forms and the compiled
+//! The volumetric error as a chain of 4×4 products written by hand with nalgebra: the speed reference for the forms and the compiled
 //! evaluator.
 
 use volcomp_kinematics::{

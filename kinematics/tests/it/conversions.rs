@@ -1,4 +1,4 @@
-//! Denavit–Hartenberg tables and zero-position screws against plain products and closed forms.
+//! Denavit–Hartenberg tables and zero-position screws, compared with plain products and closed forms.
 
 use std::f64::consts::PI;
 
@@ -67,7 +67,7 @@ fn a_table_moves_as_its_chain_in_every_type() {
             for _ in 0..20 {
                 let state = state(&chain, &mut rng);
                 let ideal = chain.ideal_pose(&state);
-                // Oblique axes can be nearly parallel, with a distant common normal.
+                // Oblique axes can be almost parallel, with a distant common normal.
                 let within = if oblique { 1e-6 } else { 1e-9 };
                 let from_table = plain_product(&table, &chain, &state);
                 assert!(
@@ -83,8 +83,8 @@ fn a_table_moves_as_its_chain_in_every_type() {
     }
 }
 
-/// The modified table of the textbook (Craig, *Introduction to Robotics*, example 3.3): three parallel axes of a plane
-/// arm, whose first row is empty and whose links are in the rows of the next joints.
+/// The modified table of Craig, *Introduction to Robotics*, example 3.3: three parallel axes of a planar arm; the first row is empty, and
+/// links are in the rows of the next joints.
 #[test]
 fn a_proximal_table_has_its_links_in_the_next_row() {
     let row = |a_mm| DhRow {
@@ -117,7 +117,7 @@ fn a_proximal_table_has_its_links_in_the_next_row() {
     assert!((first.point_mm - Vector3::x() * 50.0).norm() < 1e-12);
 }
 
-/// Two links in a plane: x = a1 cos q1 + a2 cos(q1 + q2), the textbook's first table.
+/// Two links in a plane, the textbook's first table: x = a1 cos q1 + a2 cos(q1 + q2).
 #[test]
 fn two_links_in_a_plane() {
     let row = |a_mm| DhRow {
@@ -129,7 +129,7 @@ fn two_links_in_a_plane() {
         base: Pose::identity(),
         rows: [row(300.0), row(200.0)].into_iter().collect(),
     };
-    // A and C are letters only: directions come from the table.
+    // A and C are only letters: the table determines the directions.
     let structure = "w b A C t".parse().unwrap();
     let mut chain = table.to_chain(structure).unwrap();
     chain.set_tool([500.0, 0.0, 0.0], [0.0, 0.0, 1.0]).unwrap();
@@ -168,7 +168,7 @@ fn opposite_and_coinciding_axes_have_a_table() {
     assert!(difference(&moved, &chain.ideal_pose(&state)) < 1e-9);
 }
 
-/// The zero-position model: real axes by direction cosines and a point are location errors, exactly.
+/// In the zero-position model real axes, by direction cosines and a point, are exactly location errors.
 #[test]
 fn real_axes_are_location_errors() {
     let mut rng = seeded(52);

@@ -11,7 +11,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use crate::{every_error, motion, placed, seeded, state};
 
-/// Error motions of ±20 µm and ±30 µrad that vary over the coordinate, with location errors.
+/// Error motions of ±20 µm and ±30 µrad that vary with the coordinate, with location errors.
 struct Wavy {
     base: GivenErrors,
     waves: [f64; MAX_AXES],
@@ -31,7 +31,7 @@ impl ErrorSource for Wavy {
     }
 }
 
-/// Singular values of the nominal rows by another method: rotation of the tool axis by finite differences, decomposed by nalgebra.
+/// Singular values of the nominal rows by another method: the tool axis's rotation by finite differences, decomposed by nalgebra.
 fn nominal_singular_values(chain: &Chain, state: &State) -> Vec<f64> {
     let axis = |state: &State| chain.ideal_pose(state).rotation * chain.tool_axis();
     let rotary: Vec<usize> = (0..chain.joints().len())
@@ -107,7 +107,7 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
                 waves: [(); MAX_AXES].map(|()| rng.random_range(0.0..6.0)),
             };
             let mut state = state(&chain, &mut rng);
-            // A third of the poses are at the singular one, within 0.1° of it or within 5°.
+            // A third of the poses are at the singular one, or within 0.1° or 5° of it.
             if pose % 3 == 0 {
                 let most = [0.0, 0.1, 5.0][pose / 3 % 3];
                 let near = most * rng.random_range(-1.0_f64..1.0).to_radians();
@@ -152,8 +152,8 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
     }
 }
 
-/// Across the limit of 0.02 for a singular direction, C changes gradually: with a sharp limit a flickering digit of A there would rotate C
-/// by 506 µrad back and forth.
+/// Across the limit of 0.02 for a singular direction C changes by less than 3 µrad per digit of A; with a sharp limit a flickering digit
+/// would rotate C by 506 µrad back and forth.
 #[test]
 fn passing_the_edge_of_a_singular_pose_turns_nothing_at_once() {
     let chain = Chain::new("w C' A' b X Y Z t".parse().unwrap());
@@ -180,7 +180,7 @@ fn passing_the_edge_of_a_singular_pose_turns_nothing_at_once() {
         largest = largest.max(here.abs());
         most = most.max((next - here).abs());
     }
-    // Between 0.86° and 1.15° it rotates by 500 µrad, over 287 digits.
+    // Between 0.86° and 1.15° C rotates by 500 µrad over 287 digits.
     assert!(most < 3e-6, "{most}");
     assert!((450e-6..501e-6).contains(&largest), "{largest}");
     assert_eq!(turned(0.8_f64.to_radians()), 0.0);
@@ -203,7 +203,7 @@ fn one_rotary_axis_corrects_what_it_can() {
         (found.delta[3] + 20e-6).abs() < 1e-9,
         "B takes the 20 µrad about Y"
     );
-    // 30 µrad about X tilt the axis (0, 0, 1) by −30 µrad along Y, and remain.
+    // 30 µrad about X tilt the axis (0, 0, 1) by −30 µrad along Y; that remains.
     let left = Vector3::new(0.0, -30e-6, 0.0);
     assert!(
         (found.residual_axis - left).norm() < 1e-9,
@@ -229,7 +229,7 @@ fn the_first_axis_of_a_direction_corrects_or_those_named() {
     assert_eq!(moved(&options)[..5], [0.0, 0.0, -5.0, -3.0, -4.0]);
 }
 
-/// If errors change along the way, one step leaves more than the tolerance, which is reported; ten steps do not. A tolerance that cannot be
+/// If errors change along the way, one step leaves more than the tolerance and reports it, ten steps do not. A tolerance that cannot be
 /// met is reported as not met.
 #[test]
 fn a_correction_says_whether_it_converged() {

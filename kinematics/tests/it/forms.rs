@@ -1,4 +1,4 @@
-//! The three forms against plain matrices and against one another.
+//! The three forms compared with plain matrices and with one another.
 
 use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::{
@@ -9,7 +9,6 @@ use volcomp_test_support::structures::all_types;
 
 use crate::{every_error, motion, placed, plain, seeded, state, vector};
 
-/// Puts the error motions of every rotary axis into a frame.
 fn in_frame(chain: &mut Chain, frame: MotionFrame) {
     for &axis in chain.structure().clone().axes() {
         if axis.is_rotary() {
@@ -18,7 +17,7 @@ fn in_frame(chain: &mut Chain, frame: MotionFrame) {
     }
 }
 
-/// Every type of machine with the error motions of its rotary axes in either frame.
+/// Every type of machine, with the error motions of its rotary axes in either frame.
 fn both_frames() -> impl Iterator<Item = (Structure, MotionFrame)> {
     let frames = [MotionFrame::Fixed, MotionFrame::Turning];
     all_types()
@@ -48,8 +47,8 @@ fn errors_in_the_turning_frame_turn_with_the_axis() {
             let fixed = moved(&chain, form);
             chain.set_motion_frame(c, MotionFrame::Turning).unwrap();
             let turning = moved(&chain, form);
-            // On the tool side the rotating frame is the tool's: its X is along Y of the workpiece. On the workpiece side it is the
-            // workpiece's own, and the non-rotating frame is seen from it.
+            // On the tool side the rotating frame is that of the tool, with its X along Y of the workpiece. On the workpiece side it is
+            // that of the workpiece, from which the non-rotating frame is seen.
             let (along_x, along_y) = if sign > 0.0 {
                 (fixed, turning)
             } else {
@@ -135,8 +134,8 @@ fn all_forms_agree_to_first_order() {
     assert!(worst[0] < 0.1 && worst[1] < 0.1, "{worst:?}");
 }
 
-/// Scaling the errors by ½ scales the sum of twists by ½ and its distance from the products by ¼:
-/// it is their first-order part, location and assembly errors included.
+/// With half the errors the sum of twists is half as large, and its distance from the products a quarter: it is their first-order part,
+/// with location and assembly errors.
 #[test]
 fn twist_is_the_first_order_part_of_exact() {
     let mut rng = seeded(3);
@@ -165,7 +164,7 @@ fn twist_is_the_first_order_part_of_exact() {
         let (large, small) = (distance(64.0), distance(32.0));
         for k in 0..2 {
             let ratio = large[k] / small[k];
-            // The rotation of three linear axes alone is a plain sum up to its second order.
+            // The rotation of three linear axes alone is a plain sum up to second order.
             assert!((3.5..4.5).contains(&ratio), "{structure:?} {k}: {ratio}");
         }
     }

@@ -37,7 +37,7 @@ fn numbers_that_are_none_and_axes_that_are_not_there_are_refused() {
     assert_eq!(errors, GivenErrors::default());
 }
 
-/// A location error is rejected exactly if the chain, computed by hand, is the same with and without it.
+/// A location error is rejected exactly if the chain by hand is the same with and without it.
 #[test]
 fn a_location_error_is_refused_where_it_moves_nothing() {
     let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
@@ -99,7 +99,7 @@ fn a_location_error_is_refused_where_it_moves_nothing() {
     assert!((error.position_mm.x - 0.005).abs() < 1e-12);
 }
 
-/// A misplaced axis, as an assembly error, equals the constant error motion that the message names, with its sign.
+/// A displaced axis as assembly error equals the constant error motion that the message names, with that sign.
 #[test]
 fn the_constant_that_is_named_says_the_same() {
     let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
@@ -129,8 +129,8 @@ fn the_constant_that_is_named_says_the_same() {
             else {
                 panic!("{reason:?}");
             };
-            // If the table is higher, the tool is lower relative to the workpiece; assembly errors are those of the chain from the
-            // workpiece to the tool.
+            // If the table is higher, the tool is lower relative to the workpiece; assembly errors are those of the chain from workpiece
+            // to tool.
             let sign = match joint.side {
                 Side::Tool => 1.0,
                 Side::Workpiece => -1.0,

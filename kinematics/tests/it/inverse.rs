@@ -1,4 +1,4 @@
-//! Inverse kinematics against the chain: the pose at random coordinates leads back to the same pose.
+//! Inverse kinematics: from the pose at random coordinates, every solution has the same pose.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -155,7 +155,7 @@ fn what_cannot_be_reached_says_by_how_much() {
     assert_eq!(found.q[..2], [1.0, 2.0]);
 }
 
-/// A portal with a second set of linear axes: the first axis of each direction moves, the second covers the remainder.
+/// A portal with a second set of linear axes: the first axis of each direction moves, and the second covers what it cannot reach.
 #[test]
 fn redundant_linear_axes_share_what_one_cannot_reach() {
     let chain = Chain::new("w X' b Y Z U C A t".parse().unwrap());
@@ -177,7 +177,7 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
         panic!("beyond both")
     };
     assert!((miss_mm - 50.0).abs() < 1e-9, "{miss_mm}");
-    // Random poses with all of them are reached, by other coordinates.
+    // Random poses of both sets are reached, by other coordinates.
     let mut rng = seeded(72);
     for _ in 0..200 {
         let mut at = State::default();
@@ -204,8 +204,8 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
     }
 }
 
-/// A quill and a slanted ram: an axis at an end of its travel must leave it again when the others take over, so that the tip of every pose
-/// within travel is reached within travel.
+/// A quill and a slanted ram: an axis at an end of its travel must leave it when the others take over, so that every pose within travel
+/// is reached within travel.
 #[test]
 fn slanted_redundant_axes_give_back_what_they_took() {
     let travel_of = [[0.0, 200.0], [0.0, 500.0], [0.0, 400.0], [-400.0, 0.0]];
@@ -256,7 +256,7 @@ fn slanted_redundant_axes_give_back_what_they_took() {
     }
 }
 
-/// The tip is moved as near as the linear axes can: exactly with three directions, otherwise except for the direction that no axis has.
+/// Linear axes move the tip as near as they can: exactly with three directions, otherwise except for the direction that no axis has.
 #[test]
 fn linear_axes_bring_the_tip_as_near_as_they_can() {
     let mut rng = seeded(72);
@@ -272,8 +272,8 @@ fn linear_axes_bring_the_tip_as_near_as_they_can() {
             assert_eq!(at.q[place], turned.q[place], "{structure}");
         }
     }
-    // C between Y and the others: at 90° X and Y are parallel, and no axis moves across them. The second pose is so close to it that a move
-    // across would be a thousand times as long.
+    // C is between Y and the others: at 90° X and Y are parallel, and no axis moves across them. The second pose is so close to it that a
+    // move across would be a thousand times as long.
     let chain = Chain::new("w b X C Y Z t".parse().unwrap());
     let c = chain.structure().index_of(AxisName::C).unwrap();
     for angle in [FRAC_PI_2, FRAC_PI_2 - 1e-7] {
@@ -305,7 +305,7 @@ fn linear_axes_bring_the_tip_as_near_as_they_can() {
     assert_eq!((left, at), (2.0, State::default()));
 }
 
-/// No type of machine returns NaN angles; vectors of any length are valid directions.
+/// A tool axis without a direction is rejected for every type of machine; a vector of any length is a valid direction.
 #[test]
 fn a_tool_axis_without_a_direction_is_refused_by_every_type() {
     let mut rng = seeded(73);
@@ -339,8 +339,8 @@ fn a_tool_axis_without_a_direction_is_refused_by_every_type() {
     }
 }
 
-/// A rotary axis between Z and X makes them parallel at ±90°: together they leave the tip in place. By hand: the table Z carries the
-/// workpiece, so that the tip moves by −Z of its rotated frame.
+/// A rotary axis between Z and X makes them parallel at ±90°: moved together they leave the tip where it is. By hand: the table Z carries
+/// the workpiece, so the tip moves by −Z of its rotated frame.
 #[test]
 fn linear_axes_that_a_turn_brings_along_one_another_are_dependent() {
     let chain = Chain::new("w Z' B' b X Y t".parse().unwrap());
@@ -362,7 +362,7 @@ fn linear_axes_that_a_turn_brings_along_one_another_are_dependent() {
             there.q[2] += 70.0 * moves[2];
             let off = chain.ideal_tip_mm(&there) - chain.ideal_tip_mm(&at);
             assert!(off.norm() < 1e-12, "{off}");
-            // Each of them alone moves it.
+            // Each of them alone moves the tip.
             there.q[2] = at.q[2];
             assert!((chain.ideal_tip_mm(&there) - chain.ideal_tip_mm(&at)).norm() > 60.0);
         }

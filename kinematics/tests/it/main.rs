@@ -1,4 +1,4 @@
-//! The chain, its errors and its correction against independent implementations.
+//! The chain, its errors and its correction, compared with independent implementations.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -55,7 +55,7 @@ pub(crate) fn state(chain: &Chain, rng: &mut ChaCha8Rng) -> State {
     state
 }
 
-/// Error motions, location errors (those with an effect) and assembly errors.
+/// Error motions, assembly errors, and the location errors that have an effect.
 pub(crate) fn every_error(chain: &Chain, rng: &mut ChaCha8Rng) -> GivenErrors {
     let mut errors = GivenErrors::default();
     for (index, joint) in chain.joints().iter().enumerate() {

@@ -32,7 +32,7 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     ]
 }
 
-/// The rotation about a vector by its length: a power series of the exponential, for any length here.
+/// Rotation about a vector by its length: power series of the exponential.
 fn rot_vector(r: [f64; 3]) -> M {
     let hat: M = [
         [0.0, -r[2], r[1], 0.0],

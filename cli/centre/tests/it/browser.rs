@@ -1,4 +1,4 @@
-//! The page in a headless Chromium, by Playwright: with three machines and with a thousand.
+//! The page in a headless Chromium, driven by Playwright, with three and with a thousand machines.
 
 use std::{
     io::{BufRead, BufReader},
@@ -22,7 +22,6 @@ use volcomp_test_support::peers;
 
 use crate::page::{PASSWORD, Page};
 
-/// Runs a script of this folder in the browser.
 pub(crate) fn run(script: &str, arguments: &[&str]) {
     if !Path::new("/usr/bin/chromium").exists() {
         peers::not_run("Chromium");
@@ -56,7 +55,7 @@ pub(crate) fn run(script: &str, arguments: &[&str]) {
 
 const MODEL: &str = "name = \"mill <script>document.title='hit'</script>\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\n[errors]\nEXX = { poly = [0.0, 0.03] }\nEC0Y = 15.0\n";
 
-/// A machine and its state, with texts that would run as scripts if they became part of the page.
+/// A machine and its state, with texts that would run as scripts if the page inserted them unescaped.
 fn reported(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
     let name = format!("mill-{number}");
     let hostile = "<img src=x onerror=\"document.title='hit'\">".to_owned();
@@ -94,7 +93,7 @@ fn reported(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
     (machine, live)
 }
 
-/// A page with `count` machines. The last one is silent; the others send until the flag is set.
+/// A page with `count` machines: the last one is silent, the others send until the flag is set.
 fn shop(count: usize) -> (Page, Arc<AtomicBool>, std::thread::JoinHandle<()>) {
     let page = Page::start();
     let new = NewModel::of_text(
@@ -135,7 +134,6 @@ fn in_the_browser(count: usize) {
     talks.join().expect("it ended");
 }
 
-/// A stopped roll-out shows the consequences, the state of each machine, and the options.
 #[test]
 fn the_page_of_a_stopped_rollout_shows_machine_states_and_options() {
     let (page, ends, talks) = shop(4);

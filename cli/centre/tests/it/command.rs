@@ -35,7 +35,6 @@ pub(crate) fn call(folder: &Path, arguments: &str) -> Called {
     }
 }
 
-/// Standard output of a successful call.
 pub(crate) fn done(folder: &Path, arguments: &str) -> String {
     let called = call(folder, arguments);
     assert_eq!(called.status, 0, "{arguments}: {}", called.err);
@@ -48,7 +47,6 @@ fn configured(folder: &Path) {
     std::fs::write(folder.join("centre.toml"), text).unwrap();
 }
 
-/// Checks that a call fails with status 2 and this message.
 fn wrong(folder: &Path, arguments: &str, reported: &str) {
     let called = call(folder, arguments);
     assert_eq!(
@@ -128,7 +126,6 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
         "expected a day",
     );
     assert!(done("model list").contains("2026-11-20"));
-    // The measurement day of a stored model is corrected.
     let again = done(&format!("model add {gantry} --measured 2026-11-21"));
     assert!(
         again.contains("already stored; measured on 2026-11-21"),
@@ -149,7 +146,7 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
         &format!("rollout start --model {short} --machine mill-9"),
         "found no machine",
     );
-    // A model is measured on one machine: `--all` must be confirmed explicitly.
+    // A model is measured on one machine, so `--all` needs an explicit confirmation.
     wrong(
         &format!("rollout start --model {short} --all"),
         "found 2 machines with the structure and the axes",
@@ -182,13 +179,13 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
     );
     done("machine remove mill-2");
     wrong("machine remove mill-2", "found no machine");
-    // A secret that other users can read is rejected.
+    // A secret file that other users can read is rejected.
     let open = std::fs::Permissions::from_mode(0o644);
     std::fs::set_permissions(folder.join("keys/main.key"), open).unwrap();
     wrong("check", "expected 600");
 }
 
-/// A stopped or finished roll-out sends no confirmed change, so the call must fail.
+/// `rollout confirm` fails for a stopped or finished roll-out, which would not send the confirmed change.
 #[test]
 fn a_confirmation_without_effect_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
@@ -240,7 +237,6 @@ fn a_confirmation_without_effect_is_rejected() {
     refused(running, "mill-3", "abcd", "is over and sends nothing");
 }
 
-/// Empty lists, existing files and singular forms.
 #[test]
 fn empty_lists_and_existing_files_are_reported() {
     let folder = tempfile::tempdir().unwrap();
@@ -264,7 +260,7 @@ fn empty_lists_and_existing_files_are_reported() {
     let model = &model.lines().last().unwrap()[..8];
     let started = done(&format!("rollout start --model {model} --all"));
     assert!(started.contains("to 1 machine is started"), "{started}");
-    // Dates in the text output; one JSON document.
+    // The text output has dates; the JSON is one document.
     let year = &volcomp_centre::clock::date(volcomp_centre::clock::now_s())[..5];
     let log = done("audit");
     assert!(log.contains(&format!("  {year}")), "{log}");
@@ -272,8 +268,8 @@ fn empty_lists_and_existing_files_are_reported() {
     assert_eq!(records[0]["action"], "rollout.start", "{records}");
 }
 
-/// docs/src/fleet.md: "**A stolen nkey:** run `machine remove`, or issue a new one (`machine add … --new-nkey`)". The machine stays disabled,
-/// and unstated fields keep their values.
+/// docs/src/fleet.md, "A stolen nkey": `machine add … --new-nkey` issues a new nkey. The machine stays disabled, and fields that are not
+/// stated keep their values.
 #[test]
 fn adding_a_machine_again_keeps_unstated_fields() {
     let folder = tempfile::tempdir().unwrap();
@@ -306,7 +302,7 @@ fn adding_a_machine_again_keeps_unstated_fields() {
     }
 }
 
-/// The command line rejects the same records as the web interface, and does not print a seed given instead of a public nkey.
+/// The command line rejects the same records as the web interface. A seed given instead of a public nkey is not printed.
 #[test]
 fn invalid_machines_are_rejected_without_showing_a_seed() {
     let folder = tempfile::tempdir().unwrap();
@@ -332,12 +328,11 @@ fn invalid_machines_are_rejected_without_showing_a_seed() {
     );
 }
 
-/// A centre without a server reports its address once; a second centre reports that the port is in use.
 #[test]
 fn an_unreachable_server_and_a_used_port_are_reported_once() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    // A free port: it is closed again, so connections are refused.
+    // A port that was closed again, so connections are refused.
     let free = TcpListener::bind("127.0.0.1:0").unwrap();
     let server = free.local_addr().unwrap();
     drop(free);
@@ -391,12 +386,11 @@ fn model_diff_prints_the_changed_lines() {
     };
     let (one, other) = (add(7), add(9));
     let diff = done(folder, &format!("model diff {one} {other}"));
-    // The first two lines are the checksums.
     assert_eq!(diff.lines().count(), 4, "{diff}");
     assert!(diff.ends_with("\n- EC0Y = 7.0\n+ EC0Y = 9.0\n"), "{diff}");
 }
 
-/// A downloaded model equals the added file, and no existing file is replaced.
+/// A downloaded model equals the added file; an existing file is not replaced.
 #[test]
 fn model_show_and_model_download() {
     let folder = tempfile::tempdir().unwrap();
@@ -431,7 +425,6 @@ fn model_show_and_model_download() {
     assert_eq!(std::fs::read_to_string(path.join("m.toml")).unwrap(), text);
 }
 
-/// The book names the example model by the beginning of its checksum.
 #[test]
 fn the_book_quotes_the_checksum_of_the_example_model() {
     let folder = tempfile::tempdir().unwrap();

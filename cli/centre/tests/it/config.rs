@@ -1,5 +1,3 @@
-//! The configuration file.
-
 use std::path::Path;
 
 use volcomp_centre::{config::Config, rollout::Rules, store::Retention};
@@ -12,7 +10,6 @@ fn read(text: &str) -> Result<Config, String> {
     Config::read(&file).map_err(|e| strip(e.to_string()))
 }
 
-/// The configuration example of the book with every key.
 fn book_example() -> String {
     let book = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/src/fleet.md");
     let book = std::fs::read_to_string(book).unwrap();
@@ -54,14 +51,13 @@ fn the_book_shows_every_key_with_its_default() {
     }
 }
 
-/// `nats-config` writes a server that the centre reaches at its `url`.
 #[test]
 fn the_nats_server_listens_on_the_port_of_the_url() {
     for (url, server, listen) in [
         ("nats://127.0.0.1:4300", "", "127.0.0.1:4300"),
         ("tls://a:4300,tls://b:4301", "", "127.0.0.1:4300"),
         ("nats://127.0.0.1", "", "127.0.0.1:4222"),
-        // A stated address stays: behind a proxy the port differs.
+        // A stated address is kept: behind a proxy the port differs.
         ("tls://a:443", "listen = \"0.0.0.0:4222\"", "0.0.0.0:4222"),
     ] {
         let config = read(&format!("[nats]\nurl = {url:?}\n[server]\n{server}\n"));

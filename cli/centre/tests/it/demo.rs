@@ -1,4 +1,4 @@
-//! The demonstration: three simulated machines compensate, and its folder is removed at the end.
+//! The demonstration: three simulated machines compensate, and the folder is removed at the end.
 
 use std::{
     io::{Read, Write},
@@ -13,7 +13,6 @@ use volcomp_test_support::{peers, until};
 
 use crate::browser;
 
-/// Checks the page in a browser.
 fn in_the_browser(url: &str, password: &str) {
     browser::run("browser_demo.py", &[url, password]);
 }
@@ -62,7 +61,7 @@ fn the_demonstration_corrects_three_machines_and_removes_its_folder() {
         let (_, body) = answer.split_once("\r\n\r\n").unwrap_or_default();
         serde_json::from_str::<serde_json::Value>(body).unwrap_or_default()
     };
-    // As on real machines: a first model moves the axes far, and must be confirmed before it corrects.
+    // A first model moves the axes far, so it needs a confirmation, as on real machines.
     until("three models wait", Duration::from_secs(180), || {
         let rollouts = get("/api/rollouts");
         let rollouts = rollouts.as_array().cloned().unwrap_or_default();
@@ -81,7 +80,7 @@ fn the_demonstration_corrects_three_machines_and_removes_its_folder() {
     });
     let notice = last["notice"].as_str().unwrap_or_default();
     assert!(notice.starts_with("Demonstration"), "{last}");
-    // The model lacks 8 % of the simulated machine's errors, so the residual of the model is only the rounding to 1 µm per axis.
+    // The model lacks 8 % of the simulated machine's errors; its predicted residual is only the rounding to 1 µm per axis.
     let mut machine = serde_json::Value::Null;
     until(
         "the true error is reported",

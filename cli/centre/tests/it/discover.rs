@@ -1,4 +1,4 @@
-//! The network search against a simulated control, a Modbus server, a gateway, and services that hang, lie or send garbage.
+//! The network search with a simulated control, a Modbus server, a gateway, and services that hang or send garbage.
 
 use std::{
     io::{Read, Write},
@@ -18,7 +18,7 @@ use volcomp_centre::discover::{
 };
 use volcomp_focas::simulator::{Options, Simulator, World};
 
-/// A server that passes each connection to a function, until it is dropped.
+/// A server that passes each connection to a function; stopped on drop.
 struct Peer {
     address: SocketAddr,
     ends: Arc<AtomicBool>,
@@ -42,7 +42,7 @@ impl Peer {
         Self { address, ends }
     }
 
-    /// A service that sends these bytes, whatever it receives.
+    /// A service that always sends these bytes.
     fn says(bytes: &'static [u8]) -> Self {
         Self::start(move |mut stream| {
             let mut some = [0; 64];
@@ -94,7 +94,7 @@ fn a_control_with_axes_yields_structure_proposals() {
     assert!(device.answers, "{device:?}");
     assert!(device.control.starts_with("FANUC"), "{device:?}");
     assert_eq!(device.axes, ['X', 'Y', 'Z', 'A', 'C']);
-    // Twenty-four types have these axes; several are proposed, and none is chosen.
+    // 24 structures have these axes: several are proposed, none is selected.
     assert_eq!(device.proposals.len(), 24);
     assert_eq!(device.structure, None);
     let text = table(&found);
@@ -104,11 +104,10 @@ fn a_control_with_axes_yields_structure_proposals() {
     );
     let json = serde_json::to_value(&found).expect("JSON");
     assert_eq!(json[0]["kind"], "focas");
-    // No write function was requested.
     assert!(control.world().shifts().iter().all(|shift| *shift == 0.0));
 }
 
-/// A Modbus server that answers read device identification, and records every requested function.
+/// A Modbus server that answers read device identification, and records every requested function code.
 fn modbus(functions: Arc<Mutex<Vec<u8>>>) -> Peer {
     Peer::start(move |mut stream| {
         let mut request = [0; 11];
@@ -132,7 +131,7 @@ fn a_modbus_module_is_identified_by_reads_only() {
     assert_eq!(found[0].control, "Vendor PT-8");
     assert_eq!(found[0].note, "revision 1.2");
     assert_eq!(*functions.lock().expect("ours"), [0x2b]);
-    // A module without the function is still a module.
+    // A module without that function is still listed.
     let plain = Peer::start(|mut stream| {
         let mut request = [0; 11];
         while stream.read_exact(&mut request).is_ok() {
@@ -147,7 +146,7 @@ fn a_modbus_module_is_identified_by_reads_only() {
     );
 }
 
-/// Services that hang, lie, or send garbage: each is reported as another service, in bounded time, with sanitized text.
+/// A service that hangs or sends garbage is reported as another service, in bounded time and with sanitized text.
 #[test]
 fn hanging_and_garbage_services_are_reported_as_other_services() {
     let silent = Peer::start(|stream| {
@@ -161,7 +160,7 @@ fn hanging_and_garbage_services_are_reported_as_other_services() {
     let web = Peer::says(b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\n\r\nhello");
     let terminal = Peer::says(b"\x1b[2J\x1b]0;title\x07 SSH-2.0-x\r\n");
     for peer in [&silent, &closes, &garbage, &web, &terminal] {
-        // OPC UA is excluded: an open port suffices for it.
+        // Without OPC UA, for which an open port suffices.
         let asked = [Kind::Gateway, Kind::Focas, Kind::Modbus];
         let ports = asked.map(|kind| (kind, peer.port()));
         let begun = Instant::now();
@@ -184,7 +183,7 @@ fn closed_ports_yield_no_devices() {
     assert_eq!(table(&[]), "Nothing was found.\n");
 }
 
-/// An OPC UA server is recognized by its port alone.
+/// An OPC UA server is found by its open port, without a query.
 #[test]
 fn an_open_opc_ua_port_is_not_queried() {
     let (sends, received) = mpsc::channel();
@@ -200,7 +199,7 @@ fn an_open_opc_ua_port_is_not_queried() {
     assert!(device.axes.is_empty() && device.proposals.is_empty());
 }
 
-/// A simulated gateway: serves the page, then the state of its machine.
+/// A simulated gateway that serves the page and then the state: the search reports its machine, or that it needs a token.
 #[test]
 fn a_gateway_reports_its_machine_or_requires_a_token() {
     let answers = |state: &'static str| {
@@ -319,7 +318,7 @@ fn axis_names_yield_structure_proposals() {
     let three = proposals(&['X', 'Y', 'Z']);
     assert_eq!(three.len(), 4);
     assert!(three.iter().any(|one| one.structure == "w X' b Y Z t"));
-    // Doubled letters, spindles and unknown axes do not count.
+    // Repeated letters, spindles and unknown axes do not count.
     assert_eq!(proposals(&['Z', 'Y', 'X', 'X', 'S', '?']), three);
     assert!(
         proposals(&['X', 'Z']).is_empty(),
@@ -338,7 +337,6 @@ fn axis_names_yield_structure_proposals() {
 }
 
 proptest! {
-    /// Bytes from the wire never make the decoder panic.
     #[test]
     fn the_identification_decoder_accepts_any_bytes(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
         let _ = parse_identification(&bytes);

@@ -1,4 +1,4 @@
-//! End to end: a centre, a real `nats-server` and gateways, and failures of each.
+//! A centre, a real `nats-server` and gateways end to end, with failures of each.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -26,7 +26,7 @@ fn quick() -> Rules {
     }
 }
 
-/// Every condition that the server has acknowledged to a gateway is stored, once.
+/// Checks that every condition that the server has acknowledged is stored once.
 async fn all_is_stored(shop: &Shop, gateways: Vec<(GatewayState, tokio::task::JoinHandle<()>)>) {
     for (place, (reported, task)) in gateways.into_iter().enumerate() {
         // A message in flight may be stored although its acknowledgement was not received.
@@ -85,7 +85,7 @@ fn a_rollout_completes_and_all_messages_are_stored() {
     });
 }
 
-/// The centre is restarted during a roll-out and continues from the store.
+/// A centre restarted during a roll-out continues from the store: each machine gets its version once.
 #[test]
 fn a_restarted_centre_continues_the_rollout() {
     Shop::run(1, 4, async |shop| {
@@ -143,7 +143,7 @@ fn a_risen_residual_stops_the_rollout() {
     });
 }
 
-/// A thief of one machine's credentials gets a server response stored under another machine's key: the machine rejects it, and the
+/// With stolen credentials of one machine, a server response is stored under another machine's key: that machine rejects it, and the
 /// centre restores its own value.
 #[test]
 fn a_foreign_value_is_replaced() {
@@ -168,7 +168,7 @@ fn a_foreign_value_is_replaced() {
     });
 }
 
-/// Two gateways with one identity: messages of both are stored, and an alarm is raised.
+/// Two gateways with one identity: the messages of both are stored, and an alarm is raised.
 #[test]
 fn a_cloned_gateway_raises_an_alarm() {
     Shop::run(1, 1, async |shop| {
@@ -184,8 +184,8 @@ fn a_cloned_gateway_raises_an_alarm() {
     });
 }
 
-/// The centre is disconnected from the server for longer than every timeout, while the machines continue to send; then the connection is
-/// restored.
+/// The centre loses the server for longer than every timeout while the machines send: after the reconnect every acknowledged message is
+/// stored once.
 #[test]
 fn no_message_is_lost_while_the_centre_is_disconnected() {
     Shop::run(1, 3, async |shop| {
@@ -195,7 +195,7 @@ fn no_message_is_lost_while_the_centre_is_disconnected() {
         let id = shop.roll_out(7, quick());
         until("the first has it", || gateways[0].0.version() == 1).await;
         wire.cut(true);
-        // Longer than the acknowledgement timeout of the server and the keep-alive intervals of both sides.
+        // Longer than the server's acknowledgement timeout and the keep-alive intervals of both sides.
         tokio::time::sleep(Duration::from_secs(40)).await;
         wire.cut(false);
         let gone = || shop.rollout(id);
@@ -205,7 +205,6 @@ fn no_message_is_lost_while_the_centre_is_disconnected() {
     });
 }
 
-/// A server of the cluster is killed, with one more connection: every acknowledged message is stored.
 #[test]
 fn a_killed_cluster_server_loses_no_message() {
     Shop::run(3, 2, async |shop| {
@@ -230,7 +229,7 @@ fn a_killed_cluster_server_loses_no_message() {
     });
 }
 
-/// While the disk of the centre is full, nothing is acknowledged; afterwards everything is stored.
+/// While the centre's disk is full nothing is acknowledged; afterwards every message is stored.
 #[test]
 fn a_full_disk_loses_no_message() {
     Shop::run(1, 2, async |shop| {
@@ -252,7 +251,7 @@ fn a_full_disk_loses_no_message() {
     });
 }
 
-/// A machine (or a thief of its nkey) reports a huge active version: versions are still issued to it and to every other machine.
+/// A machine, or a thief of its nkey, reports a huge active version: versions are still issued to this and every other machine.
 #[test]
 fn a_huge_version_of_one_machine_does_not_block_others() {
     for reported in [u64::MAX >> 1, u64::MAX] {
@@ -278,7 +277,7 @@ fn a_huge_version_of_one_machine_does_not_block_others() {
     }
 }
 
-/// A roll-out that is unreadable, or whose version numbers are exhausted, raises an alarm and does not block others.
+/// A roll-out that is unreadable or has no version numbers left raises an alarm, and other roll-outs continue.
 #[test]
 fn a_broken_rollout_does_not_block_others() {
     Shop::run(1, 2, async |shop| {
@@ -302,8 +301,8 @@ fn a_broken_rollout_does_not_block_others() {
     });
 }
 
-/// With a condition every five seconds, four of five passes see no residual: the last reported one counts as the residual before the
-/// change.
+/// With one condition in five seconds, four of five passes see no residual: the last reported one is the residual before the change, so
+/// its rise stops the roll-out.
 #[test]
 fn a_risen_residual_is_detected_with_rare_conditions() {
     Shop::run(1, 1, async |shop| {
@@ -314,7 +313,7 @@ fn a_risen_residual_is_detected_with_rare_conditions() {
         let reported = GatewayState::default();
         let task = tokio::spawn(gateway::run(plan, reported.clone()));
         until("three conditions were sent", || reported.conditions() == 3).await;
-        // It has reported 4 µm three times. The roll-out starts between two conditions.
+        // 4 µm reported three times. The roll-out starts between two conditions.
         tokio::time::sleep(Duration::from_millis(2200)).await;
         let rules = soak(40.0);
         let id = shop.roll_out(7, rules);
@@ -333,7 +332,7 @@ fn a_risen_residual_is_detected_with_rare_conditions() {
     });
 }
 
-/// The HTTP tests cover which models renew the due date; the alarm uses the same rule.
+/// The HTTP tests cover which models renew the due date; the alarm has the same rule.
 #[test]
 fn an_overdue_calibration_raises_an_alarm() {
     Shop::run(1, 1, async |shop| {
@@ -350,8 +349,8 @@ fn an_overdue_calibration_raises_an_alarm() {
     });
 }
 
-/// A machine rejects the model. Its outcome is stored and acknowledged, and the centre is killed before its next pass: after the restart
-/// the roll-out processes it.
+/// A machine rejects the model, its outcome is stored and acknowledged, and the centre is killed before its next pass: after the restart
+/// the roll-out stops.
 #[test]
 fn an_acknowledged_rejection_survives_a_kill() {
     Shop::run(1, 3, async |shop| {
@@ -402,7 +401,6 @@ fn an_acknowledged_rejection_survives_a_kill() {
     });
 }
 
-/// A foreign value is put under a key while the centre is down.
 #[test]
 fn a_foreign_value_put_while_the_centre_was_down_raises_an_alarm() {
     Shop::run(1, 2, async |shop| {

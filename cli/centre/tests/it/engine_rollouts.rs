@@ -1,4 +1,4 @@
-//! Roll-outs end to end: concurrent actions of users and the centre, and stopped and aborted roll-outs.
+//! Roll-outs end to end: concurrent actions of users and the centre, stops and aborts.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -20,7 +20,7 @@ use crate::{
     support::{condition, envelope, model, received, tell},
 };
 
-/// The user forbids correction (`machine disable`: the record first, then a manifest) during a pass that has read the old record.
+/// A user disables a machine during a pass that has read the old record: the roll-out does not enable it again.
 #[test]
 fn a_rollout_does_not_enable_a_machine_that_was_just_disabled() {
     Shop::run(1, 1, async |shop| {
@@ -36,7 +36,7 @@ fn a_rollout_does_not_enable_a_machine_that_was_just_disabled() {
         gateway.1.abort();
         let new = model(8);
         shop.store.add_model(&new.model, &new.text).unwrap();
-        // Another program writes for two seconds: the centre has read the machines and waits to issue.
+        // Another program writes for two seconds, so that the centre has read the machines and waits to issue.
         let path = shop.folder.path().join("centre.db");
         let (machine, key) = (shop.machines[0].0.clone(), shop.key.clone());
         let sha256 = new.model.sha256.clone();
@@ -80,7 +80,7 @@ fn a_rollout_does_not_enable_a_machine_that_was_just_disabled() {
     });
 }
 
-/// Settings are sent again (`machine enable`) while the centre issues another model: the old model must not be restored.
+/// `machine enable` sends the settings again while the centre issues another model: the old model is not restored.
 #[test]
 fn reissued_settings_do_not_restore_the_old_model() {
     Shop::run(1, 1, async |shop| {
@@ -104,7 +104,7 @@ fn reissued_settings_do_not_restore_the_old_model() {
         let (key, machine, store) = (shop.key.clone(), name.clone(), Arc::clone(&shop.store));
         let other = std::thread::spawn(move || settle(&store, &key, &machine, "anna").unwrap());
         std::thread::sleep(Duration::from_secs(1));
-        // The centre concurrently issues version n + 1 of the new model.
+        // Meanwhile the centre issues version n + 1 with the new model.
         raw.execute(
         "INSERT INTO versions SELECT machine, version + 1, ?1, 1, 'x', document FROM versions WHERE machine = ?2 AND version = ?3",
         rusqlite::params![new.model.sha256, name.as_str(), i64::try_from(before).unwrap()],
@@ -125,7 +125,8 @@ fn reissued_settings_do_not_restore_the_old_model() {
     });
 }
 
-/// A user aborts a roll-out; within the same second, or while the centre is down, another user resumes it or confirms a machine.
+/// A user aborts a roll-out. Another user resumes it or confirms a machine within the same second, or while the centre is down: it stays
+/// aborted.
 #[test]
 fn an_abort_is_not_replaced_by_another_request() {
     Shop::run(1, 1, async |shop| {
@@ -162,7 +163,7 @@ fn an_abort_is_not_replaced_by_another_request() {
     });
 }
 
-/// Changed settings (by the web interface, `machine add` or another program) are sent to the machine once.
+/// Changed settings are sent to the machine once, whether changed by the web interface, `machine add` or another program.
 #[test]
 fn changed_settings_are_sent_once_whatever_changed_them() {
     Shop::run(1, 2, async |shop| {
@@ -196,7 +197,7 @@ fn changed_settings_are_sent_once_whatever_changed_them() {
             newest().is_some_and(|newest| newest.condition_s == Some(10) && !newest.enable)
         })
         .await;
-        // A field that is not part of the manifest causes no new version.
+        // A field that is not in the manifest causes no new version.
         let noted = Machine {
             note: "near the door".into(),
             ..slower
@@ -213,7 +214,7 @@ fn changed_settings_are_sent_once_whatever_changed_them() {
 }
 
 /// docs/src/fleet.md: while a model waits for confirmation, changed settings are sent with the active model. The waiting model is sent
-/// when it is confirmed, and not before.
+/// when confirmed, not before.
 #[test]
 fn settings_do_not_send_an_unconfirmed_model() {
     Shop::run(1, 1, async |shop| {
@@ -261,7 +262,7 @@ fn settings_do_not_send_an_unconfirmed_model() {
             };
             shop.store.change_machine(&name, "anna", change).unwrap();
             shop.until_under_key(0, version).await;
-            // The simulated gateway requires no confirmation, so it starts only after the waiting value was replaced.
+            // The simulated gateway needs no confirmation, so it starts only after the waiting value was replaced.
             gateway.get_or_insert_with(|| {
                 let reported = GatewayState::default();
                 tokio::spawn(gateway::run(shop.plan(0, "again"), reported))
@@ -298,7 +299,7 @@ fn settings_do_not_send_an_unconfirmed_model() {
     });
 }
 
-/// A fault reported while a roll-out is unreadable counts when the roll-out can be read again.
+/// A fault reported while a roll-out is unreadable still counts when the roll-out can be read.
 #[test]
 fn a_fault_is_not_lost_by_a_failed_pass() {
     Shop::run(1, 1, async |shop| {
@@ -344,8 +345,8 @@ fn is_suspect(shop: &Shop) -> bool {
     })
 }
 
-/// Two machines are offline when a roll-out stops. The one with a previous model gets it again under a higher version, never the stopped
-/// one; the key of the one without a model is empty. The machine with the stopped model is suspect until the previous one is active again.
+/// Two machines are offline when a roll-out stops. One gets its previous model again under a higher version, never the stopped one; the
+/// key of the other, without a previous model, is empty. A machine with the stopped model is suspect until its previous model is active.
 #[test]
 fn an_offline_machine_does_not_accept_a_stopped_rollout() {
     Shop::run(1, 3, async |shop| {
@@ -398,7 +399,6 @@ fn an_offline_machine_does_not_accept_a_stopped_rollout() {
         );
         shop.until_under_key(1, 3).await;
         shop.until_under_key(2, 0).await;
-        // After its return it accepts the current value of its key.
         let back_again = shop.gateway(1);
         until("it has the old one again", || back_again.0.version() == 3).await;
         until("the version is reported", || {
@@ -431,7 +431,6 @@ fn an_offline_machine_does_not_accept_a_stopped_rollout() {
     });
 }
 
-/// The user decides that a machine keeps the model: the decision is recorded, and the alarm closes.
 #[test]
 fn the_user_may_keep_a_suspect_model() {
     Shop::run(1, 1, async |shop| {
@@ -457,7 +456,7 @@ fn the_user_may_keep_a_suspect_model() {
             text.contains("was ended by anna before it was done"),
             "{text}"
         );
-        // There is no previous model, so no return to it is proposed.
+        // Without a previous model none is proposed.
         assert!(!text.contains("model back"), "{text}");
         assert!(text.contains("`rollout keep 1 mill-0`"), "{text}");
         assert!(start_way_back(&shop.store, &name, Rules::default(), "bert").is_err());
@@ -478,7 +477,7 @@ fn the_user_may_keep_a_suspect_model() {
     });
 }
 
-/// A machine activated a model, and its acknowledgement was lost until the roll-out had stopped: its key is empty, and it corrects. It is
+/// A machine activated a model, but the acknowledgement arrives after the roll-out has stopped: its key is empty while it corrects. It is
 /// suspect, changed settings reach it, and the user may keep the model.
 #[test]
 fn a_machine_with_a_withdrawn_version_is_suspect_and_can_be_disabled() {

@@ -1,4 +1,4 @@
-//! A simulated gateway without a machine: it accepts trusted values, acknowledges, and sends conditions. The load program uses it too.
+//! A simulated gateway without a machine: it accepts signed values, acknowledges, and sends conditions. The load example uses it too.
 
 use std::{
     collections::BTreeMap,
@@ -15,7 +15,6 @@ use volcomp_fleet::{
 };
 use volcomp_vocabulary::AxisName;
 
-/// Configuration of a simulated gateway.
 #[derive(Clone)]
 pub(crate) struct Plan {
     pub(crate) link: LinkSettings,
@@ -25,22 +24,19 @@ pub(crate) struct Plan {
     pub(crate) instance: String,
     pub(crate) condition_every: Duration,
     pub(crate) telemetry_every: Duration,
-    /// Body of its telemetry; if empty, none is sent.
+    /// Body of the telemetry; nothing is sent if empty.
     pub(crate) telemetry: Arc<serde_json::value::RawValue>,
-    /// The reported residual.
     pub(crate) residual_um: Arc<Mutex<f64>>,
 }
 
-/// Observable state of a simulated gateway.
 #[derive(Clone, Default)]
 pub(crate) struct GatewayState {
-    /// The active version.
     pub(crate) version: Arc<AtomicU64>,
-    /// Number of conditions that the server has acknowledged.
+    /// Conditions that the server has acknowledged.
     pub(crate) conditions: Arc<AtomicU64>,
-    /// Number of messages that the server has acknowledged.
+    /// Messages that the server has acknowledged.
     pub(crate) all: Arc<AtomicU64>,
-    /// Rejected values, except old versions.
+    /// Rejected values, without old versions.
     pub(crate) refused: Arc<AtomicU64>,
 }
 
@@ -53,7 +49,6 @@ struct Gateway {
     model: String,
 }
 
-/// Runs until the task is aborted.
 pub(crate) async fn run(plan: Plan, reported: GatewayState) {
     let mut link = MachineLink::connect(&plan.link, &plan.identity)
         .await
@@ -91,7 +86,7 @@ pub(crate) async fn run(plan: Plan, reported: GatewayState) {
 }
 
 impl Gateway {
-    /// Sends until the server has stored the message; no other message is created meanwhile, as with a full spool.
+    /// Retries until the server has stored the message; no other message is created meanwhile, as with a full spool.
     async fn send<T: serde::Serialize>(&mut self, link: &MachineLink, kind: Kind, body: T) {
         self.number += 1;
         let envelope = Envelope {

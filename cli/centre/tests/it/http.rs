@@ -1,4 +1,4 @@
-//! The HTTP interface: permissions, rejected requests, responses, and limits on password attempts.
+//! The HTTP interface: permissions, rejections, responses, and limits on password attempts.
 
 use std::time::Duration;
 
@@ -20,7 +20,7 @@ use crate::{
     support::{condition, envelope, machine, model, received, tell},
 };
 
-/// Every role, and no user, on every route: forbidden requests are rejected before anything else is checked.
+/// Every route with every role and without a user: a forbidden request is rejected before any other check.
 #[test]
 fn every_role_on_every_route() {
     let page = Page::start();
@@ -28,7 +28,7 @@ fn every_role_on_every_route() {
         .chain(Role::ALL.map(|role| (Some(role), page.session(role))))
         .collect();
     for route in ROUTES {
-        // Logging out ends the session of this test.
+        // Logging out would end the session of this test.
         if route.path == "/api/logout" {
             continue;
         }
@@ -79,7 +79,7 @@ fn login_creates_a_session_that_ends() {
     assert!(head.contains("HttpOnly; SameSite=Strict"), "{head}");
     let cookie = answer.cookie().expect("a cookie");
     assert_eq!(page.get("/api/me", &cookie).json()["role"], "engineer");
-    // The token itself is in no file of the store.
+    // The store's files do not contain the token.
     let token = cookie.split('=').nth(1).expect("a token").to_owned();
     for file in std::fs::read_dir(page.folder.path()).expect("a folder") {
         let bytes = std::fs::read(file.expect("a file").path()).expect("readable");
@@ -91,7 +91,7 @@ fn login_creates_a_session_that_ends() {
     let ended = page.post("/api/logout", &cookie, &json!({}));
     assert!(ended.head.contains("Max-Age=0"), "{}", ended.head);
     assert_eq!(page.get("/api/me", &cookie).status, 401);
-    // Wrong passwords, unknown users and garbage are refused alike.
+    // Wrong passwords, unknown users and garbage get the same response.
     for _ in 0..5 {
         assert_eq!(
             login("wrong").json()["error"],
@@ -104,9 +104,9 @@ fn login_creates_a_session_that_ends() {
         assert_eq!(answer.status, 401);
         assert_eq!(answer.json()["error"], "the name or the password is wrong");
     }
-    // The right password is accepted, although wrong ones came from the same address.
+    // The right password is accepted after wrong ones from the same address.
     assert_eq!(login(PASSWORD).status, 200);
-    // The attempts are in the audit log, with their origin.
+    // The attempts are in the audit log with their origin.
     let admin = page.session(Role::Admin);
     let audit = page.get("/api/audit", &admin).body;
     assert!(
@@ -116,7 +116,7 @@ fn login_creates_a_session_that_ends() {
     assert!(!audit.contains(PASSWORD) && !audit.contains(&token));
 }
 
-/// Requests not permitted by the role, and cross-site changes, are in the audit log.
+/// Requests that the role forbids, and cross-site changes, are in the audit log once each.
 #[test]
 fn forbidden_requests_are_recorded() {
     let page = Page::start();
@@ -166,7 +166,7 @@ fn expired_sessions_are_rejected() {
     assert_eq!(page.get("/api/me", &cookie).status, 401);
 }
 
-/// A page of another origin makes the browser send the cookie (were it not for SameSite): the change is rejected.
+/// A page of another origin makes the browser send the cookie (without SameSite): the change gets status 403.
 #[test]
 fn cross_site_changes_are_rejected() {
     let page = Page::start();
@@ -192,7 +192,7 @@ fn cross_site_changes_are_rejected() {
         let lines = [cookie.clone(), ours.clone(), other.to_owned()];
         assert_eq!(post(&lines), 403, "{other}");
     }
-    // No response permits another origin to send changes or to read.
+    // No response permits another origin to change or read.
     let asked = page.request(
         "OPTIONS",
         "/api/machines",
@@ -293,7 +293,7 @@ fn the_page_loads_nothing_from_other_origins() {
     assert!(!html.body.contains("http://") && !html.body.contains("https://"));
 }
 
-/// The last admin cannot be demoted or removed, and a user who loses a role loses the session.
+/// The last admin cannot be demoted or removed. A user who loses a role loses the session.
 #[test]
 fn the_last_admin_cannot_be_removed() {
     let page = Page::start();
@@ -361,7 +361,7 @@ fn a_registered_machine_is_shown_with_unknown_values() {
         let path = format!("/api/machines/mill-1/history?{range}");
         assert_eq!(page.get(&path, &viewer).status, 400, "{range}");
     }
-    // The actions are in the audit log, with user and origin.
+    // The actions are in the audit log with user and origin.
     let admin = page.session(Role::Admin);
     let audit = page.get("/api/audit", &admin).json();
     let records = audit.as_array().expect("a list");
@@ -422,7 +422,6 @@ fn a_machine_file_is_added_and_rolled_out() {
     );
 }
 
-/// Downloads of a model: exactly as signed, and as tables for a control.
 #[test]
 fn a_model_is_downloaded_as_signed_and_as_tables() {
     let page = Page::start();
@@ -463,7 +462,6 @@ fn a_model_is_downloaded_as_signed_and_as_tables() {
         "{}",
         table.body
     );
-    // Every format that is offered has files.
     for format in page
         .get("/api/formats", &viewer)
         .json()
@@ -492,8 +490,8 @@ fn a_model_is_downloaded_as_signed_and_as_tables() {
     );
 }
 
-/// As for the alarm, a rejected or unconfirmed model does not renew the due date. Return to an earlier model and keeping a model are
-/// rejected where they do not apply.
+/// A rejected or unconfirmed model does not renew the due date. Reverting to an earlier model, and keeping a model, are rejected where
+/// they do not apply.
 #[test]
 fn a_rejected_model_does_not_renew_the_due_date() {
     let page = Page::start();
@@ -551,13 +549,13 @@ fn a_rejected_model_does_not_renew_the_due_date() {
     page.posts("/api/rollouts/1/keep", &engineer, &keep, 409);
 }
 
-/// More conditions than points in a response: the points cover the whole time span, each condition counts in one point, and the newest is
-/// included.
+/// A history with more conditions than points in a response: the points cover the whole time span, each condition counts once, and the
+/// newest is included.
 #[test]
 fn a_long_history_is_averaged_over_its_whole_span() {
     const COUNT: u32 = 7000;
     let page = Page::start();
-    // They end shortly before now, so that all stay within the two hours while the test runs.
+    // The conditions end shortly before now, so that all stay within two hours while the test runs.
     let from_s = now_s().floor() - 7100.0;
     let batch: Vec<_> = (1..=COUNT)
         .map(|number| {
@@ -582,7 +580,7 @@ fn a_long_history_is_averaged_over_its_whole_span() {
     assert!(last > from_s + f64::from(COUNT) - together, "{last}");
 }
 
-/// A roll-out without its own rules uses the configured ones, which the page shows; with invalid rules none is started.
+/// A roll-out without rules uses the configured ones, which the page shows; with invalid rules none starts.
 #[test]
 fn a_rollout_from_the_page_uses_the_configured_rules() {
     let rules = Rules {
@@ -623,7 +621,7 @@ fn a_rollout_from_the_page_uses_the_configured_rules() {
     assert_eq!(page.store.rollouts(1).expect("a store")[0].rules, rules);
 }
 
-/// Concurrent requests do not evade the limit: at most one more than the limit is processed.
+/// Concurrent wrong passwords exceed the limit by at most one attempt.
 #[test]
 fn concurrent_wrong_passwords_are_counted() {
     let page = Page::start();
@@ -636,13 +634,13 @@ fn concurrent_wrong_passwords_are_counted() {
     });
     let looked_at = statuses.iter().filter(|status| **status == 401).count();
     let turned_away = statuses.iter().filter(|status| **status == 429).count();
-    // Five concurrent attempts, one concurrent with the fifth, and the two that may wait for their delay.
+    // Five concurrent attempts, one concurrent with the fifth, and two that may wait for their delay.
     assert!((7..=8).contains(&looked_at), "{statuses:?}");
     assert_eq!(looked_at + turned_away, statuses.len(), "{statuses:?}");
 }
 
-/// A machine reconnects after an hour and sends its queue: audit records first, then the conditions in order. A condition of an hour ago is
-/// not current, and an audit record does not make it newer.
+/// A machine reconnects after an hour and sends its queue, audit records first. A condition of an hour ago is not current, and a newer
+/// audit record does not make it so.
 #[test]
 fn a_condition_of_an_hour_ago_is_not_current() {
     let page = Page::start();
@@ -655,7 +653,7 @@ fn a_condition_of_an_hour_ago_is_not_current() {
     let record = envelope("a", 3, json!({ "checksum": "ab", "record": "{}" }));
     let batch = [
         received("mill-a", Kind::Condition, 1, now - 3600.0, &first),
-        // Created one second after the first, then queued at the gateway for an hour.
+        // Created one second after the first, then queued for an hour.
         received("mill-a", Kind::Condition, 2, now, &second),
         received("mill-a", Kind::Audit, 1, now, &record),
     ];
@@ -672,7 +670,7 @@ fn a_condition_of_an_hour_ago_is_not_current() {
     );
 }
 
-/// The database cannot be read any more (another program, a failing disk): the last overview is not served as current.
+/// The database becomes unreadable: the page responds with 503 and does not serve the last overview as current.
 #[test]
 fn an_outdated_overview_is_not_served() {
     let page = Page::start();
@@ -700,7 +698,7 @@ fn an_outdated_overview_is_not_served() {
     assert!((now_s() - made_s).abs() < 5.0, "{made_s}");
 }
 
-/// Telemetry and records are stored unchanged. A number that cannot be parsed must not close the page of the machine.
+/// A stored document with a number that cannot be parsed does not make the machine's page fail.
 #[test]
 fn an_unreadable_document_does_not_close_the_machine_page() {
     for (kind, body) in [

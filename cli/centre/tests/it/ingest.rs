@@ -1,4 +1,4 @@
-//! Ingestion: an unreadable message does no harm, and a redelivered one counts once.
+//! Ingestion: an unreadable message does no harm, and a redelivered message counts once.
 
 use std::{
     path::Path,
@@ -21,7 +21,7 @@ fn store(folder: &Path) -> Store {
     Store::open(&folder.join("centre.db")).unwrap()
 }
 
-/// A number that JSON can hold but that becomes infinite when rounded to three digits, and a row that is not JSON.
+/// A number that becomes infinite when rounded to three digits, and a row that is not JSON, do not stop the history.
 #[test]
 fn large_numbers_and_broken_rows_do_not_stop_the_history() {
     let folder = tempfile::tempdir().unwrap();
@@ -61,8 +61,8 @@ fn large_numbers_and_broken_rows_do_not_stop_the_history() {
     }
 }
 
-/// A gateway restarted seventeen times while offline sends its queue; the centre is killed between commit and acknowledgement, so the
-/// batch is redelivered.
+/// A gateway was restarted 17 times offline and sends its queue. The centre is killed between commit and acknowledgement: the redelivered
+/// batch is stored once.
 #[test]
 fn a_redelivered_batch_of_many_instances_is_stored_once() {
     let folder = tempfile::tempdir().unwrap();
@@ -86,9 +86,8 @@ fn a_redelivered_batch_of_many_instances_is_stored_once() {
     assert_eq!((taken.stored, taken.duplicates), (0, 17));
 }
 
-/// A gateway is killed after the server has stored an audit record and before the gateway has saved its cursor (every five seconds). It
-/// restarts after the two minutes for which the server knows message ids, and sends the record again with the same checksum under a new
-/// instance.
+/// A gateway is killed after the server has stored an audit record and before the gateway has saved its cursor. It sends the record again
+/// under a new instance, after the server has forgotten the ID: it is stored once.
 #[test]
 fn an_audit_record_resent_after_a_restart_is_stored_once() {
     let folder = tempfile::tempdir().unwrap();
@@ -108,7 +107,6 @@ fn an_audit_record_resent_after_a_restart_is_stored_once() {
         .machine_records(&identity("mill-a").machine, 10)
         .unwrap();
     assert_eq!(kept.len(), 1, "the machine armed once");
-    // Another machine has another log.
     let one = envelope("a", 1, line);
     let other = received("mill-b", Kind::Audit, 3, FROM_S, &one);
     ingest.take(&store, &[other]).unwrap();
@@ -133,7 +131,6 @@ fn a_limited_history_returns_its_newest_points() {
             )
         })
         .map(|mut message| {
-            // The creation time equals the storage time.
             let mut json: serde_json::Value = serde_json::from_slice(&message.bytes).unwrap();
             json["uptime_s"] = (message.stored_s - FROM_S).into();
             message.bytes = serde_json::to_vec(&json).unwrap().into();
@@ -157,7 +154,6 @@ fn a_limited_history_returns_its_newest_points() {
     );
 }
 
-/// A machine may send any message number, up to the maximum.
 #[test]
 fn message_numbers_up_to_the_maximum_are_counted() {
     let mut instances = volcomp_centre::instance::Instances::default();
@@ -176,8 +172,8 @@ fn message_numbers_up_to_the_maximum_are_counted() {
     assert!(instances.count_missing() > 0);
 }
 
-/// A gateway is killed after the server has stored an audit record and before the gateway has saved its cursor, and restarts at once. It
-/// sends the record again under the same id: no message number is missing, and the record is stored once.
+/// A gateway is killed after the server has stored an audit record, and sends it again under the same ID: it is stored once, and no
+/// message counts as missing.
 #[test]
 fn a_record_resent_after_a_kill_is_no_gap() {
     Shop::run(1, 1, async |shop| {
@@ -236,8 +232,8 @@ fn a_record_resent_after_a_kill_is_no_gap() {
     });
 }
 
-/// docs/src/fleet.md: "no condition for five of its intervals, at least 15 s". Only the creation times of conditions count, and the
-/// interval is that of the machine: with 60 s, a condition of 20 s ago is current.
+/// docs/src/fleet.md: "no condition for five of its intervals, at least 15 s". Only the creation times of conditions count: with an
+/// interval of 60 s, a condition from 20 s ago is current.
 #[test]
 fn a_machine_is_silent_by_its_conditions_and_interval() {
     let folder = tempfile::tempdir().unwrap();

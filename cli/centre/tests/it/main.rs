@@ -1,4 +1,4 @@
-//! Tests of the centre: its rules, its store, and end to end against a real `nats-server`.
+//! The centre: its rules, its store, and end to end with a real `nats-server`.
 
 #![allow(
     clippy::unwrap_used,

@@ -1,4 +1,4 @@
-//! The map of a model, against closed forms.
+//! The map of a model, compared with closed forms.
 
 use volcomp_centre::{
     map::{ErrorMap, error_map},
@@ -6,7 +6,6 @@ use volcomp_centre::{
 };
 use volcomp_model::Machine;
 
-/// A machine of 500 × 400 × 300 mm with these errors.
 fn machine(errors: &str) -> Machine {
     let text = format!(
         "name = \"quotes <script>\"\ntype = {{ translational = 0, rotary = 0, rotary_axes = [] }}\naxes.X.travel = [0.0, 500.0]\naxes.Y.travel = [0.0, 400.0]\naxes.Z.travel = [0.0, 300.0]\n[errors]\n{errors}\n"
@@ -18,7 +17,7 @@ fn map(errors: &str) -> ErrorMap {
     error_map(&machine(errors)).expect("within the travels")
 }
 
-/// 5 µm at one target between the nodes of any grid.
+/// An error of 5 µm at one target between the nodes of any grid is the largest error.
 #[test]
 fn the_largest_error_includes_points_between_map_nodes() {
     let map = map("EYX = { table = [[0, 0], [111, 0], [112, 5], [113, 0], [500, 0]] }");
@@ -37,13 +36,13 @@ fn a_squareness_error_appears_in_the_diagonals_before_correction_only() {
     assert_eq!(described.structure, "w b X Y Z t");
     assert_eq!(described.type_numbers, Some([0, 0]));
     assert!(described.formula[0].starts_with("dX = "));
-    // 20 µrad over 400 mm of Y; the remainder is half a step of 1 µm in one axis.
+    // 20 µrad over 400 mm of Y; half a step of 1 µm in one axis remains.
     assert!(
         (map.largest_um[0] - 8.0).abs() < 0.01 && map.largest_um[1] <= 0.51,
         "{:?}",
         map.largest_um
     );
-    // Along a diagonal of length d, the deviation of the tip is 20 µrad · y · x/d.
+    // Along a diagonal of length d the tip's deviation is 20 µrad · y · x/d.
     let d = (500.0_f64.powi(2) + 400.0_f64.powi(2) + 300.0_f64.powi(2)).sqrt();
     let range_um = 20e-3 * 400.0 * 500.0 / d;
     for (name, [before, after]) in &map.diagonals_um {
@@ -58,7 +57,7 @@ fn a_squareness_error_appears_in_the_diagonals_before_correction_only() {
         let rows = &section.before_um;
         assert_eq!((rows.len(), rows[0].len()), (21, 21));
     }
-    // The first section is over X across and Y up: the error grows upwards only.
+    // The first section has X across and Y up: the error grows only upwards.
     let rows = &map.sections[0].before_um;
     assert!(
         (rows[20][0] - 8.0).abs() < 0.01 && rows[0][20] < 0.01,
@@ -66,7 +65,7 @@ fn a_squareness_error_appears_in_the_diagonals_before_correction_only() {
     );
 }
 
-/// "Largest before and after" of the page, against the corner of the work space, where a scale error along three axes is largest.
+/// The page's largest error is that of the work space corner, where a scale error of three axes is largest.
 #[test]
 fn the_largest_error_covers_the_whole_work_space() {
     let scale = "{ poly = [0.0, 0.1] }";
@@ -80,10 +79,10 @@ fn the_largest_error_covers_the_whole_work_space() {
     );
 }
 
-/// A misplaced decimal separator turns micrometres into metres: an error beyond the limit of any guard adds a note to the model.
+/// An error above every guard's limit, as from a misplaced decimal separator, adds a note to the model.
 #[test]
 fn an_error_beyond_guard_limits_gets_a_note() {
-    // 500 mm of X: 1.9 mm and 2.1 mm at its end.
+    // 1.9 and 2.1 mm at the end of 500 mm of X.
     for (slope, is_beyond) in [(3.8, false), (4.2, true)] {
         let map = map(&format!("EXX = {{ poly = [0.0, {slope}] }}"));
         let note = beyond_every_guard(&map);

@@ -17,10 +17,9 @@ use volcomp_test_support::until;
 
 use crate::shop::LONG;
 
-/// The password of every user of the tests.
+/// Password of every test user.
 pub(crate) const PASSWORD: &str = "correct horse battery";
 
-/// A running page.
 pub(crate) struct Page {
     pub(crate) store: Arc<Store>,
     pub(crate) address: SocketAddr,
@@ -28,7 +27,6 @@ pub(crate) struct Page {
     _runtime: tokio::runtime::Runtime,
 }
 
-/// An HTTP response.
 #[derive(Debug)]
 pub(crate) struct Answer {
     pub(crate) status: u16,
@@ -41,7 +39,6 @@ impl Answer {
         serde_json::from_str(&self.body).unwrap_or_else(|e| panic!("{e}: {}", self.body))
     }
 
-    /// The cookie of a response, without its attributes.
     pub(crate) fn cookie(&self) -> Option<String> {
         let line = self
             .head
@@ -53,7 +50,6 @@ impl Answer {
 }
 
 impl Page {
-    /// A page with a viewer, an engineer and an admin of these names.
     pub(crate) fn start() -> Self {
         Self::start_with(PageSettings::default())
     }
@@ -89,7 +85,7 @@ impl Page {
         }
     }
 
-    /// The cookie of a new session, created in the store: logging in would hash a password.
+    /// The cookie of a session created in the store; logging in would hash a password.
     pub(crate) fn cookie_of(&self, role: Role, now: &BootTime) -> String {
         let token = Token::generate().expect("random numbers");
         let session = Session {
@@ -106,13 +102,12 @@ impl Page {
         self.cookie_of(role, &BootTime::now())
     }
 
-    /// Sends bytes, and reads until the connection closes.
     pub(crate) fn raw(&self, bytes: &[u8]) -> Answer {
         let mut stream = TcpStream::connect(self.address).expect("it listens");
         stream
             .set_read_timeout(Some(Duration::from_secs(120)))
             .expect("a socket");
-        // The server does not read a rejected request to its end.
+        // The server does not read all of a rejected request.
         let _ = stream.write_all(bytes);
         let mut all = Vec::new();
         let _ = stream.read_to_end(&mut all);
@@ -129,7 +124,6 @@ impl Page {
         }
     }
 
-    /// A request with additional header lines.
     pub(crate) fn request(&self, method: &str, path: &str, lines: &[String], body: &str) -> Answer {
         let lines: String = lines
             .iter()
@@ -147,7 +141,7 @@ impl Page {
         self.request("GET", path, &[format!("Cookie: {cookie}")], "")
     }
 
-    /// The second overview built from now on; the first may have been started before the latest change.
+    /// The second overview built from now on, since the first may have been started before the latest change.
     pub(crate) fn overview(&self, cookie: &str) -> serde_json::Value {
         let (mut reported, mut made_s) = (serde_json::Value::Null, now_s());
         for _ in 0..2 {
@@ -163,7 +157,7 @@ impl Page {
         reported
     }
 
-    /// A change whose response must have this status.
+    /// Sends a change, and checks the status of the response.
     pub(crate) fn posts(
         &self,
         path: &str,
@@ -176,7 +170,6 @@ impl Page {
         answer
     }
 
-    /// A change as sent by the web interface.
     pub(crate) fn post(&self, path: &str, cookie: &str, body: &serde_json::Value) -> Answer {
         let lines = [
             format!("Cookie: {cookie}"),

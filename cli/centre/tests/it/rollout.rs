@@ -1,4 +1,4 @@
-//! The state machine of roll-outs: scenarios, and invariants over random event sequences.
+//! The state machine of roll-outs: scenarios, and invariants over random sequences of events.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -46,7 +46,7 @@ fn withdrawn(actions: &[Action]) -> Vec<MachineId> {
     machines.collect()
 }
 
-/// A pass that observes these machines as (index, version, residual in µm).
+/// A pass with these machines: index, version, residual in µm.
 fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
     let seen = seen.iter().map(|(place, version, residual)| {
         let seen = Observation {
@@ -64,7 +64,7 @@ fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
     }
 }
 
-/// The model of a machine that does not compensate cannot be judged: its soak time stops.
+/// A machine that does not compensate shows nothing about its model: its soak time stops.
 #[test]
 fn a_disarmed_machine_does_not_soak() {
     let mut rollout = rollout(2, &[0], rules());
@@ -94,7 +94,7 @@ fn a_disarmed_machine_does_not_soak() {
     assert_eq!(issue(&mut rollout, &actions), [name(1)]);
 }
 
-/// A pass in which the guard of the first machine is faulted.
+/// A pass in which the first machine's guard is faulted.
 fn faulted(version: u64, why: &str) -> Event {
     let seen = Observation {
         reachable: true,
@@ -172,7 +172,7 @@ fn canaries_then_waves_then_done() {
     let actions = rollout.step(looked(1.0, &[]));
     assert_eq!(issue(&mut rollout, &actions), [name(3)]);
     assert!(rollout.step(answered(3, 1, Outcome::Activated)).is_empty());
-    // The soak time: two passes of ten seconds.
+    // Soak time: two passes of ten seconds.
     assert!(rollout.step(looked(10.0, &[(3, 1, 4.0)])).is_empty());
     let actions = rollout.step(looked(10.0, &[(3, 1, 4.0)]));
     assert_eq!(issue(&mut rollout, &actions), [name(0), name(1)]);
@@ -183,7 +183,7 @@ fn canaries_then_waves_then_done() {
     assert!(rollout.step(looked(10.0, &both)).is_empty());
     let actions = rollout.step(looked(10.0, &both));
     assert_eq!(issue(&mut rollout, &actions), [name(2), name(4)]);
-    // A lost acknowledgement: the condition reports the active version.
+    // The acknowledgement was lost, but the condition reports the active version.
     let rest = [(2, 1, 4.0), (4, 1, 4.0)];
     for _ in 0..3 {
         rollout.step(looked(10.0, &rest));
@@ -197,7 +197,7 @@ fn an_observation_gap_does_not_shorten_the_soak() {
     let actions = rollout.step(looked(1.0, &[]));
     issue(&mut rollout, &actions);
     rollout.step(answered(0, 1, Outcome::Activated));
-    // The centre was down for a day, or its clock jumped; the machine was silent for an hour.
+    // The centre was down for a day, its clock jumped, or the machine was silent for an hour.
     for event in [
         looked(86_400.0, &[(0, 1, 4.0)]),
         looked(3600.0, &[]),
@@ -242,7 +242,7 @@ fn rejection_timeout_fault_and_residual_stop_the_rollout() {
     risen.step(answered(0, 1, Outcome::Activated));
     assert!(risen.step(looked(10.0, &[(0, 1, 6.5)])).is_empty());
     stopped(&risen, "from 4.0 µm to 6.5 µm");
-    // An increase by half or by 2 µm alone is not enough.
+    // An increase of only 50 % or only 2 µm is not enough.
     for fine_um in [6.0, 5.9] {
         let mut fine = start();
         fine.step(answered(0, 1, Outcome::Activated));
@@ -384,7 +384,6 @@ fn event(happens: &Happens, machines: usize) -> Event {
 }
 
 proptest! {
-    /// Random events in any order, with a restart between any two.
     #[test]
     fn invariants_hold_for_any_event_sequence(
         machines in 1_usize..8,
@@ -413,7 +412,7 @@ proptest! {
             for action in actions {
                 let (machine, confirm) = match action {
                     Action::Issue { machine, confirm } => (machine, confirm),
-                    // Only sent versions are withdrawn, and only when the roll-out stops or is aborted.
+                    // Only sent versions are withdrawn, when the roll-out stops or is aborted.
                     Action::Withdraw { machine } => {
                         prop_assert!(rollout.phase.is_broken_off());
                         prop_assert!(rollout.phase.is_over() || !before.phase.is_broken_off());
@@ -431,7 +430,6 @@ proptest! {
                 prop_assert!(!rollout.phase.is_over());
                 let target = rollout.targets.iter().find(|target| target.machine == machine).unwrap();
                 if confirm.is_none() {
-                    // Only while running, and never twice.
                     prop_assert_eq!(&rollout.phase, &Phase::Running);
                     prop_assert!(sent.insert(machine.clone()), "{} twice", machine);
                     // Not before all machines of earlier waves are done or have dropped out.
@@ -443,7 +441,7 @@ proptest! {
                             prop_assert!(excused || other.wave > 0);
                         }
                     }
-                    // No machine on which the model failed is ignored, and no more machines dropped out than tolerated.
+                    // No machine on which the model failed is ignored, and no more machines dropped out than permitted.
                     let out: Vec<bool> = rollout.targets.iter().filter_map(|target| match target.step {
                         Step::Out { against, excused: false, .. } => Some(against),
                         _ => None,
@@ -464,7 +462,6 @@ proptest! {
                 prop_assert!(all);
             }
         }
-        // Every machine is in the roll-out once.
         let names: BTreeSet<&MachineId> = rollout.targets.iter().map(|target| &target.machine).collect();
         prop_assert_eq!(names.len(), machines);
         prop_assert!(rollout.targets.iter().any(|target| target.wave == 0));
@@ -480,7 +477,7 @@ fn with_a_canary_that_has_it() -> Rollout {
     rollout
 }
 
-/// docs/src/fleet.md: it stops when "the guard of a machine that has it faults". This includes the canary after its soak time.
+/// docs/src/fleet.md: the roll-out stops when "the guard of a machine that has it faults". This includes the canary after its soak time.
 #[test]
 fn a_canary_fault_after_its_soak_stops_the_rollout() {
     let mut rollout = with_a_canary_that_has_it();
@@ -490,15 +487,14 @@ fn a_canary_fault_after_its_soak_stops_the_rollout() {
     }
     assert!(matches!(step_of(&rollout, 0), Step::Done { .. }));
     assert_eq!(issue(&mut rollout, &actions), [name(1)]);
-    // A fault with another version active is not caused by the model.
+    // A fault with another active version is not caused by the model.
     rollout.step(faulted(0, "thermal runaway"));
     assert_eq!(rollout.phase, Phase::Running);
     rollout.step(faulted(1, "thermal runaway"));
     stopped(&rollout, "m0: its guard has faulted: thermal runaway");
 }
 
-/// A machine that reports an older active version (its folder was restored, its gateway replaced) is not observed with
-/// the model, and drops out if this continues.
+/// A machine that reports an older active version (restored folder, replaced gateway) does not soak, and drops out at the answer timeout.
 #[test]
 fn a_machine_with_another_version_does_not_soak() {
     let mut rollout = with_a_canary_that_has_it();
@@ -506,7 +502,7 @@ fn a_machine_with_another_version_does_not_soak() {
         rollout.step(looked(10.0, &[(0, 0, 4.0)]));
         assert!(matches!(step_of(&rollout, 0), Step::Soaking { soaked_s, .. } if soaked_s == 0.0));
     }
-    // After the answer timeout the canary drops out, which stops the roll-out.
+    // At the answer timeout the canary drops out, which stops the roll-out.
     rollout.step(looked(10.0, &[(0, 0, 4.0)]));
     stopped(&rollout, "m0: version 0 is active again");
     // The condition with the new version may arrive after the acknowledgement.
@@ -518,8 +514,8 @@ fn a_machine_with_another_version_does_not_soak() {
     assert!(matches!(step_of(&rollout, 0), Step::Done { .. }));
 }
 
-/// When a roll-out stops, sent but inactive versions are withdrawn; they are sent again when the user resumes it. A machine that did not
-/// answer in time stays out, and its key keeps its previous model.
+/// A stop withdraws versions that were sent but are not active; a resume sends them again. A machine that did not answer in time stays
+/// out, and its key keeps the previous model.
 #[test]
 fn inactive_versions_are_withdrawn_when_the_rollout_stops() {
     let mut rollout = rollout(4, &[0, 1, 2], rules());
@@ -527,7 +523,7 @@ fn inactive_versions_are_withdrawn_when_the_rollout_stops() {
     assert_eq!(issue(&mut rollout, &actions).len(), 3);
     rollout.step(answered(0, 1, Outcome::Activated));
     rollout.step(answered(1, 1, needs()));
-    // The first has activated it, the second waits for confirmation, the third was offline.
+    // The first machine has activated it, the second waits for confirmation, the third was offline.
     let actions = rollout.step(looked(10.0, &[(0, 1, 40.0)]));
     assert!(matches!(rollout.phase, Phase::Stopped { .. }));
     assert_eq!(withdrawn(&actions), [name(2)]);
@@ -535,7 +531,7 @@ fn inactive_versions_are_withdrawn_when_the_rollout_stops() {
     assert!(rollout.step(looked(10.0, &[])).is_empty(), "once");
     let mut ended = rollout.clone();
     let actions = ended.step(requested(UserRequest::Abort));
-    // The first dropped out for its residual: its outcome shows whether the version is active.
+    // The first machine dropped out for its residual: its outcome shows whether the version is active.
     assert_eq!(withdrawn(&actions), [name(0), name(1)]);
     let actions = rollout.step(requested(UserRequest::Resume));
     assert_eq!(issue(&mut rollout, &actions), [name(2)]);
@@ -554,8 +550,8 @@ fn inactive_versions_are_withdrawn_when_the_rollout_stops() {
     ));
 }
 
-/// A stopped roll-out ignores confirmations; a paused or resumed one sends confirmed changes. Decisions to keep the model are reset on
-/// resume.
+/// A stopped roll-out ignores confirmations; a paused or resumed one sends the confirmed changes. A resume resets decisions to keep the
+/// model.
 #[test]
 fn a_stopped_rollout_ignores_confirmations() {
     let mut rollout = rollout(2, &[0, 1], rules());

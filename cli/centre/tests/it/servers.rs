@@ -1,4 +1,4 @@
-//! The server configurations of a cluster, as written by `nats-config`, on the real server.
+//! The server configurations of a cluster that `nats-config` writes, on the real server.
 
 use std::{
     io::{Read, Write},
@@ -26,7 +26,6 @@ use crate::{
     shop::{self, LONG},
 };
 
-/// A server that ends when it is dropped.
 struct Running(Child);
 
 impl Drop for Running {
@@ -36,7 +35,6 @@ impl Drop for Running {
     }
 }
 
-/// A folder with the files of a centre, and a certificate for this computer.
 fn centre() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     configure(folder.path(), "alone", "127.0.0.1:4222", None);
@@ -60,7 +58,7 @@ fn configure(folder: &Path, name: &str, listen: &str, cluster: Option<(usize, &[
     std::fs::write(folder.join("centre.toml"), text).unwrap();
 }
 
-/// Number of routes to other servers, from the monitoring port of a server.
+/// Number of routes to other servers, from the server's monitoring port.
 fn joined(monitor: &str) -> Option<u64> {
     let mut stream = TcpStream::connect(monitor).ok()?;
     stream.write_all(b"GET /routez HTTP/1.0\r\n\r\n").ok()?;
@@ -71,7 +69,6 @@ fn joined(monitor: &str) -> Option<u64> {
     document["num_routes"].as_u64()
 }
 
-/// Three servers configured by one centre form a cluster, with TLS and a password between them.
 #[test]
 fn three_servers_of_one_centre_join_with_tls() {
     let Some(server) = program() else {
@@ -106,12 +103,12 @@ fn three_servers_of_one_centre_join_with_tls() {
     volcomp_test_support::until("they join", LONG, || {
         monitors.iter().all(|monitor| joined(monitor) == Some(2))
     });
-    // The servers use TLS among each other and reject connections without a certificate.
+    // A connection without a certificate is rejected.
     let greeted = shop::runtime().block_on(greeted(&addresses[0], &folder.join("certificate.pem")));
     assert!(greeted.is_err(), "{greeted:?}");
 }
 
-/// Connects to a cluster port with TLS but no client certificate, and returns the received bytes.
+/// Connects to a cluster port with TLS and no client certificate; returns the number of received bytes.
 async fn greeted(address: &str, trusted: &Path) -> std::io::Result<usize> {
     let mut roots = RootCertStore::empty();
     roots
@@ -145,7 +142,7 @@ fn the_password_of_a_cluster_stays_private() {
             .stdout(printed);
         command.output().unwrap()
     };
-    // A configuration without a cluster contains no secret.
+    // A configuration without a cluster has no secret.
     assert!(print_into("alone.conf", 0o644).status.success());
     let addresses = ["127.0.0.1:6222".to_owned()];
     configure(folder, "one", "127.0.0.1:4222", Some((0, &addresses)));

@@ -1,4 +1,4 @@
-//! A server, a centre and gateways, for end-to-end tests.
+//! A server, a centre and gateways for end-to-end tests.
 
 use std::{
     io,
@@ -30,7 +30,6 @@ use crate::{
     support::{machine, model},
 };
 
-/// Timeout of every wait.
 pub(crate) const LONG: Duration = Duration::from_secs(120);
 
 impl GatewayState {
@@ -54,7 +53,8 @@ pub(crate) struct Shop {
 }
 
 impl Shop {
-    /// Runs a test with a cluster of `servers` and with `machines`. Skipped without an installed server, which fails in CI.
+    /// Runs a test with `servers` clustered servers and `machines` machines. Skipped if no server is installed; under CI that is a
+    /// failure.
     pub(crate) fn run(servers: usize, machines: usize, test: impl AsyncFnOnce(&mut Self)) {
         if let Some(mut shop) = Self::new(servers, machines) {
             runtime().block_on(test(&mut shop));
@@ -140,7 +140,6 @@ impl Shop {
         urls.join(",")
     }
 
-    /// Starts the centre, connected to the server at `url`.
     pub(crate) async fn centre(&self, url: &str) -> Running {
         let settings = Settings {
             link: LinkSettings {
@@ -177,14 +176,13 @@ impl Shop {
         }
     }
 
-    /// Starts the gateway of a machine.
     pub(crate) fn gateway(&self, place: usize) -> (GatewayState, tokio::task::JoinHandle<()>) {
         let reported = GatewayState::default();
         let plan = self.plan(place, &format!("run-{place}"));
         (reported.clone(), tokio::spawn(gateway::run(plan, reported)))
     }
 
-    /// Waits until the key of a machine holds this version; 0: no value.
+    /// Waits until the machine's key has this version; 0 is an empty key.
     pub(crate) async fn until_under_key(&self, place: usize, version: u64) {
         let hub = self.hub().await;
         let end = Instant::now() + LONG;
@@ -211,14 +209,13 @@ impl Shop {
         Hub::connect(&self.link_of(&self.centre)).await.unwrap()
     }
 
-    /// The connection of a machine.
     pub(crate) async fn link(&self, place: usize) -> MachineLink {
         let (machine, key) = &self.machines[place];
         let link = MachineLink::connect(&self.link_of(key), &machine.identity).await;
         link.unwrap()
     }
 
-    /// Sends a message of a machine and waits for the acknowledgement of the server.
+    /// Sends a message of a machine; returns when the server has acknowledged it.
     pub(crate) async fn tell(&self, place: usize, kind: Kind, body: &impl serde::Serialize) {
         let link = self.link(place).await;
         let bytes = serde_json::to_vec(body).unwrap();
@@ -231,7 +228,7 @@ impl Shop {
         }
     }
 
-    /// Simulates a thief of the first machine's credentials: a server response is stored under the key of the second.
+    /// With the first machine's credentials, stores a server response under the second machine's key.
     pub(crate) async fn forge(&self) {
         let (thief, key) = &self.machines[0];
         let client = async_nats::ConnectOptions::with_nkey(key.seed().unwrap())
@@ -247,7 +244,6 @@ impl Shop {
         client.flush().await.unwrap();
     }
 
-    /// Direct access to the database.
     pub(crate) fn raw(&self) -> rusqlite::Connection {
         let raw = rusqlite::Connection::open(self.folder.path().join("centre.db")).unwrap();
         raw.busy_timeout(Duration::from_secs(30)).unwrap();
@@ -292,7 +288,6 @@ impl Shop {
         self.roll_out_to(number, &all, rules)
     }
 
-    /// Starts a roll-out to some of the machines.
     pub(crate) fn roll_out_to(&self, number: u32, places: &[usize], rules: Rules) -> u64 {
         let new = model(number);
         self.store.add_model(&new.model, &new.text).unwrap();
@@ -307,7 +302,6 @@ impl Shop {
     }
 }
 
-/// The default rules with this soak time, s.
 pub(crate) fn soak(soak_s: f64) -> Rules {
     Rules {
         soak_s,
@@ -315,7 +309,6 @@ pub(crate) fn soak(soak_s: f64) -> Rules {
     }
 }
 
-/// The manifest of a signed value.
 pub(crate) fn manifest(value: &[u8]) -> Manifest {
     let desired = Desired::parse(value).unwrap();
     serde_json::from_str(&desired.manifest).unwrap()
@@ -329,7 +322,6 @@ pub(crate) fn runtime() -> tokio::runtime::Runtime {
         .unwrap()
 }
 
-/// Waits until the condition holds.
 pub(crate) async fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let end = Instant::now() + LONG;
     while !is_so() {
@@ -368,8 +360,7 @@ impl Wire {
     }
 }
 
-/// Forwards bytes. While the connection is cut they are held, as by a network that loses every packet: retransmissions arrive
-/// afterwards.
+/// Forwards bytes. A cut connection holds them, as retransmissions arrive after a network that lost every packet.
 async fn pass(
     from: tokio::net::tcp::OwnedReadHalf,
     mut to: tokio::net::tcp::OwnedWriteHalf,
@@ -399,7 +390,7 @@ async fn pass(
     }
 }
 
-/// Number of stored conditions of a machine over all its instances, duplicates included.
+/// Number of stored conditions of a machine over all instances, with duplicates.
 pub(crate) fn stored(folder: &Path, machine: &str) -> u64 {
     let connection = rusqlite::Connection::open(folder.join("centre.db")).unwrap();
     let recent: i64 = connection

@@ -1,5 +1,3 @@
-//! The store and ingestion into it.
-
 use serde_json::json;
 use volcomp_centre::{
     Error,
@@ -24,7 +22,7 @@ impl DatabaseFile {
         Store::open(&self.0.path().join("centre.db"))
     }
 
-    /// Executes a statement on a separate connection, as another program or an attacker would.
+    /// Executes a statement on a separate connection, as another program would.
     fn execute(&self, sql: &str) {
         let other = rusqlite::Connection::open(self.0.path().join("centre.db")).unwrap();
         other.execute(sql, []).unwrap();
@@ -72,7 +70,6 @@ fn changes_of_machines_and_models_are_logged() {
     );
     assert_eq!(store.model("").unwrap(), None);
     assert_eq!(store.model("%").unwrap(), None);
-    // Another program has the same file open.
     let other = place.open().unwrap();
     assert!(
         other
@@ -115,7 +112,6 @@ fn a_concurrent_reader_loses_no_rows() {
     assert_eq!(place.open().unwrap().machines().unwrap().len(), 2);
 }
 
-/// A wrong path does not change the permissions of another file.
 #[test]
 fn a_file_that_is_no_database_keeps_its_permissions() {
     use std::os::unix::fs::PermissionsExt;
@@ -137,7 +133,8 @@ fn a_file_that_is_no_database_keeps_its_permissions() {
     assert!(device.contains("no regular file"), "{device}");
 }
 
-/// A model is valid for the measured machine: no other machine can take its place in a roll-out by taking its name.
+/// The serial number of a machine cannot change during a roll-out, so that no other machine gets a model measured on this one by taking
+/// its name.
 #[test]
 fn the_serial_number_is_fixed_during_a_rollout() {
     let (_place, store) = opened();
@@ -149,7 +146,7 @@ fn the_serial_number_is_fixed_during_a_rollout() {
     store
         .begin_rollout("ab", &machines, Rules::default(), "anna")
         .unwrap();
-    // Other fields may change; the serial number may not, neither directly nor by removing the machine first.
+    // Other fields may change; the serial number may not, also not by removing the machine first.
     store.put_machine(&mill, "anna").unwrap();
     let refused = |found: Result<(), Error>| {
         let said = found.unwrap_err().to_string();
@@ -189,12 +186,11 @@ fn a_changed_or_removed_audit_record_is_detected() {
 fn messages_are_stored_once_and_averaged() {
     let (place, store) = opened();
     let mut ingest = Ingest::of(&store).unwrap();
-    // From the beginning of an hour on.
     let from_s = 1_800_000_000.0;
     let batch = conditions(0..90, from_s);
     let taken = ingest.take(&store, &batch[..50]).unwrap();
     assert_eq!((taken.stored, taken.duplicates), (50, 0));
-    // Redelivery of a part: after a lost acknowledgement, and after a restart of the centre.
+    // Redelivery of a part, after a lost acknowledgement and after a restart of the centre.
     let taken = ingest.take(&store, &batch[40..60]).unwrap();
     assert_eq!((taken.stored, taken.duplicates), (10, 10));
     let store = {
@@ -217,13 +213,13 @@ fn messages_are_stored_once_and_averaged() {
     let means: Vec<(u64, f64)> = (minutes.iter())
         .map(|point| (point.count, point.residual_um.unwrap()))
         .collect();
-    // The means of 0 … 59 and 60 … 89.
+    // Means of 0 … 59 and 60 … 89.
     assert_eq!(means, [(60, 29.5), (30, 74.5)]);
     assert_eq!(minutes[1].residual_max_um, Some(89.0));
     let hours = history(Resolution::Hour);
     assert_eq!((hours[0].count, hours[0].residual_um), (90, Some(44.5)));
     assert_eq!(hours[0].temperatures_degc["scale X"], 21.5);
-    // Thirty late conditions for a closed minute: the means of minute and hour include them.
+    // 30 late conditions for a closed minute: the means of minute and hour include them.
     ingest.take(&store, &conditions(90..120, from_s)).unwrap();
     assert_eq!(store.close_minutes(from_s + 180.0).unwrap(), 30);
     let minutes = history(Resolution::Minute);
@@ -259,7 +255,7 @@ fn expired_rows_are_deleted_and_hours_kept() {
     store.delete_expired(keep, from_s + 2.0 * 86_400.0).unwrap();
     assert_eq!(points(Resolution::Raw), 0);
     assert_eq!(points(Resolution::Minute), 1);
-    // The first telemetry of the hour is kept longer.
+    // The hour's first telemetry is kept longer.
     assert_eq!(store.telemetry(&mill()).unwrap().unwrap().1["number"], 60);
     store
         .delete_expired(keep, from_s + 40.0 * 86_400.0)
@@ -269,7 +265,7 @@ fn expired_rows_are_deleted_and_hours_kept() {
     assert_eq!(store.telemetry(&mill()).unwrap(), None);
 }
 
-/// Full disk: no part of a batch is stored, the state is unchanged, and the batch can be passed again.
+/// On a full disk no part of a batch is stored, the state does not change, and the batch can be passed again.
 #[test]
 fn a_rejected_batch_is_not_stored_in_part() {
     let folder = tempfile::tempdir().unwrap();
@@ -350,12 +346,11 @@ fn a_machine_is_in_one_open_rollout() {
     ));
 }
 
-/// A failed transaction leaves no changes, and later ones succeed.
 #[test]
 fn a_failed_transaction_is_rolled_back() {
     let (place, store) = opened();
     store.put_machine(&machine("mill-a"), "anna").unwrap();
-    // The audit record is the second of the two statements.
+    // The audit record is the second of two statements.
     place.execute("ALTER TABLE audit RENAME TO gone");
     store.put_machine(&machine("mill-b"), "anna").unwrap_err();
     place.execute("ALTER TABLE gone RENAME TO audit");
@@ -373,7 +368,7 @@ fn a_database_of_a_newer_program_is_rejected() {
     assert!(matches!(place.open(), Err(Error::Newer { found: 99, .. })));
 }
 
-/// Minutes of many machines, some late or out of order: the means of each machine are independent of the others.
+/// Minutes of many machines, some late or out of order: each machine has its own means.
 #[test]
 fn minutes_are_closed_machine_by_machine() {
     const MACHINES: u64 = 70;
@@ -381,7 +376,7 @@ fn minutes_are_closed_machine_by_machine() {
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;
     let name = |machine: u64| format!("mill-{machine}");
-    // Machine m reports the residual 1000 m + n at second n, over three minutes; every third machine is silent in the second minute.
+    // Machine m reports a residual of 1000 m + n in second n for three minutes; every third machine is silent in the second minute.
     let tells =
         |machine: u64, second: u64| !(machine.is_multiple_of(3) && (60..120).contains(&second));
     let batch: Vec<Received> = (0..180)
@@ -395,7 +390,6 @@ fn minutes_are_closed_machine_by_machine() {
             received(&name(machine), Kind::Condition, second + 1, at_s, &envelope)
         })
         .collect();
-    // The second half first.
     let (early, late) = batch.split_at(batch.len() / 2);
     ingest.take(&store, late).unwrap();
     let closed = store.close_minutes(from_s + 120.0).unwrap();
@@ -442,7 +436,6 @@ fn minutes_are_closed_machine_by_machine() {
     }
 }
 
-/// A panic during a change leaves no changes, and later ones succeed.
 #[test]
 fn a_panic_in_a_transaction_is_rolled_back() {
     let (place, store) = opened();
@@ -458,7 +451,6 @@ fn a_panic_in_a_transaction_is_rolled_back() {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
-/// A database of the first schema version is migrated with its content.
 #[test]
 fn an_older_database_is_migrated() {
     let (place, store) = opened();
@@ -491,7 +483,7 @@ fn an_older_database_is_migrated() {
     drop(place.open().unwrap());
 }
 
-/// Texts that a database cannot store or index do not block messages of other gateways.
+/// Texts that the database cannot store or index do not block messages of other gateways.
 #[test]
 fn unstorable_instance_names_do_not_block_a_batch() {
     let (_place, store) = opened();
@@ -522,7 +514,6 @@ fn unstorable_instance_names_do_not_block_a_batch() {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
-/// Numbers are preserved to the last bit.
 #[test]
 fn numbers_are_stored_exactly() {
     let (_place, store) = opened();
@@ -538,7 +529,7 @@ fn numbers_are_stored_exactly() {
     );
     ingest.take(&store, &[telemetry]).unwrap();
     assert_eq!(store.telemetry(&mill()).unwrap(), Some((at_s, body)));
-    // A version above the maximum of the database's integers is stored as that maximum.
+    // A version above the database's maximum integer is stored as that maximum.
     let answer = volcomp_fleet::Acknowledgement {
         version: u64::MAX,
         value_sha256: "00".to_owned(),
@@ -584,7 +575,7 @@ fn two_programs_write_concurrently() {
     assert_eq!(names, expected);
 }
 
-/// The database contains password hashes and models: only its owner can read it, even if it was created with other permissions.
+/// The database has password hashes and models: only its owner can read it, even if it was created with other permissions.
 #[test]
 fn the_sqlite_file_is_private() {
     use std::os::unix::fs::PermissionsExt;

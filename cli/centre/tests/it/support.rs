@@ -11,7 +11,6 @@ use volcomp_centre::{
 use volcomp_fleet::{Condition, Envelope, Identity, Kind, Received};
 use volcomp_vocabulary::AxisName;
 
-/// The text of a model; each number gives a different one.
 pub(crate) fn model_text(number: u32) -> String {
     format!(
         "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\nEC0Y = {number}.0\n"
@@ -68,14 +67,12 @@ pub(crate) fn envelope<T>(instance: &str, number: u64, body: T) -> Envelope<T> {
     }
 }
 
-/// Ingests messages as the running centre does.
 pub(crate) fn tell(store: &Store, batch: &[Received]) {
     let mut ingest = Ingest::of(store).unwrap();
     ingest.take(store, batch).unwrap();
     ingest.store_live(store).unwrap();
 }
 
-/// A message as received from the stream.
 pub(crate) fn received<T: serde::Serialize>(
     machine: &str,
     kind: Kind,

@@ -1,4 +1,4 @@
-//! The program as called by scripts and operators.
+//! The program as scripts and operators call it.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -23,7 +23,6 @@ use volcomp_vocabulary::{AxisName, PerChannel};
 
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// A running simulator; ended when it is dropped.
 struct Simulator {
     running: Running,
     port: u16,
@@ -54,7 +53,6 @@ impl Simulator {
         writeln!(self.running.stdin.as_mut().unwrap(), "{line}").unwrap();
     }
 
-    /// The next line of the report.
     fn line(&mut self) -> String {
         let mut line = String::new();
         self.output.read_line(&mut line).unwrap();
@@ -109,7 +107,6 @@ fn a_program_is_repeated() {
     while Instant::now() < end {
         let positions = client.positions(PositionKind::Machine, 3).unwrap();
         let on_the_way = (0.0..=10.0).contains(&positions[0]) && positions[1] == 7.0;
-        // Both axes move in proportion.
         let together = (positions[2] - 9.0 * positions[0]).abs() < 0.01;
         assert!(on_the_way && together, "{positions:?}");
         let ends = [0.0, 10.0].map(|x| positions[0] == x);
@@ -148,7 +145,7 @@ fn states_are_set_by_options_and_commands() {
     assert_eq!(simulator.end(), Some(0));
 }
 
-/// The axes stop during an emergency stop and continue from there without a jump.
+/// The axes stop during an emergency stop, and continue from there without a jump.
 #[test]
 fn the_axes_stop_during_an_emergency_stop() {
     // 100 mm back and forth within 60 s: at most 5.3 mm/s.
@@ -258,7 +255,7 @@ fn the_tool_error_is_reported() {
     assert!(line.contains("X 0.0 (+0.0 µm) Y 7.2 (+3.0 µm)"), "{line}");
 }
 
-/// By default a barrier moves the axes at its rate, and words written by other clients are overwritten in the next scan.
+/// By default a barrier moves the axes at its rate, and its next scan overwrites words written by other clients.
 #[test]
 fn a_barrier_protects_the_axes_by_default() {
     let mut simulator = Simulator::start(&[
@@ -281,14 +278,14 @@ fn a_barrier_protects_the_axes_by_default() {
     };
     until("the words are overwritten", || words(100, 3) == [0; 3]);
     simulator.type_line("steps");
-    // Axes take their words after the program in each scan.
+    // In each scan the axes take their words after the program.
     let steps = simulator.json();
     assert_eq!(
         steps["largest_step_um"],
         serde_json::json!({"X": 0.0, "Y": 0.0})
     );
     simulator.type_line("steps reset");
-    // 30 µm and -10 counts of 0.001 deg, until they are applied.
+    // 30 µm and -10 counts of 0.001°, until they are applied.
     let mut session = Session::new(7);
     let mut client = simulator.client();
     let mut settings = None;
@@ -338,7 +335,7 @@ fn the_machine_file_defines_five_axes() {
     let mut simulator = Simulator::start(&["--truth", file.to_str().unwrap(), "--report-s", "0.1"]);
     let names = simulator.client().axis_names().unwrap();
     assert_eq!(names, ['X', 'Y', 'Z', 'A', 'C']);
-    // In two lines of at most 80 columns.
+    // Two lines of at most 80 columns.
     let [places, misses] = [simulator.line(), simulator.line()];
     assert!(places.contains(" A 0.0 C 0.0"), "{places}");
     assert!(
@@ -454,7 +451,7 @@ fn invalid_arguments_are_rejected() {
     assert!(version.status.success());
 }
 
-/// Every change of a correction is a line, and what happens while the control is off is marked.
+/// The axis log has a line for every change of a correction, and marks changes while the control is off.
 #[test]
 fn the_axis_log_has_every_change() {
     let dir = tempfile::tempdir().unwrap();
@@ -478,6 +475,6 @@ fn the_axis_log_has_every_change() {
         .map(|(time, rest)| (time.parse::<f64>().unwrap(), rest))
         .unzip();
     assert!(times.is_sorted(), "{text}");
-    // 0.001 deg are 17.453 µrad.
+    // 0.001° is 17.453 µrad.
     assert_eq!(rest, ["0,0.000,0.000", "0,-5.000,17.453", "1,0.000,0.000"]);
 }

@@ -14,7 +14,7 @@ use super::{PATIENCE, Simulator};
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 const CAPACITY: u16 = 700;
-/// The map is valid for 1 s after the last frame; then 2 µm in each scan of 8 ms to zero.
+/// The map is valid for 1 s after the last frame; then the correction ramps to zero by 2 µm per scan of 8 ms.
 const CONTROL: [&str; 14] = [
     "--map-words",
     "700",
@@ -67,7 +67,7 @@ fn open(simulator: &Simulator) -> Words {
     Words(MapWords::open("127.0.0.1", simulator.port, PATIENCE, places()).unwrap())
 }
 
-/// A correction of X by 60 µm · x/1000 - 20 µm · (y/1000)², of Y by 30 µm · x·z, of Z by -40 µm.
+/// Correction of X: 60 µm · x/1000 - 20 µm · (y/1000)²; of Y: 30 µm · x·z; of Z: -40 µm.
 fn field(at: &[f64; GRID_AXES]) -> [f64; 3] {
     let [x, y, z] = [at[0], at[1], at[2]].map(|mm| mm / 1000.0);
     [0.06 * x - 0.02 * y * y, 0.03 * x * z, -0.04]
@@ -108,14 +108,14 @@ fn sender(counter: u16, owner: u16) -> Sender {
     Sender::new(map(counter), 1002, owner, allowed).unwrap()
 }
 
-/// Shifts of the axes from R100 on, µm.
+/// Shifts of the axes, from R100 on, µm.
 fn shifts(simulator: &Simulator) -> [f64; 3] {
     let bytes = simulator.client().read_pmc(PmcArea::R, 100, 6).unwrap();
     let word = |at: usize| f64::from(i16::from_le_bytes([bytes[at], bytes[at + 1]]));
     [word(0), word(2), word(4)]
 }
 
-/// Runs steps until the axes have these corrections, to 1 µm.
+/// Steps until the axes have these corrections within 1 µm.
 fn steps_until(simulator: &Simulator, sender: &mut Sender, words: &mut Words, um: [f64; 3]) {
     let end = Instant::now() + 6 * PATIENCE;
     loop {
@@ -143,7 +143,6 @@ fn the_axes_follow_the_map_and_silence_ramps_to_zero() {
         matches!(held, Err(SendError::Held { by: 21, .. })),
         "{held:?}"
     );
-    // Silence.
     let end = Instant::now() + PATIENCE;
     while shifts(&simulator) != [0.0; 3] {
         assert!(Instant::now() < end, "{:?}", shifts(&simulator));

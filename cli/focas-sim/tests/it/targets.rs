@@ -1,4 +1,4 @@
-//! Measurements at the targets of a program, against values computed by hand.
+//! Measurements at the targets of a program, compared with values by hand.
 
 use std::{fs, path::Path};
 
@@ -8,10 +8,10 @@ use volcomp_test_support::machines::gantry;
 
 use super::{PATIENCE, Simulator};
 
-/// X has a positioning error of 50 µm/m and shifts Y by 10 µm everywhere.
+/// X has a positioning error of 50 µm/m, and moves Y by 10 µm everywhere.
 const ERRORS: &str = "[errors]\nEXX = { poly = [0.0, 0.05] }\nEYX = 10.0\n";
 
-/// A folder with the machine and a program, and the call that runs it.
+/// A folder with machine and program, and the call that runs it.
 struct Shop {
     folder: tempfile::TempDir,
 }
@@ -71,8 +71,9 @@ fn number(row: &[(String, String)], name: &str) -> f64 {
         .unwrap_or_else(|_| panic!("{name}: {cell:?}"))
 }
 
-/// Two lines and an intermediate point; the second pass with a correction of -4 µm on X and +3 µm on Y. Along the diagonal of the
-/// plane 200 × 150 mm the error of X has the weight 0.8, 8 µm at its end; a constant error has none.
+/// Two lines and an intermediate point, the second pass with a correction of -4 µm on X and +3 µm on Y: the ranges equal those by hand
+/// within 0.002 µm. Along the diagonal of the plane 200 × 150 mm the error of X has the weight 0.8, 8 µm at its end; a constant error has
+/// none.
 #[test]
 fn the_range_along_a_line_matches_the_hand_calculation() {
     let program = "line,X,Y,Z,feed\nalong,0,0,0,60000\nalong,100,0,0,60000\nalong,200,0,0,60000\n\
@@ -94,7 +95,7 @@ fn the_range_along_a_line_matches_the_hand_calculation() {
     assert_eq!(second["pass"], 2);
     for (found, range) in second["lines"].as_array().unwrap().iter().zip([10.0, 8.0]) {
         let of = |name: &str| found[name].as_f64().unwrap();
-        // The error is that of the true position: 4 µm of X change it by 0.0002 µm.
+        // The error is that of the true position, which 4 µm of X change by 0.0002 µm.
         assert!((of("range_um") - range).abs() < 0.002, "{found}");
         assert_eq!(of("range_without_um"), range);
     }
@@ -119,7 +120,8 @@ fn the_range_along_a_line_matches_the_hand_calculation() {
     }
 }
 
-/// Without a line column every row is a target; without `--wait` it starts automatically; `.json` selects JSON documents.
+/// Without a line column every row is a target; without `--wait` the program starts automatically; `.json` selects one JSON document per
+/// line.
 #[test]
 fn json_documents_are_one_per_line() {
     let shop = Shop::new("X,feed,dwell_s\n0,60000,0\n200,60000,0.4\n");
@@ -145,7 +147,6 @@ fn json_documents_are_one_per_line() {
     assert_eq!(simulator.end(), Some(0));
 }
 
-/// During an emergency stop between targets nothing is measured.
 #[test]
 fn nothing_is_measured_during_an_emergency_stop() {
     // 200 mm at 10 mm/s.
@@ -173,7 +174,7 @@ fn nothing_is_measured_during_an_emergency_stop() {
     volcomp_test_support::until("the second target", 3 * PATIENCE, || rows(&file).len() == 2);
 }
 
-/// Text output fits into 80 columns; commands that need a report are rejected without one.
+/// Text output has at most 80 columns. Commands that need a report are rejected without one.
 #[test]
 fn text_output_for_operators() {
     let shop = Shop::new("line,X,feed\nPPP,0,60000\nPPP,200,60000\n");

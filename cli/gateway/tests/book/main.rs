@@ -20,7 +20,7 @@ use volcomp_test_support::{
     },
 };
 
-/// The configuration into which a fragment is inserted.
+/// The smallest valid configuration, into which a fragment of the book is inserted.
 const SMALL: &str = r#"
 machine = "machine.toml"
 [[controller]]
@@ -34,7 +34,7 @@ fn decode(text: &str) -> Result<(), String> {
         .map_err(|e| e.to_string())
 }
 
-/// A configuration block, completed if it is a fragment.
+/// A configuration block; a fragment is completed with [`SMALL`].
 fn whole(block: &Block) -> Option<String> {
     if block.is("gateway file") {
         Some(block.text.clone())
@@ -84,7 +84,6 @@ fn every_console_block_prints_what_it_says() {
     );
 }
 
-/// A gateway with the built-in simulation; ended with the test.
 struct Gateway {
     _running: Running,
     address: String,
@@ -177,7 +176,6 @@ fn every_reason_is_in_the_chapter() {
     );
 }
 
-/// Names of the tests in the table of hazards.
 fn tests_of_hazards() -> BTreeSet<String> {
     let text = fs::read_to_string(chapter("guard.md")).expect("a page");
     let rows = text
@@ -194,7 +192,6 @@ fn tests_of_hazards() -> BTreeSet<String> {
     names.collect()
 }
 
-/// The names of all functions in the sources below a folder.
 fn functions(folder: &Path, names: &mut BTreeSet<String>) {
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();

@@ -31,11 +31,11 @@ fn configuration(dir: &Path, controller: &str) -> PathBuf {
     file
 }
 
-/// A control on the bus that accepts every write while it responds.
+/// A simulated control on the bus: accepts every write as long as it responds.
 struct Control {
     stop: Arc<AtomicBool>,
     silent: Arc<AtomicBool>,
-    /// X, Y, Z in um.
+    /// Applied corrections of X, Y and Z, µm.
     applied: Arc<Mutex<[f64; 3]>>,
     thread: Option<std::thread::JoinHandle<()>>,
 }
@@ -157,7 +157,6 @@ fn over_vcan() {
     assert_eq!(*control.applied.lock().unwrap(), [0.0; 3]);
 }
 
-/// The control's side of a simulated GPIO chip.
 fn bank(label: &str) -> PathBuf {
     for device in fs::read_dir("/sys/devices/platform").unwrap().flatten() {
         for chip in fs::read_dir(device.path()).into_iter().flatten().flatten() {

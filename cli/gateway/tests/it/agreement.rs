@@ -1,4 +1,4 @@
-//! `check` and the daemon report the same message for an invalid configuration, and exit with status 2.
+//! For an invalid configuration `check` and the daemon report the same message and exit with status 2.
 
 use std::process::Command;
 
@@ -10,7 +10,7 @@ use crate::{
     wrong_configurations::{CASES, FOCAS, RIGHT},
 };
 
-/// A table of signals without counters, and one whose X is an angle.
+/// A DBC file without counter signals, and one whose X is an angle.
 const BARE: &str = "VERSION \"\"\nNS_ :\nBS_:\nBU_: CNC\nBO_ 256 POSITION: 8 CNC\n SG_ X_POS : 0|32@1- (0.0001,0) [0|0] \"mm\" CNC\nBO_ 257 CORRECTION: 8 CNC\n SG_ X_CORR : 0|16@1- (1,0) [0|0] \"um\" CNC\n";
 
 fn folder() -> tempfile::TempDir {
@@ -61,7 +61,7 @@ fn check_and_the_daemon_refuse_alike() {
     }
 }
 
-/// The programs report it as well, and with `--json` the message is one object.
+/// The programs `check` and daemon report the same message as the library, and `--json` prints the message as one object.
 #[test]
 fn a_wrong_configuration_ends_the_programs() {
     let dir = folder();
@@ -87,14 +87,13 @@ fn a_wrong_configuration_ends_the_programs() {
     assert!(reported.is_some_and(|text| text.contains("unwatched = true")));
 }
 
-/// The plan describes a controller exactly as the open controller describes itself.
 #[test]
 fn a_plan_describes_what_is_opened() {
     use volcomp_gateway::{config::Config, plan::Plan};
     let dir = folder();
     let lines = "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]\n[controller.digital]\nposition_bits = 8\nposition_mm_per_count = 10.0\ncorrection_bits = 6";
     let slow = RIGHT.replace("cycle_ms = 4.0", "cycle_ms = 20.0");
-    // Six bits carry 31 µm.
+    // Six correction bits with a sign hold at most 31 µm.
     let lines = slow
         .replace(FOCAS, lines)
         .replace("limit_um = 150.0", "limit_um = 31.0");

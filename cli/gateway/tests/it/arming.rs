@@ -16,7 +16,7 @@ use crate::{
     standing::standing_text,
 };
 
-/// Moving axes delay the test shift; an operator who disarms meanwhile is not overruled by auto-arm.
+/// An operator disarms while the test shift waits for moving axes: the gateway stays disarmed in spite of auto-arm.
 #[test]
 fn auto_arm_does_not_overrule_a_person() {
     let dir = tempfile::tempdir().expect("writable");
@@ -32,7 +32,7 @@ fn auto_arm_does_not_overrule_a_person() {
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
 }
 
-/// Without `[guard]` it runs and shows its state, but does not arm.
+/// Without `[guard]` the gateway runs and reports its state, but an arm request gets status 409: limits are not configured.
 #[test]
 fn without_limits_it_does_not_arm() {
     let dir = tempfile::tempdir().expect("writable");
@@ -51,7 +51,8 @@ fn without_limits_it_does_not_arm() {
     assert_eq!(gateway.state()["state"], "disarmed");
 }
 
-/// The state becomes `unknown`, and a request made meanwhile is not executed when the controller responds again.
+/// While the control thread hangs the state becomes `unknown`. A request made meanwhile expires and is not executed when the controller
+/// responds again.
 #[test]
 fn a_hanging_control_thread_is_reported_and_requests_expire() {
     let (_dir, config, mut gateway) = started("");
@@ -83,7 +84,7 @@ fn a_hanging_control_thread_is_reported_and_requests_expire() {
     ] {
         assert!(text.contains(line), "{text}");
     }
-    // A request made now is not executed later.
+    // This request expires while the thread hangs and must not be executed later.
     let mut arms = gateway.begin(Operation::Arm(None));
     gateway.hang(Duration::from_secs(1));
     let armed = arms.try_recv().expect("answered");
@@ -92,7 +93,7 @@ fn a_hanging_control_thread_is_reported_and_requests_expire() {
     gateway.wait_for("disarmed");
     gateway.run(Duration::from_secs(5));
     assert_eq!(gateway.state()["state"], "disarmed");
-    // Disarming waits for the thread, and takes effect in its next cycle.
+    // A disarm request does not expire: the thread executes it in its next cycle.
     gateway.must_arm();
     gateway.wait_for("compensating");
     gateway.hang(Duration::from_millis(200));
@@ -107,7 +108,7 @@ fn a_hanging_control_thread_is_reported_and_requests_expire() {
     gateway.wait_for("disarmed");
 }
 
-/// With sixty-four requests queued, a disarm takes effect, and is recorded and stored for the next start.
+/// With 64 requests in the queue a disarm is still executed, recorded, and stored for the next start.
 #[test]
 fn a_disarm_is_recorded_with_a_full_queue() {
     let (dir, _, mut gateway) = started("auto_arm = true");

@@ -1,5 +1,3 @@
-//! The audit log alone.
-
 use std::{
     path::Path,
     sync::{
@@ -26,7 +24,6 @@ use crate::{
     standing::SmallDisk,
 };
 
-/// Details of a record in these tests.
 fn details(what: &str) -> Details {
     Details {
         model: "none".to_owned(),
@@ -53,7 +50,7 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     files.sort();
     assert_eq!(files.len(), 9, "{files:?}");
     let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).expect("readable");
-    // Oldest first: one chain.
+    // The rotated files, oldest first, are one chain of hashes.
     let names: Vec<String> = (1..=8)
         .rev()
         .map(|n| format!("audit.{n}.log"))
@@ -71,7 +68,7 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     assert!(read("audit.log").contains("\"seq\":61"));
 }
 
-/// Cut at every byte: complete records are kept, the rest is cut off, and the log continues.
+/// The log is truncated at every byte of its last record: complete records are kept, the partial one is removed, and the log continues.
 #[test]
 fn a_tail_torn_anywhere_is_cut() {
     let dir = tempfile::tempdir().expect("writable");
@@ -104,7 +101,7 @@ fn a_tail_torn_anywhere_is_cut() {
     }
 }
 
-/// A disk that hangs while the first switch is on; the second one is on while a record waits for it.
+/// A simulated disk that hangs while the first flag is set. The second flag is set while a record waits for the disk.
 #[derive(Clone, Default)]
 struct Disk {
     hangs: Arc<AtomicBool>,
@@ -121,7 +118,6 @@ impl Disk {
     }
 }
 
-/// A log on such a disk.
 fn hanging(dir: &Path) -> (AuditWriter, Disk) {
     let disk = Disk::default();
     let (log, _) = AuditLog::open(dir).expect("new");
@@ -152,7 +148,7 @@ fn soon(done: impl Fn() -> bool) {
     }
 }
 
-/// Queuing a record waits for no disk. Records that do not fit are counted in the next record.
+/// While the disk hangs, queuing a record does not block. The number of records that do not fit into the queue is in the next record.
 #[test]
 fn a_hanging_disk_blocks_no_caller_and_lost_records_are_counted() {
     let dir = tempfile::tempdir().expect("writable");
@@ -166,7 +162,7 @@ fn a_hanging_disk_blocks_no_caller_and_lost_records_are_counted() {
     let receipts: Vec<Receipt> = (0..400)
         .map(|n| writer.record(entry(&n.to_string())))
         .collect();
-    // The disk has the previous record, and 256 are queued.
+    // 256 records are queued behind the one that the disk holds.
     let lost = receipts
         .iter()
         .filter(|r| r.written() == Some(false))
@@ -187,7 +183,7 @@ fn a_hanging_disk_blocks_no_caller_and_lost_records_are_counted() {
     assert_eq!(text.matches("\"lost\":").count(), 1);
 }
 
-/// A record pending for more than a second forbids arming.
+/// A record that is pending for more than one second forbids arming.
 #[test]
 fn a_silent_disk_is_reported() {
     let dir = tempfile::tempdir().expect("writable");
@@ -201,7 +197,6 @@ fn a_silent_disk_is_reported() {
     soon(|| writer.trouble().is_none());
 }
 
-/// A record that cannot be written is counted in the next one that can.
 #[test]
 fn a_record_that_fails_is_counted_in_the_next() {
     let dir = tempfile::tempdir().expect("writable");
@@ -235,7 +230,7 @@ fn a_record_that_fails_is_counted_in_the_next() {
     assert!(text.contains("\"lost\":2,"), "{text}");
 }
 
-/// The state of the log found at start-up, from the last record of a start.
+/// Result of the check of the log at start-up, from the last `start` record.
 fn found(log: &str) -> Value {
     let line = log.lines().rfind(|line| line.contains("\"started\""));
     let (_, record) = line.and_then(|line| line.split_once(' ')).expect("a start");
@@ -260,7 +255,6 @@ fn a_torn_log_is_cut_and_a_forged_one_put_aside() {
     assert!(again.starts_with(kept) && again.len() > kept.len());
     assert_eq!(found(&again)["cut_bytes"], torn.len() - kept.len());
     let rig = gateway.stop();
-    // A record is modified.
     let text = std::fs::read_to_string(&log).expect("a log");
     let forged = text.replacen("\"who\":\"auto_arm\"", "\"who\":\"nobody\"", 1);
     assert_ne!(forged, text);
@@ -302,7 +296,7 @@ fn a_full_disk_forbids_arming_but_not_correcting_nor_disarming() {
     let words = "audit log cannot be written";
     assert!(answer.to_string().contains(words), "{answer}");
     assert_eq!(gateway.state()["state"], "disarmed");
-    // The records in the log are complete.
+    // The records before the block that was refused are complete.
     drop(gateway);
     let (_, found) = AuditLog::open(&disk.0).expect("readable");
     assert_eq!((found.cut_bytes, found.broken), (0, None));

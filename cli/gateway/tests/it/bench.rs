@@ -20,7 +20,7 @@ use volcomp_vocabulary::PerChannel;
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
 
-/// A controller whose writes a test can observe and disturb while the cycle owns it.
+/// A controller whose writes a test can observe and corrupt while the cycle owns the controller.
 pub(crate) struct Watched<C> {
     inner: C,
     description: Description,
@@ -36,19 +36,18 @@ impl<C: Controller> Watched<C> {
         }
     }
 
-    /// Changes the channel name.
     pub(crate) fn on(mut self, channel: &str) -> Self {
         channel.clone_into(&mut self.description.channel);
         self
     }
 }
 
-/// Observed writes, and the faults requested by a test.
+/// Observed writes, and faults that a test injects.
 #[derive(Default)]
 pub(crate) struct Seen {
     pub(crate) applied: PerChannel<f64>,
     pub(crate) writes: u64,
-    /// Added to the positions that are read.
+    /// Added to the positions that the controller reports.
     pub(crate) offset: PerChannel<f64>,
     pub(crate) fault: Option<Fault>,
     /// Writes are lost.
@@ -92,7 +91,7 @@ impl<C: Controller> Controller for Watched<C> {
     }
 }
 
-/// A cycle with its machine and time.
+/// A cycle with its simulated machine and clock.
 pub(crate) struct Bench {
     pub(crate) cycle: Cycle,
     pub(crate) clock: Clock,
@@ -102,7 +101,6 @@ pub(crate) struct Bench {
     pub(crate) forbids: Reasons,
 }
 
-/// Parts from which a test builds the paths of a bench.
 pub(crate) struct Parts<'a> {
     pub(crate) controller: SimulatedController,
     pub(crate) model: &'a Model,
@@ -110,7 +108,6 @@ pub(crate) struct Parts<'a> {
     pub(crate) clock: &'a Clock,
 }
 
-/// A path with a controller, which is planned first.
 pub(crate) fn path(
     controller: impl Controller + 'static,
     model: &Model,
@@ -131,7 +128,6 @@ pub(crate) fn alone() -> PathSettings {
     }
 }
 
-/// Settings without a test shift.
 pub(crate) fn unproven() -> PathSettings {
     PathSettings {
         proves: false,
@@ -140,7 +136,6 @@ pub(crate) fn unproven() -> PathSettings {
 }
 
 impl Bench {
-    /// The built-in simulation with a modified thermometer.
     pub(crate) fn with(
         guard: &GuardSettings,
         thermometer: impl FnOnce(Box<dyn Thermometer>) -> Box<dyn Thermometer>,
@@ -153,7 +148,7 @@ impl Bench {
         Self::of(guard, watched, thermometer)
     }
 
-    /// The built-in simulation with other paths to its controller and no other thermometer.
+    /// The built-in simulation with other paths to its controller.
     pub(crate) fn through(
         guard: &GuardSettings,
         paths: impl FnOnce(Parts) -> Vec<ControlPath>,
@@ -196,18 +191,18 @@ impl Bench {
         Self::with(&simulate::guard(), |thermometer| thermometer)
     }
 
-    /// Armed, with the ramp completed.
+    /// A bench that is armed and has completed the ramp.
     pub(crate) fn compensating() -> Self {
         let mut bench = Self::new();
         bench.run(Duration::from_millis(100));
         bench.request(Request::Arm);
-        // The machine dwells for 1.5 s at the first corner, longer than the test shift takes, then the correction ramps in.
+        // The program starts with a dwell of 1.5 s at the first corner, longer than the test shift takes; then the correction ramps in.
         let report = bench.run(Duration::from_secs(2));
         assert_eq!(report.state.name(), "compensating");
         bench
     }
 
-    /// Runs one cycle, in which allocation is forbidden.
+    /// Runs one cycle, and fails if the cycle allocates.
     pub(crate) fn step(&mut self, dt: Duration, request: Option<Request>) -> Report {
         self.clock.advance(dt);
         let asked = CycleInput {
@@ -242,7 +237,7 @@ impl Bench {
             .applied
     }
 
-    /// Runs, and returns the largest change of a correction between two cycles, mm.
+    /// Runs for this time, and returns the largest change of a correction between two cycles, mm.
     pub(crate) fn largest_step(&mut self, time: Duration) -> f64 {
         let end = self.clock.elapsed() + time;
         let (mut before, mut largest) = (self.applied(), 0.0_f64);

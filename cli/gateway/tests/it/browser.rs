@@ -1,4 +1,4 @@
-//! The dashboard in a headless Chromium, by Playwright.
+//! The dashboard in a headless Chromium, driven by Playwright.
 
 use std::{
     io::{BufRead, BufReader, Write},
@@ -19,7 +19,7 @@ use crate::{
     program::{OPERATE, Program, change, path, token_file},
 };
 
-/// Runs a script of this folder in the browser; `then` is called when the script reports that it is ready.
+/// Runs a script of this folder in the browser; calls `then` when the script reports that it is ready.
 fn run(script: &str, arguments: &[&str], screenshot: &str, then: impl FnOnce()) {
     if !Path::new("/usr/bin/chromium").exists() {
         peers::not_run("Chromium");
@@ -90,13 +90,14 @@ fn a_person_sees_what_is_missing_and_what_is_not_known() {
     });
 }
 
-/// The studio turns a folder of laser files into a machine file, with which the gateway then corrects.
+/// The studio creates a machine file from a folder of laser files. An engineer activates it in the gateway, which then corrects with that
+/// file.
 #[test]
 fn an_engineer_brings_measurements_from_the_studio_into_force() {
     let dir = tempfile::tempdir().expect("writable");
     let control = measured_control();
     let config = measured_rig_in(dir.path(), &control);
-    // So low that the model of the example must be confirmed.
+    // A threshold so low that the model of the example needs a confirmation.
     change(&config, "confirm_um = 10.0", "confirm_um = 1.0");
     let program = Program::start(dir.path(), &["--config", path(&config)]);
     program.wait_for("compensating");
@@ -113,7 +114,7 @@ fn an_engineer_brings_measurements_from_the_studio_into_force() {
     run("browser_studio.py", &arguments, "studio.png", || {});
     let result = measured.path().join("result/machine.toml");
     let Ok(machine) = Machine::read(&result) else {
-        // Without a browser there is no result, as `run` has reported.
+        // No browser is installed; `run` has reported that.
         return;
     };
     assert_eq!(model(&program)["hash"], machine.checksum().as_str());
@@ -122,8 +123,8 @@ fn an_engineer_brings_measurements_from_the_studio_into_force() {
         .unwrap_or_else(|state| panic!("another correction: {state}"));
 }
 
-/// Whether the published correction is that of a machine at the published position, within 1.5 µm: one step of the words, and half a step
-/// of motion between two cycles. The correction is about 10 µm.
+/// Whether the published correction (about 10 µm) equals that of `machine` at the published position within 1.5 µm: one output step plus
+/// half a step of motion between two cycles.
 fn corrects_as(machine: &Machine, state: &Value) -> bool {
     let at = |list: &str, axis: AxisName| state[list][axis.to_string()].as_f64();
     let axes = [AxisName::X, AxisName::Y, AxisName::Z];

@@ -82,7 +82,6 @@ fn status_and_check_speak_for_themselves() {
     }
 }
 
-/// The configuration in the manual is valid.
 #[test]
 fn the_documented_configuration_is_right() {
     let dir = tempfile::tempdir().expect("writable");
@@ -155,7 +154,7 @@ fn elsewhere_only_with_tls_and_a_token() {
             path(&viewer),
         ])
     };
-    // The dashboard responds before the first cycle.
+    // The dashboard must respond before the first cycle.
     let end = Instant::now() + Duration::from_secs(60);
     loop {
         let with = with_token();
@@ -168,11 +167,11 @@ fn elsewhere_only_with_tls_and_a_token() {
         assert!(Instant::now() < end, "{reported}");
         std::thread::sleep(Duration::from_millis(50));
     }
-    // The rest of the file is not read, because it may be being edited.
+    // `status` finds the address although another key is invalid, because the file may be being edited.
     change(&config, "slew_um_per_s = 500.0", "slew_um_per_s = \"fast\"");
     let changed = with_token();
     assert_eq!(changed.status.code(), Some(0), "{changed:?}");
-    // A file that is not TOML contains no address: the message states how to request the state anyway.
+    // A file that is not TOML has no address: the message states how to request the state without the file.
     change(&config, "slew_um_per_s = \"fast\"", "slew_um_per_s");
     let broken = call(&["status", "--config", path(&config)]);
     assert_eq!(broken.status.code(), Some(2), "{broken:?}");

@@ -1,12 +1,9 @@
-//! A simulated control and a configuration for it.
-
 use std::{path::Path, sync::Arc};
 
 use volcomp_focas::simulator::{Options, Simulator, World};
 
 use crate::{manual::configuration_of, program::token_file};
 
-/// A control whose X moves back and forth.
 pub(crate) fn control() -> Simulator {
     let mut world = World::new(&['X', 'Y', 'Z']);
     world.motion = Arc::new(|elapsed| {
@@ -16,7 +13,7 @@ pub(crate) fn control() -> Simulator {
     Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
 }
 
-/// A configuration for a control, with its machine and tokens. It arms as soon as possible: no test shift, and a short ramp.
+/// A configuration with machine file and tokens for this control: no test shift and a short ramp, so that the gateway arms quickly.
 pub(crate) fn configuration(dir: &Path, control: &Simulator, more: &str) -> std::path::PathBuf {
     token_file(dir);
     let address = control.address().to_string();

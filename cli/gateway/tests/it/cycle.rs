@@ -26,7 +26,7 @@ fn it_arms_follows_and_disarms_without_a_step() {
         "nothing is written while disarmed"
     );
     bench.request(Request::Arm);
-    // 500 um/s in 4 ms and one step.
+    // Slew of 500 µm/s in a cycle of 4 ms, plus one output step.
     let allowed = 0.003 + 1e-9;
     assert!(bench.largest_step(20 * SECOND) <= allowed);
     let report = bench.run(PERIOD);
@@ -48,7 +48,7 @@ fn temperatures_reach_the_correction() {
     let mut bench = Bench::compensating();
     let report = bench.run(PERIOD);
     let (place, cold) = (report.positions, report.wanted);
-    // An hour later the machine is warm; run the program once more to the same position.
+    // The machine is warm after an hour. Run the program once more to the same position.
     let mut report = bench.run(3600 * SECOND);
     for _ in 0..200_000 {
         if report.positions == place {
@@ -64,7 +64,7 @@ fn temperatures_reach_the_correction() {
     );
 }
 
-/// Two controllers: the second takes over and hands back.
+/// A machine with two controllers: the second takes over when the first fails, and hands back.
 struct Two {
     bench: Bench,
     second: Arc<Mutex<Seen>>,
@@ -100,7 +100,7 @@ fn two() -> Two {
         bench,
         second: seen.remove(0),
     };
-    // Three readings confirm what a control applies.
+    // Three consistent readings confirm the applied correction.
     two.bench.run(SECOND / 2);
     two.bench.request(Request::Arm);
     assert_eq!(two.bench.run(SECOND).state.name(), "compensating");
@@ -124,7 +124,7 @@ fn the_fallback_takes_over_and_hands_back() {
     assert_eq!(second.lock().unwrap().applied, left, "only one path writes");
 }
 
-/// Channels whose corrections would add are rejected, because only one path writes at a time.
+/// Two paths with channels whose corrections would add up are rejected, because only one path writes at a time.
 #[test]
 fn channels_that_would_add_are_refused() {
     let guard = simulate::guard();
@@ -142,8 +142,8 @@ fn channels_that_would_add_are_refused() {
     assert!(matches!(refused.err(), Some(PlanError::Channels { .. })));
 }
 
-/// The second path is one axis on lines, as in the published system: it corrects that axis alone, and only if the positions of the others
-/// are known, either fixed or from another controller.
+/// The second path writes one axis on digital lines, as in the published scheme. It takes over only if the positions of the other axes
+/// are known, fixed or from another controller; it then corrects its axis within 2 µm.
 #[test]
 fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
     for (fixed, stands_in) in [(Some(1000.0), true), (None, false)] {
@@ -159,7 +159,7 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
             fixed: others,
             ..unproven()
         };
-        // The first path's correction of the other axes is removed by its barrier.
+        // Only a barrier removes the correction of the other axes when the first path falls silent.
         let protection = simulate::protection();
         let barrier = PathSettings {
             barrier: Some(BarrierSettings {
@@ -203,8 +203,8 @@ fn a_path_with_fewer_axes_stands_in_only_where_the_others_are_known() {
     }
 }
 
-/// Five axes that the control names in another order than the machine's chain: each gets its own correction, equal to that of the exact
-/// model, with its sign.
+/// The control names five axes in another order than the machine's chain: each axis gets the correction that the exact model computes for
+/// it, with the right sign.
 #[test]
 fn every_axis_gets_its_own_correction() {
     use volcomp_kinematics::CorrectionOptions;
@@ -273,8 +273,8 @@ fn every_axis_gets_its_own_correction() {
         for (name, applied) in letters.into_iter().zip(bench.applied()) {
             let index = machine.index_of(name).expect("its axis");
             let wanted = exact.delta[index];
-            // Rotary axes are on whole steps of 1 µrad, to which the linear ones belong: half a step of two of them times a lever of less
-            // than a metre.
+            // The output step of rotary axes is 1 µrad. The linear axes correct the effect of rotary rounding: half a step of two rotary
+            // axes times a lever of less than 1 m.
             let within = if name.is_rotary() { 2e-6 } else { 1e-3 };
             assert!(
                 (applied - wanted).abs() < within,
@@ -286,7 +286,8 @@ fn every_axis_gets_its_own_correction() {
     }
 }
 
-/// The same machine file is read again while the machine warms up: the lags continue, and the correction of Z does not jump.
+/// The same machine file is reloaded while the machine warms up: the thermal lags continue, and the correction of Z changes by less than
+/// 1.5 µm.
 #[test]
 fn a_reload_keeps_the_lags() {
     let mut bench = Bench::compensating();
@@ -300,13 +301,13 @@ fn a_reload_keeps_the_lags() {
     assert_eq!(taken, Ok(()));
     let after = bench.step(PERIOD, None).wanted;
     for (before, after) in before.iter().zip(&after) {
-        // The machine moves by 4 mm meanwhile.
+        // The limit includes the motion of 4 mm in between.
         assert!((after - before).abs() < 0.0015, "{before} to {after} mm");
     }
 }
 
-/// True error without and with correction, µm, in every cycle; the machine moves before each exchange, so the residual includes the effect
-/// of one cycle of delay.
+/// RMS of the true error over the volume, while the machine moves and warms up: the correction removes more than 95 %. The residual
+/// includes one cycle of delay, because the machine moves before each exchange.
 #[test]
 fn the_error_goes_over_the_whole_volume_moving_and_warming_up() {
     let mut bench = Bench::compensating();
@@ -316,7 +317,7 @@ fn the_error_goes_over_the_whole_volume_moving_and_warming_up() {
     let mut above_floor = 0.0_f64;
     let (mut squares_before, mut squares_after) = (0.0, 0.0);
     for cycle in 0..(600_000 / 4) {
-        // Channels and chain both begin with X, Y, Z.
+        // The first three channels and the first three axes of the chain are X, Y, Z.
         let applied = PerAxis(bench.applied().0);
         let report = bench.step(PERIOD, None);
         assert_eq!(report.state.name(), "compensating");
@@ -329,10 +330,10 @@ fn the_error_goes_over_the_whole_volume_moving_and_warming_up() {
             .map_while(|sensor| sensor.degc)
             .collect();
         let positions = report.positions;
-        // The correction that was applied when the machine arrived here.
+        // The correction applied when the machine arrived at this position.
         let b = bench.truth.error(&positions, &degc).norm() * 1e3;
         let a = bench.truth.residual(&positions, &applied, &degc).norm() * 1e3;
-        // Residual permitted by the noise of the instrument and steps of 1 µm: the same model at this position, rounded.
+        // Floor of the residual: the same model at this position, rounded to output steps of 1 µm.
         let rounded = report.wanted.map(|mm| (mm * 1e3).round() * 1e-3);
         let floor = bench.truth.residual(&positions, &rounded, &degc).norm() * 1e3;
         above_floor = above_floor.max(a - floor);

@@ -1,5 +1,5 @@
-//! Body diagonals end to end: the simulated control measures the residual of its true errors at its targets. This shows the effect of a
-//! correction that is right, wrong, limited or missing.
+//! Body diagonals end to end: the simulated control measures the residual of its true errors at its targets, with a right, a wrong, a
+//! limited and a missing correction.
 
 use std::{
     fs,
@@ -32,7 +32,6 @@ fn machine() -> String {
     )
 }
 
-/// The four body diagonals, five targets on each.
 fn diagonals() -> String {
     let row = |name: &str, share: f64| {
         let at = |(sense, length): (char, f64)| {
@@ -52,7 +51,7 @@ fn diagonals() -> String {
     rows.join("\n")
 }
 
-/// A simulated control that is at rest until it is started, and a gateway that corrects it.
+/// A simulated control that waits for a start command, and a gateway that corrects it.
 struct Rig {
     dir: tempfile::TempDir,
     control: Running,
@@ -63,7 +62,7 @@ struct Rig {
 const BARRIER: &str = "barrier = { frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 }, machine = 1, scan_ms = 8.0 }";
 
 impl Rig {
-    /// `model` is the machine file of the gateway, `way` the lines of its `[[controller]]` about writing.
+    /// `model` is the gateway's machine file; `way` the lines of its `[[controller]]` table that concern writing.
     fn start(model: &str, way: &str, of_control: &[&str]) -> Self {
         let dir = tempfile::tempdir().expect("writable");
         let file = |name: &str, text: &str| {
@@ -88,7 +87,7 @@ impl Rig {
             "0",
             "--settle-s",
             "0.4",
-            // Long enough for a busy computer.
+            // A scan that a busy computer can keep.
             "--scan-ms",
             "8",
             "--json",
@@ -128,7 +127,7 @@ impl Rig {
         serde_json::from_str(&line).expect("JSON")
     }
 
-    /// Ranges of one pass through the program.
+    /// Ranges of the diagonals in one pass through the program.
     fn ranges(&mut self) -> Ranges {
         let pass = self.document();
         assert_eq!(pass["not_settled"], 0, "{pass}");
@@ -147,7 +146,7 @@ impl Rig {
     }
 }
 
-/// A row of the table: corrections of the axes, and the error of the tip without and with them, µm.
+/// A row of the results table, µm: corrections of the axes, and tip error without and with them.
 #[derive(Debug, PartialEq)]
 struct Target {
     correction: [f64; 3],
@@ -174,7 +173,8 @@ fn targets(file: &Path) -> Vec<Target> {
     lines.map(row).collect()
 }
 
-/// The right model reduces each range by 90 %, and the remaining tip error is the rounding of the words.
+/// The right model reduces each range by at least 90 %. The remaining tip error is at most 0.62 µm per axis, the rounding of the output
+/// words.
 #[test]
 fn ranges_fall_by_nine_tenths() {
     let mut rig = Rig::start(&machine(), BARRIER, &[]);
@@ -185,13 +185,13 @@ fn ranges_fall_by_nine_tenths() {
     }
     for target in rig.targets() {
         for part in target.residual {
-            // Half a count plus a tenth of hysteresis, and 0.02 µm because the error is that of the corrected position.
+            // Half an output step, 10 % hysteresis, and 0.02 µm because the error is evaluated at the corrected position.
             assert!(part.abs() <= 0.62, "{target:?}");
         }
     }
 }
 
-/// Without a barrier no word exceeds 30 µm, whatever the limit, and the table contains the residual.
+/// Without a barrier no output word exceeds 30 µm, whatever the limit; the table lists the residual that remains.
 #[test]
 fn without_a_barrier_words_end_at_thirty_micrometres() {
     let plain = "area = { pmc = \"R\", first = 100, width = 2 }\nunwatched = true";
@@ -208,15 +208,15 @@ fn without_a_barrier_words_end_at_thirty_micrometres() {
     assert_eq!(furthest, 30.0);
     for target in &targets {
         for axis in 0..3 {
-            // The axes of this machine are those of the workpiece: the residual is the error plus the applied correction.
+            // The axes of this machine carry the workpiece: residual = error + applied correction.
             let left = target.error[axis] + target.correction[axis];
             assert!((target.residual[axis] - left).abs() < 0.05, "{target:?}");
         }
     }
 }
 
-/// The gateway is killed while the machine moves: the barrier removes the correction at its rate, and the following targets have no
-/// correction and the full error of the tool.
+/// The gateway is killed while the machine moves: the barrier ramps the correction to zero, and later targets show no correction and the
+/// full tip error.
 #[test]
 fn a_gateway_that_is_killed_leaves_no_correction() {
     let mut rig = Rig::start(&machine(), BARRIER, &[]);
@@ -230,7 +230,7 @@ fn a_gateway_that_is_killed_leaves_no_correction() {
     let targets = rig.targets();
     assert_eq!(targets.len(), 20);
     let off = |parts: [f64; 3]| parts.into_iter().map(f64::abs).fold(0.0, f64::max);
-    // The target at which it was stopped may have been measured before and written after the kill.
+    // The first target after the kill may have been measured before the kill and written after it.
     for target in &targets[before + 1..] {
         assert_eq!(target.correction, [0.0; 3], "{target:?}");
         assert_eq!(target.residual, target.error);
@@ -245,7 +245,7 @@ fn a_gateway_that_is_killed_leaves_no_correction() {
             .iter()
             .all(|target| off(target.residual) <= 0.62)
     );
-    // 1000 µm/s in scans of 8 ms.
+    // The barrier's rate: 1000 µm/s in scans of 8 ms.
     rig.type_line("quit");
     let steps = rig.document();
     for axis in ["X", "Y", "Z"] {

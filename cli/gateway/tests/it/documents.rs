@@ -20,7 +20,7 @@ pub(crate) fn validate(name: &str, document: &Value) {
     assert!(errors.is_empty(), "{name}: {errors:?} in {document}");
 }
 
-/// The documents of a running gateway, of its log and of `check` match their schemas.
+/// The JSON documents of a running gateway, its audit log and `check` match their schemas.
 #[test]
 fn live_documents_fit_their_schemas() {
     let dir = tempfile::tempdir().expect("writable");

@@ -1,5 +1,5 @@
-//! Two paths to one machine, and the state stored by the previous run: motion of an axis when one path falls silent, reports less than the
-//! other, or has changed meanwhile. Checked at the axis, with and without a barrier.
+//! Two paths to one machine, and the state stored by the previous run. An axis must not step when a path falls silent, reports less than
+//! the other, or was changed in between. Checked at the axis, with and without a barrier.
 
 use std::{
     sync::{Arc, Mutex},
@@ -18,10 +18,10 @@ use volcomp_vocabulary::{PerAxis, PerChannel};
 use crate::bench::{Bench, Seen, Watched, cycle, path, unproven};
 
 const SECOND: Duration = Duration::from_secs(1);
-/// The guard's slew per cycle and the barrier's rate per scan, with rounding, mm.
+/// Maximum change per cycle, mm: the guard's slew, or the barrier's rate per scan, with rounding.
 const MOST: f64 = 0.002 + 1e-9;
 
-/// Two paths to one machine; the second never reports an interlock if it is `blind` to them.
+/// Two paths to one machine. If `blind`, the second path never reports an interlock.
 fn two_ways(barrier: bool, blind: bool) -> Bench {
     let clock = Clock::manual();
     let guard = simulate::guard();
@@ -60,7 +60,7 @@ fn two_ways(barrier: bool, blind: bool) -> Bench {
         seen,
         forbids: Reasons::NONE,
     };
-    // The scans of a barrier are counted for a second; plain values are confirmed by three readings.
+    // Counting a barrier's scans takes a second; plain values need three readings.
     bench.run(2 * SECOND);
     bench
 }
@@ -81,7 +81,7 @@ fn silence_first(bench: &Bench, fault: Option<Fault>) {
     bench.seen.lock().expect("no panic").fault = fault;
 }
 
-/// The stored correction is 40 µm, but the control reports 0: 0 is shown as applied, and the first write makes no step.
+/// The stored correction is 40 µm but the control reports 0: the gateway shows 0 as applied, and its first write makes no step.
 #[test]
 fn the_reported_correction_replaces_the_remembered_one() {
     for barrier in [false, true] {
@@ -95,7 +95,7 @@ fn the_reported_correction_replaces_the_remembered_one() {
     }
 }
 
-/// The second of two paths to the same axes starts from the applied correction when it takes over.
+/// The second path to the same axes takes over from the correction that is applied, without a step, and hands back to the first.
 #[test]
 fn a_standby_path_takes_over_without_a_step() {
     for barrier in [false, true] {
@@ -120,7 +120,8 @@ fn a_standby_path_takes_over_without_a_step() {
     }
 }
 
-/// The first path reports an emergency stop and then falls silent: the second, which cannot see the stop, does not take over.
+/// The first path reports an emergency stop and then falls silent. The second path cannot read the stop and must not take over; no axis
+/// moves.
 #[test]
 fn an_emergency_stop_causes_no_change_of_path() {
     use std::sync::atomic::Ordering;
@@ -154,7 +155,7 @@ fn an_emergency_stop_causes_no_change_of_path() {
     }
 }
 
-/// Writes are lost while readings arrive: the correction is not shown as applied.
+/// Writes are lost while readings still arrive: the state becomes `faulted`, and no correction is applied.
 #[test]
 fn lost_writes_are_reported() {
     for barrier in [false, true] {
@@ -167,7 +168,7 @@ fn lost_writes_are_reported() {
     }
 }
 
-/// A second path holds 77 µm while the first corrects.
+/// A second path holds 77 µm while the first path corrects: the reason `STANDBY_HOLDS` is reported.
 #[test]
 fn a_correction_left_on_a_standby_path_is_reported() {
     let clock = Clock::manual();

@@ -30,7 +30,8 @@ use crate::{
 
 /// Rate of the barrier: counts of 1 µm per scan of 2 ms.
 const RATE: i64 = 2;
-/// Maximum time until an axis is at zero without frames: 200 ms + 450 ms + 150 µm at 1 mm/s, and a margin for a loaded computer.
+/// Maximum time until an axis is at zero after the last frame: hold 200 ms + timeout 450 ms + 150 µm at 1 mm/s, with a margin for a busy
+/// computer.
 const LETS_GO: Duration = Duration::from_millis(1200);
 
 fn repeats() -> u64 {
@@ -38,7 +39,7 @@ fn repeats() -> u64 {
     asked.ok().and_then(|asked| asked.parse().ok()).unwrap_or(3)
 }
 
-/// A duration below `most_ms`, different for each number.
+/// A pseudo-random duration below `most_ms` for this number.
 fn some(number: u64, most_ms: u64) -> Duration {
     let mixed = number
         .wrapping_add(1)
@@ -48,7 +49,7 @@ fn some(number: u64, most_ms: u64) -> Duration {
     Duration::from_millis((mixed >> 33) % most_ms)
 }
 
-/// A control whose X moves back and forth, before it starts: limit 150 counts, rate 2 counts per scan of 2 ms.
+/// A control whose X moves back and forth, not started yet: limit 150 counts, rate 2 counts per scan of 2 ms.
 pub(crate) fn world() -> World {
     let axes = [AxisName::X, AxisName::Y, AxisName::Z];
     let settings = volcomp_test_support::barrier::settings(&axes).expect("sensible");
@@ -65,7 +66,6 @@ pub(crate) fn start(world: World) -> Simulator {
     Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
 }
 
-/// A configuration with auto-arm and a barrier.
 pub(crate) fn guarded(dir: &Path, control: &Simulator) -> std::path::PathBuf {
     let config = configuration(dir, control, "auto_arm = true");
     change(
@@ -76,7 +76,7 @@ pub(crate) fn guarded(dir: &Path, control: &Simulator) -> std::path::PathBuf {
     config
 }
 
-/// Armed, and applied at the axes: Y gets −20 µm.
+/// Waits until the gateway compensates and the axes have the correction: −20 µm for Y.
 fn corrects(program: &Program, control: &Simulator) {
     program.wait_for("compensating");
     for _ in 0..2000 {
@@ -94,8 +94,8 @@ fn no_step(control: &Simulator, of: &str) {
     assert!(steps.iter().all(|step| *step <= RATE), "{of}: {steps:?}");
 }
 
-/// Killed at any time, and restarted while the control still has the correction, ramps it out, or is at zero: the new process makes no step
-/// to the stored correction of 40 µm.
+/// The gateway is killed, and restarted while the control still holds the correction, ramps it out, or is at zero: the new process does
+/// not step to the stored correction of 40 µm.
 #[test]
 fn killed_and_started_again() {
     let dir = tempfile::tempdir().expect("writable");
@@ -119,8 +119,8 @@ fn killed_and_started_again() {
     no_step(&control, "ended");
 }
 
-/// Suspended for two seconds at any time, also between reading and writing: an expired write is not sent to an axis that the control has
-/// ramped to zero meanwhile.
+/// The gateway is suspended for two seconds, also between a read and its write: the expired write does not reach an axis that the control
+/// has ramped to zero.
 #[test]
 fn stopped_for_two_seconds() {
     let dir = tempfile::tempdir().expect("writable");
@@ -140,7 +140,8 @@ fn stopped_for_two_seconds() {
     }
 }
 
-/// The control restarts: a reset keeps the words of the axes, a power cycle clears them. The gateway continues from the reported words.
+/// The control restarts, by a reset that keeps the correction words or a power cycle that clears them: the gateway continues from the
+/// reported words.
 #[test]
 fn a_control_that_begins_anew() {
     let dir = tempfile::tempdir().expect("writable");
@@ -161,7 +162,6 @@ fn a_control_that_begins_anew() {
     }
 }
 
-/// Garbage in the words of the frame and of the report is not taken for the correction, and not written back.
 #[test]
 fn garbage_in_the_words() {
     let dir = tempfile::tempdir().expect("writable");
@@ -184,8 +184,8 @@ fn garbage_in_the_words() {
     corrects(&program, &control);
 }
 
-/// At the start of a gateway with auto-arm an axis has a word of 5 mm, far beyond the limit. The barrier ramps it to zero at its rate, and
-/// the gateway corrects only after that.
+/// An axis holds a word of 5 mm, far above the limit, when a gateway with auto-arm starts: the barrier ramps it to zero at its rate, and
+/// only then the gateway corrects.
 #[test]
 fn a_correction_beyond_the_limit_is_found_at_the_start() {
     let dir = tempfile::tempdir().expect("writable");
@@ -210,7 +210,7 @@ fn a_correction_beyond_the_limit_is_found_at_the_start() {
     no_step(&control, "found at the start");
 }
 
-/// Writes in transit when the connection closes arrive 0.5 to 2 s later: the axis does not step to the old correction.
+/// Writes that are in transit when the connection closes arrive 0.5 to 2 s later: the axis does not step to the old correction.
 #[test]
 fn what_was_kept_back_comes_later() {
     let dir = tempfile::tempdir().expect("writable");
@@ -225,7 +225,7 @@ fn what_was_kept_back_comes_later() {
         let before = wire.connections();
         wire.keep();
         sleep(Duration::from_millis(500) + some(number, 1500));
-        // By then another connection carries the correction, or waits until the barrier is free.
+        // By now a new connection carries the correction, or waits until the barrier is free.
         wire.deliver();
         sleep(LETS_GO);
         no_step(&control, &format!("kept back, {number}"));
@@ -234,8 +234,8 @@ fn what_was_kept_back_comes_later() {
     }
 }
 
-/// The barrier has the axes X, Y, Z, and the configuration `axes` another order: frames and reports are rejected, because X would get the
-/// correction of Y, and `check --online` fails.
+/// The barrier has the axes X, Y, Z and the configuration another order: the gateway stays disarmed, because X would get the correction
+/// of Y, and `check --online` fails.
 #[test]
 fn axes_in_another_order_than_the_barriers_are_refused() {
     let dir = tempfile::tempdir().expect("writable");
@@ -273,17 +273,16 @@ fn axes_in_another_order_than_the_barriers_are_refused() {
     assert_eq!(check(&config, &["--online"]).2, 0);
 }
 
-/// A connection; new connections are refused when it is dropped.
+/// A TCP relay to a control, which refuses new connections once dropped.
 pub(crate) struct Wire {
     pub(crate) address: SocketAddr,
     made: Arc<AtomicUsize>,
-    /// Data of the connections before this one is held back.
+    /// The relay holds back the data of connections with a lower number.
     kept: Arc<AtomicUsize>,
     done: Arc<AtomicBool>,
 }
 
 impl Wire {
-    /// A connection to a control.
     pub(crate) fn to(control: SocketAddr) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").expect("loopback");
         let wire = Self {
@@ -323,12 +322,10 @@ impl Wire {
         self.kept.store(made, Ordering::Relaxed);
     }
 
-    /// Delivers the data that was held back.
     pub(crate) fn deliver(&self) {
         self.kept.store(0, Ordering::Relaxed);
     }
 
-    /// Number of connections that were made.
     pub(crate) fn connections(&self) -> usize {
         self.made.load(Ordering::Relaxed)
     }
@@ -337,12 +334,12 @@ impl Wire {
 impl Drop for Wire {
     fn drop(&mut self) {
         self.done.store(true, Ordering::Relaxed);
-        // Wakes a thread that waits for a connection.
+        // Wakes the thread that waits in `accept`.
         let _ = TcpStream::connect(self.address);
     }
 }
 
-/// Forwards bytes until one end closes; received bytes are delivered even if their sender has closed.
+/// Forwards bytes until one end closes; bytes already received are delivered even then.
 fn pass(mut from: TcpStream, mut to: TcpStream, waits: impl Fn() -> bool) {
     let _ = to.set_nodelay(true);
     let mut bytes = [0; 4096];

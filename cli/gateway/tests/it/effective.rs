@@ -1,4 +1,4 @@
-//! `check` prints the effective values, not the configured ones.
+//! `check` prints effective values, not the configured ones.
 
 use std::{path::Path, time::Duration};
 
@@ -33,9 +33,9 @@ fn the_plan_shows_effective_and_configured_values() {
     let document = plan.document().expect("a plan");
     let axis = &document.controllers[0].axes[0];
     assert_eq!(axis.limit, 100.0);
-    // Four steps of 2 µm exceed the default of 5 µm.
+    // Four steps of 2 µm are above the default of 5 µm.
     assert_eq!(axis.test_shift, 8.0);
-    // The limits of the guard agree.
+    // The guard gets the same limits.
     let limits = plan.limits()[0];
     assert_eq!(limits.ramp_taken(), Duration::from_millis(800));
     assert!((limits.axes[0].reachable() - 0.100).abs() < 1e-12);
@@ -60,7 +60,7 @@ fn the_plan_shows_effective_and_configured_values() {
     assert!(notes.count() > 4, "{text}");
 }
 
-/// The output of `check` is an equivalent configuration with every default stated.
+/// The printed configuration, with all defaults stated, is equivalent to the original.
 #[test]
 fn what_check_prints_is_a_configuration() {
     let barrier = "barrier = { machine = 7, scan_ms = 8.0, frame = { pmc = \"R\", at = 300 }, report = { pmc = \"R\", at = 400 } }";
@@ -79,7 +79,8 @@ fn what_check_prints_is_a_configuration() {
         let parse = |text: &str| Config::parse(text, "shop/G.toml", Path::new("shop"));
         let config = parse(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
         let printed = config.effective_toml();
-        // Paths are relative to the folder of the file, wherever `check` is called; a name equal to that of the folder is not a path.
+        // Paths are relative to the folder of the file, wherever `check` is called; a name that equals the folder's name is not taken for
+        // a path.
         assert!(!printed.contains("shop/"), "{printed}");
         let again = parse(&printed);
         let again = again.unwrap_or_else(|e| panic!("{e}\n{printed}"));
@@ -103,7 +104,6 @@ fn a_skipped_test_shift_is_noted() {
     );
 }
 
-/// A note that applies to several axes appears once and names them.
 #[test]
 fn a_note_for_several_axes_appears_once() {
     let document = plan(TEXT).document().expect("a plan");
@@ -113,7 +113,7 @@ fn a_note_for_several_axes_appears_once() {
     assert!(of_limit[0].contains("axes X, Y, Z: "), "{of_limit:?}");
 }
 
-/// Rotary axes of the control that the machine file does not correct need no limits, and `check` reports that they are held.
+/// Rotary axes of the control that the machine file does not correct need no limit; `check` lists them as held.
 #[test]
 fn uncorrected_axes_are_listed_as_held() {
     let dir = tempfile::tempdir().expect("writable");
@@ -138,7 +138,7 @@ fn uncorrected_axes_are_listed_as_held() {
     assert_eq!(letters(&axes), "XYZ");
     let shifts = plan.limits()[0].test_shift;
     assert!(shifts[2] > 0.0 && shifts[3] == 0.0 && shifts[4] == 0.0);
-    // Radians in a machine file are questioned here as well as in `volcomp`.
+    // `check` warns of a travel in radians, as `volcomp` does.
     let radians = machine.replace("travel = [-110.0, 110.0]", "travel = [-1.571, 1.571]");
     let plan = of(&format!("correct = [\"X\", \"Y\", \"Z\"]\n{radians}"));
     let notes = plan
@@ -152,7 +152,7 @@ fn uncorrected_axes_are_listed_as_held() {
     assert!(asks, "{notes:?}");
 }
 
-/// Without a token, a gateway with auto-arm can only be disarmed at its own computer.
+/// With auto-arm and no token `check` warns that the gateway can only be disarmed at its own computer.
 #[test]
 fn auto_arm_without_a_token_is_a_warning() {
     let document = plan(&format!("auto_arm = true\n{TEXT}"))
@@ -181,7 +181,7 @@ fn unchanged_values_produce_no_note() {
     );
 }
 
-/// A path without a barrier is limited to 30 µm unless the configuration explicitly states another limit.
+/// A path without a barrier is limited to 30 µm unless the configuration states another limit.
 #[test]
 fn without_a_barrier_a_smaller_limit_holds() {
     let plan = plan(&TEXT.replace("limit_without_barrier_um = 150.0\n", ""));

@@ -13,7 +13,7 @@ use volcomp_vocabulary::PerChannel;
 use crate::bench::{Bench, PERIOD, Watched, path, unproven};
 
 const SECOND: Duration = Duration::from_secs(1);
-/// 500 um/s in 4 ms and one step.
+/// Slew of 500 µm/s in a cycle of 4 ms, plus one output step.
 const ONE_CYCLE_MM: f64 = 0.003 + 1e-9;
 
 #[test]
@@ -53,7 +53,7 @@ fn a_rebooted_controller_with_its_shift_cleared_is_ramped_in_from_zero() {
     bench.run(3 * SECOND);
     bench.controls.clear_applied.store(true, Ordering::Relaxed);
     bench.seen.lock().unwrap().fault = None;
-    // Three readings confirm it.
+    // Three readings confirm the applied value.
     let report = bench.run(3 * PERIOD);
     assert_eq!(report.state.name(), "arming");
     assert!(
@@ -73,7 +73,7 @@ fn a_frozen_position_keeps_its_correction() {
     bench.run(2 * SECOND);
     let held = bench.applied();
     bench.run(3 * SECOND);
-    // The machine continues to warm up: one step.
+    // The machine continues to warm up: one step is allowed.
     let now = bench.applied();
     let moved = now.iter().zip(&held).map(|(a, b)| (a - b).abs());
     assert!(
@@ -172,7 +172,7 @@ fn a_starved_processor_makes_no_step() {
         let before = bench.applied();
         bench.step(Duration::from_millis(gap_ms), None);
         let after = bench.applied();
-        // At most five cycles.
+        // Slew of 0.5 mm/s in five cycles of 4 ms, plus one output step.
         let allowed = 0.5 * 0.020 + 0.001 + 1e-9;
         assert!(
             before
@@ -186,8 +186,8 @@ fn a_starved_processor_makes_no_step() {
     }
 }
 
-/// Lost responses, invalid numbers, frozen positions and lost connections, at random for ten minutes: nothing exceeds its limits, and
-/// correction resumes after the faults.
+/// For ten minutes responses are lost, numbers invalid, positions frozen and connections lost at random: every change and value stays
+/// within its limit, and the correction resumes after each fault.
 #[test]
 fn random_faults_of_the_wire_never_make_a_step() {
     for seed in 0..4 {
@@ -208,7 +208,7 @@ fn random_faults_of_the_wire_never_make_a_step() {
         let mut compensated = 0;
         let mut before = bench.applied();
         for number in 0..150_000 {
-            // Arm and acknowledge now and then, in any state.
+            // Arm or acknowledge occasionally, in any state.
             let request = match number % 1000 {
                 0 => Some(Request::Arm),
                 500 => Some(Request::Acknowledge),
@@ -229,10 +229,9 @@ fn random_faults_of_the_wire_never_make_a_step() {
     }
 }
 
-/// Modification of a temperature reading.
 type Spoil = fn(&Temperature) -> Temperature;
 
-/// Readings that become faulty after a minute: of one sensor, or of all.
+/// Temperature readings, of one sensor or of all, that become faulty after one minute.
 struct Spoiled {
     inner: Box<dyn Thermometer>,
     sensor: Option<usize>,
@@ -294,7 +293,8 @@ fn with(t: &Temperature, degc: f64) -> Temperature {
     }
 }
 
-/// The correction stays smooth, the state compensating, the reason `degraded`; the other sensors still count.
+/// The correction changes by at most one slew step per cycle, the state stays `compensating` with the reason `degraded`, and the other
+/// sensors still count.
 #[test]
 fn bad_temperatures_are_excluded_and_reported() {
     let spindle = Some(2);
@@ -317,12 +317,12 @@ fn bad_temperatures_are_excluded_and_reported() {
             "{name}"
         );
         assert_eq!(report.sensors[0].degc.is_none(), sensor.is_none(), "{name}");
-        // Held for five minutes, faded in ten more: never a jump.
+        // The values are held for five minutes and fade in ten more.
         assert!(bench.largest_step(900 * SECOND) <= ONE_CYCLE_MM, "{name}");
     }
 }
 
-/// A temperature that jumped stays excluded until an operator acknowledges it.
+/// A sensor whose temperature jumped stays excluded until an operator acknowledges it; then its correction ramps in.
 #[test]
 fn an_acknowledged_jump_is_accepted() {
     let mut bench = spoiled(Some(2), |t| with(t, 60.0));

@@ -1,5 +1,3 @@
-//! A five-axis machine: errors, corrections and records of its rotary axes.
-
 use std::{
     cell::RefCell,
     path::{Path, PathBuf},
@@ -18,8 +16,7 @@ use crate::{
 
 const MACHINE: &str = include_str!("../../../../examples/five-axis.toml");
 
-/// A configuration for a control without a barrier: machine file, address, axes, and additional keys of `[guard]` and
-/// `[[controller]]`.
+/// A configuration without a barrier, with these lines added to `[guard]` and `[[controller]]`.
 fn configuration(
     dir: &Path,
     machine: &str,
@@ -60,8 +57,8 @@ fn length(value: &Value) -> f64 {
     squares.sum::<f64>().sqrt()
 }
 
-/// Before arming the residual equals the error; the correction reduces it; and the record of a stop that leaves a correction names every
-/// axis.
+/// Before arming, residual and error are equal; the correction reduces the residual. If a stop leaves a correction, its record names
+/// every axis.
 #[test]
 fn errors_and_remaining_corrections_name_every_axis() {
     let dir = tempfile::tempdir().expect("writable");
@@ -111,7 +108,7 @@ test_shift_urad = 0";
     assert_ne!(left["left_urad"]["B"], 0.0, "{left}");
 }
 
-/// The table C is at rest, and the last digit of its position flickers by 0.001°: X does not move by the reversal value of 40 µm.
+/// C is at rest and the last digit of its position flickers by 0.001°: X moves by at most 1 µm, not by the reversal value of 40 µm.
 #[test]
 fn a_flickering_last_digit_causes_no_reversal() {
     let dir = tempfile::tempdir().expect("writable");
@@ -137,7 +134,7 @@ fn a_flickering_last_digit_causes_no_reversal() {
     let address = control.address().to_string();
     let config = configuration(dir.path(), machine, &address, &axes, keys);
     let program = Program::start(dir.path(), &["--config", path(&config)]);
-    // The last digit flickers five times, before arming and while compensating.
+    // Five flickers of the last digit, before arming and while compensating.
     let flickers = || {
         let found = RefCell::new(Vec::new());
         for at_top in [true, false].repeat(5) {

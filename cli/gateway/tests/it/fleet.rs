@@ -1,5 +1,4 @@
-//! A machine of a fleet, with a centre at a real `nats-server` and a simulated control: accepted and rejected manifests, and no steps of an
-//! axis.
+//! A machine of a fleet with a real `nats-server` and a simulated control: manifests are accepted or rejected, and no axis steps.
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 
@@ -14,7 +13,7 @@ fn says(state: &serde_json::Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// The centre forbids correcting while an older version is being activated: correcting stays forbidden, whenever the order arrives.
+/// The centre's order to disable arrives while an older version is being activated: the machine stays disabled.
 #[test]
 fn an_order_to_disable_outlives_the_activation_of_an_older_version() {
     let Some(centre) = Centre::start() else {
@@ -48,8 +47,8 @@ fn an_order_to_disable_outlives_the_activation_of_an_older_version() {
     }
 }
 
-/// A small change is ramped in, a large one waits for its confirmation, a confirmed one is activated; no axis ever moves faster than the
-/// slew. After a restart without the centre the machine uses the accepted manifest.
+/// A small change ramps in, and a large one waits for its confirmation. No axis moves faster than the slew. After a restart without the
+/// centre the accepted manifest is still active.
 #[test]
 fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
     let Some(mut centre) = Centre::start() else {
@@ -65,7 +64,7 @@ fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
         centre.acknowledged(1, "activated");
         corrects_y(&program, -25.0);
         assert_eq!(program.state()["fleet"]["version"], 1);
-        // 75 µm more, not confirmed.
+        // A change of 75 µm, not confirmed yet.
         let large = machine_with(100.0);
         centre.roll_out(2, &large);
         let asked = centre.acknowledged(2, "needs-confirmation");
@@ -83,7 +82,7 @@ fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
         let key = STANDARD.encode(centre.key.verifying_key().to_bytes());
         let who = format!("\"who\":\"centre {}\",\"what\":\"reload\"", &key[..8]);
         assert_eq!(audit.matches(&who).count(), 2, "{who} in {audit}");
-        // The centre stops for good; the machine needs neither it nor the configured machine file.
+        // The centre stops for good: the machine needs neither the centre nor the configured machine file.
         centre.stop();
         program.signal("TERM");
         assert_eq!(program.end(), Some(0));
@@ -99,8 +98,8 @@ fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
     no_step(&trace);
 }
 
-/// When the centre disables correction, it ramps out at once, is not armed automatically, by an operator or after a restart, and resumes
-/// when the centre enables it.
+/// An order of the centre to disable ramps the correction out. The machine cannot be armed, also not after a restart, until the centre
+/// enables it.
 #[test]
 fn what_the_centre_disables_stays_disarmed_until_it_enables() {
     let Some(centre) = Centre::start() else {
@@ -131,13 +130,13 @@ fn what_the_centre_disables_stays_disarmed_until_it_enables() {
     assert_eq!(state["state"], "disarmed");
     assert_eq!(control.world().shifts(), [0.0; 3]);
     centre.roll_out(2, &model);
-    // Only the centre prevented arming: auto-arm resumes, as configured.
+    // Auto-arm resumes, since only the order prevented arming.
     program.wait_for("compensating");
     corrects_y(&program, -25.0);
     assert_eq!(program.state()["fleet"]["enabled"], true);
 }
 
-/// A value that is not signed for this machine, is older, or is damaged changes nothing, and the reason is reported.
+/// A value that is not signed for this machine, is older, or is damaged changes nothing, and its reason is reported.
 #[test]
 fn rogue_values_change_nothing() {
     let Some(centre) = Centre::start() else {
@@ -155,13 +154,13 @@ fn rogue_values_change_nothing() {
     let refused = |version: u64, words: &str| {
         let why = centre.refused(version, words);
         assert!(why.len() < 400, "{why}");
-        // The outcome is that of the accepted manifest that could not be activated.
+        // The outcome is that of the accepted manifest, which could not be activated.
         let fleet = program.state()["fleet"].clone();
         let shown =
             [&fleet["refused"], &fleet["outcome"]].map(|text| text.as_str().unwrap_or_default());
         assert!(shown.iter().any(|text| text.contains(words)), "{fleet}");
     };
-    // Replayed, with a trusted signature.
+    // A replay of an old manifest with a trusted signature.
     centre.put(&first);
     refused(5, "its version is 5, and 6 has been accepted before");
     let model = machine_with(28.0);
@@ -189,13 +188,13 @@ fn rogue_values_change_nothing() {
     let huge = format!("{{\"{}\": 1}}", "x".repeat(3_900_000));
     centre.put(huge.as_bytes());
     refused(0, "unknown field");
-    // The object store has other content than the manifest names.
+    // The object store holds other content than the manifest names.
     let large = format!("{model}#{}\n", "-".repeat(volcomp_fleet::INLINE_LIMIT));
     let manifest = centre.manifest(11, &large);
     centre.store(&manifest.model.sha256, &large.replace("28.0", "88.0"));
     centre.send(&manifest, &large);
     refused(11, "its checksum differs");
-    // An invalid machine file, properly signed.
+    // An invalid machine file with a valid signature.
     let no_machine = "structure = \"w X' b Y Z t\"\n[axes.X]\n";
     centre.roll_out(12, no_machine);
     refused(12, "travel");
@@ -211,7 +210,8 @@ fn rogue_values_change_nothing() {
     corrects_y(&program, -28.0);
 }
 
-/// Killed between acceptance and activation, it continues after the restart; the same manifest again changes nothing.
+/// The gateway is killed between acceptance and activation: after its restart it activates the manifest once. The same manifest again
+/// changes nothing.
 #[test]
 fn a_restart_between_acceptance_and_activation_continues() {
     let Some(mut centre) = Centre::start() else {
@@ -225,7 +225,7 @@ fn a_restart_between_acceptance_and_activation_continues() {
     let manifest = centre.manifest(1, &large);
     {
         let mut program = compensating(dir.path(), &config);
-        // Its machine file is missing: the manifest is accepted, and waits.
+        // Without its machine file the manifest is accepted but not activated.
         centre.send(&manifest, &large);
         wait(&program, "it is accepted", |state| {
             state["fleet"]["accepted"] == 1 && state["fleet"]["trouble"].is_string()
@@ -237,7 +237,7 @@ fn a_restart_between_acceptance_and_activation_continues() {
     let program = compensating(dir.path(), &config);
     centre.acknowledged(1, "activated");
     corrects_y(&program, -25.0);
-    // The server is killed and restarted: the same value again changes nothing.
+    // After a restart of the server the same value changes nothing.
     let arming = program.log().matches("state=\"arming\"").count();
     centre.stop();
     wait(&program, "it notices", |state| {

@@ -1,4 +1,4 @@
-//! A centre at a real `nats-server` and the configuration of a machine of its fleet.
+//! A centre on a real `nats-server`, and the configuration of a machine of its fleet.
 
 use std::{
     path::{Path, PathBuf},
@@ -21,7 +21,6 @@ use crate::{
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A server with a centre and one machine.
 pub(crate) struct Centre {
     pub(crate) server: Option<Server>,
     settings: ServerSettings,
@@ -33,13 +32,13 @@ pub(crate) struct Centre {
     runtime: tokio::runtime::Runtime,
 }
 
-/// The machine file with another straightness of X in Y, µm.
+/// The machine file with this straightness of X in Y, µm.
 pub(crate) fn machine_with(eyx_um: f64) -> String {
     MACHINE.replace("EYX = 20.0", &format!("EYX = {eyx_um:.1}"))
 }
 
 impl Centre {
-    /// A running server; `None` if it is not installed, which fails under CI.
+    /// A running server. `None` if it is not installed; under CI that is a failure.
     pub(crate) fn start() -> Option<Self> {
         if program().is_none() {
             volcomp_test_support::peers::not_run("nats-server");
@@ -83,7 +82,6 @@ impl Centre {
         Some(bench)
     }
 
-    /// Kills the server, as in a power failure.
     pub(crate) fn stop(&mut self) {
         self.server = None;
     }
@@ -112,7 +110,7 @@ impl Centre {
         self.runtime.block_on(made).expect("streams");
     }
 
-    /// Stores bytes under the key of the machine.
+    /// Stores a value under the machine's key.
     pub(crate) fn put(&self, value: &[u8]) {
         let context = self.context();
         let value = value.to_vec();
@@ -125,7 +123,7 @@ impl Centre {
         });
     }
 
-    /// Stores a model in the object store of the machine, possibly under the checksum of another text.
+    /// Stores a model in the machine's object store, possibly under the checksum of another text.
     pub(crate) fn store(&self, sha256: &str, text: &str) {
         let context = self.context();
         let put =
@@ -133,7 +131,6 @@ impl Centre {
         self.runtime.block_on(put).expect("stored");
     }
 
-    /// A manifest of this machine.
     pub(crate) fn manifest(&self, version: u64, model: &str) -> Manifest {
         Manifest {
             machine: self.identity.machine.clone(),
@@ -149,7 +146,7 @@ impl Centre {
         }
     }
 
-    /// Signs a manifest, stores it under the key of the machine, and returns its value.
+    /// Signs a manifest, and stores it under the machine's key; returns the stored value.
     pub(crate) fn send(&self, manifest: &Manifest, model: &str) -> Vec<u8> {
         let desired = Desired::sign(manifest, model, &self.key).expect("plain data");
         let value = desired.bytes().expect("plain data");
@@ -157,12 +154,12 @@ impl Centre {
         value
     }
 
-    /// Signs a version of the manifest for a machine file, and stores it under the key of the machine.
+    /// Signs a manifest with this version and machine file, and stores it under the machine's key.
     pub(crate) fn roll_out(&self, version: u64, model: &str) -> Vec<u8> {
         self.send(&self.manifest(version, model), model)
     }
 
-    /// All messages of a stream: the last part of the subject, and the document.
+    /// All messages of a stream: last part of the subject, and document.
     pub(crate) fn reported(&self, stream: &str) -> Vec<(String, Value)> {
         let context = self.context();
         let name = format!("{stream}-berlin");
@@ -180,7 +177,6 @@ impl Centre {
         })
     }
 
-    /// The bodies of a kind in a stream, in order.
     pub(crate) fn bodies(&self, stream: &str, kind: &str) -> Vec<Value> {
         let reported = self.reported(stream).into_iter();
         let of_kind = reported.filter(|(found, _)| found == kind);
@@ -189,7 +185,6 @@ impl Centre {
             .collect()
     }
 
-    /// Waits for an acknowledgement of a version with this outcome.
     pub(crate) fn acknowledged(&self, version: u64, outcome: &str) -> Value {
         let end = Instant::now() + PATIENCE;
         loop {
@@ -224,7 +219,6 @@ impl Centre {
         }
     }
 
-    /// The configuration of the machine, with `[fleet]`, in a folder.
     pub(crate) fn configuration(&self, dir: &Path, control: &Simulator, more: &str) -> PathBuf {
         use base64::{Engine, engine::general_purpose::STANDARD};
         let config = configuration(dir, control, more);
@@ -240,19 +234,19 @@ impl Centre {
     }
 }
 
-/// A machine of the fleet, as in its configuration.
+/// A machine of the fleet, as its configuration names it.
 pub(crate) struct Member<'a> {
     pub(crate) url: &'a str,
     pub(crate) machine: &'a str,
     pub(crate) serial: &'a str,
-    /// Seed of its nkey.
+    /// Seed of the machine's nkey.
     pub(crate) seed: &'a str,
-    /// Key that it trusts, base64.
+    /// Trusted public key, base64.
     pub(crate) key: &'a str,
 }
 
 impl Member<'_> {
-    /// Adds `[fleet]` to a configuration, and writes the file of the nkey next to it.
+    /// Adds `[fleet]` to a configuration, and writes the nkey file next to it.
     pub(crate) fn join(&self, dir: &Path, config: &Path) {
         use std::os::unix::fs::PermissionsExt;
         let file = dir.join("nkey");
@@ -282,14 +276,13 @@ dir = "fleet"
     }
 }
 
-/// A gateway of the fleet that compensates.
 pub(crate) fn compensating(dir: &Path, config: &Path) -> Program {
     let program = Program::start(dir, &["--config", path(config)]);
     program.wait_for("compensating");
     program
 }
 
-/// Waits until a state satisfies the condition, and fails with `what` otherwise.
+/// Waits until the state satisfies the condition; fails with `what` at the timeout.
 pub(crate) fn wait(program: &Program, what: &str, done: impl Fn(&Value) -> bool) -> Value {
     let end = Instant::now() + PATIENCE;
     loop {
@@ -302,7 +295,7 @@ pub(crate) fn wait(program: &Program, what: &str, done: impl Fn(&Value) -> bool)
     }
 }
 
-/// The machine continues to correct Y by this, µm. On a busy computer late cycles make it hold and arm again.
+/// Checks that the machine still corrects Y by this, µm. A busy computer may delay cycles so that the gateway holds and arms again.
 pub(crate) fn goes_on(state: &Value, um: f64) {
     let is_late = matches!(
         state["state"].as_str(),
@@ -312,7 +305,7 @@ pub(crate) fn goes_on(state: &Value, um: f64) {
     assert!(is_late || is_so, "{state}");
 }
 
-/// Waits until the correction of Y that the control applies is this, µm.
+/// Waits until the control applies this correction to Y, µm.
 pub(crate) fn corrects_y(program: &Program, um: f64) {
     wait(program, &format!("Y is corrected by {um} µm"), |state| {
         state["correction_um"]["Y"] == um

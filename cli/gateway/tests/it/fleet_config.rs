@@ -1,4 +1,4 @@
-//! The table `[fleet]` of a configuration: errors, and the output of `check`.
+//! Errors in the `[fleet]` table of a configuration, and the output of `check`.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use volcomp_gateway::config::Config;
 
 const KEY: &str = "6kpsY+KcUgq+9VB7Ey7F+ZVHdq6+vnuSQh7qaRRG0iw=";
 
-/// A configuration with a fleet in which the line of one key is replaced.
+/// Parses a configuration with a fleet whose line for `key` is replaced.
 fn with(key: &str, line: &str) -> Result<Config, String> {
     let lines = [
         ("url", "url = \"nats://127.0.0.1:4222\"".to_owned()),
@@ -54,7 +54,7 @@ fn each_wrong_key_is_named() {
             "trusted_keys = [\"abc\"]",
             "base64 of 32 bytes",
         ),
-        // A key for which anyone can sign.
+        // A trusted key that is publicly known, so that anyone can sign.
         (
             "trusted_keys",
             "trusted_keys = [\"AQAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA=\"]",
@@ -72,7 +72,6 @@ fn each_wrong_key_is_named() {
     assert!(message.contains("duplicate"), "{message}");
 }
 
-/// Without the feature the table is rejected, and the message names the build that supports it.
 #[cfg(not(feature = "fleet"))]
 #[test]
 fn a_build_without_the_fleet_refuses_it() {
@@ -89,7 +88,7 @@ fn a_build_without_the_fleet_refuses_it() {
     assert!(message.contains("--features fleet"), "{message}");
 }
 
-/// `check` prints the machine's identity, the trusted keys and the active manifest; a seed readable by other users is rejected.
+/// `check` prints the machine's identity, the trusted keys and the active manifest, and rejects a seed file that other users can read.
 #[cfg(feature = "fleet")]
 #[test]
 fn check_says_who_the_machine_is() {

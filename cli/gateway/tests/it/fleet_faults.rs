@@ -21,7 +21,6 @@ fn says(state: &serde_json::Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// Message numbers of each start of a gateway.
 fn numbers(centre: &Centre) -> BTreeMap<String, BTreeSet<u64>> {
     let mut numbers: BTreeMap<String, BTreeSet<u64>> = BTreeMap::new();
     for stream in ["telemetry", "audit"] {
@@ -37,13 +36,12 @@ fn numbers(centre: &Centre) -> BTreeMap<String, BTreeSet<u64>> {
     numbers
 }
 
-/// Whether no number is missing before the last.
 fn is_whole(numbers: &BTreeSet<u64>) -> bool {
     numbers.last() == Some(&(numbers.len() as u64))
 }
 
-/// Without a server at the start it corrects anyway; the messages of that time arrive later, each once. The records of the audit log arrive
-/// in order with their chain.
+/// A gateway that starts without a server corrects. Its queued messages arrive later, each once, and the audit records in order with
+/// their chain.
 #[test]
 fn messages_queued_while_the_centre_is_away_arrive_later() {
     let Some(mut centre) = Centre::start() else {
@@ -64,7 +62,7 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     centre.restart();
     centre.roll_out(1, &machine_with(25.0));
     centre.acknowledged(1, "activated");
-    // And once more without the server, in the middle of it.
+    // A second outage, during the transfer.
     centre.stop();
     wait(&program, "it notices", |state| {
         state["fleet"]["connected"] == false
@@ -72,7 +70,7 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     corrects_y(&program, -25.0);
     assert_eq!(program.post("/api/disarm", "").status, 200);
     centre.restart();
-    // The oldest come first, so that nothing is missing before the last one.
+    // The oldest messages come first, so that there is no gap before the last one.
     volcomp_test_support::until("all of it comes", Duration::from_secs(60), || {
         let lines = centre.bodies("audit", "audit");
         let is_there = |line: &serde_json::Value| line.to_string().contains("disarm\\\"");
@@ -90,7 +88,7 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     let sent = sent.concat();
     let verified = verify(sent.as_bytes());
     assert_eq!(verified.broken, None, "{sent}");
-    // Its last records may come after the server has closed; nothing in between is missing.
+    // The last records may arrive after the server has closed, but there is no gap.
     assert!(audit.starts_with(&sent), "{audit}\nsent:\n{sent}");
     assert!(sent.contains("\"what\":\"disarm\""), "{sent}");
     assert_eq!(numbers(&centre).len(), 1, "one start");
@@ -109,7 +107,7 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     crate::documents::validate("gateway-state.json", last);
 }
 
-/// A duplicated machine runs twice, and the centre sees two instances that report at once.
+/// Two gateways run with the identity of one machine: the centre reports two instances at a time.
 #[test]
 fn a_duplicate_machine_is_detected() {
     let Some(centre) = Centre::start() else {
@@ -136,7 +134,7 @@ fn a_duplicate_machine_is_detected() {
 
 const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
 
-/// With clocks ten years slow and ten years fast, the same manifests are accepted in the same way.
+/// Clocks ten years slow and ten years fast: the same manifests are accepted.
 #[test]
 fn no_clock_decides() {
     if !Path::new(FAKETIME).exists() {
@@ -168,7 +166,7 @@ fn no_clock_decides() {
             "activated",
         );
         corrects_y(&program, -um);
-        // A wrong clock makes no old manifest valid.
+        // With a wrong clock an old manifest is still rejected.
         centre.put(&first);
         centre.refused(1, "has been accepted before");
     }
@@ -183,11 +181,11 @@ fn no_clock_decides() {
     );
 }
 
-/// A small separate file system, unmounted on drop.
+/// A small file system, unmounted on drop.
 struct Small(PathBuf);
 
 impl Small {
-    /// `None` if nothing can be mounted, which fails under CI.
+    /// `None` if nothing can be mounted; under CI that is a failure.
     fn mounted(folder: &Path) -> Option<Self> {
         std::fs::create_dir_all(folder).expect("writable");
         let mounted = Command::new("mount")
@@ -218,8 +216,8 @@ impl Drop for Small {
     }
 }
 
-/// On a full disk nothing new is activated, since it could not be stored; disarming waits for no disk. Activation resumes when there is
-/// room again, and the machine is corrected meanwhile.
+/// On a full disk no manifest is activated, since it could not be stored, while the correction continues and a disarm is executed at
+/// once. With space again the activation resumes.
 #[test]
 fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     let Some(centre) = Centre::start() else {
@@ -245,7 +243,7 @@ fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     assert_eq!(state["armed"], true, "{state}");
     assert_eq!(state["correction_um"]["Y"], -22.0, "{state}");
     assert_eq!(state["fleet"]["version"], 1, "{state}");
-    // A restart on the full disk: the stored state is complete.
+    // After a restart on the full disk the stored state is complete.
     program.running.kill();
     drop(program);
     let program = compensating(dir.path(), &config);
@@ -267,8 +265,7 @@ fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     drop(program);
 }
 
-/// A machine file that was changed on the machine's own disk is not used: the configured one is, this is reported, and that of the centre
-/// is fetched again.
+/// A stored machine file is modified: it is reported and not used, the configured file is active, and the centre's file is fetched again.
 #[test]
 fn a_damaged_machine_file_is_reported_and_fetched_again() {
     let Some(mut centre) = Centre::start() else {
@@ -297,7 +294,7 @@ fn a_damaged_machine_file_is_reported_and_fetched_again() {
     let text = std::fs::read_to_string(&machine).expect("readable");
     std::fs::write(&machine, text.replace("25.0", "125.0")).expect("writable");
     let trace = watched(&control, || {
-        // 20 instead of 25 µm changes the axes by less than the confirmation threshold.
+        // The change from 25 to 20 µm is below the confirmation threshold.
         let program = compensating(dir.path(), &config);
         let state = wait(&program, "it says so", |state| {
             says(state, "machine file of the centre damaged")
@@ -313,7 +310,7 @@ fn a_damaged_machine_file_is_reported_and_fetched_again() {
         });
     });
     no_step(&trace);
-    // Every file of the folder is garbage: as after a loss, but nothing is corrected before the centre permits it.
+    // All files of the folder are garbage: nothing is corrected until the centre enables it.
     for path in files().filter(|path| path.is_file()).collect::<Vec<_>>() {
         std::fs::write(path, "garbage").expect("writable");
     }
@@ -327,8 +324,8 @@ fn a_damaged_machine_file_is_reported_and_fetched_again() {
     corrects_y(&program, -25.0);
 }
 
-/// The disk of the folder hangs during an order: the active model continues to correct, the page reports it, and an order that forbids
-/// correcting takes effect before the disk responds. Everything resumes when the disk responds.
+/// The disk hangs during an order: the active model continues to correct and the page reports the disk. An order to disable is executed
+/// before the disk responds, and everything resumes afterwards.
 #[test]
 fn a_hanging_disk_delays_no_cycle_and_no_disarm() {
     let Some(centre) = Centre::start() else {
@@ -362,7 +359,7 @@ fn a_hanging_disk_delays_no_cycle_and_no_disarm() {
         };
         let state = tells("trouble", "the disk does not answer: the accepted manifest");
         let count = state["cycle"]["count"].as_u64().expect("a count");
-        // The position in the log cannot be written either.
+        // The position in the audit log cannot be stored either.
         let state = tells(
             "waiting",
             "the disk does not answer: messages to the centre",

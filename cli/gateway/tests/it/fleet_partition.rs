@@ -21,17 +21,17 @@ use crate::{
     program::{MACHINE, Program},
 };
 
-/// Set if this program runs in the namespace of the site.
+/// Set if this program runs inside the namespace of the site.
 const INSIDE: &str = "VOLCOMP_TEST_SITE";
 const SITE: &str = "10.77.0.2";
 const CENTRE: &str = "10.77.0.1";
-/// An address without a card: frames to it are lost.
+/// A MAC address without a card, so that frames to it are lost.
 const NOBODY: &str = "02:00:00:00:00:99";
-/// The server disconnects a gateway that is silent for three seconds; the gateway abandons a server within half a minute.
+/// Server settings: a gateway that is silent for three seconds is disconnected. The gateway drops a dead connection within 30 s.
 const SHORT: &str = "ping_interval: \"1s\"\nping_max: 2\nwrite_deadline: \"2s\"\n";
 const Y: usize = 1;
 
-/// The lost direction.
+/// The direction in which frames are lost.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Lost {
     Everything,
@@ -39,9 +39,9 @@ enum Lost {
     ToTheSite,
 }
 
-/// The two namespaces; this program runs in that of the site.
+/// The namespaces of centre and site; this program runs in that of the site.
 struct Network {
-    /// Keeps the namespace of the centre alive.
+    /// A process that keeps the centre's namespace alive.
     holder: Running,
 }
 
@@ -113,14 +113,14 @@ fn done(command: &mut Command) {
     assert!(status.is_ok_and(|status| status.success()), "{command:?}");
 }
 
-/// The command that starts a program in a new network namespace; `None` if none works.
+/// The command that starts a program in a new network namespace; `None` if none of the candidates works.
 fn into_namespace() -> Option<&'static [&'static str]> {
     const WAYS: [&[&str]; 3] = [
         &["unshare", "--net"],
         &["unshare", "--user", "--map-root-user", "--net"],
         &["sudo", "-n", "-E", "unshare", "--net"],
     ];
-    // It must be able to create the cards and to enter another namespace.
+    // The command must permit creating cards and entering another namespace.
     let probe =
         "ip link add site type veth peer name centre && nsenter --net=/proc/self/ns/net true";
     WAYS.into_iter().find(|way| {
@@ -132,7 +132,7 @@ fn into_namespace() -> Option<&'static [&'static str]> {
     })
 }
 
-/// Runs a test in a separate namespace.
+/// Runs a test in a separate network namespace.
 fn at_site(name: &str, work: impl FnOnce()) {
     if std::env::var_os(INSIDE).is_some() {
         ip(&["link", "set", "lo", "up"]);
@@ -171,7 +171,7 @@ fn everything_is_lost() {
     at_site("everything_is_lost", || partition(Lost::Everything));
 }
 
-/// The site receives from the centre, but nothing it sends arrives.
+/// Frames to the centre are lost: the site receives, but nothing it sends arrives.
 #[test]
 fn what_goes_to_the_centre_is_lost() {
     at_site("what_goes_to_the_centre_is_lost", || {
@@ -179,7 +179,7 @@ fn what_goes_to_the_centre_is_lost() {
     });
 }
 
-/// Messages of the site arrive, but it receives no acknowledgement.
+/// Frames to the site are lost: its messages arrive, but no acknowledgement returns.
 #[test]
 fn what_goes_to_the_site_is_lost() {
     at_site("what_goes_to_the_site_is_lost", || {
@@ -187,7 +187,8 @@ fn what_goes_to_the_site_is_lost() {
     });
 }
 
-/// The gateway continues to correct without a step, its messages arrive later, each once, and an order given meanwhile is obeyed.
+/// During the partition the gateway corrects without a step. Afterwards its messages arrive, each once, and an order given in between is
+/// executed.
 fn partition(lost: Lost) {
     let network = Network::new();
     let whole = Whole::start_at(network.place(), &[("mill-1", "4711", MACHINE)]);
@@ -219,7 +220,7 @@ fn partition(lost: Lost) {
         comes_later(&whole, &program, dir.path(), cut.elapsed());
 
         whole.done("machine enable mill-1");
-        // An operator disarmed it, so an operator must arm it.
+        // An operator disarmed the machine, so only an operator can arm it.
         wait(&program, "it may be armed", |state| {
             !state["reasons"]
                 .to_string()
@@ -232,7 +233,6 @@ fn partition(lost: Lost) {
     no_step(&trace);
 }
 
-/// Checks during the partition.
 fn alone(whole: &Whole, program: &Program) {
     wait(program, "the gateway notices", |state| {
         goes_on(state, -25.0);
@@ -242,7 +242,7 @@ fn alone(whole: &Whole, program: &Program) {
         let mut alarms = alarms.as_array().expect("a list").iter();
         alarms.any(|alarm| alarm["kind"] == "silent" && alarm["machine"] == "mill-1")
     });
-    // A record for the audit log, and an order.
+    // One audit record and one order during the partition.
     assert_eq!(program.post("/api/disarm", "").status, 200);
     program.wait_for("disarmed");
     assert_eq!(program.post("/api/arm", "").status, 200);
@@ -260,13 +260,12 @@ fn alone(whole: &Whole, program: &Program) {
     assert_eq!(page["silent"], true, "{page}");
 }
 
-/// Checks after the partition.
 fn comes_later(whole: &Whole, program: &Program, dir: &std::path::Path, cut: Duration) {
     whole.machine_is("its state is reported", "mill-1", |one| {
         one["enable"] == false && one["live"]["condition"]["state"] == "disarmed"
     });
     let cookie = whole.log_in();
-    // Every record of its log, each once.
+    // Every audit record arrives once.
     until("its audit log is there", LONG, || {
         let page = whole.page(&cookie, "/api/machines/mill-1");
         let records = page["records"].as_array().expect("a list").iter();
@@ -282,7 +281,7 @@ fn comes_later(whole: &Whole, program: &Program, dir: &std::path::Path, cut: Dur
             stored.iter().any(|one| one == checksum)
         })
     });
-    // Conditions are sent once per second, including those of the partition.
+    // Conditions are sent once per second, also during the partition.
     until("its conditions are there", LONG, || {
         let history = "/api/machines/mill-1/history?resolution=raw&hours=1";
         let history = whole.page(&cookie, history);

@@ -1,4 +1,4 @@
-//! The fleet as used: the program and command line of the centre, a real server, gateways on simulated controls.
+//! The fleet as used: program and command line of the centre, a real server, and gateways on simulated controls.
 
 use std::time::Duration;
 
@@ -20,8 +20,8 @@ fn reported(state: &Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// A model end to end: from the command line of the centre to the axes, on a ramp; large changes are confirmed by an operator; disabling
-/// and enabling; the page shows the reported state.
+/// A model is rolled out from the centre's command line to the axes and ramps in. A large change waits for an operator's confirmation.
+/// Disabling and enabling take effect, and the page shows the reported state.
 #[test]
 fn a_model_goes_from_the_centre_to_the_axes() {
     let Some(whole) = Whole::start(&[("mill-1", "4711", MACHINE)]) else {
@@ -36,7 +36,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
         let received = whole.machine_is("it reports", "mill-1", |one| {
             one["live"]["condition"]["state"] == "compensating"
         });
-        // Registered as in the gateway.
+        // The centre has the machine's axes and structure as the gateway reports them.
         let state = program.state();
         assert_eq!(received["axes"], state["machine"]["axes"], "{received}");
         assert_eq!(
@@ -55,7 +55,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
         let one = whole.machine_is("it reports its model", "mill-1", |one| {
             one["live"]["version"] == 1 && one["live"]["condition"]["correction_um"]["Y"] == -25.0
         });
-        // The gateway names its model by the same checksum as the centre.
+        // Centre and gateway use the same checksum for the model.
         let models = whole.document("model list --json");
         assert_eq!(models[0]["checksum"], one["live"]["model"], "{models}");
 
@@ -95,7 +95,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
         page_shows(&whole, &program);
     });
     no_step(&trace);
-    // A ramp from 25 to 100 µm, not a jump.
+    // The correction ramps from 25 to 100 µm without a jump.
     let between = trace.iter().any(|(_, mm)| (-0.090..-0.035).contains(mm));
     assert!(between, "no ramp was seen in {} looks", trace.len());
     let log = whole.done("audit");
@@ -105,7 +105,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     );
 }
 
-/// The page shows the reports of a gateway: condition, complete state, audit records, versions.
+/// The page shows the gateway's reports: condition, state, audit records, versions.
 fn page_shows(whole: &Whole, program: &Program) {
     let cookie = whole.log_in();
     whole.machine_is("it runs what it shall", "mill-1", |one| {
@@ -139,21 +139,21 @@ fn page_shows(whole: &Whole, program: &Program) {
     assert!(corrected(-25.0) && corrected(-100.0), "{history}");
 }
 
-/// A fault of the guard raises an alarm with its reason, and so does the silence of a gateway that has ended.
+/// A fault of the guard raises an alarm with its reason. The silence of a gateway that has ended raises another.
 #[test]
 fn faults_and_silence_raise_alarms() {
     let Some(whole) = Whole::start(&[("mill-1", "4711", MACHINE)]) else {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    // It dwells for the test shift, then moves.
+    // The machine dwells during the test shift, then moves.
     let mut world = World::new(&['X', 'Y', 'Z']);
     world.motion = std::sync::Arc::new(|elapsed| {
         vec![400.0 + (elapsed.as_secs_f64() / 3.0).floor(), 150.0, 50.0]
     });
     let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
     let config = whole.member(dir.path(), &control, ("mill-1", "4711"));
-    // The positions do not contain the correction, contrary to this key: the guard detects it while the axis moves.
+    // The key claims that positions contain the correction. That is wrong here, and the guard detects it while the axis moves.
     change(&config, "axes =", "includes_correction = true\naxes =");
     change(&config, "test_shift_um = 0", "test_shift_um = 5");
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
@@ -183,10 +183,9 @@ fn faults_and_silence_raise_alarms() {
     assert!(said.contains("mill-1: silent"), "{said}");
 }
 
-/// A model never reaches a machine that it is not meant for, and both sides state the reason.
 #[test]
 fn the_wrong_machine_is_refused_with_the_reason() {
-    // The file names its axes in another order; the axes of the gateway are X, Y, Z.
+    // The file orders its axes differently from the gateway's X, Y, Z.
     let swapped = |eyx_um| {
         let text = machine_text("other", eyx_um);
         let x = "[axes.X]\ntravel = [0.0, 800.0]\n";
@@ -236,7 +235,7 @@ fn the_wrong_machine_is_refused_with_the_reason() {
         let stopped = whole.is_in(rollout, "stopped");
         let why = stopped["phase"]["why"].as_str().expect("a text");
         assert!(why.contains(name) && why.contains(words), "{why}");
-        // The reason is shown in the status, in the alarms, and at the machine itself.
+        // The reason is in the status, in the alarms, and in the machine's audit log.
         let status = whole.done(&format!("rollout status {rollout}"));
         assert!(status.contains(words), "{status}");
         whole.wait("an alarm reports it", "alarms --json", |alarms| {
@@ -268,8 +267,8 @@ fn the_wrong_machine_is_refused_with_the_reason() {
     }
 }
 
-/// The disk of the centre's database hangs during a roll-out: machines continue to be corrected, and its page reports it. When the disk
-/// responds the roll-out resumes, and no message of that time is lost.
+/// The disk of the centre's database hangs during a roll-out: machines continue to correct, and the page reports the disk. Afterwards the
+/// roll-out resumes without a lost message.
 #[test]
 fn a_hanging_disk_of_the_centre_delays_no_machine() {
     let at = tempfile::tempdir().expect("writable");
@@ -324,7 +323,7 @@ fn a_hanging_disk_of_the_centre_delays_no_machine() {
     no_step(&trace);
 }
 
-/// The centre is killed between the first machine and the second: after a restart each gets its version, once.
+/// The centre is killed between the first and the second machine of a roll-out: after its restart each machine gets its version once.
 #[test]
 fn a_killed_centre_resumes_its_roll_out() {
     let names = ["mill-1", "mill-2"];
@@ -344,7 +343,7 @@ fn a_killed_centre_resumes_its_roll_out() {
         });
     }
     let short = whole.add_model(&machine_text("small", 25.0));
-    // Long enough to be killed during it, on the slowest computer.
+    // Steps long enough for a kill in between, also on a slow computer.
     whole.done(&format!(
         "rollout start --model {short} --machine mill-1 --machine mill-2 --soak-s 15"
     ));
@@ -370,7 +369,7 @@ fn a_killed_centre_resumes_its_roll_out() {
         assert_eq!(one["live"]["lost"], 0, "{one}");
         assert_eq!(whole.machine(name)["live"]["version"], 1);
     }
-    // Each has activated it once.
+    // Each machine has activated the version once.
     for dir in &folders {
         let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
         assert_eq!(audit.matches("\"what\":\"reload\"").count(), 1, "{audit}");

@@ -1,5 +1,4 @@
-//! The centre as used (its command line, its running program, its page) with a real `nats-server` on the configuration that `nats-config`
-//! prints.
+//! The centre as used (command line, running program, page) with a real `nats-server` on the configuration that `nats-config` prints.
 
 use std::{
     io::Write,
@@ -22,15 +21,15 @@ use crate::{
     program::{Answer, MACHINE, answer, exchange},
 };
 
-/// Timeout of all waits, for the slowest computer.
+/// Timeout of all waits, sized for a slow computer.
 pub(crate) const LONG: Duration = Duration::from_secs(90);
-/// Arguments of the centre, for a test program that is started as the centre.
+/// Environment variable with the centre's arguments; if set, this test program acts as the centre.
 const CALL: &str = "VOLCOMP_TEST_CENTRE_CALL";
-/// The output of the centre follows this line.
+/// Line before the output of the centre.
 const MARK: &str = "-- the centre --";
 const PASSWORD: &str = "an unknown horse";
 
-/// The program `volcomp-centre`: cargo builds only the programs of this package, so this test program takes its place.
+/// Acts as `volcomp-centre`: cargo builds only the programs of this package, so the test program takes the place of that program.
 #[test]
 #[ignore = "the other tests start this one as the program of the centre"]
 fn the_centre() {
@@ -49,21 +48,21 @@ fn the_centre() {
     std::process::exit(i32::from(status));
 }
 
-/// Where the centre, its server and its page run.
+/// Where the centre, its server and its page run: on this computer, or in another network namespace.
 #[derive(Clone, Default)]
 pub(crate) struct Place {
-    /// Command through which programs are started; empty: none.
+    /// Command prefix for starting programs; may be empty.
     through: Vec<String>,
-    /// Addresses of the server and of the page; `None`: free ones on this computer.
+    /// Addresses of server and page; `None` selects free ones on this computer.
     addresses: Option<[String; 2]>,
-    /// Last lines of the server's configuration.
+    /// Lines appended to the server's configuration.
     server: &'static str,
-    /// Variables of the environment of the running centre.
+    /// Environment variables of the running centre.
     pub(crate) environment: Vec<(&'static str, PathBuf)>,
 }
 
 impl Place {
-    /// Another network namespace, entered by a command.
+    /// A place in another network namespace, entered by this command.
     pub(crate) fn elsewhere(
         through: &[&str],
         [server, page]: [&str; 2],
@@ -86,12 +85,12 @@ impl Place {
         command
     }
 
-    /// Sends bytes to an address there, and returns the response until the other side closes.
+    /// Sends bytes to an address at this place; returns the response until the peer closes.
     fn exchange(&self, address: SocketAddr, bytes: &[u8]) -> String {
         if self.through.is_empty() {
             return exchange(address, bytes);
         }
-        // The shell connects there; this program cannot.
+        // A shell connects from inside the namespace, since this program cannot.
         let (ip, port) = (address.ip(), address.port());
         let script = format!("exec 3<>/dev/tcp/{ip}/{port} && cat >&3 && cat <&3");
         let mut child = (self.command(Path::new("bash")).args(["-c", &script]))
@@ -100,7 +99,7 @@ impl Place {
             .spawn()
             .expect("a shell");
         let mut stdin = child.stdin.take().expect("piped");
-        // The other side may close during the write.
+        // The peer may close during the write.
         let _ = stdin.write_all(bytes);
         drop(stdin);
         let output = child.wait_with_output().expect("it ends");
@@ -129,7 +128,6 @@ fn centre(place: &Place, folder: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// Result of a call of the centre.
 pub(crate) struct Called {
     pub(crate) status: Option<i32>,
     pub(crate) out: String,
@@ -139,25 +137,25 @@ pub(crate) struct Called {
 /// A registered machine: name, serial number, machine file.
 pub(crate) type Registered<'a> = (&'a str, &'a str, &'a str);
 
-/// The folder of a centre, its server, and its program while it runs.
+/// The folder of a centre, its server, and its program if running.
 pub(crate) struct Whole {
     folder: tempfile::TempDir,
     place: Place,
     url: String,
     page: SocketAddr,
-    /// The key that signs, base64.
+    /// Public part of the signing key, base64.
     key: String,
     _server: Running,
     centre: Option<Running>,
 }
 
 impl Whole {
-    /// A running server and a running centre with these machines; `None` if the server is not installed, which fails under CI.
+    /// A running server and centre with these machines. `None` if the server is not installed; under CI that is a failure.
     pub(crate) fn start(machines: &[Registered<'_>]) -> Option<Self> {
         Self::start_at(Place::default(), machines)
     }
 
-    /// Like `start`, at a place.
+    /// Like [`start`](Self::start), at another place.
     pub(crate) fn start_at(place: Place, machines: &[Registered<'_>]) -> Option<Self> {
         let Some(server) = program() else {
             volcomp_test_support::peers::not_run("nats-server");
@@ -168,7 +166,7 @@ impl Whole {
         let free = || [(); 2].map(|()| volcomp_test_support::free_address());
         let [listen, page] = place.addresses.clone().unwrap_or_else(free);
         let url = format!("nats://{listen}");
-        // A late cycle on a busy computer leaves a residual, which must not stop a roll-out here.
+        // The allowed residual is raised: on a busy computer a late cycle leaves a residual that must not stop a roll-out here.
         let text = format!(
             "[nats]\nurl = \"{url}\"\n[server]\nlisten = \"{listen}\"\n[page]\nlisten = \"{page}\"\n[rollout]\nsoak_s = 2\nresidual_um = 1000\n"
         );
@@ -213,7 +211,6 @@ impl Whole {
         Some(whole)
     }
 
-    /// Starts the program of the centre.
     pub(crate) fn run(&mut self) {
         let log = std::fs::File::options()
             .create(true)
@@ -231,7 +228,7 @@ impl Whole {
         until("its page answers", LONG, || self.place.listens(self.page));
     }
 
-    /// Kills the program of the centre, as in a power failure.
+    /// Kills the centre's program, as in a power failure.
     pub(crate) fn kill(&mut self) {
         self.centre = None;
     }
@@ -240,23 +237,20 @@ impl Whole {
         std::fs::read_to_string(self.folder.path().join("centre.log")).unwrap_or_default()
     }
 
-    /// A call of the command line.
     pub(crate) fn call(&self, arguments: &str) -> Called {
         call(&self.place, self.folder.path(), arguments, "")
     }
 
-    /// Output of a call that must succeed.
     pub(crate) fn done(&self, arguments: &str) -> String {
         self.call(arguments).done()
     }
 
-    /// The document that a call prints.
     pub(crate) fn document(&self, arguments: &str) -> Value {
         let text = self.done(arguments);
         serde_json::from_str(&text).unwrap_or_else(|e| panic!("{arguments}: {e}: {text}"))
     }
 
-    /// Waits until a document printed by the centre satisfies a condition.
+    /// Waits until the document printed by this call satisfies the condition.
     pub(crate) fn wait(&self, what: &str, arguments: &str, is: impl Fn(&Value) -> bool) -> Value {
         let end = Instant::now() + LONG;
         loop {
@@ -270,7 +264,7 @@ impl Whole {
         }
     }
 
-    /// Adds a model, and starts its roll-out to machines; returns the number of the roll-out.
+    /// Adds a model, and starts its roll-out; returns the number of the roll-out.
     pub(crate) fn roll_out(&self, model: &str, machines: &[&str]) -> u64 {
         let short = self.add_model(model);
         let mut call = format!("rollout start --model {short}");
@@ -286,7 +280,7 @@ impl Whole {
         number.unwrap_or_else(|| panic!("it says {said}"))
     }
 
-    /// Adds a model; returns the beginning of its checksum.
+    /// Adds a model; returns the start of its checksum.
     pub(crate) fn add_model(&self, model: &str) -> String {
         std::fs::write(self.folder.path().join("model.toml"), model).expect("writable");
         let said = self.done("model add model.toml");
@@ -294,7 +288,6 @@ impl Whole {
         last.split(' ').next().expect("a checksum")[..12].to_owned()
     }
 
-    /// Waits until a roll-out is in this phase.
     pub(crate) fn is_in(&self, rollout: u64, phase: &str) -> Value {
         let ask = format!("rollout status {rollout} --json");
         let found = self.wait(&format!("roll-out {rollout}: {phase}"), &ask, |document| {
@@ -303,18 +296,16 @@ impl Whole {
         found[0].clone()
     }
 
-    /// The entry of a machine in `machine list`.
     pub(crate) fn machine(&self, name: &str) -> Value {
         of(&self.document("machine list --json"), name)
     }
 
-    /// Waits for a condition on the entry of a machine in `machine list`.
+    /// Waits until the entry in `machine list` satisfies the condition.
     pub(crate) fn machine_is(&self, what: &str, name: &str, is: impl Fn(&Value) -> bool) -> Value {
         let all = self.wait(what, "machine list --json", |all| is(&of(all, name)));
         of(&all, name)
     }
 
-    /// The configuration of the gateway of a machine, in a separate folder.
     pub(crate) fn member(&self, dir: &Path, control: &Simulator, of: (&str, &str)) -> PathBuf {
         let config = configuration(dir, control, "auto_arm = true");
         let seed = self.folder.path().join(format!("{}.nkey", of.0));
@@ -343,12 +334,11 @@ impl Whole {
         answer(&text)
     }
 
-    /// Logs in at the page; returns the cookie.
     pub(crate) fn log_in(&self) -> String {
         let body = json!({ "name": "anna", "password": PASSWORD }).to_string();
         let answer = self.ask("POST", "/api/login", "X-Volcomp: 1\r\n", &body);
         assert_eq!(answer.status, 200, "{}", answer.body);
-        // The head is in lower case here, unlike the cookie, so the cookie is taken from the raw response.
+        // Here header names are in lower case but the cookie is not, so the cookie comes from the raw response.
         let text = self.place.exchange(
             self.page,
             format!(
@@ -366,7 +356,6 @@ impl Whole {
             .to_owned()
     }
 
-    /// A document of the page.
     pub(crate) fn page(&self, cookie: &str, path: &str) -> Value {
         let answer = self.ask("GET", path, &format!("Cookie: {cookie}\r\n"), "");
         assert_eq!(answer.status, 200, "{path}: {}", answer.body);
@@ -374,14 +363,12 @@ impl Whole {
     }
 }
 
-/// A machine in the list of all.
 fn of(all: &Value, name: &str) -> Value {
     let mut all = all.as_array().expect("a list").iter();
     let found = all.find(|one| one["machine"] == name);
     found.cloned().unwrap_or_else(|| panic!("no {name}"))
 }
 
-/// Calls the command line in a folder.
 fn call(place: &Place, folder: &Path, arguments: &str, input: &str) -> Called {
     let arguments: Vec<&str> = ["--by", "anna"]
         .into_iter()
@@ -394,7 +381,7 @@ fn call(place: &Place, folder: &Path, arguments: &str, input: &str) -> Called {
         .spawn()
         .expect("this program");
     let mut stdin = child.stdin.take().expect("piped");
-    // A program that does not read its input may have ended.
+    // A program that does not read its input may already have ended.
     let _ = writeln!(stdin, "{input}");
     drop(stdin);
     let output = child.wait_with_output().expect("it ends");
@@ -408,14 +395,13 @@ fn call(place: &Place, folder: &Path, arguments: &str, input: &str) -> Called {
 }
 
 impl Called {
-    /// The output, if the call succeeded; otherwise the test fails.
     fn done(self) -> String {
         assert_eq!(self.status, Some(0), "{}{}", self.out, self.err);
         self.out
     }
 }
 
-/// The machine file of the gateways with another straightness of X in Y, µm.
+/// The machine file of the gateways with this straightness of X in Y, µm.
 pub(crate) fn machine_text(name: &str, eyx_um: f64) -> String {
     MACHINE
         .replace("EYX = 20.0", &format!("EYX = {eyx_um:.1}"))

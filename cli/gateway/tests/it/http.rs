@@ -16,7 +16,7 @@ fn simulated() -> (tempfile::TempDir, Served) {
     (dir, gateway)
 }
 
-/// The program with its built-in simulation: page, state, event stream, and a flood of requests.
+/// Page, state, event stream and a flood of requests on the program with its built-in simulation.
 #[test]
 fn the_simulation_lives() {
     let dir = tempfile::tempdir().expect("writable");
@@ -105,7 +105,7 @@ fn tokens_decide() {
     let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
     assert!(audit.contains("\"who\":\"anna\",\"what\":\"disarm\""));
     assert!(!audit.contains(OPERATE));
-    // A token is checked when it is entered, not only when it is needed to stop the machine.
+    // The page checks a token when it is entered, not only when the operator needs it.
     for (token, status, role) in [
         (Some(OPERATE), 200, Some("operate")),
         (Some(VIEW), 200, Some("view")),
@@ -121,7 +121,7 @@ fn tokens_decide() {
         assert_eq!(post("/api/disarm", Some("wrong")), 401);
     }
     assert_eq!(post("/api/disarm", Some("wrong")), 429);
-    // The right token is accepted from the blocked address.
+    // The right token is accepted even from a blocked address.
     assert_eq!(post("/api/disarm", Some(OPERATE)), 200);
     assert_eq!(post("/api/disarm", Some("wrong")), 429);
     assert_eq!(program.get("/api/state").status, 200);
@@ -129,7 +129,7 @@ fn tokens_decide() {
     assert_eq!(post("/api/disarm", Some("wrong")), 401, "a minute later");
 }
 
-/// Clients that request a page and do not read it, or send half a request, do not occupy every connection.
+/// Clients that never read a page or send half a request do not occupy every connection: a disarm is answered within 4 s.
 #[test]
 fn hanging_clients_do_not_prevent_disarming() {
     let (_dir, program) = simulated();
@@ -154,7 +154,7 @@ fn hanging_clients_do_not_prevent_disarming() {
     program.wait_for("disarmed");
 }
 
-/// On the computer of the gateway disarming needs no token, but a page of another origin in a browser there cannot disarm.
+/// At the gateway's own computer disarming needs no token, but a page of another origin in a browser there cannot disarm.
 #[test]
 fn at_its_own_computer_disarming_needs_no_token() {
     for has_tokens in [true, false] {
@@ -184,7 +184,7 @@ fn at_its_own_computer_disarming_needs_no_token() {
             let status = disarm(&own, &format!("Origin: {origin}\r\n"));
             assert_eq!(status, 403, "{origin}");
         }
-        // A host name that a foreign page resolves to this address.
+        // DNS rebinding: a foreign host name that resolves to this address.
         let rebound = disarm("evil.example", "Origin: http://evil.example\r\n");
         assert_eq!(rebound, 421);
         assert_eq!(program.state()["state"], "compensating");
@@ -194,7 +194,7 @@ fn at_its_own_computer_disarming_needs_no_token() {
         let log = std::fs::read_to_string(audit.join("audit.log")).expect("a log");
         let record = "\"who\":\"somebody at this computer\",\"what\":\"disarm\"";
         assert!(log.contains(record), "{log}");
-        // Without tokens no client may operate.
+        // Without configured tokens no client may operate.
         for path in ["/api/arm", "/api/disarm", "/api/acknowledge", "/api/reload"] {
             let status = program.request("POST", path, Some(OPERATE), "").status;
             assert_eq!(status == 404, !has_tokens, "{path}: {status}");
@@ -249,7 +249,7 @@ fn foreign_hosts_and_broken_requests_are_refused() {
 fn slow_and_many_connections_are_bounded() {
     let (_dir, program) = simulated();
     let begun = Instant::now();
-    // 70 clients with endless headers, more than are served at once.
+    // 70 clients with endless headers, more than are served at a time.
     let mut slow: Vec<_> = (0..70)
         .map(|_| {
             let mut stream = program.connect();
@@ -257,7 +257,7 @@ fn slow_and_many_connections_are_bounded() {
             stream
         })
         .collect();
-    // After the header timeout they are disconnected, and others are served.
+    // At the header timeout the slow clients are disconnected and others are served.
     assert_eq!(program.get("/api/state").status, 200);
     assert!(begun.elapsed() < Duration::from_secs(15));
     let mut rest = Vec::new();
@@ -288,7 +288,7 @@ fn slow_and_many_connections_are_bounded() {
     assert!(streams.iter().any(|(start, _)| start.ends_with("503")));
 }
 
-/// 10 000 requests as fast as possible over persistent connections: the correction continues.
+/// 10 000 requests over persistent connections as fast as possible: the correction continues.
 fn a_flood_does_not_touch_the_correction(program: &Program) {
     let before = program.state()["cycle"].clone();
     std::thread::scope(|scope| {
@@ -299,7 +299,7 @@ fn a_flood_does_not_touch_the_correction(program: &Program) {
                 for _ in 0..300 {
                     write!(stream, "GET /api/state HTTP/1.1\r\nHost: localhost\r\n\r\n")
                         .expect("sent");
-                    // One response at a time: its head contains its length.
+                    // Reads one response: the head contains the length of the body.
                     let mut text = String::new();
                     loop {
                         let count = stream.read(&mut buffer).expect("an answer");
@@ -315,7 +315,7 @@ fn a_flood_does_not_touch_the_correction(program: &Program) {
         }
     });
     assert_eq!(program.state()["armed"], true);
-    // Ignores a cycle that was late on a busy computer.
+    // Tolerates one late cycle on a busy computer.
     let state = program.wait_for("compensating");
     assert!(state["cycle"]["count"].as_u64() > before["count"].as_u64());
 }

@@ -1,4 +1,4 @@
-//! The real program on a disk that hangs: neither disarming nor ending waits for it.
+//! The real program on a hanging disk: neither disarming nor stopping waits for the disk.
 
 use std::{
     path::{Path, PathBuf},
@@ -16,7 +16,7 @@ use crate::{
     program::{Program, change, path},
 };
 
-/// A gateway that corrects a machine at standstill, on a disk that hangs while a file exists.
+/// A gateway that corrects a machine at standstill. Its disk hangs while the file `hangs` exists.
 struct Rig {
     control: Simulator,
     program: Program,
@@ -25,7 +25,6 @@ struct Rig {
 }
 
 impl Rig {
-    /// `None` without a compiler.
     fn start() -> Option<Self> {
         let dir = tempfile::tempdir().expect("writable");
         let library = preloaded(dir.path())?;
@@ -34,7 +33,7 @@ impl Rig {
         let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
         let config = configuration(dir.path(), &control, "auto_arm = true");
         engineers(dir.path());
-        // 20 µm in 20 cycles: every cycle of the ramp writes another value.
+        // 20 µm in 20 cycles: every cycle of the ramp writes a new value.
         change(&config, "ramp_s = 0.1", "ramp_s = 0.08\nstop_s = 2");
         let hangs = dir.path().join("hangs");
         let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
@@ -61,7 +60,7 @@ impl Rig {
     }
 }
 
-/// The library that makes the disk hang; `None` without a compiler.
+/// The preloaded library that makes the disk hang; `None` without a C compiler.
 pub(crate) fn preloaded(dir: &Path) -> Option<PathBuf> {
     let library = dir.join("hung_disk.so");
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/hung_disk.c");
@@ -77,7 +76,7 @@ pub(crate) fn preloaded(dir: &Path) -> Option<PathBuf> {
     Some(library)
 }
 
-/// A disarm and its response do not wait for the disk.
+/// A disarm is executed and answered while the disk hangs, and recorded later.
 #[test]
 fn disarming_acts_first_and_is_logged_after() {
     let Some(rig) = Rig::start() else {
@@ -107,7 +106,7 @@ fn disarming_acts_first_and_is_logged_after() {
     assert_eq!(answer.status, 200, "{}", answer.body);
     program.wait_for("disarmed");
     assert_eq!(control.world().shifts(), [0.0; 3]);
-    // All of that happened before the disk responded. Meanwhile arming is rejected with the reason.
+    // The disk still hangs: arming is rejected with that reason.
     assert!(rig.hangs.exists());
     program
         .wait(|state| state["reasons"].to_string().contains("audit log"))
@@ -125,7 +124,7 @@ fn disarming_acts_first_and_is_logged_after() {
     assert_eq!(program.post("/api/arm", "").status, 200);
 }
 
-/// A stop does not wait for its record to be written.
+/// A stop ramps the correction out and ends with status 0 while the disk hangs.
 #[test]
 fn stopping_ramps_out_in_time() {
     let Some(mut rig) = Rig::start() else {
@@ -148,7 +147,7 @@ fn stopping_ramps_out_in_time() {
     );
 }
 
-/// The request times out, and the model is not activated when the disk responds again.
+/// An activation on a hanging disk times out with status 503, and is not completed when the disk responds again.
 #[test]
 fn a_model_that_waits_for_the_disk_times_out() {
     let Some(rig) = Rig::start() else {
@@ -173,7 +172,6 @@ fn a_model_that_waits_for_the_disk_times_out() {
         newest["hash"] == made["result"]["hash"] && newest["outcome"] == "refused"
     });
     assert_eq!(now["hash"], before);
-    // A repeated request is executed.
     let taken = activate(program, &candidate(program), None);
     assert_eq!(taken.status, 200, "{}", taken.body);
     assert_eq!(model(program)["hash"], made["result"]["hash"]);

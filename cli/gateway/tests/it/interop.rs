@@ -10,7 +10,7 @@ use volcomp_gateway::{
 };
 use volcomp_vocabulary::AxisName;
 
-/// A state in which everything is known, with these changes.
+/// A state with all values known, and with these changes.
 pub(crate) fn status(changes: &Value) -> Status {
     let times = json!({ "p50_us": 0.0, "p99_us": 0.0, "max_us": 0.0 });
     let mut state = json!({
@@ -98,7 +98,7 @@ fn x_position(status: &Status) -> Reading {
     position.expect("of every axis").read(status)
 }
 
-/// A missing position, one that is not a number, and an old one.
+/// A position that is missing, not a number, or old has no good quality.
 #[test]
 fn only_current_values_are_good() {
     for (changes, value, quality) in [
@@ -133,7 +133,7 @@ fn only_current_values_are_good() {
     assert_eq!(x_position(&state).value, None);
 }
 
-/// A further quantity takes one row: no interface knows single quantities.
+/// A quantity added to the table appears in every interface without other changes.
 #[test]
 fn a_further_row_is_served_to_others() {
     const ROW: Row<usize> = Row("play", Kind::Number(Unit::Um), "Play", |status, place| {

@@ -1,4 +1,4 @@
-//! A key that a kind of controller cannot use is rejected by name, because it would have no effect.
+//! A key that has no effect for a kind of controller is rejected, and the message names it.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use volcomp_gateway::config::Config;
 use volcomp_port::{Description, DeviceError};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Urad};
 
-/// A URL of each scheme, and the name of its kind of controller.
+/// A URL of each scheme with the name of its controller kind.
 const URLS: [(&str, &str); 7] = [
     ("focas://192.0.2.10:8193", "a FANUC control"),
     ("can://can0", "a bridge on CAN"),
@@ -21,7 +21,7 @@ const URLS: [(&str, &str); 7] = [
     ("linuxcnc://127.0.0.1:47001", "a LinuxCNC control"),
 ];
 
-/// The keys of `[[controller]]` besides its URL and its axes.
+/// The keys of `[[controller]]` other than URL and axes.
 const KEYS: [&str; 19] = [
     "channel",
     "reads",
@@ -49,7 +49,7 @@ fn driver(url: &str) -> &'static Driver {
     address.driver().expect("built in")
 }
 
-/// A valid value of a key, and an axis for which it is valid.
+/// A valid value for a key, with an axis for which it is valid.
 fn value(key: &str, kind: &str) -> (&'static str, &'static str) {
     match key {
         "barrier" if kind == "a FANUC control" => (
@@ -78,7 +78,7 @@ fn value(key: &str, kind: &str) -> (&'static str, &'static str) {
     }
 }
 
-/// Further keys that a controller of this kind needs with a key.
+/// Other keys that this key needs for a controller of this kind.
 fn needed(key: &str, kind: &str) -> String {
     if kind != "a SINUMERIK control" {
         return String::new();
@@ -172,7 +172,7 @@ fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
     );
 }
 
-/// Both keys of a coordinate are checked, not only the first.
+/// A linear axis with a key for rotary axes next to its own is rejected: both keys of a pair are checked.
 #[test]
 fn a_key_of_the_other_kind_is_refused_next_to_the_right_one() {
     let text = "machine = \"m.toml\"\n[[controller]]\nurl = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\n[controller.digital]\nposition_mm_per_count = 0.1\nposition_deg_per_count = 0.1\n";
@@ -181,7 +181,7 @@ fn a_key_of_the_other_kind_is_refused_next_to_the_right_one() {
     assert!(message.starts_with("G.toml:7: "), "{message}");
 }
 
-/// Without limits of rotary axes no other key of them has an effect.
+/// Each key for rotary axes is rejected if `limit_urad` is missing.
 #[test]
 fn keys_of_rotary_axes_need_their_limit() {
     for key in [
@@ -204,7 +204,7 @@ fn keys_of_rotary_axes_need_their_limit() {
     }
 }
 
-/// Ten errors in one file, in values, keys and rules of all its tables, give ten messages, each with line and key.
+/// A file with ten errors in all its tables gives ten messages, each with line and key.
 #[test]
 fn every_mistake_is_reported_at_once() {
     let text = "cycle_ms = 400.0
@@ -255,7 +255,7 @@ tls_key = \"key.pem\"
     assert_eq!(found.len(), expected.len(), "{said}");
 }
 
-/// A configuration of one axis on the eight lines of a module; the module is not accessed.
+/// A configuration of one axis on the eight lines of a module; no device is accessed.
 fn lines(axis: &str, keys: &str) -> String {
     format!(
         "machine = \"m.toml\"\n[[controller]]\nurl = \"modbus://127.0.0.1:9?profile=WAGO-750-8DI/8DO\"\naxes = [\"{axis}\"]\nunwatched = true\n{keys}\n"
@@ -266,12 +266,12 @@ fn parsed(text: &str) -> Result<Config, String> {
     Config::parse(text, "G.toml", Path::new("")).map_err(|e| e.to_string())
 }
 
-/// The gateway's description of the first controller, before it is opened.
+/// The description of the first controller before it is opened.
 fn described(config: &Config) -> Result<Description, DeviceError> {
     volcomp_devices::controller(&config.controllers[0])?.describe()
 }
 
-/// Steps on lines are those that the configuration states: 5 µrad requested are 5 µrad written, not 1000.
+/// A configured step of 5 µrad on digital lines is written as 5 µrad, not as the default of 1000 µrad.
 #[test]
 fn a_rotary_axis_on_lines_has_its_own_steps() {
     let keys = "resolution_urad = 5.0\n[controller.digital]\nposition_bits = 8\nposition_deg_per_count = 1.5\nposition_zero_deg = -180.0";
@@ -299,7 +299,6 @@ fn a_rotary_axis_on_lines_has_its_own_steps() {
     assert_eq!(step, Displacement::from_micro(AxisKind::Linear, 0.5));
 }
 
-/// A key of the other kind is refused by name, and a missing one is named.
 #[test]
 fn keys_of_the_other_kind_are_refused() {
     for (axis, keys, line, key) in [

@@ -57,7 +57,7 @@ mod three_of_five;
 mod two_mailboxes;
 mod verbs;
 
-/// Ends the run on an allocation where one is forbidden.
+/// Aborts the run on an allocation in a section that forbids it.
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 mod wrong_configurations;

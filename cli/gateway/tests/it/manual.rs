@@ -1,6 +1,5 @@
-//! A complete gateway in this process, on a simulated machine in place of the configured one, with simulated time: cycle, service, audit
-//! log, models and files are those of the program; nothing waits for real time. Also such a gateway behind its dashboard, for clients over
-//! HTTP and other protocols.
+//! A complete gateway in this process on a simulated machine and clock: cycle, service, audit log, models and files are those of the
+//! program, and nothing waits for real time. [`Served`] adds the dashboard, for clients over HTTP and other protocols.
 
 use std::{
     ops::Deref,
@@ -33,9 +32,9 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::program::{Client, token_file};
 
-/// Timeout by the machine's clock.
+/// Timeout in simulated time.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Timeout for the disk.
+/// Timeout for file operations, in real time.
 const DISK: Duration = Duration::from_secs(60);
 
 pub(crate) struct Gateway {
@@ -46,13 +45,12 @@ pub(crate) struct Gateway {
     period: Duration,
 }
 
-/// Writes a configuration with its machine, for a controller whose device does not respond. It arms as soon as possible, with a short ramp,
-/// and applies 20 µm to Y.
+/// A configuration and machine file for a controller whose device does not respond: short ramp, and 20 µm on Y.
 pub(crate) fn configuration(dir: &Path, more: &str) -> PathBuf {
     configuration_of("127.0.0.1:1", dir, more, "")
 }
 
-/// Like `configuration`, for a controller at an address and with additional tables.
+/// Like [`configuration`], with a controller at this address and additional tables.
 pub(crate) fn configuration_of(address: &str, dir: &Path, more: &str, tables: &str) -> PathBuf {
     std::fs::write(dir.join("machine.toml"), crate::program::MACHINE).expect("writable");
     let text = format!(
@@ -81,7 +79,6 @@ heartbeat = {{ pmc = "R", at = 120 }}
     file
 }
 
-/// Whether the reasons of a state or a response contain these words.
 pub(crate) fn says(state: &Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
@@ -96,7 +93,6 @@ pub(crate) fn machine(config: &Path) -> Machine {
     }
 }
 
-/// A gateway in a temporary folder, with its configuration.
 pub(crate) fn started(more: &str) -> (tempfile::TempDir, PathBuf, Gateway) {
     let dir = tempfile::tempdir().expect("writable");
     let config = configuration(dir.path(), more);
@@ -105,12 +101,11 @@ pub(crate) fn started(more: &str) -> (tempfile::TempDir, PathBuf, Gateway) {
 }
 
 impl Gateway {
-    /// Starts a gateway on a new machine.
     pub(crate) fn start(config: &Path) -> Self {
         Self::on(None, config)
     }
 
-    /// Kills it as in a power failure, and starts it again on the same machine.
+    /// Kills the gateway as in a power failure, and starts another on the same machine.
     pub(crate) fn killed_and_started(self, config: &Path) -> Self {
         let Self { rig, parts, .. } = self;
         drop(parts);
@@ -118,7 +113,6 @@ impl Gateway {
         Self::on(Some(rig), config)
     }
 
-    /// Starts a gateway on the machine of a previous one.
     pub(crate) fn again(rig: Rig, config: &Path) -> Self {
         Self::on(Some(rig), config)
     }
@@ -149,7 +143,7 @@ impl Gateway {
         }
     }
 
-    /// One cycle and one iteration of the service, including its disk and file work.
+    /// One cycle and one iteration of the service, with its file work.
     pub(crate) fn step(&mut self) {
         self.rig.clock().advance(self.period);
         self.cycles.cycle();
@@ -168,7 +162,6 @@ impl Gateway {
         serde_json::to_value(self.parts.published.latest()).expect("JSON")
     }
 
-    /// Runs until the state satisfies a condition.
     pub(crate) fn wait(&mut self, what: &str, done: impl Fn(&Value) -> bool) -> Value {
         let end = self.rig.clock().elapsed() + PATIENCE;
         loop {
@@ -193,7 +186,7 @@ impl Gateway {
         self.wait(words, |state| !says(state, words))
     }
 
-    /// Sends a request of `anna` and runs until the response; returns status and document.
+    /// Sends a request by `anna` and runs until it is answered; returns status and document.
     pub(crate) fn ask(&mut self, ask: Operation) -> (u16, Value) {
         let mut wait = self.begin(ask);
         let end = self.rig.clock().elapsed() + PATIENCE;
@@ -210,19 +203,19 @@ impl Gateway {
         }
     }
 
-    /// Sends a request of `anna` without running a cycle.
+    /// Sends a request by `anna` without running a cycle.
     pub(crate) fn begin(&self, ask: Operation) -> oneshot::Receiver<Reply> {
         begin(&self.parts.requests, &self.parts.switch, ask)
     }
 
-    /// Waits until it has observed the control for long enough.
+    /// Runs until the control has been observed long enough for arming.
     pub(crate) fn watch(&mut self) {
         self.wait("watched", |state| {
             state["error_um"].is_array() && !says(state, "watching")
         });
     }
 
-    /// Arms it once it has observed the control for long enough.
+    /// Arms after [`watch`](Self::watch).
     pub(crate) fn must_arm(&mut self) -> Value {
         self.watch();
         let (status, answer) = self.ask(Operation::Arm(None));
@@ -230,7 +223,7 @@ impl Gateway {
         answer
     }
 
-    /// Another sender writes 30 mm to the word of Y, until this is a fault.
+    /// Another sender writes 30 mm to the word of Y: a fault.
     pub(crate) fn fault(&mut self) -> Value {
         let mut far = PerChannel::ZERO;
         far[1] = 30.0;
@@ -245,18 +238,15 @@ impl Gateway {
         panic!("no fault: {}", self.state());
     }
 
-    /// From now on nothing reaches the control or comes from it.
     pub(crate) fn disconnect(&self) {
         self.rig.inject(Injection::Disconnect { calls: u32::MAX });
     }
 
-    /// One cycle without the service.
     pub(crate) fn cycle_alone(&mut self) {
         self.rig.clock().advance(self.period);
         self.cycles.cycle();
     }
 
-    /// The control thread hangs for `time`.
     pub(crate) fn hang(&mut self, time: Duration) {
         let end = self.rig.clock().elapsed() + time;
         while self.rig.clock().elapsed() < end {
@@ -266,12 +256,12 @@ impl Gateway {
         }
     }
 
-    /// Stops it as by a signal, and runs its last cycles.
+    /// Stops the gateway as by a signal, and runs its last cycles.
     pub(crate) fn stop(self) -> Rig {
         self.stop_while(|_| {})
     }
 
-    /// Like `stop`, with an action between its last cycles.
+    /// Like [`stop`](Self::stop), with an action between the last cycles.
     pub(crate) fn stop_while(
         mut self,
         mut act: impl FnMut(&dyn Fn(Operation) -> oneshot::Receiver<Reply>),
@@ -297,7 +287,6 @@ impl Gateway {
         self.rig.controls.axes.applied()
     }
 
-    /// The audit log so far.
     pub(crate) fn audit(&self) -> String {
         let folder = self.parts.config.audit_dir();
         std::fs::read_to_string(folder.join("audit.log")).expect("a log")
@@ -315,12 +304,12 @@ fn begin(
     wait
 }
 
-/// A gateway of this process behind its dashboard and its other configured interfaces. Its time runs about three times as fast as that of
+/// A gateway in this process with its dashboard and its other configured interfaces. Its clock runs about three times as fast as that of
 /// its clients.
 pub(crate) struct Served {
     client: Client,
     gateway: Arc<Mutex<Gateway>>,
-    /// The largest change of Y between two cycles since it was reset, mm.
+    /// Largest change of Y between two cycles since the last reset, mm.
     largest_step: Arc<Mutex<f64>>,
     ends: Arc<AtomicBool>,
     cycles: Option<JoinHandle<()>>,
@@ -342,7 +331,6 @@ impl Drop for Served {
     }
 }
 
-/// A configuration with tokens, for [`Served`].
 pub(crate) fn served_configuration(dir: &Path, more: &str) -> PathBuf {
     token_file(dir);
     let tables = "[dashboard]\ntoken_file = \"tokens\"\n";
@@ -350,7 +338,7 @@ pub(crate) fn served_configuration(dir: &Path, more: &str) -> PathBuf {
 }
 
 impl Served {
-    /// A gateway that compensates as soon as possible, with tokens in a folder.
+    /// A gateway with tokens that compensates as soon as possible.
     pub(crate) fn simulated(dir: &Path) -> Self {
         Self::start(&served_configuration(dir, "auto_arm = true"))
     }
@@ -359,17 +347,15 @@ impl Served {
         Self::of(Gateway::start(config))
     }
 
-    /// Kills it as in a power failure, and starts it again on the same machine.
+    /// Kills the gateway as in a power failure, and starts another on the same machine.
     pub(crate) fn killed_and_started(self, config: &Path) -> Self {
         Self::of(self.taken().killed_and_started(config))
     }
 
-    /// Stops it as by a signal.
     pub(crate) fn stop(self) -> Rig {
         self.taken().stop()
     }
 
-    /// The gateway, no longer served.
     fn taken(mut self) -> Gateway {
         self.end_cycles();
         let gateway = Arc::clone(&self.gateway);
@@ -378,7 +364,6 @@ impl Served {
         gateway.into_inner().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Serves a gateway that was disturbed before.
     pub(crate) fn of(mut gateway: Gateway) -> Self {
         let others = Interop::open(&gateway.parts.config).expect("free addresses");
         let shape = gateway.shape.clone();
@@ -403,7 +388,7 @@ impl Served {
                     *largest = largest.max((now - before).abs());
                     before = now;
                     drop(largest);
-                    // Gives the processor and the lock to clients and their requests.
+                    // Leaves processor and lock to the requests of clients.
                     thread::sleep(Duration::from_millis(1));
                 }
             }
@@ -422,12 +407,11 @@ impl Served {
     fn end_cycles(&mut self) {
         self.ends.store(true, Ordering::Relaxed);
         if let Some(cycles) = self.cycles.take() {
-            // If it has panicked, the test fails at its next wait.
+            // If the thread has panicked, the test fails at its next wait.
             let _ = cycles.join();
         }
     }
 
-    /// The gateway, between two of its cycles.
     pub(crate) fn gateway(&self) -> MutexGuard<'_, Gateway> {
         lock(&self.gateway)
     }

@@ -1,4 +1,4 @@
-//! `check --online` reads the control and compares its settings; offline nothing is opened.
+//! `check --online` reads the control and compares its settings; without the option no device is opened.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::{
     program::change,
 };
 
-/// The output of `check`, its standard error, and its exit status.
+/// Output, standard error and exit status of `check`.
 pub(crate) fn check(config: &Path, options: &[&str]) -> (String, String, u8) {
     let has = |option| options.contains(&option);
     match check::check(config, has("--online"), has("--json")) {
@@ -31,7 +31,7 @@ fn the_shift_words_of_the_control_are_compared() {
     let document: Value = serde_json::from_str(&json).expect("JSON");
     crate::documents::validate("gateway-check.json", &document);
     assert_eq!(document["online"][0]["shift_words"], 100, "{json}");
-    // The control takes its shifts from other words: rejected, and the parameter is named.
+    // The control takes its shifts from other words: rejected with the parameter's number.
     control.world().parameters.insert((1280, 0), 300.0);
     let (_, errors, status) = check(&config, &["--online"]);
     assert_eq!(status, 1, "{errors}");
@@ -40,7 +40,7 @@ fn the_shift_words_of_the_control_are_compared() {
             && errors.contains("found 300, expected 100"),
         "{errors}"
     );
-    // Not reported: a note.
+    // A control that does not report the parameter gives a note.
     control.world().parameters.clear();
     control.world().reports_shift_source = false;
     let (text, errors, status) = check(&config, &["--online"]);
@@ -49,7 +49,7 @@ fn the_shift_words_of_the_control_are_compared() {
         text.contains("the control does not report parameters 1203"),
         "{text}"
     );
-    // Offline nothing is requested, and a missing control is irrelevant.
+    // Offline, no request is sent, so a missing control does not matter.
     let asked = control.requests();
     let (json, _, status) = check(&config, &["--json"]);
     assert_eq!(status, 0);
@@ -60,14 +60,14 @@ fn the_shift_words_of_the_control_are_compared() {
     assert_eq!(check(&config, &["--online"]).2, 1);
 }
 
-/// The settings of a barrier are compared with the limits by the guard's own rule, and reported if they fit. Here it
-/// has limits of 150 µm, 1 mm/s, 450 ms and a scan of 2 ms.
+/// The guard's rule for a barrier's settings is applied by `check --online`. The barrier here has limits of 150 µm, 1 mm/s, 450 ms and a
+/// scan of 2 ms.
 #[test]
 fn a_barrier_that_would_not_arm_is_found_before_the_start() {
     let dir = tempfile::tempdir().expect("writable");
     let control = crate::edges::start(crate::edges::world());
     let config = crate::edges::guarded(dir.path(), &control);
-    // On a loaded computer the simulated control may count too few scans.
+    // On a busy computer the simulated control may count too few scans.
     let fits = |more: &[&str]| {
         let asked = [&["--online"], more].concat();
         let mut answers = (0..20).map(|_| check(&config, &asked));

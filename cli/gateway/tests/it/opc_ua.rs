@@ -1,4 +1,4 @@
-//! The OPC UA server, read by a client on another library.
+//! The OPC UA server, read by a client based on another library.
 
 use std::{
     collections::BTreeMap,
@@ -21,10 +21,10 @@ use crate::{
 };
 
 const PATIENCE: Duration = Duration::from_secs(90);
-/// Maximum number of concurrent clients.
+/// Maximum number of clients at a time.
 const MOST: usize = 16;
 
-/// A gateway with a control, and the address of its server.
+/// A gateway with a control, its configuration file, and the address of its server.
 fn gateway(dir: &Path, control: &Simulator) -> (Program, PathBuf, String) {
     let config = configuration(dir, control, "auto_arm = true");
     let address = format!("127.0.0.1:{}", free_port());
@@ -34,12 +34,11 @@ fn gateway(dir: &Path, control: &Simulator) -> (Program, PathBuf, String) {
     (program, config, address)
 }
 
-/// The independent client.
 struct Client {
     running: Running,
     orders: Option<ChildStdin>,
     said: BufReader<ChildStdout>,
-    /// Addresses and security modes offered by the server.
+    /// Addresses and security modes that the server offers.
     endpoints: Value,
 }
 
@@ -73,7 +72,6 @@ impl Client {
     }
 }
 
-/// The status of each variable and its attributes.
 fn variables(client: &mut Client) -> BTreeMap<String, Value> {
     let all = client.order("all");
     let all = all.as_array().expect("a list").iter();
@@ -93,7 +91,7 @@ fn a_client_reads_what_the_dashboard_shows() {
         client.endpoints,
         json!([[format!("opc.tcp://{address}/"), "None_"]])
     );
-    // On a busy computer it may hold briefly: waits for a moment in which it corrects.
+    // On a busy computer the gateway may hold briefly, so the test waits until it corrects.
     let corrects = |found: &BTreeMap<String, Value>| {
         let reported = |key: &str| (found[key]["value"].clone(), found[key]["status"].clone());
         let good = |value: Value| (value, json!("Good"));
@@ -109,7 +107,7 @@ fn a_client_reads_what_the_dashboard_shows() {
         assert!(Instant::now() < until, "{found:?}");
         found = variables(&mut client);
     }
-    // The variables of the list with its names, and no others.
+    // The server has exactly the variables of the list.
     let plan = Plan::new(Config::read(&config).expect("right")).expect("right");
     let list = quantities(&plan.shape());
     let mut keys: Vec<&str> = list.iter().map(|own| own.key.as_str()).collect();
@@ -153,7 +151,6 @@ fn a_client_reads_what_the_dashboard_shows() {
     // X moves back and forth.
     let values = client.order("watch x_position");
     assert_eq!(values.as_array().map(Vec::len), Some(2), "{values}");
-    // Its control is disconnected.
     drop(control);
     let old = client.order("wait x_position UncertainLastUsableValue");
     assert!(old["value"].is_number(), "{old}");
@@ -164,7 +161,7 @@ fn a_client_reads_what_the_dashboard_shows() {
     client.end();
 }
 
-/// A control that never responded: nothing about it is known, and nothing is shown as known.
+/// For a control that never responded every value is empty with status `BadNoCommunication`; the state `disarmed` is good.
 #[test]
 fn unknown_values_are_bad_and_empty() {
     let dir = tempfile::tempdir().expect("writable");
@@ -216,7 +213,7 @@ fn nothing_can_be_written_called_added_or_deleted() {
         assert_eq!(after[key]["value"], before[key]["value"], "{key}");
     }
     program.wait_for("compensating");
-    // No files remain on the disk.
+    // The server leaves no files.
     let mut files: Vec<_> = std::fs::read_dir(dir.path())
         .expect("readable")
         .map(|entry| entry.expect("readable").file_name())
@@ -226,8 +223,8 @@ fn nothing_can_be_written_called_added_or_deleted() {
     client.end();
 }
 
-/// Hundreds of further clients: those without a slot are disconnected, silent ones time out, and the existing client continues to read. The
-/// gateway opens no more files than its slots need, and corrects.
+/// Hundreds of further clients: those without a slot are disconnected, silent ones time out, and the existing client still reads. The
+/// number of open files is bounded by the slots, and the correction continues.
 #[test]
 fn a_flood_of_connections_is_bounded() {
     let dir = tempfile::tempdir().expect("writable");
@@ -249,8 +246,7 @@ fn a_flood_of_connections_is_bounded() {
         open.push(TcpStream::connect(target).expect("it listens"));
         most = most.max(files());
     }
-    // A slot is a client with both ends of its connection to the server; some clients are not disconnected yet, and others connect
-    // meanwhile.
+    // A slot occupies two files in this process, client and server. Some clients are not disconnected yet while others connect.
     assert_eq!(client.order("wait machine Good")["value"], "small");
     let bound = before + 3 * MOST + 8;
     let until = Instant::now() + PATIENCE;
@@ -262,7 +258,7 @@ fn a_flood_of_connections_is_bounded() {
         most < before + 400,
         "{most} files at one time, {before} before"
     );
-    // All of them are disconnected: those without a slot at once, those without a hello message soon.
+    // Clients without a slot are disconnected at once, silent ones after the hello timeout.
     for stream in &mut open {
         stream.set_read_timeout(Some(PATIENCE)).expect("a time");
         let mut rest = Vec::new();
@@ -271,7 +267,6 @@ fn a_flood_of_connections_is_bounded() {
         }
     }
     assert_eq!(client.order("wait machine Good")["value"], "small");
-    // A slot is free again.
     let mut again = Client::start(&address).expect("there is a Python");
     assert_eq!(again.order("wait machine Good")["value"], "small");
     program.wait_for("compensating");

@@ -1,4 +1,4 @@
-//! The state of every path to the control: the active one, the standbys, and unknown values.
+//! The published state of every path to the control: active, standby, and unknown values.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,6 @@ use crate::{
     program::{Program, change, path},
 };
 
-/// A configuration with a second path to the machine, at this address.
 pub(crate) fn two_ways(dir: &Path, first: &Simulator, second: &str) -> PathBuf {
     let config = configuration(dir, first, "");
     let more = format!(
@@ -29,7 +28,6 @@ pub(crate) fn two_ways(dir: &Path, first: &Simulator, second: &str) -> PathBuf {
     config
 }
 
-/// An unused address.
 pub(crate) fn nobody() -> String {
     format!("127.0.0.1:{}", free_port())
 }
@@ -39,7 +37,6 @@ fn started(config: &Path) -> Program {
     Program::start(dir, &["--config", path(config)])
 }
 
-/// A standby path that has never answered is reported.
 #[test]
 fn a_silent_standby_path_is_reported() {
     let dir = tempfile::tempdir().expect("writable");
@@ -70,7 +67,7 @@ fn a_silent_standby_path_is_reported() {
     }
 }
 
-/// 77 µm on a standby path are reported, although the output may move further between two readings.
+/// 77 µm on a standby path are reported, although the output may move on between two readings.
 #[test]
 fn a_correction_on_a_standby_path_is_reported() {
     let dir = tempfile::tempdir().expect("writable");
@@ -93,7 +90,6 @@ fn a_correction_on_a_standby_path_is_reported() {
     assert!(metrics.contains(line), "{metrics}");
 }
 
-/// The control does not respond any more: its applied correction is unknown, and is shown as unknown.
 #[test]
 fn an_unknown_correction_is_shown_as_unknown() {
     let dir = tempfile::tempdir().expect("writable");
@@ -120,7 +116,7 @@ fn an_unknown_correction_is_shown_as_unknown() {
         text.contains("unknown: not confirmed by the control"),
         "{text}"
     );
-    // An old confirmation is not a current value.
+    // An old confirmation does not count as a current value.
     let state = program
         .wait(|state| state["controllers"][0]["holds_correction"].is_null())
         .expect("it is not known any more");
@@ -141,7 +137,7 @@ fn an_unknown_correction_is_shown_as_unknown() {
     }
 }
 
-/// A correction found at the start is not shown as sent, and no error map is shown while the position of the machine is unknown.
+/// A correction found at the start is not shown as sent. While the machine's position is unknown, no error map is shown.
 #[test]
 fn unsent_and_unknown_values_are_not_shown() {
     let dir = tempfile::tempdir().expect("writable");
@@ -179,7 +175,7 @@ fn check_shows_the_addresses_in_the_pmc() {
             "heartbeat": "R120", "referenced": "F94",
         })
     );
-    // With a barrier the ladder alone writes the shifts.
+    // With a barrier only the ladder writes the shifts.
     change(
         &config,
         "area = { pmc = \"D\", first = 200, width = 4, copied = true }\n",

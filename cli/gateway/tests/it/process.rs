@@ -1,4 +1,4 @@
-//! From start to end: signals, restarts, slow controls, a second gateway, failures, and a wall clock that jumps.
+//! The program from start to end: signals, restarts, a slow control, a second gateway, failures, and a jump of the wall clock.
 
 use std::{
     net::SocketAddr,
@@ -30,7 +30,7 @@ pub(crate) fn watched(control: &Simulator, act: impl FnOnce() + Send) -> Vec<(In
     watched_axis(control, 0, act)
 }
 
-/// Shifts of the axis at this index, from 0, over time during an action.
+/// Shifts of the axis with this index over time during an action.
 pub(crate) fn watched_axis(
     control: &Simulator,
     axis: usize,
@@ -47,7 +47,7 @@ pub(crate) fn watched_axis(
             }
             trace
         });
-        // Also on a panic: the scope waits for the thread.
+        // Catches a panic as well, because the scope waits for the thread.
         let acted = std::panic::catch_unwind(std::panic::AssertUnwindSafe(act));
         done.store(true, std::sync::atomic::Ordering::Relaxed);
         if let Err(why) = acted {
@@ -57,7 +57,7 @@ pub(crate) fn watched_axis(
     })
 }
 
-/// In any time window no more than the slew, one step, and five late cycles.
+/// Checks that in any time window a shift changes by at most the slew, one step, and five late cycles.
 pub(crate) fn no_step(trace: &[(Instant, f64)]) {
     for (index, (then, was)) in trace.iter().enumerate() {
         for (now, is) in &trace[index..] {
@@ -74,8 +74,8 @@ pub(crate) fn no_step(trace: &[(Instant, f64)]) {
     }
 }
 
-/// Killed at several times during the ramp and during compensation, and restarted: no output changes by more than the slew per cycle and
-/// one step.
+/// Kills at several times during ramp and compensation, each with a restart: an output changes per cycle by at most the slew and one
+/// step.
 #[test]
 fn killed_in_the_middle_and_started_again_there_is_no_step() {
     let dir = tempfile::tempdir().expect("writable");
@@ -103,7 +103,7 @@ fn killed_in_the_middle_and_started_again_there_is_no_step() {
     );
 }
 
-/// Responses that take longer than a cycle: it corrects anyway, and reports missed cycles.
+/// Responses take longer than a cycle: the gateway corrects, reports overruns, and keeps its one connection.
 #[test]
 fn a_slow_control_costs_cycles_not_the_connection() {
     let dir = tempfile::tempdir().expect("writable");
@@ -125,7 +125,7 @@ fn a_slow_control_costs_cycles_not_the_connection() {
     assert_eq!(control.open_sessions(), 1);
 }
 
-/// Notifications to systemd: ready, watchdog, stopping. It also raises its limit of file descriptors: the usual soft limit is 1024.
+/// systemd gets ready, watchdog and stopping notifications. The gateway raises its soft limit of file descriptors, usually 1024.
 #[test]
 fn the_service_manager_is_notified() {
     let dir = tempfile::tempdir().expect("writable");
@@ -160,7 +160,7 @@ fn the_service_manager_is_notified() {
     assert_eq!(program.end(), Some(0));
 }
 
-/// The reason why a gateway does not start, with the port of its dashboard.
+/// The reason why a gateway does not start, with its dashboard at this address.
 fn does_not_start(config: PathBuf, listen: &str) -> String {
     let listen = listen.parse().expect("an address");
     let turn = &mut |_: &mut Service| panic!("it has started");
@@ -169,7 +169,7 @@ fn does_not_start(config: PathBuf, listen: &str) -> String {
     failure.what
 }
 
-/// The port of the dashboard is used by another program.
+/// Another program uses the dashboard's port: the gateway exits with status 1, and the message names the address.
 #[test]
 fn a_port_that_is_taken_ends_it_with_status_1() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback");
@@ -180,8 +180,8 @@ fn a_port_that_is_taken_ends_it_with_status_1() {
     assert!(why.contains(&format!("dashboard {address}")), "{why}");
 }
 
-/// On the same computer the second gateway finds the lock of the control, for any name of its address, and the lock of the folder; without
-/// that lock one started with the output of the other, 30 µm in one write. From another computer it detects the changing heartbeat.
+/// On one computer the second gateway is refused by the lock of the control, for any spelling of its address, and by the lock of the
+/// folder. On another computer it detects the changing heartbeat, and arming gets status 409.
 #[test]
 fn two_gateways_on_one_controller() {
     let dir = tempfile::tempdir().expect("writable");
@@ -251,7 +251,7 @@ fn a_second_signal_leaves_at_once() {
     assert!(audit.contains("\"what\":\"stopped\"") && audit.contains("\"left_um\""));
 }
 
-/// A gateway that never corrected does not ramp out, at its end, a correction found at its start, which may be that of another gateway.
+/// A gateway that never corrected leaves a correction found at its start alone when it stops, since that may be another gateway's.
 #[test]
 fn stopping_leaves_a_found_correction_alone() {
     let (_dir, config, mut gateway) = manual::started("");
@@ -262,7 +262,6 @@ fn stopping_leaves_a_found_correction_alone() {
     gateway.watch();
     let rig = gateway.stop();
     assert_eq!(rig.controls.axes.applied(), found);
-    // An operator removes it.
     let mut gateway = Gateway::again(rig, &config);
     gateway.wait_until_says("a correction is applied");
     gateway.watch();
@@ -271,7 +270,7 @@ fn stopping_leaves_a_found_correction_alone() {
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
 }
 
-/// A hangup signal reloads the files; a change above `confirm_um` waits for the hash, also over HTTP.
+/// SIGHUP reloads the files. A change above `confirm_um` waits for the hash, also over HTTP.
 #[test]
 fn sighup_reloads_and_http_confirms() {
     let dir = tempfile::tempdir().expect("writable");
@@ -298,12 +297,10 @@ fn sighup_reloads_and_http_confirms() {
     corrects(-100.0);
 }
 
-/// Runs the machine until it has failed.
 pub(crate) fn failed(config: PathBuf, slot: &Arc<Slot>, turn: ServiceStep<'_>) -> Failure {
     failed_at(([127, 0, 0, 1], 0).into(), config, slot, turn)
 }
 
-/// Like `failed`, with its dashboard at an address.
 pub(crate) fn failed_at(
     listen: SocketAddr,
     config: PathBuf,
@@ -325,7 +322,7 @@ pub(crate) fn failed_at(
     failure
 }
 
-/// The control thread ends unexpectedly.
+/// If the control thread ends unexpectedly, the program fails with status 1.
 #[test]
 fn a_machine_without_its_control_thread_has_failed() {
     let dir = tempfile::tempdir().expect("writable");
@@ -336,7 +333,7 @@ fn a_machine_without_its_control_thread_has_failed() {
         service.poll();
         turns += 1;
         if turns == 20 {
-            // Equivalent to a failure: it ends at once.
+            // A stop request ends a failed service immediately.
             service.stop(&mut || true);
         }
     };
@@ -347,7 +344,7 @@ fn a_machine_without_its_control_thread_has_failed() {
     assert!(failure.what.contains(reported), "{}", failure.what);
 }
 
-/// A bug in the service, injected here, ramps the correction out.
+/// A panic injected into the service ramps the correction out and ends the program with status 1.
 #[test]
 fn a_fault_of_the_program_ramps_the_correction_out() {
     let dir = tempfile::tempdir().expect("writable");
@@ -398,13 +395,13 @@ fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
     for jump in ["-10d", "+3650d", "+0"] {
         let before = program.state()["cycle"]["count"].as_u64().expect("a count");
         std::fs::write(&stamp, jump).expect("writable");
-        // On a busy computer it may hold briefly, whatever the clock does.
+        // On a busy computer it may hold briefly, regardless of the clock.
         let went_on = program.wait(|state| {
             state["cycle"]["count"].as_u64() > Some(before + 100)
                 && state["state"] == "compensating"
         });
         went_on.unwrap_or_else(|state| panic!("{jump}: {state}"));
-        // Dates in the log jump, its order does not.
+        // The dates in the log jump, but its order does not change.
         assert_eq!(program.post("/api/disarm", "").status, 200);
         program.wait_for("disarmed");
         program.must_arm();

@@ -29,14 +29,13 @@ EXX = { poly = [0.0, 0.05] }
 EYX = 20.0
 "#;
 
-/// Timeout of all waits, for a busy computer.
+/// Timeout of all waits, sized for a busy computer.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
 
-/// A client of a dashboard.
 #[derive(Clone)]
 pub(crate) struct Client {
     pub(crate) address: SocketAddr,
-    /// The file with the log of the program.
+    /// The program's log file.
     log: PathBuf,
 }
 
@@ -54,7 +53,6 @@ impl Deref for Program {
     }
 }
 
-/// A response: status, head, body.
 pub(crate) struct Answer {
     pub(crate) status: u16,
     pub(crate) head: String,
@@ -67,7 +65,6 @@ impl Answer {
     }
 }
 
-/// Tokens of both roles in a folder.
 pub(crate) fn token_file(dir: &Path) -> PathBuf {
     use std::os::unix::fs::PermissionsExt;
     let path = dir.join("tokens");
@@ -81,7 +78,7 @@ pub(crate) fn token_file(dir: &Path) -> PathBuf {
 }
 
 impl Program {
-    /// Starts it with these arguments, on a free loopback port.
+    /// Starts the program with these arguments on a free loopback port.
     pub(crate) fn start(dir: &Path, arguments: &[&str]) -> Self {
         Self::spawn(
             Command::new(env!("CARGO_BIN_EXE_volcomp-gateway")),
@@ -90,7 +87,7 @@ impl Program {
         )
     }
 
-    /// Starts it through another command, such as a shell that sets limits.
+    /// Starts the program through another command, such as a shell that sets limits.
     pub(crate) fn spawn(mut command: Command, dir: &Path, arguments: &[&str]) -> Self {
         let log = dir.join("gateway.log");
         let file = std::fs::File::options()
@@ -114,7 +111,6 @@ impl Program {
         Self { running, client }
     }
 
-    /// The built-in simulation with tokens.
     pub(crate) fn simulated(dir: &Path) -> Self {
         let tokens = token_file(dir);
         let audit = dir.join("audit");
@@ -130,12 +126,10 @@ impl Program {
         )
     }
 
-    /// Sends a signal by name.
     pub(crate) fn signal(&self, name: &str) {
         self.running.signal(name);
     }
 
-    /// Waits for its end; returns the status.
     pub(crate) fn end(&mut self) -> Option<i32> {
         let ended = self.running.ended(PATIENCE);
         ended
@@ -145,7 +139,7 @@ impl Program {
 }
 
 impl Client {
-    /// A client of a dashboard in this process, without a separate log.
+    /// A client of a dashboard in this process; it has no log file.
     pub(crate) fn of(address: SocketAddr) -> Self {
         Self {
             address,
@@ -157,7 +151,7 @@ impl Client {
         std::fs::read_to_string(&self.log).unwrap_or_default()
     }
 
-    /// Sends raw bytes, and returns the response until the other side closes.
+    /// Sends raw bytes; returns the response until the peer closes.
     pub(crate) fn raw(&self, bytes: &[u8]) -> String {
         exchange(self.address, bytes)
     }
@@ -195,13 +189,13 @@ impl Client {
         self.request("POST", path, Some(OPERATE), body)
     }
 
-    /// Arms it once it has observed the control for long enough.
+    /// Arms after [`watch`](Self::watch).
     pub(crate) fn arm(&self) -> Answer {
         self.watch();
         self.post("/api/arm", "")
     }
 
-    /// Arms it. On a busy computer the control thread may be late once, and arming is rejected until it is on time again.
+    /// Arms, and retries while a late cycle of a busy computer forbids arming.
     pub(crate) fn must_arm(&self) -> Answer {
         let end = Instant::now() + PATIENCE;
         loop {
@@ -219,7 +213,7 @@ impl Client {
         }
     }
 
-    /// Waits until it has observed the control for long enough.
+    /// Waits until the control has been observed long enough for arming.
     pub(crate) fn watch(&self) {
         self.wait(|state| !state["reasons"].to_string().contains("watching"))
             .unwrap_or_else(|state| panic!("it watches for ever: {state}"));
@@ -229,7 +223,6 @@ impl Client {
         self.get("/api/state").json()
     }
 
-    /// Waits for this state.
     pub(crate) fn wait_for(&self, name: &str) -> Value {
         self.wait(|state| state["state"] == name)
             .unwrap_or_else(|last| panic!("not {name}: {last}\n{}", self.log()))
@@ -256,10 +249,10 @@ fn connect(address: SocketAddr) -> TcpStream {
     stream
 }
 
-/// Sends bytes to an address, and returns the response until the other side closes.
+/// Sends bytes to an address; returns the response until the peer closes.
 pub(crate) fn exchange(address: SocketAddr, bytes: &[u8]) -> String {
     let mut stream = connect(address);
-    // The other side may close during the write.
+    // The peer may close during the write.
     let _ = stream.write_all(bytes);
     let mut answer = Vec::new();
     let _ = stream.read_to_end(&mut answer);

@@ -21,7 +21,7 @@ fn examples() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples")
 }
 
-/// A folder with the shipped machine file and configuration, changed.
+/// A folder with the shipped machine file and a changed shipped configuration.
 fn changed(change: impl FnOnce(String) -> String) -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().expect("writable");
     for file in ["mill.toml", "table-tilting.toml", "gateway-five-axis.toml"] {
@@ -61,7 +61,7 @@ fn rehearse(dir: &Path, arguments: &[&str]) -> Output {
         .expect("built")
 }
 
-/// Every fault, on the shipped configurations: no rule is broken, the table fits a terminal, the document matches its schema.
+/// Every fault on the shipped configurations: no rule is broken, the table has at most 60 columns, and the document matches its schema.
 #[test]
 fn shipped_configurations_pass() {
     let (dir, _) = changed(|text| text);
@@ -81,7 +81,7 @@ fn shipped_configurations_pass() {
     let document: Value = serde_json::from_slice(&output.stdout).expect("one document");
     validate("gateway-rehearsal.json", &document);
     assert_eq!(document["passed"], true);
-    // The data required for a filed record.
+    // The document has the data that a filed record needs.
     let text = fs::read(dir.path().join("gateway.toml")).expect("written");
     let checksum = Sha256::digest(text)
         .iter()
@@ -110,7 +110,6 @@ fn shipped_configurations_pass() {
     );
 }
 
-/// With a barrier no fault is excepted, for several seeds.
 #[test]
 fn with_a_barrier_no_fault_is_excepted() {
     let (_dir, file) = changed(|text| with_thermometer(&text));
@@ -128,7 +127,6 @@ fn with_a_barrier_no_fault_is_excepted() {
                 .all(|f| !f.bounded_by_limit && !f.interlock_hidden)
         );
         assert!(faults.iter().all(|f| f.moved_while_held == 0));
-        // The machine was corrected.
         assert!(
             faults[0]
                 .axes
@@ -138,8 +136,8 @@ fn with_a_barrier_no_fault_is_excepted() {
     }
 }
 
-/// For any `hold_ms`: reports that repeatedly stay constant for 0.4 s end in a fault that an operator can clear. With 40 to 190 ms it could
-/// be acknowledged and armed ten thousand times, and was a fault again each time.
+/// For any `hold_ms`, reports that stay constant for 0.4 s again and again break no rule, and at most four operator actions resume the
+/// correction.
 #[test]
 fn every_hold_passes() {
     for hold_ms in [8, 20, 40, 50, 100, 150, 190, 200] {
@@ -148,7 +146,7 @@ fn every_hold_passes() {
             slower.replace("hold_ms = 200", &format!("hold_ms = {hold_ms}"))
         });
         let plan = Plan::new(Config::read(&file).expect("valid")).expect("valid");
-        // Each of them takes long.
+        // Each fault takes long, so only these are run.
         let faults = ["constant_100", "constant", "disconnect_50", "all"];
         let names: Vec<String> = match hold_ms {
             40 | 100 => Vec::new(),
@@ -171,7 +169,7 @@ fn every_hold_passes() {
     }
 }
 
-/// A barrier that is faster than stated is detected, with exit status 1.
+/// A barrier faster than its configuration states is detected: exit status 1.
 #[test]
 fn a_barrier_that_is_faster_than_stated_fails() {
     let (_dir, file) = changed(|text| with_thermometer(&text));
@@ -237,7 +235,7 @@ fn the_table_fits_a_narrow_terminal() {
     let found = Rehearsal::of(1, &faults.map(str::to_owned)).expect("in the catalogue");
     let found = found.run(&plan).expect("it runs");
     let table = text(&found, 40);
-    // A checksum, a path or an address cannot be wrapped.
+    // A checksum, path or address cannot be wrapped.
     let is_long = |line: &&str| line.chars().count() > 40 && line.contains(' ');
     let long: Vec<&str> = table.lines().filter(is_long).collect();
     assert!(

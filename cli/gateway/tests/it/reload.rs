@@ -14,21 +14,18 @@ fn reload(gateway: &mut Gateway) -> (u16, Value) {
     gateway.ask(Operation::Reload(None))
 }
 
-/// The question of a reload.
 fn asked(gateway: &mut Gateway) -> Value {
     let (status, asked) = reload(gateway);
     assert_eq!(status, 409, "{asked}");
     asked
 }
 
-/// Repeats a reload with the hash of the question.
 fn confirm(gateway: &mut Gateway, asked: &Value) {
     let hash = asked["model"].as_str().map(str::to_owned);
     let (status, confirmed) = gateway.ask(Operation::Reload(hash));
     assert_eq!(status, 200, "{confirmed}");
 }
 
-/// A reload is rejected with these words.
 fn refused(gateway: &mut Gateway, words: &str) {
     let (status, refused) = reload(gateway);
     assert_eq!(status, 422, "{refused}");
@@ -51,20 +48,20 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let mut gateway = Gateway::start(&config);
     gateway.wait_for("compensating");
     wait_for_y(&mut gateway, -20.0);
-    // 5 µm at every corner: no confirmation.
+    // 5 µm at every corner needs no confirmation.
     let before = ramps(&gateway);
     change(&machine, "EYX = 20.0", "EYX = 25.0");
     assert_eq!(reload(&mut gateway).0, 200);
     wait_for_y(&mut gateway, -25.0);
     gateway.wait_for("compensating");
     assert!(ramps(&gateway) > before, "through the ramp");
-    // The same files again: nothing changes, without a ramp, and the response says so.
+    // The same files again: no ramp, and the response says so.
     let before = ramps(&gateway);
     let (status, same) = reload(&mut gateway);
     assert_eq!((status, &same["unchanged"]), (200, &json!(true)), "{same}");
     gateway.run(Duration::from_secs(1));
     assert_eq!(ramps(&gateway), before, "no ramp");
-    // 75 µm: status 409, then accepted with the hash.
+    // A change of 75 µm gets status 409, and is accepted with the hash.
     change(&machine, "EYX = 25.0", "EYX = 100.0");
     let question = asked(&mut gateway);
     assert!((question["worst_corner_um"].as_f64().expect("a number") - 75.0).abs() < 0.1);
@@ -74,12 +71,12 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     assert_eq!(other.0, 409);
     confirm(&mut gateway, &question);
     wait_for_y(&mut gateway, -100.0);
-    // A limit must be confirmed as well; the hash of the machine file alone does not confirm it. Then the correction moves to the limit.
+    // A lower limit needs its own confirmation, since the machine file's hash does not cover it. Then the correction ramps to the limit.
     change(&config, "limit_um = 150.0", "limit_um = 50.0");
     let question = asked(&mut gateway);
     assert_eq!(question["limits"]["limit_um"], json!([150.0, 50.0]));
     assert_eq!(question["worst_corner_um"], 0.0);
-    // No rotary axis is corrected, and none is mentioned.
+    // No rotary axis is corrected, so none is mentioned.
     assert!(question["worst_corner_urad"].is_null(), "{question}");
     gateway.wait_until_says("must be confirmed");
     let hash = gateway.state()["machine"]["hash"]
@@ -91,20 +88,20 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let audit = gateway.audit();
     for words in [
         "\"limits\":{\"limit_um\":[150.0,50.0]}",
-        // The log lists the reasons in the order of the state, not alphabetically.
+        // The log lists the reasons in the state's order, not alphabetically.
         "\"reasons\":[\"not proven what positions contain\",",
     ] {
         assert!(audit.contains(words), "{words}: {audit}");
     }
     wait_for_y(&mut gateway, -50.0);
-    // A key that cannot change is reported, an invalid one rejected, and correction continues.
+    // A key that cannot change at runtime is reported, an invalid one rejected; the correction continues.
     change(&config, "cycle_ms = 4.0", "cycle_ms = 8.0");
     refused(&mut gateway, "cycle_ms");
     change(&machine, "travel = [0.0, 250.0]", "travel = [250.0, 0.0]");
     change(&config, "cycle_ms = 8.0", "cycle_ms = 4.0");
     refused(&mut gateway, "machine.toml");
     gateway.wait_for("compensating");
-    // The files on disk differ from the active ones: this is shown, also when arming.
+    // Files on disk that differ from the active ones are reported, also when arming.
     let reported = "files on disk not taken over";
     assert_eq!(gateway.ask(Operation::Disarm).0, 200);
     gateway.wait_for("disarmed");
@@ -113,7 +110,7 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     change(&machine, "travel = [250.0, 0.0]", "travel = [0.0, 250.0]");
     assert_eq!(reload(&mut gateway).0, 200);
     gateway.wait_until_silent_of(reported);
-    // Limits cannot be removed while it runs.
+    // Limits cannot be removed at runtime.
     let text = std::fs::read_to_string(&config).expect("readable");
     let (before, rest) = text.split_once("[guard]").expect("there");
     let (_, after) = rest.split_once("[[controller]]").expect("there");
@@ -121,7 +118,7 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     refused(&mut gateway, "[guard] is missing");
 }
 
-/// Two small changes need no confirmation separately, but their sum does: a change is also measured from the last confirmed model.
+/// Two small changes need no confirmation each, but their sum does: changes are measured from the last confirmed model.
 #[test]
 fn small_changes_do_not_add_up_without_a_confirmation() {
     let dir = tempfile::tempdir().expect("writable");
@@ -141,7 +138,7 @@ fn small_changes_do_not_add_up_without_a_confirmation() {
     wait_for_y(&mut gateway, -28.0);
     confirm(&mut gateway, &question);
     wait_for_y(&mut gateway, -36.0);
-    // The confirmed change is the new origin.
+    // The confirmed change is the new reference.
     change(&machine, "EYX = 36.0", "EYX = 44.0");
     assert_eq!(reload(&mut gateway).0, 200);
     wait_for_y(&mut gateway, -44.0);
@@ -149,7 +146,7 @@ fn small_changes_do_not_add_up_without_a_confirmation() {
     change(&machine, "EYX = 44.0", "EYX = 32.0");
     let question = asked(&mut gateway);
     assert!((worst_um(&question) - 12.0).abs() < 0.1, "{question}");
-    // After a restart, also after an automatic arming, changes are measured from the same origin.
+    // The reference persists over a restart, also with auto-arm.
     change(&machine, "EYX = 32.0", "EYX = 44.0");
     let mut gateway = gateway.killed_and_started(&config);
     wait_for_y(&mut gateway, -44.0);
@@ -158,7 +155,7 @@ fn small_changes_do_not_add_up_without_a_confirmation() {
     gateway.wait_until_says("must be confirmed");
 }
 
-/// The machine file is replaced by another machine's between two runs: arming asks for a confirmation.
+/// The machine file is replaced by another machine's between two runs: arming gets status 409 and needs the hash.
 #[test]
 fn another_machine_file_needs_confirmation_before_arming() {
     let dir = tempfile::tempdir().expect("writable");
@@ -175,7 +172,7 @@ fn another_machine_file_needs_confirmation_before_arming() {
     let hash = asked["model"].as_str().map(str::to_owned);
     assert!(hash.is_some(), "{asked}");
     assert_eq!(gateway.ask(Operation::Arm(hash)).0, 200);
-    // With other axes it does not even start.
+    // With other axes the gateway does not start.
     change(&file, "w X' b Y Z t", "w X' b Y C Z t");
     let axis = "[axes.C]\ntravel = [-180.0, 180.0]\n[errors]";
     change(&file, "[errors]", axis);
@@ -184,8 +181,8 @@ fn another_machine_file_needs_confirmation_before_arming() {
     assert!(refused.to_string().contains("axis C"), "{refused}");
 }
 
-/// Times and thresholds determine how long a stale correction remains and how far a model may change without confirmation, so a reload
-/// asks.
+/// Changed times and thresholds need a confirmation: they determine how long a stale correction remains, and how far a model may change
+/// unconfirmed.
 #[test]
 fn changed_times_and_thresholds_need_confirmation() {
     let (_dir, config, mut gateway) = started("auto_arm = true");

@@ -1,5 +1,5 @@
-//! `send-map` as a program: a map in a simulated SINUMERIK or FANUC control whose PLC does the look-up, and a sender that is ended, killed,
-//! started twice, or given another map.
+//! `send-map` as a program, with a map in a simulated SINUMERIK or FANUC control whose PLC does the look-up. The sender is stopped,
+//! killed, started twice, or given another map.
 
 use std::{
     io::{BufRead as _, BufReader, Read as _, Write as _},
@@ -19,10 +19,10 @@ use crate::{
     program::{change, path},
 };
 
-/// Long enough for a loaded computer.
+/// Timeout sized for a busy computer.
 const PATIENCE: Duration = Duration::from_secs(90);
 const MACHINE: u16 = 1002;
-/// The map is valid for 2 s after the last frame of its sender; then 0.2 mm/s to zero, in steps of one scan.
+/// The map expires 2 s after its sender's last frame; then the correction ramps to zero at 0.2 mm/s in steps of one scan.
 const PLC: &str = "machine=1002,capacity=700,limit=100,rate=2,scan_ms=10,hold=100,time_out=200";
 const SENDER: &str = r#"
 map = "machine.map"
@@ -37,7 +37,7 @@ zero_after_ms = 2000.0
 time_out_ms = 2000.0
 "#;
 
-/// The control, with its output in response to the typed command `report`.
+/// The control, with its reply to the command `report` on its input.
 struct Control {
     running: Running,
     output: BufReader<ChildStdout>,
@@ -66,7 +66,7 @@ impl Control {
         serde_json::from_str(&line).expect("JSON")
     }
 
-    /// Correction of X from the map in the control, µm.
+    /// Correction of X from the control's map, µm.
     fn x_um(&mut self) -> f64 {
         let report = self.report();
         report["map_um"]["X"]
@@ -89,7 +89,6 @@ fn write(dir: &Path, url: &str, largest_um: f64) -> PathBuf {
     file
 }
 
-/// The map alone, with its number.
 fn write_map(dir: &Path, largest_um: f64, counter: u16) {
     let names = [AxisName::X, AxisName::Y, AxisName::Z];
     let request = Request {
@@ -129,7 +128,7 @@ fn said(output: &Output) -> String {
     text(&output.stdout) + &text(&output.stderr)
 }
 
-/// The hash that confirms the map, from the output of a call without it.
+/// The hash that confirms the map, from a call without confirmation.
 fn hash(file: &Path) -> String {
     let output = command(file, &[]).output().expect("it starts");
     let text = said(&output);
@@ -138,7 +137,7 @@ fn hash(file: &Path) -> String {
     hash.to_owned()
 }
 
-/// A control with the files of a sender that is not started.
+/// A control and the files of a sender, which is not started.
 struct Rig {
     dir: tempfile::TempDir,
     control: Control,
@@ -146,7 +145,6 @@ struct Rig {
     file: PathBuf,
 }
 
-/// A running sender with map 7 in use.
 struct Sender {
     running: Running,
     output: BufReader<ChildStdout>,
@@ -154,7 +152,7 @@ struct Sender {
 }
 
 impl Rig {
-    /// `None` without the simulated control.
+    /// `None` if the simulated control is missing.
     fn new() -> Option<Self> {
         let dir = tempfile::tempdir().expect("writable");
         let (control, url) = Control::start("127.0.0.1:0")?;
@@ -172,14 +170,14 @@ impl Rig {
         self.sender_by(command(&self.file, &["--confirm", &confirmed]))
     }
 
-    /// Starts a sender by this command, and waits until the control reaches the correction.
+    /// Starts a sender with this command, and waits until the control reaches the correction.
     fn sender_by(&mut self, command: Command) -> Sender {
         let sender = Sender::start(command, self.dir.path());
         self.control.reaches(40.0);
         sender
     }
 
-    /// Confirms the map for the running sender; returns exit status and output.
+    /// Confirms a new map for the running sender; returns exit status and output.
     fn replace(&self) -> (Option<i32>, String) {
         let call = ["--confirm", &hash(&self.file), "--replace"];
         result(&self.file, &call)
@@ -218,7 +216,6 @@ impl Sender {
         line
     }
 
-    /// Ends it by a signal; returns the rest of its output.
     fn stop(mut self) -> String {
         self.running.signal("TERM");
         let mut rest = String::new();
@@ -229,13 +226,12 @@ impl Sender {
     }
 }
 
-/// Exit status and output of a call.
 fn result(file: &Path, more: &[&str]) -> (Option<i32>, String) {
     let output = command(file, more).output().expect("it starts");
     (output.status.code(), said(&output))
 }
 
-/// A call that is rejected with this status and these words.
+/// Checks that a call fails with this status and these words.
 fn refused(file: &Path, more: &[&str], expected: i32, words: &str) {
     let (status, text) = result(file, more);
     assert_eq!(status, Some(expected), "{text}");
@@ -250,7 +246,7 @@ fn a_signal_ends_it_when_the_corrections_are_zero() {
     let sender = rig.sender();
     assert_eq!(sender.stop(), "the corrections are zero\n");
     assert!(rig.control.x_um().abs() < 0.5);
-    // Everything is recorded, from start to end.
+    // The audit log is complete from start to end.
     let files = std::fs::read_dir(rig.dir.path().join("audit")).expect("a folder");
     let texts = files.map(|file| std::fs::read(file.expect("listed").path()).unwrap_or_default());
     let log = String::from_utf8_lossy(&texts.collect::<Vec<_>>().concat()).into_owned();
@@ -263,7 +259,8 @@ fn a_signal_ends_it_when_the_corrections_are_zero() {
     }
 }
 
-/// From the value of one map to that of another, at the rate of the control and never through zero; an incompatible map changes nothing.
+/// Another map is activated: the correction goes from one value to the other at the control's rate, never through zero. An incompatible
+/// map changes nothing.
 #[test]
 fn another_map_takes_the_place_of_the_one_in_use() {
     let Some(mut rig) = Rig::new() else {
@@ -280,7 +277,7 @@ fn another_map_takes_the_place_of_the_one_in_use() {
             log.contains("another map is not sent") && log.contains(words)
         });
     };
-    // The same number again, other limits, and limits of the control that are narrower than those of the file.
+    // Rejected: the same number, other limits, and a control with narrower limits than the file.
     write_map(rig.dir.path(), 60.0, 7);
     refuses("found the number 7 of the map in use");
     write_map(rig.dir.path(), 60.0, 8);
@@ -298,7 +295,7 @@ fn another_map_takes_the_place_of_the_one_in_use() {
     });
     assert_eq!(sender.line(), "map 8 is in use\n");
     seen.extend((0..100).map(|_| rig.control.x_um()));
-    // From 40 to 30 µm, downwards and no farther.
+    // The correction falls monotonically from 40 to 30 µm.
     let (least, most) = (
         seen.iter().copied().fold(f64::INFINITY, f64::min),
         seen.iter().copied().fold(0.0, f64::max),
@@ -307,8 +304,8 @@ fn another_map_takes_the_place_of_the_one_in_use() {
     assert!(seen.is_sorted_by(|was, is| is <= was), "{seen:?}");
 }
 
-/// While the record of another map waits for a hanging disk, the map in use stays valid. The other map is abandoned after a timeout, and is
-/// not activated late.
+/// While the record of another map waits for a hanging disk, the active map stays valid. The other map times out and is not activated
+/// later.
 #[test]
 fn a_disk_that_hangs_keeps_the_map_in_use() {
     let Some(mut rig) = Rig::new() else {
@@ -337,11 +334,10 @@ fn a_disk_that_hangs_keeps_the_map_in_use() {
         rig.keeps(40.0);
         sender.log().contains("the audit log is written again")
     });
-    // It is activated if it is confirmed again.
     rig.must_replace();
     rig.control.reaches(30.0);
     assert_eq!(sender.line(), "map 8 is in use\n");
-    // With the disk hanging again it still ends properly, and reports the missing records.
+    // While the disk hangs again the sender still stops properly, and reports the missing records.
     std::fs::write(&hangs, "").expect("writable");
     sender.running.signal("TERM");
     let ended = sender.running.ended(PATIENCE).expect("it ends");
@@ -351,14 +347,13 @@ fn a_disk_that_hangs_keeps_the_map_in_use() {
     assert!(log.contains("the last records are lost"), "{log}");
 }
 
-/// A confirmation that arrives while another one is being rejected is removed and processed separately.
 #[test]
 fn a_confirmation_during_a_refusal_is_separate() {
     let Some(mut rig) = Rig::new() else {
         return;
     };
     let mut sender = rig.sender();
-    // A reader of this map waits until it is written.
+    // A reader of this pipe blocks until it is written.
     let pipe = rig.dir.path().join("pipe.map");
     let made = Command::new("mkfifo").arg(&pipe).status();
     assert!(made.expect("of the system").success());
@@ -366,7 +361,7 @@ fn a_confirmation_during_a_refusal_is_separate() {
     let confirmation = rig.dir.path().join("audit/confirmed-map");
     std::fs::write(&confirmation, "0123456789abcdef").expect("writable");
     until("it is taken", PATIENCE, || !confirmation.exists());
-    // Opened by both sides: the refusal is under way.
+    // Both ends are open: the rejection is in progress.
     let mut bytes = std::fs::File::options()
         .write(true)
         .open(&pipe)
@@ -383,7 +378,7 @@ fn a_confirmation_during_a_refusal_is_separate() {
     rig.control.reaches(30.0);
 }
 
-/// After a kill the control ramps to zero alone. Then another sender takes over, and a control that lost its memory gets the map again.
+/// After a kill of the sender the control ramps to zero. Another sender takes over; a power-cycled control gets the map again.
 #[test]
 fn a_killed_sender_leaves_zero_behind_and_the_next_one_goes_on() {
     let Some(mut rig) = Rig::new() else {
@@ -393,7 +388,7 @@ fn a_killed_sender_leaves_zero_behind_and_the_next_one_goes_on() {
     sender.running.kill();
     rig.control.reaches(0.0);
     let _sender = rig.sender();
-    // The control is power-cycled under the same address.
+    // The power-cycled control has the same address.
     let listen = rig.url.trim_start_matches("opc.tcp://");
     let listen = listen.split('/').next().expect("one part at least");
     rig.control.running.kill();
@@ -409,7 +404,7 @@ fn a_second_sender_and_another_map_are_refused() {
     let confirmed = hash(&rig.file);
     let _sender = rig.sender();
     refused(&rig.file, &["--confirm", &confirmed], 1, "another gateway");
-    // From another folder, and by another name of the same control.
+    // Another folder, and another name for the same control.
     let other = tempfile::tempdir().expect("writable");
     let elsewhere = write(
         other.path(),
@@ -419,12 +414,12 @@ fn a_second_sender_and_another_map_are_refused() {
     let why = "another gateway on this computer uses it";
     refused(&elsewhere, &["--confirm", &hash(&elsewhere)], 1, why);
     rig.keeps(40.0);
-    // The map was replaced after it was confirmed.
+    // The map file changed after its confirmation.
     let file = write(other.path(), &rig.url, 60.0);
     refused(&file, &["--confirm", &confirmed], 2, "expected");
 }
 
-/// The same with the PMC of a FANUC control, simulated by `focas-sim`, a program of another package that is built before.
+/// The same with the PMC of a FANUC control, simulated by `focas-sim`, which must be built first.
 #[test]
 fn a_fanuc_control_looks_up_as_well() {
     let built = Path::new(env!("CARGO_BIN_EXE_volcomp-gateway")).with_file_name("focas-sim");

@@ -1,4 +1,4 @@
-//! The MTConnect adapter: its lines, its clients, and the device description for an agent.
+//! The MTConnect adapter: lines, clients, and the device description for an agent.
 
 use std::{
     io::{BufRead, BufReader, Read, Write},
@@ -25,7 +25,6 @@ use crate::{
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A five-axis gateway whose state is set by a test.
 fn shape() -> Shape {
     Shape {
         machine: "m".to_owned(),
@@ -35,7 +34,6 @@ fn shape() -> Shape {
     }
 }
 
-/// Time of the states.
 fn noon() -> SystemTime {
     SystemTime::UNIX_EPOCH + Duration::from_secs(20_778 * 86_400 + 12 * 3600)
 }
@@ -46,13 +44,13 @@ fn every_item_is_sent_once_then_its_changes() {
     let mut reported = SentState::nothing(&items);
     let first = reported.changes(&items, &status(&json!({})), noon());
     for line in [
-        // The timestamp contains the age: positions are 8 ms old, the confirmed correction 12 ms, the rest 20 ms.
+        // The timestamp accounts for the age: positions 8 ms, confirmed correction 12 ms, the rest 20 ms.
         "2026-11-21T11:59:59.980Z|avail|AVAILABLE",
         "2026-11-21T11:59:59.980Z|state|COMPENSATING",
         "2026-11-21T11:59:59.992Z|x_position|400.25",
         "2026-11-21T11:59:59.992Z|c_position|-90",
         "2026-11-21T11:59:59.988Z|x_correction|-0.0125",
-        // 100 µrad.
+        // 100 µrad in degrees.
         "2026-11-21T11:59:59.988Z|c_correction|0.00572958",
         "2026-11-21T11:59:59.992Z|tool_error|0.005",
         "2026-11-21T11:59:59.980Z|temperature_bed_plate|21.5",
@@ -67,7 +65,7 @@ fn every_item_is_sent_once_then_its_changes() {
             "{line} in {first}"
         );
     }
-    // One item is the availability, and reasons are conditions.
+    // One item is the availability; reasons are conditions.
     let count = 1 + quantities(&shape()).len() - 1 + items.conditions.len();
     assert_eq!(first.lines().count(), count, "{first}");
     let mut next = |changes: Value| reported.changes(&items, &status(&changes), noon());
@@ -90,7 +88,7 @@ fn what_is_not_known_is_not_available() {
     let mut reported = SentState::nothing(&items);
     let mut next = |changes: Value| reported.changes(&items, &status(&changes), noon());
     next(json!({}));
-    // Old positions keep their last value; the state reports their age.
+    // Old positions keep their last value, and the state reports the age.
     let stale = next(json!({ "state": "holding", "reasons": ["positions stale"] }));
     for key in [
         "x_position",
@@ -117,7 +115,6 @@ fn what_is_not_known_is_not_available() {
         unconfirmed.contains("|x_correction|UNAVAILABLE\n"),
         "{unconfirmed}"
     );
-    // A control thread that is silent.
     let silent = next(json!({
         "state": "unknown", "reasons": ["no cycle for 1234 ms"], "correction_known": false, "positions_mm": {},
         "positions_deg": {}, "correction_um": {}, "correction_urad": {}, "error_um": null,
@@ -165,7 +162,7 @@ fn conditions_end_by_their_codes() {
             "WARNING|no_barrier|||no barrier"
         ]
     );
-    // If it is faulted, a reason that forbids arming is a fault; the other reason is unchanged.
+    // In the state `faulted` a reason that forbids arming is a fault; other reasons do not change.
     assert_eq!(
         next(
             "faulted",
@@ -181,7 +178,7 @@ fn conditions_end_by_their_codes() {
         ["NORMAL|emergency_stop|||"]
     );
     assert_eq!(next("disarmed", &[]), ["NORMAL||||"]);
-    // A changed wrong position is no news.
+    // The same reason with another position is not sent again.
     let jumped = |at: &str| format!("position jumped: X {at} mm");
     assert_eq!(
         next("holding", &[&jumped("4000.000")]),
@@ -190,8 +187,8 @@ fn conditions_end_by_their_codes() {
     assert!(next("holding", &[&jumped("4000.013")]).is_empty());
 }
 
-/// The fields of a line as the reference agent parses them, by its rules: fields are split at `|`; one that begins with `"` extends to the
-/// next `"` followed by `|` or the end, and a `\` in it escapes the next character.
+/// The fields of a line by the rules of the reference agent: split at `|`; a field that begins with `"` extends to the next `"` before
+/// `|` or the end, and `\` escapes the next character in it.
 fn taken(line: &str) -> Vec<String> {
     let signs: Vec<char> = line.chars().collect();
     let (mut fields, mut at) = (Vec::new(), 0);
@@ -223,7 +220,7 @@ fn taken(line: &str) -> Vec<String> {
 }
 
 proptest! {
-    /// For any texts, a reader gets the written number of fields with the same texts, except for control characters.
+    /// For any texts the reader gets the same number of fields with the same texts, without control characters.
     #[test]
     fn a_reader_takes_what_was_written(texts in prop::collection::vec(r#"[a-z|"\\\n\r\t |"]{0,8}|.{0,12}"#, 1..6)) {
         let line: Vec<String> = texts.iter().map(|text| escaped(text)).collect();
@@ -240,7 +237,7 @@ proptest! {
     }
 }
 
-/// The independent client, with the items to wait for.
+/// The independent client, started with the items to wait for.
 struct Agent {
     running: Running,
     wishes: Option<ChildStdin>,
@@ -268,7 +265,6 @@ impl Agent {
         line.trim_end().to_owned()
     }
 
-    /// Waits for an item with these fields.
     fn hears(&mut self, key: &str, fields: &Value) {
         let wishes = self.wishes.as_mut().expect("open");
         writeln!(wishes, "{}", json!([key, fields])).expect("it reads");
@@ -276,7 +272,6 @@ impl Agent {
         assert!(line.starts_with("ok "), "{key} {fields}: {line}");
     }
 
-    /// The keys of all received items.
     fn keys(mut self) -> Vec<String> {
         drop(self.wishes.take());
         let end: Value = serde_json::from_str(&self.line()).expect("JSON");
@@ -300,7 +295,6 @@ fn client(address: &str) -> TcpStream {
     stream
 }
 
-/// A gateway with an adapter of MTConnect, and its configuration.
 fn served(dir: &Path, more: &str, device: &str) -> (Served, PathBuf, String) {
     let config = served_configuration(dir, more);
     let address = format!("127.0.0.1:{}", free_port());
@@ -329,14 +323,13 @@ fn an_agent_reads_what_the_dashboard_shows() {
         "guard",
         &json!(["WARNING", "no_barrier", null, null, "no barrier"]),
     );
-    // Its control is disconnected.
     gateway.gateway().disconnect();
     agent.hears("x_position", &json!(["UNAVAILABLE"]));
     agent.hears("y_correction", &json!(["UNAVAILABLE"]));
     agent.hears("guard", &json!(["WARNING", "controller_does_not_answer"]));
     let keys = agent.keys();
 
-    // The description names exactly the items that are sent.
+    // The description has exactly the items that are sent.
     let plan = machine(&config).plan().expect("right");
     let device = shdr::device(&plan.shape(), plan.shdr_device());
     let python = peers::python().expect("the agent ran by it");
@@ -356,7 +349,7 @@ fn an_agent_reads_what_the_dashboard_shows() {
     assert_eq!(read["ids"], json!(keys));
 }
 
-/// Prints the name of the device and the sorted identifiers of its data items, and rejects duplicate identifiers.
+/// Prints the device name and the sorted identifiers of its data items; rejects duplicates.
 const READ_DEVICE: &str = r#"
 import json, sys, xml.etree.ElementTree as tree
 root = tree.parse(sys.stdin.buffer).getroot()
@@ -370,8 +363,8 @@ device = root.find(f".//{space}Device")
 print(json.dumps({"name": device.get("name"), "ids": sorted(item.get("id") for item in items)}))
 "#;
 
-/// Nothing received from a client has an effect, and an endless line closes its connection. A client that sends requests and never reads is
-/// disconnected, and the other one continues to receive.
+/// Data from clients has no effect. An endless line closes its connection, and a client that never reads is disconnected while the other
+/// one still receives.
 #[test]
 fn received_data_neither_commands_nor_delays() {
     let dir = tempfile::tempdir().expect("writable");
@@ -388,7 +381,7 @@ fn received_data_neither_commands_nor_delays() {
         assert!(read > 0, "it was closed");
     }
     assert_eq!(gateway.state()["armed"], false);
-    // It may be closed during the write.
+    // The gateway may close during the write.
     let _ = stream.write_all(&[b'x'; 5000]);
     loop {
         match stream.read(&mut buffer) {
@@ -402,7 +395,7 @@ fn received_data_neither_commands_nor_delays() {
     }
     let deaf = client(&address);
     let mut asks = deaf.try_clone().expect("a handle");
-    // It sends requests until the gateway accepts no more, and then until the gateway closes the connection.
+    // Sends requests until the gateway accepts no more, then until it closes the connection.
     let asking = std::thread::spawn(move || {
         let pings = b"* PING\n".repeat(1000);
         let end = Instant::now() + PATIENCE;

@@ -1,4 +1,4 @@
-//! The shipped configurations with the simulated control, by the commands in their comments.
+//! The shipped configurations with the simulated control, run by the commands in their comments.
 
 use std::{
     io::BufRead,
@@ -12,7 +12,7 @@ use volcomp_test_support::Running;
 
 use crate::program::{Program, change, path};
 
-/// The simulated control with the last line of its report; ended when it is dropped.
+/// The simulated control and its latest report line.
 pub(crate) struct Control {
     _running: Running,
     pub(crate) address: String,
@@ -45,12 +45,11 @@ impl Control {
         control
     }
 
-    /// The last line of its report.
     pub(crate) fn report(&self) -> Option<Value> {
         self.report.lock().expect("no panic").clone()
     }
 
-    /// Tool error, µm, without and with the correction.
+    /// Tool error without and with the correction, µm.
     fn misses_um(&self) -> Option<[f64; 2]> {
         let report = self.report()?;
         let length = |name: &str| {
@@ -62,7 +61,7 @@ impl Control {
     }
 }
 
-/// The simulator in the folder of the tested gateway; built if missing.
+/// The simulator next to the tested gateway; built if missing.
 pub(crate) fn simulator() -> PathBuf {
     let gateway = Path::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
     let folder = gateway.parent().expect("a folder");
@@ -94,7 +93,6 @@ fn arguments<'a>(text: &'a str, program: &str) -> Vec<&'a str> {
     command.split_whitespace().collect()
 }
 
-/// A folder with the files of the folder of examples.
 pub(crate) fn copied_examples() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().expect("writable");
     let examples = dir.path().join("examples");
@@ -109,8 +107,7 @@ pub(crate) fn copied_examples() -> (tempfile::TempDir, PathBuf) {
     (dir, examples)
 }
 
-/// Runs both programs with the commands in the comments of the configuration, on free ports: the residual is less than a
-/// fifth of the error.
+/// Runs both programs by the commands in the configuration's comments, on free ports: the residual must be below a fifth of the error.
 fn rehearse(configuration: &str) {
     let (dir, examples) = copied_examples();
     let file = examples.join(configuration);
@@ -147,7 +144,6 @@ fn five_axes_as_shipped() {
     rehearse("gateway-five-axis.toml");
 }
 
-/// Rejections by a control are logged, with the return code in words.
 #[test]
 fn a_refusal_is_logged_with_its_code() {
     let (dir, examples) = copied_examples();

@@ -1,4 +1,4 @@
-//! The gateway on a simulated SINUMERIK control, an OPC UA server on another library: a thermal drift is corrected, and faults of the
+//! The gateway on a simulated SINUMERIK control, an OPC UA server on another library: thermal drift is corrected, and faults of the
 //! control are detected.
 
 use std::{
@@ -17,10 +17,10 @@ use crate::{
     program::{Program, change, path, token_file},
 };
 
-/// Long enough for a loaded computer: a cycle takes 100 ms here, and the correction of the drift some seconds.
+/// Timeout sized for a busy computer: a cycle takes 100 ms and the drift correction some seconds.
 const PATIENCE: Duration = Duration::from_secs(90);
 
-/// The model: X and Y grow with the bed. This path must not correct its geometric error.
+/// X and Y expand with the bed. The model also has a geometric error, which this path must not correct.
 const MACHINE: &str = r#"
 name = "mill"
 structure = "w b X Y Z t"
@@ -64,7 +64,7 @@ impl Control {
                 "--truth",
                 path(&machine),
             ])
-            // The positions of the axes have no effect on thermal corrections.
+            // Axis positions do not affect thermal corrections.
             .args([
                 "--at",
                 "X=400,Y=150,Z=50",
@@ -102,7 +102,6 @@ impl Control {
         self.report()[key][axis].as_f64().expect("a number")
     }
 
-    /// Waits until the report of the control satisfies a condition.
     fn wait(&mut self, program: &Program, what: &str, done: impl Fn(&Value) -> bool) {
         let end = Instant::now() + PATIENCE;
         loop {
@@ -186,20 +185,18 @@ fn is(name: &str) -> impl Fn(&Value) -> bool {
     move |state| state["state"] == name
 }
 
-/// Whether nothing is written to any axis.
 fn is_zero(report: &Value) -> bool {
     ["X", "Y", "Z"]
         .iter()
         .all(|axis| report["setting_um"][axis] == 0.0)
 }
 
-/// A gateway that corrects.
 fn armed(dir: &Path, config: &Path) -> Program {
     let program = Program::start(dir, &["--config", path(config)]);
     wait(&program, "it has watched", |state| {
         !state["reasons"].to_string().contains("watching") && state["state"] == "disarmed"
     });
-    // Until then arming may be forbidden: no temperature, no reading.
+    // Arming may be forbidden until the first temperatures and readings.
     let end = Instant::now() + PATIENCE;
     loop {
         let answer = program.post("/api/arm", "");
@@ -237,7 +234,7 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
     );
 
     let program = armed(dir.path(), &config);
-    // At the reference temperature there is no correction, whatever the geometric errors of the machine file.
+    // At the reference temperature there is no correction, in spite of the geometric errors of the machine file.
     assert!(is_zero(&control.report()));
     control.type_in("temperature bed=24");
     control.wait(&program, "the drift is removed", |report| {
@@ -254,12 +251,11 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
         "{state}"
     );
 
-    // After disarming the correction ramps out.
     assert!(program.post("/api/disarm", "").status < 300);
     control.wait(&program, "it went back", is_zero);
 }
 
-/// Old positions hold the correction, then ramp it out. If the emergency stop is unknown as well, no new correction is written.
+/// With old positions the correction is held, then ramps out. While the emergency stop is unknown too, no new correction is written.
 #[test]
 fn a_stopped_sampler_holds_and_old_positions_ramp_out() {
     let dir = tempfile::tempdir().expect("writable");
@@ -286,7 +282,7 @@ fn a_stopped_sampler_holds_and_old_positions_ramp_out() {
     wait(&program, "it holds old positions", holds_old_positions);
     let um = control.um("setting_um", "X");
     assert!(um < -27.0);
-    // Longer than `zero_after_ms`.
+    // Wait longer than `zero_after_ms`.
     let begin = Instant::now();
     while begin.elapsed() < Duration::from_secs(8) {
         assert_eq!(control.um("setting_um", "X"), um, "{}", program.log());
@@ -347,7 +343,6 @@ fn a_control_that_ignores_corrections_is_refused() {
     assert!(program.post("/api/arm", "").status >= 400);
 }
 
-/// Configurations that `check` rejects before connecting.
 #[test]
 fn configurations_that_this_control_cannot_have() {
     let dir = tempfile::tempdir().expect("writable");

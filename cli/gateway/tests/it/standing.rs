@@ -1,4 +1,4 @@
-//! State that survives a restart: a disarm by an operator, and an unacknowledged fault.
+//! State that persists over a restart: an operator's disarm, and an unacknowledged fault.
 
 use std::{
     fs::File,
@@ -20,7 +20,7 @@ use crate::{
     program::{MACHINE, Program, append, change, path, token_file},
 };
 
-/// The valid text of the file: that of the slot with the highest count.
+/// The valid text of the file: the slot with the higher count.
 pub(crate) fn standing_text(file: &Path) -> String {
     let text = std::fs::read_to_string(file).expect("written");
     let slots = text.lines().filter_map(|line| {
@@ -31,7 +31,7 @@ pub(crate) fn standing_text(file: &Path) -> String {
     latest.expect("a slot").1
 }
 
-/// A file system of 512 KiB in memory; `None` for a user who may not mount one.
+/// A tmpfs of 512 KiB; `None` if the user may not mount.
 pub(crate) struct SmallDisk(pub(crate) PathBuf);
 
 impl SmallDisk {
@@ -47,7 +47,6 @@ impl SmallDisk {
         None
     }
 
-    /// Fills it, except for `left` bytes.
     pub(crate) fn fill(&self, left: u64) {
         let path = self.0.join("filler");
         let mut filler = File::create(&path).expect("writable");
@@ -72,7 +71,6 @@ impl Drop for SmallDisk {
 const DISARMED: &str = "disarmed by the operator";
 const UNWRITTEN: &str = "audit log cannot be written";
 
-/// A compensating gateway with auto-arm.
 fn compensating(dir: &Path) -> (PathBuf, Gateway) {
     let config = configuration(dir, "auto_arm = true");
     let mut gateway = Gateway::start(&config);
@@ -80,7 +78,6 @@ fn compensating(dir: &Path) -> (PathBuf, Gateway) {
     (config, gateway)
 }
 
-/// A restart with `auto_arm` does not arm a gateway that an operator has disarmed.
 #[test]
 fn an_operators_disarm_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
@@ -92,7 +89,7 @@ fn an_operators_disarm_survives_a_restart() {
     gateway.run(Duration::from_secs(10));
     assert_eq!(gateway.state()["state"], "disarmed");
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
-    // Armed by an operator again, it arms automatically after the next restart.
+    // Once an operator arms again, auto-arm works after the next restart.
     gateway.must_arm();
     gateway.wait_for("compensating");
     gateway.wait_until_silent_of(DISARMED);
@@ -100,13 +97,13 @@ fn an_operators_disarm_survives_a_restart() {
     gateway.wait_for("compensating");
 }
 
-/// An operator's disarm that cannot be written to a full disk is written as soon as possible, so that the gateway does not arm
-/// automatically after a kill and a restart.
+/// An operator's disarm that a full disk refuses is written as soon as there is space; after a kill and restart the gateway does not arm
+/// automatically.
 #[test]
 fn an_operators_disarm_is_written_as_soon_as_possible() {
     let dir = tempfile::tempdir().expect("writable");
     let (config, mut gateway) = compensating(dir.path());
-    // A folder of this name: the file cannot take its place.
+    // A folder of this name prevents the file from being written.
     let file = dir.path().join("audit/standing.slots");
     std::fs::remove_file(&file).expect("it took its room at the start");
     std::fs::create_dir(&file).expect("nothing stands");
@@ -122,7 +119,7 @@ fn an_operators_disarm_is_written_as_soon_as_possible() {
     assert_eq!(gateway.state()["state"], "disarmed");
 }
 
-/// An operator's disarm on a full disk (status 200) persists over a power failure, and so does a fault.
+/// On a full disk an operator's disarm (status 200) and a fault persist over a power failure.
 #[test]
 fn an_operators_disarm_is_kept_on_a_full_disk() {
     for (is_fault, written, reported, state) in [
@@ -159,7 +156,7 @@ fn an_operators_disarm_is_kept_on_a_full_disk() {
     }
 }
 
-/// Without space for the standing state nothing is armed; once there is, it arms.
+/// Without disk space for the state file arming gets status 409; with space the gateway arms.
 #[test]
 fn without_room_for_the_standing_state_it_does_not_arm() {
     let dir = tempfile::tempdir().expect("writable");
@@ -181,7 +178,7 @@ fn without_room_for_the_standing_state_it_does_not_arm() {
     gateway.wait_for("compensating");
 }
 
-/// An operator's disarm while the gateway stops, which still ramps out and responds, persists.
+/// An operator's disarm during the ramp-out of a stop is answered with 200 and persists.
 #[test]
 fn a_disarm_while_stopping_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
@@ -206,7 +203,7 @@ fn a_disarm_while_stopping_survives_a_restart() {
     assert!(says(&state, DISARMED), "{state}");
 }
 
-/// Killing a gateway does not acknowledge its fault.
+/// After a kill and restart a fault is still present, and auto-arm waits for its acknowledgement.
 #[test]
 fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     let dir = tempfile::tempdir().expect("writable");
@@ -245,7 +242,8 @@ fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     gateway.wait_for("compensating");
 }
 
-/// The state of unreachable lines is unknown, so an orderly end must not record zero for it, which the next run would trust.
+/// Digital lines that become unreachable have an unknown correction: an orderly stop must not record zero, which the next run would
+/// trust.
 #[test]
 fn an_unknown_correction_stays_unknown_after_an_orderly_end() {
     let dir = tempfile::tempdir().expect("writable");
@@ -291,7 +289,7 @@ token_file = "tokens"
     }
 }
 
-/// The scale of X expands by 11.5 µm/(m·K).
+/// A machine whose X scale expands by 11.5 µm/(m·K).
 fn with_thermometer(dir: &Path) -> PathBuf {
     let config = configuration(dir, "auto_arm = true");
     let profile = "name = \"ONE\"\n[channels]\nfunction = 4\naddress = 0\ncount = 1\ntype = \"i16\"\nscale = 0.1\nunit = \"degc\"\nvalid_degc = [-50.0, 200.0]\n";
@@ -312,7 +310,7 @@ fn quality(state: &Value) -> String {
     format!("{} {}", sensor["quality"], sensor["reason"])
 }
 
-/// The sensor delivers values while the machine is corrected, and then jumps.
+/// The sensor works during correction, then jumps.
 fn let_sensor_jump(gateway: &mut Gateway) {
     gateway.wait_for("compensating");
     gateway.wait("good", |state| quality(state).contains("good"));
@@ -323,8 +321,8 @@ fn let_sensor_jump(gateway: &mut Gateway) {
     gateway.wait("jumped", |state| quality(state).contains("jumped"));
 }
 
-/// A broken sensor was excluded, and the gateway restarted, also after a full disk: the first reading is not accepted, and the gateway does
-/// not arm automatically.
+/// A sensor was excluded after a jump and the gateway restarted, also after a full disk: the first reading is not accepted, and auto-arm
+/// waits.
 #[test]
 fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
     for is_full in [false, true] {
@@ -351,13 +349,11 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
         assert_eq!(gateway.wait_until_says(reported)["state"], "faulted");
         gateway.run(Duration::from_secs(10));
         assert_eq!(gateway.state()["state"], "faulted");
-        // An operator has checked it.
         assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
         assert_ne!(gateway.state()["state"], "faulted");
     }
 }
 
-/// Acknowledging an alarm of the control does not accept a sensor that jumped.
 #[test]
 fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     let dir = tempfile::tempdir().expect("writable");
@@ -376,7 +372,7 @@ fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     gateway.wait("believed", |state| quality(state).contains("good"));
 }
 
-/// An operator disarms when the cycle has armed but the service still has the previous state: who disarmed is recorded.
+/// An operator disarms after the cycle has armed and before the service has the new state: the operator's name is recorded.
 #[test]
 fn a_disarm_right_after_arming_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");

@@ -1,5 +1,5 @@
-//! A five-axis machine on which X, Y and Z are written and A and C only read: both programs together, judged by the tool error of the
-//! simulated machine.
+//! A five-axis machine on which X, Y and Z are written and A and C only read: gateway and control together, judged by the simulated
+//! machine's tool error.
 
 use std::{
     collections::BTreeMap,
@@ -17,15 +17,14 @@ use crate::{
     shipped::{Control, copied_examples},
 };
 
-/// Maximum deviation of an output from the requested correction, µm: half a step and a tenth of hysteresis, for each of three axes.
+/// Maximum deviation of an output from the requested correction, µm per axis: half a step and 10 % hysteresis.
 const ROUNDING_UM: f64 = 0.6;
-/// Delay from a position to the applied correction: it is read once per cycle of 4 ms, held until the next frame is accepted, and delayed
-/// by two scans of 2 ms.
+/// Delay from a position to its applied correction, s: one cycle of 4 ms, the wait for the next accepted frame, and two scans of 2 ms.
 const DELAY_S: f64 = 0.012;
 /// The same delay on a busy computer.
 const BUSY_DELAY_S: f64 = 0.040;
 
-/// The gateway and a simulated control with these options, on which X, Y and Z take corrections.
+/// A gateway and a simulated control with these options; X, Y and Z take corrections.
 fn corrected(options: &[&str]) -> (tempfile::TempDir, Control, Program, Machine) {
     let (dir, examples) = copied_examples();
     let machine = examples.join("table-tilting.toml");
@@ -45,7 +44,7 @@ fn corrected(options: &[&str]) -> (tempfile::TempDir, Control, Program, Machine)
     (dir, control, gateway, machine)
 }
 
-/// Tool tip error of a report line, µm, without and with the correction.
+/// Tip error in a report line, µm, without and with the correction.
 fn misses_um(report: &Value) -> [f64; 2] {
     ["error", "residual"].map(|name| {
         let vector: [f64; 3] =
@@ -54,7 +53,7 @@ fn misses_um(report: &Value) -> [f64; 2] {
     })
 }
 
-/// The correction of X, Y and Z that removes the position error of the tip, µm, with the axes at these places (mm, deg).
+/// Correction of X, Y and Z that removes the tip's position error, µm, at these axis positions (mm, deg).
 fn correction_um(machine: &Machine, places: &BTreeMap<String, f64>) -> [f64; 3] {
     let mut state = State::default();
     for (name, place) in places {
@@ -71,12 +70,11 @@ fn correction_um(machine: &Machine, places: &BTreeMap<String, f64>) -> [f64; 3] 
     let actual = actual_pose(chain, &machine.source(&Temperatures::new()), &state);
     let tip = chain.tool_tip_mm();
     let error = actual.transform_point(&tip) - ideal.transform_point(&tip);
-    // In the directions of X, Y and Z; the table rotates between them and the workpiece.
+    // In machine directions: the table's rotation lies between these and the workpiece.
     let error = ideal.rotation.transpose() * error;
     [-error.x * 1e3, -error.y * 1e3, -error.z * 1e3]
 }
 
-/// Axis positions of a report line, mm and deg.
 fn places(report: &Value) -> BTreeMap<String, f64> {
     let of = |key: &str| -> BTreeMap<String, f64> {
         serde_json::from_value(report[key].clone()).expect("numbers")
@@ -86,7 +84,6 @@ fn places(report: &Value) -> BTreeMap<String, f64> {
     places
 }
 
-/// Report lines received within this time.
 fn reports(control: &Control, within: Duration) -> Vec<Value> {
     let mut reports: Vec<Value> = Vec::new();
     let end = Instant::now() + within;
@@ -101,7 +98,7 @@ fn reports(control: &Control, within: Duration) -> Vec<Value> {
     reports
 }
 
-/// A and C at rest: the tip error is the rounding of the outputs.
+/// With A and C at rest the remaining tip error is at most the rounding of the outputs.
 #[test]
 fn what_stands_is_corrected_to_the_rounding() {
     let bound = ROUNDING_UM * 3.0_f64.sqrt();
@@ -130,7 +127,8 @@ fn what_stands_is_corrected_to_the_rounding() {
     }
 }
 
-/// A and C move, the table at 33 rpm, uncorrected: the residual is the rounding plus the change of the correction during its delay.
+/// A and C move uncorrected, the table at 33 rpm: the residual is at most the rounding plus the change of the correction during its
+/// delay.
 #[test]
 fn what_moves_is_corrected_to_the_rounding_and_the_lag() {
     let moves = "A,C,feed\n-20,0,12000\n-40,200,12000\n-75,350,12000\n-40,150,12000\n";
@@ -139,7 +137,7 @@ fn what_moves_is_corrected_to_the_rounding_and_the_lag() {
     std::fs::write(&file, moves).expect("writable");
     let options = ["--program", path(&file), "--at", "X=480,Y=120,Z=-200"];
     let (_dir, control, gateway, machine) = corrected(&options);
-    // The ramp at the start of a correction is over.
+    // Wait until the initial ramp is complete.
     sleep(Duration::from_millis(1500));
     let seen = reports(&control, Duration::from_secs(8));
     assert_eq!(gateway.state()["state"], "compensating");
@@ -152,7 +150,7 @@ fn what_moves_is_corrected_to_the_rounding_and_the_lag() {
         if between_s > 0.15 {
             continue;
         }
-        // Speed times slope of the errors: rate of change of the requested correction.
+        // Rate of the requested correction: speed times slope of the errors.
         let [from, to] = [before, after].map(|report| correction_um(&machine, &places(report)));
         let moved = from
             .iter()

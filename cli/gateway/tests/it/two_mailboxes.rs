@@ -1,4 +1,4 @@
-//! Two mailboxes at one barrier: frames on one path, plain lines on the other, in turn and with faults. Checked at the axis.
+//! Two mailboxes of one barrier, frames on one path and plain lines on the other, in turn and with faults. Checked at the axis.
 
 use std::{
     sync::{Arc, Mutex},
@@ -25,7 +25,7 @@ use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um};
 use crate::bench::{PERIOD, Seen, Watched, unproven};
 
 const SCAN: Duration = Duration::from_millis(2);
-/// Rate of the barrier on X per scan, with rounding, mm.
+/// Barrier rate on X per scan, with rounding, mm.
 const MOST: f64 = 0.002 + 1e-9;
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -33,13 +33,12 @@ const MACHINE: &str = "structure = \"w X' b Y Z t\"
 axes = { X.travel = [0, 1000], Y.travel = [0, 1], Z.travel = [0, 1] }
 errors = { EXX = { poly = [20] } }";
 
-/// The lines of a control that reports the position of X.
+/// The digital lines of a control that reports the position of X.
 struct Lines {
     inner: DigitalController<Panel>,
     panel: Panel,
     plant: Plant,
     clock: Clock,
-    /// Number of writes that do not reach the control.
     lost: Arc<Mutex<u32>>,
 }
 
@@ -204,7 +203,7 @@ impl Rig {
         self.frames.lock().expect("no panic").fault = is_cut.then_some(Fault::TimedOut);
     }
 
-    /// Checks that the path at this index is active, and that X has its full correction.
+    /// Checks that the path with this index is active and X has its full correction.
     fn corrects(&self, report: &Report, active: usize) {
         let got = (report.state.name(), report.active);
         assert_eq!(got, ("compensating", active), "{:?}", report.reasons);
@@ -220,13 +219,13 @@ fn frames_and_lines_correct_in_turn() {
     let report = rig.run(2 * SECOND, Some(Request::Arm));
     rig.corrects(&report, 0);
     for _ in 0..3 {
-        // The frames end: the lines wait until the barrier is free, start with zero, and apply the correction.
+        // The frames end: the lines wait until the barrier is free, start at zero, and apply the correction.
         rig.cut(true);
         let report = rig.run(SECOND / 5, None);
         assert_eq!(report.active, 0, "the barrier may still apply it");
         let report = rig.run(3 * SECOND, None);
         rig.corrects(&report, 1);
-        // The frames return: they take over from the correction left by the lines.
+        // The frames return, and take over from the correction that the lines left.
         rig.cut(false);
         let report = rig.run(2 * SECOND, None);
         rig.corrects(&report, 0);

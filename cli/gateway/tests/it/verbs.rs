@@ -1,5 +1,4 @@
-//! Every request in every state: 200 if it took effect, 409 with the reason if not; disarming
-//! and ending work in every state.
+//! Every request in every state gets 200 if it took effect, and 409 with the reason if not. Disarming and stopping work in every state.
 
 use std::{path::Path, sync::atomic::Ordering, time::Duration};
 
@@ -11,7 +10,6 @@ use crate::{
     program::change,
 };
 
-/// A state of the gateway, and how it is reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Setting {
     Disarmed,
@@ -32,14 +30,13 @@ const TABLE: [(Setting, [u16; 3]); 7] = [
     (Disarmed, [200, 200, 409]),
     (Arming, [200, 200, 409]),
     (Compensating, [200, 200, 409]),
-    // The gateway is armed and continues automatically. The control clears an alarm.
+    // The gateway is armed and resumes automatically; the control itself clears an alarm.
     (HoldingInAnAlarm, [200, 200, 409]),
     (RampingOut, [200, 200, 409]),
     (RampingOutInAnAlarm, [409, 200, 409]),
     (Faulted, [409, 200, 200]),
 ];
 
-/// A gateway in this state.
 fn gateway(setting: Setting, dir: &Path) -> Gateway {
     let config = configuration(dir, "");
     change(&config, "[guard]", "[guard]\nstop_s = 1");
@@ -86,7 +83,6 @@ fn gateway(setting: Setting, dir: &Path) -> Gateway {
     gateway
 }
 
-/// The response matches the state.
 fn judge(setting: Setting, ask: &Operation, expected: u16) {
     let dir = tempfile::tempdir().expect("writable");
     let mut gateway = gateway(setting, dir.path());
@@ -109,12 +105,12 @@ fn judge(setting: Setting, ask: &Operation, expected: u16) {
     }
 }
 
-/// The gateway ends in order, and leaves nothing applied if the control accepts writes.
+/// The gateway stops in order, and leaves no correction if the control accepts writes.
 fn ends(setting: Setting) {
     let dir = tempfile::tempdir().expect("writable");
     let rig = gateway(setting, dir.path()).stop();
     if matches!(setting, Disarmed | Arming | Compensating | Faulted) {
-        // The last write is applied one scan later.
+        // The last write takes effect one scan later.
         rig.clock().advance(Duration::from_millis(20));
         let applied = rig.controls.axes.applied();
         assert_eq!(applied, PerChannel::ZERO, "{setting:?}");

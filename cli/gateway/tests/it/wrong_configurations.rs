@@ -1,10 +1,9 @@
-//! Configurations with one error each, and the resulting messages.
+//! Configurations with one error each, and their messages.
 
 use crate::program::MACHINE;
 
 const FIVE: &str = include_str!("../../../../examples/five-axis.toml");
 
-/// A valid configuration.
 pub(crate) const RIGHT: &str = r#"
 machine = "machine.toml"
 cycle_ms = 4.0
@@ -25,20 +24,19 @@ listen = "127.0.0.1:0"
 token_file = "tokens"
 "#;
 
-/// An error: changes of [`RIGHT`], and a part of the message.
+/// One error: changes of [`RIGHT`], and a part of its message.
 pub(crate) struct Wrong {
     change: (&'static str, &'static str),
     more: &'static [(&'static str, &'static str)],
-    /// A key of the controller before its heartbeat.
+    /// A key that is inserted into the controller's table.
     key: &'static str,
-    /// A table at the end.
+    /// A table appended at the end.
     table: &'static str,
     pub(crate) machine: &'static str,
     pub(crate) says: &'static str,
 }
 
 impl Wrong {
-    /// The configuration.
     pub(crate) fn text(&self) -> String {
         let changes = self.more.iter().chain([&self.change]);
         let text = changes.fold(RIGHT.to_owned(), |text, (from, to)| {
@@ -62,7 +60,6 @@ const fn wrong(from: &'static str, to: &'static str, says: &'static str) -> Wron
     }
 }
 
-/// An additional table.
 const fn table(table: &'static str, says: &'static str) -> Wrong {
     Wrong {
         table,
@@ -70,7 +67,6 @@ const fn table(table: &'static str, says: &'static str) -> Wrong {
     }
 }
 
-/// An additional key of the controller.
 const fn key(key: &'static str, says: &'static str) -> Wrong {
     Wrong {
         key,
@@ -78,7 +74,7 @@ const fn key(key: &'static str, says: &'static str) -> Wrong {
     }
 }
 
-/// A change of the published scheme on the lines of a chip.
+/// A change of the published scheme on a chip's lines.
 const fn on_lines(from: &'static str, to: &'static str, says: &'static str) -> Wrong {
     Wrong {
         more: &[(FOCAS, LINES), ("limit_um = 150.0", "limit_um = 120.0")],
@@ -89,13 +85,13 @@ const fn on_lines(from: &'static str, to: &'static str, says: &'static str) -> W
 const HEARTBEAT: &str = "heartbeat = { pmc = \"R\", at = 120 }";
 pub(crate) const FOCAS: &str = "url = \"focas://127.0.0.1:1\"\naxes = [\"X\", \"Y\", \"Z\"]\nheartbeat = { pmc = \"R\", at = 120 }";
 
-/// The published scheme on the lines of a chip, instead of [`FOCAS`]; it is valid if limits are below 127 µm.
+/// The published scheme on a chip's lines, instead of [`FOCAS`]; valid with limits below 127 µm.
 const LINES: &str = "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]\n[controller.digital]\ncorrection_bits = 8";
 
 /// One case for each rule that a configuration can break.
 pub(crate) const CASES: &[Wrong] = &[
     wrong("\"machine.toml\"", "\"nothing.toml\"", ".toml: machine: "),
-    // A heartbeat or a byte of referenced axes within the words that corrections are written to.
+    // A heartbeat, or the byte of referenced axes, within the correction words.
     wrong(
         "at = 120 }",
         "at = 104 }",
@@ -106,12 +102,11 @@ pub(crate) const CASES: &[Wrong] = &[
         "at = 120 }\nreferenced = { pmc = \"R\", at = 101 }",
         "the byte of the referenced axes R101 lies within",
     ),
-    // A fixed position for an axis that the control reports, and an impossible one.
+    // A fixed position for an axis that the control reports, and an impossible position.
     key(
         "fixed = { Z = 50.0 }",
         "axis Z is one of the controller's axes",
     ),
-    // Limits of rotary axes.
     Wrong {
         machine: FIVE,
         ..wrong(
@@ -132,14 +127,12 @@ pub(crate) const CASES: &[Wrong] = &[
         "url = \"can://can9?dbc=bare.dbc\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }",
         "unwatched = true",
     ),
-    // Cycles that are shorter than the device's shortest.
     wrong("cycle_ms = 4.0", "cycle_ms = 0.5", "cycle_ms: found 0.5 ms"),
     wrong(
         FOCAS,
         "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nunwatched = true\nfixed = { Y = 0.0, Z = 0.0 }\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6",
         "cycle_ms: found 4 ms",
     ),
-    // Axes.
     wrong("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"W\"]", "axis W"),
     key("fixed = { C = 0.0 }", "fixed: axis C"),
     wrong(
@@ -163,7 +156,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "resolution_um = 200.0",
         "limit_um of axis X: found 30 µm, expected at least one step",
     ),
-    // Limits against the range of a word: 8 lines, one byte.
+    // Limits above the range of a word: 8 lines, one byte.
     wrong(
         FOCAS,
         "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nunwatched = true",
@@ -174,13 +167,13 @@ pub(crate) const CASES: &[Wrong] = &[
         "at = 120 }\narea = { pmc = \"R\", first = 100, width = 1, copied = true }",
         "limit_um of axis X: found 150 µm, expected at most 127 µm",
     ),
-    // The control takes two bytes for each axis.
+    // The control uses two bytes per axis.
     wrong(
         "at = 120 }",
         "at = 120 }\narea = { pmc = \"R\", first = 100, width = 4 }",
         "area.width: found 4, expected 2",
     ),
-    // States that the device does not show, and states that it does.
+    // `unseen`: a duplicate, a missing state, and a state that the device reports.
     on_lines(
         "\"emergency_stop\"]",
         "\"referenced\"]",
@@ -215,7 +208,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "url = \"can://can9\"\naxes = [\"X\", \"Y\", \"Z\"]\n[controller.barrier]\nmachine = 7\nscan_ms = 2.0",
         "the DBC file has no words of a barrier",
     ),
-    // A longer hold is only for thermal terms, which the machine must have.
+    // A longer hold is valid only with thermal terms in the machine file.
     key("hold_ms = 1000.0", "hold_ms: found 1000"),
     key("terms = [\"curves\"]", "expected [\"thermal\"]"),
     key(
@@ -291,7 +284,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "tcp://127.0.0.1:1",
         "controller[0].url: tcp://127.0.0.1:1: found the scheme `tcp`",
     ),
-    // Reported before its consequences for other keys, and with the line.
+    // The root error is reported with its line, before its consequences for other keys.
     Wrong {
         more: &[(
             "heartbeat = { pmc = \"R\", at = 120 }",
@@ -328,7 +321,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "[[controller]]\nurl = \"focas://127.0.0.1:1\"\naxes = [\"X\"]\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
         "is configured in two [[controller]]",
     ),
-    // Channels that a control does not have, and words written by two controllers.
+    // Channels that a control does not have, and words that two controllers write.
     key("channel = \"nope\"", "channel: found \"nope\""),
     key("channel = \"\"", "controller[0].channel"),
     key("channel = \"a\\u0007\"", "controller[0].channel"),
@@ -357,7 +350,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 } }",
         "key `report` is missing",
     ),
-    // No write is remembered for that long.
+    // Above the maximum time for which writes are remembered.
     wrong(
         HEARTBEAT,
         "barrier = { machine = 1, scan_ms = 100.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
@@ -373,7 +366,6 @@ pub(crate) const CASES: &[Wrong] = &[
         "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\nbarrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 120 }, report = { pmc = \"R\", at = 240 } }\n[[thermometer]]",
         ":16: controller[1].barrier.frame: the words of the frame R120 to R133 overlap the heartbeat R120 (controller[0].heartbeat in line 12)",
     ),
-    // Thermometers.
     table(
         "[[thermometer]]\nurl = \"modbus://127.0.0.1:1?unit=2&profile=PTA8C04\"\nnames = [\"spindle\", \"bed\"]",
         "found \"bed\", which is a sensor of another [[thermometer]]",
@@ -430,7 +422,6 @@ pub(crate) const CASES: &[Wrong] = &[
             "nowhere",
         )
     },
-    // The dashboard: TLS, tokens.
     wrong(
         "listen = \"127.0.0.1:0\"",
         "listen = \"0.0.0.0:0\"",
@@ -469,7 +460,6 @@ pub(crate) const CASES: &[Wrong] = &[
         "token_file = \"short\"",
         "128 bits",
     ),
-    // The audit log.
     table("[audit]\ndir = \"tokens\"", "is no folder"),
     table("[audit]\ndir = \"tokens/audit\"", "tokens is no folder"),
     table("[audit]\ndir = \"nowhere/audit\"", "nowhere is no folder"),
@@ -490,7 +480,7 @@ pub(crate) const CASES: &[Wrong] = &[
         machine: FIVE,
         ..wrong("", "", "in reads = [\"C\", \"B\"] where they are not")
     },
-    // A fixed number cannot state the position of a rotating axis.
+    // The position of a rotating axis cannot be fixed by a number.
     Wrong {
         machine: FIVE,
         ..key("fixed = { B = 0.0, C = 0.0 }", "name it in reads = [\"B\"]")
@@ -502,7 +492,7 @@ pub(crate) const CASES: &[Wrong] = &[
             "not_driven: axis B",
         )
     },
-    // Read-only controllers: first, and overlapping a barrier's words.
+    // Read-only controllers: one in first place, and one that overlaps a barrier's words.
     wrong(
         FOCAS,
         "url = \"focas://127.0.0.1:1\"\naxes = []\nreads = [\"X\", \"Y\", \"Z\"]",
@@ -513,7 +503,6 @@ pub(crate) const CASES: &[Wrong] = &[
         "digital = { position_bits = 8 }",
         "digital: found this key for a FANUC control",
     ),
-    // Ceilings that no configuration can raise.
     wrong("limit_um = 150.0", "limit_um = 2000.1", "guard.limit_um"),
     wrong(
         "slew_um_per_s = 500.0",
@@ -533,7 +522,6 @@ pub(crate) const CASES: &[Wrong] = &[
     wrong("cycle_ms = 4.0", "cycle_ms = 0.24", "cycle_ms"),
     wrong("cycle_ms = 4.0", "cycle_ms = 101.0", "cycle_ms"),
     wrong("hold_ms = 50", "hold_ms = 201", "guard.hold_ms"),
-    // Other systems.
     table(
         "[shdr]\nlisten = \"here\"",
         "shdr.listen: found \"here\", expected an address and port such as 127.0.0.1:8080",
@@ -570,7 +558,6 @@ pub(crate) const CASES: &[Wrong] = &[
         "[[machine]]\nname = \"mill-1\"\n",
         "several machines in one gateway are gone",
     ),
-    // The machine.
     wrong("machine.toml", "missing.toml", "missing.toml"),
     Wrong {
         machine: "structure = \"w X' b Y Z t\"",

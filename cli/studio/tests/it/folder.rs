@@ -60,7 +60,7 @@ fn one_file_with_defaults_yields_a_machine_file() {
     let report = fs::read_to_string(dir.path().join("result/report.html")).expect("written");
     let path = dir.path().canonicalize().expect("there");
     assert!(report.contains("exx.csv") && !report.contains(&path.display().to_string()));
-    // The folder holds the whole state: a restart restores it.
+    // The folder holds all state, so a restart restores it.
     let again = Folder::open(dir.path()).expect("there");
     let state = again.state().expect("readable");
     assert_eq!(state.draft.expect("drafted").open, 0);
@@ -88,7 +88,6 @@ fn one_file_with_defaults_yields_a_machine_file() {
     assert!(is_stale());
 }
 
-/// A file written by the page and then edited belongs to the user.
 #[test]
 fn a_hand_edited_calibration_file_is_not_overwritten() {
     let (dir, folder) = small();
@@ -104,7 +103,7 @@ fn a_hand_edited_calibration_file_is_not_overwritten() {
     assert_eq!(fs::read_to_string(&path).expect("there"), changed);
 }
 
-/// Reading a pipe would block forever.
+/// A pipe in place of a file is rejected, since reading would block.
 #[test]
 fn a_pipe_in_place_of_a_studio_file_is_rejected() {
     let dir = tempfile::tempdir().expect("writable");
@@ -116,7 +115,8 @@ fn a_pipe_in_place_of_a_studio_file_is_rejected() {
     assert!(refused.contains("expected a file"), "{refused}");
 }
 
-/// The gantry of the examples: its laser files were simulated from `truth.toml`, which the studio does not read.
+/// The gantry of the examples is reproduced within 10 % of its error ranges. Its laser files were simulated from `truth.toml`, which the
+/// studio does not read.
 #[test]
 fn the_gantry_files_reproduce_their_machine() {
     let example = root().join("examples/from-files/gantry");
@@ -128,7 +128,7 @@ fn the_gantry_files_reproduce_their_machine() {
     )
     .expect("writable");
     let folder = Folder::open(dir.path()).expect("there");
-    // The set-up is in the calibration file of the example; a missing key has its default.
+    // The set-up is in the example's calibration file; a missing key has its default.
     let text = fs::read_to_string(example.join("calibration.toml")).expect("there");
     let stated: toml::Table = text.parse().expect("TOML");
     let rows = |key: &str| stated[key].as_array().expect("a list").clone();
@@ -161,7 +161,7 @@ fn the_gantry_files_reproduce_their_machine() {
             })
             .collect::<Vec<_>>()
     };
-    // Answering an error or a unit may open further questions.
+    // The answer to an error or a unit may open further questions.
     for _ in 0..2 {
         folder.answer(&answers()).expect("answers");
     }
@@ -233,7 +233,7 @@ fn the_error_answer_determines_the_open_questions() {
     answers = [answers, defaults(&folder)].concat();
     folder.answer(&answers).expect("taken");
     folder.fit("").expect("fitted");
-    // Another error: answers without a question are ignored, and new questions are open.
+    // With another error, answers without a question are ignored, and new questions are open.
     answers[0] = given("scan.csv", "error", "EYX");
     folder.answer(&answers).expect("taken");
     assert!(asks("sign"));
@@ -366,7 +366,7 @@ fn tables_and_programs_contain_the_correction() {
         ("result/nc/part.ngc", 1)
     );
     let text = fs::read_to_string(dir.path().join(&done.file)).expect("written");
-    // The table moves 8 µm too far: it is sent to 399.992.
+    // The table moves 8 µm too far, so the command is 399.992.
     assert!(text.contains("X399.992"), "{text}");
     let wrong = folder.nc("part.ngc", b"G1 X1 F1000\nG1 X1.2.3\n", 1.0);
     let wrong = wrong.expect_err("no number").to_string();
@@ -376,14 +376,14 @@ fn tables_and_programs_contain_the_correction() {
     );
     // Written programs are not listed as measurements.
     assert_eq!(folder.state().expect("readable").files.len(), 1);
-    // Tables and programs belong to the present result only.
+    // Tables and programs belong to the current result only.
     folder.fit("").expect("fitted");
     let left = folder.state().expect("readable").results;
     assert_eq!(left, ["result/machine.toml", "result/report.html"]);
-    // They are kept, because the user may have edited them.
+    // They are kept, since the user may have edited them.
     let aside = dir.path().join("result/before-1/nc/part.ngc");
     assert_eq!(fs::read_to_string(aside).expect("kept"), text);
-    // Any number of earlier programs leaves room for the measurements.
+    // Earlier programs, however many, leave room for the measurements.
     let earlier = dir.path().join("result/before-7/nc");
     fs::create_dir_all(&earlier).expect("writable");
     for number in 0..450 {

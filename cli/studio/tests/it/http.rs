@@ -136,7 +136,7 @@ fn the_http_api_turns_a_folder_into_a_machine_file() {
         (&fitted["verdict"], &fitted["curves"]),
         (&json!("fail"), &json!(1))
     );
-    // The report can be framed by the page, and cannot send requests to the studio.
+    // The page may frame the report, which cannot send requests to the studio.
     let report = page.get("report.html");
     assert_eq!(report.status, 200);
     assert!(report.has("x-frame-options: SAMEORIGIN") && report.has("sandbox allow-scripts"));
@@ -233,7 +233,7 @@ fn other_origins_and_hosts_are_rejected() {
     assert!(everywhere.is_err());
 }
 
-/// A server that answers each request with the next of these documents, and returns what it received.
+/// A server that answers each request with the next of these documents; returns what it received.
 fn server(answers: Vec<(&'static str, String)>) -> (SocketAddr, thread::JoinHandle<Vec<String>>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let address = listener.local_addr().expect("bound");

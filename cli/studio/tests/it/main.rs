@@ -23,7 +23,6 @@ pub(crate) fn small() -> (TempDir, Folder) {
 /// 20 µm/m: the correction at 400 mm is 8 µm.
 pub(crate) const SLOPE: &str = "target_mm,run,direction,deviation_um\n0,1,+,0\n100,1,+,2\n200,1,+,4\n300,1,+,6\n400,1,+,8\n0,2,+,0.1\n100,2,+,2.1\n200,2,+,4.1\n300,2,+,6.1\n400,2,+,8.1\n";
 
-/// The defaults of all questions.
 pub(crate) fn defaults(folder: &Folder) -> Vec<TypedAnswer> {
     let draft = folder.state().expect("readable").draft.expect("drafted");
     let questions = draft.questions.into_iter();
@@ -38,7 +37,6 @@ pub(crate) fn defaults(folder: &Folder) -> Vec<TypedAnswer> {
         .collect()
 }
 
-/// Copies the files of a folder and of those in it.
 pub(crate) fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).expect("writable");
     for entry in fs::read_dir(from).expect("readable") {

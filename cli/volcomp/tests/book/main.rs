@@ -1,5 +1,4 @@
-//! Checks the book and the README files against the program: their TOML blocks parse, their console blocks run, and their tables of keys
-//! match the decoders.
+//! Checks the book and the README files: TOML blocks parse, console blocks run, and tables of keys match the decoders.
 
 use std::{collections::BTreeSet, fs, path::Path};
 
@@ -15,7 +14,7 @@ use volcomp_test_support::{
     root,
 };
 
-/// The machine file to which a part of a machine file is added.
+/// The machine file to which a fragment of a machine file is added.
 const SMALL_MACHINE: &str = r#"
 structure = "w C' A' b X Y Z t"
 [axes.X]
@@ -30,7 +29,7 @@ travel = [-120.0, 30.0]
 travel = [0.0, 360.0]
 "#;
 
-/// The first line of every block marked `toml` begins with one of these.
+/// Possible starts of the first line of a `toml` block.
 const KINDS: [&str; 15] = [
     "machine file",
     "part of a machine file",
@@ -42,11 +41,9 @@ const KINDS: [&str; 15] = [
     "part of an observations file",
     "set-up file",
     "part file",
-    // Parsed in the tests of volcomp-gateway.
     "gateway file",
     "part of a gateway file",
     "file of a map sender",
-    // Parsed in the tests of volcomp-centre.
     "centre file",
     "part of a centre file",
 ];
@@ -57,7 +54,7 @@ fn machine(text: &str) -> Result<(), String> {
         .map_err(|e| e.to_string())
 }
 
-/// Reads a text as a file in a copy of a folder of `examples`.
+/// Parses a text as if it were a file in a copy of a folder of `examples`.
 fn beside_the_examples<T, E: ToString>(
     examples: &str,
     text: &str,
@@ -73,10 +70,9 @@ fn beside_the_examples<T, E: ToString>(
     read(&file).map(drop).map_err(|e| e.to_string())
 }
 
-/// Parses a text as the program does.
 type Decode = fn(&str) -> Result<(), String>;
 
-/// The complete text of a block and its decoder; `None` if another test parses it.
+/// The completed text of a block and its decoder; `None` if another test parses it.
 fn decoder(block: &Block) -> Option<(String, Decode)> {
     let calibration = |text: &str| beside_the_examples("calibration", text, CalibrationFile::read);
     let shop = |text: &str| beside_the_examples("calibration", text, Shop::read);
@@ -143,7 +139,7 @@ fn every_toml_block_is_read_by_the_program() {
     assert!(count > 2, "only {count} blocks were read");
 }
 
-/// The documented keys of a chapter are those that the decoders know, and a block shows each.
+/// Checks that a chapter documents exactly the keys of the decoders, and shows each in a block.
 fn keys_of(name: &str, free: &[&str]) {
     let page = chapter(name);
     let (mut decoded, mut used) = (BTreeSet::new(), BTreeSet::new());

@@ -1,4 +1,4 @@
-//! The JSON of each command, against closed forms and published numbers.
+//! The JSON output of each command, compared with closed forms and published values.
 
 use serde_json::json;
 
@@ -15,7 +15,7 @@ fn error_at_one_point_has_exactly_its_numbers() {
         0.0073 * 1000.0 - 2.1e-7 * 1e6,
         1e-9,
     );
-    // Chebyshev 0, -4, 6 at t = 2*1000/8000 - 1 = -0.75.
+    // Chebyshev coefficients 0, -4, 6 at t = 2*1000/8000 - 1 = -0.75.
     close(
         &answer["position_um"][1],
         -4.0 * -0.75 + 6.0 * (2.0 * 0.5625 - 1.0),
@@ -65,7 +65,7 @@ fn correction_has_every_axis_and_leaves_nothing() {
         correction.keys().collect::<Vec<_>>(),
         ["X", "Y", "Z", "B", "C"]
     );
-    // The corrected position is the command plus the correction.
+    // Corrected position = command + correction.
     for (axis, per_unit) in [("X", 1e3), ("B", 1e6 * std::f64::consts::PI / 180.0)] {
         let number = |key: &str| float(&answer[key][axis]);
         let difference = (number("corrected") - number("command")) * per_unit;
@@ -89,7 +89,7 @@ fn correction_has_every_axis_and_leaves_nothing() {
     );
 }
 
-/// The program starts from the middle, then runs each diagonal from end to end; the other axes are at their `--at` coordinates.
+/// The program goes to the middle, then along each diagonal from end to end, with the other axes at `--at`.
 #[test]
 fn diagonals_are_written_as_a_program() {
     let folder = Folder::new();
@@ -207,7 +207,7 @@ fn fit_gives_a_curve_of_the_machine_file() {
     std::fs::write(&path, rows).expect("written");
     let path = path.to_str().expect("UTF-8");
     for method in ["poly", "chebyshev", "mls", "bspline"] {
-        // The order of the spline is fixed.
+        // A B-spline has a fixed order.
         let order = ["--order", "2"].into_iter().filter(|_| method != "bspline");
         let call = ["fit", path, "--method", method, "--at", "50,1234"];
         let answer = json(&call.into_iter().chain(order).collect::<Vec<_>>());
@@ -221,7 +221,7 @@ fn fit_gives_a_curve_of_the_machine_file() {
     assert_eq!(auto["meets_required"], json!(true));
 }
 
-/// Outside its range a curve keeps its end values, and `fit` lists these positions.
+/// Outside the measured range a curve keeps its end values, and `fit` marks these positions.
 #[test]
 fn fit_says_where_it_is_asked_outside_the_measured_range() {
     let dir = Folder::new();
@@ -276,7 +276,7 @@ fn calibrate_writes_a_machine_file_that_error_reads() {
 fn form_of_points_in_a_file() {
     let folder = Folder::new();
     let path = folder.file("points.csv");
-    // A square: its four corners, and the middles of its sides, two of them 20 µm nearer to the centre.
+    // Corners and side middles of a square; two of the middles are 20 µm nearer to the centre.
     let points = "name;x mm;y mm;z mm\na;10;0;5\nb;0;9,98;5\nc;-10;0;5\n\nd;0;-9,98;5\n";
     std::fs::write(&path, points).expect("written");
     let call = ["form", &path, "--feature", "circle", "--plane", "xy"];
@@ -294,7 +294,7 @@ fn form_of_points_in_a_file() {
     assert_eq!(answer["notes"][0], "columns that are not read: name");
 }
 
-/// Alternating points of two circles, and a circle in µm: the call succeeds with a note.
+/// Points that alternate between two circles, or with coordinates in µm instead of mm: `form` succeeds with a note.
 #[test]
 fn points_that_are_no_feature_are_noted() {
     let folder = Folder::new();

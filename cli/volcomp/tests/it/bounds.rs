@@ -1,10 +1,10 @@
-//! Wrong units and overflowing numbers: every command rejects them and writes nothing.
+//! Wrong units and overflowing numbers: every command rejects them, and writes nothing.
 
 use std::{fs, path::Path};
 
 use crate::{Folder, contains, one_line, refused, root, volcomp, words};
 
-/// `examples/mill.toml` with another value of EXX or EC0Y.
+/// `examples/mill.toml` with this line for EXX or EC0Y.
 fn mill(folder: &Path, name: &str, line: &str) -> String {
     let text = fs::read_to_string(root().join("examples/mill.toml")).expect("the example");
     let key = line.split(' ').next().expect("a key");
@@ -66,14 +66,14 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
     assert!(output.status.success(), "{output:?}");
     let checked = said(&volcomp(&["check", "examples/mill.toml"]));
     assert!(!checked.contains("WARNING"), "{checked}");
-    // 11.5 µm/(m·K) over 8 m; the correction at 20 °C is 48 µm.
+    // 11.5 µm/(m·K) over 8 m, with a correction of 48 µm at 20 °C.
     let checked = said(&volcomp(&["check", "examples/gantry.toml"]));
     let checked = one_line(&checked);
     contains(
         &checked,
         "the correction of X changes by up to 92.0 µm with each kelvin of the sensors: 2.1 K from 20 °C it may reach the 250 µm that nc and export allow",
     );
-    // With correcting rotary axes, nc limits the effect at the tool.
+    // With rotary axes that correct, `nc` limits the effect at the tool.
     let text = "structure = \"w C' A' b X Y Z t\"\n[axes]\nX.travel = [-300.0, 300.0]\nY.travel = [-200.0, 200.0]\nZ.travel = [-150.0, 150.0]\nA.travel = [-110.0, -30.0]\nC.travel = [-180.0, 180.0]\n[errors]\nEXX = { poly = [0.0, 1] }\n";
     let machine = folder.path().join("rotary.toml");
     std::fs::write(&machine, text).expect("written");
@@ -95,7 +95,7 @@ fn limits_above_the_ceiling_are_refused() {
     }
 }
 
-/// A number that overflows is rejected with its position, whatever its key.
+/// A number that overflows is rejected by every command with its position, whatever its key.
 #[test]
 fn numbers_that_overflow_are_refused_by_every_command() {
     let folder = Folder::new();

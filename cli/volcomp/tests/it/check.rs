@@ -1,5 +1,3 @@
-//! `volcomp check` and `volcomp compile`.
-
 use std::fs;
 
 use serde_json::json;
@@ -20,7 +18,7 @@ fn a_machine_is_told_as_it_is_understood() {
     }
 }
 
-/// Sizes against the polynomial of the file, and errors at a corner against `volcomp error`.
+/// Ranges of errors equal the file's polynomials, and errors at the corners equal `volcomp error`.
 #[test]
 fn sizes_and_corners_are_those_of_the_file() {
     let answer = json(&["check", GANTRY]);
@@ -33,9 +31,9 @@ fn sizes_and_corners_are_those_of_the_file() {
     let expected = 0.0073 * 8000.0 - 2.1e-7 * 8000.0 * 8000.0;
     close(&exx["largest"], expected, 1e-9);
     assert_eq!(exx["at"], json!({ "X": 8000.0 }));
-    // The forward and the backward branch, 0 and 2.5 µm at Z = 0, 30 and 32.5 µm at the top.
+    // Forward and backward curve: 0 and 2.5 µm at Z = 0, 30 and 32.5 µm at the top.
     assert_eq!(size("EZZ")["largest"], json!(32.5));
-    // A grid over Y and Z has its largest size at a node.
+    // The maximum of a grid over Y and Z is at a node.
     let ezy = size("EZY");
     assert_eq!(ezy["smallest"], json!(-24.0));
     assert_eq!(ezy["at"], json!({ "Y": 2000.0, "Z": 2500.0 }));
@@ -53,7 +51,7 @@ fn sizes_and_corners_are_those_of_the_file() {
     assert_eq!(corners[1]["at"], json!({ "X": 8000.0, "Y": 0.0, "Z": 0.0 }));
 }
 
-/// The described motion follows the structure: axes left of `b` carry the workpiece.
+/// The described motion follows the structure: axes left of `b` move the workpiece.
 #[test]
 fn positive_motions_are_told_for_table_and_spindle() {
     let motion = |machine: &str, axis: &str| {
@@ -68,8 +66,8 @@ fn positive_motions_are_told_for_table_and_spindle() {
     assert!(motion("five-axis", "B").ends_with("the tool turns right-handed about +Y"));
 }
 
-/// On an axis whose direction is opposite to its letter, a positive deviation is a negative error: a tool that turns 10 µrad too far about
-/// −Z has an error of −10 µrad about Z, as in the model.
+/// On an axis opposite to its letter a positive deviation is a negative error, and `check` says so: a tool that turns 10 µrad too far
+/// about −Z has an error of −10 µrad about Z.
 #[test]
 fn signs_of_errors_on_reversed_and_slanted_axes_are_told() {
     let folder = Folder::new();
@@ -135,7 +133,7 @@ fn an_error_stated_as_zero_is_told_apart_from_one_not_stated() {
     }
 }
 
-/// The evaluator reads the bytes, and computes the same error as the exact form to first order.
+/// The evaluator reads the compiled bytes, and computes the same error as the exact model to first order.
 #[test]
 fn a_compiled_machine_is_read_back() {
     let folder = Folder::new();
@@ -165,7 +163,7 @@ fn a_compiled_machine_is_read_back() {
     assert_eq!(volcomp(&["compile", GANTRY]).status.code(), Some(2));
 }
 
-/// Every command that reads the machine notes a travel of a rotary axis in radians, not only `check`.
+/// Every command that reads a machine notes a rotary travel that seems to be in radians.
 #[test]
 fn travel_in_radians_is_asked_about() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! Corrections: corrected positions, CSV input and output, positions outside the range, and another machine as the truth.
+//! Corrections: corrected positions, CSV files, positions outside the range, and another machine as truth.
 
 use std::fs;
 
@@ -28,7 +28,7 @@ fn a_point_beyond_travel_or_range_is_told() {
     }
 }
 
-/// Three linear axes cannot correct the tool axis, so the text does not mention it; JSON states `singular`.
+/// With three linear axes the text does not mention `singular`, since they cannot correct the tool axis; the JSON contains it.
 #[test]
 fn singular_is_spoken_of_only_where_rotary_axes_could_correct() {
     let points = "X,Y\n0,0\n100,0\n";
@@ -58,7 +58,6 @@ fn chosen_axes_alone_move() {
     // The former name of this option.
     let before = json("correct -m examples/gantry.toml --at X=1000,Y=500 --correct X,Y");
     assert_eq!(before, answer);
-    // Lower-case letters are accepted.
     let small = json(&[
         "correct",
         "-m",
@@ -110,7 +109,7 @@ fn other_columns_and_decimal_commas_pass_through_to_the_file() {
         (corrected - expected).abs() < 1e-9,
         "{corrected} {expected}"
     );
-    // Points and commas as decimal mark, and a single position.
+    // Decimal points and commas, and a single position.
     fs::write(&points, "remark,X\na,1\n").expect("written");
     json(&["correct", "-m", GANTRY, "--points", &points, "-o", &out]);
     assert!(
@@ -129,7 +128,6 @@ fn other_columns_and_decimal_commas_pass_through_to_the_file() {
     );
 }
 
-/// A correction that rounds to zero has no sign.
 #[test]
 fn nothing_is_written_as_minus_zero() {
     let folder = Folder::new();
@@ -144,8 +142,8 @@ fn nothing_is_written_as_minus_zero() {
     assert!(row.starts_with("0,0,7,0,0,7,0,0,0,0,"), "{written}");
 }
 
-/// Compared with itself, a model leaves zero, and the output says that this proves nothing. Compared with another machine, it leaves the
-/// difference of the two: here 10 µm of positioning over the travel of X.
+/// A model compared with itself leaves zero, and the output says that this proves nothing. Compared with another machine it leaves their
+/// difference, here 10 µm over the travel of X.
 #[test]
 fn a_model_against_itself_is_called_so_and_another_truth_shows() {
     let shown = text(&["diagonals", "-m", GANTRY, "--compensated"]);
@@ -161,7 +159,7 @@ fn a_model_against_itself_is_called_so_and_another_truth_shows() {
     assert_ne!(other, machine);
     fs::write(&truth, other).expect("written");
     let answer = json(&["diagonals", "-m", GANTRY, "--truth", &truth]);
-    // X contributes 8000 mm to the diagonal of √(8000² + 4000² + 2500²) mm.
+    // Share of the 8000 mm of X in the diagonal of √(8000² + 4000² + 2500²) mm.
     let share = 8000.0 / (8000.0_f64.powi(2) + 4000.0_f64.powi(2) + 2500.0_f64.powi(2)).sqrt();
     for name in ["PPP", "NPP", "PNP", "PPN"] {
         let range = float(&answer[name]["range_um"]);
@@ -178,7 +176,7 @@ fn a_model_against_itself_is_called_so_and_another_truth_shows() {
     contains(&itself, "the model against itself");
     let rounded = json(&["map", "-m", GANTRY, "--grid", "9x9x9", "--resolution", "2"]);
     let largest = float(&rounded["largest_um"]);
-    // At most half a step on each of three axes.
+    // At most half an output step on each of three axes.
     assert!(
         (0.9..=3.0_f64.sqrt() + 0.01).contains(&largest),
         "{largest}"

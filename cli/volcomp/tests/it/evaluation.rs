@@ -11,7 +11,6 @@ use crate::{
 const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
 const CIRCLE: &str = "examples/circle.csv";
 
-/// The row of a symbol in a document.
 fn quantity(document: &Value, symbol: &str) -> Value {
     let rows = list(&document["quantities"]);
     let row = rows.iter().find(|row| row["symbol"] == symbol);
@@ -48,7 +47,7 @@ fn standards_and_editions_beside_one_another() {
     );
 }
 
-/// B is 43.46 µm, A is 204.75 µm. U(B) = √(2/5) · E_VE/√3.
+/// B = 43.46 µm, A = 204.75 µm and U(B) = √(2/5) · E_VE/√3 are compared with limits, with and without uncertainty.
 #[test]
 fn limits_are_judged_with_and_without_uncertainty() {
     let judged = |options: &[&str]| json(&[&["iso230", POSITIONING], options].concat());
@@ -118,7 +117,7 @@ fn a_test_far_from_twenty_degrees_says_so_and_how_it_was_compensated() {
     );
     let said = warm["material_compensation"].as_str().expect("a text");
     contains(said, "11 µm/(m·K)");
-    // At 8 m: α L R/√3, and ΔT L R(α)/√3 with the temperatures of the file.
+    // At 8 m: α L R/√3, and ΔT L R(α)/√3 with the file's temperatures.
     let contribution = |k: usize| warm["uncertainty"]["contributions"][k]["u_um"].clone();
     close(&contribution(2), 11.0 * 8.0 / 3.0_f64.sqrt(), 1e-9);
     close(&contribution(3), 6.2 * 8.0 * 2.0 / 3.0_f64.sqrt(), 1e-9);
@@ -162,7 +161,7 @@ fn one_bad_file_does_not_hide_the_others() {
     );
 }
 
-/// A cube of 300 mm with a squareness error of 20 µrad: each diagonal grows by ∓ a b EC0Y / D.
+/// In a cube of 300 mm with a squareness error of 20 µrad each diagonal changes by ∓ a b EC0Y / D; the evaluation finds EC0Y.
 #[test]
 fn diagonals_are_named_by_file_or_option_and_hint_at_squareness() {
     let folder = Folder::new();
@@ -191,7 +190,7 @@ fn diagonals_are_named_by_file_or_option_and_hint_at_squareness() {
     close(&quantity(&found, "B_d")["value"], 1.0, 1e-9);
     close(&quantity(&found, "E_d")["value"], growth + 1.0, 1e-6);
     close(&quantity(&found, "spread")["value"], 2.0 * growth, 1e-6);
-    // The diagonals named in the call override those of the files.
+    // Diagonals named in the call override those of the files.
     let turned = call(&["--diagonals", "NPP,PPP,PPN,PNP", "--box-mm", "300,300,300"]);
     close(&turned["squareness"][0]["urad"], -20.0, 1e-6);
     refuses(
@@ -207,7 +206,7 @@ fn straightness_and_squareness_of_the_examples() {
     let profile = list(&found["profile"]);
     close(&profile[0][1], 0.0, 1e-9);
     close(&profile[10][1], 0.0, 1e-9);
-    // The file has a bow of 4 µm, a noise of 0.2 µm and a slope of −9 µrad.
+    // The file has a bow of 4 µm, noise of 0.2 µm and a slope of −9 µrad.
     close(&quantity(&found, "minimum-zone")["value"], 4.0, 0.3);
     close(&found["slopes_urad"][0], -9.0, 0.4);
     close(&found["reversal_um"], 0.4, 0.4);
@@ -221,7 +220,7 @@ fn straightness_and_squareness_of_the_examples() {
     ));
     assert_eq!(other["uncertainty_urad"], Value::Null);
     assert_eq!(other["uncertainty"], Value::Null);
-    // Stated contributions: a square of 1 µrad, a straight edge of 0.5 µm under lines of 600 and 800 mm, a temperature range of 3 µrad.
+    // Stated contributions: a square of 1 µrad, a straight edge of 0.5 µm for lines of 600 and 800 mm, a temperature range of 3 µrad.
     let stated = json(&format!(
         "squareness {exy} {eyx} --error EC0Y --square-urad 1 --straight-edge-um 0.5 --temperature-urad 3"
     ));
@@ -275,7 +274,7 @@ fn straightness_and_squareness_of_the_examples() {
     );
 }
 
-/// A file whose header states a wrong unit has values a thousand times too large or too small.
+/// A file whose header has the wrong unit is 1000 times too large or too small: a note asks for the unit. An angle is no length.
 #[test]
 fn a_wrong_unit_and_an_angle_are_told() {
     let folder = Folder::new();
@@ -318,7 +317,7 @@ fn a_wrong_unit_and_an_angle_are_told() {
     );
 }
 
-/// The file states axis X. A material temperature far from 20 °C gets a note for lengths, not for angles.
+/// `--axis` other than the axis X of the file is rejected. A material temperature far from 20 °C gets a note for lengths only.
 #[test]
 fn the_axis_of_a_file_is_not_another_one() {
     let folder = Folder::new();
@@ -396,7 +395,7 @@ iso230 $circle --part 4 --feed 0 => expected mm/min above zero
     );
 }
 
-/// The rule by which a draft infers the error from a title.
+/// A title that names a straightness is not evaluated as positioning, by the rule with which a draft infers errors from titles.
 #[test]
 fn a_title_that_names_no_positioning_is_not_judged_as_one() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! `volcomp export` and `volcomp import`: files, results, the round trip, and rejected calls.
+//! `volcomp export` and `volcomp import`: files, results, round trip, and rejected calls.
 
 use std::fs;
 
@@ -24,7 +24,7 @@ fn from_a_machine_to_tables_and_back_to_curves() {
             "export -m {MILL} --format {format} --step 25 -o {tables}"
         ));
         assert_eq!(answer["format"], format);
-        // Apart from the second coordinate, on which the mill depends through its pitch, the loss is small compared with the correction.
+        // Except for the second coordinate, on which the mill depends by its pitch, the loss is small compared with the correction.
         let x = &answer["loss"]["axes"][0];
         assert_eq!(
             (x["axis"].as_str(), x["unit"].as_str()),
@@ -54,7 +54,7 @@ fn from_a_machine_to_tables_and_back_to_curves() {
     }
 }
 
-/// The facts file of each format lists the written files, and states the axis numbers for the import.
+/// The facts file of each format lists the written files, and gives the axis numbers to the import.
 #[test]
 fn facts_of_each_format_and_back_without_numbers() {
     let (_folder, all) = folder();
@@ -107,8 +107,7 @@ fn facts_of_each_format_and_back_without_numbers() {
     assert_eq!(json(&["import", &linuxcnc])["format"], "linuxcnc-type1");
 }
 
-/// The travel of a tilting head begins at −110°, outside a table of 0 to 360°: the other axes are written, and a note names what is left
-/// out.
+/// A tilting head travels from −110°, outside a table of 0° to 360°: it is omitted with a note, and the other axes are written.
 #[test]
 fn a_tilting_axis_is_left_out_and_the_others_are_written() {
     let (_folder, tables) = folder();
@@ -176,7 +175,7 @@ fn what_people_read() {
             "{line}"
         );
     }
-    // Implausible rows get a note on standard error, and the curves are printed.
+    // Implausible rows give a note on standard error, and the curves are still printed.
     let comp = format!("{tables}/X.comp");
     fs::write(&comp, "0 0.001 0\n50 50.002 50\n\n100 100 100\n").expect("written");
     let output = volcomp(&["import", &comp, "--format", "linuxcnc"]);
@@ -244,7 +243,7 @@ fn what_cannot_be_is_refused() {
     assert!(fs::metadata(&curves).is_err());
 }
 
-/// A mill with a pitch error of X: far above the reference position, a table that ignores the lever of Z makes the error worse.
+/// With a pitch error of X, a table without the lever of Z makes positions far above the reference worse: a warning.
 #[test]
 fn a_table_that_does_harm_is_told() {
     let (folder, tables) = folder();
@@ -266,7 +265,7 @@ fn a_table_that_does_harm_is_told() {
         (told, String::from_utf8_lossy(&output.stdout).into_owned())
     };
     fs::write(&machine, of_travel(0.0, 400.0)).expect("written");
-    // The lever at Z = 500 has the opposite sign at Z = −500, so the table doubles the error there.
+    // At Z = −500 the lever has the opposite sign, so that the table doubles the error.
     let (told, said) = run(&["--at", "X=0,Z=500"]);
     contains(
         &told,
@@ -298,7 +297,7 @@ fn tables_of_two_formats_in_one_folder_are_told() {
         (output.status.code(), told)
     };
     assert_eq!(export("linuxcnc", &[]).0, Some(0));
-    // Exporting the same tables again replaces nothing.
+    // A repeated export replaces nothing.
     let (status, told) = export("linuxcnc", &[]);
     assert!(status == Some(0) && !told.contains("replaced"), "{told}");
     let (status, told) = export("linuxcnc", &["--step", "25"]);

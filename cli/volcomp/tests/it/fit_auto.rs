@@ -1,4 +1,4 @@
-//! `volcomp fit --method auto`: the chosen curve, its candidates and its confidence band.
+//! `volcomp fit --method auto`: chosen curve, candidates, and confidence band.
 
 use std::{f64::consts::TAU, fmt::Write as _, fs};
 
@@ -9,7 +9,7 @@ fn file(scatter: f64, f: impl Fn(f64) -> f64) -> (Folder, String) {
     headed("target,run,direction,deviation_um", 50.0, scatter, f)
 }
 
-/// As `file`, with another header and distance between targets.
+/// Like [`file`], with another header and distance of targets.
 fn headed(head: &str, distance: f64, scatter: f64, f: impl Fn(f64) -> f64) -> (Folder, String) {
     let mut text = format!("{head}\n");
     let mut draw = Draw(20_261_126);
@@ -28,7 +28,6 @@ fn headed(head: &str, distance: f64, scatter: f64, f: impl Fn(f64) -> f64) -> (F
     (folder, path.display().to_string())
 }
 
-/// The score of the chosen method.
 fn chosen(choice: &serde_json::Value) -> &serde_json::Value {
     let scores = list(&choice["scores"]);
     let mut chosen = scores
@@ -37,7 +36,6 @@ fn chosen(choice: &serde_json::Value) -> &serde_json::Value {
     chosen.next().expect("one of them")
 }
 
-/// The kind of curve of a score.
 fn kind(score: &serde_json::Value) -> String {
     match &score["method"] {
         serde_json::Value::String(kind) => kind.clone(),
@@ -49,7 +47,7 @@ fn kind(score: &serde_json::Value) -> String {
     }
 }
 
-/// A parabola with little noise is recognized, and its band contains the truth at 19 or more of 21 targets.
+/// A parabola with little noise is found, and its band contains the truth at 19 or more of 21 targets.
 #[test]
 fn a_parabola_is_chosen_with_its_reason_and_its_band() {
     let truth = |x: f64| 1e-5 * x * x - 0.004 * x;
@@ -77,9 +75,9 @@ fn a_parabola_is_chosen_with_its_reason_and_its_band() {
         assert!(half > 0.0 && half < 0.5, "{x}: {half}");
         held += usize::from(miss.abs() <= half);
     }
-    // The band holds 95 % at each target separately.
+    // The confidence level of 95 % applies to each target separately.
     assert!(held >= 19, "{held} of 21");
-    // A polynomial requested explicitly gives the same curve.
+    // The same polynomial by explicit options gives the same curve.
     let stated = json(&["fit", &path, "--method", "polynomial", "--order", "2"]);
     assert_eq!(stated["curve"], answer["curve"]);
     assert!(stated.get("choice").is_none() && stated.get("band").is_none());
@@ -88,7 +86,8 @@ fn a_parabola_is_chosen_with_its_reason_and_its_band() {
     contains(&shown, "95 % band: ±");
 }
 
-/// A wave that a table misses, plus a zigzag of ten times the scatter of the runs that only a table can follow.
+/// A wave that a table mispredicts between its targets, plus a zigzag (15 times the scatter of the runs) that only a table follows: no
+/// kind of curve does both, and a note says so.
 #[test]
 fn a_curve_that_does_not_follow_is_warned_of() {
     let (_folder, path) = file(0.02, |x| {
@@ -106,8 +105,8 @@ fn a_curve_that_does_not_follow_is_warned_of() {
     assert_eq!(chosen(&answer["choice"])["follows"], false);
 }
 
-/// Two harmonics, measured from 0 to 360 deg or to one step before 360 deg, are found with their coefficients, and the curve is periodic.
-/// With the same readings over mm or over half a turn, no harmonics are among the candidates.
+/// Two harmonics over a turn, with or without a target at 360°, are found with their coefficients, and the curve is periodic. The same
+/// readings over mm or over half a turn have no harmonics as candidates.
 #[test]
 fn a_turn_is_a_fourier_series_and_nothing_else_is() {
     const DEG: &str = "target_deg,run,direction,deviation_urad";
@@ -139,7 +138,7 @@ fn a_turn_is_a_fourier_series_and_nothing_else_is() {
             assert!((found - wanted).abs() < 0.3, "{found} {wanted}");
         }
         assert_eq!(answer["curve"]["period"], 360.0);
-        // The only other candidate is the constant: no other kind of curve is periodic.
+        // The only other candidate is the constant, since no other kind of curve is periodic.
         for score in list(&choice["scores"]) {
             let coefficients = float(&score["coefficients"]);
             assert!(kind(score) == "fourier" || coefficients < 1.5, "{score}");
@@ -160,8 +159,7 @@ fn a_turn_is_a_fourier_series_and_nothing_else_is() {
     }
 }
 
-/// Three runs with widely different zeros, the second of which stops half-way: the curve has no step there, and the band is that of
-/// complete runs.
+/// Of three runs with very different zeros the second stops half-way: the curve has no step there, and its band is that of complete runs.
 #[test]
 fn a_run_that_stops_changes_neither_curve_nor_band() {
     let fitted = |stops: bool| {

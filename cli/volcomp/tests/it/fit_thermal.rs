@@ -11,7 +11,7 @@ use crate::{
 
 const SPINDLE: &str = "fitting/fit/tests/data/spindle-2min.csv";
 
-/// Few terms predict almost as well as a regression on all sixteen sensors with many time constants.
+/// Few terms predict with less than 1.2 times the RMS error of a regression on all sixteen sensors with many time constants.
 #[test]
 fn few_terms_are_enough_for_a_spindle() {
     let answer = json(&["fit-thermal", SPINDLE]);
@@ -32,16 +32,14 @@ fn few_terms_are_enough_for_a_spindle() {
     }
 }
 
-/// The section of one displacement in the printed result.
 fn section<'t>(printed: &'t str, name: &str, next: &str) -> &'t str {
     let (_, from) = printed.split_once(&format!("\n\n{name}\n")).expect(name);
     from.split_once(&format!("\n\n{next}\n"))
         .map_or(from, |(own, _)| own)
 }
 
-/// Each displacement is the error named in the call, or a placeholder that a machine file rejects. All fits are good: the third predicts
-/// with an RMS error of 9.4 µm with time constants and 9.0 µm without, an insignificant difference, compared with 35.5 µm without any
-/// terms.
+/// Each displacement has the error named in the call, or a placeholder that a machine file rejects. All fits are good: the third has an
+/// RMS error of 9.4 µm, with 9.0 µm without time constants and 35.5 µm without terms.
 #[test]
 fn displacements_are_the_errors_that_the_call_names() {
     let named = format!("fit-thermal {SPINDLE} --error ch1_um=EZZ,ch3_um=EXZ --error ch4_um=EYZ");
@@ -94,7 +92,7 @@ EX0C => found a location error
     }
 }
 
-/// A temperature of each sensor in the middle of its tested range, and the sum of the coefficients times the differences from `reference`.
+/// Each sensor's temperature in the middle of its tested range, and the terms' sum at these temperatures relative to `reference`.
 fn half_way(channel: &Value, reference: f64) -> (String, f64) {
     let seen = list(&channel["seen"]);
     let middle = |sensor: &Value| {
@@ -118,7 +116,7 @@ fn half_way(channel: &Value, reference: f64) -> (String, f64) {
     (given.join(","), numbers.iter().map(part).sum())
 }
 
-/// The printed terms are valid in a machine file, and give the same prediction there.
+/// The printed terms are valid in a machine file, and predict the same there.
 #[test]
 fn the_terms_go_into_a_machine_file() {
     let answer = json(&format!(
@@ -159,8 +157,8 @@ fn the_terms_go_into_a_machine_file() {
     assert!(left.abs() < 1e-3, "{left}");
 }
 
-/// Three tests of an axis at three positions: 2 µm/K of the spindle with a time constant of 900 s, and a scale that expands by 11 µm/(m·K)
-/// from 200 mm.
+/// Three tests of an axis at three positions: 2 µm/K of the spindle with a time constant of 900 s, and a scale that expands by 11
+/// µm/(m·K) from 200 mm.
 fn tests_of_an_axis(folder: &std::path::Path) -> Vec<String> {
     let write = |test: u32| {
         let (mut spindle, mut lagged) = (20.0_f64, 20.0_f64);
@@ -168,7 +166,7 @@ fn tests_of_an_axis(folder: &std::path::Path) -> Vec<String> {
         for row in 0..300_u32 {
             let hours = f64::from(row) / 60.0;
             let heats = (row / 40 + test).is_multiple_of(2);
-            // All temperatures are equal at the start, because a lag starts at its first input.
+            // All temperatures start equal, because a lag starts at its first input.
             if row > 0 {
                 let before = spindle;
                 spindle += 0.1 * (if heats { 35.0 } else { 20.0 } - spindle);
@@ -179,7 +177,7 @@ fn tests_of_an_axis(folder: &std::path::Path) -> Vec<String> {
             }
             let scale = 20.0 + 3.0 * (0.7 * hours + f64::from(test)).sin();
             let x = 300.0 * f64::from(row % 3);
-            // Each test has its own zero, the room temperature has no effect, and a small noise repeats after 17 rows.
+            // Each test has its own zero; the room temperature has no effect; small noise repeats after 17 rows.
             let noise = 0.1 * f64::from(row * 7 % 17) / 17.0;
             let moved = 5.0 * f64::from(test)
                 + 2.0 * (lagged - 20.0)
@@ -236,7 +234,6 @@ fn several_tests_are_judged_by_tests_left_out() {
             .all(|line| line.chars().count() <= 80 || line.contains(" = {"))
     );
     assert!(printed.contains("[[thermal.expansion]]") && printed.contains("[[thermal.seen]]"));
-    // Files with different columns are rejected.
     let other = folder.path().join("other.csv");
     let first = std::fs::read_to_string(files[0]).expect("read");
     for (from, to, expected) in [
@@ -259,7 +256,7 @@ fn shipped_runs_and_the_machine_file_with_their_terms() {
         .collect();
     let answer = json(&call);
     let channel = &answer["displacements"][0];
-    // The displacement noise is 0.2 µm, at the start of the run and in each row.
+    // Noise of the displacement: 0.2 µm at the start of the run and in each row.
     for left in list(&channel["left_out"]) {
         let rms = float(&left["rms"]);
         assert!((0.15..0.4).contains(&rms), "{left}");
@@ -325,7 +322,7 @@ fn wrong_files_and_calls_end_with_status_2() {
     }
 }
 
-/// Four tests of three hours: the temperature oscillates by ±10 K; the displacement is `um_per_k` times the temperature, plus noise.
+/// Four tests of three hours: the temperature oscillates by ±10 K, and the displacement is `um_per_k` times the temperature plus noise.
 fn tests_of(folder: &std::path::Path, seed: u64, um_per_k: f64) -> Vec<String> {
     let mut draw = Draw(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 5);
     let test = |number: usize| {
@@ -366,7 +363,7 @@ fn worthless_terms_are_not_printed() {
     contains(&printed, "no better than no terms at all");
 }
 
-/// A fault value of a sensor is rejected with its file, line and column.
+/// A sensor's fault value is rejected with file, line and column.
 #[test]
 fn faults_of_sensors_are_refused() {
     let folder = Folder::new();
@@ -412,7 +409,6 @@ fn a_temperature_that_never_changes_is_named() {
     contains(&message, "no temperature changes (spindle_degc, bed_degc)");
 }
 
-/// Changes one column in every row of a file.
 fn changed(file: &str, column: usize, change: impl Fn(f64) -> f64) {
     let text = std::fs::read_to_string(file).expect("the file");
     let mut lines = text.lines();
@@ -426,7 +422,8 @@ fn changed(file: &str, column: usize, change: impl Fn(f64) -> f64) {
     std::fs::write(file, written).expect("written");
 }
 
-/// One of several good tests is changed: the note names the defect, and good tests get none.
+/// One of several good tests is inverted, has a dead sensor or another unit: a note names the file and the defect. Good tests get no
+/// note.
 #[test]
 fn inverted_files_dead_sensors_and_other_units_are_named() {
     let folder = Folder::new();
@@ -464,7 +461,6 @@ fn inverted_files_dead_sensors_and_other_units_are_named() {
     contains(&in_mm, "expected µm");
 }
 
-/// With two files of opposite sign, neither is known to be the wrong one.
 #[test]
 fn two_files_of_opposite_sign_are_both_named() {
     let folder = Folder::new();
@@ -479,7 +475,7 @@ fn two_files_of_opposite_sign_are_both_named() {
     contains(&printed, "(mean squares differ by ");
 }
 
-/// Headers are parsed as in all other files, and a note lists the ignored columns.
+/// Headers have units in any usual notation; a note lists ignored columns.
 #[test]
 fn heads_have_their_units_in_any_usual_way() {
     let folder = Folder::new();
@@ -516,8 +512,8 @@ fn heads_have_their_units_in_any_usual_way() {
     refuses(&["fit-thermal", files[0]], "found two columns `scale_degc`");
 }
 
-/// Three tests of 8 hours, recorded every `every_s`, simulated in steps of 5 s: the spindle follows its heat with a time constant of 200 s,
-/// and the displacement is 3 µm/K of the spindle with 300 s. The second test has a gap of `gap_s` at 3 hours.
+/// Three tests of 8 h, recorded every `every_s`, simulated in steps of 5 s. The spindle follows its heat with a time constant of 200 s;
+/// the displacement is 3 µm/K of the spindle with 300 s. The second test has a gap of `gap_s` after 3 h.
 fn logged_every(folder: &std::path::Path, every_s: u32, gap_s: u32) -> Vec<String> {
     let write = |test: u32| {
         let (mut spindle, mut lagged) = (20.0_f64, 20.0_f64);

@@ -1,4 +1,4 @@
-//! The help: every command has two examples, and every example runs.
+//! Every command's help has two examples, and every example runs.
 
 use std::{fs, process::Command, sync::Arc};
 
@@ -6,7 +6,6 @@ use volcomp_focas::simulator::{Options, Simulator, World};
 
 use crate::{Folder, json, root, text};
 
-/// The commands that `volcomp --help` lists.
 pub(crate) fn commands() -> Vec<String> {
     let help = text(&["--help"]);
     let listed = help
@@ -28,7 +27,7 @@ fn examples(command: &str) -> Vec<String> {
     block.map(|line| line.trim().to_owned()).collect()
 }
 
-/// A folder with the files that the examples use: those of `examples/` and of the demo.
+/// A folder with the files of the examples in the help texts: `examples/` and the demo.
 fn scratch() -> Folder {
     let folder = Folder::new();
     json(&["demo", "-o", &folder.path().display().to_string()]);
@@ -77,7 +76,7 @@ fn every_command_has_two_examples_that_run() {
                 example.split_whitespace().any(|word| word == command),
                 "{example}"
             );
-            // The studio runs until it is stopped, and opens a browser; `studio.rs` tests it.
+            // The studio runs until stopped and opens a browser; `studio.rs` tests it.
             if command == "studio" {
                 continue;
             }
@@ -88,7 +87,7 @@ fn every_command_has_two_examples_that_run() {
                 .output()
                 .expect("a shell");
             let said = String::from_utf8_lossy(&output.stderr);
-            // The tolerance of an example need not be met.
+            // An example need not meet its tolerance.
             let is_done = output.status.success()
                 || example.contains("--tolerance") && output.status.code() == Some(3);
             assert!(is_done, "{example}\n{said}");

@@ -39,7 +39,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 pub(crate) use volcomp_test_support::root;
 
-/// A command line as one text with spaces, or as a list of arguments.
+/// A command line: one text with spaces, or a list of arguments.
 pub(crate) trait Call {
     fn words(&self) -> Vec<&str>;
 }
@@ -74,7 +74,7 @@ impl Call for Vec<&str> {
     }
 }
 
-/// A folder that is removed at the end of its test.
+/// A folder that is removed on drop.
 pub(crate) struct Folder(TempDir);
 
 impl Folder {
@@ -82,12 +82,10 @@ impl Folder {
         Self(tempfile::tempdir().expect("a folder"))
     }
 
-    /// The path of a file in the folder.
     pub(crate) fn file(&self, name: &str) -> String {
         self.path().join(name).display().to_string()
     }
 
-    /// Writes a file and returns its path.
     pub(crate) fn write(&self, name: &str, text: impl AsRef<[u8]>) -> String {
         let path = self.file(name);
         fs::write(&path, text).expect("written");
@@ -103,7 +101,7 @@ impl Deref for Folder {
     }
 }
 
-/// Runs `volcomp` in the repository's root.
+/// Runs `volcomp` in the root folder of the repository.
 pub(crate) fn volcomp(call: &(impl Call + ?Sized)) -> Output {
     Command::new(env!("CARGO_BIN_EXE_volcomp"))
         .args(call.words())
@@ -112,12 +110,11 @@ pub(crate) fn volcomp(call: &(impl Call + ?Sized)) -> Output {
         .expect("the program was built for this test")
 }
 
-/// The arguments of a command line.
 pub(crate) fn words(call: &str) -> Vec<&str> {
     call.split(' ').collect()
 }
 
-/// Runs a call that must succeed: status 0, or 3 with a tolerance, which need not be met.
+/// Runs a call that must succeed: status 0, or 3 for a tolerance that is not met.
 #[track_caller]
 fn done(call: &(impl Call + ?Sized), first: &[&str]) -> Output {
     let words = [first, &call.words()].concat();
@@ -128,37 +125,34 @@ fn done(call: &(impl Call + ?Sized), first: &[&str]) -> Output {
     output
 }
 
-/// The JSON document of a call that must succeed.
 #[track_caller]
 pub(crate) fn json(call: &(impl Call + ?Sized)) -> Value {
     serde_json::from_slice(&done(call, &["--json"]).stdout).expect("one JSON document")
 }
 
-/// The text output of a call that must succeed.
 #[track_caller]
 pub(crate) fn text(call: &(impl Call + ?Sized)) -> String {
     String::from_utf8(done(call, &[]).stdout).expect("UTF-8")
 }
 
-/// Standard error of a call that must succeed, joined into one line.
+/// Standard error of a call that must succeed, as one line.
 #[track_caller]
 pub(crate) fn notes(call: &(impl Call + ?Sized)) -> String {
     one_line(&String::from_utf8_lossy(&done(call, &[]).stderr))
 }
 
-/// A text without line breaks and indents.
 pub(crate) fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Checks the exit status and a part of the message.
+/// Checks the exit status, and that the message contains `part`.
 #[track_caller]
 pub(crate) fn ended(output: &Output, status: i32, part: &str) {
     assert_eq!(output.status.code(), Some(status), "{output:?}");
     contains(&String::from_utf8_lossy(&output.stderr), part);
 }
 
-/// The message of a call that must fail with status 2 and without standard output.
+/// The message of a call that must fail with status 2 and no standard output.
 #[track_caller]
 pub(crate) fn refused(call: &(impl Call + ?Sized)) -> String {
     let output = volcomp(call);
@@ -173,19 +167,17 @@ pub(crate) fn refused(call: &(impl Call + ?Sized)) -> String {
     stderr
 }
 
-/// Checks that a call fails with a message that contains this part.
 #[track_caller]
 pub(crate) fn refuses(call: &(impl Call + ?Sized), part: &str) {
     contains(&refused(call), part);
 }
 
-/// The rows of a table with lines `CASE => EXPECTED`.
 pub(crate) fn cases(table: &str) -> impl Iterator<Item = (&str, &str)> {
     let rows = table.lines().filter(|row| !row.is_empty());
     rows.map(|row| row.split_once(" => ").expect("a case and what is expected"))
 }
 
-/// Checks that each call of a table fails with a message that contains the part after `=>`; the names in `files` are replaced by paths.
+/// Checks that each call of a table fails with a message that contains the text after `=>`. Names in `files` are replaced by paths.
 #[track_caller]
 pub(crate) fn refuse_each(table: &str, files: &[(&str, &str)]) {
     for (call, expected) in cases(table) {
@@ -230,7 +222,6 @@ pub(crate) fn list(value: &Value) -> &Vec<Value> {
     value.as_array().expect("a list")
 }
 
-/// Checks that a number is within a tolerance.
 #[track_caller]
 pub(crate) fn close(value: &Value, expected: f64, tolerance: f64) {
     let found = value.as_f64().unwrap_or(f64::NAN);

@@ -8,7 +8,7 @@ use crate::{Folder, contains, float, json, notes, refuses, root, text, words};
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
 
-/// Runs a map with uncertainty on a number of threads; returns the document and the file.
+/// Runs a map with uncertainty on this number of threads; returns document and file.
 fn uncertain(folder: &Path, threads: &str, file: &str, seed: &str) -> (Value, String) {
     let calibration = folder.join("calibration.toml");
     let map = folder.join(file);
@@ -40,7 +40,7 @@ fn the_uncertainty_is_the_same_on_any_number_of_cores() {
     assert_eq!((&answer, &csv), (&again, &same));
     assert_ne!(uncertain(path, "2", "map.csv", "4").1, csv);
     assert_eq!(answer["uncertainty"]["trials"], 12);
-    // Noise of 1 µm, five runs in each direction, on lines from which slopes and squareness are computed, too.
+    // Noise of 1 µm and five runs in each direction, on lines from which slopes and squareness are computed as well.
     let largest = float(&answer["uncertainty"]["largest_um"]);
     assert!((0.3..5.0).contains(&largest), "{largest}");
     let mut lines = csv.lines();
@@ -80,7 +80,7 @@ fn an_uncertainty_of_another_machine_is_refused() {
     refuses(&[&map[..], &["--trials", "5"]].concat(), "--uncertainty");
 }
 
-/// A grid without axes would be one node: the message gives the reason.
+/// A map of a machine without linear axes is rejected with the reason: its grid would be one node.
 #[test]
 fn a_machine_without_linear_axes_has_no_map() {
     let folder = Folder::new();
@@ -93,7 +93,7 @@ fn a_machine_without_linear_axes_has_no_map() {
     );
 }
 
-/// Map and diagonals with a turned table agree with `error` at the same positions.
+/// With a table turned by `--at`, map and diagonals agree with `error` at the same positions.
 #[test]
 fn rotary_axes_stand_where_at_says() {
     const MACHINE: &str = "examples/trunnion.toml";
@@ -160,8 +160,8 @@ fn rotary_axes_stand_where_at_says() {
     );
 }
 
-/// Constants and a common rotation of all axes shift the workpiece: 22.9 µm and 40 µrad are errors in machine coordinates, but not of form.
-/// The same applies to a model compared with a truth of another zero.
+/// Constants and a common rotation of all axes only move the workpiece: 22.9 µm and 40 µrad in machine coordinates are no errors of form,
+/// also for a model compared with a truth of another zero.
 #[test]
 fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
     let folder = Folder::new();
@@ -173,7 +173,7 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
         fs::write(&path, text).expect("written");
         path
     };
-    // All axes rotated by the same angle about Z.
+    // All axes rotated by one angle about Z.
     let turned = machine("turned.toml", "EXX = 22.9\nEC0X = 40.0\nEC0Y = 40.0\n");
     let number = |map: &Value, key: &str| float(&map[key]);
     for form in ["compiled", "twist"] {
@@ -188,7 +188,7 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
     let map = json(&["map", "-m", &shifted, "--truth", &truth, "--grid", "5x4x3"]);
     assert!((number(&map, "rms_um") - 400.0).abs() < 1.0, "{map}");
     assert!(number(&map, "form_rms_um") < 0.01, "{map}");
-    // A scale error is an error of form: 10 µm/m over 20 m, with the RMS of five positions 50 µm apart.
+    // A scale error is an error of form: 10 µm/m over 20 m are the RMS of five positions 50 µm apart.
     let map = json(&["map", "-m", &truth, "--grid", "5x4x3"]);
     let spread = 50.0 * 2.0_f64.sqrt();
     assert!((number(&map, "form_rms_um") - spread).abs() < 1e-3, "{map}");
@@ -200,8 +200,8 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
     );
 }
 
-/// A location error of a table has no effect on the grid, where the table is at 0. Over poses of all axes it does, and one alignment cannot
-/// remove it. A model that contains it leaves nothing.
+/// A table's location error has no effect on the grid, where the table is at 0. Over poses of all axes it has, and one alignment cannot
+/// remove it. A model that contains the error leaves less than 0.05 µm.
 #[test]
 fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     const TRUTH: &str = "examples/table-tilting.toml";
@@ -227,7 +227,7 @@ fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     let [known, unknown] = [&known["all_axes"], &unknown["all_axes"]];
     assert_eq!(known["poses"], 4096);
     assert!(number(known, "form_rms_um") < 0.05, "{known}");
-    // The rotation about the tool axis that a perfect correction leaves does not count as a tilt.
+    // The rotation about the tool axis that a perfect correction leaves is no tilt.
     assert!(number(known, "form_tilt_rms_urad") < 10.0, "{known}");
     assert!(number(known, "form_about_tool_rms_urad") > 100.0, "{known}");
     assert!(number(unknown, "form_rms_um") > 10.0, "{unknown}");
@@ -238,7 +238,6 @@ fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     assert_eq!(judged(TRUTH), judged(TRUTH));
 }
 
-/// Apache Arrow reads the file.
 #[cfg(feature = "parquet")]
 #[test]
 fn arrow_reads_the_parquet_map() {
@@ -267,8 +266,8 @@ fn arrow_reads_the_parquet_map() {
     assert!(output.status.success(), "{output:?}");
 }
 
-/// A table whose axis has an uncertainty of 5 µm along X: at C the standard uncertainty of the tip is 2·5·|sin(C/2)| µm; over a full turn
-/// its RMS is √2·5 µm and its maximum 2·5 µm. On the grid, with C at 0, it is zero.
+/// A table whose axis has an uncertainty of 5 µm along X: the tip's standard uncertainty at C is 2·5·|sin(C/2)| µm, thus RMS √2·5 µm and
+/// maximum 2·5 µm over a turn. On the grid, with C at 0, it is zero.
 #[test]
 fn poses_of_all_axes_have_their_uncertainty() {
     let folder = Folder::new();
@@ -292,7 +291,7 @@ fn poses_of_all_axes_have_their_uncertainty() {
     let near = |found: f64, expected: f64| (found / expected - 1.0).abs() < 0.048;
     assert!(near(number(&own["rms_um"]), 5.0 * 2.0_f64.sqrt()), "{own}");
     assert!(near(number(&own["largest_um"]), 10.0), "{own}");
-    // Both figures come from the same samples, so their ratio is more accurate.
+    // Both values are from the same samples, so their ratio is more accurate.
     let ratio = number(&own["largest_um"]) / number(&own["rms_um"]);
     assert!((ratio / 2.0_f64.sqrt() - 1.0).abs() < 0.03, "{ratio}");
     assert!(
@@ -301,11 +300,9 @@ fn poses_of_all_axes_have_their_uncertainty() {
     );
     let shown = text(&[&map[..], &asked].concat());
     contains(&shown, "standard uncertainty: root mean square 7.");
-    // Without `--uncertainty` there is none.
     assert!(json(&map)["all_axes"]["uncertainty"].is_null());
 }
 
-/// The numbers of an array in a VTK file.
 fn array(vtk: &str, name: &str) -> Vec<f64> {
     let (_, from) = vtk.split_once(&format!("Name=\"{name}\"")).expect(name);
     let (_, from) = from.split_once('>').expect("the end of the tag");
@@ -322,7 +319,7 @@ fn attribute<'v>(vtk: &'v str, name: &str) -> Vec<&'v str> {
     value.split(' ').collect()
 }
 
-/// For a missing axis a VTK file has one node at 0; X varies fastest.
+/// A VTK file has one node at 0 for a missing axis, and X varies fastest.
 #[test]
 fn vtk_files_hold_each_axis_at_its_own_place() {
     let folder = Folder::new();
@@ -370,8 +367,8 @@ fn vtk_files_hold_each_axis_at_its_own_place() {
     assert_eq!(array(&alone, "Z_mm"), [-40.0, 60.0]);
 }
 
-/// A table with an error of 50 µrad that tilts the tool relative to it, and of 200 µrad about the tool axis, which is no tilt. The tool is
-/// parallel to Z in all poses.
+/// A table error of 50 µrad tilts the tool relative to the table; one of 200 µrad about the tool axis is no tilt. The tool is parallel to
+/// Z in all poses.
 #[test]
 fn the_tilt_of_the_tool_is_told_apart_from_the_rotation_about_it() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! `volcomp map-table`: the file, the result, and rejected calls.
+//! `volcomp map-table`: file, result, and rejected calls.
 
 use std::fs;
 

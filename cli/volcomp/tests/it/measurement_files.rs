@@ -1,4 +1,4 @@
-//! Measurement files of several kinds: the result of `inspect`, and a calibration file drafted from a folder.
+//! Measurement files of several kinds: the output of `inspect`, and the calibration draft from a folder.
 
 use std::fs;
 
@@ -45,7 +45,7 @@ fn inspect_takes_several_files_and_tells_the_odd_ones() {
     assert!(refused(&["inspect", &cut]).contains("ezz.rtl:"));
 }
 
-/// The files of the virtual shop: their names and headers state the error, but not the position of the line.
+/// In the files of the virtual shop, names and headers state the error but not the position of the line: the draft asks for the point.
 #[test]
 fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     let folder = Folder::new();
@@ -79,7 +79,7 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     let message = refused(&["calibrate", &drafted, "-o", &result]);
     contains(&message, "open question");
     contains(&message, "drafted.toml:");
-    // An unchanged draft is overwritten; an edited one only with `--replace`.
+    // An unchanged draft is overwritten, an edited one only with `--replace`.
     json(&call);
     let draft = fs::read_to_string(&drafted).expect("the draft");
     let answered = draft.replacen("\"?\"", "0.0", 1);
@@ -93,7 +93,7 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     json(&[&call[..], &["--replace"]].concat());
     assert_eq!(kept(), draft);
     assert!(refused(&["calibrate", &drafted, "--replace", "-o", &result]).contains("--draft"));
-    // The draft must not overwrite one of its sources.
+    // The draft must not overwrite a source file.
     let laser = folder.file("exx.rtl");
     let call = [
         "calibrate",
@@ -112,8 +112,7 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     assert!(refused(&call).contains("it holds no files"));
 }
 
-/// One call answers the error and its further questions. An answer that does not apply to the error gets a note; one that applies only to
-/// it is accepted.
+/// One call answers the error and the questions that follow from it. An answer that does not apply to that error gets a note.
 #[test]
 fn an_error_is_answered_in_one_call_with_what_follows() {
     let folder = Folder::new();
@@ -162,7 +161,8 @@ fn straightnesses() -> (Folder, Vec<String>) {
     (folder, call)
 }
 
-/// A draft of two straightness files, each with the question which side the measured point moves with.
+/// The draft of two straightness files asks which side the measured point moves with: the answer for one error overrides that for an
+/// axis, in either order.
 #[test]
 fn the_narrower_answer_counts_whatever_the_order() {
     let (_folder, call) = straightnesses();
@@ -267,7 +267,7 @@ fn several_files_end_in_a_table() {
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     contains(&told, "not read");
     contains(&told, "notes.pdf");
-    // Verdicts at the end, each name once, and a note on different serial numbers.
+    // Verdicts are at the end, each name once, with a note on different serial numbers.
     let output = volcomp(&["iso230", &one, &other, "--tolerance", "B=1.4,E=1"]);
     let (said, told) = (
         String::from_utf8_lossy(&output.stdout).into_owned(),
@@ -284,7 +284,6 @@ fn several_files_end_in_a_table() {
             && verdicts.matches("FAIL").count() == 2,
         "{verdicts}"
     );
-    // Rejected files are named, in JSON as well.
     let wrong = folder.write("lasers/eyy.rtl", "HEADER::\r\n");
     let output = volcomp(&["--json", "iso230", &one, &wrong]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();

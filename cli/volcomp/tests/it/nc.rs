@@ -1,4 +1,4 @@
-//! NC programs: the example, results that are rejected, and wrong calls.
+//! NC programs: the example, rejected results, and wrong calls.
 
 use std::{fs, path::Path};
 
@@ -19,14 +19,13 @@ fn run(output: &Path, more: &[&str]) -> std::process::Output {
     volcomp(&call)
 }
 
-/// The document of a run that must succeed.
 fn answered(output: &Path, more: &[&str]) -> serde_json::Value {
     let ran = run(output, &[more, &["--json"]].concat());
     assert!(ran.status.success(), "{ran:?}");
     serde_json::from_slice(&ran.stdout).expect("JSON")
 }
 
-/// The file extension determines the language.
+/// The file extension selects the language, and the compensated example is better: from above 10 to below 1.5 µm.
 #[test]
 fn the_examples_of_other_languages_are_better_afterwards() {
     let folder = Folder::new();
@@ -72,7 +71,7 @@ fn the_example_is_better_afterwards() {
     assert!(fs::read_to_string(picture).is_ok_and(|svg| svg.starts_with("<svg")));
 }
 
-/// The real errors have the opposite sign: with the result the deviation of the tool doubles.
+/// The real errors have the opposite sign, so that the result doubles the deviation: it is not written.
 #[test]
 fn a_worse_result_is_not_kept() {
     let folder = Folder::new();
@@ -103,11 +102,10 @@ fn a_worse_result_is_not_kept() {
     ended(&ran, 1, "not written, since the tool is further off");
     let kept = fs::read_to_string(&result).expect("the file");
     assert_eq!(kept, "what was there before");
-    // The picture is not written either.
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 4);
 }
 
-/// The model has the wrong sign, but the difference could be due to rounding: the result is kept, and the summary says that its form is
+/// The model has the wrong sign, but the increase is within the rounding: the result is written, and the summary says that its form is
 /// worse.
 #[test]
 fn a_slightly_worse_form_is_stated() {
@@ -133,8 +131,8 @@ fn a_slightly_worse_form_is_stated() {
     assert!(!verified(&truth).contains(worse));
 }
 
-/// A model with another zero shifts the whole part by 400 µm, but the form is correct: the result is kept with a note. It is rejected if
-/// there is no form, as with a single hole, or if the form is worse although the part as a whole is nearer.
+/// A model with another zero shifts the part by 400 µm, but the form is correct: the result is written with a note. It is rejected if the
+/// part has no form, as with one hole, or if the form is worse.
 #[test]
 fn a_part_that_lies_elsewhere_is_judged_by_its_form() {
     const TRUTH: &str = "examples/parts/old-mill.toml";
@@ -170,7 +168,7 @@ fn a_part_that_lies_elsewhere_is_judged_by_its_form() {
     let ran = compensated(&hole, &shifted, TRUTH);
     assert_eq!(ran.status.code(), Some(1), "{ran:?}");
 
-    // As a whole 400 µm nearer, but with a squareness error that is 400 µrad larger.
+    // The whole part is 400 µm nearer, but its squareness error is 400 µrad larger.
     let far = write("far.toml", scale, "EZZ = { poly = [400.0, 0.03] }");
     let text = fs::read_to_string(&shifted).expect("a file");
     let bent = path("bent.toml");
@@ -179,7 +177,7 @@ fn a_part_that_lies_elsewhere_is_judged_by_its_form() {
     ended(&ran, 1, "after alignment of the part at most");
 }
 
-/// The mean correction, verified on the machine: it corrects the position, and the form is unchanged.
+/// The mean correction is verified on the machine: the position improves, and the form stays.
 #[test]
 fn the_mean_correction_is_judged_as_well() {
     let folder = Folder::new();
@@ -213,7 +211,7 @@ fn what_is_wrong_is_told() {
     assert!(!result.exists());
 }
 
-/// Each message names the option, the value found and the value expected; nothing is written.
+/// Each message names the option and the found and expected values; nothing is written.
 #[test]
 fn options_without_sense_are_refused_before_the_work() {
     let folder = Folder::new();
@@ -279,7 +277,6 @@ fn options_without_sense_are_refused_before_the_work() {
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1);
 }
 
-/// A feature without cut lines is reported with file and key, and the others are evaluated.
 #[test]
 fn a_feature_that_nothing_cuts_is_told_with_its_key() {
     let folder = Folder::new();
@@ -303,7 +300,8 @@ fn a_feature_that_nothing_cuts_is_told_with_its_key() {
     }
 }
 
-/// The verification reads the program twice, but a pipe can be read only once. Without verification a pipe works like a file.
+/// A pipe can be read only once, but the verification reads the program twice: it is rejected. Without verification a pipe works like a
+/// file.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_piped_program_is_compensated_but_not_verified() {
@@ -344,7 +342,7 @@ fn a_piped_program_is_compensated_but_not_verified() {
     }
 }
 
-/// Without work there is no wear: the written machine has the same curves.
+/// `volcomp age` over zero months gives a machine with the same curves.
 #[test]
 fn a_machine_of_no_months_is_as_it_was() {
     let folder = Folder::new();
@@ -402,7 +400,7 @@ fn the_mean_correction_is_in_the_work_offset() {
     assert_eq!(added.len(), 2, "{text}");
 }
 
-/// A ball row along X with a stated position determines the work offset; with an unknown position it is rejected.
+/// The mean of a ball row along X with a stated position goes into the work offset; without a position it is rejected.
 #[test]
 fn the_mean_of_a_ball_row_is_in_the_work_offset() {
     let folder = Folder::new();
@@ -441,7 +439,7 @@ fn the_mean_of_a_ball_row_is_in_the_work_offset() {
     ended(&output, 2, "bar.csv has an unknown `origin`");
 }
 
-/// A truth with another structure is rejected, and so is an output that would replace a file that the program may call.
+/// Rejected: a truth with another structure, and an output that would replace a file that the program may call.
 #[test]
 fn other_machines_and_files_of_subroutines_are_refused() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! Positions on the command line and in CSV files: headers with units, copied columns, typing mistakes.
+//! Positions on the command line and in CSV files: headers with units, copied columns, typing errors.
 
 use std::fs;
 
@@ -47,7 +47,7 @@ X,Y,C: => expected positions of C in deg: C or C_deg
     // Lower-case columns next to upper-case ones are targets in another frame.
     let points = folder.write("p.csv", "x,X,Y,C,y\n9,700,0,30,8\n");
     assert_eq!(first(FIVE_AXES, &points), expected);
-    // With a column of positions, another column of the same letter is copied.
+    // Next to a column of positions, another column with that letter is copied.
     for header in ["X,X_um,Y,C", "X,X remark,Y,C", "X,A:remark,Y,C"] {
         let points = folder.write("p.csv", format!("{header}\n700,1,0,30\n"));
         assert_eq!(first(FIVE_AXES, &points), expected, "{header}");
@@ -96,7 +96,7 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     );
     assert!(lines[2].starts_with("2,0,,0,,,"), "{file}");
 
-    // The result is a table of positions: the same numbers, and no column twice.
+    // The output is a table of positions, with the same numbers and no column twice.
     assert_eq!(correct(&once, &twice), answer);
     assert_eq!(fs::read_to_string(&twice).expect("written"), file);
     let said = notes(&["correct", "-m", GANTRY, "--points", &once, "-o", &twice]);
@@ -104,7 +104,7 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     let errors = json(&["error", "-m", GANTRY, "--points", &once]);
     assert_eq!(errors, json(&["error", "-m", GANTRY, "--points", &points]));
 
-    // The same applies to the correction of a single position, and to a map.
+    // The output for a single position and a map are tables of positions as well.
     json(&format!(
         "correct -m {FIVE_AXES} --at X=700,B=10,C=30 -o {once}"
     ));

@@ -55,7 +55,7 @@ fn a_device_that_is_not_there_is_a_failed_work() {
     assert!(refused(&["probe", "can://can77", "--within=-1"]).contains("--within"));
 }
 
-/// The devices depend on the computer, but the document always has its three lists. Listing excludes probing a device.
+/// The devices depend on the computer, but the document always has the three lists. `--list` excludes probing a device.
 #[test]
 fn devices_are_listed() {
     let answer = json(&["probe", "--list"]);
@@ -67,7 +67,7 @@ fn devices_are_listed() {
     refused(&["probe"]);
 }
 
-/// A profile named by a path is read from that file; an error in it is an invalid call.
+/// A profile given by a path is read from that file; an error in it is an invalid call.
 #[test]
 fn a_profile_may_be_a_file() {
     let url = "modbus://127.0.0.1:1?profile=examples/temperature-module.toml";

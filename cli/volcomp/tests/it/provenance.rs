@@ -1,4 +1,4 @@
-//! The provenance of errors in the machine file: written by `calibrate`, printed and compared by `check`.
+//! The provenance of errors in the machine file, as `calibrate` writes it and `check` prints and compares it.
 
 use std::{fs, path::Path};
 
@@ -42,7 +42,7 @@ fn the_same_input_gives_the_same_bytes_and_a_changed_file_is_named() {
         found.len() >= 5 && found.iter().all(|(_, state)| state == "same"),
         "{found:?}"
     );
-    // One file gets one more byte, another is removed.
+    // One file gets another byte, one is removed.
     let changed = one.path().join("exx.csv");
     let mut more = fs::read(&changed).expect("read");
     more.push(b'\n');
@@ -60,7 +60,6 @@ fn the_same_input_gives_the_same_bytes_and_a_changed_file_is_named() {
     let notes = String::from_utf8_lossy(&output.stderr).replace("\n  ", " ");
     contains(&notes, "exx.csv: not the file that EXX was found from");
     assert!(!notes.contains("exy.csv: not"), "{notes}");
-    // The files are in another folder.
     let elsewhere = two.path().display().to_string();
     let found = states(&["check", &machine, "--files", &elsewhere]);
     assert!(found.iter().all(|(_, state)| state == "same"), "{found:?}");

@@ -46,14 +46,14 @@ fn the_same_call_gives_the_same_bytes() {
     assert_eq!(report(&call).1, report(&call).1);
 }
 
-/// The truth of the example is the machine on which its files were measured: the correction reduces the error.
+/// With the truth on which its files were measured, the report of the example shows a smaller error after the correction.
 #[test]
 fn a_truth_shows_what_a_compensation_leaves() {
     let (document, page) = report(&[CALIBRATION, "--truth", "examples/calibration/truth.toml"]);
     let of = |state: &str| float(&document[state]["form_max_um"]);
     assert!(of("after") < of("before"), "{document}");
     assert!(page.contains("what the compensation by this model leaves of the stated truth"));
-    // V belongs to another state than the test quantities, and names it.
+    // V belongs to another state than the test quantities, and names that state.
     let truth = ["--truth", "examples/calibration/truth.toml"];
     let judged = [&[CALIBRATION][..], &truth, &["--tolerance", "V=99,E=99"]].concat();
     for check in list(&report(&judged).0["checks"]) {
@@ -63,7 +63,7 @@ fn a_truth_shows_what_a_compensation_leaves() {
             "{check}"
         );
     }
-    // Compared with itself, the only residual is what the correction neglects.
+    // Compared with itself, a model leaves only what the correction neglects.
     let (document, _) = report(&["examples/gantry.toml", "--truth", "examples/gantry.toml"]);
     let after = float(&document["after"]["max_um"]);
     assert!(after < 0.01, "{document}");
@@ -120,8 +120,8 @@ fn people_read_the_verdict() {
     contains(&said, "wrote ");
 }
 
-/// At a single rotary pose, errors of rotary axes are a rigid motion of the workpiece, which the alignment removes; over all axes they are
-/// not.
+/// A model with wrong rotary axes fails. At one rotary pose their errors are a rigid motion, which the alignment removes; over all axes
+/// they are not.
 #[test]
 fn wrong_rotary_axes_do_not_pass() {
     let folder = Folder::new();
@@ -136,13 +136,13 @@ fn wrong_rotary_axes_do_not_pass() {
     for axis in ["X", "Y", "Z", "A", "C"] {
         assert!(of["worst_at"][axis].is_number(), "{document}");
     }
-    // The value equals that of `map` with any grid, to the last digit.
+    // The same value as `map` with any grid, to the last digit.
     let map = json(&["map", "-m", &machine, "--grid", "3x3x3"]);
     assert_eq!(map["all_axes"]["form_max_um"], of["position_um"]);
     assert_eq!(map["all_axes"]["tilt_max_urad"], of["tilt_urad"]);
 }
 
-/// The volumetric error of the report equals that of the command `map`.
+/// The volumetric error of the report equals that of `map`.
 #[test]
 fn the_volume_of_a_gantry_has_one_figure() {
     let (document, _) = report(&["examples/gantry.toml"]);
@@ -153,7 +153,7 @@ fn the_volume_of_a_gantry_has_one_figure() {
     );
 }
 
-/// The expanded uncertainty of the verdict is twice the largest standard uncertainty of the map of the same machine.
+/// The expanded uncertainty in the verdict is twice the largest standard uncertainty of the same machine's map.
 #[test]
 fn the_uncertainty_of_the_volume_is_one_figure() {
     let folder = Folder::new();
@@ -198,7 +198,7 @@ fn the_exit_status_is_that_of_the_verdict() {
     }
 }
 
-/// A machine without known errors meets no tolerance; with some known errors, the verdict says that it covers only those.
+/// A machine without known errors gets the verdict `undecided`; with some known errors the verdict covers only those.
 #[test]
 fn what_was_not_measured_is_not_met() {
     let folder = Folder::new();
@@ -222,7 +222,8 @@ fn what_was_not_measured_is_not_met() {
     assert!(page.contains("of the measured errors alone"));
 }
 
-/// An error that the observations leave open is not zero: the axis of a rotary table that never turned may be anywhere.
+/// An error that the observations do not determine is not zero, so no tolerance is met: the axis of a rotary table that never turned may
+/// be anywhere.
 #[test]
 fn what_observations_leave_open_is_not_met() {
     let folder = Folder::new();
@@ -283,7 +284,7 @@ fn what_observations_leave_open_is_not_met() {
     assert!(page.contains("not determined by the observations, taken as 0: EX0C, EB0C"));
 }
 
-/// A limit for lengths does not apply to angles: a symbol alone is rejected if both are tested, and applies where no more specific limit
+/// A limit for lengths does not apply to angles. A symbol alone is rejected if both are tested, and applies where no more specific limit
 /// does.
 #[test]
 fn a_limit_is_of_one_unit() {
@@ -314,7 +315,7 @@ fn a_limit_is_of_one_unit() {
         })
         .collect();
     found.sort_by(|a, b| a.0.cmp(&b.0));
-    // ezz.pos contains means over the runs, so it has no A.
+    // ezz.pos has means over the runs, thus no A.
     let row = |error: &str, limit, unit: &str, outcome: &str| {
         (error.to_owned(), limit, unit.to_owned(), outcome.to_owned())
     };
@@ -341,14 +342,13 @@ fn a_report_that_is_replaced_is_told() {
         assert_eq!(output.status.code(), Some(0));
         String::from_utf8_lossy(&output.stderr).contains("replaced the file that was there")
     };
-    // An identical report replaces nothing.
     assert_eq!(
         [told(&[]), told(&[]), told(&["--serial", "7"])],
         [false, false, true]
     );
 }
 
-/// The volumetric error changes with temperature, so a value below its limit is undecided.
+/// Thermal terms change the volumetric error, so a value below its limit is `undecided`.
 #[test]
 fn thermal_terms_leave_the_volumetric_error_undecided() {
     for (limit, outcome) in [("V=1000", "undecided"), ("V=1", "fail")] {
@@ -363,8 +363,8 @@ fn thermal_terms_leave_the_volumetric_error_undecided() {
     }
 }
 
-/// Thermal terms of the real machine are left out like those of the model, and curves over a part of the travel do not cover the whole
-/// machine.
+/// The verdict covers a part of the machine: thermal terms of the truth are omitted like those of the model, and curves may cover a part
+/// of the travel only.
 #[test]
 fn a_volumetric_error_of_a_part_of_the_machine_is_told() {
     const AXES: &str = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 600.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-500.0, 0.0]\n[errors]\n";

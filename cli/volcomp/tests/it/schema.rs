@@ -9,7 +9,7 @@ use crate::{Folder, cases, help::commands, json, list, root, volcomp, words};
 const GANTRY: &str = "examples/gantry.toml";
 const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
 
-/// The schemas that `volcomp schema` writes, by the name of their document.
+/// The schemas that `volcomp schema` writes, by document name.
 static SCHEMAS: LazyLock<BTreeMap<String, Value>> = LazyLock::new(|| {
     let folder = Folder::new();
     let document = json(&["schema", &folder.path().display().to_string()]);
@@ -36,7 +36,7 @@ pub(crate) fn validate(name: &str, document: &Value) {
         .map(|e| format!("{}: {e}", e.instance_path()))
         .collect();
     assert!(wrong.is_empty(), "{name}: {wrong:?}\n{document}");
-    // A key missing in the schema is undocumented.
+    // A key that the schema lacks is undocumented.
     let known = schema.to_string();
     if let Value::Object(keys) = document {
         for key in keys.keys() {
@@ -142,7 +142,7 @@ nc-average => nc examples/part.ngc --average --verify -o $/o.ngc -m examples/mil
     }
 }
 
-/// The document on standard error of a call that fails.
+/// Exit status of a failing call, and its document on standard error.
 fn failure(arguments: &[&str]) -> (Option<i32>, Value) {
     let output = volcomp(&[&["--json"], arguments].concat());
     assert!(output.stdout.is_empty(), "{arguments:?}");

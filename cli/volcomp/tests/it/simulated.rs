@@ -1,4 +1,4 @@
-//! `volcomp simulate`: the written files, the protected files, and the commands to run next.
+//! `volcomp simulate`: written files, protected files, and the commands to run next.
 
 use std::{
     collections::BTreeMap,
@@ -9,7 +9,7 @@ use std::{
 
 use serde_json::Value;
 
-/// Errors of scale and squareness, all of which lines or observations determine.
+/// Scale and squareness errors, which lines and observations determine completely.
 const TRUTH: &str = "structure = \"w X' b Y Z t\"
 [axes]
 X.travel = [0, 500]
@@ -57,7 +57,7 @@ fn what_the_shop_reads_is_not_written_over() {
         ("machine.toml", "shop.toml", "", "machine.toml"),
         ("truth.toml", "calibration.toml", "", "calibration.toml"),
         ("truth.toml", "observations.toml", "", "observations.toml"),
-        // Written by the next command.
+        // The next command writes this file.
         ("calibrated.toml", "shop.toml", "", "calibrated.toml"),
         ("truth.toml", "shop.toml", "points.csv", "points.csv"),
     ] {
@@ -129,7 +129,7 @@ fn files_of_an_earlier_run_are_counted() {
     assert_eq!(document["replaced"], document["files"]);
 }
 
-/// A file that is foreign or was changed is not overwritten, and the run writes nothing.
+/// A foreign or edited file is not overwritten, and the run writes nothing.
 #[test]
 fn files_of_others_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -167,13 +167,13 @@ fn files_of_others_are_refused() {
     for seed in [1, 2, 2] {
         assert_eq!(shop(seed).status.code(), Some(0));
     }
-    // Own readings instead of simulated ones.
+    // The user's readings instead of simulated ones.
     let own = written(&out)["points.csv"].clone() + "\n";
     fs::write(out.join("points.csv"), own).expect("written");
     refused(3, "points.csv");
     fs::remove_file(out.join("points.csv")).expect("removed");
     assert_eq!(shop(3).status.code(), Some(0));
-    // Without the list, identical files of this run may be overwritten, those of another run may not.
+    // Without the list of checksums, files identical to this run's may be overwritten, those of another run may not.
     fs::remove_file(out.join("simulated-files.sha256")).expect("removed");
     assert_eq!(shop(3).status.code(), Some(0));
     fs::remove_file(out.join("simulated-files.sha256")).expect("removed");
@@ -183,7 +183,6 @@ fn files_of_others_are_refused() {
     assert!(help.contains("simulated-files.sha256"), "{help}");
 }
 
-/// The same rule protects files from the demo.
 #[test]
 fn the_demo_writes_over_no_files_of_others() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -199,7 +198,7 @@ fn the_demo_writes_over_no_files_of_others() {
     }
 }
 
-/// Runs the printed commands, and returns the ranges of the body diagonals that a correction by the last machine file leaves on the truth.
+/// Runs the printed commands; returns the ranges of the body diagonals on the truth after correction by the last machine file.
 fn ranges_after_the_printed_commands(lines: &str, output: &str) -> Vec<f64> {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -270,7 +269,6 @@ fn the_printed_commands_lead_to_a_good_machine() {
     assert!(left > 10.0, "{left}");
 }
 
-/// In a printed command each path is one shell word, whatever the name of the folder.
 #[cfg(unix)]
 #[test]
 fn printed_commands_keep_paths_in_one_word() {

@@ -55,7 +55,7 @@ fn positions_of_a_file_are_judged() {
         "sensitivity -m examples/first.toml --points {points}"
     ));
     assert_eq!(found["positions"], 2);
-    // ECX of w X' b Y Z t, tip at the origin: the table rotates under the tool, which is 0 and 100 mm away from it.
+    // ECX of w X' b Y Z t with the tip at the origin: the table rotates under a tool that is 0 and 100 mm away.
     let errors = list(&found["errors"]);
     let ecx = errors.iter().find(|e| e["name"] == "ECX").expect("ECX");
     close(&ecx["position_max_um"], 0.1, 1e-12);
@@ -89,7 +89,7 @@ fn the_published_formulas_are_printed() {
     assert!(latex.ends_with("\\end{align}\n"), "{latex}");
 }
 
-/// Solutions against closed forms; singular and unreachable poses are named.
+/// Solutions equal closed forms; singular and unreachable poses are named.
 #[test]
 fn axes_are_found_and_a_singular_pose_is_named() {
     let trunnion = "examples/trunnion.toml";
@@ -103,7 +103,7 @@ fn axes_are_found_and_a_singular_pose_is_named() {
     for (solution, c) in solutions.iter().zip([0.0, -360.0, 360.0]) {
         let number = |axis: &str| float(&solution[axis]);
         assert!((number("A") - tilt).abs() < 1e-9 && (number("C") - c).abs() < 1e-9);
-        // The tip is at the intersection of both centre lines, where only the linear axes move it.
+        // The tip is at the intersection of both centre lines, where only linear axes move it.
         for (axis, mm) in [("X", 300.0), ("Y", 250.0), ("Z", -300.0)] {
             assert!((number(axis) - mm).abs() < 1e-9, "{solution}");
         }
@@ -157,7 +157,7 @@ fn axes_are_found_and_a_singular_pose_is_named() {
     );
 }
 
-/// The output of `dh`, inserted into a machine file, gives the same axes.
+/// A machine file with the output of `dh` has the same axes.
 #[test]
 fn a_printed_table_makes_the_same_machine() {
     let folder = Folder::new();
@@ -216,7 +216,7 @@ fn a_turning_frame_is_told() {
     assert_eq!(found["axes"][0]["motion_frame"], Value::Null);
 }
 
-/// Effects of the values of the machine file instead of unit errors: sorted from the largest, each from its curve at the nodes.
+/// The effects of a machine file's values, largest first, equal those computed from its curves at the nodes.
 #[test]
 fn effects_of_the_values_of_the_machine_file() {
     let call = ["sensitivity", "-m", "examples/gantry.toml", "--values"];
@@ -245,7 +245,7 @@ fn effects_of_the_values_of_the_machine_file() {
     );
 }
 
-/// ECC = 12 µrad · sin C on an axis of ±360°: over evenly spaced positions of one turn the mean square is 144/2.
+/// ECC = 12 µrad · sin C on an axis of ±360°: over evenly spaced positions of a turn the mean square is 144/2 for any number of nodes.
 #[test]
 fn a_run_out_shows_whatever_the_number_of_nodes() {
     let call = |grid: &str| {
@@ -282,7 +282,6 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
     );
 }
 
-/// A single node of an axis with a full turn is the middle of its travel, as for any other axis.
 #[test]
 fn one_node_of_a_turn_is_the_middle() {
     let folder = Folder::new();
@@ -300,7 +299,7 @@ fn one_node_of_a_turn_is_the_middle() {
     assert!((of("EXX", "position_rms_um") - 20.0).abs() < 1e-6);
 }
 
-/// An axis 0.02 mm beside the origin: its lever gives a weight of 0.00001, which the text leaves out with a note. JSON contains it.
+/// An axis 0.02 mm off the origin gives a weight of 0.00001: the text omits it with a note, the JSON contains it.
 #[test]
 fn weights_that_would_print_as_zero_are_left_out_and_said() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! `--uncertainty` from observations: of the map, and of corrections.
+//! `--uncertainty` from observations, of the map and of corrections.
 
 use std::fs;
 
@@ -7,14 +7,13 @@ use crate::{Folder, contains, float, json, refused, refuses, root, text, volcomp
 const OBSERVATIONS: &str = "examples/identification/observations.toml";
 const TRIALS: &str = "120";
 
-/// The machine file identified from the example observations.
 fn identified(folder: &Folder) -> String {
     let machine = folder.file("found.toml");
     json(&["identify", OBSERVATIONS, "-o", &machine]);
     machine
 }
 
-/// The three standard uncertainties of position at every node of the map, µm.
+/// The three standard uncertainties of position at each node of the map, µm.
 fn mapped(machine: &str, from: &str, csv: &std::path::Path) -> Vec<[f64; 3]> {
     let csv = csv.display().to_string();
     json(&format!(
@@ -31,7 +30,7 @@ fn mapped(machine: &str, from: &str, csv: &std::path::Path) -> Vec<[f64; 3]> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// Samples from the covariance agree with repeated identifications from redrawn readings. A calibration key in the file selects the latter.
+/// Samples from the covariance agree with repeated identifications from resampled readings, which a calibration key in the file selects.
 #[test]
 fn bands_of_the_covariance_are_those_of_repeated_identifications() {
     let folder = Folder::new();
@@ -60,7 +59,7 @@ fn bands_of_the_covariance_are_those_of_repeated_identifications() {
     }
 }
 
-/// If only X, Y and Z correct, the correction is the negative position error and has the same uncertainty.
+/// If only X, Y and Z correct, the correction is the negative position error with the same uncertainty.
 #[test]
 fn a_correction_of_linear_axes_is_as_uncertain_as_the_error() {
     let folder = Folder::new();
@@ -85,7 +84,7 @@ fn a_correction_of_linear_axes_is_as_uncertain_as_the_error() {
             "{axis}: {found} {expected}"
         );
     }
-    // Axes excluded by `--axes` are not corrected.
+    // Axes that `--axes` excludes are not corrected.
     assert_eq!(float(&uncertainty["B"]), 0.0);
     let csv = fs::read_to_string(&output).expect("written");
     let mut lines = csv.lines().map(|line| line.split(','));
@@ -101,7 +100,6 @@ fn a_correction_of_linear_axes_is_as_uncertain_as_the_error() {
     assert!(without.get("uncertainty").is_none());
 }
 
-/// The notes on standard error.
 fn notes(call: &str) -> Vec<String> {
     let output = volcomp(call);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -118,7 +116,7 @@ fn notes(call: &str) -> Vec<String> {
     notes
 }
 
-/// The uncertainty names unmeasured errors in the words of `calibrate`, also with observations.
+/// With observations as with `calibrate`, the uncertainty names the unmeasured errors.
 #[test]
 fn what_nothing_measured_is_named() {
     let folder = Folder::new();
@@ -144,7 +142,7 @@ fn what_nothing_measured_is_named() {
     let of_observations = notes(&format!(
         "map -m {machine} --grid 2x2x2 --trials 2 --uncertainty {OBSERVATIONS}"
     ));
-    // The unknowns of the file are EYX, EBX and EXX of X, all location errors but EA0B.
+    // The unknowns of the file are EYX, EBX and EXX of X, and all location errors but EA0B.
     assert!(
         of_observations.contains(&"not measured, taken as 0: EZX EAX ECX".to_owned()),
         "{of_observations:?}"
@@ -176,14 +174,13 @@ fn observations_of_another_machine_are_refused() {
     );
 }
 
-/// Standard error of a map with uncertainty.
 fn said(machine: &str, from: &str) -> String {
     crate::notes(&format!(
         "map -m {machine} --grid 2x2x2 --trials 4 --uncertainty {from}"
     ))
 }
 
-/// A machine file with one change, and without checksums, which would no longer match.
+/// A machine file with one change and without the checksums, which would no longer match.
 fn with_change(text: &str, from: &str, to: &str) -> String {
     assert!(text.contains(from), "{from}\n{text}");
     let changed = text.replacen(from, to, 1);
@@ -191,7 +188,8 @@ fn with_change(text: &str, from: &str, to: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// A file that did not produce the machine is recognized by the machine name, by the values of errors, or by the point of an axis.
+/// A machine that does not result from the observations gets a note, by its name, by the values of its errors, or by the point of an
+/// axis.
 #[test]
 fn a_file_that_did_not_make_the_machine_is_noted() {
     let folder = Folder::new();
@@ -253,7 +251,7 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
     contains(&output, "point of axis");
 }
 
-/// The same with a calibration: a changed curve, and an error that the file does not measure.
+/// A machine that does not result from the calibration gets a note: a changed curve, or an error that the file does not measure.
 #[test]
 fn a_calibration_that_did_not_make_the_machine_is_noted() {
     let folder = Folder::new();

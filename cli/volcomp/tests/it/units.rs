@@ -1,4 +1,4 @@
-//! Angles have no keys of lengths, and no file is read in a unit other than its own.
+//! Angles have no length keys, and no file is read in a unit other than its own.
 
 use std::fs;
 
@@ -8,7 +8,6 @@ use crate::{Folder, contains, json, list, refused, refuses, text};
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
 
-/// All keys of a document, at any depth.
 fn keys(document: &Value) -> Vec<String> {
     match document {
         Value::Object(entries) => entries
@@ -73,7 +72,7 @@ fn angles_stand_under_keys_of_angles() {
     );
 }
 
-/// The same deviations in different units give the same evaluation.
+/// A file without a unit is read in the requested unit: equal deviations in different units give the same evaluation.
 #[test]
 fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
     let folder = Folder::new();
@@ -112,7 +111,7 @@ fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
         );
     }
     assert!(text(&["iso230", "--unit", "arcsec", &write(1.0)]).contains("all values in µrad"));
-    // The option may repeat the unit of the header, which is applied once.
+    // The option may repeat the unit of the header, which is then applied once.
     let path = folder.path().join("stated.csv");
     fs::write(&path, "target,deviation mm\n0,0.001\n10,0.003\n20,0.006\n").expect("written");
     let stated = path.display().to_string();
@@ -125,7 +124,7 @@ fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
     contains(&message, said);
 }
 
-/// A spreadsheet table with decimal commas and an unused column.
+/// A table of a spreadsheet with decimal commas and an unused column is read.
 #[test]
 fn tables_with_semicolons_and_decimal_commas_are_read() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! From a truth machine through laser files to a corrected machine.
+//! From a truth through laser files to a corrected machine.
 
 use std::{fmt::Write as _, fs};
 
@@ -18,7 +18,7 @@ fn the_demo_reaches_its_goals() {
             ["EYX", "EZX", "EXY", "EZY"].contains(&line["error"].as_str().expect("a name"));
         let most = if from_tilts { 2.2 } else { 1.5 };
         assert!(float(&line["times_floor"]) <= most, "{line}");
-        // The noise of the mean and the output step of 1 µm set a lower bound.
+        // Noise of the mean and output step of 1 µm are a lower bound.
         assert!(float(&line["floor_um"]) > 0.9, "{line}");
     }
     let mean = &answer["mean_percent"];
@@ -33,7 +33,7 @@ fn the_demo_reaches_its_goals() {
     }
 }
 
-/// Before correction the published sizes; after it, better than the paper in every row.
+/// Before correction every row of the demo has the published value, and after correction it is below the published one.
 #[test]
 fn the_published_gantry_is_passed_in_every_row() {
     let folder = Folder::new();
@@ -83,7 +83,7 @@ fn the_published_gantry_is_passed_in_every_row() {
             );
         }
     }
-    // The pitch measured at two heights of Y is nearly linear: the tilts compared with their own line.
+    // The pitch at two heights of Y is almost linear: the tilts are compared with their own best-fit line.
     let pitch = json(&format!("fit {kept}/eay.rta --method poly --order 1"));
     let left = &pitch["residual_urad"];
     let span = json(&["iso230", &format!("{kept}/eay.rta")]);
@@ -97,8 +97,8 @@ fn the_published_gantry_is_passed_in_every_row() {
     insta::assert_snapshot!(text);
 }
 
-/// Moving least squares on every line, each with its own setting, is better than one setting for all (order 4, a third of the range), which
-/// left 5.6, 10.0 and 4.8 %.
+/// Moving least squares with a separate setting for each line reduce positioning by 95 % and straightness by 91 % or more. A common
+/// setting (order 4, one third of the range) left 5.6, 10.0 and 4.8 %.
 #[test]
 fn the_demo_with_moving_least_squares_alone() {
     let folder = Folder::new();
@@ -138,14 +138,15 @@ fn the_demo_with_moving_least_squares_alone() {
     let printed = text(&["demo", "--curve", "mls"]);
     assert!(printed.lines().all(|line| line.len() <= 80), "{printed}");
     contains(&printed, "moving least squares  direction  order  support");
-    // The kept calibration file states the settings, so calibrating again gives the same machine.
+    // The kept calibration file has the settings, so that calibrating again gives the same machine.
     let again = folder.file("again.toml");
     let calibration = folder.file("calibration.toml");
     json(&["calibrate", &calibration, "-o", &again]);
     assert_eq!(fs::read_to_string(again).expect("written"), calibrated);
 }
 
-/// Every linear axis of the demo meets a residual of 2 µm, and the leave-one-out error is no larger than with the default setting.
+/// In automatic mode every linear axis of the demo has a residual of at most 2 µm, and a leave-one-out error no larger than with the
+/// default setting.
 #[test]
 fn the_automatic_mode_meets_2_um_on_the_demo() {
     let folder = Folder::new();
@@ -212,7 +213,7 @@ fn laser_files_make_a_machine_file() {
     assert_eq!(answer["file"], machine);
     let curves = list(&answer["curves"]);
     assert_eq!(curves.len(), 36, "18 errors in two directions");
-    // The reversals of the truth: 3, −2 and 2.5 µm.
+    // Reversal values of the truth: 3, −2 and 2.5 µm.
     for (error, reversal) in [("EXX", 3.0), ("EYY", -2.0), ("EZZ", 2.5)] {
         let curve = curves.iter().find(|c| c["error"] == error).expect("fitted");
         let found = float(&curve["reversal"]);
@@ -302,7 +303,7 @@ fn inspect_says_what_a_file_holds() {
     assert!(refused(&["inspect", &machine]).contains("machine.toml"));
 }
 
-/// A map of a billion nodes, interrupted: status 130 and no unfinished file.
+/// A map of 10^9 nodes is interrupted: status 130 and no unfinished file.
 #[test]
 fn an_interrupt_leaves_nothing_half_written() {
     let folder = Folder::new();
@@ -336,13 +337,13 @@ fn an_interrupt_leaves_nothing_half_written() {
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 0);
 }
 
-/// If the other targets within the support have almost no weight at a target, there is no leave-one-out error, and the table says so.
+/// Where the other targets in the support have almost no weight, there is no leave-one-out error, and the table shows `x`.
 #[test]
 fn settings_without_a_leave_one_out_error_are_told() {
     let folder = Folder::new();
     let path = folder.path().join("uneven.csv");
     let mut table = "target,deviation\n".to_owned();
-    // Clusters of targets: seen from the last target, others are just inside the edge of some supports.
+    // Clusters of targets: from the last target, others are just inside the edge of some supports.
     for x in [0, 12, 24, 150, 186, 198, 312, 324, 336, 450, 498, 612] {
         let reading = (0.02 * f64::from(x)).sin() + 0.3 * f64::from(x * 7 % 5);
         let _ = writeln!(table, "{x},{reading}");

@@ -1,10 +1,9 @@
-//! No text output is wider than 80 columns: every command on every example.
+//! On every example no text output of any command is wider than 80 columns.
 
 use std::{fs, process::Command};
 
 use crate::{Folder, root, text, volcomp};
 
-/// The machine files of `examples/`.
 fn machines() -> Vec<String> {
     let entries = fs::read_dir(root().join("examples")).expect("the examples");
     let files = entries.map(|entry| entry.expect("an entry").path());
@@ -19,7 +18,6 @@ fn machines() -> Vec<String> {
     machines
 }
 
-/// Checks every line of standard output and standard error.
 fn fits(arguments: &str) {
     let output = volcomp(arguments);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -93,7 +91,7 @@ fn every_measurement_in_every_command() {
     }
     for file in ["exx.rtl", "eay.rta"] {
         for method in ["poly", "chebyshev", "mls", "bspline"] {
-            // The curve is one line of a machine file, whatever its length.
+            // The curve is one line of a machine file of any length.
             let shown = text(&format!(
                 "fit {place}demo/{file} --method {method} --at 0,4000"
             ));
@@ -104,7 +102,7 @@ fn every_measurement_in_every_command() {
     }
 }
 
-/// A reader that closes the pipe is not a failure; a narrow terminal and missing colours change nothing.
+/// A reader that closes the pipe is no failure. A narrow terminal and missing colours change nothing.
 #[cfg(unix)]
 #[test]
 fn closed_pipes_and_narrow_terminals() {

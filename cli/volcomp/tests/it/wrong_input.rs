@@ -6,7 +6,7 @@ use crate::{Folder, contains, refuse_each, refused, refuses, root, volcomp};
 
 const GANTRY: &str = "examples/gantry.toml";
 
-/// A call and the expected part of its message; `$m` is the machine, `$axis` a positioning test.
+/// A call and a part of its message; `$m` is the machine, `$axis` a positioning test.
 const WRONG_CALLS: &str = "
 error $m --at Q=1 => found axis `Q`
 error $m --at A=1 => has no axis A
@@ -118,7 +118,7 @@ fn broken_files_are_named_with_their_line_unbroken() {
 
 #[test]
 fn a_disk_that_fills_up_leaves_nothing_behind() {
-    // /dev/full accepts no bytes, so writing to standard output fails.
+    // Writing to /dev/full fails.
     let Ok(full) = fs::OpenOptions::new().write(true).open("/dev/full") else {
         panic!("this system has no /dev/full");
     };
@@ -133,7 +133,7 @@ fn a_disk_that_fills_up_leaves_nothing_behind() {
 
 #[test]
 fn an_output_is_opened_before_the_work_starts() {
-    // 10^9 nodes would take minutes; the failure must be immediate.
+    // 10^9 nodes would take minutes, so the call must fail first.
     refuses(
         "map -m examples/gantry.toml --grid 1000x1000x1000 -o nowhere/m.csv",
         "nowhere/m.csv: cannot be written",
@@ -141,7 +141,6 @@ fn an_output_is_opened_before_the_work_starts() {
     assert_eq!(volcomp(&["--version"]).status.code(), Some(0));
 }
 
-/// An option without effect is rejected.
 #[test]
 fn options_of_a_fit_that_have_no_effect_are_refused() {
     let folder = Folder::new();

@@ -1,11 +1,11 @@
-//! Answers to the questions of a draft, as typed by the user.
+//! Answers to the questions of a draft, as the user types them.
 
 use std::path::Path;
 
 use volcomp_calibrate::{Answer, AnswerError, CalibrationFile, Draft, Subject, calibrate, draft};
 use volcomp_model::Machine;
 
-/// A folder with the machine of the example and the files that `fill` writes, and the draft for it.
+/// A folder with the example's machine and the files that `fill` writes, and the draft for it.
 fn drafted_in(fill: impl FnOnce(&Path, &Path)) -> (tempfile::TempDir, Draft) {
     let dir = tempfile::tempdir().expect("writable");
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration");
@@ -22,7 +22,6 @@ fn drafted_in(fill: impl FnOnce(&Path, &Path)) -> (tempfile::TempDir, Draft) {
     (dir, found)
 }
 
-/// The draft of some measurement files of the example.
 fn drafted(names: &[&str]) -> (tempfile::TempDir, Draft) {
     drafted_in(|examples, folder| {
         for name in names {
@@ -31,7 +30,6 @@ fn drafted(names: &[&str]) -> (tempfile::TempDir, Draft) {
     })
 }
 
-/// The draft of files with these texts.
 fn drafted_of(files: &[(&str, &str)]) -> (tempfile::TempDir, Draft) {
     drafted_in(|_, folder| {
         for (name, text) in files {
@@ -58,7 +56,7 @@ fn place(draft: &Draft, file: &str) -> usize {
         .expect(file)
 }
 
-/// With every question answered, the file can be read, and its calibration has the slope of the example's machine.
+/// With every question answered, the file is valid, and its calibration has the slope of the example's machine.
 #[test]
 fn an_answered_draft_is_a_calibration_file() {
     let (dir, found) = drafted(&["exx.csv"]);
@@ -77,7 +75,7 @@ fn an_answered_draft_is_a_calibration_file() {
         answers.push(answer(first.clone(), &question.key, value));
     }
     assert!(!answers.is_empty());
-    // A missing answer stays open, and the file is rejected with its question.
+    // Without one answer the file is rejected with its question.
     let open = found.answered(&answers[1..]).expect("right");
     assert_eq!(open.questions.len(), 1);
     let file = dir.path().join("calibration.toml");
@@ -90,7 +88,7 @@ fn an_answered_draft_is_a_calibration_file() {
     let read = CalibrationFile::read(&file).expect("complete");
     let calibration = calibrate(&read, |_, _| {}).expect("it fits");
     let curve = &calibration.curves[0];
-    // The output about the curve is consistent: readings minus curve are its residuals.
+    // Readings minus curve equal the residuals of the output.
     let residuals: Vec<f64> = curve.points.iter().map(|[_, u, f]| u - f).collect();
     let volcomp_calibrate::Quality::Length(quality) = curve.quality else {
         panic!("a length");
@@ -138,7 +136,7 @@ fn invalid_answers_are_refused_by_key() {
     );
 }
 
-/// No typed text can end its value: the file keeps the same tables.
+/// An answer cannot end its value: text that looks like another table adds none.
 #[test]
 fn an_answer_cannot_inject_other_keys() {
     let (_dir, found) = drafted(&["exx.log"]);
@@ -149,7 +147,7 @@ fn an_answer_cannot_inject_other_keys() {
     assert!(!text.contains("\n[[squareness]]"), "{text}");
 }
 
-/// Omitting a measurement also omits its squareness.
+/// A measurement that is left out is listed; its squareness is left out too.
 #[test]
 fn measurements_left_out_are_listed() {
     let (_dir, found) = drafted(&["eyx.csv", "exy.csv"]);
@@ -180,13 +178,12 @@ fn measurements_left_out_are_listed() {
     );
 }
 
-/// Angular readings of a straightness come from a level on a bridge, so its length is an open question.
+/// Angular readings of a straightness come from a level on a bridge, so the length of the bridge becomes a question.
 #[test]
 fn a_unit_of_angle_opens_the_question_for_the_bridge() {
     let (_dir, found) = drafted(&["ezx-level.csv"]);
     let of = Subject::Measurement(0);
     assert!(!open_keys(&found).contains(&"bridge_mm".to_owned()));
-    // In any order.
     let answers = [
         answer(of.clone(), "bridge_mm", "150"),
         answer(of.clone(), "unit", "urad"),
@@ -209,7 +206,7 @@ fn a_unit_of_angle_opens_the_question_for_the_bridge() {
 const ARCH: &str =
     "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,6\n300,1,+,8\n450,1,+,6\n600,1,+,0\n";
 
-/// Whether the table or the tool moved is an open question for every error except positioning, whatever the source of its name.
+/// For every error except positioning it is a question whether table or tool moved, also if the user answers the error.
 #[test]
 fn an_answered_error_opens_the_question_for_its_sign() {
     let (_dir, named) = drafted_of(&[("ezx.csv", ARCH)]);
@@ -227,7 +224,7 @@ fn an_answered_error_opens_the_question_for_its_sign() {
     }
 }
 
-/// The file name states X, the user answers Y: then the position of X is an open question.
+/// The file name states X and the user answers Y: the position of X becomes a question.
 #[test]
 fn an_error_of_another_axis_opens_the_question_for_that_position() {
     let (_dir, found) = drafted_of(&[("x.csv", ARCH)]);
@@ -248,7 +245,8 @@ fn an_error_of_another_axis_opens_the_question_for_that_position() {
     );
 }
 
-/// Two tests of one error on one line, before and after a compensation: one has to be chosen, never the mean of both.
+/// Two tests of one error on one line, before and after a compensation, are a conflict: one has to be chosen, and they are never
+/// averaged.
 #[test]
 fn two_files_answered_for_the_same_line_are_a_conflict() {
     let after = "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,0.6\n300,1,+,0.8\n450,1,+,0.6\n600,1,+,0.1\n";
@@ -292,7 +290,7 @@ fn two_files_answered_for_the_same_line_are_a_conflict() {
     assert_eq!(read(&done.text).expect("two directions"), 2);
 }
 
-/// The questions of a draft can be answered together with the error, since the page shows all questions at once.
+/// The questions that follow from an error can be answered together with the error, since the page shows all questions at once.
 #[test]
 fn follow_up_questions_can_be_answered_with_the_error() {
     let (_dir, found) = drafted_of(&[("scan-1.csv", ARCH), ("exx.csv", ARCH)]);
@@ -308,13 +306,13 @@ fn follow_up_questions_can_be_answered_with_the_error() {
             format!("scan-1.csv: {key} is no question for {error}: the answer {value} is not used");
         assert!(done.notes.contains(&said), "{:?}", done.notes);
     }
-    // A sign answered before the error was changed.
+    // The sign was answered before the error was changed.
     let with = [
         answer(scan.clone(), "error", "EXX"),
         answer(scan, "sign", "-1"),
     ];
     assert!(found.answered(&with).is_ok());
-    // The sign is no open question for an error that the file itself names.
+    // For an error that the file names, the sign is no question.
     let named = Subject::Measurement(place(&found, "exx.csv"));
     let answered = found.answered(&[answer(named, "holds_location", "true")]);
     assert!(answered.is_err() || answered.is_ok_and(|of| !of.notes.is_empty()));

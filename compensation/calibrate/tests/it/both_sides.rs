@@ -1,5 +1,5 @@
-//! Readings of straightness lines on both sides of `b`, from homogeneous matrices written out here, on a machine whose file keeps a
-//! constant rotation of a rotary axis.
+//! Straightness lines on both sides of `b`, on a machine whose file keeps a constant rotation of a rotary axis. The readings are from
+//! homogeneous matrices written out here.
 
 use std::fmt::Write as _;
 
@@ -41,7 +41,7 @@ fn about_z(angle: f64) -> M {
     ]
 }
 
-/// `w X' b Y Z C B t` with X and Y moving: the tool in workpiece axes. Y also moves to −X in proportion, and C, at 0, has its constant
+/// The tool in workpiece axes of `w X' b Y Z C B t` with X and Y moving. Y also moves to −X in proportion, and C, at 0, has its constant
 /// rotation.
 fn tool(x: f64, y: f64) -> M {
     let slide = shift(-SQUARE.sin() * y, SQUARE.cos() * y);
@@ -54,8 +54,8 @@ fn table(x: f64, y: f64) -> M {
     product(&product(&about_z(-TURN), &slide), &shift(-x, 0.0))
 }
 
-/// EYX, µm: a point of the table moves past a straightedge in the spindle that was aligned to the X of the workpiece. The error is positive
-/// if the point is farther back along Y.
+/// EYX, µm: a point of the table passes a straightedge in the spindle, aligned to the workpiece's X. Positive if the point is farther
+/// back along Y.
 fn eyx(x: f64) -> f64 {
     let aligned = about_z(TURN);
     let across = |x: f64| image(&aligned, image(&table(x, 0.0), ON_TABLE))[1];

@@ -1,5 +1,3 @@
-//! Drafts of calibration files from folders.
-
 use std::fs;
 use std::path::Path;
 
@@ -14,7 +12,7 @@ axes.Y.travel = [0.0, 400.0]
 axes.Z.travel = [-300.0, 0.0]
 ";
 
-/// Five targets over the first 400 mm, two runs each way; `seed` makes the readings differ.
+/// Five targets over the first 400 mm, two runs in each direction; `seed` changes the readings.
 fn laser(axis: &str, title: &str, unit: DeviationUnit, quantity: Quantity, seed: f64) -> String {
     let mut readings = Vec::new();
     for run in 1..=2 {
@@ -127,7 +125,7 @@ fn headers_and_file_names_give_proposals_and_questions() {
         expected.iter().all(|error| errors.contains(error)),
         "{errors:?}"
     );
-    // The angle of Y, and the table without any indication of its content.
+    // The angle of Y, and the table without any hint of its content.
     assert_eq!(unknown, 2);
     // The first file states the positions of both other axes.
     assert_eq!(keys(&found, "laser/x-y50.rtl"), ["point", "rides"]);
@@ -161,7 +159,7 @@ fn headers_and_file_names_give_proposals_and_questions() {
     }
     let unread = "# not used: notes.pdf: found";
     assert!(found.text.contains(unread), "{}", found.text);
-    // The text has every question, as a value and as a comment.
+    // The text has every question as a value and as a comment.
     assert_eq!(
         found.text.matches("# QUESTION").count(),
         found.questions.len()
@@ -253,7 +251,7 @@ fn columns_of_the_calibration_file_are_those_of_its_tables() {
         .map(|r| r.deviation)
         .fold(0.0, f64::max);
     assert!((largest - 4.0).abs() < 1e-6, "{largest}");
-    // Compensation values need an answer about their sign and unit.
+    // Compensation values need answers about sign and unit.
     let export = |keys: &str| {
         format!(
             "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"x.ren\"\n{keys}"
@@ -270,7 +268,7 @@ fn columns_of_the_calibration_file_are_those_of_its_tables() {
     assert_eq!(file.measurements[0].readings.readings[1].deviation, -2.0);
 }
 
-/// A file of another machine with a longer axis, and one that states this machine.
+/// A file of another machine and targets beyond the travel get notes.
 #[test]
 fn files_of_another_machine_and_targets_beyond_the_travel_are_noted() {
     let of = |machine: &str, axis: &str, scale: f64| {
@@ -318,7 +316,6 @@ fn files_of_another_machine_and_targets_beyond_the_travel_are_noted() {
     );
 }
 
-/// Three lines with the same answers: one for all, with an exception for one error.
 #[test]
 fn one_answer_applies_to_every_question_of_its_key() {
     let shop = Shop::new(&[

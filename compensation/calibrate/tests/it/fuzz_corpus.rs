@@ -1,4 +1,4 @@
-//! Replays the kept inputs of the fuzz target; a file named `valid-…` must be read, one named `broken-…` refused.
+//! Replays the stored fuzz inputs: a file named `valid-…` must parse, a file named `broken-…` must be rejected.
 
 use std::fs;
 

@@ -1,4 +1,4 @@
-//! Runs with a zero each, of which some lack targets: curve, band and Monte Carlo samples against what is known of complete runs and of the truth.
+//! The second of two runs with separate zeros stops half-way: curve, band and Monte Carlo samples are those of complete runs.
 
 use std::fmt::Write as _;
 
@@ -19,7 +19,7 @@ fn truth(x: f64, sign: &str) -> f64 {
     0.02 * x + 3.0 * (x / 130.0).sin() + half
 }
 
-/// Targets every 50 mm in both directions; run 2 is 40 µm higher and, with `last`, ends at that target (mm) of its forward part.
+/// Targets every 50 mm in both directions. Run 2 is 40 µm higher and ends, with `last`, at that target (mm) of its forward part.
 fn file(curve: &str, last: Option<f64>) -> CalibrationFile {
     let mut csv = String::from("target,run,direction,deviation_um\n");
     for (run, offset) in [(1, 0.0), (2, 40.0)] {
@@ -63,8 +63,6 @@ fn a_run_that_stops_makes_no_step() {
     );
 }
 
-/// The runs scatter by their zeros alone. The mean of complete runs has the zero of both; where the second has no way back, both directions keep the
-/// zero of the first, which is known by √2 worse.
 #[test]
 fn band_and_samples_contain_the_zeros_of_the_runs() {
     let [complete, stopped] =

@@ -1,4 +1,4 @@
-//! A simulated instrument: readings from the exact chain with every error, written as measurement files.
+//! A simulated instrument: readings from the exact chain with all errors, written as measurement files.
 
 use std::fmt::Write as _;
 
@@ -29,15 +29,15 @@ pub(crate) struct Line<'a> {
     pub(crate) error: &'a str,
     /// Positions of the other linear axes, mm.
     pub(crate) at: &'a [(AxisName, f64)],
-    /// The measured point, mm in MCS with the measured axis at 0; it moves with the component that carries it.
+    /// The measured point, mm in MCS with the measured axis at 0; moves with the component that carries it.
     pub(crate) point: [f64; 3],
-    /// Whether the measured point is on the other side of the joint.
+    /// Whether the point is on the other side of the joint.
     pub(crate) other: bool,
     pub(crate) targets: usize,
     pub(crate) runs: usize,
 }
 
-/// Reading of a perfect instrument, µm or µrad, in the sign of the error.
+/// Reading of a perfect instrument, µm or µrad, with the sign of the error.
 pub(crate) fn reading(truth: &Machine, line: &Line<'_>, target: f64) -> f64 {
     let name: ErrorName = line.error.parse().expect("an error name");
     let index = truth.index_of(name.axis).expect("an axis");
@@ -75,7 +75,7 @@ pub(crate) fn reading(truth: &Machine, line: &Line<'_>, target: f64) -> f64 {
     }
 }
 
-/// Writes the readings of a line with noise (µm or µrad), and returns its table for the calibration file.
+/// Writes the readings of a line with noise (µm or µrad); returns its table for the calibration file.
 pub(crate) fn measure(
     lab: &Lab,
     truth: &Machine,

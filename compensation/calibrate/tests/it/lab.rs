@@ -1,10 +1,9 @@
-//! A folder with a machine file, measurement files and a calibration file.
+//! A folder with machine file, measurement files and calibration file.
 
 use std::{fs, path::Path};
 
 use volcomp_calibrate::{CalibrateError, Calibration, CalibrationFile, calibrate};
 
-/// A folder of files.
 pub(crate) struct Lab(tempfile::TempDir);
 
 impl Lab {
@@ -22,7 +21,7 @@ impl Lab {
         fs::write(self.folder().join(name), text).expect("written");
     }
 
-    /// Reads a calibration file with the name of the machine file in its first line, followed by this text.
+    /// Reads a calibration file: the name of the machine file in the first line, then this text.
     pub(crate) fn read(&self, text: &str) -> Result<CalibrationFile, CalibrateError> {
         let text = format!("machine = \"machine.toml\"\n{text}");
         self.write("calibration.toml", &text);
@@ -37,7 +36,6 @@ impl Lab {
         self.tried(text).expect("calibrated")
     }
 
-    /// The message with which the text is rejected.
     pub(crate) fn refused(&self, text: &str) -> String {
         match self.tried(text) {
             Ok(_) => panic!("calibrated, expected a refusal of\n{text}"),

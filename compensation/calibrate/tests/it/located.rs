@@ -1,4 +1,4 @@
-//! A five-axis machine with all error motions measured along lines and its location errors stated.
+//! A five-axis machine whose error motions are all measured along lines, with stated location errors.
 
 use std::fmt::Write as _;
 
@@ -42,7 +42,7 @@ pub(crate) const LOCATIONS: [(&str, f64); 7] = [
     ("EC0A", -18.0),
     ("EA0C", -16.0),
 ];
-/// The remaining ones of the two rotary axes.
+/// The other location errors of the two rotary axes.
 pub(crate) const MORE: [(&str, f64); 4] = [
     ("EZ0A", -12.0),
     ("EX0C", 15.0),
@@ -50,7 +50,7 @@ pub(crate) const MORE: [(&str, f64); 4] = [
     ("EB0C", 12.0),
 ];
 
-/// Motions that are 0 at 0; straightnesses have no least-squares line over equally spaced targets from end to end.
+/// Motions that are 0 at 0; straightnesses have no best-fit line over equally spaced targets from end to end.
 pub(crate) fn truth() -> Machine {
     let mut errors = String::new();
     for (place, (axis, low, high)) in [("X", 0.0, 600.0), ("Y", 0.0, 500.0), ("Z", 0.0, 400.0)]
@@ -106,7 +106,7 @@ pub(crate) fn truth() -> Machine {
     Machine::parse(&format!("{GEOMETRY}[errors]\n{errors}"), "truth").expect("a machine")
 }
 
-/// Tables of all 30 lines of a calibration file, with 0.3 µm or µrad of noise; `rotary` selects the errors of rotary axes.
+/// Tables of all 30 lines for a calibration file, with noise of 0.3 µm or µrad; `rotary` selects the errors of rotary axes.
 pub(crate) fn lines(lab: &Lab, truth: &Machine, rotary: impl Fn(&str) -> bool) -> String {
     use AxisName::{X, Y, Z};
     let mut noise = Noise::new(5);
@@ -170,7 +170,7 @@ pub(crate) fn lines(lab: &Lab, truth: &Machine, rotary: impl Fn(&str) -> bool) -
     text
 }
 
-/// The largest difference of the position errors of two machines over the volume, µm.
+/// Largest difference of the position errors of two machines over the volume, µm.
 pub(crate) fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     let none = Temperatures::new();
     let mut largest = 0.0_f64;
@@ -195,7 +195,7 @@ pub(crate) fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     largest
 }
 
-/// The mean slope of an error motion between two coordinates, per deg.
+/// Mean slope of an error motion between two coordinates, per deg.
 pub(crate) fn slope(machine: &Machine, error: &str, from: f64, to: f64) -> f64 {
     let name: ErrorName = error.parse().expect("a name");
     let index = machine.index_of(name.axis).expect("an axis");
@@ -216,7 +216,7 @@ fn every_motion_and_the_locations_make_the_machine() {
     let truth = truth();
     let mut text = lines(&lab, &truth, |_| true);
     let mut noise = Noise::new(9);
-    // One location error per table, and several of one instrument with its own sign.
+    // One location error per table, and several of one instrument with its sign.
     for (name, value) in LOCATIONS {
         let unit = if name.starts_with("EY") { "um" } else { "urad" };
         let value = value + noise.normal(0.3);
@@ -241,7 +241,7 @@ fn every_motion_and_the_locations_make_the_machine() {
     assert!(found.warnings.is_empty(), "{:?}", found.warnings);
 }
 
-/// The largest |(R⁻¹ω − ω) × p| of a tilt of 10 µrad of C about X or Y over eighths of a turn and the corners, µm.
+/// Largest |(R⁻¹ω − ω) × p| of a tilt of C by 10 µrad about X or Y, over eighths of a turn and the corners, µm.
 fn tilt_of_c_um(about_y: bool) -> f64 {
     let mut largest = 0.0_f64;
     for eighth in 0..8 {
@@ -257,7 +257,6 @@ fn tilt_of_c_um(about_y: bool) -> f64 {
     largest * 10e-3
 }
 
-/// Errors that were not measured are listed with their possible effect.
 #[test]
 fn unmeasured_errors_are_listed_with_their_effect() {
     let geometry = "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 300]\nY.travel = [0, 200]\nZ.travel = [0, 400]\nC.travel = [0, 360]\n";
@@ -288,8 +287,8 @@ fn unmeasured_errors_are_listed_with_their_effect() {
     );
 }
 
-/// Both tilts of a pair form its squareness: a table that states one of them states all of it, like [[squareness]], whatever the machine
-/// file had for the other.
+/// A [[location]] with one tilt of a pair states the whole squareness, like [[squareness]], whatever the machine file has for the other
+/// tilt.
 #[test]
 fn a_location_states_the_whole_squareness() {
     let geometry = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 300]\nY.travel = [0, 200]\nZ.travel = [0, 400]\n";
@@ -316,8 +315,8 @@ fn a_location_states_the_whole_squareness() {
     assert!(is_noted, "{:?}", found.warnings);
 }
 
-/// An unknown tilt of a rotary axis with only one tilt line measured changes that line nearly as much as itself. Alternating between
-/// unknowns and lines does not converge; solved together they are determined.
+/// An unknown tilt of a rotary axis and the only tilt line, which changes by almost the same amount, are solved together and determined;
+/// alternating between them does not converge.
 #[test]
 fn unknowns_that_lines_contain_are_found_with_them() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tilt");

@@ -1,4 +1,4 @@
-//! Rejection of wrong calibration files, with file, line and key.
+//! Wrong calibration files are rejected with file, line and key.
 
 use std::fmt::Write;
 
@@ -11,7 +11,6 @@ use crate::lab::Lab;
 
 const GOOD: &str = "[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\n";
 
-/// A machine of two axes and the file `a.csv` of a line.
 fn two_axes() -> Lab {
     let lab =
         Lab::new("structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n");
@@ -91,7 +90,7 @@ fn every_wrong_key_of_a_location_is_reported() {
     }
 }
 
-/// Tilts without a position, arc seconds stated as milliradians, and the serial number of another machine.
+/// Tilts without a position, arc seconds stated as milliradians, and another machine's serial number are rejected or noted.
 #[test]
 fn implausible_settings_are_refused_or_noted() {
     let lab = Lab::new(
@@ -153,7 +152,6 @@ fn implausible_settings_are_refused_or_noted() {
     }
 }
 
-/// One note lists all lines without a point, with file, place and tilts of each.
 #[test]
 fn lines_without_a_point_are_listed_in_one_note() {
     let lab = two_axes();
@@ -194,8 +192,8 @@ fn lines_without_a_point_are_listed_in_one_note() {
     );
 }
 
-/// Contradictions of a measurement file and its calibration file: refused with line and key where certainly wrong,
-/// noted with the name of the file where implausible.
+/// Contradictions between a measurement file and the calibration file: refused with line and key if certainly wrong, noted with the
+/// file's name if implausible.
 #[test]
 fn a_file_that_does_not_fit_its_line_is_refused_or_noted() {
     let lab =
@@ -290,7 +288,7 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_noted() {
     }
 }
 
-/// Targets in the unit of another kind of axis belong to another axis; units may be written with µ.
+/// Targets in the unit of another kind of axis are rejected; units may be written with µ.
 #[test]
 fn targets_are_in_the_unit_of_the_axis() {
     let lab = two_axes();
@@ -314,7 +312,7 @@ fn targets_are_in_the_unit_of_the_axis() {
     }
 }
 
-/// `unit` may repeat the unit in the header of the file, which is applied once; any other unit is rejected.
+/// `unit` may repeat the header's unit, which is applied once; another unit is rejected.
 #[test]
 fn a_unit_agrees_with_the_header_of_the_file() {
     let lab = two_axes();
@@ -350,7 +348,7 @@ fn a_unit_agrees_with_the_header_of_the_file() {
     }
 }
 
-/// An impossible angle or length is refused, an implausible one is noted.
+/// An impossible angle or length is rejected, an implausible one noted.
 #[test]
 fn stated_values_have_the_size_of_a_machine() {
     let lab = two_axes();
@@ -376,7 +374,7 @@ fn stated_values_have_the_size_of_a_machine() {
     }
 }
 
-/// The mean of a target that was read in one direction only would be wrong by half of the reversal.
+/// A target read in one direction only is rejected: its mean would be wrong by half of the reversal.
 #[test]
 fn a_target_that_lacks_a_direction_is_refused() {
     let lab = two_axes();
@@ -389,7 +387,6 @@ fn a_target_that_lacks_a_direction_is_refused() {
         error.contains("a.csv: target 100: found no reading in direction -"),
         "{error}"
     );
-    // A single direction throughout is accepted.
     lab.write(
         "a.csv",
         "target,run,direction,deviation\n0,1,+,0\n50,1,+,1\n100,1,+,2\n",
@@ -399,8 +396,8 @@ fn a_target_that_lacks_a_direction_is_refused() {
 
 type Truth = fn(f64) -> f64;
 
-/// Five runs of a wave shorter than two gaps between targets, and of a clustered line with a stated polynomial: a warning names file and
-/// axis. There is none where the targets are dense enough.
+/// A wave shorter than two gaps between targets, and a polynomial on clustered targets, give a note with file and axis. Dense targets
+/// give none.
 #[test]
 fn curves_unsupported_between_targets_are_noted() {
     let even: Vec<f64> = (0..=20).map(|k| 5.0 * f64::from(k)).collect();

@@ -1,5 +1,5 @@
-//! Lines together with observations of the whole machine: the unknown location errors are identified, and their contributions removed from
-//! the lines, which were measured against the commanded pose.
+//! Lines together with observations of the whole machine: the unknown location errors are identified, and their contributions removed
+//! from the lines, which were measured relative to the commanded pose.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -105,7 +105,7 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
         }
         let expected = value_of(&parameter.name);
         let u = parameter.uncertainty.expect("determined");
-        // The lines contribute an uncertainty of 0.3 µm and 0.3 µrad to that of the rows.
+        // The lines add an uncertainty of 0.3 µm and 0.3 µrad to that of the rows.
         let allowed = 4.0 * u + 1.0;
         assert!(
             (parameter.value - expected).abs() < allowed,
@@ -128,7 +128,7 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
     );
 }
 
-/// If no line depends on the unknowns, they are identified once; samples vary the rows, too.
+/// Unknowns that no line depends on are identified in one round; samples vary the rows as well.
 #[test]
 fn lines_independent_of_the_unknowns_are_fitted_once() {
     let lab = Lab::new(GEOMETRY);
@@ -180,7 +180,7 @@ unknown = ["EX0C"] | yes | | key `observation` is missing
     }
 }
 
-/// Uncertainties of unknowns against repeated calibrations with other readings.
+/// Checks the uncertainties of unknowns against repeated calibrations with other readings.
 fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
     const REPEATS: u64 = 40;
     let stated = &mut file.uncertainty;
@@ -188,7 +188,7 @@ fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
     let found = calibrate(&file, |_, _| {}).expect("found");
     let found = found.identified.expect("unknowns").found;
     let repeat = |trial| calibrated_machine(&file.varied(3, trial)).expect("found");
-    // Half of them on another core.
+    // Half of the repeats on another core.
     let (half, others) = (0..REPEATS / 2, REPEATS / 2..REPEATS);
     let repeated: Vec<Machine> = std::thread::scope(|scope| {
         let others = scope.spawn(|| others.map(repeat).collect::<Vec<_>>());
@@ -203,7 +203,7 @@ fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
         let squares: f64 = values().map(|value| (value - mean).powi(2)).sum();
         let spread = (squares / (REPEATS - 1) as f64).sqrt();
         let uncertainty = parameter.uncertainty.expect("determined");
-        // Four standard deviations of a standard deviation over this number of repeats.
+        // Four standard deviations of a standard deviation from this number of repeats.
         let allowed = 4.0 / (2.0 * (REPEATS - 1) as f64).sqrt();
         assert!(
             (uncertainty / spread - 1.0).abs() < allowed,
@@ -213,7 +213,6 @@ fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
     }
 }
 
-/// Lines and unknowns that are solved alternately.
 #[test]
 fn uncertainties_of_unknowns_identified_together_with_lines() {
     let lab = Lab::new(GEOMETRY);
@@ -232,14 +231,12 @@ fn uncertainties_of_unknowns_identified_together_with_lines() {
     uncertainties_are_those_of_repeats(lab.read(&text).expect("read"));
 }
 
-/// Lines and unknowns that are solved together.
 #[test]
 fn uncertainties_of_unknowns_that_lines_follow() {
     let tilt = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tilt/c.toml");
     uncertainties_are_those_of_repeats(CalibrationFile::read(&tilt).expect("read"));
 }
 
-/// A location error with the wrong sign is reported if observations contradict it, and only then.
 #[test]
 fn a_location_with_the_wrong_sign_is_noted() {
     let lab = Lab::new(GEOMETRY);
@@ -288,7 +285,7 @@ fn a_location_with_the_wrong_sign_is_noted() {
         "{said:?}"
     );
     assert_eq!(notes(others, &[("EX0C", 60.0, 1.0)], 1.0).len(), 1);
-    // Correct, small relative to its uncertainty, small relative to that of the observations.
+    // Correct; small relative to its uncertainty; small relative to that of the observations.
     for (value, uncertainty, noise_um) in [(15.0, 1.0, 1.0), (-15.0, 10.0, 1.0), (-15.0, 1.0, 60.0)]
     {
         let said = notes(others, &[("EX0C", value, uncertainty)], noise_um);

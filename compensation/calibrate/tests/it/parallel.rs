@@ -1,4 +1,4 @@
-//! Parallel lines: the published gantry, whose positioning of Y depends on the height through the pitch of its beam.
+//! Parallel lines on the published gantry, whose positioning of Y depends on the height through the pitch of its beam.
 
 use std::fmt::Write as _;
 
@@ -14,7 +14,7 @@ use crate::{
 
 const TRAVEL: [[f64; 2]; 3] = [[0.0, 8000.0], [0.0, 4000.0], [0.0, 2500.0]];
 
-/// EYY of 42 µm at Z = 1050 and 68 µm at Z = 650 over 4 m: a pitch of 65 µrad that is nearly linear.
+/// EYY of 42 µm at Z = 1050 and 68 µm at Z = 650 over 4 m: an almost linear pitch of 65 µrad.
 fn gantry(errors: &str) -> Machine {
     let axes = volcomp_test_support::machines::gantry(TRAVEL);
     Machine::parse(&format!("{axes}[errors]\n{errors}"), "truth").expect("a machine")
@@ -23,7 +23,7 @@ fn gantry(errors: &str) -> Machine {
 const PITCH: &str = "EAY = { poly = [0, 0.0158, 1.125e-7] }\n";
 const LENGTH: &str = "EYY = { poly = [0, 0.0275625] }\n";
 
-/// A line of Y with the reflector away from the beam's own point.
+/// A line of Y with the reflector away from the beam's point.
 fn line(lab: &Lab, truth: &Machine, error: &str, [x, z]: [f64; 2], sigma: f64) -> String {
     let line = Line {
         error,
@@ -42,7 +42,7 @@ fn lab() -> Lab {
     Lab::new(&volcomp_test_support::machines::gantry(TRAVEL))
 }
 
-/// Positioning deviation of Y from 0 to 4000 mm at a height, µm.
+/// Positioning deviation of Y from 0 to 4000 mm at this height, µm.
 fn positioning_um(machine: &Machine, z: f64) -> f64 {
     let none = Temperatures::new();
     let at = |y| {
@@ -66,7 +66,7 @@ fn two_heights_give_the_pitch_and_the_published_figures_over_heights() {
     assert!((positioning_um(&truth, 650.0) - 68.0).abs() < 0.1);
     let lines = [1050.0, 650.0].map(|z| line(&lab, &truth, "EYY", [0.0, z], 0.3));
     let found = lab.calibrated(&lines.concat());
-    // 23 to 70 µm between these heights, published.
+    // Published: 23 to 70 µm between these heights.
     for (z, expected) in [(1342.3, 23.0), (1050.0, 42.0), (650.0, 68.0), (619.2, 70.0)] {
         let value = positioning_um(&found.machine, z);
         assert!(
@@ -99,7 +99,7 @@ fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
     let doubled = gantry("EAY = { poly = [0, 0.0316, 2.25e-7] }\n");
     lines[2] = line(&lab, &doubled, "EAY", [0.0, 0.0], 0.3);
     let bad = lab.calibrated(&lines.concat());
-    // 65 µrad over 400 mm are 26 µm, half of it about the mean, and a little more at the end of the curve.
+    // 65 µrad over 400 mm are 26 µm, half of it about the mean, and slightly more at the end of the curve.
     let words = [
         "EYY: ",
         "EYY-0-1050.csv and ",
@@ -175,7 +175,7 @@ fn lines_that_do_not_separate_the_tilts_are_noted() {
     }
 }
 
-/// Two lines 600 mm apart with little noise, and a single run of the pitch with much.
+/// Two lines 600 mm apart with little noise, and one run of the pitch with much noise.
 fn with_noisy_pitch(lab: &Lab, pitch: &Machine, truth: &Machine, seed: u64) -> Calibration {
     let mut noise = Noise::new(seed);
     let mut tables = String::new();
@@ -200,7 +200,7 @@ fn with_noisy_pitch(lab: &Lab, pitch: &Machine, truth: &Machine, seed: u64) -> C
     lab.calibrated(&tables)
 }
 
-/// Lines with slopes of 0 and 40 µm/m: neither both directions nor other targets turn their slopes into noise.
+/// Lines with slopes of 0 and 40 µm/m contradict each other, also with both directions or other targets.
 #[test]
 fn lines_of_different_slopes_contradict_each_other() {
     let lab = lab();
@@ -233,7 +233,7 @@ fn lines_of_different_slopes_contradict_each_other() {
     }
 }
 
-/// Slopes that differ by the scatter of single runs, with a beam that was realigned, do not contradict each other.
+/// Slopes that differ by the scatter of single runs, with a realigned beam, do not contradict each other.
 #[test]
 fn slopes_within_the_scatter_of_runs_do_not_contradict() {
     let lab = lab();
@@ -258,8 +258,8 @@ fn slopes_within_the_scatter_of_runs_do_not_contradict() {
     }
 }
 
-/// The noise of a tilt times the difference of the lever arms is no contradiction: 2 µrad over 600 mm are 1.2 µm. A doubled tilt is one,
-/// for any noise.
+/// A tilt's noise times the difference of the levers is no contradiction: 2 µrad over 600 mm are 1.2 µm. A doubled tilt is one with any
+/// noise.
 #[test]
 fn a_noisy_tilt_is_no_contradiction_and_a_doubled_one_is() {
     let lab = lab();

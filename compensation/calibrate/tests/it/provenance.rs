@@ -4,9 +4,9 @@ use std::{fmt::Write as _, fs};
 
 use crate::lab::Lab;
 
-/// The least-squares line is constant at 0.4: the residuals alternate between −0.4 and 0.6.
+/// The best-fit line is constant at 0.4: the residuals alternate between −0.4 and 0.6.
 const ZIGZAG: &str = "target,deviation_um\n0,0\n25,1\n50,0\n75,1\n100,0\n";
-/// `sha256sum` of it.
+/// Output of `sha256sum` for ZIGZAG.
 const HASH: &str = "b9af90ed6d5058fb6b01448ab165fd6962ec85b08a981b326ff5500030b11f7d";
 const MACHINE: &str =
     "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n";
@@ -31,7 +31,8 @@ fn files(machine: &str) -> Lab {
     lab
 }
 
-/// Residual and leave-one-out error by hand: the leverages of a line through five equally spaced targets are 0.6, 0.3, 0.2, 0.3, 0.6.
+/// Residual and leave-one-out error equal those by hand: a line through five equally spaced targets has leverages 0.6, 0.3, 0.2, 0.3,
+/// 0.6.
 #[test]
 fn a_curve_has_the_provenance_and_quality_of_its_file() {
     let found = files(MACHINE).calibrated(CALIBRATION);
@@ -80,7 +81,6 @@ fn a_curve_has_the_provenance_and_quality_of_its_file() {
     );
 }
 
-/// The bytes depend neither on the folder nor on the time.
 #[test]
 fn the_same_files_give_the_same_bytes() {
     let calibrated = |machine: &str| files(machine).calibrated(CALIBRATION).machine;
@@ -90,7 +90,7 @@ fn the_same_files_give_the_same_bytes() {
         "{text}"
     );
     assert_eq!(calibrated(MACHINE).to_toml(), text);
-    // Provenance of errors that are measured again is replaced, that of others is kept.
+    // Errors that are measured again get a new provenance; others keep theirs.
     let other = text.replace("EXX", "EZY");
     let other: String = other.lines().filter(|l| !l.starts_with("checksum")).fold(
         String::new(),
@@ -127,8 +127,8 @@ fn a_file_is_listed_once_for_an_error() {
     );
 }
 
-/// A wave of 50 µm that a curve of few terms fits, and a zigzag of 0.3 µm, ten times the scatter of the runs, that only a table fits: the
-/// leave-one-out error of a table exceeds a micrometre. Different zeros and slopes of the runs change nothing.
+/// A wave of 50 µm that few terms fit, plus a zigzag of 0.3 µm (ten times the scatter of the runs) that only a table fits: a note,
+/// because a table's leave-one-out error exceeds a micrometre. Zeros and slopes of the runs do not matter.
 #[test]
 fn a_curve_that_does_not_follow_its_readings_is_noted() {
     let readings = |zigzag: f64, alignment: f64| {
@@ -162,7 +162,7 @@ fn a_curve_that_does_not_follow_its_readings_is_noted() {
     }
 }
 
-/// A straightness a thousand times too large, including the slope of its beam, and the correct one.
+/// A straightness 1000 times too large is noted, the correct one is not, both with the slope of the beam.
 #[test]
 fn a_straightness_in_the_wrong_unit_is_noted() {
     let lab = Lab::new(MACHINE);

@@ -1,4 +1,4 @@
-//! Squareness by square, beams and diagonals, and the reference lines of straightness.
+//! Squareness from a square, beams and diagonals, and the reference lines of straightness.
 
 use std::{fmt::Write as _, fs};
 
@@ -13,7 +13,7 @@ use crate::lab::Lab;
 /// Edges of the working space, mm.
 const EDGES: [f64; 3] = [600.0, 400.0, 300.0];
 const GEOMETRY: &str = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 600]\nY.travel = [0, 400]\nZ.travel = [0, 300]\n[tool]\ntip = [20, 10, -80]\n";
-/// Known errors of the machine without its squareness.
+/// Known errors of the machine, without its squareness.
 const KNOWN: &str = "EXX = { poly = [0, 0.03] }\nEYY = { mean = { poly = [0, -0.01] }, reversal = 2.0 }\nEZZ = { poly = [0, 0.02, 1e-5] }\nEAY = { poly = [0, 0.05] }\nECX = { poly = [0, -0.04] }\nEYX = { poly = [0, 0.01, -2e-5] }\n";
 
 fn position_um(machine: &Machine, at: [f64; 3], approach: Option<[Direction; 3]>) -> Vector3<f64> {
@@ -29,8 +29,8 @@ fn position_um(machine: &Machine, at: [f64; 3], approach: Option<[Direction; 3]>
     machine.error_at(&state, Form::Exact, &none).position_mm * 1e3
 }
 
-/// A laser along a diagonal: writes its file and returns its table in the calibration file, and the excess length of the diagonal, µm.
-/// Scale and zero of the laser are unknown.
+/// A laser along a diagonal with unknown scale and zero: writes its file; returns its table for the calibration file, and the excess
+/// length of the diagonal, µm.
 fn diagonal(lab: &Lab, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> (String, f64) {
     let [from, to] = ends.map(Vector3::from);
     let way = to - from;
@@ -62,7 +62,7 @@ fn diagonal(lab: &Lab, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> (Str
     (table, ends_um[1] - ends_um[0])
 }
 
-/// From the lower to the upper end along P, in the opposite direction along N.
+/// From the lower to the upper end along P, the opposite along N.
 fn body(name: &str) -> [[f64; 3]; 2] {
     let place = |begin: bool| {
         std::array::from_fn(|i| {
@@ -135,7 +135,7 @@ fn face_diagonals_give_the_squareness_of_their_plane() {
     let (pp, _) = diagonal(&lab, &truth, "pp.csv", [[0.0; 3], [a, b, 0.0]]);
     let (np, _) = diagonal(&lab, &truth, "np.csv", [[a, 0.0, 0.0], [0.0, b, 0.0]]);
     let table = format!("[[squareness]]\nerror = \"EC0Y\"\ndiagonals = [{pp}, {np}]\n");
-    // With Y as the primary reference axis the tilt is that of X, whose value in the machine file is not used.
+    // With Y as primary reference axis the tilt is that of X, whose value in the machine file is not used.
     let text = format!(
         "reference_axes = [\"Y\", \"X\"]\n{table}[[location]]\nerror = \"EA0Z\"\nvalue_urad = 5.0\n"
     );
@@ -147,7 +147,7 @@ fn face_diagonals_give_the_squareness_of_their_plane() {
     );
     let tilt = found.machine.locations()[&"EC0X".parse().expect("a name")];
     assert!((tilt + 32.0).abs() < 0.01, "{tilt}");
-    // A diagonal of one plane contains no information about another plane.
+    // A diagonal in one plane has no information about another plane.
     let message = lab.refused(&table.replace("EC0Y", "EB0Z"));
     assert!(
         message.contains("EB0Z from ") && message.contains("do not determine"),
@@ -213,7 +213,8 @@ fn straight(lab: &Lab, name: &str, length: f64, profile: impl Fn(f64) -> f64) {
 
 const LINES: &str = "[[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\ncurve = { table = {} }\nLINE\n[[measurement]]\nerror = \"EXY\"\nfile = \"exy.csv\"\ncurve = { table = {} }\nLINE\n[[squareness]]\nerror = \"EC0Y\"\n";
 
-/// Any line removed from the straightness is added to the squareness: the machine is the same, apart from the alignment of the workpiece.
+/// A line removed from the straightness is added to the squareness: each kind of reference line gives the same machine, after alignment
+/// of the workpiece.
 #[test]
 fn reference_lines_split_the_same_machine_differently() {
     let lab = Lab::new(GEOMETRY);
@@ -250,7 +251,7 @@ fn reference_lines_split_the_same_machine_differently() {
     assert!(ends.norm() < 1e-6, "both ends of X lie on its line: {ends}");
 }
 
-/// EC0Y = (φ − 90°) − slope(EXY) − slope(EYX), with slopes of 4 and 10 µrad; for a beam that runs against its axis φ becomes 180° − φ.
+/// EC0Y = (φ − 90°) − slope(EXY) − slope(EYX) with slopes of 4 and 10 µrad; for a beam against its axis φ becomes 180° − φ.
 #[test]
 fn squares_and_beams_count_in_the_direction_of_the_light() {
     let lab = Lab::new(GEOMETRY);

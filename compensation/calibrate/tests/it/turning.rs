@@ -36,7 +36,7 @@ fn tried(
     Ok(lab.tried(&text)?.machine)
 }
 
-/// Largest difference of ECC from 20·sin C over two turns, µrad; no curve may be outside its range.
+/// Largest difference of ECC from 20·sin C over two turns, µrad; fails if a curve is outside its range.
 fn largest_difference(machine: &Machine) -> f64 {
     let mut largest = 0.0_f64;
     for step in -144..=144 {
@@ -68,7 +68,7 @@ fn no_half_turn_is_lost() {
     }
 }
 
-/// The last target of a turn equals the first one and need not be measured twice.
+/// A full turn is closed without a repeated target: the curve is within 0.2 µrad.
 #[test]
 fn a_full_turn_is_closed() {
     for (travel, first, last) in [("[0, 360]", 0, 345), ("[-180, 180]", -165, 180)] {
@@ -80,10 +80,10 @@ fn a_full_turn_is_closed() {
     }
 }
 
-/// A partial turn is not closed by an invented reading: the end values are held, and if they differ the machine rejects the jump.
+/// A partial turn is not closed: the end values are held, and if they differ, the machine rejects the jump.
 #[test]
 fn a_part_of_a_turn_stays_one() {
-    // 20·sin from 60° to 120° has the same value at both ends.
+    // 20·sin has the same value at 60° and 120°.
     let machine = calibrated(
         "[0, 360]",
         (60..=120).step_by(5),
@@ -108,8 +108,7 @@ fn a_part_of_a_turn_stays_one() {
     );
 }
 
-/// An instrument that does not rotate measures a mixture of two motions of a rotating frame: used directly, its readings would be silently
-/// wrong.
+/// Lines of motions in a rotating frame are rejected: an instrument that does not rotate measures a mixture of two motions.
 #[test]
 fn lines_of_motions_that_turn_with_the_axis_are_refused() {
     for (frame, error, is_read) in [

@@ -1,4 +1,4 @@
-//! Batches and grids of poses against single poses.
+//! Batches and grids of poses equal single poses.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -46,7 +46,6 @@ fn batches_are_the_same_as_single_poses() {
     }
 }
 
-/// Coordinates of X before those of C are rejected if C comes first in the chain.
 #[test]
 fn a_batch_in_another_order_is_refused() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();
@@ -67,7 +66,7 @@ fn a_batch_in_another_order_is_refused() {
     }
 }
 
-/// Every node of a grid with held rotary axes and odd counts, against single poses.
+/// Every node of a grid with held rotary axes and odd counts equals the single pose.
 #[test]
 fn grids_are_the_same_as_single_poses() {
     for (index, structure) in all_types().iter().enumerate() {

@@ -1,5 +1,5 @@
-//! Binary format: a machine is unchanged by writing and reading, including thermal offsets and motion frames; older versions can be read;
-//! invalid bytes are rejected without a panic.
+//! Binary format: writing and reading keeps a machine, with thermal offsets and motion frames; older versions can be read; invalid bytes
+//! are rejected.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -15,11 +15,11 @@ use crate::{
     machines::{machine, random_state},
 };
 
-/// Length of the header, bytes: signature, version, checksum.
+/// Header length, bytes: signature, version, checksum.
 const HEAD: usize = 44;
-/// Bytes of the thermal offsets of one axis: six numbers at the tip and three slopes.
+/// Length of the thermal offsets of one axis, bytes: six numbers at the tip, three slopes.
 const THERMAL: usize = 9 * 8;
-/// Bytes of the motion frame of one axis.
+/// Length of the motion frame of one axis, bytes.
 const FRAME: usize = 8;
 
 fn compiled() -> CompiledMachine {
@@ -176,7 +176,7 @@ fn a_blob_is_the_same_machine() {
 
 proptest::proptest! {
     #![proptest_config(proptest::test_runner::Config::with_cases(2000))]
-    /// Changed bytes with a corrected checksum give a machine or an error, and evaluation does not panic.
+    /// Changed bytes with a corrected checksum give a machine or an error, and the machine can be evaluated.
     #[test]
     fn changed_blobs_do_not_panic(place in 44..40_000_usize, byte in 0..=255_u8, cut in 0..3_usize) {
         static BLOB: std::sync::LazyLock<Vec<u8>> = std::sync::LazyLock::new(|| {
@@ -184,7 +184,7 @@ proptest::proptest! {
             machine.compile(Tolerance::from_nm(100.0)).unwrap().to_blob()
         });
         let mut blob = BLOB.clone();
-        // The first bytes hold counts and names, the rest mostly numbers.
+        // The first bytes have counts and names, the rest mostly numbers.
         let place = if place % 2 == 0 { 44 + place % 400 } else { place };
         if let Some(there) = blob.get_mut(place) {
             *there = byte;

@@ -1,4 +1,4 @@
-//! Invalid public input is rejected by name, without a panic.
+//! Invalid public input is rejected by name.
 
 use proptest::prelude::*;
 use volcomp_evaluator::{
@@ -19,7 +19,6 @@ fn ideal<'a>(axis: AxisName) -> AxisParts<'a> {
     AxisParts::without_errors(travel(axis))
 }
 
-/// All axes of a gantry except one.
 fn without(left_out: AxisName) -> MachineParts<'static> {
     let others = [AxisName::X, AxisName::Y, AxisName::Z].into_iter();
     others
@@ -152,7 +151,7 @@ fn a_curve_that_is_not_finite_is_refused_by_name() {
     );
 }
 
-/// Without breakpoints a function is compiled over the whole travel; breakpoints can only extend it.
+/// A function is compiled over the whole travel; breakpoints can only extend the range.
 #[test]
 fn a_function_is_compiled_over_the_travel() {
     let linear = |x: f64, _| ErrorMotion::from_um_urad([0.01 * x, 0.0, 0.0, 0.0, 0.0, 0.0]);
@@ -191,7 +190,7 @@ fn a_function_is_compiled_over_the_travel() {
     assert!(matches!(refused, Err(EvaluatorError::NotFinite { .. })));
 }
 
-/// A machine by closed form: positioning of 10 µm/m, squareness, expansion, one constant over two coordinates.
+/// Positioning of 10 µm/m, squareness, expansion and a constant over two coordinates add up as in closed form.
 #[test]
 fn all_parts_act_as_in_closed_form() {
     let x = AxisParts::new(travel(AxisName::X), |q, _| {

@@ -1,4 +1,4 @@
-//! The chord bound against the error at many points of the move.
+//! The chord bound compared with the error at many points of the move.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName;
 
 use crate::machines::{machine, random_state};
 
-/// Largest distance between error and chord at many points, mm.
+/// Largest distance between error and chord over many points, mm.
 fn found_mm(machine: &volcomp_evaluator::CompiledMachine, from: &State, to: &State) -> f64 {
     let at = |share: f64| {
         let mut state = *to;
@@ -55,8 +55,8 @@ fn the_bound_holds_on_every_type() {
     }
 }
 
-/// Without curvature the bound is 0; with a curve it shrinks with the square of the length and exceeds the deviation by at most a factor of
-/// 4.
+/// Without curvature the bound is 0. With a curve it is between one and four times the deviation, which grows with the square of the
+/// length.
 #[test]
 fn the_bound_is_as_tight_as_the_curves_are() {
     let text = |curve: &str| {
@@ -106,7 +106,7 @@ fn the_bound_is_as_tight_as_the_curves_are() {
     }
 }
 
-/// Within `short_ways` no bound exceeds the tolerance, and for a fraction of these lengths none exceeds that fraction of it.
+/// No bound within `short_ways` exceeds the tolerance, and at a fraction of these lengths none exceeds that fraction of the tolerance.
 #[test]
 fn short_ways_are_within_the_tolerance() {
     let mut rng = ChaCha8Rng::seed_from_u64(22);

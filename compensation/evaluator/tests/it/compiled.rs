@@ -85,7 +85,7 @@ fn a_tolerance_that_cannot_be_kept_is_refused() {
     );
 }
 
-/// The calls of a real-time cycle: errors of a compiled machine, volumetric error, correction.
+/// The calls of a real-time cycle (errors of a compiled machine, volumetric error, correction) do not allocate.
 #[test]
 fn a_cycle_allocates_nothing() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();

@@ -1,5 +1,5 @@
-//! Choice of the correcting axes, and their correction: the exact one, the compiled machine's and a plain singular value decomposition
-//! agree for oblique directions, secondary axes U V W, any choice of axes and any pose.
+//! Choice and correction of the correcting axes: the exact one, the compiled machine's and a plain singular value decomposition agree for
+//! oblique directions, secondary axes U V W, any choice of axes and any pose.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
@@ -11,7 +11,7 @@ use volcomp_kinematics::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerAxis};
 
-/// Angles between nominally parallel axes, deg: on both sides of the 1.15° from which a direction counts as independent.
+/// Angles between nominally parallel axes, deg, on both sides of 1.15°, from which a direction counts as independent.
 const SKEWS_DEG: [f64; 8] = [0.0, 0.01, 0.5, 1.0, 1.3, 3.0, 20.0, 60.0];
 
 fn random_vector(rng: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {
@@ -71,7 +71,7 @@ fn tiny_errors(chain: &Chain, rng: &mut ChaCha8Rng) -> (GivenErrors, CompiledMac
     )
 }
 
-/// Choice of the correcting linear axes, computed again: the smallest singular value decides whether a column is independent.
+/// The correcting linear axes, chosen independently: the smallest singular value decides whether a column is independent.
 fn linear_of(columns: &[(usize, Vector3<f64>)]) -> Vec<(usize, Vector3<f64>)> {
     let mut chosen: Vec<(usize, Vector3<f64>)> = Vec::new();
     for &(index, column) in columns {
@@ -144,7 +144,7 @@ fn by_decomposition(
             .count();
         let (u, v_t) = (svd.u.unwrap(), svd.v_t.unwrap());
         for (place, &index) in rotary.iter().enumerate() {
-            // A singular direction below 0.015 is not corrected, one above 0.02 is corrected fully.
+            // A singular direction below 0.015 is not corrected, one above 0.02 fully.
             let directions = svd.singular_values.iter().enumerate();
             let shares = directions.filter(|(_, value)| **value > 0.015);
             let share: f64 = shares
@@ -181,7 +181,7 @@ fn by_decomposition(
     (delta, rank < 2)
 }
 
-/// Whether a decision is so close to its threshold that rounding may decide it.
+/// Whether a decision is so close to its threshold that rounding may change it.
 fn is_at_an_edge(chain: &Chain, state: &State, correctors: &Correctors) -> bool {
     let before = |last: usize| {
         let joints = chain.joints().iter().zip(&state.q).take(last);
@@ -199,7 +199,7 @@ fn is_at_an_edge(chain: &Chain, state: &State, correctors: &Correctors) -> bool 
     });
     let near = |value: f64, edge: f64| (value - edge).abs() < 1e-6;
     let values = rows.svd(false, false).singular_values;
-    // The reference does not omit linear axes that became parallel by a rotation.
+    // The reference keeps linear axes that a rotation has made parallel.
     let linear = correctors.linear();
     let columns = DMatrix::from_fn(3, linear.len().max(1), |row, place| {
         linear.get(place).map_or(0.0, |&index| column(index)[row])
@@ -285,7 +285,8 @@ fn exact_first_order_and_decomposition_agree_over_random_machines() {
     );
 }
 
-/// U, half a degree off X, counts as parallel to X: Y corrects a straightness error of X, instead of X against U.
+/// U, half a degree off X, counts as parallel to X and does not correct: a straightness error of X along Y is corrected by Y alone, not
+/// by large opposite moves of X and U.
 #[test]
 fn a_second_axis_half_a_degree_off_takes_no_share() {
     let mut chain = Chain::new("w X' b Y Z U t".parse().unwrap());
@@ -323,8 +324,8 @@ fn a_second_axis_half_a_degree_off_takes_no_share() {
     }
 }
 
-/// X on the bed and Y on a rotary table between them become parallel at C = 90°: both programs omit the second axis there, instead of an
-/// unbounded correction.
+/// X on the bed and Y on a rotary table between them are parallel at C = 90°: both implementations omit the second axis there, which
+/// would need an unbounded correction.
 #[test]
 fn axes_that_turn_into_one_direction_do_not_take_shares_without_bounds() {
     let chain = Chain::new("w Y' C' X' b Z t".parse().unwrap());

@@ -1,4 +1,4 @@
-//! The parts of a correction against the whole correction, and against central differences of the ideal chain.
+//! The parts of a correction compared with the whole, and with central differences of the ideal chain.
 
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
@@ -10,7 +10,7 @@ use volcomp_vocabulary::{MAX_AXES, PerAxis};
 
 use crate::machines::{machine, random_state};
 
-/// Machines of every type whose axes deviate by up to some degrees from their letters, with some or all axes correcting.
+/// Machines of every type whose axes deviate by some degrees from their letters, with some or all axes correcting.
 fn over_all_types(
     mut check: impl FnMut(&CompiledMachine, &Correctors, &State, &mut ChaCha8Rng, bool),
 ) {
@@ -78,7 +78,7 @@ fn together_they_are_the_whole_correction() {
     });
 }
 
-/// The ideal tip after a move from a state, in workpiece axes.
+/// The ideal tip after a move, in workpiece axes.
 fn tip(chain: &Chain, state: &State, delta: &PerAxis<f64>) -> Vector3<f64> {
     let mut there = *state;
     for (q, delta) in there.q.iter_mut().zip(delta) {
@@ -87,8 +87,8 @@ fn tip(chain: &Chain, state: &State, delta: &PerAxis<f64>) -> Vector3<f64> {
     chain.ideal_tip_mm(&there)
 }
 
-/// With all linear axes correcting, the tip stays in place when a rotary axis moves and the linear axes follow it, and the position share
-/// moves the tip against the position error.
+/// With all linear axes correcting, the tip stays while a rotary axis moves and the linear axes follow, and the position share moves the
+/// tip opposite to the position error.
 #[test]
 fn the_tip_stays_while_linear_axes_follow() {
     over_all_types(|compiled, correctors, state, rng, all| {
@@ -126,7 +126,7 @@ fn parts_allocate_nothing() {
     });
 }
 
-/// The lever is the motion of the tip per rad of an axis, whatever the axis's own coordinate.
+/// The lever of an axis is the tip's motion per rad, by central differences, at any coordinate of the axis.
 #[test]
 fn levers_are_central_differences_of_the_tip() {
     over_all_types(|compiled, _, state, _, _| {
@@ -143,7 +143,7 @@ fn levers_are_central_differences_of_the_tip() {
     });
 }
 
-/// Without rotary axes, three axes correct a position error as Gaussian elimination does, and fewer axes as the general correction does.
+/// Without rotary axes three axes correct a position error like Gaussian elimination, and fewer axes like the general correction.
 #[test]
 fn slides_take_the_whole_error() {
     let mut solved = 0;

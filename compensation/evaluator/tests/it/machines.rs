@@ -1,4 +1,4 @@
-//! The compiled evaluator against the exact form on curve objects, over every type of machine.
+//! The compiled evaluator compared with the exact form on curve objects, for every type of machine.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -9,12 +9,12 @@ use volcomp_vocabulary::{AxisKind, Direction, ErrorName, PerAxis};
 
 use crate::EXAMPLE;
 
-/// ±20 µm and ±30 µrad over 800 mm, every kind of error, curves of order 5, axes with points, a tool.
+/// ±20 µm and ±30 µrad over 800 mm: every kind of error, curves of order 5, axes with points, a tool.
 pub(crate) fn machine(structure: &Structure, seed: u64) -> Machine {
     use std::fmt::Write;
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut number = |size: f64| rng.random_range(-size..=size);
-    // Every mixture of motion frames: constants may be left between two rotary axes.
+    // Any mixture of motion frames; constants may be left between two rotary axes.
     let mut frames = ChaCha8Rng::seed_from_u64(seed);
     let mut text = format!("structure = \"{structure}\"\n");
     for axis in structure.axes() {
@@ -82,8 +82,8 @@ pub(crate) fn random_state(machine: &Machine, rng: &mut ChaCha8Rng) -> State {
     state
 }
 
-/// 10⁶ poses of each of the 16 types: within the tolerance at the levers plus the neglected second order, half the square of the total tilt
-/// over the reach.
+/// At 10⁶ poses of each of the 16 types the difference is within the tolerance at the levers plus the neglected second order, half the
+/// square of the total tilt times the reach.
 #[test]
 fn within_tolerance_and_second_order_of_the_exact_form() {
     const POSES: usize = 1_000_000;
@@ -96,7 +96,7 @@ fn within_tolerance_and_second_order_of_the_exact_form() {
             let none = Temperatures::new();
             let mut rng = ChaCha8Rng::seed_from_u64(77);
             let axes = machine.axes().len() as f64;
-            // 2400 mm of travels, points and tool; at most 30 + 30 + 10 µrad per tilt of an axis.
+            // 2400 mm of travels, points and tool; at most 30 + 30 + 10 µrad of tilt per axis.
             let (reach_mm, tilt_rad) = (2400.0, axes * 80e-6 * 3.0_f64.sqrt());
             let bound_mm = axes * (2e-6 + 2e-9 * reach_mm) + 0.5 * tilt_rad * tilt_rad * reach_mm;
             let mut largest = 0.0_f64;
@@ -129,7 +129,7 @@ fn within_tolerance_and_second_order_of_the_exact_form() {
     });
 }
 
-/// Against the twist form on the compiled curves, which excludes the error of the fit: the same sum.
+/// The sum equals the twist form on the compiled curves, which excludes the fit error.
 #[test]
 fn the_same_as_the_twist_form_on_its_own_curves() {
     for (index, structure) in all_types().iter().enumerate() {
@@ -173,7 +173,7 @@ fn the_first_order_correction_is_newtons_first_step() {
                 (expected.tool_axis_partial, expected.near_singular),
                 "{structure} {state:?}"
             );
-            // Near the singular pose a rotary correction is fifty times its error, and its square is not negligible.
+            // Near the singular pose a rotary correction is fifty times its error, so its square matters.
             let largest = expected.delta.iter().fold(0.0_f64, |m, d| m.max(d.abs()));
             let neglected = compiled.neglected().mm(&found.delta);
             for (f, e) in found.delta.iter().zip(&expected.delta) {
@@ -200,7 +200,7 @@ fn the_first_order_correction_is_newtons_first_step() {
                 left <= neglected + 1e-4,
                 "{structure}: {left} over {neglected}"
             );
-            // The bound also holds for the correction computed at the target of the first one.
+            // The bound also holds for the correction computed at the first one's target.
             let second = compiled.first_order(&corrected).delta;
             let left = left_with(&second);
             let neglected = compiled.neglected().there_mm(&found.delta, &second);
@@ -212,7 +212,7 @@ fn the_first_order_correction_is_newtons_first_step() {
     }
 }
 
-/// Expansion continues outside the range of the curves; drift is constant, also for angles.
+/// Thermal terms equal those of the source: expansion continues outside the range of the curves, and drift is constant, also for angles.
 #[test]
 fn thermal_terms_are_those_of_the_source() {
     let text = format!(
@@ -272,7 +272,7 @@ fn curves_that_need_too_much_are_named() {
         reason.contains("curve EBX needs more than 1 MiB") && reason.contains("fewer breakpoints"),
         "{reason}"
     );
-    // A Fourier series on a linear axis may be refused by the machine file; on C it is not.
+    // A machine file may reject a Fourier series on a linear axis, but not on C.
     if let Ok(compiled) = wave(2.0) {
         let reason = compiled.unwrap_err().to_string();
         assert!(
@@ -283,7 +283,7 @@ fn curves_that_need_too_much_are_named() {
     }
 }
 
-/// Outside-range flags agree with those of the source, including at ends of travel and with a modulo.
+/// Outside-range flags equal those of the source, also at ends of travel and with a modulo.
 #[test]
 fn flags_are_those_of_the_source() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();
@@ -307,7 +307,6 @@ fn flags_are_those_of_the_source() {
             ..State::default()
         };
         if step % 10 == 0 {
-            // The ends of travel themselves.
             state.q[1] = [0.0, 8000.0][step / 10 % 2];
             state.q[2] = [0.0, 4000.0][step / 20 % 2];
         }

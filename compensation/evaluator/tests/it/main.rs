@@ -1,4 +1,4 @@
-//! The compiled machine against the exact form on curve objects, closed forms and a second implementation.
+//! The compiled machine compared with the exact form on curve objects, closed forms and a second implementation.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -11,9 +11,8 @@ mod differential;
 mod in_parts;
 mod machines;
 
-/// Ends the run on an allocation where one is forbidden.
+/// Aborts the test on an allocation in a section that forbids it.
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
-/// A machine file with every kind of curve in it.
 pub const EXAMPLE: &str = volcomp_test_support::machines::EVERY_CURVE;

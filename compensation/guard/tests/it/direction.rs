@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, Direction};
 
 use crate::world::{PERIOD, STEP, limits};
 
-/// A direction memory with one reading per cycle, and their number.
+/// A direction memory that receives one reading per cycle, with the number of readings so far.
 #[derive(Default)]
 struct Memory {
     memory: DirectionMemory,
@@ -31,7 +31,6 @@ impl Memory {
     }
 }
 
-/// A single wrong position does not reverse the direction.
 #[test]
 fn one_wrong_position_causes_no_reversal() {
     let [forward, back] = [Direction::Positive, Direction::Negative];
@@ -56,7 +55,7 @@ fn one_wrong_position_causes_no_reversal() {
                     memory.memory.at(taken, reported, 0.005, None);
                 }
             }
-            // Also if the first reading is the wrong one.
+            // The first reading may be the wrong one.
             let mut memory = Memory::default();
             memory.at(position + wrong, 0.005, None);
             for _ in 0..10 {
@@ -87,7 +86,7 @@ fn it_reverses_only_beyond_the_threshold_from_the_last_extreme() {
     assert_eq!(at(20.0006), Some(Direction::Positive));
 }
 
-/// An axis that only moves forward does not count as reversed when its position wraps at 360°.
+/// Forward motion through the wrap at 360° is no reversal; motion back by more than the threshold is, also across the wrap.
 #[test]
 fn rolling_over_is_no_reversal() {
     for (step, direction) in [(0.001, Direction::Positive), (-0.7, Direction::Negative)] {
@@ -135,7 +134,7 @@ fn the_threshold_follows_kind_step_and_lag() {
     let close = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-15, "{found}");
     close(reversal_threshold(&axis(false), 0.001, delay), 0.005);
     close(reversal_threshold(&axis(false), 0.031, delay), 0.062);
-    // 0.5 mm/s over 20 ms, and one step of the correction.
+    // 0.5 mm/s in 20 ms, plus one step of the correction.
     close(reversal_threshold(&axis(true), 0.001, delay), 0.013);
     close(reversal_threshold(&axis(true), 0.0, Duration::ZERO), 0.005);
     close(reversal_threshold(&axis(false), f64::NAN, delay), 0.005);
@@ -149,8 +148,8 @@ fn the_threshold_follows_kind_step_and_lag() {
     );
 }
 
-/// Number of reversals at standstill of an axis with a reversal value of 20 µm whose position contains the correction, but shows it `lag`
-/// cycles after the read-back.
+/// Number of reversals at standstill. The reversal value is 20 µm, and the position contains the correction `lag` cycles after the
+/// read-back.
 fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
     let slew = limits().axes[0].slew_per_s * PERIOD.as_secs_f64();
     let mut memory = Memory::default();
@@ -159,7 +158,7 @@ fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
     let mut turns = 0;
     let mut before = None;
     for cycle in 0..2000_u32 {
-        // Forward by 1 mm, shortly after that back by 6 µm, then standstill.
+        // 1 mm forward, 6 µm back shortly afterwards, then standstill.
         let commanded =
             0.01 * f64::from(cycle.min(100)) - 0.006 * f64::from(cycle.saturating_sub(110).min(1));
         history.push_back(output);
@@ -175,7 +174,8 @@ fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
     turns
 }
 
-/// A correction contained in the position, with a lag of 20 ms, causes no oscillation.
+/// A position that contains the correction with a lag of 20 ms causes no reversal at standstill with the calculated threshold; with 5 µm
+/// it would oscillate.
 #[test]
 fn no_reversal_is_fed_back_at_standstill() {
     assert!(
@@ -189,7 +189,7 @@ fn no_reversal_is_fed_back_at_standstill() {
     }
 }
 
-/// A position that flickers by one count at standstill.
+/// A position that flickers by one count at standstill causes no reversal.
 #[test]
 fn a_flickering_count_causes_no_reversal() {
     let step = 0.031_25;
@@ -211,8 +211,8 @@ fn a_flickering_count_causes_no_reversal() {
     assert_eq!(turns, 0);
 }
 
-/// At 0.1 mm/min an axis moves 7 nm per cycle of 4 ms, about as much as its position flickers. Motion and standstill within the threshold cause no
-/// reversal, motion beyond it exactly one.
+/// An axis at 0.1 mm/min moves 7 nm per cycle of 4 ms, about as much as its position flickers. Within the threshold there is no reversal,
+/// beyond it exactly one.
 #[test]
 fn a_creeping_axis_reverses_once_beyond_the_threshold() {
     let per_cycle = 0.1 / 60.0 * PERIOD.as_secs_f64();
@@ -220,7 +220,7 @@ fn a_creeping_axis_reverses_once_beyond_the_threshold() {
     let mut random = ChaCha8Rng::seed_from_u64(11);
     let (mut memory, mut position) = (Memory::default(), 100.0);
     let mut turns: Vec<(Direction, f64)> = Vec::new();
-    // Extremes 100.009 and 99.996: targets less than 5 µm from the last extreme cause no reversal.
+    // The extremes are 100.009 and 99.996; targets less than 5 µm from the last extreme cause no reversal.
     for target in [
         100.009, 100.0045, 100.0085, 99.996, 99.996, 100.0, 99.9965, 100.004,
     ] {
@@ -249,12 +249,12 @@ fn a_creeping_axis_reverses_once_beyond_the_threshold() {
     assert_eq!(turns.len(), expected.len(), "{turns:?}");
     for ((direction, at), (expected, beyond)) in turns.iter().zip(expected) {
         assert_eq!(*direction, expected);
-        // The flicker, and the readings that must agree: five before the first extreme, and three for each reversal.
+        // The flicker, plus the readings that must agree: five before the first extreme, three at each reversal.
         assert!((at - beyond).abs() < 6e-5, "{at} mm, {beyond} mm");
     }
 }
 
-/// Subtracting whole turns after thousands of revolutions must have no visible effect.
+/// After thousands of revolutions the direction equals that of a memory that starts one turn before the end.
 #[test]
 fn many_turns_do_not_change_the_direction() {
     const THRESHOLD: f64 = 0.005;
@@ -263,12 +263,10 @@ fn many_turns_do_not_change_the_direction() {
         let mut rolled = Memory::default();
         let mut position = 0.0_f64;
         let reported = |position: f64| position.rem_euclid(TAU);
-        // 5000 turns, 20 readings each.
         for _ in 0..100_000 {
             position += sign * TAU / 20.0;
             rolled.at(reported(position), THRESHOLD, Some(TAU));
         }
-        // A second memory that starts one turn before the end.
         let mut fresh = Memory::default();
         for k in (0..20).rev() {
             let before = position - sign * TAU / 20.0 * f64::from(k);
@@ -287,7 +285,7 @@ fn many_turns_do_not_change_the_direction() {
     }
 }
 
-/// Two wrong readings in five delay the first direction, but do not invert it half a turn from the first position.
+/// Up to two wrong readings in five delay the first direction but never invert it, also half a turn away from the first position.
 #[test]
 fn the_first_direction_is_right_half_a_turn_away() {
     let reported = [
@@ -296,7 +294,7 @@ fn the_first_direction_is_right_half_a_turn_away() {
     for (sign, direction) in [(1.0, Direction::Positive), (-1.0, Direction::Negative)] {
         let mut memory = Memory::default();
         let mut seen = None;
-        // 20° per reading; the second, fourth, eighth and ninth are wrong.
+        // 20° per reading; readings 2, 4, 8 and 9 are wrong.
         for position in reported
             .into_iter()
             .chain((10..20).map(|k| 20.0 * f64::from(k)))
@@ -310,7 +308,7 @@ fn the_first_direction_is_right_half_a_turn_away() {
     }
 }
 
-/// With up to two wrong readings in any five, on any path, each direction is one in which the axis moved by more than the threshold.
+/// With at most two wrong readings in any five, each reported direction is one in which the axis moved by more than the threshold.
 #[test]
 fn with_two_wrong_readings_in_five_every_direction_is_a_real_one() {
     const THRESHOLD: f64 = 5.0;
@@ -349,7 +347,7 @@ fn with_two_wrong_readings_in_five_every_direction_is_a_real_one() {
                     went > THRESHOLD,
                     "{turn:?}, run {run}, reading {k}: {last:?} {found:?} after {went}"
                 );
-                // The extreme is one of the last readings.
+                // The extreme is among the last readings.
                 (last, since) = (found, k.saturating_sub(4));
                 turns += 1;
             }
@@ -358,7 +356,7 @@ fn with_two_wrong_readings_in_five_every_direction_is_a_real_one() {
     }
 }
 
-/// Wrong positions of any size, at most two in any five consecutive readings.
+/// Positions with arbitrary errors, at most two in any five consecutive readings.
 fn wrong_readings() -> impl Strategy<Value = Vec<Option<f64>>> {
     let wrong = prop_oneof![
         -0.05..0.05_f64,
@@ -380,7 +378,8 @@ fn wrong_readings() -> impl Strategy<Value = Vec<Option<f64>>> {
 }
 
 proptest! {
-    /// Up to two wrong readings in five, which a median of three readings would not reject.
+    /// At most two wrong readings in any five, too many for a median of three: they cause no reversal, and four right readings report a
+    /// real one.
     #[test]
     fn two_wrong_readings_in_five_cause_no_reversal(
         wrong in wrong_readings(),
@@ -395,13 +394,13 @@ proptest! {
         let mut position = 3.0;
         let mut went = 0.0;
         for (wrong, way) in wrong.iter().zip(&ways) {
-            // Less than a quarter of a turn in four readings.
+            // Less than a quarter turn in four readings.
             position += way * sign;
             went += way;
             let found = memory.at(reported(position + wrong.unwrap_or(0.0)), 0.005, turn);
             prop_assert!(found.is_none() || found == direction, "{found:?} at {position}");
         }
-        // By now the motion is known, and its reversal is detected with the fourth reading if all are right.
+        // The motion is known by now: its reversal must be detected by the fourth right reading.
         for _ in 0..8 {
             position += 0.01 * sign;
             memory.at(reported(position), 0.005, turn);
@@ -420,7 +419,6 @@ proptest! {
         }
     }
 
-    /// Two wrong readings in five hide no reversal.
     #[test]
     fn a_reversal_is_found_among_wrong_readings(wrong in wrong_readings(), step in 0.001..0.5_f64) {
         let mut memory = Memory::default();

@@ -1,4 +1,4 @@
-//! Faults at the interfaces of the guard: read-back, late writes, stored corrections. Each test checks the motion of the axes, with and
+//! Faults at the interfaces of the guard: read-back, late writes, stored corrections. Each test checks the motion of the axes with and
 //! without a barrier.
 
 use std::{f64::consts::TAU, time::Duration};
@@ -21,12 +21,12 @@ fn with_delay(read_back_cycles: usize) -> Limits {
     }
 }
 
-/// Controls with read-back: without and with a barrier.
+/// Controls with read-back, without and with a barrier.
 fn readable(limits: &Limits) -> Vec<World> {
     vec![World::new(limits), World::guarded(limits)]
 }
 
-/// The same controls, and lines.
+/// The controls of [`readable`], and one with lines.
 fn all(limits: &Limits) -> Vec<World> {
     let mut worlds = readable(limits);
     worlds.push(World::lines(limits));
@@ -37,7 +37,7 @@ fn scheme(world: &World) -> Scheme {
     world.status().scheme
 }
 
-/// 40 µm are stored; the control has gone to zero and reports it. The first write makes no step of 40 µm.
+/// The stored correction is 40 µm, but the control is at zero and reports 0: the first write makes no step.
 #[test]
 fn the_control_overrides_the_stored_correction() {
     for mut world in readable(&with_delay(1)) {
@@ -54,7 +54,7 @@ fn the_control_overrides_the_stored_correction() {
     }
 }
 
-/// A reading that is off by 256 µm, is −65.536 mm, has another axis's values or NaN moves no axis and is not written back.
+/// A single reading that is wrong by 256 µm, is −65.536 mm or NaN, or has another axis's values moves no axis.
 #[test]
 fn one_wrong_reading_moves_nothing() {
     for reading in [
@@ -79,7 +79,6 @@ fn one_wrong_reading_moves_nothing() {
     }
 }
 
-/// With a barrier, the checksum detects any wrong word of a report.
 #[test]
 fn one_wrong_word_of_a_report_moves_nothing() {
     let mut world = World::guarded(&with_delay(1)).arm();
@@ -95,8 +94,8 @@ fn one_wrong_word_of_a_report_moves_nothing() {
     assert_eq!(world.applied, axes(0.040, -0.020));
 }
 
-/// Readings later than the path allows do not count as foreign corrections to which the axis steps back, even if a late reading repeats
-/// three times. With a barrier, frames that answer a late report are rejected for their tick.
+/// Readings older than the path permits, even one repeated three times, are not taken for a foreign correction, so no axis steps. A
+/// barrier rejects frames that answer a late report.
 #[test]
 fn a_read_back_older_than_allowed_makes_no_step() {
     for late in [16, 24, 40, 100, 130] {
@@ -116,7 +115,7 @@ fn a_read_back_older_than_allowed_makes_no_step() {
     }
 }
 
-/// The control refuses every write for 10 s: the state is `faulted`, and nothing is shown as applied.
+/// The control rejects every write for 10 s: the state becomes `faulted` after `zero_after_ms`, and no correction is shown or applied.
 #[test]
 fn refused_writes_are_a_fault_and_nothing_is_shown_as_applied() {
     for mut world in all(&with_delay(1)) {
@@ -125,15 +124,14 @@ fn refused_writes_are_a_fault_and_nothing_is_shown_as_applied() {
         let is_faulted = |world: &mut World| world.run(Duration::ZERO).state.name() == "faulted";
         let states: Vec<bool> = (0..2500).map(|_| is_faulted(&mut world)).collect();
         let kind = scheme(&world);
-        // After `zero_after_ms`, 500 ms.
+        // After `zero_after_ms`, here 500 ms.
         assert!(states[..300].contains(&true), "{kind:?}");
         assert_eq!(world.guard.output(), PerChannel::ZERO, "{kind:?}");
         assert_eq!(world.applied, PerChannel::ZERO, "{kind:?}");
     }
 }
 
-/// Y rejects its words while X follows a moving machine: the guard faults within 5 s. Each row is the request for Y, and the motion of
-/// X.
+/// Y rejects its words while X follows a moving machine: the guard faults within 5 s. Each row has the request for Y and the motion of X.
 #[test]
 fn one_axis_that_rejects_every_write_is_a_fault() {
     for (y, x_um, hz) in [
@@ -147,7 +145,7 @@ fn one_axis_that_rejects_every_write_is_a_fault() {
         let case = format!("Y {y} mm, X ±{x_um} µm at {hz} Hz");
         let mut world = World::new(&with_delay(1));
         world.request(Request::Arm);
-        // A fault as soon as a step of Y was requested three times.
+        // The fault follows once a step of Y was requested three times.
         let is_faulted = (0..1250_u32).any(|cycle| {
             let at_s = f64::from(cycle) * 0.004;
             world.target = Some(axes(x_um * 1e-3 * (TAU * hz * at_s).sin(), y));
@@ -160,7 +158,7 @@ fn one_axis_that_rejects_every_write_is_a_fault() {
     }
 }
 
-/// Lines that cannot be written keep their levels while the guard ramps to zero: once restored, the axis makes no step from 40 µm to 0.
+/// Lines cannot be written and keep 40 µm while the guard ramps to zero: when they accept writes again, the axis makes no step.
 #[test]
 fn restored_lines_make_no_step() {
     for arms_again in [false, true] {
@@ -183,7 +181,7 @@ fn restored_lines_make_no_step() {
     }
 }
 
-/// A reading lost during an emergency stop on the ramp out does not lift the stop, and no lines are written.
+/// A reading is lost during an emergency stop in the ramp-out: the stop remains known, and the axis stays where it is.
 #[test]
 fn a_lost_reading_does_not_lift_an_emergency_stop() {
     for world in all(&limits()) {
@@ -209,7 +207,7 @@ fn a_lost_reading_does_not_lift_an_emergency_stop() {
     }
 }
 
-/// The read-back is NaN for 5 s.
+/// A read-back of NaN for 5 s: the state is not `compensating`, and no axis steps.
 #[test]
 fn a_nan_read_back_is_not_reported_as_compensating() {
     for world in readable(&limits()) {
@@ -229,8 +227,8 @@ fn a_nan_read_back_is_not_reported_as_compensating() {
     }
 }
 
-/// The correction is not reported for some cycles. Without a barrier it was cleared meanwhile: the guard returns to 40 µm by a ramp. A
-/// barrier that receives nothing ramps out after its timeout.
+/// The control does not report the correction for some cycles. Without a barrier it is cleared meanwhile, and a barrier ramps out at its
+/// timeout: the guard ramps back to 40 µm.
 #[test]
 fn a_correction_that_is_not_reported_comes_back_by_a_ramp() {
     for silent in [1, 3, 12, 100, 500] {
@@ -245,7 +243,7 @@ fn a_correction_that_is_not_reported_comes_back_by_a_ramp() {
                 let at = world.applied[0].abs();
                 assert!(has_barrier || at <= MOST, "{case}: {at}");
             }
-            // Hold, timeout and ramp of the barrier take 50 ms + 200 ms + 20 ms.
+            // The barrier is at zero after 50 ms hold + 200 ms timeout + 20 ms ramp.
             let is_zero = world.applied == PerChannel::ZERO;
             assert!(!has_barrier || silent < 70 || is_zero, "{case}");
             world.hides_correction = false;
@@ -256,7 +254,7 @@ fn a_correction_that_is_not_reported_comes_back_by_a_ramp() {
     }
 }
 
-/// The program is stopped for 2 s between reading and writing while the control is cleared: the late write is not sent.
+/// The program is suspended for 2 s between read and write, and the control is cleared: the expired write is not sent.
 #[test]
 fn an_expired_decision_is_not_sent() {
     for world in readable(&limits()) {
@@ -272,8 +270,8 @@ fn an_expired_decision_is_not_sent() {
     }
 }
 
-/// Two readings repeat a write of 32 ms before, as a late path may: a value once confirmed to be replaced is not applied any more, so the
-/// axis does not step back to it.
+/// Two readings repeat a write from 32 ms ago, as a late path may: that value was confirmed as replaced, so the axis does not step back
+/// to it.
 #[test]
 fn readings_that_repeat_an_earlier_write_make_no_step() {
     for (repeated, back) in (1..12).flat_map(|repeated| (1..=8).map(move |back| (repeated, back))) {
@@ -294,7 +292,7 @@ fn readings_that_repeat_an_earlier_write_make_no_step() {
     }
 }
 
-/// With late readings and lost writes, any write since the last confirmed one may be applied; the next one must be close to all of them.
+/// With late readings and lost writes any write since the last confirmed one may be applied: the next write must be close to all of them.
 #[test]
 fn a_lost_write_before_a_late_reading_makes_no_step() {
     for pattern in 0..64_u32 {
@@ -310,7 +308,7 @@ fn a_lost_write_before_a_late_reading_makes_no_step() {
     }
 }
 
-/// In another fault, three false readings of 1.5 mm are not written to the axis, and an actual correction of 1.5 mm stays until the
+/// During another fault, three false readings of 1.5 mm are not written to the axis. A real correction of 1.5 mm remains until the
 /// operator acknowledges it.
 #[test]
 fn a_correction_beyond_the_limit_needs_acknowledgement_in_any_fault() {
@@ -330,7 +328,6 @@ fn a_correction_beyond_the_limit_needs_acknowledgement_in_any_fault() {
         assert!(!world.run(Duration::ZERO).write || world.largest_step == 0.0);
     }
     world.assert_steps(MOST, "false readings");
-    // A real correction stays until the operator has acknowledged.
     let mut world = faulted();
     world.clear(axes(1.5, 0.0));
     world.run_to(2 * SECOND, State::Faulted(Cause::BeyondLimit));
@@ -341,7 +338,7 @@ fn a_correction_beyond_the_limit_needs_acknowledgement_in_any_fault() {
     world.assert_steps(MOST, "acknowledged");
 }
 
-/// A reading dated 10 s ahead does not keep its positions fresh.
+/// A reading dated 10 s ahead does not make its positions fresh: the state becomes `holding` when they are old.
 #[test]
 fn a_reading_from_the_future_counts_as_present() {
     let mut world = World::compensating(&limits());
@@ -353,7 +350,7 @@ fn a_reading_from_the_future_counts_as_present() {
     assert!(output.reasons.contains(Reasons::POSITIONS_STALE));
 }
 
-/// A wrong message repeated with each new position does not count as three readings.
+/// A wrong report that is repeated with every new position counts as one reading, so the axis does not step.
 #[test]
 fn one_repeated_message_is_one_reading() {
     let mut world = World::new(&with_delay(15));
@@ -368,7 +365,7 @@ fn one_repeated_message_is_one_reading() {
     world.assert_steps(MOST, "armed");
 }
 
-/// The barrier accepts frames, but the control holds the axis.
+/// The barrier accepts frames but the control holds the axis: this is reported as unconfirmed.
 #[test]
 fn an_axis_that_does_not_follow_is_reported() {
     let mut world = World::guarded(&with_delay(1)).arm();
@@ -376,7 +373,7 @@ fn an_axis_that_does_not_follow_is_reported() {
     let held = world.barrier.expect("a barrier").memory().applied;
     let mut reported = 0;
     for _ in 0..100 {
-        // Tick and sequence advance, the applied correction does not.
+        // Tick and sequence advance; the applied correction does not.
         let barrier = world.barrier.expect("a barrier");
         let memory = Memory {
             applied: held,
@@ -390,7 +387,7 @@ fn an_axis_that_does_not_follow_is_reported() {
     assert!(reported > 20, "{reported} of 100 cycles");
 }
 
-/// The scans are counted anew after a restart of the control, and the barrier is not reported as unfit meanwhile.
+/// After a restart of the control its scans are counted anew, without a report that the barrier is unfit, and the correction returns.
 #[test]
 fn a_restarted_control_still_fits() {
     for tick in [0, 40, 30_000, 65_000] {

@@ -33,7 +33,7 @@ fn stale_positions_hold_then_ramp_out_then_back_in() {
     assert_eq!(world.applied, before);
 }
 
-/// Without an answer nothing is written; afterwards the output starts at the read-back.
+/// Without a response nothing is written. Then the output starts at the reported correction and ramps.
 #[test]
 fn after_a_reboot_it_ramps_from_the_applied_correction() {
     let mut world = World::compensating(&limits());
@@ -43,7 +43,7 @@ fn after_a_reboot_it_ramps_from_the_applied_correction() {
     assert!(silent.reasons.contains(Reasons::NO_CONTROLLER));
     world.applied = PerChannel::ZERO;
     world.answers = true;
-    // One reading is no confirmation; three are, if each is a separate message.
+    // One reading is no confirmation; three separate ones are.
     let back = world.run(3 * PERIOD);
     assert!(!back.write && back.state.name() != "arming");
     let back = world.run(Duration::ZERO);
@@ -67,7 +67,8 @@ fn lines_without_read_back_ramp_out_without_answers() {
     assert_eq!(world.applied, PerChannel::ZERO);
 }
 
-/// Nothing is sent while a reading may be older than the last write.
+/// The control clears the correction: nothing is sent while the reading may be older than the last write, then the correction ramps in
+/// again.
 #[test]
 fn a_cleared_correction_ramps_in_again() {
     let mut world = World::compensating(&limits());
@@ -84,7 +85,6 @@ fn a_cleared_correction_ramps_in_again() {
     assert_eq!(output.state.name(), "arming");
     assert!(world.largest_step <= STEP, "{}", world.largest_step);
     assert_eq!(world.run(2 * SECOND).state, State::Compensating);
-    // Each further reset is handled in the same way.
     for _ in 0..5 {
         world.applied = PerChannel::ZERO;
         world.largest_step = 0.0;
@@ -102,7 +102,6 @@ fn a_write_that_does_not_stick_is_a_fault() {
     let output = world.run(2 * SECOND);
     assert_eq!(output.state.name(), "faulted");
     assert!(output.reasons.contains(Reasons::DOES_NOT_STICK));
-    // The cause persists.
     assert_eq!(world.request(Request::Acknowledge).state.name(), "faulted");
     world.sticks = true;
     world.run(2 * SECOND);
@@ -151,9 +150,7 @@ fn interlocks_freeze_the_correction_and_it_ramps_in_again() {
         set(&mut world, true);
         let output = world.run(SECOND);
         assert_eq!((output.state.name(), output.write), ("holding", false));
-        // The control rebooted meanwhile.
         world.applied = PerChannel::ZERO;
-        // Silence in between changes nothing.
         world.answers = false;
         assert!(!world.run(SECOND).write);
         world.answers = true;
@@ -176,7 +173,6 @@ fn nan_positions_hold_then_ramp_out() {
     assert_eq!(world.applied, before);
     world.run(2 * SECOND);
     assert_eq!(world.applied, PerChannel::ZERO);
-    // Nothing is written on a NaN read-back.
     world.positions[1] = 0.0;
     world.applied[0] = f64::NAN;
     assert!(!world.run(SECOND).write);
@@ -216,8 +212,8 @@ fn the_proof_waits_for_standstill() {
     assert_eq!(world.run(4 * SECOND).state, State::Compensating);
 }
 
-/// Armed in a pause of a program that continues during the proof: the test shift goes back within a second, and the proof completes in the next
-/// pause.
+/// A gateway is armed in a pause of a program that continues during the proof: the test shift is removed within a second, and the proof
+/// completes in the next pause.
 #[test]
 fn a_continuing_program_is_not_left_with_the_test_shift() {
     for (includes, until) in [(false, 90), (true, 90), (false, 170), (true, 170)] {
@@ -225,7 +221,7 @@ fn a_continuing_program_is_not_left_with_the_test_shift() {
         let goes_on = |world: &mut World, cycles: u32| {
             let mut shifted = 0;
             for cycle in 0..cycles {
-                // Back and forth at 20 mm/s, then feeds of 0.2 mm/s.
+                // Back and forth at 20 mm/s, then feeds at 0.2 mm/s.
                 let rate = if cycle < cycles / 2 { 20.0 } else { 0.2 };
                 let sign = if cycle % 100 < 50 { 1.0 } else { -1.0 };
                 let way = sign * rate * PERIOD.as_secs_f64();
@@ -247,7 +243,8 @@ fn a_continuing_program_is_not_left_with_the_test_shift() {
     }
 }
 
-/// Frozen positions prove nothing; an interrupted proof ends arming.
+/// Frozen positions or an emergency stop during the proof end arming: the state is `disarmed`, no shift remains, and only a new request
+/// arms.
 #[test]
 fn an_interrupted_proof_is_no_proof() {
     for really in [false, true] {
@@ -277,7 +274,7 @@ fn an_interrupted_proof_is_no_proof() {
     }
 }
 
-/// Failed writes, single or in a row, are no event; the correction continues from the applied one.
+/// Failed writes, single or consecutive, do not change the state; the correction continues from the applied one without a step.
 #[test]
 fn lost_writes_are_no_event() {
     let mut world = World::compensating(&Limits {
@@ -297,12 +294,13 @@ fn lost_writes_are_no_event() {
     assert!(before.abs() > 0.01);
 }
 
-/// The barrier accepts frames but does not move, for a stop that no path reports.
+/// The barrier accepts frames but does not move during a stop that no path reports: the state becomes `Holding(Unconfirmed)`, and the
+/// correction continues after the stop.
 #[test]
 fn a_barrier_held_by_its_control_is_reported_and_continues() {
     let mut world = World::guarded(&limits()).arm();
     world.holds = true;
-    // The applied correction is the goal, so holding it is not noticed.
+    // The goal is reached, so the stop is not noticeable yet.
     let output = world.run(Duration::from_secs(1));
     assert_eq!(output.state, State::Compensating);
     world.target = Some(axes(0.140, -0.020));
@@ -317,7 +315,7 @@ fn a_barrier_held_by_its_control_is_reported_and_continues() {
     assert!((world.applied[0] - 0.140).abs() < 1e-9);
 }
 
-/// One count every half second.
+/// A correction of one count every 0.5 s does not count as held.
 #[test]
 fn a_slow_correction_is_not_reported_as_held() {
     let mut limits = limits();
@@ -333,8 +331,8 @@ fn a_slow_correction_is_not_reported_as_held() {
     assert!(world.applied[0] > 0.01);
 }
 
-/// With 72 ms to the control and back, the word has moved on when its frame is seen to be accepted: this does not count as a control held
-/// elsewhere.
+/// With 72 ms of delay both ways the word has moved on before its frame is seen to be accepted: this does not count as a held control. A
+/// real hold is reported in time.
 #[test]
 fn a_slow_path_is_not_reported_as_a_held_control() {
     let scan_ms = Duration::from_millis;
@@ -348,7 +346,7 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
         (150, scan_ms(2), 1),
         (150, scan_ms(10), 10),
     ] {
-        // A cycle long enough for the delay to be configured.
+        // A cycle that permits configuring this delay.
         let period = Duration::from_millis(10);
         let cycles = delay_ms / 20;
         let limits = Limits {
@@ -378,7 +376,7 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
         world.dates_reports = true;
         world.cycle_after(period, Some(Request::Arm));
         for cycle in 0..2600_u32 {
-            // Creeps by a step every 20 to 300 ms, as for a slowly rotating table or a machine that warms up.
+            // The correction creeps by one step every 20 to 300 ms, as for a slow rotary table or a machine that warms up.
             let sign = if (cycle / 100).is_multiple_of(2) {
                 -1.0
             } else {
@@ -393,7 +391,6 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
                 "{delay_ms} ms, {step_scans} of {scan:?}: cycle {cycle}"
             );
         }
-        // Now the control holds.
         (world.holds, world.target) = (true, Some(axes(0.0, 0.0)));
         let begun = world.now;
         while world.cycle_after(period, None).state == State::Compensating {
@@ -408,7 +405,8 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
     }
 }
 
-/// A path for thermal terms alone may hold for 5 s, longer than the timeout of its barrier.
+/// A path for thermal terms may hold for 5 s, longer than its barrier's timeout: once the barrier may have timed out, the state is not
+/// `compensating`.
 #[test]
 fn a_barrier_that_may_have_timed_out_is_not_reported_as_compensating() {
     let limits = Limits {
@@ -428,7 +426,7 @@ fn a_barrier_that_may_have_timed_out_is_not_reported_as_compensating() {
         for _ in 0..1000 {
             let stands = world.applied[0];
             let output = world.run(Duration::ZERO);
-            // The barrier's timeout is 200 ms, and its report takes one cycle.
+            // The barrier times out after 200 ms, and the report takes one cycle.
             let let_go = (stands - 0.040).abs() > 1e-9;
             let said = output.state == State::Compensating;
             assert!(!(let_go && said), "{:?} at {stands}", output.reasons);

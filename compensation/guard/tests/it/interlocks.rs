@@ -13,7 +13,7 @@ fn an_interlock_on_one_path_holds_all_until_the_same_path_clears_it() {
     interlocks.update(0, CLEAR);
     interlocks.update(1, STOP);
     assert_eq!(interlocks.reasons(), Reasons::EMERGENCY_STOP);
-    // Neither another path that does not see the stop, nor silence, clears it.
+    // Neither silence nor another path that cannot see the stop clears it.
     interlocks.update(0, CLEAR);
     interlocks.update(1, None);
     let reported = interlocks.reasons();
@@ -25,7 +25,8 @@ fn an_interlock_on_one_path_holds_all_until_the_same_path_clears_it() {
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
 
-/// Of flags older than `hold`, each one that the control reports forbids; one that it does not report was accepted by configuration.
+/// For flags older than `hold`, each state that the control can report counts as set; a state that it cannot report was accepted in the
+/// configuration.
 #[test]
 fn old_flags_forbid() {
     let hold = Duration::from_millis(40);
@@ -63,14 +64,15 @@ fn an_acknowledgement_lifts_only_interlocks_of_silent_paths() {
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
 
-/// The barrier keeps moving, with frames and reports in transit: a report does not become the next goal.
+/// Another path reports an emergency stop while the barrier moves and frames and reports are in transit: the axis comes to rest, no
+/// report becomes its next goal, and the correction continues after the stop.
 #[test]
 fn an_axis_holds_in_a_stop_reported_by_another_path() {
     for late in [0, 1, 2, 4] {
         for at in 60..70 {
             let mut world = World::ramping(late, at);
             world.interlocks.update(1, STOP);
-            // Words in transit arrive and move the axis before it holds.
+            // Words in transit still arrive and move the axis.
             world.run(20 * PERIOD);
             let stands = world.applied;
             assert!(stands[0] > 0.02, "{stands:?}");
@@ -84,7 +86,7 @@ fn an_axis_holds_in_a_stop_reported_by_another_path() {
     }
 }
 
-/// The barrier holds some cycles further on than last reported; it is not moved back afterwards.
+/// In a stop the barrier holds some cycles beyond the last report: the guard adopts that correction and does not move back.
 #[test]
 fn the_correction_held_by_a_barrier_in_a_stop_is_adopted() {
     let mut world = World::guarded(&Limits {
@@ -103,23 +105,21 @@ fn the_correction_held_by_a_barrier_in_a_stop_is_adopted() {
             .reasons
             .contains(Reasons::UNCONFIRMED)
     );
-    // Only the barrier is released.
     (world.emergency_stop, world.answers) = (false, true);
     world.interlocks.update(1, STOP);
     world.run(Duration::from_secs(1));
     assert_eq!(world.applied, stands);
 }
 
-/// The confirmed correction lags the sent one, so it must not replace the word when a stop begins: the axis would move back by 18 µm. Words
-/// keep the slew in every time window, and the axis never reverses.
+/// The confirmed correction lags the sent one, so at the start of a stop it must not replace the word: the axis would move back by 18 µm.
+/// The words keep the slew in every time window, and the axis never reverses.
 #[test]
 fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
     let slew = limits().axes[0].slew_per_s;
     for late in [0, 2, 4, 6] {
-        // The control holds, or only another path reports the stop; for a short time, or until its position is known.
+        // Either the control holds or only another path reports the stop, briefly or until the position is known.
         for (holds, cycles) in [(true, 4), (true, 80), (false, 4), (false, 80)] {
             let mut world = World::ramping(late, 60);
-            // Times, words, and positions of the axis.
             let mut words = Vec::new();
             let mut furthest = 0.0_f64;
             for cycle in 0..400 {
@@ -156,7 +156,7 @@ fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
     }
 }
 
-/// A barrier `late` cycles away that holds because of an emergency stop in the middle of a ramp.
+/// A barrier with a delay of `late` cycles that holds for an emergency stop in the middle of a ramp.
 fn stopped(late: usize) -> World {
     let mut world = World::ramping(late, 100);
     world.emergency_stop = true;
@@ -165,7 +165,7 @@ fn stopped(late: usize) -> World {
     world
 }
 
-/// The word goes to the held correction and stays there when limits are lowered.
+/// In a stop the word goes to the held correction and stays there when limits are lowered; the axis does not move.
 #[test]
 fn limits_lowered_in_a_stop_do_not_move_the_word() {
     let mut world = stopped(4);
@@ -179,7 +179,7 @@ fn limits_lowered_in_a_stop_do_not_move_the_word() {
     }
 }
 
-/// Limits are lowered while the word is on its way to the held correction.
+/// Limits are lowered while the word moves to the held correction: the axis stays, and the correction continues after the stop.
 #[test]
 fn limits_lowered_as_a_stop_begins_do_not_move_the_word() {
     for cycles in 0..40 {
@@ -197,7 +197,7 @@ fn limits_lowered_as_a_stop_begins_do_not_move_the_word() {
     }
 }
 
-/// The control is released while another path still reports the stop.
+/// Limits are lowered in a stop, and the control is released while another path still reports the stop: no axis moves.
 #[test]
 fn limits_lowered_in_a_stop_reported_by_another_path_move_no_axis() {
     let mut world = stopped(2);
@@ -213,10 +213,10 @@ fn limits_lowered_in_a_stop_reported_by_another_path_move_no_axis() {
     assert_eq!(world.guard.state(), State::Holding(Hold::Interlocked));
 }
 
-/// After the stop the correction is reduced at the guard's slew, not at the barrier's rate.
+/// After a stop in which limits were lowered, the correction is reduced at the guard's slew, not at the barrier's rate.
 #[test]
 fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
-    // Largest excess of the motion of the axis over the slew in any time window, mm.
+    // Largest excess of the axis motion over the slew in any time window, mm.
     let goes_beyond = |late, limit| {
         let mut world = stopped(late);
         world.lower_limits(limit);
@@ -243,7 +243,7 @@ fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
     }
 }
 
-/// Limits are lowered in the cycle in which another path reports a stop.
+/// Limits are lowered in the cycle in which another path reports a stop: the axis does not move back.
 #[test]
 fn limits_lowered_as_a_stop_begins_do_not_reverse_an_axis() {
     for late in [0, 2, 4, 6] {
@@ -260,8 +260,8 @@ fn limits_lowered_as_a_stop_begins_do_not_reverse_an_axis() {
     }
 }
 
-/// X of a control `late` cycles away that holds for a reason that no path reports, in the middle of a ramp, long enough to be seen as
-/// stationary.
+/// A control with a delay of `late` cycles that holds X in the middle of a ramp for a reason that no path reports, long enough to be
+/// known as stationary.
 fn held_by_itself(late: usize) -> World {
     let mut world = World::ramping(late, 90);
     world.holds = true;
@@ -281,7 +281,7 @@ fn goes_back(world: &mut World, cycles: u32) -> f64 {
     back
 }
 
-/// The control is released, then another path reports a stop: the axis goes to the last sent word. The known held correction is older than that.
+/// The control is released, then another path reports a stop: the axis goes to the last sent word, not back to the older held correction.
 #[test]
 fn a_stop_that_begins_as_the_control_is_released_does_not_reverse_an_axis() {
     for late in [0_usize, 1, 2, 4, 6] {
@@ -298,7 +298,8 @@ fn a_stop_that_begins_as_the_control_is_released_does_not_reverse_an_axis() {
     }
 }
 
-/// The control holds during a stop of another path: the word goes to its correction, even beyond a lowered limit, so that nothing moves on release.
+/// The control is held during a stop of another path: the word goes to the held correction, even beyond a lowered limit, so that the
+/// release moves no axis.
 #[test]
 fn a_control_released_in_a_stop_does_not_move() {
     for late in [0, 1, 2, 4, 6] {
@@ -318,7 +319,7 @@ fn a_control_released_in_a_stop_does_not_move() {
     }
 }
 
-/// The control is released while the word is on its way to the held correction: the axis goes to the word, and both stay.
+/// The control is released while the word moves to the held correction: the axis goes to the word, and both stay.
 #[test]
 fn a_control_released_early_in_a_stop_goes_to_the_word() {
     for late in [0, 1, 2, 4, 6] {
@@ -327,7 +328,7 @@ fn a_control_released_early_in_a_stop_goes_to_the_word() {
             world.interlocks.update(1, STOP);
             world.run(Duration::from_millis(after));
             world.holds = false;
-            // Until this is seen, and all words sent until then have arrived.
+            // Until the release is known and all words sent before it have arrived.
             for _ in 0..4 * late + 20 {
                 world.run(Duration::ZERO);
             }
@@ -340,7 +341,7 @@ fn a_control_released_early_in_a_stop_goes_to_the_word() {
     }
 }
 
-/// Without a barrier, a correction beyond a lowered limit is reduced at the slew.
+/// A stop that chatters while a correction beyond a lowered limit is reduced: without a barrier the reduction stays within the slew.
 #[test]
 fn a_chattering_stop_does_not_speed_up_the_return_within_a_limit() {
     let mut limits = limits();

@@ -1,4 +1,4 @@
-//! Lines with reported levels, whose levels count as applied instead of the last write; and lines without.
+//! Lines whose device reports their levels (levels count as applied instead of the last write), and lines without reports.
 
 use core::time::Duration;
 
@@ -7,7 +7,7 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::world::{PERIOD, SECOND, World, axes, limits, same_places};
 
-/// Slew per cycle with rounding, mm.
+/// Slew per cycle, with rounding, mm.
 const MOST: f64 = 0.002 * (1.0 + 1e-9);
 const TIME_OUT: ControlTimeOut = ControlTimeOut {
     after: Duration::from_millis(200),
@@ -15,7 +15,7 @@ const TIME_OUT: ControlTimeOut = ControlTimeOut {
 };
 const UNKNOWN: Reasons = Reasons::LEFT_UNKNOWN;
 
-/// Lines with reported levels that apply X, mm.
+/// Lines with reported levels and this applied correction of X, mm.
 fn reporting(x: f64) -> World {
     let mut world = World::lines(&limits());
     world.reports_levels = true;
@@ -23,7 +23,6 @@ fn reporting(x: f64) -> World {
     world
 }
 
-/// Armed lines with a correction of 40 µm.
 fn armed() -> World {
     let mut world = reporting(0.0);
     world.run(SECOND);
@@ -32,14 +31,14 @@ fn armed() -> World {
     world
 }
 
-/// Restores a stored correction of X (mm; NaN: unknown) from `age` ago.
+/// Restores a stored correction of X, mm, of this age; NaN is unknown.
 fn restore(world: &mut World, x: f64, age: Duration) {
     let values = if x.is_nan() { axes(x, x) } else { axes(x, 0.0) };
     world.read_back.restore(world.now, &values, age, &limits());
     world.largest_step = 0.0;
 }
 
-/// Arms, and compensates within two seconds without a step.
+/// Arms; within two seconds the guard must compensate without a step.
 #[track_caller]
 fn arms(world: &mut World, case: &str) {
     world.request(Request::Arm);
@@ -51,7 +50,7 @@ fn confirmed(world: &World) -> Option<PerChannel<f64>> {
     world.status().confirmed.map(|confirmed| confirmed.values)
 }
 
-/// A module without power for 1 s reports outputs at 0: the stored 40 µm are neither shown as applied nor written in one step.
+/// A module without power for 1 s reports outputs of 0: the stored 40 µm are not shown as applied, and the correction ramps in.
 #[test]
 fn lines_that_were_off_ramp_in_from_their_levels() {
     let mut world = armed();
@@ -69,7 +68,7 @@ fn lines_that_were_off_ramp_in_from_their_levels() {
     assert!((world.applied[0] - 0.040).abs() < 1e-9);
 }
 
-/// A module ignores accepted writes for 45 ms: the slew of that time is not written in one step afterwards.
+/// A module accepts but ignores writes for 45 ms: the slew of that time is not written in one step afterwards.
 #[test]
 fn delayed_writes_do_not_accumulate() {
     let mut world = armed();
@@ -83,7 +82,7 @@ fn delayed_writes_do_not_accumulate() {
     assert!((world.applied[0] + 0.040).abs() < 1e-9);
 }
 
-/// Levels are reported some cycles late, and the request reverses at any time.
+/// Levels are reported some cycles late and the request reverses at any time: no step.
 #[test]
 fn late_levels_make_no_step() {
     for late in 0..3 {
@@ -100,7 +99,7 @@ fn late_levels_make_no_step() {
     }
 }
 
-/// A device without inputs is still written to zero, as far as it accepts writes.
+/// A device without inputs loses its positions: readable lines still ramp to zero as long as they accept writes.
 #[test]
 fn readable_lines_ramp_out_when_positions_are_lost() {
     let mut world = armed();
@@ -110,7 +109,7 @@ fn readable_lines_ramp_out_when_positions_are_lost() {
     world.assert_steps(MOST, "without positions");
 }
 
-/// Nothing is stored: with reported levels the output starts there, without them the operator must check.
+/// Without a stored correction, lines with reported levels start there; other lines need the operator's check.
 #[test]
 fn an_unknown_stored_correction_is_not_zero() {
     for reports in [true, false] {
@@ -130,7 +129,7 @@ fn an_unknown_stored_correction_is_not_zero() {
     }
 }
 
-/// The state is `disarmed`, and nothing is written, until an acknowledgement.
+/// With an unknown correction a disarmed guard writes nothing until an acknowledgement.
 #[test]
 fn disarming_does_not_ramp_out_an_unknown_correction() {
     let mut world = World::lines(&limits());
@@ -144,7 +143,7 @@ fn disarming_does_not_ramp_out_an_unknown_correction() {
     arms(&mut world, "acknowledged");
 }
 
-/// Lines start at the levels that they kept from an earlier outage of the other path.
+/// Lines that take over start at the levels left from an earlier outage of the other path.
 #[test]
 fn lines_that_take_over_start_at_their_levels() {
     let mut world = reporting(0.020);
@@ -154,7 +153,6 @@ fn lines_that_take_over_start_at_their_levels() {
     arms(&mut world, "taken over");
 }
 
-/// The origin of the levels is unknown.
 #[test]
 fn left_levels_are_reported_and_disarming_ramps_them_out() {
     let mut world = World::lines(&limits());
@@ -170,7 +168,8 @@ fn left_levels_are_reported_and_disarming_ramps_them_out() {
     world.assert_steps(MOST, "disarmed");
 }
 
-/// A control that goes to zero on its own does so while its lines keep their levels.
+/// The control goes to zero at its timeout while its lines keep their levels: these levels count only while the lines are written, and
+/// arming makes no step.
 #[test]
 fn levels_of_a_control_that_times_out_count_only_while_it_is_written() {
     let mut world = reporting(0.040);
@@ -186,7 +185,7 @@ fn levels_of_a_control_that_times_out_count_only_while_it_is_written() {
     world.largest_step = 0.0;
     world.run_to(2 * SECOND, State::Compensating);
     world.assert_steps(MOST, "armed");
-    // Writes fail for a second: the control goes to zero.
+    // Writes fail for a second, so the control goes to zero.
     (world.answers, world.write_fails) = (false, true);
     let reasons = world.run(Duration::from_millis(350)).reasons;
     assert!(reasons.contains(UNKNOWN), "{reasons:?}");
@@ -198,7 +197,7 @@ fn levels_of_a_control_that_times_out_count_only_while_it_is_written() {
     world.run_to(3 * SECOND, State::Compensating);
 }
 
-/// Lines without read-back start at their last write when they take over again, because the control keeps its correction.
+/// Lines without read-back that take over again start at their last write, because the control keeps its correction.
 #[test]
 fn lines_that_take_over_again_start_at_their_last_write() {
     let mut world = World::lines(&limits()).arm();
@@ -206,7 +205,6 @@ fn lines_that_take_over_again_start_at_their_last_write() {
     world.run(10 * PERIOD);
     let left = world.applied[0];
     assert!(left > 0.01, "{left}");
-    // Another path writes meanwhile.
     let places = same_places();
     world.guard.take_path(limits(), &places).expect("valid");
     world.read_back.take_over(world.now, false);
@@ -220,7 +218,7 @@ fn lines_that_take_over_again_start_at_their_last_write() {
     assert_eq!(confirmed(&world), Some(PerChannel::ZERO));
 }
 
-/// The stored correction may have been written by another path: unless it is zero, the operator must check.
+/// The stored correction may have been written by another path: unless it is zero, it is unknown, and the operator must check.
 #[test]
 fn lines_that_take_over_do_not_guess_the_correction_of_the_previous_run() {
     for (stored, acknowledged, is_known) in [
@@ -251,7 +249,8 @@ fn lines_that_take_over_do_not_guess_the_correction_of_the_previous_run() {
     }
 }
 
-/// The last output while it cannot have acted, unknown while it may be ramping, then zero.
+/// A control with a timeout has the last output until the timeout can have expired, an unknown correction while the ramp may run, then
+/// zero.
 #[test]
 fn a_control_that_times_out_is_known_by_the_time_since_the_last_write() {
     for waited_ms in [0, 100, 190, 210, 300, 490, 510, 2000] {

@@ -1,4 +1,4 @@
-//! Limits and accelerations that are lowered while the correction is applied: the whole vector returns on one straight line.
+//! Limits and accelerations are lowered while a correction is applied: the whole vector returns on one straight line.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use crate::{
 
 const CYCLE_S: f64 = 0.004;
 
-/// X follows A with 500 mm/rad, without a position share: the tip error is X − 500·A.
+/// A request in which X follows A with 500 mm/rad and has no position share: the tip error is X − 500·A.
 fn following_a() -> RequestedCorrection {
     let mut follow = PerChannel::default();
     follow[3] = of([500.0]);
@@ -23,7 +23,7 @@ fn following_a() -> RequestedCorrection {
     }
 }
 
-/// X and A of a tilting head with small steps.
+/// X and A of a tilting head, with small output steps.
 fn tilting(rotary_slew: f64) -> Limits {
     let mut limits = five(0.0);
     for (i, axis) in limits.axes.iter_mut().enumerate().take(5) {
@@ -42,7 +42,7 @@ fn with_accel(limits: &Limits, accel_per_s2: f64) -> Limits {
     limits
 }
 
-/// Largest tip error (mm) while the guard reduces the correction to lowered limits.
+/// Largest tip error (mm) while the guard reduces the correction to the lowered limits.
 fn misses_most(requested: &RequestedCorrection, before: &Limits, after: &Limits) -> (f64, Vector) {
     let mut vector = Vector::at(&PerChannel::ZERO);
     for _ in 0..2000 {
@@ -58,7 +58,7 @@ fn misses_most(requested: &RequestedCorrection, before: &Limits, after: &Limits)
     (most, vector)
 }
 
-/// X and A approach the lowered limit together: if X alone went there at its slew, the tip would be 50 µm off.
+/// The limit of X is lowered: X and A are reduced together. If X alone were reduced at its slew, the tip would be 50 µm off.
 #[test]
 fn a_lowered_linear_limit_reduces_the_rotary_shares_too() {
     for rotary_slew in [2000e-6, 500e-6, 250e-6, 50e-6] {
@@ -85,7 +85,7 @@ fn a_lowered_rotary_limit_reduces_the_linear_shares_too() {
     assert!((vector.output()[0] - 0.025).abs() < 1e-5);
 }
 
-/// One factor applies to the end of the line, and to the way there.
+/// A line whose end is beyond a lowered limit is scaled by one factor, and so is the way there: the tip stays.
 #[test]
 fn a_line_that_ends_beyond_a_lowered_limit_is_scaled_as_a_whole() {
     let before = tilting(2000e-6);
@@ -101,14 +101,14 @@ fn a_line_that_ends_beyond_a_lowered_limit_is_scaled_as_a_whole() {
             let output = vector.output();
             most = most.max((output[0] - 500.0 * output[3]).abs());
         }
-        // One step of A at its lever, since words are rounded towards zero while they are reduced, and one of X.
+        // One step of A at its lever, since words are rounded towards zero during a reduction, and one step of X.
         assert!(most <= 1e-7 * 500.0 + 1e-5, "{linear} {rotary}: {most}");
         let within = |i: usize| vector.output()[i].abs() <= after.axes[i].limit * (1.0 + 1e-9);
         assert!(within(0) && within(3), "{vector:?}");
     }
 }
 
-/// The same without rotary axes.
+/// Without rotary axes a lowered limit scales all shares by one factor.
 #[test]
 fn a_lowered_limit_scales_every_share_equally() {
     let requested = RequestedCorrection::linear(of([0.100, -0.050, 0.020]));
@@ -131,7 +131,7 @@ fn a_lowered_limit_scales_every_share_equally() {
     assert_eq!(vector.output(), of([0.030, -0.015, 0.006]));
 }
 
-/// A moving axis brakes with the previous acceleration until it is at rest: with the lowered one it overshot by 105 µm, up to the limit.
+/// A moving axis brakes with the previous acceleration until at rest, so that a lowered acceleration does not make it overshoot.
 #[test]
 fn a_lowered_acceleration_does_not_overshoot() {
     let requested = RequestedCorrection::linear(of([0.091, -0.040, 0.0]));
@@ -168,7 +168,8 @@ fn a_lowered_acceleration_does_not_overshoot() {
     }
 }
 
-/// Words in transit to a barrier that land after the limit was lowered do not count as a foreign correction.
+/// Limits are lowered while words to a slow barrier are in transit: these words are not taken for a foreign correction, and the guard
+/// keeps compensating.
 #[test]
 fn limits_lowered_in_motion_on_a_slow_path_are_no_fault() {
     for late in [0, 1, 2, 4, 6] {
@@ -182,14 +183,14 @@ fn limits_lowered_in_motion_on_a_slow_path_are_no_fault() {
                 let case = format!("{late} cycles late, after {after}, to {limit}");
                 assert_eq!(state, State::Compensating, "{case}: {:?}", world.applied);
                 assert!((world.applied[0] - limit).abs() < 1e-9, "{case}");
-                // The barrier moves at its own rate, twice the slew, but by no more than the slew in a cycle.
+                // The barrier moves at twice the slew, but by no more than the slew in one cycle.
                 assert!(world.largest_step <= 0.002 + 1e-9, "{case}");
             }
         }
     }
 }
 
-/// The same with late read-back, and as a stop begins.
+/// Limits are lowered in motion with a late read-back, also at the start of a stop: no fault.
 #[test]
 fn limits_lowered_in_motion_without_a_barrier_are_no_fault() {
     for late in [0, 1, 2, 4, 6] {
@@ -221,7 +222,6 @@ fn limits_lowered_in_motion_without_a_barrier_are_no_fault() {
     }
 }
 
-/// A sent correction is accepted only as long as it may be in transit.
 #[test]
 fn a_correction_sent_long_before_a_limit_was_lowered_is_a_fault() {
     for found in [0.140, 0.040] {
@@ -242,10 +242,11 @@ fn a_correction_sent_long_before_a_limit_was_lowered_is_a_fault() {
     }
 }
 
-/// A path with another axis order and a limit of 30 µm takes over from one that applies 140 and −70 µm without a fault.
+/// A path with another axis order and a limit of 30 µm takes over from one that applies 140 and −70 µm: it ramps both down by one factor,
+/// without a fault.
 #[test]
 fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
-    // Corrections found at the take-over: the sent ones, larger ones, and on one axis the word sent on the other.
+    // Corrections found at the take-over: the sent ones, larger ones, and on one axis the word sent for the other.
     for (found, is_expected) in [
         (axes(-0.070, 0.140), true),
         (axes(-0.070, 0.142), false),
@@ -268,7 +269,6 @@ fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
         let state = world.run(Duration::from_secs(3)).state;
         if is_expected {
             assert_eq!(state, State::Compensating, "{:?}", world.applied);
-            // Both axes by one factor.
             let comes_in = axes(-0.015, 0.030);
             let off = |i: usize| (world.applied[i] - comes_in[i]).abs();
             assert!(off(0) < 1e-9 && off(1) < 1e-9, "{:?}", world.applied);
@@ -280,7 +280,7 @@ fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     }
 }
 
-/// Two changes at once, before anything is known on the path between.
+/// Two path changes in a row, before the path between has reported anything: corrections sent on the first path are still accepted.
 #[test]
 fn sent_corrections_are_carried_over_two_changes_of_path() {
     let mut world = World::compensating(&world::limits());
@@ -310,7 +310,8 @@ fn sent_corrections_are_carried_over_two_changes_of_path() {
     assert_eq!(state, State::Faulted(Cause::BeyondLimit));
 }
 
-/// X follows A with a lever that changes in every cycle; a remaining correction is reduced within the lowered limits before the test shift.
+/// X follows A with a lever that changes in every cycle: when the limits are lowered, the remaining correction is reduced to them before
+/// the test shift.
 #[test]
 fn limits_lowered_before_arming_apply_while_the_machine_moves() {
     let mut limits = world::limits();

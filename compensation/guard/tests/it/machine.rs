@@ -1,5 +1,5 @@
-//! A machine with one to three paths to its control, driven as by a gateway, with all faults on the way. The tests check the motion of its
-//! axes, write by write and scan by scan.
+//! A machine with one to three paths to its control, driven like a gateway, with all faults of the paths. Tests check the motion of its
+//! axes after every write and scan.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -16,24 +16,22 @@ use volcomp_vocabulary::{AxisKind, AxisName, PerChannel};
 
 use crate::world::{MACHINE, PERIOD, SCAN, limits, same_places};
 
-/// Interval at which a standby path is read.
 const STANDBY_EVERY: Duration = Duration::from_millis(100);
-/// Timeout of lines, after which they ramp to zero, and the maximum duration of the ramp.
+/// Timeout after which the control of lines ramps to zero, and maximum duration of that ramp.
 const LINES_TIME_OUT: ControlTimeOut = ControlTimeOut {
     after: Duration::from_millis(300),
     to_zero: Duration::from_millis(300),
 };
-/// Time before the first write in which nothing else may have moved a control without a barrier.
+/// Observation time before the first write, in which nothing else may have moved a control without a barrier.
 const WATCH: Duration = Duration::from_millis(700);
 /// Maximum age of a reading.
 const OLDEST: Duration = Duration::from_millis(500);
 
-/// Interface to the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// Words with read-back at any delay; none is lost.
+    /// Words with read-back at any delay; no write is lost.
     Late,
-    /// Words with read-back within the delay of the path; any may be lost.
+    /// Words with read-back within the delay of the path; any write may be lost.
     Lossy,
     /// Lines without read-back.
     Lines,
@@ -54,33 +52,29 @@ pub(crate) const KINDS: [Kind; 5] = [
 #[expect(clippy::struct_excessive_bools, reason = "separate faults")]
 struct Way {
     read_back: ReadBack,
-    /// The path responds and accepts writes.
     online: bool,
     frozen_at: Option<Duration>,
-    /// Reported next instead of the applied correction.
+    /// Reported next, instead of the applied correction.
     false_reading: Option<PerChannel<f64>>,
-    /// A word of the next report, and its flipped bits.
+    /// Index of a word of the next report, and the bits to flip.
     flipped_word: Option<(usize, u16)>,
-    /// Age of the reported correction.
     late: Duration,
     hides_correction: bool,
     /// Writes are lost.
     loses: bool,
-    /// Writes return an error, whether they are lost or not.
+    /// Writes return an error, lost or not.
     fails: bool,
     reading: Option<Reading>,
     requested_at: Option<Duration>,
     sent: Option<Duration>,
 }
 
-/// Words in transit to a mailbox.
 struct Late {
     at: Duration,
     way: usize,
     words: Vec<u16>,
 }
 
-/// Probabilities of lost, late, duplicated and torn frames to a barrier.
 #[derive(Clone, Copy, Default)]
 struct Channel {
     lost: f64,
@@ -103,40 +97,40 @@ pub(crate) struct Machine {
     mailboxes: Vec<Vec<u16>>,
     in_transit: Vec<Late>,
     channel: Channel,
-    /// When words or lines were last written, and the values.
+    /// Time and values of the last write to words or lines.
     got: Duration,
     written: PerChannel<f64>,
     pub(crate) applied: PerChannel<f64>,
-    /// Largest possible correction of each axis when its limit was lowered, or after a foreign write.
+    /// Largest possible correction of each axis when its limit was lowered or a foreign write occurred.
     beyond: PerChannel<f64>,
-    /// Applied corrections and their start times, for late readings.
+    /// Start times and values of applied corrections, for late readings.
     past: VecDeque<(Duration, PerChannel<f64>)>,
     requested: Option<RequestedCorrection>,
     positions: PerChannel<f64>,
     interlock: Interlock,
     really_includes: bool,
     forbids: Reasons,
-    /// Until this time readings are not delayed, after a foreign change of the correction.
+    /// Readings are not delayed until this time, after a foreign change of the correction.
     prompt_until: Duration,
     pub(crate) seen: AxisMotion,
 }
 
-/// Motion of an axis since this was last read.
+/// Motion of an axis since the last call.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct AxisMotion {
-    /// The largest change by one write or scan, as a fraction of the permitted one.
+    /// Largest change by one write or scan, as a fraction of the permitted one.
     pub(crate) step: f64,
-    /// The largest correction after a write that increased it, as a fraction of its limit, or of the value beyond the limit when the limit
-    /// was lowered or a foreign write occurred.
+    /// Largest correction after a write that increased it, as a fraction of its limit, or of the value that was beyond a lowered limit or
+    /// came from a foreign write.
     pub(crate) out: f64,
     pub(crate) not_finite: bool,
-    /// A foreign change of the correction.
+    /// A foreign change of the correction occurred.
     pub(crate) changed: bool,
-    /// Limits changed, the gateway restarted, or another path took over: time windows restart.
+    /// Limits changed, the gateway restarted, or another path took over, so that time windows restart.
     pub(crate) began: bool,
 }
 
-/// X, Y, Z, and with five axes also A and C: 0.15 mm and 150 µrad, steps of 1 µm and 5 µrad.
+/// X, Y, Z and, with five axes, A and C: limits of 0.15 mm and 150 µrad, steps of 1 µm and 5 µrad.
 fn full_limits(axes: usize) -> Limits {
     let mut limits = limits();
     limits.count = axes;
@@ -177,7 +171,7 @@ fn barrier(limits: &Limits, tick: u16, epoch: u16, applied: &PerChannel<f64>) ->
         axes: layout(limits.count),
         machine: MACHINE,
         limit: PerChannel::from_fn(|i| counts(i, limits.axes[i].limit)),
-        // 1 mm/s and 2.5 mrad/s: at least twice the slew of the guard.
+        // 1 mm/s and 2.5 mrad/s, at least twice the guard's slew.
         rate: PerChannel::from_fn(|i| if i < 3 { 2 } else { 1 }),
         step_scans: 1,
         hold_scans: 25,
@@ -261,7 +255,6 @@ impl Machine {
         self.selector.active()
     }
 
-    /// Any request that a wrong model may make.
     fn any_request(&mut self) -> RequestedCorrection {
         let count = self.limits.count;
         let random = &mut self.random;
@@ -284,7 +277,6 @@ impl Machine {
         self.interlock.is_set()
     }
 
-    /// Advances the time, and runs the scans of the control.
     pub(crate) fn pass(&mut self, time: Duration) {
         self.now += time;
         while self.scanned + SCAN <= self.now {
@@ -298,7 +290,7 @@ impl Machine {
         if self.kind == Kind::LinesWithTimeOut
             && self.scanned.saturating_sub(self.got) > LINES_TIME_OUT.after
         {
-            // From 0.15 mm and 150 µrad to zero in less than 300 ms.
+            // 0.15 mm and 150 µrad ramp to zero in less than 300 ms.
             let to_zero = PerChannel::from_fn(|i| {
                 let step = self.limits.axes[i].resolution;
                 let toward = (self.applied[i].abs() - step).max(0.0);
@@ -344,7 +336,6 @@ impl Machine {
         self.put(PerChannel::from_fn(|i| f64::from(after[i]) * resolution(i)));
     }
 
-    /// Applies values to the axes.
     fn put(&mut self, values: PerChannel<f64>) {
         if values != self.applied {
             self.past.push_back((self.scanned.max(self.now), values));
@@ -355,7 +346,6 @@ impl Machine {
         self.applied = values;
     }
 
-    /// Writes words or lines.
     fn write(&mut self, values: PerChannel<f64>) {
         for i in self.axes() {
             let axis = &self.limits.axes[i];
@@ -373,7 +363,7 @@ impl Machine {
     }
 
     fn read(&mut self, index: usize, now: Duration) {
-        // The response is late but within its deadline.
+        // The response is late, within its deadline.
         let exchange = Duration::from_micros(self.random.random_range(0..1000));
         self.pass(exchange);
         let barrier = self.barrier;
@@ -418,7 +408,7 @@ impl Machine {
         self.interlocks.update(index, interlock);
     }
 
-    /// Whether the applied correction is known once this path writes.
+    /// Whether the applied correction is known when this path writes.
     fn is_ready(&self, index: usize) -> bool {
         let known = self.ways[index].read_back.status();
         if index == self.active() {
@@ -435,7 +425,7 @@ impl Machine {
         }
     }
 
-    /// Selects the active path; returns whether it changed.
+    /// Selects the active path; returns true if it changed.
     fn select(&mut self, now: Duration) -> bool {
         let stays = matches!(self.guard.state(), State::Faulted(_))
             || !self.interlocks.reasons().is_empty();
@@ -472,7 +462,7 @@ impl Machine {
         choice.switched
     }
 
-    /// Suspends the program for a while, at random, between two of its steps.
+    /// Suspends the program at random between two of its steps.
     fn may_stop(&mut self) {
         if self.random.random_range(0..800) == 0 {
             let most = if self.random.random() { 60 } else { 3000 };
@@ -558,7 +548,7 @@ impl Machine {
         }
     }
 
-    /// Sends a frame into the channel. If the path is cut, it may be delivered after a reconnect.
+    /// Sends a frame into the channel, which may deliver it after a cut and reconnect.
     fn post(&mut self, way: usize, words: Vec<u16>, lands: bool) {
         let now = self.now;
         let late = Duration::from_millis(self.random.random_range(0..1000));
@@ -613,9 +603,8 @@ impl Way {
     }
 }
 
-/// Random faults, and their repair.
 impl Machine {
-    /// A random event: any fault, any request, or the end of all faults.
+    /// A random event: a fault, a request, or the end of all faults.
     pub(crate) fn random_event(&mut self) -> Option<Request> {
         let index = self.random.random_range(0..self.ways.len());
         let now = self.now;
@@ -717,7 +706,7 @@ impl Machine {
         (self.really_includes, self.seen.began) = (self.limits.axes[0].includes_correction, true);
     }
 
-    /// Falsifies one reading: torn, of another axis, not a number, or far off.
+    /// Falsifies the next reading: torn, of another axis, NaN, or far off.
     fn falsify(&mut self, index: usize) {
         let mut false_reading = self.applied;
         match self.random.random_range(0..4) {
@@ -731,7 +720,7 @@ impl Machine {
         self.ways[index].flipped_word = Some((self.random.random_range(0..REPORT_WORDS), bits));
     }
 
-    /// Foreign change of the correction, with undelayed readings.
+    /// A foreign change of the correction, followed by readings without delay.
     fn foreign_write(&mut self) {
         if self.kind != Kind::Lossy {
             return;
@@ -749,7 +738,6 @@ impl Machine {
         self.may_be_beyond();
     }
 
-    /// The present correction may be beyond a limit.
     fn may_be_beyond(&mut self) {
         for i in self.axes() {
             let axis = &self.limits.axes[i];
@@ -758,7 +746,6 @@ impl Machine {
         }
     }
 
-    /// Changes limits, slews and accelerations at any time.
     fn change_limits(&mut self) {
         let full = full_limits(self.limits.count);
         for i in self.axes() {
@@ -783,7 +770,7 @@ impl Machine {
         self.guard.set_limits(self.limits).expect("valid");
     }
 
-    /// Restarts the control; its words are retained.
+    /// Restarts the control, which keeps its words.
     fn power_up(&mut self) {
         if let Some(before) = self.barrier {
             let epoch = before.memory().link.epoch;
@@ -793,7 +780,6 @@ impl Machine {
         }
     }
 
-    /// Restarts the gateway with another owner number.
     fn restart(&mut self) {
         let has_no_read_back = matches!(self.kind, Kind::Lines | Kind::LinesWithTimeOut);
         if has_no_read_back && self.ways.len() > 1 {

@@ -5,9 +5,9 @@ use core::time::Duration;
 use proptest::prelude::*;
 use volcomp_guard::{PositionCheck, PositionFlaw, PositionLimits};
 
-/// 100 m/min, in mm/s.
+/// 100 m/min in mm/s.
 const RAPID: f64 = 100_000.0 / 60.0;
-/// 200 rev/min, in deg/s: the check does not depend on the unit.
+/// 200 rev/min in deg/s; the check does not depend on the unit.
 const TURNS: f64 = 1200.0;
 
 const LINEAR: PositionLimits = PositionLimits {
@@ -34,7 +34,7 @@ fn ms(ms: f64) -> Duration {
     Duration::from_secs_f64(ms / 1e3)
 }
 
-/// Checks the verdict of each reading: (ms, position, verdict).
+/// Checks the verdict for each reading: (ms, position, verdict).
 fn reported(
     world: &str,
     limits: &PositionLimits,
@@ -47,7 +47,7 @@ fn reported(
     }
 }
 
-/// The reach is speed · (time + 50 ms): 100 mm after 10 ms, 83.3 mm for a second reading of the same time.
+/// The reach is speed · (time + 50 ms): 100 mm after 10 ms, and 83.3 mm for a second reading at the same time.
 #[test]
 fn accepted_positions_of_a_linear_axis() {
     reported(
@@ -98,7 +98,7 @@ fn accepted_positions_of_a_linear_axis() {
     );
 }
 
-/// Neither time nor silence makes a wrong position acceptable.
+/// A wrong position stays rejected, however long it is reported or the axis is silent; motion from the last good position is accepted.
 #[test]
 fn a_jump_is_never_accepted_after_a_while() {
     let mut check = PositionCheck::default();
@@ -108,7 +108,7 @@ fn a_jump_is_never_accepted_after_a_while() {
         assert_eq!(check.judge(&LINEAR, 600.0, ms(at)), JUMP, "{at} ms");
     }
     assert_eq!(check.judge(&LINEAR, 600.0, ms(2e6)), JUMP);
-    // The position moves on from the wrong value, and returns to where it could have been in the 10 ms before the jump.
+    // The position moves on from the wrong value, then returns to within reach of the position 10 ms before the jump.
     for (position, expected) in [
         (400.0, JUMP),
         (210.0, JUMP),
@@ -122,13 +122,13 @@ fn a_jump_is_never_accepted_after_a_while() {
             "{position}"
         );
     }
-    // Re-armed.
+    // After re-arming.
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_300.0)), JUMP);
     check.forget();
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_310.0)), OK);
 }
 
-/// A jump spread by a filter: the 50 ms count once, and recover while the axis is at rest.
+/// A jump spread over several readings by a filter: the allowance of 50 ms counts once, and is restored while the axis is at rest.
 #[test]
 fn repeated_small_jumps_reach_no_farther_than_one() {
     let step = RAPID * 0.030;
@@ -188,7 +188,7 @@ fn accepted_positions_of_a_rotary_axis() {
 }
 
 proptest! {
-    /// Any cycle length, silences, and timestamps wrong by up to 25 ms.
+    /// An axis at maximum speed is accepted with any cycle time, silences, and timestamps wrong by up to 25 ms.
     #[test]
     fn an_axis_at_maximum_speed_is_accepted(
         steps in prop::collection::vec((1_u32..=100, -1.0..=1.0_f64, -25.0..=25.0_f64), 1..200),
@@ -200,7 +200,7 @@ proptest! {
             let passed = f64::from(*cycle) + if index % 10 == 9 { f64::from(silence) } else { 0.0 };
             let goes = (RAPID * speed * passed / 1e3).clamp(-before, 4000.0 - before);
             at += passed;
-            // The position of an earlier or later time on the way at the same speed.
+            // The position of an earlier or later time on the way, at the same speed.
             let reported = (before + goes * (1.0 + late / passed)).clamp(
                 (before + goes - RAPID * 0.025).max(0.0),
                 (before + goes + RAPID * 0.025).min(4000.0),
@@ -210,7 +210,6 @@ proptest! {
         }
     }
 
-    /// Positions are reported between 0° and 360°.
     #[test]
     fn a_table_at_maximum_speed_is_accepted(
         begins in 0.0..360.0_f64, cycle in 1_u32..100, clockwise in any::<bool>(),

@@ -1,4 +1,4 @@
-//! The test shift at arming: its finding for each axis, and no finding without evidence.
+//! The test shift at arming: its verdict for each axis, and no verdict without evidence.
 
 use std::{collections::VecDeque, f64::consts::TAU, time::Duration};
 
@@ -12,22 +12,22 @@ use AxisProof::{Contained, NotContained, NotProven};
 use crate::world::{PERIOD, SECOND, STEP, World, axes, limits, same_places};
 
 const SHIFT: f64 = 5.0 * STEP;
-/// Behaviour of one axis of the machine.
+/// The behaviour of one axis of the machine.
 #[derive(Clone, Copy)]
 struct Axis {
     contains: bool,
-    /// The reported position, whatever the axis does.
+    /// The reported position, independent of the motion.
     frozen: Option<f64>,
     /// Delay of the reported position, cycles.
     lag: usize,
     creep_mm_per_s: f64,
-    /// Amplitude of a flickering count.
+    /// Amplitude of the flicker of one count.
     flicker: f64,
-    /// The axis is stationary before the proof.
+    /// The axis does not move before the proof.
     stood: bool,
-    /// Factor of the applied correction: another unit than configured. `None`: 1.
+    /// Factor of the applied correction if the control uses another unit than configured.
     factor: Option<f64>,
-    /// The position wraps after a turn.
+    /// The position wraps after one turn.
     rolls_over: bool,
 }
 
@@ -53,7 +53,6 @@ struct Rig {
     now: Duration,
     machine: [Axis; 2],
     history: VecDeque<[f64; 2]>,
-    /// Programmed position of the axes.
     place: f64,
     output: PerChannel<f64>,
 }
@@ -109,7 +108,7 @@ impl Rig {
         positions
     }
 
-    /// Runs a proof from the present output: the verdict and the extremes of the output of the first axis.
+    /// Runs a proof from the current output; returns the verdict, and minimum and maximum of the first axis's output.
     fn prove(&mut self, most: Duration) -> (Option<Verdict>, [f64; 2]) {
         let (mut proof, from) = (Proof::default(), self.output);
         let mut reached = [f64::INFINITY, f64::NEG_INFINITY];
@@ -162,7 +161,7 @@ fn each_axis_has_its_own_result() {
     };
     assert_eq!(proven([plain, contains]), [NotContained, Contained]);
     assert_eq!(proven([stood, frozen]), [NotProven, NotProven]);
-    // A position that follows in both directions contains it, even on a stationary axis.
+    // A position that follows in both directions contains the correction, even if the axis was at rest before.
     let stood_contains = Axis {
         stood: true,
         ..contains
@@ -170,8 +169,8 @@ fn each_axis_has_its_own_result() {
     assert_eq!(proven([stood_contains, stood]), [Contained, NotProven]);
 }
 
-/// Words of another unit: the position follows by another factor in both directions. This is a contradiction, neither motion of the machine
-/// nor a proof. A tenth of the shift is less than a flickering count: that position stays.
+/// The control's words have another unit: a position that follows in both directions by another factor is a contradiction, neither motion
+/// nor proof. A tenth of the shift is below one flickering count, so that position counts as not following.
 #[test]
 fn a_position_that_follows_by_another_factor_is_a_contradiction() {
     for factor in [2.0, 10.0, 17.45, 0.5, 0.1, -1.0, -3.0] {
@@ -197,7 +196,7 @@ fn a_position_that_follows_by_another_factor_is_a_contradiction() {
     }
 }
 
-/// A rotary table at zero, which is also a whole turn: the shift does not count as a turn.
+/// A rotary table at zero, which is also one turn: the test shift across the wrap gives the right verdict.
 #[test]
 fn a_shift_across_the_roll_over_is_found() {
     let mut limits = limits();
@@ -220,7 +219,7 @@ fn a_shift_across_the_roll_over_is_found() {
     }
 }
 
-/// A single unsent write, even while the axes are at rest, does not keep the proof waiting for standstill.
+/// A write that is not sent, even with the axes at rest, does not prevent the proof from completing.
 #[test]
 fn one_unsent_write_does_not_block_the_proof() {
     for missed in 0..300 {
@@ -239,7 +238,7 @@ fn one_unsent_write_does_not_block_the_proof() {
     }
 }
 
-/// A position that shows the shift late, creeps, or flickers by a quarter of the shift.
+/// A position that follows the shift late, creeps, or flickers by a quarter of the shift gives the right verdict or none.
 #[test]
 fn slow_creeping_and_flickering_positions() {
     for contains in [false, true] {
@@ -249,7 +248,7 @@ fn slow_creeping_and_flickering_positions() {
             let [shown, _] = proven([Axis { lag, ..axis }, PLAIN]);
             assert_eq!(shown, truth, "lag {lag}");
         }
-        // Later than the required standstill: no finding, and no wrong one.
+        // Later than the required standstill: no verdict, and no wrong one.
         for lag in [65, 70, 80, 100, 120] {
             let [shown, _] = proven([Axis { lag, ..axis }, PLAIN]);
             let believed = [truth, NotProven];
@@ -261,7 +260,7 @@ fn slow_creeping_and_flickering_positions() {
         };
         assert_eq!(proven([flicker, PLAIN])[0], truth);
     }
-    // Creep as fast as the slowest response to a shift in one leg: it matches one direction but not the other.
+    // Creep as fast as the slowest response to the shift in one leg matches one direction but not the other.
     for creep_mm_per_s in [0.002, 0.004, 0.01, 0.015, 0.02, -0.015] {
         let creeps = Axis {
             creep_mm_per_s,
@@ -274,7 +273,7 @@ fn slow_creeping_and_flickering_positions() {
     }
 }
 
-/// Near the limit the shift goes inwards and back.
+/// The shift goes in both directions and back; near the limit it goes inwards only.
 #[test]
 fn the_shift_goes_both_ways_and_stays_within_the_limit() {
     let machine = [CONTAINS; 2];
@@ -286,7 +285,7 @@ fn the_shift_goes_both_ways_and_stays_within_the_limit() {
         (0.147, [0.142, 0.147]),
         (0.145, [0.140, 0.150]),
         (-0.150, [-0.150, -0.145]),
-        // Remaining from a larger limit: reduced first.
+        // Left from a larger limit: reduced first.
         (0.162, [0.145, 0.162]),
     ] {
         let mut rig = Rig::new(&limits(), machine, axes(from, 0.0));
@@ -335,7 +334,7 @@ fn only_motion_of_the_last_ten_seconds_counts() {
     }
 }
 
-/// The correction does not count as motion, whether positions contain it or not.
+/// The applied correction does not count as motion of the axis, whether positions contain it or not.
 #[test]
 fn a_correction_is_no_motion_of_the_axis() {
     for contains in [false, true] {
@@ -359,7 +358,7 @@ fn a_correction_is_no_motion_of_the_axis() {
     }
 }
 
-/// A constant position with fresh timestamps does not prove that it excludes the correction.
+/// A constant position with fresh timestamps is not proof that the position excludes the correction: the axis is not proven.
 #[test]
 fn a_frozen_position_is_reported_as_not_proven() {
     let mut world = World::new(&Limits {
@@ -371,7 +370,7 @@ fn a_frozen_position_is_reported_as_not_proven() {
     world.request(Request::Arm);
     let mut last = None;
     for _ in 0..800 {
-        // The reported position is constant, whatever is applied.
+        // The reported position is constant, whatever correction is applied.
         world.positions = PerChannel::from_fn(|i| frozen[i] - world.applied[i]);
         last = Some(world.run(Duration::ZERO));
     }
@@ -384,7 +383,8 @@ fn a_frozen_position_is_reported_as_not_proven() {
     assert_eq!(world.guard.verdict().proven[..2], [false, false]);
 }
 
-/// Positions of another path have another zero: the difference does not count as motion.
+/// Positions of another path have another zero, and the difference does not count as motion: a frozen position stays unproven after a
+/// change of path.
 #[test]
 fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
     let limits = Limits {
@@ -407,7 +407,7 @@ fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
 
 const COUNT_RAD: f64 = 17.453_292_519_943_295e-6;
 
-/// X, and a table that is rotated by four counts of 0.001° when X is shifted by 5 µm.
+/// X and a rotary table. A test shift of 5 µm on X rotates the table by four counts of 0.001°.
 fn with_table(includes_correction: bool) -> Limits {
     let mut limits = limits();
     limits.axes[1] = AxisLimits {
@@ -425,8 +425,8 @@ fn with_table(includes_correction: bool) -> Limits {
     limits
 }
 
-/// Arms a machine whose table rotates under a tool `lever_mm` from its centre. Returns the largest tip error (mm) and the largest rotation
-/// of the table (rad) during the proof.
+/// Arms a machine whose table rotates under a tool `lever_mm` off its centre; returns the largest tip error (mm) and table rotation (rad)
+/// during the proof.
 fn proves(world: &mut World, lever_mm: f64) -> [f64; 2] {
     (world.target, world.follow[1][0]) = (Some(PerChannel::ZERO), lever_mm);
     world.run(PERIOD);
@@ -445,14 +445,15 @@ fn proves(world: &mut World, lever_mm: f64) -> [f64; 2] {
     [off, turned]
 }
 
-/// X and a table under a tool 400 mm off its centre are shifted so that the tip stays; shifted at once, it would be 33 µm off.
+/// X and a table are shifted together under a tool 400 mm off the table's centre, so that the tip stays within 5 µm. A separate shift of
+/// the table would move the tip by 33 µm.
 #[test]
 fn the_tip_stays_while_a_rotary_axis_is_shifted() {
     for includes_correction in [true, false] {
         let mut world = World::new(&with_table(includes_correction));
         world.really_includes = includes_correction;
         let [off, turned] = proves(&mut world, 400.0);
-        // The shift of X, or half a step of the table and of X.
+        // The shift of X, or half a step each of table and X.
         assert!(off < SHIFT + 1e-9, "{off}");
         assert!((turned - 4.0 * COUNT_RAD).abs() < 1e-9, "{turned}");
         let truth = if includes_correction {
@@ -464,7 +465,7 @@ fn the_tip_stays_while_a_rotary_axis_is_shifted() {
     }
 }
 
-/// The linear axes have no room to follow; the rotary axis is reported as not proven.
+/// If the linear axes have no room to follow, the rotary axis is not shifted and reported as not proven.
 #[test]
 fn a_rotary_axis_that_cannot_be_followed_is_not_shifted() {
     let mut world = World::new(&with_table(false));
@@ -475,7 +476,8 @@ fn a_rotary_axis_that_cannot_be_followed_is_not_shifted() {
     assert!(output.reasons.contains(Reasons::NOT_PROVEN));
 }
 
-/// Positions come once per second, each a second old: a repeated position does not count as another reading.
+/// Positions come every 1 ms to 2 s, each one interval old: the verdict is right, and a wrong `includes_correction` is a fault. At 1.5 s
+/// or more, "not proven" is permitted if positions exclude the correction.
 #[test]
 fn slow_positions_prove_what_they_contain() {
     let ms = Duration::from_millis;
@@ -501,7 +503,6 @@ fn slow_positions_prove_what_they_contain() {
                 while world.now < end && output.state != State::Compensating {
                     output = world.cycle_after(limits.period, None);
                 }
-                // The machine moves before it is armed.
                 world.positions = axes(1.0, -1.0);
                 (output, world.guard.verdict().axes)
             };
@@ -509,7 +510,7 @@ fn slow_positions_prove_what_they_contain() {
             run(3 * ms(every), None);
             let (output, shown) = run(60 * SECOND, Some(Request::Arm));
             let truth = if really { Contained } else { NotContained };
-            // Five readings at this interval take longer than a position is known to be alive.
+            // Five readings at this interval take longer than a position counts as alive.
             if every >= 1500 && !really {
                 assert!([truth, NotProven].contains(&shown[0]), "{shown:?}");
                 assert_eq!(output.state, State::Compensating);

@@ -13,13 +13,11 @@ use crate::{
     world::{PERIOD, STEP, World, axes, limits},
 };
 
-/// Duration of a line, s.
 fn line_s(limits: &Limits, from: &PerChannel<f64>, to: &PerChannel<f64>) -> f64 {
     let mut vector = Vector::at(from);
     vector.begin_line(to);
     for cycle in 1..100_000 {
         let arrived = vector.advance_line(limits, 0.004);
-        // All axes by one factor.
         let part = |i: usize| (vector.smooth()[i] - from[i]) / (to[i] - from[i]);
         for i in 1..limits.count {
             assert!((part(i) - part(0)).abs() < 1e-6, "{i}: {vector:?}");
@@ -45,13 +43,13 @@ fn a_line_takes_the_ramp_or_as_long_as_its_slowest_axis() {
     slow.axes[4].slew_per_s = 50e-6;
     let slow_s = line_s(&slow, &from, &to);
     assert!((slow_s - 1.0).abs() < 0.01, "{slow_s}");
-    // A tenth of a second to reach the slew of 0.1 mm/s.
+    // 0.1 s to reach the slew of 0.1 mm/s.
     let mut eased = limits;
     eased.axes[0].slew_per_s = 0.1;
     eased.axes[0].accel_per_s2 = 1.0;
     let eased_s = line_s(&eased, &from, &to);
     assert!((1.09..1.3).contains(&eased_s), "{eased_s}");
-    // At least twenty cycles.
+    // At least 20 cycles.
     let mut short = limits;
     short.ramp = Duration::ZERO;
     short
@@ -62,7 +60,7 @@ fn a_line_takes_the_ramp_or_as_long_as_its_slowest_axis() {
     assert!((short_s - 0.08).abs() < 0.005, "{short_s}");
 }
 
-/// Bounded by slew, acceleration or the twenty cycles.
+/// The predicted time to zero equals that of the line, whether slew, acceleration or the minimum of 20 cycles limits it.
 #[test]
 fn the_predicted_time_to_zero_is_that_of_a_line() {
     for slew_per_s in [0.05, 0.4, 5.0] {
@@ -95,7 +93,7 @@ fn the_predicted_time_to_zero_is_that_of_a_line() {
     }
 }
 
-/// The line ends exactly at its goal, also from a value off the grid.
+/// A line ends exactly at its goal, also from a value between output steps.
 #[test]
 fn a_correction_off_the_grid_goes_to_zero() {
     let limits = five(0.0);
@@ -137,7 +135,7 @@ fn a_ramp_takes_its_time_and_begins_at_the_present_correction() {
     }
 }
 
-/// If one axis needs two seconds at its slew, all take two seconds, and this is reported.
+/// If one axis needs two seconds at its slew, all axes take two seconds, and the ramp is reported as slewing.
 #[test]
 fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
     let mut limits = three();
@@ -158,11 +156,10 @@ fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
     assert!((499..=502).contains(&cycles), "{cycles}");
 }
 
-/// The rate of the line bounds the acceleration of the next motion.
+/// The last rate of a line is the start rate of the next motion: the change of rate stays within the acceleration.
 #[test]
 fn a_motion_after_a_line_starts_with_its_last_rate() {
     let limits = five(0.118);
-    // Back to the start.
     let requested = RequestedCorrection::linear(of([0.260, 0.0, 0.0]));
     for from_um in 1..150_u32 {
         for dt in [0.004, 0.0013, 0.020] {
@@ -198,7 +195,7 @@ fn a_motion_after_a_line_starts_with_its_last_rate() {
     }
 }
 
-/// A single request of 20 mm has no effect after the ramp.
+/// A single request of 20 mm at the start of a ramp has no effect after the ramp, which ends within 140 cycles.
 #[test]
 fn an_absurd_request_at_the_start_of_a_ramp_ends_with_the_ramp() {
     let mut linear = three();
@@ -257,7 +254,7 @@ fn an_absurd_request_at_the_start_of_a_ramp_ends_with_the_ramp() {
     }
 }
 
-/// During a ramp of 5 s, X is requested 5 µm beyond its limit: Y continues its ramp.
+/// During a ramp of 5 s the request for X exceeds its limit by 5 µm: Y continues its ramp at no more than 0.05 mm/s.
 #[test]
 fn a_request_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
     let limits = Limits {
@@ -279,11 +276,11 @@ fn a_request_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
         let rate = (vector.smooth()[1] - before).abs() / 0.004;
         largest = largest.max(rate);
     }
-    // 120 µm in 5 s, plus a margin for the limit, which reduces all shares.
+    // 120 µm in 5 s, plus a margin because the limit reduces all shares.
     assert!(largest <= 0.05, "{largest} mm/s");
 }
 
-/// Tip error along X, Y, Z, mm: the linear axes against the values that match the present A and C.
+/// Tip error along X, Y, Z, mm: the linear axes compared with the values for the current A and C.
 fn tip_misses(requested: &RequestedCorrection, at: &PerChannel<f64>) -> f64 {
     let off = |l: usize| {
         let follows = requested.follow[3][l] * at[3] + requested.follow[4][l] * at[4];
@@ -306,8 +303,8 @@ fn any_request(random: &mut ChaCha8Rng) -> RequestedCorrection {
     }
 }
 
-/// Random changes of limits and models: unless reported as behind, the tip is no further off than without correction or than at the start of the
-/// ramp, except for rounding.
+/// Limits and models change at random: unless an axis is reported as behind, the tip error is at most that without correction or at the
+/// start of the ramp, plus rounding.
 #[test]
 fn the_tip_error_never_exceeds_that_at_the_start_of_the_ramp() {
     for seed in 0..60_u64 {
@@ -357,7 +354,8 @@ fn the_tip_error_never_exceeds_that_at_the_start_of_the_ramp() {
     }
 }
 
-/// Also if a cycle slews less than a step, and the next whole step is as far as a word may be from the applied correction.
+/// A correction between two output steps ramps out, even if a cycle slews by less than one step and the next step is as far from the
+/// applied correction as a word may be.
 #[test]
 fn a_correction_between_steps_ramps_out() {
     for seed in 0..2000 {
@@ -394,7 +392,6 @@ fn a_correction_between_steps_ramps_out() {
     }
 }
 
-/// A ramp to zero ends, although the rotary axis, with an acceleration limit, is already almost at zero.
 #[test]
 fn a_ramp_to_zero_ends_with_a_rotary_axis_already_at_zero() {
     let mut limits = limits();
@@ -422,7 +419,7 @@ fn a_ramp_to_zero_ends_with_a_rotary_axis_already_at_zero() {
     assert_eq!((out.state, world.applied[0]), (State::Disarmed, 0.0));
 }
 
-/// Duration of the ramp to a request beyond the limit, s; infinite: two minutes or more.
+/// Duration of the ramp to a request beyond the limit, s; infinite after two minutes.
 fn ramp_s(limit: f64, slew: f64, accel: f64, ramp: Duration, requested: [f64; 2]) -> f64 {
     let mut limits = limits();
     limits.ramp = ramp;
@@ -440,7 +437,8 @@ fn ramp_s(limit: f64, slew: f64, accel: f64, ramp: Duration, requested: [f64; 2]
     f64::INFINITY
 }
 
-/// At most twice the ramp time, or twice the time that slew and acceleration need for the whole request.
+/// The ramp to a request beyond the limit takes at most twice the ramp time, or twice the time that slew and acceleration need for the
+/// whole request.
 #[test]
 fn the_ramp_to_a_request_beyond_a_limit_ends_in_time() {
     let mut wrong = 0;
@@ -470,7 +468,7 @@ fn the_ramp_to_a_request_beyond_a_limit_ends_in_time() {
 }
 
 proptest! {
-    /// However fast slew and ramp are, at most k twentieths of the way are covered after k cycles: in, out, and to another target.
+    /// With any slew and ramp time, at most k/20 of the way is done after k cycles: ramping in, out, and to another target.
     #[test]
     fn a_ramp_is_never_steeper_than_twenty_cycles(from in -0.1..0.1_f64, to in -0.1..0.1_f64, ramp_ms in 0..400_u64, leave: bool) {
         let mut limits = Limits { ramp: Duration::from_millis(ramp_ms), ..limits() };

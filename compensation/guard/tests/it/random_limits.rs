@@ -1,5 +1,5 @@
-//! Random changes of limits, slews, paths and stops while the correction moves: no fault, no word faster than the slew, no motion during a
-//! stop.
+//! Limits, slews, paths and stops change at random while the correction moves: no fault, no word faster than the slew, and no motion
+//! during a stop.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::world::{self, MACHINE, PERIOD, SCAN, SLEW, STEP, World, axes, layout, same_places};
 
-/// Random limits up to 150 steps.
+/// Random limits of up to 150 output steps.
 fn any_limits(world: &World, random: &mut ChaCha8Rng) -> Limits {
     let mut limits = *world.guard.limits();
     let limit = f64::from(random.random_range(5..150)) * STEP;
@@ -28,7 +28,7 @@ fn any_target(random: &mut ChaCha8Rng) -> PerChannel<f64> {
     axes(share(), share())
 }
 
-/// Another path reports an emergency stop, or that there is none.
+/// Another path reports whether there is an emergency stop.
 fn shows(world: &mut World, emergency_stop: bool) {
     let interlock = Interlock {
         emergency_stop,
@@ -37,7 +37,6 @@ fn shows(world: &mut World, emergency_stop: bool) {
     world.interlocks.update(1, Some(interlock));
 }
 
-/// Reads the standby path.
 fn read_standby(standby: &mut ReadBack, world: &World) {
     let Some(barrier) = &world.barrier else {
         return;
@@ -48,10 +47,11 @@ fn read_standby(standby: &mut ReadBack, world: &World) {
     standby.receive(world.now, world.now, &reported, world.guard.limits());
 }
 
-/// Behind a barrier some cycles away, with a second path to it.
+/// A barrier some cycles away with a second path to it: random changes of limits are no fault, words keep the slew, and no axis moves in
+/// a stop.
 #[test]
 fn random_changes_of_limits_are_no_fault() {
-    // Besides random ones: seeds in which an axis moved during a stop, and one in which a sent correction was a fault.
+    // Random seeds, and fixed ones: three in which an axis moved during a stop, one in which a sent correction was a fault.
     for seed in (0..60).chain([81, 237, 320, 1473]) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let late = random.random_range(0..5);
@@ -59,7 +59,7 @@ fn random_changes_of_limits_are_no_fault() {
         let takes_over = seed % 2 == 1;
         let mut standby = ReadBack::barrier(BarrierLink::new(99, MACHINE, layout(), SCAN));
         standby.also_sent(world.read_back.last_frame().expect("it moves"));
-        // Words in transit when a stop began have arrived and moved the axis.
+        // Words in transit at the start of the stop have arrived.
         let settled = 2 * late + 6;
         let (mut word, mut written) = (Some(world.guard.output()[0]), 0);
         let (mut stopped, mut stood) = (0_usize, world.applied);
@@ -77,7 +77,7 @@ fn random_changes_of_limits_are_no_fault() {
                     shows(&mut world, emergency_stop);
                 }
                 3 if world.emergency_stop || is_clear => {
-                    // The control is stopped for longer than any other path reports it.
+                    // The control is stopped for longer than another path reports the stop.
                     world.emergency_stop ^= true;
                     shows(&mut world, false);
                 }
@@ -131,7 +131,7 @@ fn random_changes_of_limits_are_no_fault() {
     }
 }
 
-/// Permitted range of a correction, mm: within one step plus the slew of every earlier value.
+/// Permitted range of a correction, mm: one step plus the slew from every earlier value.
 struct Window {
     lowest: f64,
     highest: f64,
@@ -145,7 +145,7 @@ impl Window {
         }
     }
 
-    /// Widens by the largest slew. Returns how far the new value is outside.
+    /// Widens the range by the largest slew; returns how far the new value is outside.
     fn goes(&mut self, slewed: f64, value: f64) -> f64 {
         let (lowest, highest) = (self.lowest - slewed, self.highest + slewed);
         let about = Self::about(value);
@@ -155,7 +155,7 @@ impl Window {
     }
 }
 
-/// The same with late or missing read-back, and a path with another axis order.
+/// Without a barrier, with late or missing read-back and a path with another axis order: random changes of limits are no fault.
 #[test]
 fn random_changes_of_limits_without_a_barrier_are_no_fault() {
     for seed in 0..400_u64 {
@@ -212,7 +212,7 @@ fn random_changes_of_limits_without_a_barrier_are_no_fault() {
             );
             let is_beyond = output.state == State::Faulted(Cause::BeyondLimit);
             assert!(!is_beyond, "{case}");
-            // A decision made before the slew was lowered may arrive after it.
+            // A write decided before the slew was lowered may arrive afterwards.
             let slewed = slew[0].max(slew[1]) * PERIOD.as_secs_f64();
             slew[0] = slew[1];
             for (i, window) in windows.iter_mut().enumerate() {

@@ -1,4 +1,4 @@
-//! The age of corrections that are reported in separate messages.
+//! Age of corrections that are reported in separate messages.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use crate::world::{PERIOD, STEP, limits};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// Receives the same values in several cycles, each time dated `late` before the cycle. Returns the resulting status and its time.
+/// Receives the same values in several cycles, each dated `late` before the cycle; returns the last status and its time.
 fn received(read_back: &mut ReadBack, late: Duration) -> (ReadBackStatus, Duration) {
     let (limits, values) = (limits(), PerChannel::leading([5.0 * STEP]));
     let mut now = Duration::from_secs(1);
@@ -25,7 +25,7 @@ fn received(read_back: &mut ReadBack, late: Duration) -> (ReadBackStatus, Durati
     (*read_back.status(), now)
 }
 
-/// However late it is received; readings older than `hold` confirm nothing.
+/// A reading confirms the correction as of its own time, however late it is received; a reading older than `hold` confirms nothing.
 #[test]
 fn a_reading_confirms_as_of_its_own_time() {
     let hold = limits().hold;
@@ -39,7 +39,7 @@ fn a_reading_confirms_as_of_its_own_time() {
     assert_eq!((known.confirmed, known.writable), (None, false));
 }
 
-/// Nothing is written on it, and sent corrections count as missing only while readings arrive.
+/// A repeated reading ages and permits no write. The time for which sent corrections are missing counts only while readings arrive.
 #[test]
 fn a_repeated_reading_ages() {
     let limits = limits();
@@ -75,7 +75,7 @@ fn late_readings_reveal_the_levels_of_lines() {
         assert_eq!(read_back.status().confirmed, None);
         let (known, now) = received(&mut read_back, 7 * MS);
         let at = known.confirmed.map(|confirmed| confirmed.at);
-        // Lines do not show that their control has ramped to zero.
+        // Lines do not show whether their control has ramped to zero.
         let expected = if control.is_none() {
             now.saturating_sub(7 * MS)
         } else {

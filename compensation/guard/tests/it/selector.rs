@@ -16,7 +16,7 @@ const UNKNOWN: PathHealth = PathHealth {
     ready: false,
 };
 
-/// Seconds, the health of both paths, and the choice: active, preferred, switched, blocked.
+/// Time (s), health of both paths, and the choice: active, preferred, switched, blocked.
 type Step = (u64, [PathHealth; 2], (usize, usize, bool, bool));
 
 #[test]
@@ -25,7 +25,7 @@ fn the_next_path_takes_over_and_hands_back_with_hysteresis() {
         (1, [UP, UP], (0, 0, false, false)),
         (2, [DOWN, UP], (1, 1, true, false)),
         (3, [DOWN, UP], (1, 1, false, false)),
-        // Usable for one second: not yet.
+        // Usable for one second, which is too short.
         (4, [UP, UP], (1, 1, false, false)),
         (5, [UP, UP], (1, 1, false, false)),
         // A dropout restarts the hand-back time.

@@ -1,5 +1,5 @@
-//! Random sequences of all faults in random order, on machines of three and five axes with one to three paths to their control: the axes
-//! never step, and never exceed their slew and limits. `VOLCOMP_SEQUENCES` is the number of sequences, `VOLCOMP_CYCLES` their length.
+//! Random sequences of all faults on machines of three and five axes with one to three paths: no axis steps, or exceeds its slew or
+//! limit. `VOLCOMP_SEQUENCES` is the number of sequences, `VOLCOMP_CYCLES` their length.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -9,7 +9,6 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::machine::{KINDS, Kind, Machine};
 
-/// Number in an environment variable, or the default.
 fn environment(name: &str, otherwise: u32) -> u32 {
     let environment = std::env::var(name).ok();
     environment
@@ -17,10 +16,10 @@ fn environment(name: &str, otherwise: u32) -> u32 {
         .unwrap_or(otherwise)
 }
 
-/// Checks after each cycle.
+/// The checks after each cycle.
 #[derive(Default)]
 struct Watch {
-    /// Times and corrections of the axes since the time windows last restarted.
+    /// Times and corrections of the axes since the last restart of the time windows.
     trace: VecDeque<(f64, PerChannel<f64>)>,
 }
 
@@ -43,7 +42,7 @@ impl Watch {
         if seen.out > 1.0 + 1e-6 {
             return Err(format!("{} of the limit at {now} s", seen.out));
         }
-        // With a barrier the axis follows at its rate, which every scan has checked.
+        // With a barrier the axis moves at the barrier's rate, which every scan has checked.
         if matches!(machine.kind, Kind::Barrier | Kind::LinesWithTimeOut) {
             return Ok(());
         }
@@ -73,13 +72,13 @@ impl Watch {
     }
 }
 
-/// Runs a sequence. Returns all states that occurred, or the first violation.
+/// Runs a sequence; returns the states that occurred, or the first violation.
 fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<Vec<State>, String> {
     let mut machine = Machine::new(seed, kind, axes, ways);
     let mut watch = Watch::default();
     let mut states = Vec::new();
     for cycle in 0..cycles {
-        // A control with a barrier is watched for a second before it may be armed, one without for 0.7 s.
+        // A control with a barrier is observed for 1 s before arming, one without for 0.7 s.
         let request = if cycle > 400 && cycle % 8 == 0 {
             machine.random_event()
         } else {
@@ -94,12 +93,11 @@ fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<V
             states.push(output.state);
         }
     }
-    // After repair, acknowledgement and disarming, the correction goes to zero.
+    // After repair, acknowledgement and disarming the correction must go to zero.
     machine.repair();
     for cycle in 0..1600 {
         let request = match cycle {
-            // Three times: disarming faults on a correction beyond the limit, and one that was confirmed only meanwhile may be beyond it,
-            // too.
+            // Three acknowledgements: disarming faults on a correction beyond the limit, and so does one that is confirmed later.
             300 | 700 | 1100 => Some(Request::Acknowledge),
             320 | 720 | 1120 => Some(Request::Disarm),
             _ => None,
@@ -136,7 +134,6 @@ proptest! {
     }
 }
 
-/// Random sequences with every kind of control.
 #[test]
 fn sequences_visit_every_state() {
     for kind in KINDS {

@@ -1,4 +1,4 @@
-//! A barrier behind a slow path: sent corrections are not confirmed yet when limits, path or direction change.
+//! A barrier behind a slow path: limits, path or direction change before the sent corrections are confirmed.
 
 use std::time::Duration;
 
@@ -8,12 +8,12 @@ use crate::world::{PERIOD, SLEW, STEP, STOP, World, axes, limits};
 
 const LATE: [usize; 5] = [0, 1, 2, 4, 6];
 
-/// Observations of X from some time on, mm.
+/// Observations of X over some cycles, mm.
 #[derive(Debug, Default)]
 struct Watch {
     word: Option<f64>,
     highest: f64,
-    /// How far the axis moved back, and the largest excess of a word over the previous one plus slew and step.
+    /// Largest backward motion of the axis, and largest excess of a word over the previous word + slew + step.
     back: f64,
     jump: f64,
     /// Maximum number of consecutive cycles without a frame.
@@ -30,7 +30,7 @@ impl Watch {
         }
     }
 
-    /// Runs cycles, the first with a request.
+    /// Runs cycles, the first one with a request.
     fn look(&mut self, world: &mut World, cycles: u32, mut request: Option<Request>) -> State {
         let mut state = world.guard.state();
         for _ in 0..cycles {
@@ -59,7 +59,7 @@ fn with_slew(limits: &Limits, part: f64) -> Limits {
     limits
 }
 
-/// Frames continue at the lower rate, or the barrier would time out.
+/// The slew is lowered in motion: frames continue in every cycle at the lower rate, since the barrier would time out otherwise.
 #[test]
 fn a_slew_lowered_in_motion_loses_no_correction() {
     for late in LATE {
@@ -73,7 +73,7 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
                 let case = format!("{late} late, after {after}, slew x {part}: {watch:?}");
                 assert!(watch.back < 1e-9, "{case}");
                 assert_eq!(watch.unsent, 0, "{case}");
-                // From then on never faster than the lower rate, except for words in transit.
+                // From now on no word is faster than the lower rate, except for words in transit.
                 let word = world.guard.output()[0];
                 watch.look(&mut world, 50, None);
                 let most = part * SLEW * 50.0 * PERIOD.as_secs_f64() + STEP;
@@ -83,7 +83,7 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
     }
 }
 
-/// Although the confirmed correction still moves the other way.
+/// The request reverses at full rate while the confirmed correction still moves the other way: a frame is sent in every cycle.
 #[test]
 fn a_correction_that_reverses_at_full_rate_is_sent_in_every_cycle() {
     for late in [0, 1, 2, 3, 4, 6] {
@@ -106,12 +106,12 @@ fn a_correction_that_reverses_at_full_rate_is_sent_in_every_cycle() {
     }
 }
 
-/// The last words are in transit to the same barrier: the axis does not reverse, and the word continues at its rate.
+/// Another path to the same barrier takes over while words are in transit: the axis does not reverse, and the word continues at its rate.
 #[test]
 fn another_path_to_the_same_barrier_takes_over_in_motion() {
     for late in LATE {
         for after in [60, 80, 100] {
-            // With changed limits, and also with a slew lowered shortly before.
+            // With changed limits, also shortly after a slew was lowered.
             for (before, then) in [(1.0, 1.0), (1.0, 0.1), (0.1, 0.1)] {
                 let mut world = World::ramping(late, after);
                 let limits = *world.guard.limits();
@@ -133,7 +133,7 @@ fn another_path_to_the_same_barrier_takes_over_in_motion() {
     }
 }
 
-/// "compensating" is not reported before the ramp is complete, whatever is requested in the cycle of the take-over.
+/// For every request in the cycle of the take-over, the state is `arming` until the ramp is complete, then `compensating`.
 #[test]
 fn another_path_starts_with_a_ramp_for_every_request() {
     let requested_at = [
@@ -153,7 +153,7 @@ fn another_path_starts_with_a_ramp_for_every_request() {
     }
 }
 
-/// Another path reports the stop first in that cycle; the control itself does not hold.
+/// A path takes over in the cycle in which another path first reports a stop, while the control does not hold: the axis does not reverse.
 #[test]
 fn a_path_that_takes_over_in_a_stop_does_not_reverse_an_axis() {
     for late in LATE {
@@ -167,13 +167,13 @@ fn a_path_that_takes_over_in_a_stop_does_not_reverse_an_axis() {
     }
 }
 
-/// Nothing is in transit any more: the output starts at the confirmed correction.
+/// Long after the last words, none is in transit: a path that takes over starts at the confirmed correction.
 #[test]
 fn words_sent_long_before_a_take_over_are_not_carried_over() {
     for late in LATE {
         let mut world = World::ramping(late, 80);
         let limits = *world.guard.limits();
-        // The control accepts no frame, and does not move.
+        // The control accepts no frame and does not move.
         world.sticks = false;
         world.holds = true;
         world.run(Duration::from_millis(20));
@@ -189,7 +189,8 @@ fn words_sent_long_before_a_take_over_are_not_carried_over() {
     }
 }
 
-/// The word before the failed one is farther away than the rate allows in the next, short cycle: frames wait until it is reachable.
+/// In a late cycle a frame fails, and in the next short cycle its word is farther away than the rate permits: at most five frames are
+/// omitted until the word is reachable.
 #[test]
 fn the_correction_continues_after_a_failed_frame_of_a_late_cycle() {
     for late in LATE {

@@ -1,4 +1,4 @@
-//! Transitions between states, and their speed; limits; corrections beyond the limit and of another gateway.
+//! State transitions and their speed, limits, corrections beyond the limit, and corrections of another gateway.
 
 use std::time::Duration;
 
@@ -60,7 +60,7 @@ fn a_request_beyond_the_limit_is_clamped_and_reported() {
 fn arming_is_refused_with_reasons() {
     type Case = (fn(&mut World), Duration, Reasons, Reasons);
     let (none, stale) = (Reasons::NONE, Reasons::POSITIONS_STALE);
-    // A cause, its duration before the request, and the reasons that must and must not be reported.
+    // A cause, its duration before the request, and reasons that must and must not be reported.
     let cases: [Case; 6] = [
         (|world| world.forbids = Reasons::AUDIT, PERIOD, none, none),
         (
@@ -75,7 +75,6 @@ fn arming_is_refused_with_reasons() {
             Reasons::NO_CONTROLLER | stale,
             none,
         ),
-        // A single missing response.
         (
             |world| world.answers = false,
             Duration::ZERO,
@@ -131,7 +130,8 @@ fn invalid_limits_are_refused() {
     }
 }
 
-/// For both kinds of axes, at construction and in operation; a value at the ceiling is accepted.
+/// Limits above the absolute maximum are rejected for linear and rotary axes, at construction and at runtime; the maximum itself is
+/// accepted.
 #[test]
 fn limits_beyond_the_ceilings_are_refused() {
     let of = |kind: AxisKind, limit: f64, slew: f64| {
@@ -200,7 +200,7 @@ fn limits_lowered_in_operation_are_approached_at_the_slew() {
     assert!((70..120).contains(&cycles), "{cycles}");
 }
 
-/// Without read-back, after a restart.
+/// Without read-back the output starts after a restart at the stored correction, without a step.
 #[test]
 fn the_output_starts_at_the_stored_correction() {
     let mut world = World::lines(&limits());
@@ -213,7 +213,7 @@ fn the_output_starts_at_the_stored_correction() {
     assert!(world.largest_step < 0.003, "{}", world.largest_step);
 }
 
-/// Nothing is sent before.
+/// A correction beyond the limit is a fault, and nothing is sent; after an acknowledgement the correction ramps to zero.
 #[test]
 fn a_correction_beyond_the_limit_ramps_out_after_acknowledgement() {
     let mut world = World::new(&limits());
@@ -232,7 +232,6 @@ fn a_correction_beyond_the_limit_ramps_out_after_acknowledgement() {
     world.assert_steps(MOST, "ramping out");
 }
 
-/// Setting the same limits again does not make an unknown correction beyond the limit acceptable.
 #[test]
 fn setting_the_same_limits_accepts_no_correction() {
     for request in [Request::Arm, Request::Disarm] {
@@ -246,7 +245,7 @@ fn setting_the_same_limits_accepts_no_correction() {
     }
 }
 
-/// Three false readings cause no step of 1.5 mm, and an actual correction is not ramped out without acknowledgement.
+/// On disarming, three false readings of 1.5 mm cause no step, and a real correction beyond the limit stays until an acknowledgement.
 #[test]
 fn disarming_does_not_ramp_out_a_correction_beyond_the_limit() {
     for (is_real, is_armed, request) in [
@@ -267,7 +266,7 @@ fn disarming_does_not_ramp_out_a_correction_beyond_the_limit() {
         if is_real {
             world.clear(axes(1.5, 0.0));
         }
-        // If armed, the request comes in the cycle of the third such reading.
+        // When armed, the request comes in the cycle of the third such reading.
         let is_confirmed = |world: &World| {
             let confirmed = world.status().confirmed;
             confirmed.is_some_and(|confirmed| confirmed.values[0] >= 1.0)
@@ -293,7 +292,7 @@ fn disarming_does_not_ramp_out_a_correction_beyond_the_limit() {
     }
 }
 
-/// A second gateway, disarmed or ended 100 ms after its start, does not ramp out the correction of the first.
+/// A second gateway that is disarmed or stopped 100 ms after its start does not ramp out the first gateway's correction.
 #[test]
 fn disarming_does_not_ramp_out_another_gateways_correction() {
     let mut world = World::new(&limits());
@@ -303,12 +302,12 @@ fn disarming_does_not_ramp_out_another_gateways_correction() {
     assert!(reasons.contains(Reasons::WATCHING), "{reasons:?}");
     world.request(Request::Disarm);
     world.run_to(4 * SECOND, State::Disarmed);
-    // Also if the other gateway is detected later.
+    // The correction also stays if the other gateway is detected later.
     world.read_back.report_other_gateway(world.now);
     world.request(Request::Disarm);
     world.run(SECOND);
     assert_eq!(world.applied, axes(0.020, 0.0));
-    // Without another gateway, the end of the program leaves the correction, and disarming removes it.
+    // Without another gateway, stopping leaves the correction, and disarming removes it.
     world.run(8 * SECOND);
     world.request(Request::End);
     world.run_to(SECOND, State::Disarmed);
@@ -318,7 +317,7 @@ fn disarming_does_not_ramp_out_another_gateways_correction() {
     assert_eq!(world.applied, PerChannel::ZERO);
 }
 
-/// The barrier accepted another owner, a later sequence, or an epoch without own frames.
+/// The barrier accepted another owner, a later sequence, or an epoch without own frames: a fault as long as the other gateway sends.
 #[test]
 fn a_frame_of_another_gateway_is_a_fault_until_it_is_gone() {
     let frames = [(5, 0, 0), (99, 2, 0), (99, 30_000, 0), (99, 0, 1)];
@@ -341,7 +340,7 @@ fn a_frame_of_another_gateway_is_a_fault_until_it_is_gone() {
             assert!(!output.write, "{owner} {ahead} {epochs}");
             let state = world.request(Request::Acknowledge).state;
             assert_eq!(state, OTHER_GATEWAY, "it is still there");
-            // The other one falls silent: the barrier times out.
+            // The other gateway falls silent, and the barrier times out.
             world.run_to(2 * SECOND, OTHER_GATEWAY);
             assert_eq!(world.applied, PerChannel::ZERO);
             assert_eq!(world.request(Request::Acknowledge).state, State::Disarmed);
@@ -351,7 +350,7 @@ fn a_frame_of_another_gateway_is_a_fault_until_it_is_gone() {
     }
 }
 
-/// An acknowledged correction beyond the limit does not fault again on the other path.
+/// An acknowledged correction beyond the limit continues to ramp out after a change of path; a larger one needs another acknowledgement.
 #[test]
 fn ramping_out_from_beyond_the_limit_continues_after_a_change_of_paths() {
     for found_there in [None, Some(0.500)] {
@@ -361,14 +360,13 @@ fn ramping_out_from_beyond_the_limit_continues_after_a_change_of_paths() {
         assert_eq!(world.request(Request::Arm).state, BEYOND_LIMIT);
         world.request(Request::Acknowledge);
         world.run(5 * PERIOD);
-        // The other path has its axes in another order.
+        // The other path has another axis order.
         world.applied = axes(world.applied[1], world.applied[0]);
         let places = PerChannel::leading([Some(1), Some(0)]);
         world.guard.take_path(limits(), &places).expect("valid");
         world.read_back = ReadBack::plain(Duration::ZERO);
         world.applied[1] = found_there.unwrap_or(world.applied[1]);
         let is_out = world.run(5 * SECOND).state == State::Disarmed;
-        // A larger correction needs another acknowledgement.
         assert_eq!(is_out, found_there.is_none());
         assert_eq!(world.applied[1], found_there.unwrap_or(0.0));
     }

@@ -5,7 +5,7 @@ use volcomp_guard::{
     SensorCheck, SensorFlaw, SensorLimits, SensorReading, SensorReport, judge_temperatures,
 };
 
-/// Sensors of a machine, read every `pause` seconds.
+/// The sensors of a machine, read every `pause` seconds.
 struct Machine {
     limits: SensorLimits,
     checks: Vec<SensorCheck>,
@@ -23,7 +23,7 @@ impl Machine {
         }
     }
 
-    /// Checks the next round of readings, measured now.
+    /// Checks a round of readings measured now.
     fn hears(&mut self, readings: &[SensorReading]) -> Vec<SensorReport> {
         self.now += self.pause;
         let now = Duration::from_secs_f64(self.now);
@@ -46,7 +46,7 @@ impl Machine {
         reported.iter().map(|reported| reported.flaw).collect()
     }
 
-    /// Reads the same temperatures for some seconds. Returns when the first sensor was accepted.
+    /// Reads the same temperatures for this time; returns when the first sensor was accepted, s.
     fn used_after(&mut self, degc: &[f64], seconds: f64) -> Option<f64> {
         let start = self.now;
         while self.now - start < seconds {
@@ -88,9 +88,8 @@ fn every_flaw() {
     assert_eq!(check(&mut one, 3, f64::NAN, 3), out(SensorFlaw::OutOfRange));
     assert_eq!(check(&mut one, 4, 850.0, 4), out(SensorFlaw::OutOfRange));
     assert_eq!(check(&mut one, 40, 21.0, 5), out(SensorFlaw::Stale));
-    // 2.5 K is the permitted change in 30 s, the most that a time with a fault counts.
+    // 2.5 K is the permitted change in 30 s, the maximum time credited after a fault.
     assert_eq!(check(&mut one, 65, 23.9, 65), (Some(23.9), None));
-    // Repeating the same reading is no fault.
     assert_eq!(check(&mut one, 66, 23.9, 65), (Some(23.9), None));
     assert_eq!(check(&mut one, 67, 25.0, 67), out(SensorFlaw::Jumped));
     for readings in [SensorReading::Silence, SensorReading::Fault] {
@@ -121,11 +120,10 @@ fn a_jump_of_forty_kelvin_is_never_accepted() {
         among.used_after(&[60.0, 21.0, 25.0, 22.0], 5.0 * 3600.0),
         None
     );
-    // The other sensors are not affected.
     assert_eq!(among.reads(&[60.0, 21.0, 25.0, 22.0])[1..], [None; 3]);
 }
 
-/// After a fault, a break or a pause.
+/// A jump after a fault, a break or a pause is still a jump: the sensor stays out for a day.
 #[test]
 fn a_jump_after_a_gap_is_a_jump() {
     for gap in [SensorReading::Fault, SensorReading::Silence] {
@@ -144,19 +142,19 @@ fn a_jump_that_was_a_disturbance_ends_after_ten_minutes() {
     machine.reads(&[20.0]);
     assert_eq!(machine.reads(&[60.0]), [Some(SensorFlaw::Jumped)]);
     assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
-    // A reading that disagrees restarts the ten minutes.
+    // A deviating reading restarts the ten minutes.
     machine.reads(&[60.0]);
     assert_eq!(machine.used_after(&[20.8], 500.0), None);
     machine.reads(&[22.5]);
     assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
-    // A fault has the same effect.
+    // A fault restarts the ten minutes too.
     machine.reads(&[60.0]);
     assert_eq!(machine.used_after(&[20.8], 500.0), None);
     machine.hears(&[SensorReading::Fault]);
     assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
 }
 
-/// The machine cooled by 6 K meanwhile, as the neighbours show.
+/// The machine cooled by 6 K while a sensor was out: the sensor is accepted 601 s after it agrees with the change of its neighbours.
 #[test]
 fn agreement_with_neighbours_readmits_a_sensor() {
     let mut machine = Machine::new(3, SensorLimits::default());
@@ -168,7 +166,7 @@ fn agreement_with_neighbours_readmits_a_sensor() {
         assert_eq!(flaws, [Some(SensorFlaw::Jumped), None, None]);
     }
     assert_eq!(machine.used_after(&[24.5, 16.0, 35.0], 3600.0), Some(601.0));
-    // Of two sensors either may be right.
+    // Of two sensors either may be the right one.
     let mut two = Machine::new(2, SensorLimits::default());
     two.reads(&[30.0, 22.0]);
     two.reads(&[70.0, 22.0]);
@@ -178,7 +176,7 @@ fn agreement_with_neighbours_readmits_a_sensor() {
     assert_eq!(two.used_after(&[24.0, 16.0], DAY), None);
 }
 
-/// Three sensors at 40 °C; the first is broken for two hours in which the machine cools to 25 °C.
+/// Three sensors at 40 °C. The first is broken for two hours, in which the machine cools to 25 °C.
 fn cooled_while_the_first_was_broken() -> Machine {
     let mut machine = Machine::new(3, SensorLimits::default());
     for _ in 0..600 {
@@ -193,7 +191,7 @@ fn cooled_while_the_first_was_broken() -> Machine {
     machine
 }
 
-/// The usual difference is that at its last accepted reading, not between its old temperature and later ones of the neighbours.
+/// A repaired sensor is accepted 601 s after it agrees with its neighbours. Their usual difference is that at its last accepted reading.
 #[test]
 fn a_repaired_sensor_that_agrees_with_its_neighbours_is_readmitted() {
     let mut machine = cooled_while_the_first_was_broken();
@@ -201,8 +199,8 @@ fn a_repaired_sensor_that_agrees_with_its_neighbours_is_readmitted() {
     assert_eq!(machine.used_after(&[25.0; 3], 4.0 * 3600.0), Some(601.0));
 }
 
-/// A temperature of two hours ago predicts nothing if the neighbours have changed, with or without a jump at its return, or if they fall silent
-/// later.
+/// A sensor that returns with its temperature of two hours ago, when the neighbours have changed, stays out, with or without a jump at
+/// its return, also if the neighbours fall silent.
 #[test]
 fn an_old_temperature_does_not_outweigh_the_neighbours() {
     for first in [60.0, 40.0] {
@@ -220,7 +218,8 @@ fn an_old_temperature_does_not_outweigh_the_neighbours() {
     }
 }
 
-/// Its own last temperature is the prediction while the neighbours warm up.
+/// While the neighbours warm up, a slow sensor's last temperature is its prediction: after a short disturbance it is accepted in ten
+/// minutes.
 #[test]
 fn a_short_disturbance_of_a_slow_sensor_ends() {
     let mut machine = Machine::new(3, SensorLimits::default());
@@ -233,7 +232,7 @@ fn a_short_disturbance_of_a_slow_sensor_ends() {
     assert_eq!(back, Some(600));
 }
 
-/// The sensors of a module that lost its reference do not confirm one another.
+/// All sensors of a module that lost its reference jump together: they do not confirm one another, and stay out for a day.
 #[test]
 fn sensors_that_jump_together_stay_out() {
     let mut machine = Machine::new(4, SensorLimits::default());
@@ -252,12 +251,12 @@ fn an_acknowledged_jump_is_accepted() {
     assert_eq!(machine.used_after(&[60.0, 20.0], 3600.0), None);
     machine.acknowledge();
     assert_eq!(machine.reads(&[60.0, 20.0]), [None; 2]);
-    // The acknowledgement readmits only sensors that have jumped.
+    // The acknowledgement applies only to sensors that have jumped.
     machine.acknowledge();
     assert_eq!(machine.reads(&[60.0, 60.0])[1], Some(SensorFlaw::Jumped));
 }
 
-/// The thermometer was silent overnight, without a fault.
+/// The thermometer was silent overnight without a fault: temperatures that are lower in the morning are accepted.
 #[test]
 fn a_cold_morning_is_accepted() {
     let mut machine = Machine::new(2, SensorLimits::default());
@@ -268,7 +267,7 @@ fn a_cold_morning_is_accepted() {
     assert_eq!(machine.reads(&[16.0, 15.0]), [None; 2]);
 }
 
-/// A replaced or reconfigured thermometer may be 22 K off.
+/// After minutes of silence a sensor that is 22 K off, as one that was replaced or reconfigured, is rejected.
 #[test]
 fn a_sensor_far_off_after_minutes_of_silence_is_rejected() {
     let mut machine = Machine::new(1, SensorLimits::default());
@@ -279,7 +278,7 @@ fn a_sensor_far_off_after_minutes_of_silence_is_rejected() {
     assert_eq!(machine.reads(&[44.0]), [Some(SensorFlaw::Jumped)]);
 }
 
-/// Many small steps do not evade the rate.
+/// Small steps that add up to 24 K in a minute are a jump.
 #[test]
 fn creeping_is_jumping() {
     let mut machine = Machine::new(1, SensorLimits::default());
@@ -355,7 +354,6 @@ fn a_sensor_that_disagrees_is_reported() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// At any resolution, interval and noise.
     #[test]
     fn a_slow_warm_up_is_accepted(
         k_per_min in -4.0..4.0_f64,
@@ -371,15 +369,15 @@ proptest! {
                 machine.hears(&[SensorReading::Silence]);
                 continue;
             }
-            // The temperature rises or falls within the range of the machine and then stays constant.
+            // The temperature changes within the machine's range and then stays constant.
             let true_degc = (50.0 + k_per_min * machine.now / 60.0).clamp(-15.0, 110.0);
             let read = ((true_degc + noise[round % noise.len()]) / resolution).round() * resolution;
             prop_assert_eq!(machine.reads(&[read]), vec![None], "round {} at {}", round, read);
         }
     }
 
-    /// Off by more than the agreement, it is never readmitted after its jump, whatever the machine does and whatever gaps occur, alone or among
-    /// others.
+    /// A sensor that jumped and is off by more than the tolerance is never accepted again, whatever the machine does and with any gaps,
+    /// alone or among others.
     #[test]
     fn a_constantly_wrong_sensor_stays_out(
         wrong in prop_oneof![-25.0..-6.0_f64, 6.0..60.0_f64],

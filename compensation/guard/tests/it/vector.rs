@@ -1,5 +1,4 @@
-//! The correction of all axes as one vector, against its limits and in any cycles; its effect on the tool of a machine is tested with the
-//! runtime.
+//! The correction of all axes as one vector: limits in any cycle. The runtime's tests cover the effect on the tool.
 
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -40,7 +39,7 @@ pub(crate) fn of<const N: usize>(values: [f64; N]) -> PerChannel<f64> {
     PerChannel::leading(values)
 }
 
-/// Any request that a wrong model may make: any shares, and levers up to 0.6 m.
+/// Any request, as from a wrong model: any shares, and levers up to 0.6 m.
 fn any_request() -> impl Strategy<Value = RequestedCorrection> {
     let share = |size: f64| -size..size;
     let row = move || [share(600.0), share(600.0), share(600.0)];
@@ -60,7 +59,7 @@ fn any_request() -> impl Strategy<Value = RequestedCorrection> {
         })
 }
 
-/// A motion of a vector, with its number of cycles.
+/// A motion of a vector, and its number of cycles.
 #[derive(Clone, Debug)]
 enum Task {
     Follow(RequestedCorrection, usize),
@@ -87,8 +86,7 @@ fn any_task() -> impl Strategy<Value = Task> {
     ]
 }
 
-/// Runs tasks and passes every cycle to `cycle_seen`: the vector before and after, the cycle time, and `stopped`, true if the rate was
-/// reset.
+/// Runs tasks. `cycle_seen` receives in every cycle the vector before and after, the cycle time, and whether the rate was reset.
 fn run(
     tasks: &[Task],
     dts: &[f64],
@@ -130,7 +128,7 @@ fn run(
 }
 
 proptest! {
-    /// In every cycle and window of time, with cycles from a third of a period to five.
+    /// Slew, acceleration and limit hold in every cycle and time window, with cycle times from a third of the period to five periods.
     #[test]
     fn slew_acceleration_and_limit_hold(
         tasks in prop::collection::vec(any_task(), 1..10),
@@ -174,8 +172,8 @@ proptest! {
         })?;
     }
 
-    /// Limit, slew and acceleration are lowered in motion: nothing moves further out than before or than the new limit, and the return takes the
-    /// lower of both slews.
+    /// Limit, slew and acceleration are lowered in motion: nothing moves farther out than before or than the new limit, and the return
+    /// uses the lower slew.
     #[test]
     fn lowered_limits_are_not_exceeded(
         before in prop::collection::vec(any_task(), 1..5),
@@ -225,7 +223,7 @@ proptest! {
         }
     }
 
-    /// The linear words match the present rotary shares, unless the axes are reported as behind.
+    /// Unless the axes are reported as behind, the linear words match the current rotary shares.
     #[test]
     fn linear_axes_follow_the_moving_shares(
         requested in any_request(),
@@ -241,8 +239,8 @@ proptest! {
         for cycle in 0..6_000 {
             let followed = vector.follow(&requested, &limits, dts[cycle % dts.len()]);
             prop_assert!(!followed.limited);
-            // On the ramp all position shares are reduced by one factor: without the motion that follows the rotary axes, the linear shares
-            // are proportional to the position share.
+            // In a ramp one factor reduces all position shares: without the motion that follows the rotary axes, the linear shares are
+            // proportional to the position share.
             let rotary = PerChannel::from_fn(|i| if i >= 3 { vector.smooth()[i] } else { 0.0 });
             let following = RequestedCorrection { position: PerChannel::ZERO, rotary, ..requested }.full();
             let beside = |i: usize| vector.smooth()[i] - following[i];
@@ -260,7 +258,7 @@ proptest! {
         }
     }
 
-    /// Without rotary axes, requests within the slew are reached in every cycle, except for the quantiser.
+    /// Without rotary axes a request within the slew is reached in every cycle up to the rounding.
     #[test]
     fn three_axes_reach_their_request(
         at in prop::array::uniform3(-0.1..0.1_f64),
@@ -289,7 +287,7 @@ proptest! {
         prop_assert!(vector.is_ramped());
     }
 
-    /// Noise below the hysteresis changes each word at most once.
+    /// At standstill noise below the hysteresis changes a rotary word at most once, a linear word at most three times.
     #[test]
     fn no_chatter_at_standstill(
         requested in any_request(),
@@ -324,7 +322,7 @@ proptest! {
                 *changes += u32::from(vector.output()[i] != before[i]);
             }
         }
-        // The rotary word may change once; the linear words then follow it, and may change once more.
+        // The rotary word may change once; linear words follow it, and may change once more.
         prop_assert!(changes[3] <= 1 && changes[4] <= 1, "{changes:?}");
         prop_assert!(changes[..3].iter().all(|changes| *changes <= 3), "{changes:?}");
     }
@@ -360,7 +358,7 @@ fn nan_and_infinity_move_nothing() {
     assert_eq!(Vector::at(&PerChannel::ZERO), Vector::default());
 }
 
-/// The axes leave only as long as they need to return, and the ramp continues.
+/// 20 cycles after one absurd request the axes are where they would be without it, within one cycle of the ramp, and the ramp continues.
 #[test]
 fn one_absurd_request_does_not_end_the_ramp() {
     let requested = RequestedCorrection {
@@ -397,7 +395,7 @@ fn one_absurd_request_does_not_end_the_ramp() {
                         vector.follow(now, &limits, 0.004);
                         let differs = |i: usize| (vector.smooth()[i] - calm.smooth()[i]).abs();
                         let now = (0..3).map(differs).fold(0.0, f64::max);
-                        // At most two slews apart for 20 cycles, and then one cycle of the ramp.
+                        // At most twice the slew for 20 cycles, then one cycle of the ramp.
                         let most = if cycle < at + 20 { 0.004 } else { 0.001 };
                         assert!(
                             now <= most,
@@ -411,7 +409,7 @@ fn one_absurd_request_does_not_end_the_ramp() {
     }
 }
 
-/// The ramp to zero begins in the cycle after it: moving axes brake.
+/// After one absurd request the moving axes brake, and the ramp to zero begins in the next cycle.
 #[test]
 fn one_absurd_request_does_not_block_a_line() {
     for accel_s in [0.0, 0.1] {
@@ -461,7 +459,8 @@ fn a_limit_scales_every_share_equally() {
     assert!(followed.limited && followed.warned && !followed.slewing);
 }
 
-/// The linear words are solved for the rotary words as rounded, so the tip is not off where rounding exceeds the limit of a linear axis.
+/// At rest the rotary values before rounding are whole output steps, and the linear words are solved for these. Otherwise the tip would
+/// be off where rounding exceeds the limit of a linear axis.
 #[test]
 fn at_rest_rotary_words_are_whole_steps() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);

@@ -1,4 +1,4 @@
-//! A control as seen by a guard, with injected faults; the tests check the motion of the axes.
+//! A simulated control as the guard sees it, with injected faults; tests check the motion of its axes.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -14,13 +14,12 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerChannel};
 pub(crate) const PERIOD: Duration = Duration::from_millis(4);
 pub(crate) const SCAN: Duration = Duration::from_millis(2);
 pub(crate) const STEP: f64 = 0.001;
-/// Slew of the guard, mm/s.
 pub(crate) const SLEW: f64 = 0.5;
-/// Slew per cycle, and the barrier's rate per scan, with rounding, mm.
+/// Guard's slew per cycle and barrier's rate per scan, with rounding, mm.
 pub(crate) const MOST: f64 = 0.002 + 1e-9;
 pub(crate) const SECOND: Duration = Duration::from_secs(1);
 pub(crate) const MACHINE: u16 = 4711;
-/// The flags of another path.
+/// The interlock flags of another path, none set.
 pub(crate) const CLEAR: Option<Interlock> = Some(Interlock {
     unreferenced: false,
     alarm: false,
@@ -59,12 +58,12 @@ pub(crate) fn layout() -> Layout {
     Layout::of([AxisName::X, AxisName::Y]).expect("each once")
 }
 
-/// A barrier that fits the limits above: 1 µm/ms, hold 50 ms, timeout 200 ms.
+/// A barrier for the limits above: 1 µm/ms, hold 50 ms, timeout 200 ms.
 pub(crate) fn barrier() -> Barrier {
     barrier_from(17, 40)
 }
 
-/// The same, switched on with this epoch and tick.
+/// The barrier of [`barrier`], powered up with this epoch and tick.
 pub(crate) fn barrier_from(epoch: u16, tick: u16) -> Barrier {
     let settings = Settings {
         axes: layout(),
@@ -78,14 +77,13 @@ pub(crate) fn barrier_from(epoch: u16, tick: u16) -> Barrier {
     Barrier::start(settings, epoch, tick, &PerChannel::default()).expect("valid")
 }
 
-/// A control, a guard and time.
 #[expect(clippy::struct_excessive_bools, reason = "separate faults")]
 pub(crate) struct World {
     pub(crate) guard: Guard,
     pub(crate) read_back: ReadBack,
     pub(crate) interlocks: Interlocks,
     pub(crate) now: Duration,
-    /// Correction of the axes.
+    /// Applied correction of the axes.
     pub(crate) applied: PerChannel<f64>,
     pub(crate) barrier: Option<Barrier>,
     pub(crate) mailbox: Vec<u16>,
@@ -100,41 +98,41 @@ pub(crate) struct World {
     pub(crate) referenced: bool,
     pub(crate) alarm: bool,
     pub(crate) emergency_stop: bool,
-    /// The barrier holds for a stop that no path reports.
+    /// The barrier holds in a stop that no path reports.
     pub(crate) holds: bool,
     pub(crate) answers: bool,
     /// Reported instead of the applied correction.
     pub(crate) false_reading: Option<PerChannel<f64>>,
-    /// A word of the barrier's report, and its flipped bits.
+    /// Index of a word of the barrier's report, and the bits to flip.
     pub(crate) flipped_word: Option<(usize, u16)>,
-    /// Delay of the reported correction, cycles; its timestamp is fresh.
+    /// Delay of the reported correction, cycles; its timestamp is still fresh.
     pub(crate) report_delay: usize,
-    /// The reported correction has its own timestamp.
+    /// Reported corrections have their own timestamp.
     pub(crate) dates_reports: bool,
     /// Delay of frames to the barrier, cycles.
     pub(crate) frame_delay: usize,
     in_transit: VecDeque<Vec<u16>>,
     reported: VecDeque<(PerChannel<f64>, [u16; REPORT_WORDS], usize, Duration)>,
-    /// Readings do not contain the correction.
+    /// Reported positions do not contain the correction.
     pub(crate) hides_correction: bool,
     /// Lines whose device reports the levels of its outputs.
     pub(crate) reports_levels: bool,
-    /// Writes have an effect.
+    /// Writes take effect.
     pub(crate) sticks: bool,
     /// Writes return an error.
     pub(crate) write_fails: bool,
-    /// Interval of new positions, each one interval old.
+    /// Interval of new positions; each is one interval old.
     pub(crate) positions_every: Option<Duration>,
     shown: [Option<Reading>; 2],
     /// Timestamp of frozen positions.
     pub(crate) frozen_at: Option<Duration>,
     pub(crate) really_includes: bool,
     pub(crate) forbids: Reasons,
-    /// Largest change of an axis by one write or scan since this was set to zero, mm.
+    /// Largest change of an axis by one write or scan since the last reset, mm.
     pub(crate) largest_step: f64,
 }
 
-/// The same axis order on both paths.
+/// Both paths have the same axis order.
 pub(crate) fn same_places() -> PerChannel<Option<usize>> {
     PerChannel::from_fn(Some)
 }
@@ -146,27 +144,23 @@ pub(crate) fn axes(x: f64, y: f64) -> PerChannel<f64> {
 }
 
 impl World {
-    /// A control without a barrier, with read-back.
     pub(crate) fn new(limits: &Limits) -> Self {
         Self::of(limits, ReadBack::plain(Duration::ZERO), None)
     }
 
-    /// A control without read-back.
     pub(crate) fn lines(limits: &Limits) -> Self {
         Self::of(limits, ReadBack::no_read_back(None), None)
     }
 
-    /// A control with a barrier.
     pub(crate) fn guarded(limits: &Limits) -> Self {
         Self::guarded_by(limits, barrier(), SCAN)
     }
 
-    /// A control with this barrier and scan period.
     pub(crate) fn guarded_by(limits: &Limits, barrier: Barrier, scan: Duration) -> Self {
         let link = BarrierLink::new(99, MACHINE, layout(), scan);
         let mut world = Self::of(limits, ReadBack::barrier(link), Some(barrier));
         world.scan_time = scan;
-        // The scan rate is measured.
+        // Long enough to measure the scan rate.
         world.run(Duration::from_secs(2));
         world
     }
@@ -228,7 +222,7 @@ impl World {
         world
     }
 
-    /// Another path to the same barrier, not read yet, takes over with these limits.
+    /// Takes over on another path to the same barrier, which was not read yet, with these limits.
     pub(crate) fn take_other_path(&mut self, limits: &Limits) {
         let link = BarrierLink::new(99, MACHINE, layout(), SCAN);
         let places = same_places();
@@ -256,7 +250,6 @@ impl World {
         !self.referenced || self.alarm || self.emergency_stop
     }
 
-    /// Runs the due scans of the control.
     pub(crate) fn scan(&mut self) {
         while self.scanned + self.scan_time <= self.now {
             self.scanned += self.scan_time;
@@ -270,7 +263,6 @@ impl World {
         }
     }
 
-    /// Moves the axes.
     pub(crate) fn apply(&mut self, values: PerChannel<f64>) {
         for (new, old) in values.iter().zip(&self.applied) {
             self.largest_step = self.largest_step.max((new - old).abs());
@@ -299,7 +291,6 @@ impl World {
         self.answers.then_some(reading)
     }
 
-    /// Updates positions that come at intervals.
     fn show(&mut self) {
         let Some(every) = self.positions_every.take() else {
             return;
@@ -311,7 +302,6 @@ impl World {
         self.positions_every = Some(every);
     }
 
-    /// Reads the control.
     pub(crate) fn read(&mut self) {
         self.show();
         let limits = *self.guard.limits();
@@ -345,7 +335,6 @@ impl World {
         self.interlocks.update(0, self.answers.then_some(interlock));
     }
 
-    /// Runs the guard.
     pub(crate) fn decide(&mut self, request: Option<Request>) -> Output {
         if request == Some(Request::Acknowledge) {
             self.interlocks.acknowledge();
@@ -367,7 +356,7 @@ impl World {
         })
     }
 
-    /// Sends an output, unless it has expired.
+    /// Sends an output unless its deadline has passed.
     pub(crate) fn send(&mut self, output: &Output) {
         if !output.write {
             return;
@@ -408,14 +397,14 @@ impl World {
         output
     }
 
-    /// Foreign change of the correction, if the control has no barrier.
+    /// Changes the correction like a foreign client, if the control has no barrier.
     pub(crate) fn clear(&mut self, values: PerChannel<f64>) {
         if self.status().scheme == Scheme::Plain {
             self.applied = values;
         }
     }
 
-    /// A cycle in which the program pauses for `stopped` between reading and writing. Returns whether the output was sent.
+    /// A cycle in which the program is suspended for `stopped` between read and write; returns whether the output was sent.
     pub(crate) fn cycle_with_pause(
         &mut self,
         dt: Duration,
@@ -433,7 +422,7 @@ impl World {
         (output, before != self.applied)
     }
 
-    /// Every change of an axis by one write or scan was at most `most`, mm.
+    /// Checks that no write or scan changed an axis by more than `most`, mm.
     #[track_caller]
     pub(crate) fn assert_steps(&self, most: f64, case: &str) {
         let found = self.largest_step;
@@ -443,14 +432,14 @@ impl World {
         );
     }
 
-    /// X and Y have these corrections, mm.
+    /// Checks the corrections of X and Y, mm.
     #[track_caller]
     pub(crate) fn assert_applied(&self, expected: PerChannel<f64>, case: &str) {
         let off = |i: usize| (self.applied[i] - expected[i]).abs();
         assert!(off(0) < 1e-9 && off(1) < 1e-9, "{case}: {:?}", self.applied);
     }
 
-    /// Runs for `time`, and then is in this state.
+    /// Runs for `time`, then checks the state.
     #[track_caller]
     pub(crate) fn run_to(&mut self, time: Duration, state: State) -> Output {
         let output = self.run(time);
@@ -480,14 +469,14 @@ impl World {
         self
     }
 
-    /// Arms, and counts the largest step from here.
+    /// Arms, and resets the largest step.
     pub(crate) fn arm_from_here(mut self) -> Self {
         self.largest_step = 0.0;
         self.request(Request::Arm);
         self
     }
 
-    /// A control without a barrier, with read-back, armed.
+    /// An armed control without a barrier, with read-back.
     pub(crate) fn compensating(limits: &Limits) -> Self {
         Self::new(limits).arm()
     }

@@ -1,4 +1,4 @@
-//! Rows of balls: against closed forms, and what is refused.
+//! Rows of balls: results equal closed forms, and invalid rows are rejected.
 
 use std::fmt::Write as _;
 
@@ -23,16 +23,16 @@ fn lab() -> Lab {
     lab
 }
 
-/// A scale that is 20 µm/m too long and a straightness of 4 µm in the middle, on a bar tilted by 150 µrad in the plane and 80 µrad out of
-/// it, read by indicators.
+/// A scale 20 µm/m too long and a straightness of 4 µm in the middle are identified within 0.001 µm on a bar tilted by 150 µrad in the
+/// plane and 80 µrad out of it, read by indicators.
 #[test]
 fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
     let lab = lab();
     let mut text = String::from("X,Y,Z,ball,along_um,side1_um,side2_um\n");
     for (k, ball) in ["A", "B", "C", "D", "E"].into_iter().enumerate() {
         let s = 100.0 * k as f64;
-        // Tip minus ball, µm with s in mm: positioning; straightness and −tilt; −tilt.
-        // Askew by 170 µrad the bar is shorter along X by its cosine, 0.006 µm at its end.
+        // Tip minus ball, µm with s in mm: positioning; straightness and −tilt; −tilt. Tilted by 170 µrad the bar is shorter along X by
+        // its cosine, 0.006 µm at its end.
         let along = 0.02 * s + 0.5e-3 * (0.15_f64.powi(2) + 0.08_f64.powi(2)) * s;
         let side1 = 4.0 * (1.0 - ((s - 200.0) / 200.0).powi(2)) - 0.15 * s;
         let side2 = -0.08 * s;
@@ -47,7 +47,7 @@ fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
         .identify(&format!("{UNKNOWN}{OBSERVATION}"))
         .expect("found");
     assert!(found.residual.max_um < 1e-3, "{:?}", found.residual);
-    // Legendre over the range, which is a thousandth wider at both ends: 20 µm/m, and 4(1 − t²) = const − (8/3) P2.
+    // Legendre over the range, which is 0.1 % wider at both ends: 20 µm/m, and 4(1 − t²) = const − (8/3) P2.
     let wider = 1.002;
     assert!((value(&found, "EXX legendre 1").0 - 4.0 * wider).abs() < 1e-3);
     assert!((value(&found, "EYX legendre 2").0 + 8.0 / 3.0 * wider * wider).abs() < 1e-3);
@@ -61,11 +61,11 @@ fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
     );
 }
 
-/// The squareness error of the test below, µrad.
+/// Squareness error of the test below, µrad.
 const URAD: f64 = 40.0;
 
-/// Two rows across the table at ±45°, read by a touch probe: squareness lengthens one and shortens the other. The ball at the distance √2·a
-/// is found a·ε off along X, which is ε·a/√2 along the row.
+/// Two rows across the table at ±45°, read by a touch probe: squareness lengthens one and shortens the other. The ball at distance √2·a
+/// is a·ε off along X, thus a·ε/√2 along the row.
 #[test]
 fn squareness_from_rows_along_both_diagonals() {
     let lab = lab();
@@ -74,7 +74,7 @@ fn squareness_from_rows_along_both_diagonals() {
         for (k, ball) in ["A", "B", "C", "D"].into_iter().enumerate() {
             let part = 100.0 * k as f64 * 0.5_f64.sqrt();
             let (x, y) = (100.0 + part, 200.0 + sign * (part - 100.0));
-            // The tip of a command (x, y) is at (x − ε y, y): the direction of Y is turned by ε about Z.
+            // The tip of a command (x, y) is at (x − ε y, y): Y is rotated by ε about Z.
             let _ = writeln!(text, "{:?},{y:?},{ball}", x + URAD * 1e-6 * y);
         }
         lab.write(file, &text);
@@ -88,7 +88,7 @@ fn squareness_from_rows_along_both_diagonals() {
     let found = lab.identify(&text).expect("found");
     let (squareness, uncertainty) = value(&found, "EC0Y");
     assert!((squareness - URAD).abs() < 1e-2, "{squareness}");
-    // Along each row a slope of ε/2; four balls at 1 µm, both rows.
+    // A slope of ε/2 along each row; four balls at 1 µm, two rows.
     let squares: f64 = [-150.0, -50.0, 50.0, 150.0_f64].iter().map(|s| s * s).sum();
     let expected = 1e3 * 2.0 / (2.0 * squares).sqrt();
     assert!(
@@ -97,7 +97,7 @@ fn squareness_from_rows_along_both_diagonals() {
     );
 }
 
-/// A distance calibrated within 2 µm and measured 3 µm ± 1 µm off: the weighted mean.
+/// A distance calibrated within 2 µm and measured 3 µm ± 1 µm off gives the weighted mean.
 #[test]
 fn a_calibrated_distance_is_one_more_observation() {
     let lab = lab();

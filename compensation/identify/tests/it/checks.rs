@@ -1,4 +1,4 @@
-//! Implausible files: another sphere, tool, sign or unit, misspelt columns. Whatever would give wrong results is refused or noted.
+//! Implausible files (another sphere, tool, sign or unit, misspelt columns): what would give wrong results is rejected or noted.
 
 use std::fmt::Write;
 
@@ -27,8 +27,8 @@ kind = \"sphere\"
 file = \"s.csv\"
 ";
 
-/// Rows of a tool of `length` at a ball at [120, 40, −300] or [−150, 60, −280] on the table, in closed form. C rotates the table, so that
-/// the tool moves around it by +C (ISO 841); B rotates the tool.
+/// Rows of a tool of `length` at a ball at [120, 40, −300] or [−150, 60, −280] on the table, in closed form. C rotates the table, so the
+/// tool moves around it by +C (ISO 841); B rotates the tool.
 fn rows(
     header: &str,
     length: f64,
@@ -66,12 +66,11 @@ fn found(text: &str) -> Result<Identification, IdentifyError> {
     lab.identify(UNKNOWN)
 }
 
-/// Gives the spheres of another file other names.
 fn apart(name: &mut &str, [one, two]: [&'static str; 2]) {
     *name = if *name == "one" { one } else { two };
 }
 
-/// The rejected files, worst first: name, number of far rows, number of rows.
+/// Rejected files, worst first: name, number of outlying rows, number of rows.
 fn far(result: Result<Identification, IdentifyError>) -> Vec<(String, usize, usize)> {
     match result {
         Err(IdentifyError::FarRows { files }) => files
@@ -82,7 +81,7 @@ fn far(result: Result<Identification, IdentifyError>) -> Vec<(String, usize, usi
     }
 }
 
-/// Signs, units, tools, offsets and names that no machine explains: rejected with the name of the file, without a result.
+/// Signs, units, tools, offsets and names that no machine explains are rejected with the file's name, without a result.
 #[test]
 fn implausible_rows_are_refused() {
     type Change = fn(&mut [f64; 5]);
@@ -121,7 +120,7 @@ fn implausible_rows_are_refused() {
         "good.csv",
         &rows(HEADER, 200.0, |_, _, name| apart(name, ["three", "four"])),
     );
-    // Rows along diagonals are never far off; although they are most of the rows, they must not hide a file that is.
+    // Rows along diagonals never deviate much. Although they are most of the rows, they must not hide a file that does.
     let diagonal = (0..200).map(|k| {
         let at = f64::from(k) * 2.0 - 200.0;
         [at, at, at, 0.3 * f64::from(k % 3)]
@@ -139,7 +138,7 @@ fn implausible_rows_are_refused() {
     }
 }
 
-/// Rows of another sphere are counted, and a sphere of one name at two places is refused.
+/// Rows of another sphere are counted, and one sphere name at two positions is rejected.
 #[test]
 fn rows_of_another_sphere_are_refused() {
     for bad in [1, 4, 8] {
@@ -167,12 +166,11 @@ fn rows_of_another_sphere_are_refused() {
         .map(|(file, ..)| file)
         .collect();
     assert!(files.iter().any(|file| file == "high.csv"), "{files:?}");
-    // With its own name it fits.
     lab.write("high.csv", &only(true).replace("S1", "S2"));
     assert!(lab.identify(&both).is_ok());
 }
 
-/// A frame cannot absorb the mirroring of a cloud of points.
+/// A left-handed frame is rejected, because no rigid motion mirrors a cloud of points.
 #[test]
 fn a_left_handed_frame_is_refused() {
     let lab = Lab::new(
@@ -195,7 +193,7 @@ fn a_left_handed_frame_is_refused() {
     }
 }
 
-/// If the zero of an axis or a sphere moves by millimetres between two rows, no machine explains the rows.
+/// If the zero of an axis or a sphere moves by millimetres between two rows, the file is rejected.
 #[test]
 fn a_shift_between_rows_is_refused() {
     for seed in 1..4 {
@@ -209,7 +207,7 @@ fn a_shift_between_rows_is_refused() {
                 other => panic!("{shift} {first}: {other:?}"),
             }
         }
-        // For tenths of a millimetre there is a result, with its residuals.
+        // A shift of tenths of a millimetre gives a result, with its residuals.
         let text = rows(HEADER, 200.0, |k, at, _| {
             at[0] += if k >= 12 { 0.1 } else { 0.0 };
         });
@@ -218,7 +216,7 @@ fn a_shift_between_rows_is_refused() {
     }
 }
 
-/// A single slip is only noted, and robust weights discount any that is not far off.
+/// A single outlier is only noted, and robust weights reduce its effect to less than 1 µm.
 #[test]
 fn an_outlier_does_not_refuse_a_file() {
     let slip = |by: f64| {
@@ -290,7 +288,7 @@ X,Y,Z,C_actual,B,sphere | found a column `C_actual`, expected `C`
         let error = found(&rows(header, 200.0, |_, _, _| ())).expect_err(header);
         assert!(error.to_string().contains(expected), "{error}");
     }
-    // Without its three columns a file is that of a touch probe; a single missing or misspelt column does not turn it into one.
+    // Without its three columns a file is that of a touch probe; one missing or misspelt column does not make it one.
     for [columns, expected] in &cases(
         "
 dx_mm,dy_mm,dz_mm | found a column `dx_mm`, expected `dx_um`
@@ -303,7 +301,7 @@ dx_um,foo,bar | `dy_um`
         let error = found(&text).expect_err(columns).to_string();
         assert!(error.contains(expected), "{columns}: {error}");
     }
-    // A tracker column in another unit is named, instead of the axis with the same letter.
+    // The message names a tracker column in another unit, not the axis with the same letter.
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", "X,Y,x mm,y mm,z_um\n1,2,3,4,5\n");
     let message =
@@ -320,7 +318,7 @@ fn axis_columns_may_have_a_unit() {
     let found_as_headed = found(&text).expect("found");
     assert!(value(&found_as_headed, "EX0C").0.abs() < 1.0);
     assert_eq!(crate::lab::words(&found_as_headed), "");
-    // An unused column `x` next to `X mm` is noted and not taken as X.
+    // An unused column `x` next to `X mm` is noted and not read as X.
     let mut beside = String::new();
     for (k, line) in rows("X mm,Y,Z,C,B,sphere", 200.0, |_, _, _| ())
         .lines()
@@ -356,7 +354,7 @@ fn readings_below_their_uncertainty_are_noted() {
 
 #[test]
 fn the_proposed_pose_informs_about_undetermined_errors() {
-    // C is at rest: its run-out is undetermined.
+    // C is at rest, so its run-out is undetermined.
     let lab = Lab::new(MACHINE);
     let mut still = format!("{HEADER}\n");
     for b in [-60.0_f64, -30.0, 0.0, 30.0, 60.0] {
@@ -382,8 +380,8 @@ fn the_proposed_pose_informs_about_undetermined_errors() {
     );
 }
 
-/// An R-test and diagonals share one unknown, the squareness: the contradiction is small, but depends on the sign. Instruments that
-/// differ only in magnitude are not reported as inverted.
+/// An R-test and diagonals share the unknown squareness: the contradiction is small but depends on the sign, and the inverted R-test is
+/// named. Instruments that differ in magnitude only are not reported as inverted.
 #[test]
 fn an_inverted_r_test_is_named() {
     use AxisName::C;
@@ -448,7 +446,7 @@ direction = [1, 1, 0]
     assert!(!words.contains("looks inverted"), "{words}");
 }
 
-/// On a machine without fixed lengths, everything in inches fits as well as in mm.
+/// Rows over a small part of the travel give a note: on a machine without fixed lengths, readings in inches fit as well as in mm.
 #[test]
 fn rows_over_a_small_part_of_the_travel_are_noted() {
     let lab = Lab::new(
@@ -473,7 +471,7 @@ fn rows_over_a_small_part_of_the_travel_are_noted() {
     let words = crate::lab::words(&found);
     assert!(words.contains("% of their travel at most"), "{words}");
     assert!(found.undecided().is_empty());
-    // A single judged row that is far off is named as well.
+    // A single outlying judged row is named as well.
     lab.write("j.csv", "X,Y,x,y,z\n2,2,2,2,0\n9,9,9,9,0\n20,15,70,15,0\n");
     let judged =
         format!("{observed}[[observation]]\nkind = \"points\"\nfile = \"j.csv\"\njudge = true\n");
@@ -481,7 +479,7 @@ fn rows_over_a_small_part_of_the_travel_are_noted() {
     let words = crate::lab::words(&found);
     assert!(words.contains("j.csv:4: this judged row is 50"), "{words}");
     assert!(found.undecided().is_empty());
-    // A judged file that is far off as a whole leaves the errors undecided, and so does a fitted file that the others contradict.
+    // A judged file that deviates as a whole leaves the errors undecided, and so does a fitted file that contradicts the others.
     lab.write(
         "j.csv",
         "X,Y,x,y,z\n2,2,2.3,2,0\n9,9,9.3,9,0\n20,15,20.3,15,0\n",
@@ -510,7 +508,7 @@ fn rows_over_a_small_part_of_the_travel_are_noted() {
     assert!(!found.undecided().is_empty());
 }
 
-/// Lengths between poses move the axes from one pose to the other: only the end poses are close together.
+/// Lengths between poses count as travel from one pose to the other, although only the end poses are close together.
 #[test]
 fn lengths_between_poses_count_as_travel() {
     let lab = Lab::new("structure = \"w b X t\"\naxes.X.travel = [-300.0, 300.0]\n");
@@ -596,7 +594,7 @@ fn lines_observed() -> String {
     text
 }
 
-/// A diagonal that was read with the opposite sign is named, and none if none was. If two were, the contradiction remains.
+/// A diagonal with inverted sign is named; without one, none is. If two are inverted, only the contradiction is reported.
 #[test]
 fn an_inverted_diagonal_is_named() {
     for seed in 0..4 {
@@ -619,7 +617,7 @@ fn an_inverted_diagonal_is_named() {
     }
 }
 
-/// Ball rows across the table, read along and to the sides; in one of three files the indicators have the opposite sign.
+/// Of three ball rows across the table, read along and to the sides, the one whose indicators are inverted is named.
 #[test]
 fn inverted_ball_rows_are_named() {
     let (truth, nominal) = (
@@ -653,7 +651,7 @@ fn inverted_ball_rows_are_named() {
                 let (x, y) = (s * u, s * v);
                 let at = [(X, x), (Y, y)];
                 let off = tip(&truth, &at, [0.0; 3]) - tip(&nominal, &at, [0.0; 3]);
-                // Along the row, to the left of it, and up.
+                // Along the row, to its left, and up.
                 let read = [off.x * u + off.y * v, -off.x * v + off.y * u, off.z];
                 let [a, b, c] = read.map(|mm| sign * (1e3 * mm + noise.normal(0.5)));
                 let _ = writeln!(text, "{x:?},{y:?},0,{ball},{a:?},{b:?},{c:?}");

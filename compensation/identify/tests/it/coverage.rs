@@ -18,8 +18,8 @@ travel = [0.0, 400.0]
 ";
 const RUNS: u32 = 500;
 
-/// 95 % bands contain the truth in 93 to 97 % of 500 runs; so do those of a robust fit in which one reading in twelve scatters ten times as
-/// much as stated.
+/// 95 % bands contain the truth in 93 to 97 % of 500 runs, also in a robust fit where one reading in twelve scatters ten times as much as
+/// stated.
 #[test]
 fn coverage_of_95_percent_bands() {
     let truth = worn(MACHINE, "EC0Y = 20.0\nEXX = { poly = [-5.0, 0.02] }\n");
@@ -69,8 +69,8 @@ travel = [-400.0, 0.0]
 ";
 const MOTIONS: [&str; 6] = ["EXX", "EYX", "EZX", "EAX", "EBX", "ECX"];
 
-/// A target away from the tip of a machine without rotary axes: tilts of X act at the target with another lever arm than at the tip. The
-/// tracker does not determine the difference; a ruler does, and the uncertainty at the tip includes that of the ruler.
+/// A tracker target away from the tip, without rotary axes: tilts of X act at the target with another lever than at the tip. Only a ruler
+/// gives the difference; the uncertainty at the tip includes the ruler's.
 #[test]
 #[expect(clippy::too_many_lines, reason = "one world, from readings to bands")]
 fn coverage_at_the_tip_with_a_ruler_measured_target() {
@@ -86,7 +86,7 @@ fn coverage_at_the_tip_with_a_ruler_measured_target() {
         .map(|k| [k % 3, k / 3 % 3, k / 9].map(f64::from))
         .map(|[x, y, z]| [60.0 + 240.0 * x, 250.0 * y, 200.0 * z - 400.0])
         .collect();
-    // A rigid motion of the workpiece is not an error of the machine.
+    // A rigid motion of the workpiece is no error of the machine.
     let mut rigid = DMatrix::zeros(81, 6);
     for (row, at) in grid.iter().enumerate() {
         for k in 0..3 {
@@ -123,7 +123,7 @@ fn coverage_at_the_tip_with_a_ruler_measured_target() {
                 [noise.normal(size), noise.normal(size)]
             })
             .collect();
-        // The tool is carried by Z, Z by Y and Y by X, so that an error of X rotates everything that X carries.
+        // Z carries the tool, Y carries Z, and X carries Y, so that an error of X rotates everything.
         let tip = |[x, y, z]: [f64; 3], offset: Vector3<f64>| {
             let t = x / 300.0 - 1.0;
             let of = |k: usize| curves[k][0] * t + curves[k][1] * (1.5 * t * t - 0.5);
@@ -182,7 +182,7 @@ fn coverage_at_the_tip_with_a_ruler_measured_target() {
     println!("{inside:?} of {WORLDS}");
     let share = f64::from(inside.iter().sum::<u32>()) / f64::from(6 * WORLDS);
     assert!((0.92..=0.98).contains(&share), "{inside:?} of {WORLDS}");
-    // Without the ruler the machine would be right only at the target.
+    // Without the ruler only the target's position is determined.
     let message = lab.refused(&format!(
         "folds = 0\nunknown = [{}]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\ntarget = \"unknown\"\n",
         unknown.join(", ")

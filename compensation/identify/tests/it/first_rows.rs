@@ -1,5 +1,4 @@
-//! Rows before an axis first moved: the axis had approached from one side or the other, which no file states. The readings are computed by
-//! independent formulas.
+//! Rows before the first motion of an axis, whose approach direction no file states. Expected values are from independent formulas.
 
 use std::fmt::Write as _;
 
@@ -14,12 +13,11 @@ axes.Z.travel = [0.0, 600.0]
 ";
 const BAND_OF_95_PERCENT: f64 = 1.959_964;
 
-/// Side from which an axis approached the first row.
+/// Approach direction of an axis at the first row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum First {
-    /// Random.
     Drawn,
-    /// The mean of both.
+    /// The mean of both directions.
     Mean,
     /// The machine overran before the first row, as ISO 230-2 requires.
     Overrun,
@@ -37,7 +35,7 @@ impl First {
     }
 }
 
-/// Correct data gives no note on an inverted sign or an outlier.
+/// Correct data must give no note on an inverted sign or outlier.
 fn assert_no_cause(found: &Identification) {
     let notes = words(found);
     for said in ["inverted", "outlier"] {
@@ -49,7 +47,7 @@ const EC0Y: f64 = 20.0;
 const DIAGONAL_NOISE_UM: f64 = 0.2;
 const TARGETS: u32 = 9;
 
-/// Readings, µm, along a diagonal of X and Y, both with a reversal value: at y the tip deviates by EC0Y·y in −X.
+/// Readings along a diagonal of X and Y with reversal values, µm: at y the tip deviates by EC0Y·y in −X.
 fn diagonal(noise: &mut Noise, first: First, reversal_um: f64) -> Vec<[f64; 2]> {
     let sides = first.side(noise) + first.side(noise);
     let rows = (0..TARGETS).map(|k| {
@@ -84,7 +82,7 @@ offset = \"unknown\"
 uncertainty_um = 0.2
 ";
 
-/// Straight-line fit through the targets; the half reversal values of both axes are additional uncertainties of the first one.
+/// Best-fit line through the targets; half the reversal value of each axis is an additional uncertainty of the first target.
 fn straight_line(rows: &[[f64; 2]], reversal_um: f64) -> (f64, f64) {
     let square = DIAGONAL_NOISE_UM.powi(2);
     let weighted = rows.iter().enumerate().map(|(k, row)| {
@@ -162,8 +160,8 @@ fn coverage_on_a_diagonal_with_unknown_approach() {
     }
 }
 
-/// Along one diagonal in one direction only the first target differs in its approach from the others, which does not determine the
-/// reversal value; it takes nothing from the squareness.
+/// In one direction along a diagonal only the first target has another approach. That does not determine the reversal value, and the
+/// squareness is as accurate as without it.
 #[test]
 fn a_first_row_alone_determines_no_reversal_value() {
     let lab = Lab::new(AXES);
@@ -192,8 +190,8 @@ fn a_first_row_alone_determines_no_reversal_value() {
     }
 }
 
-/// X moves along its line at two positions of Y, which is at rest in each file: the approach direction of Y is one number for all rows
-/// of a file, so more rows add no information.
+/// X moves at two positions of Y, which rests in each file: the approach direction of Y is one number per file, so more rows do not
+/// reduce its uncertainty.
 #[test]
 fn an_axis_at_rest_has_one_approach_direction_per_file() {
     const REVERSAL_UM: f64 = 8.0;

@@ -1,4 +1,4 @@
-//! A folder with files of observations, and readings of a machine whose errors are known.
+//! A folder with observation files, and readings of a machine with known errors.
 
 use std::fs;
 
@@ -10,7 +10,6 @@ use volcomp_kinematics::{actual_pose, nalgebra::Vector3};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::AxisName;
 
-/// A folder of files.
 pub(crate) struct Lab(tempfile::TempDir);
 
 impl Lab {
@@ -28,7 +27,6 @@ impl Lab {
         fs::write(self.0.path().join(name), bytes).expect("written");
     }
 
-    /// The path of a file as messages name it.
     pub(crate) fn path(&self, name: &str) -> String {
         self.0.path().join(name).display().to_string()
     }
@@ -47,7 +45,6 @@ impl Lab {
         identify(&self.read(text)?, |_, _| {})
     }
 
-    /// The message with which the text is rejected.
     pub(crate) fn refused(&self, text: &str) -> String {
         match self.identify(text) {
             Ok(_) => panic!("found something, expected a refusal"),
@@ -56,7 +53,6 @@ impl Lab {
     }
 }
 
-/// CSV table of numbers.
 pub(crate) fn csv<const N: usize>(head: &str, rows: impl IntoIterator<Item = [f64; N]>) -> String {
     let mut text = format!("{head}\n");
     for row in rows {
@@ -66,20 +62,18 @@ pub(crate) fn csv<const N: usize>(head: &str, rows: impl IntoIterator<Item = [f6
     text
 }
 
-/// All notes of a result, a line for each.
+/// All notes of a result, one per line.
 pub(crate) fn words(found: &Identification) -> String {
     let notes: Vec<String> = found.warnings.iter().map(ToString::to_string).collect();
     notes.join("\n")
 }
 
-/// The value and the uncertainty of a parameter.
 pub(crate) fn value(found: &Identification, name: &str) -> (f64, f64) {
     let parameter = found.parameters.iter().find(|p| p.name == name);
     let parameter = parameter.unwrap_or_else(|| panic!("{name}: {:?}", found.parameters));
     (parameter.value, parameter.uncertainty.unwrap_or(f64::NAN))
 }
 
-/// A seeded source of noise.
 pub(crate) struct Noise(ChaCha8Rng);
 
 impl Noise {
@@ -99,7 +93,7 @@ impl Noise {
     }
 }
 
-/// The actual tip of a machine, with an offset of a target in tool axes, mm.
+/// The actual tip of a machine, with the offset of a target in tool axes, mm.
 pub(crate) fn tip(machine: &Machine, at: &[(AxisName, f64)], offset: [f64; 3]) -> Vector3<f64> {
     let state = machine.state(at).expect("a state");
     let source = machine.source(&Temperatures::default());
@@ -108,7 +102,6 @@ pub(crate) fn tip(machine: &Machine, at: &[(AxisName, f64)], offset: [f64; 3]) -
         - machine.chain().workpiece_origin_mm()
 }
 
-/// A machine with these errors.
 pub(crate) fn worn(machine: &str, errors: &str) -> Machine {
     Machine::parse(&format!("{machine}[errors]\n{errors}"), "truth").expect("a machine")
 }

@@ -1,4 +1,4 @@
-//! Limits of observations: numbers in files, numbers from programs, and distances that scale with the machine.
+//! Limits of observations: numbers in files and from programs, and distances that scale with the machine.
 
 use volcomp_document::Document;
 use volcomp_identify::{
@@ -44,7 +44,7 @@ fn observations(lab: &Lab) -> Observations {
     lab.read(&format!("{unknown}{POINTS}")).expect("read")
 }
 
-/// C of a small machine is inverted: the position of the sphere absorbs half of the residual, and less than 10 mm remain.
+/// C of a small machine is inverted: the sphere position absorbs half of the residual, less than 10 mm remain, and the file is rejected.
 #[test]
 fn an_inverted_axis_of_a_small_machine_is_refused() {
     let machine = "structure = \"w C' b X Y Z t\"
@@ -60,7 +60,7 @@ tip = [0.0, 0.0, -20.0]
         let lab = Lab::new(machine);
         let mut noise = Noise::new(8);
         let rows = (0..24_u8).map(|k| {
-            // C rotates the table, so that the tool follows a ball at [8, 3, −10] by +C (ISO 841).
+            // C rotates the table, so the tool follows a ball at [8, 3, −10] by +C (ISO 841).
             let c = 15.0 * f64::from(k) - 170.0;
             let (sin, cos) = c.to_radians().sin_cos();
             let mut n = || noise.normal(0.0005);
@@ -86,7 +86,7 @@ tip = [0.0, 0.0, -20.0]
     }
 }
 
-/// A gantry of 20 m whose bed is bent by 20 mm: its own errors, not another machine.
+/// A gantry of 20 m whose bed is bent by 20 mm is identified, not rejected: limits grow with the machine.
 #[test]
 fn limits_grow_with_a_20_m_machine() {
     let machine = "structure = \"w b X Y Z t\"
@@ -116,7 +116,7 @@ uncertainty_um = 20
 ",
         )
         .expect("an honest machine");
-    // 2e-4 x² µm is (2/3) 2e4 µm of the Legendre polynomial of order 2 over ±10 m; the rows end a little before.
+    // 2e-4 x² µm is (2/3) 2e4 µm of the order 2 Legendre polynomial over ±10 m; the rows end slightly inside.
     let (bent, uncertainty) = value(&found, "EYX legendre 2");
     let ends = found.machine.error("EYX".parse().expect("a name"));
     assert!(ends.is_some());
@@ -151,7 +151,7 @@ fn all_uncertainties_have_the_same_bounds() {
     }
 }
 
-/// The square of its length is infinite: it would become the zero vector, and the readings would have no effect.
+/// A direction vector of 1e200 is rejected: its squared length overflows, so it would become zero and the readings have no effect.
 #[test]
 fn a_direction_of_infinite_length_is_refused() {
     let lab = lab();
@@ -171,10 +171,9 @@ fn a_direction_of_infinite_length_is_refused() {
     }
 }
 
-/// Makes observations invalid.
 type Spoil = fn(&mut Observations);
 
-/// Observations that no file can state, but a program can.
+/// Observations that no file can contain but a program can build are rejected.
 #[test]
 fn invalid_observations_of_a_program_are_refused() {
     let lab = lab();
@@ -237,7 +236,6 @@ fn invalid_observations_of_a_program_are_refused() {
     );
 }
 
-/// Rows of a program may have no file and no line.
 #[test]
 fn a_row_without_a_line_is_named_by_its_file() {
     let lab = lab();
@@ -268,7 +266,7 @@ fn a_value_for_a_name_that_is_not_an_unknown_is_refused() {
     );
 }
 
-/// The same axes in another order are another machine.
+/// The response to known errors of another structure is rejected: the same axes in another order are another machine.
 #[test]
 fn known_errors_of_another_structure_are_refused() {
     let observations = observations(&lab());
@@ -283,7 +281,6 @@ fn known_errors_of_another_structure_are_refused() {
     );
 }
 
-/// Every unknown is read back as it was written, whatever penalty the root of the file states.
 #[test]
 fn an_unknown_is_read_back_as_it_was_written() {
     let machine = Machine::parse(MACHINE, "machine").expect("a machine");

@@ -1,4 +1,4 @@
-//! Lines of sight: the meaning of offset and slope, and what a straight line with rounded coordinates leaves undetermined.
+//! Lines of sight: offset and slope, and what a straight line with rounded coordinates leaves undetermined.
 
 use crate::lab::{Lab, Noise, csv, tip, value};
 
@@ -10,7 +10,7 @@ tool.gauge = [0.0, 0.0, 0.0]
 tool.length = 120.0
 ";
 
-/// Readings of 10 µm and 20 µm/m, due to the set-up or to the machine: every reading contains offset and slope.
+/// Readings of 10 µm and 20 µm/m from the set-up or from the machine: every reading contains offset and slope.
 #[test]
 fn readings_contain_offset_and_slope() {
     let lab = Lab::new(MACHINE);
@@ -45,8 +45,7 @@ fn readings_contain_offset_and_slope() {
     }
 }
 
-/// Readings along a line of sight do not depend on a rotation of the workpiece about it; coordinates rounded to 10 µm must not determine
-/// it.
+/// Readings along a line of sight do not determine a rotation of the workpiece about it; neither do coordinates rounded to 10 µm.
 #[test]
 fn rounded_coordinates_determine_nothing() {
     let truth = "[errors]\nEC0Y = 30.0\nEXX = { poly = [0.0, 0.02] }\nEYX = { poly = [9.0, -0.06, 0.0001] }\nEBZ = { poly = [0.0, 0.05] }\n";
@@ -99,7 +98,7 @@ fn rounded_coordinates_determine_nothing() {
             (found.rank, value(&found, "EC0Y"))
         })
         .collect();
-    // With 21 targets every coordinate is exact, with 20 none is.
+    // With 21 targets all coordinates are exact, with 20 none is.
     let [(exact, (ec0y, uncertainty)), (rounded, (same, _))] = ranks[..] else {
         panic!("{ranks:?}")
     };
@@ -116,7 +115,8 @@ fn unit(of: [f64; 3]) -> [f64; 3] {
     of.map(|x| x / length)
 }
 
-/// A laser along or across the rows measures positioning or straightness. Along a diagonal other than that of the rows it is a mistake.
+/// A laser along or across its rows measures positioning or straightness. Along another diagonal than its rows it is a mistake and gives
+/// a note with the angle.
 #[test]
 fn a_line_of_sight_that_is_oblique_to_its_rows_is_noted() {
     let lab = Lab::new(MACHINE);
@@ -147,7 +147,7 @@ fn a_line_of_sight_that_is_oblique_to_its_rows_is_noted() {
     ] {
         assert!(notes(fine).is_empty(), "{fine}");
     }
-    // atan(2/3) = 33.7 deg is the angle between the rows and X; the angle to the other diagonal is twice that.
+    // Angle between rows and X: atan(2/3) = 33.7°. The angle to the other diagonal is twice that.
     for (direction, angle) in [
         ("[1, 0, 0]", "33.7"),
         ("[3, -2, 0]", "67.4"),

@@ -1,4 +1,4 @@
-//! Identification against closed forms, an independent program, and its own statistics.
+//! Identification, compared with closed forms, an independent program, and its own statistics.
 
 mod ball_row;
 mod checks;

@@ -1,4 +1,4 @@
-//! The proposed next pose: one that the instrument of a file can measure and has not measured.
+//! The proposed next pose is one that the file's instrument can measure and has not measured.
 
 use std::fmt::Write;
 
@@ -50,7 +50,7 @@ fn a_ballbar_on_three_axes_gets_a_new_pose() {
     };
     assert!((apart(&[10.0, 20.0, -30.0]) - 150.0).abs() < 0.01, "{at:?}");
     assert!(stood.iter().all(|row| apart(row) > 0.01), "{at:?}");
-    // Within its reachable arc, 0 to 140 deg.
+    // Within its reachable arc of 0° to 140°.
     let angle = (at[1] - 20.0).atan2(at[0] - 10.0).to_degrees();
     assert!(
         (-0.1..=140.1).contains(&angle) && (at[2] + 30.0).abs() < 0.01,
@@ -58,7 +58,8 @@ fn a_ballbar_on_three_axes_gets_a_new_pose() {
     );
 }
 
-/// A sphere on three axes can only be probed where it was, and a step gauge has faces only where it was read.
+/// No pose is proposed where none is new: on three axes a sphere can only be probed where it was, and a step gauge has faces only where
+/// it was read.
 #[test]
 fn measured_poses_are_not_proposed_again() {
     let lab = Lab::new(THREE_AXES);
@@ -87,7 +88,7 @@ file = \"g.csv\"
     assert_eq!(found.next, None);
 }
 
-/// Lines in the XY plane contain no information about the squareness of Z to X: the proposed pose then improves what can be determined.
+/// Lines in the XY plane do not determine the squareness of Z to X: the proposed pose improves a parameter that can be determined.
 #[test]
 fn without_an_informative_pose_the_most_reducing_one_is_proposed() {
     let lab = Lab::new(THREE_AXES);
@@ -110,8 +111,7 @@ direction = [1, 1, 0]
     assert!(next.improvement.is_some_and(|by| by >= 1.0), "{next:?}");
 }
 
-/// Three more rows of the best kind hardly improve an unknown after thirty, but the effect of one row is reported in full although the
-/// residuals are ten times the stated uncertainty: σ² refers to the stated one.
+/// The stated improvement by one more row follows from the stated uncertainties, although the residuals are ten times as large.
 #[test]
 fn the_improvement_follows_from_the_stated_uncertainties() {
     let lab = Lab::new("structure = \"w b X t\"\naxes = { X = { travel = [0, 1000] } }\n");
@@ -134,7 +134,7 @@ offset = \"unknown\"
     assert!(found.variance > 4.0, "{}", found.variance);
     let next = found.next.expect("a pose");
     assert_eq!(next.parameter, "EXX legendre 1");
-    // The slope of a line through seven places and one more: σ² of the slope is 1/Σ(x − x̄)².
+    // Slope of a line through seven targets and one more: σ² of the slope is 1/Σ(x − x̄)².
     let mut places = vec![0.0, 100.0, 200.0, 300.0, 400.0, 500.0, 1000.0];
     let spread = |places: &[f64]| {
         let mean = places.iter().sum::<f64>() / places.len() as f64;
@@ -147,7 +147,7 @@ offset = \"unknown\"
     assert!((stated - expected).abs() < 1e-3, "{stated} {expected}");
 }
 
-/// A machine with rotary axes only cannot move its tip to a sphere.
+/// A machine with rotary axes only is identified, and the proposed angle is new: the machine cannot move its tip to a sphere.
 #[test]
 fn a_machine_without_linear_axes_is_identified() {
     let lab = Lab::new(
@@ -166,7 +166,7 @@ fn a_machine_without_linear_axes_is_identified() {
     lab.write("s.csv", &text);
     let observed =
         "folds = 0\nunknown = [\"EX0C\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n";
-    // Any result is accepted for so short a part of a turn.
+    // Any result is accepted for such a short part of a turn.
     let _ = lab.identify(observed);
     lab.write(
         "b.csv",
@@ -194,14 +194,14 @@ point = [0, 0, -50]
     }
 }
 
-/// A squareness observed on a small part of the travel moves the tool far more elsewhere than curves of some hundredths of a µm that these
-/// rows hardly distinguish. µm and µrad are compared by their largest effect.
+/// Parameters in µm and µrad are compared by their largest effect: a squareness observed on a small part of the travel moves the tool
+/// more elsewhere than curves of hundredths of a µm, so the proposed pose improves EC0Y.
 #[test]
 fn errors_are_compared_by_their_largest_effect() {
     let lab = Lab::new(THREE_AXES);
     let mut noise = Noise::new(14);
     let rows = (0..40).map(|k| {
-        // Most rows are at one end of X: the modes of EXX are hard to distinguish. Y stays within 60 mm.
+        // Most rows are at one end of X, where the modes of EXX are hard to distinguish. Y stays within 60 mm.
         let x = if k < 36 {
             250.0 + f64::from(k)
         } else {
@@ -223,7 +223,7 @@ frame = [0, 0, 0, 0, 0, 0]
 ",
         )
         .expect("found");
-    // The largest effects in closed form: a squareness over 300 mm of Y, a Legendre polynomial of 1 at its ends.
+    // Largest effects in closed form: a squareness over 300 mm of Y; a Legendre polynomial, 1 at its ends.
     let effects: Vec<(f64, &str)> = ["EC0Y", "EXX constant", "EXX legendre 1", "EXX legendre 2"]
         .into_iter()
         .map(|name| {
@@ -245,7 +245,7 @@ frame = [0, 0, 0, 0, 0, 0]
     assert!(y.abs() > 200.0, "{next:?}");
 }
 
-/// The tool belongs to a pose like its coordinates.
+/// The proposed next pose names the tool to use: one of those in the rows, and none if the rows name none.
 #[test]
 fn the_tool_of_the_next_pose_is_named() {
     let lab = Lab::new(&format!(
@@ -280,7 +280,7 @@ fn the_tool_of_the_next_pose_is_named() {
     }
 }
 
-/// Positions of spheres on a rotary table, as in the book. Uncertainties of the line of C as effects at 300 mm.
+/// The uncertainties of C's line (effect at 300 mm) for sphere positions on a rotary table equal the values in the book.
 #[test]
 fn spheres_far_from_the_axis_and_at_two_heights_are_better_than_poses() {
     let lab = Lab::new(

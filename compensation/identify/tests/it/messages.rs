@@ -24,7 +24,6 @@ fn points(extra: &str) -> String {
     )
 }
 
-/// Rows of the nominal machine.
 fn rows(places: &[(f64, f64)], noise_um: f64) -> String {
     let machine = Machine::parse(MACHINE, "m").expect("a machine");
     let mut noise = Noise::new(1);
@@ -68,7 +67,8 @@ X,Y,x,y,z\n1,2,3,4,5\n | offset = 3 | unknown key
     }
 }
 
-/// A row file used twice would count twice, or validate the fit that used it. One bar may have several positions, though.
+/// A row file in two observations is rejected with both positions, since it would count twice or validate its own fit. One bar may have
+/// several positions.
 #[test]
 fn a_row_file_of_two_observations_is_refused_with_both_places() {
     let lab = Lab::new(MACHINE);
@@ -264,7 +264,7 @@ fn contradictory_observations_are_named() {
     );
 }
 
-/// Observations made by a program may refer to missing parts of the set-up.
+/// Observations built by a program that refer to a missing part of the set-up are rejected with file and line.
 #[test]
 fn references_outside_the_set_up_are_refused() {
     let lab = Lab::new(MACHINE);

@@ -1,4 +1,4 @@
-//! Notes on too few observations, on large errors, and on the basis of the uncertainties.
+//! Notes on too few observations, large errors, and the basis of the uncertainties.
 
 use std::fmt::Write;
 
@@ -11,7 +11,7 @@ axes.X.travel = [0.0, 500.0]
 axes.Y.travel = [0.0, 400.0]
 ";
 
-/// Points on a plate, with this squareness error, µrad.
+/// Points on a plate with this squareness error, µrad.
 fn points(count: usize, squareness_urad: f64, noise_um: f64) -> String {
     let mut noise = Noise::new(31);
     let rows = (0..count).map(|k| {
@@ -47,7 +47,7 @@ fn too_few_numbers_are_noted() {
         few.contains("no cross-validation: 3 poses cannot be split into 10 parts"),
         "{few}"
     );
-    // A second tracker that sees one point determines only its own frame, although the total number of readings would be sufficient.
+    // A second tracker with one point determines only its own frame, although the total number of readings would suffice.
     lab.write("t.csv", &points(30, 0.0, 1.0));
     lab.write("u.csv", "X,Y,x,y,z\n0,0,0,0,0\n");
     let thin = lab.identify(&observed(
@@ -58,7 +58,7 @@ fn too_few_numbers_are_noted() {
     assert!(matches!(thin, IdentifyError::Frame { .. }), "{thin}");
 }
 
-/// A curve fitted to lines that is unknown here again is dropped with a note.
+/// A curve fitted to lines that is also an unknown here is dropped with a note.
 #[test]
 fn a_curve_that_is_dropped_is_noted() {
     let lab = Lab::new(&format!(
@@ -87,7 +87,7 @@ fn implausibly_large_errors_are_noted() {
 }
 
 /// With penalties the covariance follows from the residuals: readings with three times the stated uncertainty make it three times as
-/// large, and no message asks to multiply again.
+/// large, and no message asks to multiply it again.
 #[test]
 fn uncertainties_with_penalties_are_not_multiplied_twice() {
     let lab = Lab::new(MACHINE);
@@ -123,7 +123,6 @@ fn uncertainties_with_penalties_are_not_multiplied_twice() {
     assert!((with_of_six / with - 6.0).abs() < 1.5, "{found:?}");
 }
 
-/// `unknown = []`: only the set-up is identified, and the rows validate a machine file.
 #[test]
 fn a_machine_file_is_validated_with_an_identified_set_up() {
     let lab = Lab::new(MACHINE);
@@ -143,7 +142,7 @@ fn a_machine_file_is_validated_with_an_identified_set_up() {
     assert!(found.residual.rms_um < 2.0, "{:?}", found.residual);
 }
 
-/// A judged file that is far off throughout: its rows are not outliers among themselves.
+/// A judged file that deviates as a whole is noted; its rows are not outliers among themselves.
 #[test]
 fn a_judged_file_that_is_far_off_is_noted() {
     let lab = Lab::new(MACHINE);
@@ -192,7 +191,7 @@ fn a_ballbar_in_another_unit_is_refused_and_a_long_gauge_is_not() {
         .expect("found");
 }
 
-/// C at 0, 360 and −720 deg is one pose with a `modulo`, and so are angles that differ by rounding.
+/// With a `modulo` C at 0°, 360° and −720° is one pose; so are angles that differ by rounding.
 #[test]
 fn a_turn_of_a_modulo_is_the_same_pose() {
     for (modulo, is_one) in [(", modulo = 360", true), ("", false)] {
@@ -215,7 +214,7 @@ fn a_turn_of_a_modulo_is_the_same_pose() {
     }
 }
 
-/// The same rows under another name would count twice.
+/// A file with the same rows under another name is noted, since its rows count twice.
 #[test]
 fn one_test_under_two_names_is_noted() {
     let lab = Lab::new(MACHINE);
@@ -232,7 +231,7 @@ fn one_test_under_two_names_is_noted() {
     assert!(!twin.contains("the same content"), "{twin}");
 }
 
-/// An absurd number is rejected at its cell, instead of another row because of it; a time may have any size.
+/// An absurd number is rejected at its cell, and not as an outlier of another row. A time may have any value.
 #[test]
 fn an_absurd_number_is_refused_at_its_cell() {
     let lab = Lab::new(MACHINE);
@@ -266,7 +265,7 @@ fn an_absurd_number_is_refused_at_its_cell() {
     assert_eq!(words(&lab, &observed(head, &["t.csv"])), "");
 }
 
-/// Lengths that begin at one pose may rest on one reading there.
+/// Lengths that share a pose are noted, since they may rest on one reading there.
 #[test]
 fn lengths_that_share_a_pose_are_noted() {
     let lab = Lab::new(MACHINE);

@@ -1,11 +1,11 @@
-//! The same problem solved by SciPy with a model written again in NumPy.
+//! The same problem solved by SciPy with an independent model in NumPy.
 
 use std::{collections::BTreeMap, process::Command};
 
 use volcomp_identify::{Observations, identify};
 use volcomp_test_support::root;
 
-/// Our names of the unknowns in `tests/reference/exact.py`.
+/// Names of the unknowns in `tests/reference/exact.py`.
 const NAMES: [&str; 13] = [
     "EC0Y",
     "EA0Z",

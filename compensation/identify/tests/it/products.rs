@@ -1,4 +1,4 @@
-//! Errors that depend on a second axis are identified, and only if the observations show them.
+//! Errors that depend on a second axis are identified if the observations determine them.
 
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName::{X, Y, Z};
@@ -13,8 +13,8 @@ travel = [0.0, 800.0]
 [axes.Z]
 travel = [-400.0, 0.0]
 ";
-/// A cross-beam that sags under the ram, the more the farther the ram is extended: 24 µm in the middle of the beam at the lower end, linear
-/// between nodes 50 mm apart.
+/// A cross-beam that sags under the ram, more if the ram is extended: 24 µm in the middle of the beam at the lower end, linear between
+/// nodes 50 mm apart.
 fn truth() -> Machine {
     let ys: Vec<f64> = (0..=16).map(|k| 50.0 * f64::from(k)).collect();
     let row = |y: &f64| {
@@ -73,16 +73,16 @@ fn a_sag_over_a_second_axis_is_found() {
     lab.write("t.csv", &tracker(&truth, 150, 0.5));
     let plain = lab.identify(&text("")).expect("found");
     let found = lab.identify(&text(SECOND)).expect("found");
-    // Noise of 0.5 µm in three directions is 0.87 µm, plus the part of the error that single-axis curves cannot fit.
+    // Noise of 0.5 µm in three directions is 0.87 µm, plus the error that single-axis curves cannot fit.
     let [before, after] =
         [&plain, &found].map(|found| found.left_out.expect("judged").figures.rms_um);
     assert!(before > 2.0 && after < 1.0, "{before} {after}");
-    // The identified machine also agrees where nothing was observed, apart from a rigid-body motion.
+    // The identified machine agrees where nothing was observed too, after best-fit rigid-body alignment.
     let error = |machine: &Machine, y: f64, z: f64| {
         let at = [(X, 500.0), (Y, y), (Z, z)];
         1e3 * tip(machine, &at, [0.0; 3]).z - 1e3 * z
     };
-    // The sag in the middle against the ends, at both ends of the ram.
+    // Sag of the middle relative to the ends, at both ends of the ram.
     for (z, expected) in [(-400.0, -24.0), (0.0, -6.0)] {
         let sag = |machine: &Machine| {
             error(machine, 400.0, z) - 0.5 * (error(machine, 0.0, z) + error(machine, 800.0, z))
@@ -109,7 +109,6 @@ fn a_sag_over_a_second_axis_is_found() {
         .map(|p| p.value.abs())
         .sum();
     assert!(second < 0.4, "{second}");
-    // The written file gives the same machine.
     let written = Machine::parse(&found.machine.to_toml(), "written").expect("a machine");
     for (y, z) in [(70.0, -310.0), (430.0, -20.0)] {
         let difference = error(&written, y, z) - error(&found.machine, y, z);
@@ -117,7 +116,7 @@ fn a_sag_over_a_second_axis_is_found() {
     }
 }
 
-/// EZX = 9 µm·t·s with t and s from −1 to 1 over the range of the observations is one product of Legendre polynomials.
+/// EZX = 9 µm·t·s with t and s from −1 to 1 over the observed range is identified as one product of Legendre polynomials.
 #[test]
 fn a_twist_without_noise_is_one_product() {
     let truth = worn(

@@ -1,4 +1,4 @@
-//! The reader takes any text without a panic.
+//! The reader does not panic on any text.
 
 use std::path::Path;
 
@@ -54,7 +54,7 @@ proptest! {
         lab.write_bytes("t.csv", &table);
         lab.write_bytes("row.csv", &row);
         let _ = lab.identify(&String::from_utf8_lossy(&keys));
-        // Valid keys with arbitrary bytes in their files, and with overwritten bytes.
+        // Valid keys with arbitrary and with overwritten bytes in their files.
         let _ = lab.identify(VALID);
         let end = (place + cut).min(VALID.len());
         let damaged = format!("{}{}{}", &VALID[..place], String::from_utf8_lossy(&keys), &VALID[end..]);
@@ -66,7 +66,8 @@ proptest! {
 
 const VALID: &str = "folds = 2\nunknown = [{ error = \"EXX\", legendre = 1 }]\n[[observation]]\nkind = \"ball-row\"\nfile = \"t.csv\"\nrow = \"row.csv\"\nside1 = [0, 1, 0]\nuncertainty_um = 2\ndrift = 1\n";
 
-/// Both tilts of a squareness rotate the whole machine: their combination would only follow from the set-up.
+/// Both tilts of one squareness as unknowns are rejected: together they rotate the whole machine, so only the set-up would determine
+/// them.
 #[test]
 fn both_tilts_of_a_squareness_are_refused() {
     let lab = Lab::new(MACHINE);
@@ -108,7 +109,7 @@ fn an_axis_with_two_columns_is_refused() {
     }
 }
 
-/// Rows without a tool column, with several tools in the machine file: any of them may have been used.
+/// Rows without a tool column are noted if the machine file has several tools.
 #[test]
 fn rows_without_a_tool_column_are_noted() {
     let rows = |tool: &str| {

@@ -1,4 +1,4 @@
-//! Which spheres on a table separate the run-out and tilt of its axis, once per turn, from the sphere positions.
+//! Sphere positions on a table that separate the once-per-turn run-out and tilt of its axis from the positions themselves.
 
 use std::fmt::Write;
 
@@ -82,14 +82,14 @@ fn sphere_heights_do_not_separate_tilts_from_sphere_positions() {
         let [exc, eyc, ezc, eac, ebc] = left[..] else {
             panic!("{left:?}");
         };
-        // Half of each first harmonic is lost for any positions of the spheres: each adds its own unknown position.
+        // Half of each first harmonic is lost for any sphere positions, because each position is unknown.
         assert_eq!([exc + eyc, eac + ebc], [2, 2], "{what}");
-        // One sphere at one height does not separate axial motion from tilt, two do.
+        // One sphere at one height does not separate axial motion from tilt; two do.
         assert_eq!(ezc > 0, spheres.len() == 1, "{what}");
     }
 }
 
-/// C has a `modulo` and was observed over half a turn: the curve closes, and follows what was observed.
+/// C with a `modulo`, observed over half a turn: the curve closes, and has the observed values within 0.1 µrad.
 #[test]
 fn a_series_from_half_a_turn_closes() {
     let lab = Lab::new(MACHINE);
@@ -129,7 +129,7 @@ fn a_series_from_half_a_turn_closes() {
             .error_at(&state, volcomp_kinematics::Form::Exact, &none);
         error.rotation_rad.z * 1e6
     };
-    // The curve has the same value at 0 and 360°, and between 0 and 180° the observed difference.
+    // Equal values at 0° and 360°, and the observed difference between 0° and 180°.
     assert!((at(0.0) - at(360.0)).abs() < 1e-9);
     let difference = at(0.0) - at(180.0);
     assert!((difference.abs() - 50.0).abs() < 0.1, "{difference}");

@@ -1,4 +1,4 @@
-//! Monte Carlo samples from the covariance, against repeated identifications with new readings.
+//! Monte Carlo samples from the covariance, compared with repeated identifications from new readings.
 
 use volcomp_identify::{Identification, IdentifyError, MachineSampler};
 use volcomp_kinematics::Form;
@@ -13,7 +13,7 @@ axes.Y.travel = [0.0, 400.0]
 ";
 const TRUTH: &str =
     "[errors]\nEC0Y = 20.0\nEXX = { poly = [0.0, 0.02, 3e-5] }\nECX = { poly = [0.0, 0.05] }\n";
-/// The tracker's frame is unknown, so the unknowns are correlated with it and with one another.
+/// The tracker's frame is unknown, so the unknowns are correlated with it and with each other.
 const KEYS: &str = "folds = 0
 unknown = [\"EC0Y\", { error = \"EXX\", legendre = 2 }, { error = \"ECX\", legendre = 1 }]
 [[observation]]
@@ -36,7 +36,7 @@ fn found(lab: &Lab, truth: &Machine, noise: &mut Noise) -> Identification {
     lab.identify(KEYS).expect("found")
 }
 
-/// The error along X at the poses, µm.
+/// Error along X at the poses, µm.
 fn errors(machine: &Machine) -> Vec<f64> {
     let error = |[x, y]: [f64; 2]| {
         let state = machine.state(&[(X, x), (Y, y)]).expect("a state");
@@ -46,7 +46,7 @@ fn errors(machine: &Machine) -> Vec<f64> {
     POSES.into_iter().map(error).collect()
 }
 
-/// The standard deviation of each number, and the correlation of the first with the last.
+/// Standard deviation of each number, and correlation of the first with the last.
 fn spread(rows: &[Vec<f64>]) -> (Vec<f64>, f64) {
     let count = rows.len() as f64;
     let mean = |k: usize| rows.iter().map(|row| row[k]).sum::<f64>() / count;
@@ -70,7 +70,7 @@ fn samples_spread_like_repeated_identifications() {
     let observations = lab.read(KEYS).expect("read");
     let draws = MachineSampler::new(&observations, &once).expect("of these observations");
     let drawn = |trial| errors(&draws.machine(3, trial).expect("drawn"));
-    // The residuals are twice the stated uncertainty: the samples spread twice as far.
+    // With residuals of twice the stated uncertainty the samples spread twice as far.
     assert_eq!(once.excess, 1.0);
     let more = Identification {
         excess: 2.0,

@@ -1,5 +1,3 @@
-//! Identification recovers known errors.
-
 use std::fmt::Write as _;
 
 use volcomp_model::Machine;
@@ -63,11 +61,11 @@ target = \"unknown\"
 ",
         )
         .expect("found");
-    // Fixing unknowns at zero is equivalent only to first order: products of errors of 30 µrad remain.
+    // Fixing unknowns at zero is exact only to first order: products of errors of 30 µrad remain.
     assert!(found.residual.max_um < 1e-3, "{:?}", found.residual);
     let left = found.left_out.expect("judged").figures;
     assert!(left.max_um < 1e-2, "{left:?}");
-    // Single parameters depend on the unknowns fixed at zero; volumetric errors do not, apart from a rigid-body motion.
+    // Single parameters depend on the unknowns fixed at zero; volumetric errors do not, after best-fit rigid-body alignment.
     let (frame_c, _) = value(&found, "t.csv:frame.c");
     assert!((frame_c - 90.0).abs() < 0.01, "{frame_c}");
     let others = [(X, 100.0), (Y, 50.0), (Z, 200.0), (C, 30.0), (B, 20.0)];
@@ -75,8 +73,8 @@ target = \"unknown\"
     assert!((tip(machine, &others, [0.0; 3]) - tip(&truth, &others, [0.0; 3])).norm() < 0.2);
 }
 
-/// Error motions that rotate with their axis, on the workpiece side and on the tool side. The readings come from the exact model of the
-/// kinematics, which applies the frame itself.
+/// Error motions that rotate with their axis, on the workpiece and on the tool side, are identified within 0.01. The readings come from
+/// the exact kinematics, which apply the frame themselves.
 #[test]
 fn error_motions_that_turn_with_their_axis_are_found() {
     for (c, b) in [
@@ -142,7 +140,7 @@ target = \"unknown\"
         )
         .expect("found");
     assert!(found.left_out.is_none());
-    // C is between the frame and X: a displacement of X rotates with C, and so does one of the axis of C.
+    // C is between the frame and X: a displacement of X rotates with C, and so does one of C's axis.
     let null: Vec<&(String, f64)> = found.null.iter().flatten().collect();
     assert_eq!(found.null.len(), 1, "{null:?}");
     let names: Vec<&str> = null.iter().map(|(name, _)| name.as_str()).collect();
@@ -150,7 +148,7 @@ target = \"unknown\"
     assert!(names.contains(&"EX0C"), "{names:?}");
     assert_eq!(found.rank, found.parameters.len() - 1);
     assert_eq!(found.score, 0.0);
-    // The constant of EXX is the only one: everything else is determined.
+    // Only the constant of EXX is redundant.
     assert_eq!(found.redundant, ["EXX constant"]);
     assert!(found.score_of_determined > 1e-4 && found.score_of_determined < 1.0);
     let left = found
@@ -216,7 +214,7 @@ offset = \"unknown\"
 
 #[test]
 fn distances_between_poses_and_from_a_point() {
-    // X is 10 µm too long on 600 mm, as a step gauge along it and a ballbar about a point show.
+    // X is 10 µm too long on 600 mm, as a step gauge along X and a ballbar about a point show.
     let truth = worn(
         MACHINE,
         "EXX = { poly = [0.0, 0.0166666666666667] }\nEYY = { poly = [0.0, -0.02] }\n",
@@ -318,7 +316,7 @@ target = \"unknown\"
     assert!(judged.rms_um > 0.5, "{judged:?}");
 }
 
-/// A Fourier series identified over part of a turn holds its end values beyond it, and a note says that it does not close.
+/// A Fourier series identified over part of a turn keeps its end values beyond, and a note says that it does not close.
 #[test]
 fn a_series_over_a_part_of_a_turn_stays_within_it() {
     let truth = worn(
@@ -366,7 +364,8 @@ fn a_series_over_a_part_of_a_turn_stays_within_it() {
     }
 }
 
-/// The machine moves to the named poses in the order of the file, whichever lengths are between them.
+/// Reversal values are identified from lengths between poses: the machine moves to the poses in the order of the file, whichever lengths
+/// are between them.
 #[test]
 fn reversal_values_are_found_from_lengths_between_poses() {
     let lab = Lab::new(MACHINE);
@@ -379,7 +378,7 @@ fn reversal_values_are_found_from_lengths_between_poses() {
         ("F", 50.0, 0.0),
         ("G", 80.0, 70.0),
     ];
-    // X is 20 µm/m too long and lags by 6 µm at reversals, Y 10 µm/m and −8 µm; the file does not state their first approach direction.
+    // X is 20 µm/m too long and lags by 6 µm at reversals, Y 10 µm/m and −8 µm; the file does not state the first approach directions.
     let mut text = String::from("pose,X,Y,from,to,length_mm\n");
     let mut before: Option<[f64; 2]> = None;
     let mut sides = [-1.0, 1.0];
@@ -422,7 +421,7 @@ uncertainty_um = 0.001
 ",
         )
         .expect("found");
-    // 4 µm across a length of 150 mm add 4²/(2·150) nm, which equations that are linear in the sides do not contain.
+    // 4 µm across a length of 150 mm add 4²/(2·150) nm, which linear equations do not contain.
     assert!(found.residual.max_um < 1e-4, "{:?}", found.residual);
     for (name, expected) in [("EXX reversal", 6.0), ("EYY reversal", -8.0)] {
         let (reversal, _) = value(&found, name);

@@ -12,11 +12,11 @@ use crate::lab::{Lab, Noise, tip};
 const LINEAR: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 const ROTARY: [AxisName; 2] = [AxisName::C, AxisName::A];
 const TOOLS: [(&str, f64); 2] = [("short", -100.0), ("long", -260.0)];
-/// Every location error against the reference axes X and Y.
+/// All location errors, relative to the reference axes X and Y.
 const UNKNOWN: &str = "unknown = [\"EC0Y\", \"EA0Z\", \"EB0Z\", \"EX0C\", \"EY0C\", \"EA0C\", \"EB0C\", \"EY0A\", \"EZ0A\", \"EB0A\", \"EC0A\"]\nfolds = 0\n";
 const ERRORS: usize = 11;
 
-/// Kinds of measurement: column head, and content of the file of observations.
+/// Kinds of measurement: column header, and content of the observation file.
 const MEASUREMENTS: [(&str, &[Part]); 7] = [
     ("diagonals", &[Part::Diagonals]),
     ("ball rows", &[Part::BallRows]),
@@ -32,16 +32,15 @@ const MEASUREMENTS: [(&str, &[Part]); 7] = [
 
 #[derive(Clone, Copy)]
 enum Part {
-    /// The four body diagonals and two diagonals of each face, rotary axes at 0.
+    /// The four body diagonals and two diagonals of each face; rotary axes at 0.
     Diagonals,
-    /// A row of balls along X, Y and Z and across each plane, read along it and to both sides; its position is unknown.
-    /// Rotary axes at 0.
+    /// Rows of balls along X, Y and Z and across each plane, read along and to both sides, at unknown positions; rotary axes at 0.
     BallRows,
-    /// A touch probe on a sphere on the table, whose centre is unknown, at many angles.
+    /// A touch probe on a sphere on the table, with unknown centre, at many angles.
     Sphere { tools: usize },
-    /// A ballbar of unknown dead length from an unknown point on the table to the tip, at many angles.
+    /// A ballbar of unknown length from an unknown point on the table to the tip, at many angles.
     Ballbar,
-    /// A tracker in an unknown frame measures an unknown target on two tools at arbitrary poses.
+    /// A tracker in an unknown frame, with an unknown target on two tools, at arbitrary poses.
     Tracker,
 }
 
@@ -59,7 +58,7 @@ fn machine_text(translational: usize, rotary: usize) -> String {
     text
 }
 
-/// Readings of a machine without errors: which errors are determined does not depend on them.
+/// Readings of a machine without errors, since these do not affect which errors are determined.
 struct Readings<'m> {
     machine: &'m Machine,
     noise: Noise,
@@ -78,7 +77,7 @@ impl Readings<'_> {
         [[-300.0, 300.0], [-250.0, 250.0], [-200.0, 200.0]].map(|range| self.between(range))
     }
 
-    /// The tip at a pose of a tool that is longer by `beyond`, mm.
+    /// The tip at a pose, with a tool that is longer by `beyond`, mm.
     fn tip(&self, linear: [f64; 3], angles: [f64; 2], beyond: f64) -> Vector3<f64> {
         let at: Vec<_> = LINEAR
             .into_iter()
@@ -88,7 +87,7 @@ impl Readings<'_> {
         tip(self.machine, &at, [0.0, 0.0, beyond])
     }
 
-    /// Coordinates of the linear axes with the tip at a point of the workpiece; the tip is linear in them.
+    /// Linear axis coordinates with the tip at a workpiece point; the tip is linear in them.
     fn linear_at(&self, point: Vector3<f64>, angles: [f64; 2], beyond: f64) -> [f64; 3] {
         let zero = self.tip([0.0; 3], angles, beyond);
         let along = |axis: usize| {
@@ -101,7 +100,7 @@ impl Readings<'_> {
         (inverse * (point - zero)).into()
     }
 
-    /// Writes a row file, and returns its table in the file of observations.
+    /// Writes a row file; returns its table for the observation file.
     fn of(&mut self, part: Part, lab: &Lab) -> String {
         match part {
             Part::Diagonals => Self::diagonals(lab),
@@ -225,7 +224,7 @@ impl Readings<'_> {
     }
 }
 
-/// Number of determined location errors, and the names of those fixed at zero.
+/// Number of determined location errors, and names of those fixed at zero.
 fn found(translational: usize, rotary: usize, parts: &[Part]) -> (usize, Vec<String>) {
     let lab = Lab::new(&machine_text(translational, rotary));
     let machine = lab.machine();

@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName::{X, Y, Z};
 
 use crate::lab::{Lab, Noise};
 
-/// Targets at two tools whose distances from the line of Z differ by `differ_mm`; everything else is known.
+/// Targets on two tools whose distances from the Z line differ by `differ_mm`; everything else is known.
 fn lab(differ_mm: f64, noise_mm: f64) -> Lab {
     let machine = format!(
         "structure = \"w b X Y Z t\"
@@ -60,8 +60,8 @@ frame = [0, 0, 0, 0, 0, 0]
     )
 }
 
-/// One target at 50 mm from the line of Z: a yaw of 1 µrad and a straightness of −0.05 µm are indistinguishable. At a tool at 150 mm the
-/// yaw acts with the difference of the lever arms, 100 mm.
+/// With a target 50 mm off the Z line a yaw of 1 µrad equals a straightness of −0.05 µm: both are undetermined, and the combination
+/// states its lever. On a tool at 150 mm the yaw acts with the difference of the levers, 100 mm.
 #[test]
 fn undetermined_combinations_state_their_lever() {
     let lab = lab(0.0, 1e-3);
@@ -118,8 +118,8 @@ fn undetermined_combinations_state_their_lever() {
     }
 }
 
-/// Two targets 0.05 mm apart distinguish a yaw from a straightness, but with noise of 5 µm only to some 0.1 rad/√n: it is reported as
-/// undetermined with this number. With targets 100 mm apart, or without noise, both are determined.
+/// Two targets 0.05 mm apart distinguish yaw from straightness, but with noise of 5 µm only to about 0.1 rad/√n: both are undetermined,
+/// with this figure. With targets 100 mm apart, or without noise, both are determined.
 #[test]
 fn unknowns_below_the_noise_are_undetermined() {
     let is_determined = |found: &Identification| {
@@ -142,7 +142,7 @@ fn unknowns_below_the_noise_are_undetermined() {
             .next()
             .and_then(|n| n.parse().ok())
             .expect(&said);
-        // Slopes of 20 readings each at two tools: σ/0.05 mm · √(2/20 · 3), within a factor that depends on the positions and on the
+        // Slopes of 20 readings at each of two tools: σ/0.05 mm · √(2/20 · 3), within a factor that depends on the positions and the
         // unknowns fixed before.
         let expected = 5.0 / 0.05 * 1e3 * (2.0_f64 / 20.0 * (2.0 * f64::from(order) + 1.0)).sqrt();
         assert!(

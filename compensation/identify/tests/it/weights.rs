@@ -37,7 +37,7 @@ fn a_straight_line_takes_two_coefficients_and_a_wave_takes_what_it_needs() {
     lab.write("x.csv", &readings(|x| 10.0 * (x / 60.0).sin(), 1.0));
     let bent = lab.identify(TEXT).expect("found");
     assert!((10.0..20.0).contains(&bent.degrees), "{}", bent.degrees);
-    // The curve deviates from the truth by less than the readings scatter.
+    // The curve deviates from the truth by less than the scatter of the readings.
     let curve = bent
         .machine
         .error("EXX".parse().expect("a name"))

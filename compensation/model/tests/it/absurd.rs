@@ -18,7 +18,6 @@ fn machine() -> Machine {
     Machine::parse(EXAMPLE, "m").unwrap()
 }
 
-/// Any number, with absurd ones frequent.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
         any::<f64>(),
@@ -84,8 +83,7 @@ fn thermal() -> impl Strategy<Value = Thermal> {
         })
 }
 
-/// A command far beyond any machine is rejected with its axis and number; an accepted one yields finite results. A hand-made state may be
-/// absurd, and its correction then does not converge.
+/// A coordinate far beyond any machine is rejected with its axis; an accepted one gives finite errors and corrections.
 #[test]
 fn huge_coordinates_are_refused_or_have_numbers_for_answers() {
     let machine = machine();
@@ -144,7 +142,7 @@ proptest! {
         prop_assert!(diagonals(&machine, &machine.source(&temperatures), points, &[], |_| state).is_ok());
     }
 
-    /// Every accepted machine can be written, read again, compiled and evaluated.
+    /// After any change, an accepted machine can be written, read again, compiled and evaluated.
     #[test]
     fn any_change_is_taken_whole_or_refused(
         name in error_name(), value in number(), reversal in number(), thermal in thermal(),
@@ -206,14 +204,14 @@ fn what_is_refused_says_why() {
         refused(machine.set_location(exx, 1.0)),
         ErrorRefusal::ErrorMotion
     );
-    // A grid over an axis that the machine lacks would read a coordinate that does not exist.
+    // A grid over a missing axis would read a coordinate that does not exist.
     let nodes = [vec![0.0, 1.0], vec![0.0, 1.0]];
     let grid = Grid::new([1, 7], nodes, vec![vec![0.0; 2]; 2]).unwrap();
     assert_eq!(
         refused(machine.set_error(exx, Field::Grid(grid).into())),
         ErrorRefusal::GridAxis { axis: 7, axes: 4 }
     );
-    // The compiled machine has no expansion of angles.
+    // The compiled machine has no thermal expansion of angles.
     let thermal = Thermal {
         expansion: vec![Expansion {
             error: "EAX".parse().unwrap(),

@@ -1,4 +1,4 @@
-//! On an axis with `modulo`, a curve must end where it starts.
+//! On an axis with `modulo` a curve must end where it starts.
 
 use volcomp_model::Machine;
 use volcomp_test_support::cases;
@@ -58,7 +58,8 @@ fn a_grid_closes_along_the_axis_that_goes_round() {
     }
 }
 
-/// For a table parked at 0.000°, a flickering last digit used to change the correction by 160 µm.
+/// A curve of any kind that jumps where an axis rolls over is rejected with the jump: for a table at 0.000° a flickering last digit would
+/// change the correction by 160 µm.
 #[test]
 fn curves_of_every_kind_close_where_the_axis_rolls_over() {
     for [curve, jump] in &cases(

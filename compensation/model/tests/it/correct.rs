@@ -1,10 +1,10 @@
-//! The key `correct`: which axes corrections move.
+//! The key `correct`: the axes that corrections move.
 
 use volcomp_kinematics::{CorrectionOptions, State};
 use volcomp_model::{CorrectRefusal, Machine, ModelError, Temperatures, Tolerance};
 use volcomp_vocabulary::AxisName;
 
-/// U is parallel to X, C is under the workpiece; every axis could correct some of the errors.
+/// U is parallel to X, C is under the workpiece; every axis could correct some errors.
 const WITH_U_AND_C: &str = r#"
 structure = "w C' X' b U Y Z t"
 [axes.X]
@@ -115,7 +115,7 @@ fn the_key_is_written_back_and_is_part_of_the_checksum() {
     let again = Machine::parse(&text, "again.toml").unwrap();
     assert_eq!(again.correct(), Some(&[AxisName::Z, AxisName::X][..]));
     assert_eq!(again, machine);
-    // A file without the key is written without it, so that its checksum is unchanged.
+    // A file without the key is written without it, so that its checksum does not change.
     let mut every = machine;
     every.set_correct(None).unwrap();
     assert!(!every.to_toml().contains("correct"));

@@ -1,4 +1,4 @@
-//! Values, ranges, temperatures, tools, diagonals and maps against closed forms.
+//! Values, ranges, temperatures, tools, diagonals and maps, compared with closed forms.
 
 use volcomp_kinematics::{CorrectionOptions, ErrorSource, Form, State};
 use volcomp_model::{Machine, MapGrid, Temperatures, corrected, diagonals, quantised};
@@ -78,7 +78,7 @@ fn travel_in_radians_is_noted() {
             "{travel}: {found:?}"
         );
     }
-    // Travels that do not look like radians: a table of small tilts, a full circle, one matching end only, unusual fractions.
+    // Travels that do not look like radians: a table of small tilts, a full circle, only one matching end, unusual fractions.
     for travel in [
         "[-3, 3]",
         "[0, 360]",

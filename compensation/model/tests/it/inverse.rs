@@ -14,7 +14,7 @@ fn machine(structure: &str, axes: &str) -> Machine {
 
 const LINEAR: &str = "X.travel = [-500, 500]\nY.travel = [-500, 500]\nZ.travel = [-500, 500]\n";
 
-/// The solutions in deg, one list of coordinates each.
+/// The coordinates of an axis in all solutions, deg.
 fn degrees(machine: &Machine, reached: &Reached, axis: AxisName) -> Vec<f64> {
     let place = machine.index_of(axis).unwrap();
     reached
@@ -36,8 +36,8 @@ fn near(found: &[f64], expected: &[f64]) {
     );
 }
 
-/// A tilting rotary table with the tool axis at (sin 30°, 0, cos 30°), solved by hand. A′ and C′ are relative to the workpiece: A = ±30
-/// with C = ±90.
+/// A tilting rotary table with the tool axis at (sin 30°, 0, cos 30°), solved by hand: A = ±30 with C = ±90 (A′ and C′ relative to the
+/// workpiece), smaller turns first.
 #[test]
 fn every_solution_within_travel_the_smaller_turns_first() {
     let axes = format!("{LINEAR}A.travel = [-90, 90]\nC.travel = [-360, 360]");
@@ -64,7 +64,7 @@ fn every_solution_within_travel_the_smaller_turns_first() {
         let off = table.chain().ideal_tip_mm(state) - Vector3::new(10.0, 20.0, 30.0);
         assert!(off.norm() < 1e-9, "{off}");
     }
-    // With a shorter travel of A, only one solution of each pair remains.
+    // With a shorter travel of A only one solution of each pair remains.
     let short = machine("w C' A' b X Y Z t", &axes.replace("[-90, 90]", "[-5, 90]"));
     let reached = short.axes_at([0.0; 3], target).unwrap();
     near(&degrees(&short, &reached, AxisName::A), &[30.0, 30.0]);
@@ -138,7 +138,7 @@ fn what_has_no_solution_says_why() {
     );
 }
 
-/// Three rotary axes: each pair moves in turn while the third is nearest to 0.
+/// With three rotary axes each pair moves in turn, while the third is as near to 0 as possible.
 #[test]
 fn a_third_rotary_axis_stands() {
     let axes =
@@ -156,8 +156,8 @@ fn a_third_rotary_axis_stands() {
     }
 }
 
-/// The example with a tilting table: next to the table the tip can be reached only with the table turned, within the ranges of two
-/// triangles computed by hand.
+/// On the example with a tilting table a tip beside the table is reached only with the table turned, within ranges of C computed by hand
+/// from two triangles.
 #[test]
 fn a_free_axis_stands_where_the_linear_axes_reach() {
     let axes = "X.travel = [-300, 300]\nY.travel = [-250, 250]\nZ.travel = [-400, 0]\nA.travel = [-110, 30]\nC.travel = [-360, 360]";
@@ -186,7 +186,6 @@ fn a_free_axis_stands_where_the_linear_axes_reach() {
         .axes_at([0.0, x.hypot(y), -50.0], [0.0, 0.0, 1.0])
         .unwrap();
     assert!(!reached.solutions.is_empty(), "{reached:?}");
-    // No solution.
     let reached = corner
         .axes_at([0.0, x.hypot(y) + 0.01, -50.0], [0.0, 0.0, 1.0])
         .unwrap();
@@ -196,7 +195,7 @@ fn a_free_axis_stands_where_the_linear_axes_reach() {
     );
 }
 
-/// Ranges narrower than the sampling steps, next to half a turn: the radius is 100 mm, so that Y is at 100·|sin C|.
+/// Ranges next to half a turn that are narrower than the sampling steps are found: at a radius of 100 mm Y is at 100·|sin C|.
 #[test]
 fn a_narrow_range_next_to_half_a_turn_is_found() {
     let [low, high] = [0.05_f64, 0.15].map(f64::to_radians);
@@ -227,7 +226,7 @@ fn a_narrow_range_next_to_half_a_turn_is_found() {
     }
 }
 
-/// For random structures: a pose that was reached with the free axis at any coordinate is found again.
+/// For random structures a singular pose, with the free axis at any coordinate, is found again from its tip and tool axis.
 #[test]
 fn a_singular_pose_that_was_there_is_found() {
     let mut seed = 7_u64;
@@ -297,7 +296,7 @@ fn a_singular_pose_that_was_there_is_found() {
             let off = machine.chain().ideal_tip_mm(found) - tip;
             assert!(off.norm() < 1e-9, "{off} {text}");
         }
-        // The pose itself lies in one of the ranges.
+        // The pose itself is in one of the ranges.
         let place = machine.index_of(free).unwrap();
         let is_there = reached.ranges[0].iter().any(|[low, high]| {
             let turns = (state.q[place] - 0.5 * (low + high)) / std::f64::consts::TAU;
@@ -308,7 +307,8 @@ fn a_singular_pose_that_was_there_is_found() {
     }
 }
 
-/// At B = ±90° Z and X are parallel: any division of the movement between them is a solution, limited by the travels.
+/// At B = ±90° Z and X are parallel: any division of the motion between them is a solution within the travels, and both are reported as
+/// free.
 #[test]
 fn linear_axes_along_one_another_are_free() {
     let with = |z: &str| {
@@ -328,7 +328,7 @@ fn linear_axes_along_one_another_are_free() {
             panic!("{:?}", reached.dependent)
         };
         assert!((moves.q[z].abs() - 1.0).abs() < 1e-12 && (moves.q[x].abs() - 1.0).abs() < 1e-12);
-        // At both ends of its range the free axis, combined with the dependent move, leaves the tip in place.
+        // At both ends of its range the free axis, with the dependent motion, leaves the tip where it is.
         let state = reached.solutions[0];
         let tip = wide.chain().ideal_tip_mm(&state);
         for (place, ranges) in [z, x].into_iter().zip(&reached.ranges) {
@@ -347,7 +347,7 @@ fn linear_axes_along_one_another_are_free() {
             }
         }
     }
-    // With half the movement each, Z is outside its travel, but there is a solution.
+    // With half the motion each, Z is outside its travel; another division is a solution.
     let narrow = with("[-1, 1]");
     let reached = narrow.axes_at([0.0, 0.0, 300.0], [1.0, 0.0, 0.0]).unwrap();
     assert_eq!(reached.solutions.len(), 1, "{reached:?}");
@@ -356,7 +356,7 @@ fn linear_axes_along_one_another_are_free() {
     assert!(!other.singular && other.free.is_empty() && other.dependent.is_empty());
 }
 
-/// Near the pose at which Z and X are parallel, a point is still reached, by long opposite movements.
+/// Points near the pose at which Z and X are parallel are reached by long opposite motions.
 #[test]
 fn points_near_a_pose_of_dependent_axes_are_reached() {
     for structure in ["w Z' B' b X Y t", "w b X Y B Z t"] {

@@ -1,4 +1,4 @@
-//! The largest correction within the travels, against closed forms.
+//! The largest correction within the travels, compared with closed forms.
 
 use volcomp_model::{Machine, Temperatures};
 
@@ -15,7 +15,7 @@ travel = [0.0, 250.0]
 EXX = { poly = [0.0, 0.01] }
 "#;
 
-/// The magnitudes of the effects of the sensors add up, also for opposite temperature changes.
+/// The largest correction per kelvin is the sum of the sensors' effects, whatever their signs.
 #[test]
 fn each_kelvin_changes_the_largest_correction_by_the_sum_over_the_sensors() {
     const DRIFT: &str = "[[thermal.drift]]\nerror = \"EXX\"\nsensors = { bed = 2.0, head = -3.0 }\num_per_k = 1.0\n";

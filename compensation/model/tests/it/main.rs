@@ -1,4 +1,4 @@
-//! The machine file, its errors and its evaluation, against closed forms.
+//! The machine file, its errors and its evaluation, compared with closed forms.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -19,7 +19,7 @@ mod serialised;
 mod thermal;
 mod volumetric;
 
-/// Aborts the test on a forbidden allocation.
+/// Aborts the test on an allocation in a section that forbids it.
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 

@@ -5,7 +5,7 @@ use volcomp_test_support::cases;
 
 use crate::EXAMPLE;
 
-/// Changes to the example, each with its replacement and message.
+/// Replacements in the example, each with the resulting message.
 const CHANGES: &str = r#"
 structure = "w C' X' b Y Z t" | structure = "w C' X' Y Z t"
 structure = "w C' X' b Y Z t" | structure = "w C' X' b Y' Z t"
@@ -111,7 +111,7 @@ fn unreadable_files_have_their_message() {
 }
 
 proptest::proptest! {
-    /// Whatever is removed from or inserted into a machine file, the result is a machine or a message, without a panic.
+    /// A machine file with any removal or insertion gives a machine or a message.
     #[test]
     fn damaged_files_do_not_panic(
         place in 0..crate::EXAMPLE.len(), cut in 0..40_usize,

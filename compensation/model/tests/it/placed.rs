@@ -1,9 +1,9 @@
-//! Positions of the axes and frames of their errors, as defined by a machine file.
+//! Positions of the axes and frames of their errors, as a machine file defines them.
 
 use volcomp_model::Machine;
 use volcomp_model::kinematics::{DhConvention, DhTable, MotionFrame, State};
 
-/// A tilting rotary table with these further lines.
+/// A tilting rotary table with these additional lines.
 fn table_table(rest: &str) -> Machine {
     let axes = "[axes]\nC.travel = [-360, 360]\nA.travel = [-120, 30]\nX.travel = [0, 800]\nY.travel = [0, 600]\nZ.travel = [-500, 0]\n";
     Machine::parse(
@@ -29,7 +29,7 @@ fn a_motion_frame_is_read_and_written() {
     assert!(!fixed.to_toml().contains("motion_frame"));
 }
 
-/// Two rotary and three linear joints (RRTTT), with rows by hand: C about Z, A about X 50 mm above it, then X, Y and Z.
+/// Two rotary and three linear joints (RRTTT) by hand: C about Z, A about X 50 mm above it, then X, Y and Z.
 const ROWS: [(&str, [f64; 4]); 5] = [
     ("C", [90.0, 50.0, 0.0, 90.0]),
     ("A", [0.0, 0.0, 0.0, 0.0]),
@@ -76,12 +76,12 @@ fn a_table_places_the_axes() {
         None,
         "the errors of a slide are stated where its `point` says"
     );
-    // The written file has directions and points, and reads back as the same machine.
+    // The written file has directions and points, and gives the same machine.
     let again = Machine::parse(&machine.to_toml(), "n.toml").unwrap();
     assert_eq!(again, machine);
 }
 
-/// 4×4 products of the elementary motions, row by row, implemented from the definition.
+/// 4×4 products of the elementary motions, row by row, from the definition.
 fn by_hand(rows: &[(&str, [f64; 4])], proximal: bool, coordinates: &[f64]) -> [[f64; 4]; 4] {
     type M = [[f64; 4]; 4];
     let product = |a: &M, b: &M| -> M {
@@ -161,7 +161,7 @@ fn a_table_moves_as_the_product_of_its_rows() {
                 "{word}: {found} {expected:?}"
             );
         }
-        // The Denavit–Hartenberg table of the chain yields the same motion in both conventions.
+        // The Denavit–Hartenberg table of the chain gives the same motion in both conventions.
         for convention in [DhConvention::Distal, DhConvention::Proximal] {
             let table = DhTable::of_chain(machine.chain()).in_convention(convention);
             let back = table.to_chain(machine.chain().structure().clone()).unwrap();

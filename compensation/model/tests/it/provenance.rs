@@ -43,7 +43,6 @@ fn what_is_written_is_what_was_read_and_counts_in_the_checksum() {
     assert!(!bare.to_toml().contains("provenance"));
 }
 
-/// Setting an error removes its provenance.
 #[test]
 fn what_is_set_anew_loses_its_provenance() {
     let mut machine = Machine::parse(&told(), "m.toml").expect("a machine");
@@ -95,7 +94,7 @@ fn hashes_are_those_of_the_standard() {
     assert!(sha256_of(folder.path()).is_err());
 }
 
-/// Dates compared with `cal`.
+/// Dates are valid exactly if `cal` shows them.
 #[test]
 fn days_are_those_of_the_calendar() {
     for day in ["2024-02-29", "2000-02-29", "2026-12-31", "0001-01-01"] {

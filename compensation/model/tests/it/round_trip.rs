@@ -1,5 +1,3 @@
-//! A written machine file reads back as the same machine.
-
 use proptest::prelude::*;
 use volcomp_model::Machine;
 

@@ -1,4 +1,4 @@
-//! Thermal terms over time, against closed forms and against machines at steady temperatures.
+//! Thermal terms over time, compared with closed forms and with machines at steady temperatures.
 
 use assert_no_alloc::assert_no_alloc;
 use rand::{RngExt, SeedableRng};
@@ -40,7 +40,6 @@ fn state_of(text: &str) -> (Machine, ThermalState) {
     (machine, thermal)
 }
 
-/// Temperatures by sensor name.
 fn steady(thermal: &ThermalState, degc: &[Option<f64>]) -> Temperatures {
     let named = thermal.sensors().iter().zip(degc);
     named
@@ -48,7 +47,7 @@ fn steady(thermal: &ThermalState, degc: &[Option<f64>]) -> Temperatures {
         .collect()
 }
 
-/// At steady temperatures the result equals that of a machine compiled at them, with three axes and with more.
+/// At steady temperatures the error equals that of a machine compiled at these, with three axes and with more, without allocation.
 #[test]
 fn steady_temperatures_are_those_of_the_source() {
     for text in [THREE_AXES, EXAMPLE] {
@@ -101,18 +100,18 @@ fn steady_temperatures_are_those_of_the_source() {
     }
 }
 
-/// Tilt of Y (rad) at these spindle and bed temperatures, at coordinate 0.
+/// Tilt of Y at coordinate 0 in this thermal state, rad.
 fn tilt_y(machine: &Machine, thermal: &ThermalState) -> f64 {
     let mut compiled = machine.compile(Tolerance::default()).unwrap();
     thermal.apply(&mut compiled);
     compiled.evaluate(&State::default()).rotation_rad[0]
 }
 
-/// A temperature step yields 1 − exp(−t/τ), in one time step or in many of any length.
+/// The answer to a temperature step is 1 − exp(−t/τ), in one time step or in many of any length.
 #[test]
 fn a_lag_answers_a_step_exactly() {
     let (machine, start) = state_of(THREE_AXES);
-    // In the order of the names: bed, scale_y, spindle.
+    // In the order of names: bed, scale_y, spindle.
     let at = |spindle: f64| [Some(20.0), Some(20.0), Some(spindle)];
     let mut rng = ChaCha8Rng::seed_from_u64(9);
     for pieces in [1, 7, 1000] {
@@ -167,8 +166,8 @@ fn a_missing_sensor_holds_then_fades_then_counts_again() {
     assert!((tilt_y(&machine, &thermal) - 2e-5).abs() < 1e-15, "back");
 }
 
-/// The machine has cooled while its sensor was missing. When the sensor returned, the term used to step back to its value of hours ago, and
-/// took hours to settle.
+/// The machine cools while its sensor is missing, and the term fades. When the sensor returns, the term continues from the new
+/// temperature, not from the value of hours ago.
 #[test]
 fn a_term_that_has_faded_does_not_go_back_to_its_value_of_hours_ago() {
     let (machine, mut thermal) = state_of(THREE_AXES);
@@ -192,7 +191,7 @@ fn a_term_that_has_faded_does_not_go_back_to_its_value_of_hours_ago() {
     assert!((tilt_y(&machine, &thermal) - expected).abs() < 1e-15);
 }
 
-/// After a pause of the program of ten minutes no sensor counts as missing, and the lags advance over the pause.
+/// After a program pause of ten minutes no sensor counts as missing, and the lags advance over the pause.
 #[test]
 fn lags_go_on_over_a_time_in_which_the_program_stood() {
     let (machine, mut thermal) = state_of(THREE_AXES);
@@ -208,8 +207,8 @@ fn lags_go_on_over_a_time_in_which_the_program_stood() {
     assert!((tilt_y(&machine, &thermal) - expected).abs() < 1e-15);
 }
 
-/// A scale that has expanded by 100 µm over a metre moves the carriage 100 µm too far along the direction of its axis, whatever that is.
-/// The expansion used to act along X of MCS, the wrong way on a reversed axis.
+/// A scale that has expanded by 100 µm over a metre moves the carriage 100 µm too far along the direction of its axis, also if that is
+/// reversed or slanted.
 #[test]
 fn a_scale_grows_along_the_direction_of_its_axis() {
     let half = std::f64::consts::FRAC_1_SQRT_2;
@@ -247,7 +246,7 @@ fn a_scale_grows_along_the_direction_of_its_axis() {
     }
 }
 
-/// The machine file is read again during warm-up. Every lag used to restart, and the correction jumped to its final value.
+/// A reload of the machine file during warm-up: equal terms keep their lags, so that the correction does not jump to its final value.
 #[test]
 fn lags_are_carried_over_to_the_same_terms() {
     let text = |um_per_k: f64, lag_s: f64, reference: f64| {
@@ -282,7 +281,7 @@ fn lags_are_carried_over_to_the_same_terms() {
     // The difference of two sensors does not depend on the reference.
     let (other, _) = z_um(&text(3.0, 600.0, 22.0), Some(&before));
     assert!((other - warm).abs() < 1e-9, "{other}");
-    // With another lag and other weights, the lagged temperatures of the sensors are unchanged, and continue.
+    // With another lag and other weights the lagged temperatures of the sensors are kept and continue.
     let (other, _) = z_um(&text(3.0, 60.0, 20.0), Some(&before));
     assert!((other - warm).abs() < 1e-9, "{other}");
     let heavier = text(3.0, 600.0, 20.0).replace("spindle = 1.0", "spindle = 1.001");
@@ -341,13 +340,13 @@ fn x_z_um(machine: &Machine, thermal: &ThermalState) -> [f64; 2] {
     [error.position_mm[0] * 1e3, error.position_mm[2] * 1e3]
 }
 
-/// In the order of the names: column, spindle.
+/// In the order of names: column, spindle.
 fn column_spindle(column: f64, spindle: f64) -> [Option<f64>; 2] {
     [Some(column), Some(spindle)]
 }
 
-/// Within the range nothing changes. Beyond it all terms of the error are held and fade to zero over the margin; another error without a
-/// tested range is unaffected. The steady source agrees.
+/// Beyond the tested range all terms of an error are held and fade to zero over the margin; within it nothing changes, and an error
+/// without a range is not affected. Steady temperatures give the same.
 #[test]
 fn beyond_what_they_have_seen_terms_hold_and_fade() {
     for (spindle, share) in [
@@ -391,7 +390,7 @@ fn beyond_what_they_have_seen_terms_hold_and_fade() {
     }
 }
 
-/// The terms of one error may cancel each other, so none of them acts before every sensor with a tested range has delivered a temperature.
+/// No term of an error acts before every sensor with a tested range has a temperature, because the terms may cancel each other.
 #[test]
 fn terms_wait_for_the_first_temperature_of_every_watched_sensor() {
     let (machine, mut thermal) = state_of(SEEN);
@@ -412,7 +411,7 @@ fn terms_wait_for_the_first_temperature_of_every_watched_sensor() {
 /// temperature.
 #[test]
 fn a_temperature_that_leaves_takes_the_terms_with_it_smoothly() {
-    // Without a tested rate, only the temperature counts.
+    // Without a tested rate only the temperature counts.
     let text = SEEN.replace("k_per_min = [-0.3, 0.5]", "");
     let (machine, mut thermal) = state_of(&text);
     let step_s = 2.0;
@@ -440,7 +439,8 @@ fn a_temperature_that_leaves_takes_the_terms_with_it_smoothly() {
     assert!(gone && back);
 }
 
-/// A spindle that warms up faster than in the tests: its rate counts by the change in ten minutes.
+/// A spindle that cools faster than in the tests of the thermal terms: the terms fade. The rate is smoothed with a time constant of ten
+/// minutes.
 #[test]
 fn a_rate_beyond_what_was_seen_fades_as_well() {
     let (machine, mut thermal) = state_of(SEEN);
@@ -473,7 +473,7 @@ fn a_rate_beyond_what_was_seen_fades_as_well() {
     assert!(!thermal.is_beyond_seen());
 }
 
-/// A reload with a wider range while the terms have faded: they ramp in again without a jump.
+/// A reload with a wider range while the terms have faded: they ramp in without a jump.
 #[test]
 fn a_reload_does_not_jump_beyond_what_was_seen() {
     let (_, mut old) = state_of(SEEN);
@@ -482,7 +482,7 @@ fn a_reload_does_not_jump_beyond_what_was_seen() {
     let (machine, mut new) = state_of(&SEEN.replace("[20.0, 30.0]", "[20.0, 40.0]"));
     new.carry_over(&old);
     new.step(1.0, &warm);
-    // A quarter of 39 µm, plus the remainder's share of one second in ten minutes.
+    // A quarter of 39 µm, plus one second's share of the rest in ten minutes.
     let z_um = x_z_um(&machine, &new)[1];
     assert!((z_um - 39.0 * (0.25 + 1.0 / 600.0)).abs() < 0.01, "{z_um}");
     new.step(600.0, &warm);

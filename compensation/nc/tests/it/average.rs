@@ -1,4 +1,4 @@
-//! Mean correction in the work offset against closed-form means.
+//! Mean correction in the work offset, compared with closed-form means.
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
@@ -60,8 +60,8 @@ fn a_constant_error_is_removed_completely() {
     assert!(found[0].left_um[0] < 1e-6, "{found:?}");
 }
 
-/// Of a scale error of 100 µm/m the mean over 100 and 300 mm is removed and ±10 µm remain, less 1e-4 because the error also scales the
-/// correction. Each offset has its own mean.
+/// Scale error of 100 µm/m at X 100 and X 300: the mean is removed and ±10 µm remain (times 0.9999, since the correction has the scale
+/// error too). Each work offset has its own mean.
 #[test]
 fn a_scale_error_leaves_its_spread() {
     let (out, found) = run(
@@ -121,7 +121,7 @@ fn programs_without_a_mean_correction_are_refused() {
     assert!(wrong.starts_with("line 1: column 4"), "{wrong}");
 }
 
-/// Readings along X, two along a slanted direction and none along Y: worked out by hand.
+/// Readings along X, along a slanted direction, and none along Y; worked out by hand.
 #[test]
 fn the_mean_of_measured_errors() {
     let at = |direction: [f64; 3], um: f64| Reading {
@@ -129,7 +129,7 @@ fn the_mean_of_measured_errors() {
         error_mm: 1e-3 * um,
     };
     let program = "G90 G54 G0 X0 Y0 Z10\nG1 F100 Z-5\n";
-    // Along X 10 and 14, mean 12; along Z -6: the residuals are 2, 2 and 0.
+    // X: 10 and 14, mean 12; Z: -6. Residuals: 2, 2 and 0.
     let readings = [
         at([1.0, 0.0, 0.0], 10.0),
         at([1.0, 0.0, 0.0], 14.0),
@@ -157,8 +157,8 @@ fn the_mean_of_measured_errors() {
     has(&out, "G10 L2 P1 X99.990 Y49.990 Z-20.500\n");
 }
 
-/// An error of 10 µm along X and 4 µm along Y of the workpiece, corrected by axes with other directions: each word worked out by hand; the
-/// error at zero equals the sum of the words.
+/// An error of 10 µm along X and 4 µm along Y of the workpiece is corrected by axes with other directions. Each word is worked out by
+/// hand; the error in the note on the zero equals the sum of the words.
 #[test]
 fn measured_errors_become_axis_offsets() {
     let readings =
@@ -192,7 +192,7 @@ fn measured_errors_become_axis_offsets() {
             0.0,
             [70, 50],
         ),
-        // Along X alone 10·0.6 + 4·0.8 = 9.2 are corrected: 4.48 and -3.36 remain.
+        // X alone corrects 10·0.6 + 4·0.8 = 9.2; 4.48 and -3.36 remain.
         (
             "correct = [\"X\"]",
             "[0.6, 0.8, 0]",
@@ -237,8 +237,7 @@ fn measured_errors_become_axis_offsets() {
     }
 }
 
-/// With constant errors of 10 µm and 4 µm a part cut from a probed zero has no error, and the same follows from the measured mean plus the
-/// amount in the note.
+/// With constant errors of 10 and 4 µm a part cut from a probed zero has no position error, since the probed zero contains the errors.
 #[test]
 fn a_probed_zero_contains_the_measured_error() {
     let machine =
@@ -276,7 +275,7 @@ fn a_probed_zero_contains_the_measured_error() {
     }
 }
 
-/// Only the first cut from the zero of the set-up file gets the note; a zero set by the program was not probed.
+/// The note is added for the first cut from the zero of the set-up file only; a zero set by the program was not probed.
 #[test]
 fn a_zero_set_by_the_program_was_not_probed() {
     let reading = [Reading {
@@ -294,7 +293,7 @@ fn a_zero_set_by_the_program_was_not_probed() {
     }
 }
 
-/// A pitch of 100 µrad at a tool of 300 mm causes 30 µm, in the mean as in each correction; the program number stays in the first line.
+/// A pitch of 100 µrad with a tool of 300 mm is 30 µm in the mean correction. The program number stays in the first line.
 #[test]
 fn the_tool_length_counts_and_the_program_number_stays_first() {
     let machine = format!(
@@ -320,7 +319,7 @@ fn the_tool_length_counts_and_the_program_number_stays_first() {
     assert!(String::from_utf8_lossy(&out).starts_with("%\nO0007\nG21 G90\nG10 L2 P1"));
 }
 
-/// Incremental motions from another offset, or from the start, do not contain the mean.
+/// Incremental motions from another offset or from the start position do not contain the mean, so they are refused.
 #[test]
 fn incremental_motions_from_other_offsets_are_refused() {
     let scale = "EXX = { poly = [0.0, 0.1] }\n";
@@ -337,7 +336,8 @@ fn incremental_motions_from_other_offsets_are_refused() {
     assert_eq!(run(scale, SETUP, good).expect("averaged").1[0].places, 1);
 }
 
-/// Positions that do not depend on the work offset lack the mean: an axis that is never named, another offset, and a G92 zero from there.
+/// Positions that do not depend on the work offset lack the mean and are refused: an axis that is never named, another offset, and a G92
+/// zero from there.
 #[test]
 fn positions_without_the_mean_correction_are_refused() {
     let errors = "EXX = { poly = [10.0, 0.1] }\nEYY = { poly = [4.0] }\n";
@@ -347,14 +347,14 @@ fn positions_without_the_mean_correction_are_refused() {
         ("G90 G54 G0 X0 Y0\nG1 X0 F100\nG1 X100\nG55 G1 Y5\n", 4, 'X'),
         ("G90 G55 G0 X0 Y0\nG54\nG92 Y0\nG1 X0 Y0 F100\n", 4, 'Y'),
         ("G90 G54 G0 X0 Y0\nG53 G0 Y0\nG1 X10 F100\n", 3, 'Y'),
-        // With the mean correction this motion would go twice as far.
+        // With the mean correction this motion would be twice as long.
         ("G90 G54 G0 X0 Y0\nG1 X[#5221] F100\n", 2, 'X'),
     ] {
         let text = message(errors, SETUP, program);
         begins(&text, &format!("line {line}: the mean correction of "));
         has(&text, &format!(" does not reach {axis} here"));
     }
-    // Z needs no mean correction; a shift from a named position contains it.
+    // Z needs no mean correction, and a shift from a named position contains the mean.
     for good in [
         "G90 G54 G0 X0 Y0\nG1 X10 F100\n",
         "G90 G54 G0 X0 Y0\nG92 X5 Y5 Z5\nG1 X10 Y0 F100\n",
@@ -371,7 +371,7 @@ fn positions_without_the_mean_correction_are_refused() {
     has(&reads, "the program reads its work offsets (such as #5221)");
 }
 
-/// In inches the new offset has the decimals of its words: 79.99984, not 79.99984000000001.
+/// In inches the new offset has the decimals of its words, 79.99984 and not 79.99984000000001.
 #[test]
 fn offsets_are_printed_without_meaningless_digits() {
     let program = "G90 G54 G0 X0 Y0 Z1\nG1 F10 Z-0.5\nX2\nM2\n";
@@ -385,7 +385,7 @@ fn offsets_are_printed_without_meaningless_digits() {
         let (_, behind) = out.split_once("G10 L2 P1 X").expect("an offset");
         let word = behind.split(' ').next().expect("X");
         let inches: f64 = word.parse().expect("a number");
-        // Whole steps of 0.0001 inch are whole numbers of 0.00001 mm: 254 of them.
+        // A step of 0.0001 inch is 254 times 0.00001 mm.
         let steps: i64 = format!("{:.0}", inches * 1e4).parse().expect("whole");
         let [whole, rest] = [254 * steps / 100_000, 254 * steps % 100_000];
         let expected = format!("{whole}.{rest:05}");
@@ -396,7 +396,8 @@ fn offsets_are_printed_without_meaningless_digits() {
     assert!(differ > 0, "the product has no such digits anywhere");
 }
 
-/// X reaches 50 from 100 or from an unknown position, then cuts at rest: the mean correction has this direction of approach, or none.
+/// X reaches 50 from 100 and then stays: the mean correction is that of this direction of approach, -2 µm. From an unknown position it is
+/// 0.
 #[test]
 fn the_mean_has_the_direction_of_approach() {
     let errors = "EXX = { mean = { poly = [0.0] }, reversal = -4 }\n";

@@ -1,4 +1,4 @@
-//! Corrected coordinates stay within the limit, and within the travel if the programmed ones do.
+//! Corrections stay within the limit, and within the travel if the programmed positions do.
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -34,7 +34,7 @@ fn message(errors: &str, program: &str) -> String {
     refused.expect_err("it is refused").to_string()
 }
 
-/// Unit mistakes are rejected in every kind of motion and every language.
+/// Corrections above the limit, as from wrong units, are refused in every kind of motion and every language.
 #[test]
 fn a_correction_beyond_the_limit_is_refused() {
     let rs274 = [
@@ -50,7 +50,7 @@ fn a_correction_beyond_the_limit_is_refused() {
         "G16\nG0 X200 Y0",
     ];
     for program in rs274 {
-        // 20 µm/mm instead of 0.02, a constant of 10 m, and positions instead of deviations, whose Newton steps oscillate.
+        // 20 µm/mm instead of 0.02; a constant of 10 m; positions instead of deviations, with which Newton's method oscillates.
         for errors in [
             "EXX = { poly = [0.0, 20] }\n",
             "EXX = { poly = [1e7, 0.02] }\n",
@@ -113,9 +113,9 @@ fn a_corrected_coordinate_does_not_leave_the_travel() {
 G90 G0 X600\n | line 1: the correction moves X from 600 mm to 600.01 mm in machine coordinates, outside its travel of 0 mm to 600 mm
 G90 G0 X599.995 Y0\nG1 F100 Y-300\n | line 1: the correction moves X from 599.995 mm to 600.005 mm
 G90 G0 X10\nG1 F100 Y-299.99\n | line 2: the correction moves Y from -299.99 mm to -300.01 mm
-// The arc touches the end of X half-way.
+// The arc reaches the end of X half-way.
 G90 G0 X590 Y-10\nG3 F100 X590 Y10 J10\n | line 2: the correction moves X from 600 mm to 600.01 mm
-// The plane R of a hole is the end of Z.
+// The plane R of the hole is the end of Z.
 G90 G0 Z-5\nG98 G81 X10 Y0 Z-20 R0 F50\n | line 2: the correction moves Z from 0 mm to 0.005 mm
 ",
     ) {
@@ -123,10 +123,10 @@ G90 G0 Z-5\nG98 G81 X10 Y0 Z-20 R0 F50\n | line 2: the correction moves Z from 0
         assert!(message.starts_with(expected), "{program}: {message}");
     }
     for program in [
-        // Corrections below the rounding change nothing.
+        // A correction below the rounding changes nothing.
         "G90 G0 X0\nG0 Y300\n",
         "G90 G0 X599.98 Y-200\n",
-        // Already outside the travel: a note reports it.
+        // A program that leaves the travel already gets a note.
         "G90 G0 X601\n",
         "G90 G0 X580 Y-10\nG3 F100 X580 Y10 J10\n",
     ] {
@@ -153,7 +153,7 @@ EXX = { poly = [-10.0] }\n | G54 G90 G0 X0 Y0\nG1 F100 X20\nX500\n | line 3: the
     }
 }
 
-/// Every written word is within limit and travel, read by an independent reader.
+/// An independent reader finds every written word within limit and travel.
 #[test]
 fn corrections_beyond_the_bounds_are_not_written() {
     let mut random = ChaCha8Rng::seed_from_u64(35);

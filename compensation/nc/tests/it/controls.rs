@@ -1,4 +1,4 @@
-//! The key `control` of the set-up file: programs of each control with results worked out by hand.
+//! The key `control` of the set-up file: programs of each control, with results worked out by hand.
 
 use std::fmt::Write as _;
 
@@ -10,11 +10,11 @@ use volcomp_test_support::cases;
 
 use crate::identity::{TRAVELS, begins, compensated_in, has, rows, verified_in, written};
 
-/// X needs 1 µm for each millimetre of Y.
+/// X is corrected by 1 µm per mm of Y.
 const ERRORS: &str = "[errors]\nEC0Y = 1000.0\n";
 const LINEAR: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n";
 
-/// The result of a program, or its error, with these lines of a set-up file.
+/// The result of a program with these set-up lines, or its error message.
 fn result(setup: &str, program: &str) -> Result<String, String> {
     let setup = SetUp::parse(setup, "setup.toml").map_err(|error| error.to_string())?;
     let result = compensated_in(&setup, ERRORS, program.as_bytes());
@@ -22,7 +22,7 @@ fn result(setup: &str, program: &str) -> Result<String, String> {
     Ok(String::from_utf8(out).expect("text"))
 }
 
-/// The line of a set-up file that states a control; empty for an empty name.
+/// The set-up line that names a control; empty for an empty name.
 fn of_control(name: &str) -> String {
     match name {
         "" => String::new(),
@@ -35,21 +35,21 @@ const HAAS: &str = "control = \"haas\"\n";
 const MAZAK: &str = "control = \"mazak\"\n";
 const COUNTING: [&str; 3] = [FANUC, HAAS, MAZAK];
 
-/// Coordinates without a point are least increments and are written as such; zero is equal in both.
+/// Coordinates without a point are read and written in least increments; zero is the same in both notations.
 #[test]
 fn words_without_a_point_are_least_increments() {
     for control in COUNTING {
         for [program, expected] in rows(
             r"
 G21 G90\nG0 X50000 Y25000 Z0\nG1 Z-500 F200\nX60000\nY30000\n | G21 G90\nG0 X50025 Y25000 Z0\nG1 Z-500 F200\nX60025\nY30000 X60030\n
-// Numbers with a point mean the same on all controls.
+// Numbers with a point have one meaning on all controls.
 G0 X50. Y25. Z0\nG1 Z-.5 F200\nX60.\nY30.\n | G0 X50.025 Y25. Z0\nG1 Z-.5 F200\nX60.025\nY30. X60.030\n
-// Inches: a ten-thousandth.
+// Inches: the increment is 0.0001 inch.
 G20\nG0 X10000 Y50000 Z0\nX20000\n | G20\nG0 X10050 Y50000 Z0\nX20050\n
-// The depth, the plane R and the angle of a rotation.
+// Depth, plane R, and the angle of a rotation.
 G0 X0 Y0 Z50000\nG99 G81 X10000 Y100000 Z-5000 R2000 F100\nG80\n | G0 X0 Y0 Z50000\nG99 G81 X10100 Y100000 Z-5000 R2000 F100\nG80\n
 G54\nG68 X0 Y0 R90000\nG0 X10000 Y0\n | G54\nG68 X0 Y0 R90000\nG0 X10000 Y-10\n
-// A dwell, a feed and a smoothing level are not coordinates.
+// The numbers of a dwell, a feed and a smoothing level are not coordinates.
 G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n | G0 X50.025 Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60.025 F200\n
 ",
         ) {
@@ -60,7 +60,7 @@ G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n | G0 X50.025 Y25. Z0\nG4 P
             );
         }
     }
-    // For other controls X60 is 60 mm.
+    // On other controls X60 is 60 mm.
     for control in ["", "control = \"linuxcnc\"\n", "control = \"grbl\"\n"] {
         let found = result(control, "G0 X50. Y25. Z0\nX60\n");
         assert_eq!(
@@ -71,7 +71,7 @@ G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n | G0 X50.025 Y25. Z0\nG4 P
     }
 }
 
-/// Random programs with points and in increments: both results have equal numbers, and those in increments have no point except zero.
+/// Random programs with points and in increments have the same numbers; the result in increments has no point except in zero.
 #[test]
 fn increments_and_points_give_the_same_numbers() {
     let mut draw = ChaCha8Rng::seed_from_u64(41);
@@ -152,7 +152,7 @@ fn increments_and_points_give_the_same_numbers() {
     assert!(compared > 40, "{compared} of 60 are not refused");
 }
 
-/// Coordinates with and without a point in one program are refused until the set-up file states their meaning.
+/// A program with and without points in coordinates is refused until the set-up file states their meaning.
 #[test]
 fn mixed_decimal_points_are_refused_until_stated() {
     let programs = cases(
@@ -191,7 +191,6 @@ unit | G0 X50 Y100\n | G0 X50.100 Y100\n
     }
 }
 
-/// A computed number is not in increments, and gets a point when it is written out.
 #[test]
 fn computed_numbers_get_a_point() {
     let program = "G0 X0 Y0 Z0\nG1 X[#5420+20.] Y100. F100\n#1=50\nG1 X#1 Y100.\n";
@@ -201,7 +200,6 @@ fn computed_numbers_get_a_point() {
     );
     let expected = "G0 X0 Y0 Z0\nG1 X20.100 Y100. F100\n#1=50\nG1 X50.100 Y100.\n";
     assert_eq!(found.as_deref(), Ok(expected));
-    // Also with no decimals.
     let found = result("control = \"fanuc\"\n", "G0 X50. Y900.\nX-0.9\n");
     assert_eq!(found.as_deref(), Ok("G0 X50.900 Y900.\nX0.000\n"));
 }
@@ -277,7 +275,7 @@ fanuc haas mazak | G64 ;, G64 (a;b) ; (c), G05.1 Q1, G5 P10000, M29 S500, G61, G
     }
 }
 
-/// Controls, lines, and the reason of the refusal.
+/// Controls, lines, and reasons for refusal.
 const REFUSED: &str = r#"
  | G187 P1 E0.005 | G187 is not supported: it is supported with control = "haas" in the set-up file
  | G154 P3 | G154 is not supported: it is supported with control = "haas"
@@ -319,7 +317,6 @@ fanuc | M97 P1000 | M97, which is not supported
  | M73 | M73, which is not supported
 "#;
 
-/// A refusal states the reason, or the control that supports the code.
 #[test]
 fn unsupported_codes_are_refused_with_a_reason() {
     for [control, line, expected] in &cases(REFUSED) {
@@ -328,8 +325,7 @@ fn unsupported_codes_are_refused_with_a_reason() {
     }
 }
 
-/// On these controls G52 and G92 are two shifts, and G92.1 ends that of the named axes; LinuxCNC has one shift, replaced by either and
-/// ended by G92.1.
+/// G52 and G92 together are refused on controls where they are two shifts and G92.1 ends one of them. LinuxCNC has a single shift.
 #[test]
 fn g52_and_g92_together_are_refused() {
     let starts = "[start]\nX = 0\nY = 0\nZ = 0\n";
@@ -362,7 +358,7 @@ fn g52_and_g92_together_are_refused() {
     }
 }
 
-/// U and W are incremental X and Z on lathes, unless the machine has an axis W.
+/// U, V and W are refused where they may be incremental X, Y and Z, unless the machine has an axis W.
 #[test]
 fn incremental_u_v_w_are_refused() {
     for line in [
@@ -389,7 +385,7 @@ fn incremental_u_v_w_are_refused() {
     assert_eq!(taken.expect("taken").0, program);
 }
 
-/// Numbered work offsets: X needs 1 µm for each millimetre of Y of the machine.
+/// Numbered work offsets of each control: X is corrected by 1 µm per mm of machine Y.
 #[test]
 fn work_offsets_have_numbers() {
     let setup = |control: &str, number: u32| {
@@ -414,7 +410,7 @@ fn work_offsets_have_numbers() {
             format!("G90\nG0 X0.100 Y100. Z0\n{line}\nX10.500 Y100.\nG54\nX10.100 Y100.\n");
         assert_eq!(found, Ok(expected), "{control}");
     }
-    // Set by the program.
+    // An offset that the program sets.
     for (control, code) in [(FANUC, "G54.1 P7"), (HAAS, "G154 P7"), (MAZAK, "G54.1 P7")] {
         let found = result(
             control,
@@ -428,7 +424,7 @@ fn work_offsets_have_numbers() {
             "{control}"
         );
     }
-    // An unstated one is zero, with a note.
+    // An offset that is not stated counts as zero, with a note.
     let set = SetUp::parse(FANUC, "setup.toml").expect("a set-up");
     let (_, summary) = compensated_in(&set, ERRORS, b"G54.1 P12\nG0 X0 Y100. Z0\n").expect("taken");
     let notes: Vec<String> = summary
@@ -455,7 +451,7 @@ fn work_offsets_have_numbers() {
     }
 }
 
-/// A cycle stored without a hole: later holes equal those of a cycle with its first hole.
+/// K0 or L0 stores a cycle without a hole: the later holes equal those of a cycle with a first hole.
 #[test]
 fn cycles_are_stored_by_k0_and_l0() {
     const DEEP: &str = "[errors]\nEC0Y = 1000.0\nEZZ = { poly = [0.0, 1.0] }\n";
@@ -479,7 +475,7 @@ fn cycles_are_stored_by_k0_and_l0() {
                 format!("G90 G0 X0.100 Y100. Z9.990\n{line}\nX30.100 Y100.{deep}\nX40.100\nG80\n");
             assert_eq!(found, Ok(expected), "{control}");
         }
-        // A named axis is unknown: the control may or may not have moved there.
+        // A named axis becomes unknown, since the control may have moved there or not.
         let found = run(control, &format!("G90 G0 X0 Y100. Z10.\nG99 G81 X10. Y50. Z-5. R2. F100. {zero}\nX30.\nG80\nG0 Y200.\n")).expect("taken");
         assert!(
             found.ends_with("\nG80\nG0 Y200. X30.200\n")
@@ -501,7 +497,7 @@ fanuc | K1.5 | a cycle with K that is not a number of holes
         let error = run(&of_control(control), &program).expect_err(word);
         begins(&error, &format!("line 4: {expected}"));
     }
-    // Another control may keep values that LinuxCNC computes anew.
+    // Other controls may keep values that LinuxCNC computes anew.
     for control in [FANUC, HAAS] {
         let program = around("G81 X10. Y100. Z-5. R2. F100.\nG91 X10.");
         let error = run(control, &program).expect_err(control);
@@ -547,7 +543,7 @@ fn presets_are_work_offsets() {
         )
         .expect(ends);
         assert_eq!(text, program.replace("X+20", "X+20.500"));
-        // EC0Y needs 0.4 mm of X at Y 400, where the preset is, whatever shift is added.
+        // At Y 400, where the preset is, X needs 0.4 mm, whatever shift is added.
         let zero = Note::OffAtZero("P3".to_owned(), [-4000, 0, 0]);
         let mut notes = summary.notes.by_line().into_iter();
         assert!(notes.any(|(_, note)| *note == zero), "{:?}", summary.notes);
@@ -573,7 +569,7 @@ fn presets_are_work_offsets() {
     }
 }
 
-/// The lines with the notes that contain a text.
+/// Notes that contain this text, with their lines.
 fn noted(dialect: Dialect, machine: &str, program: &str, text: &str) -> Vec<String> {
     let machine = Machine::parse(machine, "m.toml").expect("a good machine");
     let (_, notes) = written(dialect, &machine, "", program).expect(program);
@@ -583,7 +579,7 @@ fn noted(dialect: Dialect, machine: &str, program: &str, text: &str) -> Vec<Stri
         .collect()
 }
 
-/// M10 clamps a rotary axis: words that only correct it are noted, until M11 unclamps it.
+/// M10 clamps a rotary axis: a word that only corrects the axis gets a note, until M11.
 #[test]
 fn corrections_of_a_clamped_axis_are_noted() {
     let tilts = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-100, 100]\n[errors]\nEAX = { poly = [0.0, 1.0] }\n";
@@ -616,7 +612,7 @@ fn corrections_of_a_clamped_axis_are_noted() {
     }
 }
 
-/// A modal exact stop also stops at the end of each part of a split motion.
+/// With a modal exact stop, the axes stop after each part of a split motion: a note.
 #[test]
 fn split_motions_with_an_exact_stop_are_noted() {
     let bends = format!("{TRAVELS}[errors]\nEZX = {{ poly = [0.0, 0.0, 0.0005] }}\n");

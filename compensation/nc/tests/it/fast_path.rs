@@ -1,4 +1,4 @@
-//! Fast path: plain lines against the same lines with a comment, which take the general path.
+//! Plain lines on the fast path give the same result as the same lines with a comment, which take the general path.
 
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ const SETUP: &str =
     "[work_offset.G55]\nX = 12.5\nY = -3.0\nZ = -4.0\nrotation_deg = 4.0\n[tool.1]\nZ = 85.0\n";
 const START: &str = "[start]\nX = 300.0\nY = 250.0\nZ = -150.0\n";
 
-/// A program of all kinds of motions, mostly short straight ones, with modal changes in between.
+/// A program with all kinds of motion, mostly short straight ones, and modal changes.
 fn program(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
     let mut lines = vec!["G21 G90 G17 G54".to_owned()];
     let mut at: Vec<f64> = axes.iter().map(|(_, at)| *at).collect();

@@ -5,13 +5,12 @@ use volcomp_nc::{Corrector, Dialect, Job, MeanOf, NcError, SetUp, average, compe
 
 use crate::identity::{TRAVELS, compensated_in};
 
-/// X needs 1 µm for each millimetre of Y, and a line over 50 mm of X is split.
+/// X is corrected by 1 µm per mm of Y, and a line over 50 mm of X is split.
 const ERRORS: &str = "[errors]\nEC0Y = 1000.0\nEYX = { table = [[-1000, 0], [0, 0], [50, 20], [100, 0], [1000, 0]], interpolation = \"linear\" }\n";
 
 const PROGRAMS: [&str; 4] = [
     "%\nO0001 (PART)\nG21 G90 G54\n\n(A COMMENT)\nG0 X0 Y100. Z10.\nG1 X100. F500.\nG2 X90. Y90. I0 J-10.\nG81 X20. Y50. Z-5. R2.\nG80\nM30\n%\n",
     "G0 X0 Y100 Z0\nG1 X100 F500\n\n\nX0\n",
-    // Executed and unrolled.
     "G21 G90\nG0 X0 Y0 Z0\no100 repeat [3]\nG91 G1 X40 Y40 F100\nG90\no100 endrepeat\n\nG0 X0 Y0\nM2\n",
     "O1 (MAIN)\nG0 X0 Y100. Z0\nM98 P2 L2\nM30\nO2\nG91\nG1 X30. F100\nG90\nM99\n",
 ];
@@ -25,7 +24,6 @@ fn with_ends(text: &[u8], end: &str) -> Vec<u8> {
     text.replace('\n', end).into_bytes()
 }
 
-/// The result has the line ends of its program and is otherwise equal.
 #[test]
 fn added_lines_have_the_line_ends_of_the_program() {
     for program in PROGRAMS {
@@ -65,7 +63,6 @@ fn leaders_and_trailers_are_copied() {
     }
 }
 
-/// Lines longer than a buffer end correctly wherever the buffer ends.
 #[test]
 fn line_ends_across_buffers() {
     let machine = Machine::parse(&format!("{TRAVELS}{ERRORS}"), "m.toml").expect("a good machine");
@@ -88,7 +85,7 @@ fn line_ends_across_buffers() {
     }
 }
 
-/// Bytes that occur in none of these files are refused with their position; lines are counted as an editor counts them.
+/// Bytes that no such file contains are refused with their position. Lines are counted as in an editor.
 #[test]
 fn other_bytes_are_refused() {
     for (program, expected) in [

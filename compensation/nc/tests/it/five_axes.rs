@@ -1,4 +1,4 @@
-//! A five-axis machine with a tilting rotary table, checked against independent kinematics and the exact model.
+//! A five-axis machine with a tilting rotary table, checked by independent kinematics and the exact model.
 
 use volcomp_model::{
     Machine, Temperatures,
@@ -17,11 +17,11 @@ use crate::{
 
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
 const LINEAR_WORDS: &str = "rotary_words = \"linear\"\n";
-/// Where the centre lines of the table cross, and the length of the machine's own tool, mm.
+/// Intersection of the table's centre lines, and length of the machine's own tool, mm.
 const POINT: [f64; 3] = [300.0, 250.0, -450.0];
 const LENGTH: f64 = 150.0;
 
-/// The example with a tool of this length, without play, so that no direction of approach matters.
+/// The example machine with a tool of this length and without backlash, so that directions of approach do not matter.
 fn machine(length: f64) -> Machine {
     let text = EXAMPLE
         .replace("length = 150.0", &format!("length = {length}"))
@@ -40,7 +40,7 @@ fn run(machine: &Machine, setup: &str, program: &str, decimals: Decimals) -> (St
     (String::from_utf8(out).expect("text"), summary)
 }
 
-/// The result with the default decimals, and the tool deviation of the machine with both programs.
+/// The result with the default decimals, and the tool deviation with both programs.
 fn verified(machine: &Machine, setup: &str, program: &str) -> (Summary, Verification) {
     let (out, summary) = run(machine, setup, program, Decimals::default());
     let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
@@ -49,7 +49,7 @@ fn verified(machine: &Machine, setup: &str, program: &str) -> (Summary, Verifica
     (summary, found.expect("verified"))
 }
 
-/// Position of a point of the bed as seen from the table tilted by a and turned by c, deg.
+/// Position of a point of the bed in table coordinates, with the table tilted by `a` and turned by `c`, deg.
 fn seen_from_table([x, y, z]: [f64; 3], a: f64, c: f64) -> [f64; 3] {
     let (a, c) = (a.to_radians(), c.to_radians());
     let [x, y, z] = [x - POINT[0], y - POINT[1], z - POINT[2]];
@@ -66,7 +66,7 @@ fn in_bed([x, y, z]: [f64; 3], a: f64, c: f64) -> [f64; 3] {
     [x + POINT[0], y + POINT[1], z + POINT[2]]
 }
 
-/// The last value of each of X Y Z A C up to each line.
+/// The last value of each of X Y Z A C, after each line.
 fn places(program: &str) -> Vec<[f64; 5]> {
     let mut at = [0.0; 5];
     let line = |line: &str| {
@@ -84,7 +84,7 @@ fn places(program: &str) -> Vec<[f64; 5]> {
     program.lines().map(line).collect()
 }
 
-/// Tip deviation (µm) of a tool of this length with the axes commanded to `commanded`.
+/// Tip deviation (µm) with a tool of this length and the axes at `commanded`.
 fn miss_um(length: f64, wanted: [f64; 5], commanded: [f64; 5]) -> f64 {
     const NAMES: [AxisName; 5] = [X, Y, Z, A, C];
     let machine = machine(length);
@@ -110,7 +110,7 @@ const PLACES: [[f64; 5]; 6] = [
     [310.0, 260.0, -160.0, -0.05, 300.0],
 ];
 
-/// Random poses away from the singular ones, where errors that only C could correct are left out.
+/// Random poses away from singular ones, where errors that only C could correct remain.
 fn random_places(count: usize) -> Vec<[f64; 5]> {
     let mut seed = 7_u64;
     let mut random = |low: f64, high: f64| {
@@ -127,7 +127,6 @@ fn random_places(count: usize) -> Vec<[f64; 5]> {
             places.push([x, y, random(-300.0, 0.0), a, random(-350.0, 350.0)]);
         }
     }
-    // As precise as the words of the program.
     let round = |value: f64, by: f64| (value * by).round() / by;
     for [x, y, z, a, c] in &mut places {
         for length in [x, y, z] {
@@ -146,7 +145,8 @@ fn program(first: &str, places: impl Iterator<Item = [f64; 5]>) -> String {
     format!("{first}\n{}", lines.collect::<String>())
 }
 
-/// The linear axes follow the rounded words of A and C: otherwise 0.001° at 300 mm would cost up to 2.6 µm for each rotary axis.
+/// The linear axes match the rounded words of A and C, so that the tip error is below 0.9 µm. Rounding A or C alone by 0.001° would cost
+/// up to 2.6 µm at 300 mm.
 #[test]
 fn coordinates_of_the_axes() {
     let machine = machine(LENGTH);
@@ -164,7 +164,7 @@ fn coordinates_of_the_axes() {
     assert!(before / 300.0 > 10.0, "nothing to correct: {before}");
 }
 
-/// The same positions with tool centre point control, in table coordinates, with a tool of the program.
+/// The same positions with tool centre point control, in table coordinates and with a tool of the program: the tip error is below 0.1 µm.
 #[test]
 fn coordinates_of_the_centre_point() {
     let own = machine(LENGTH);
@@ -173,7 +173,7 @@ fn coordinates_of_the_centre_point() {
         ("", "G90 M428", 0.0, LENGTH),
         ("[tool.3]\nZ = 90\n", "G90 G43.4 H3", 90.0, 90.0),
     ] {
-        // The control computes the axes from the tip and the tool length; at A0 C0 the coordinates are those of the axes.
+        // The control computes the axes from tip and tool length; at A0 C0 the coordinates are those of the axes.
         let to_centre = |[x, y, z, a, c]: [f64; 5]| {
             let [x, y, z] = seen_from_table([x, y, z - length], a, c);
             [x, y, z + length - more, a, c]
@@ -196,20 +196,20 @@ fn coordinates_of_the_centre_point() {
     }
 }
 
-/// Straight centre-point paths while the table turns are split where the correction bends.
+/// A straight path of the centre point while the table turns is split where the correction bends: the tip error falls from above 20 to
+/// below 1.9 µm.
 #[test]
 fn centre_point_paths_are_within_the_tolerance() {
     let machine = machine(LENGTH);
     let program = "G90 G0 X300 Y250 Z-250 A0 C0\nG1 F1000 X340 Y260 A-40 C60\nX250 Y220 Z-260 A-80 C170\nX260 A10 C10\nG2 X300 Y260 I20 J20 C60\n";
     let (summary, found) = verified(&machine, "tool_centre_point = true\n", program);
     assert!(found.before.max_um > 20.0, "{found:?}");
-    // The tolerance of 1 µm and the rounding of three words.
+    // Tolerance of 1 µm plus the rounding of three words.
     assert!(found.after.max_um < 1.9, "{:?}", found.after);
     assert!(summary.counts.added > 10, "{:?}", summary.counts);
 }
 
-/// Tool centre point control stays active from M428 or the set-up until M429, and from G43.4 until G49, whatever tool length is selected in
-/// between.
+/// Tool centre point control lasts from M428 or the set-up to M429, and from G43.4 to G49, whatever tool length is selected in between.
 #[test]
 fn centre_point_control_lasts_until_it_is_switched_off() {
     let machine = machine(LENGTH);
@@ -239,7 +239,7 @@ fn centre_point_control_lasts_until_it_is_switched_off() {
     }
 }
 
-/// The play of an axis that reverses during a straight centre-point path is taken up there.
+/// An axis with backlash reverses in a straight path of the centre point: a part of the split path corrects it there.
 #[test]
 fn play_is_taken_up_where_an_axis_reverses() {
     let text = EXAMPLE.replace("reversal = 2.0", "reversal = 20.0");
@@ -255,7 +255,6 @@ fn play_is_taken_up_where_an_axis_reverses() {
     assert!(inner.count() > 0, "{:?}", summary.shares);
 }
 
-/// M430 of LinuxCNC switches to kinematics defined by the user.
 #[test]
 fn own_kinematics_after_m428_are_refused() {
     let mut machine = machine(LENGTH);
@@ -271,7 +270,7 @@ fn own_kinematics_after_m428_are_refused() {
     );
 }
 
-/// Words of a rotary axis that the machine file lacks are rejected under tool centre point control, because the table would turn.
+/// With tool centre point control, words of a rotary axis that the machine file lacks are refused, because the table would turn.
 #[test]
 fn rotary_words_of_missing_axes_are_refused_with_centre_point_control() {
     let mut machine = machine(LENGTH);
@@ -302,7 +301,7 @@ fn a_new_tool_length_at_a_tilt_makes_positions_unknown() {
     assert!(names(behind[3]).contains('Y'), "{result}");
 }
 
-/// The tool in the spindle (M6) counts, not the one selected by T for the next change.
+/// The tool in the spindle (M6) counts, not the one that T selects for the next change.
 #[test]
 fn the_length_is_that_of_the_tool_in_the_spindle() {
     let machine = machine(LENGTH);
@@ -317,15 +316,14 @@ fn the_length_is_that_of_the_tool_in_the_spindle() {
     assert_ne!(last("G43 H2"), last("G43 H1"));
 }
 
-/// The points that the book gives for the centre lines of LinuxCNC's `xyzac-trt` and `xyzbc-trt` reproduce the formulas of these
-/// kinematics.
+/// The points that the book gives for the centre lines of LinuxCNC's `xyzac-trt` and `xyzbc-trt` reproduce their formulas within 1e-9 mm.
 #[test]
 fn linuxcnc_centre_lines_equal_points_of_the_machine_file() {
     let [x_rot_point, y_rot_point, z_rot_point] = [10.0, 20.0, 30.0];
     let [x_offset, y_offset, z_offset] = [6.0, 4.0, 5.0];
     let joints = [33.0, -41.0, -52.0];
     let [tilt, turn] = [25.0_f64, 40.0].map(f64::to_radians);
-    // Rotation by an angle in the plane of two axes about a point.
+    // Rotation about a point in the plane of two axes.
     let turned = |at: [f64; 3], [i, j]: [usize; 2], about: [f64; 2], by: f64| {
         let (sin, cos) = by.sin_cos();
         let [u, v] = [at[i] - about[0], at[j] - about[1]];
@@ -361,7 +359,7 @@ fn linuxcnc_centre_lines_equal_points_of_the_machine_file() {
     }
 }
 
-/// A modulo axis has no travel ends; another one has.
+/// Positions of a modulo axis beyond its travel get no note; those of other axes do.
 #[test]
 fn an_axis_with_modulo_does_not_leave_its_travel() {
     let turns = "G0 X10 Y20 Z0 A0 C0\nG1 C370 F500\nC-900.5\nC12345\n";
@@ -397,7 +395,7 @@ fn an_axis_with_modulo_does_not_leave_its_travel() {
     assert_eq!(lines, [3]);
 }
 
-/// A word of half a turn or more of a rollover axis is refused unless the set-up states its direction.
+/// A motion of half a turn or more of a rollover axis is refused unless the set-up states the direction.
 #[test]
 fn the_direction_of_a_modulo_axis_must_be_stated() {
     const MODULO: &str = "travel = [0, 360]\nmodulo = 360.0\n";
@@ -440,7 +438,7 @@ fn the_direction_of_a_modulo_axis_must_be_stated() {
         result(SWIVELS, "", program).expect(program);
     }
     result(MODULO, "", "G0 X10 Y20 Z0 C0\nG91 G1 C250 F500\n").expect("a way");
-    // Half a turn has no shorter way.
+    // For half a turn there is no shorter way.
     let error = result(MODULO, SHORTER, "G0 X10 Y20 Z0 C0\nC180\n").expect_err("half a turn");
     assert!(error.contains("shorter way"), "{error}");
     for (setup, notes) in [("", &[1][..]), (LINEAR, &[]), (SHORTER, &[])] {
@@ -461,7 +459,7 @@ fn the_direction_of_a_modulo_axis_must_be_stated() {
         linear.windows(2).all(|pair| pair[1] < pair[0]),
         "{linear:?}"
     );
-    // The statement applies to rollover axes: A moves by +200 through 0, as its travel allows.
+    // The set-up applies to rollover axes only: A moves by +200 through 0, within its travel.
     let swivel = "G0 X10 Y20 Z0 C-100\nG1 C100 F500\n";
     let (out, _) = result(SWIVELS, SHORTER, swivel).expect("compensated");
     let turned: Vec<f64> = places(&out).iter().map(|place| place[4]).collect();
@@ -469,19 +467,17 @@ fn the_direction_of_a_modulo_axis_must_be_stated() {
         turned.windows(2).all(|pair| pair[1] > pair[0]),
         "{turned:?}"
     );
-    // By 120°.
     assert!(
         shorter.iter().all(|c| !(10.1..249.9).contains(c)),
         "{shorter:?}"
     );
 }
 
-/// A table that turns about A, and the beginning of its programs.
+/// A machine with a table that turns about A, and the start of its programs.
 const TILTED: &str =
     "EC0A = 200.0\nEZA = { table = [[-360, -15], [360, 15]], interpolation = \"linear\" }\n";
 const START: &str = "G94 G0 X20 Y0 Z30 A0\nG1 Z25 F100\n";
 
-/// The result on a machine with a table that turns about A and these errors.
 fn turned(errors: &str, setup: &str, dialect: Dialect, program: &str) -> Result<String, String> {
     let travel = "travel = [-300, 300]\n";
     let text = format!(
@@ -497,8 +493,8 @@ fn turned(errors: &str, setup: &str, dialect: Dialect, program: &str) -> Result<
         .map_err(|error| error.to_string())
 }
 
-/// In a purely rotary motion no block moves rotary and linear axes together if F would apply to the linear ones: X, Y and Z follow in
-/// separate blocks, within the tolerance. On controls that combine mm and deg they move together.
+/// In a purely rotary motion F applies to the rotary axis. Where a linear word would change that, X, Y and Z follow in separate blocks,
+/// within the tolerance; controls that combine mm and deg move all axes together.
 #[test]
 fn a_purely_rotary_motion_keeps_its_feed() {
     let program = format!("{START}G1 A90 F600\nX30 F50\n");
@@ -517,7 +513,7 @@ fn a_purely_rotary_motion_keeps_its_feed() {
         let is_mixed = |line: &String| names(line, "A") && names(line, "XYZ");
         assert!(!turn.iter().any(is_mixed), "{lines:?}");
         assert!(turn.iter().any(|line| names(line, "XYZ")), "{lines:?}");
-        // The tolerance and the rounding of the words.
+        // Tolerance plus rounding of the words.
         let at = places(&lines.join("\n"));
         for pair in at[2..lines.len() - 1].windows(2) {
             let ways = pair[0].iter().zip(&pair[1]).take(3);
@@ -525,7 +521,7 @@ fn a_purely_rotary_motion_keeps_its_feed() {
                 assert!((after - before).abs() < 0.0025, "{lines:?}");
             }
         }
-        // The remainder at its end is corrected by the next motion.
+        // The next motion corrects the remainder at the end.
         assert!(
             turn.last().is_some_and(|line| line.contains("A90")),
             "{lines:?}"
@@ -537,7 +533,7 @@ fn a_purely_rotary_motion_keeps_its_feed() {
     );
     let is_mixed = |line: &String| names(line, "A") && names(line, "XYZ");
     assert!(together[2..].iter().any(is_mixed), "{together:?}");
-    // An unchanged word must not move the axis back from a corrected position.
+    // An unchanged word must not move the axis away from its corrected position.
     let bent = "EZA = { table = [[0, 0], [10, -0.6], [20, 0.4]], interpolation = \"linear\" }\n";
     let program = "G94 G0 X0 Y0 Z0 A0\nG1 Z0 A10 F600\nG1 Z0 A20\nG1 Z-5\n";
     let out = turned(bent, "", Dialect::Rs274, program).expect("compensated");
@@ -549,8 +545,8 @@ fn a_purely_rotary_motion_keeps_its_feed() {
     }
 }
 
-/// The combined displacement of the tool by all axes is bounded, checked by independent kinematics: near a singular pose C turns by more
-/// than the limit of an axis, and X and Y follow.
+/// The limit applies to the combined displacement of the tool by all axes, checked by independent kinematics: near a singular pose C
+/// turns by more than an axis limit, and X and Y follow.
 #[test]
 fn the_limit_holds_at_the_tool() {
     let machine = machine(LENGTH);
@@ -581,7 +577,7 @@ fn the_limit_holds_at_the_tool() {
             .sum();
         let moved_um = 1e3 * off.sqrt();
         assert!(moved_um > 1.0, "{wanted:?} {moved_um}");
-        // However the words are rounded.
+        // For any rounding of the words.
         run(&text, moved_um + 0.1).expect("within the limit");
         let refused = run(&text, moved_um - 0.1).expect_err("beyond the limit");
         let begins = "line 2: the corrections of all axes together move the tool by ";

@@ -1,4 +1,4 @@
-//! O-words: calls with equal corrections are copied, others are unrolled.
+//! O-words: calls with equal corrections are copied, others unrolled.
 
 use volcomp_test_support::cases;
 
@@ -37,7 +37,7 @@ M2
 fn without_errors_nothing_changes() {
     assert_eq!(text("", PROGRAM), PROGRAM);
     let constant = "[errors]\nEXX = { poly = [10.0] }\n";
-    // Each position has one correction in every pass, so the loop is copied.
+    // Each position has one correction in all passes, so the loop is copied.
     let out = text(constant, "O1 repeat [3]\nG91 G0 X10\nO1 endrepeat\nM2\n");
     assert_eq!(out, "O1 repeat [3]\nG91 G0 X10\nO1 endrepeat\nM2\n");
 }
@@ -114,7 +114,7 @@ O1 nothing\n | line 1: expected a word such as sub, call, while, if or repeat af
     }
 }
 
-/// Numbered subprograms of FANUC controls: the main program first, subprograms after its end.
+/// Numbered subprograms of FANUC controls, after the end of the main program.
 const BY_NUMBER: &str = "\
 %
 O0001 (main)
@@ -133,11 +133,11 @@ M99
 #[test]
 fn numbered_subprograms_are_executed() {
     assert_eq!(text("", BY_NUMBER), BY_NUMBER);
-    // A constant error: G0 has already applied the correction, so all calls are equal.
+    // A constant error: G0 has applied the correction already, so all calls are equal.
     let constant = "[errors]\nEXX = { poly = [10.0] }\n";
     let out = text(constant, BY_NUMBER);
     assert_eq!(out, BY_NUMBER.replace("G0 X100 Y0 Z0", "G0 X99.990 Y0 Z0"));
-    // A growing error, 1e-4·x² µm: 16 at X = 400, 36 at X = 600. Each step of 100 mm differs, so the calls are unrolled; the subprogram
+    // A growing error, 1e-4·x² µm: 16 at X = 400, 36 at X = 600. The steps of 100 mm differ, so the calls are unrolled; the subprogram
     // stays after the end.
     let growing = "[errors]\nEXX = { poly = [0.0, 0.0, 1e-4] }\n";
     let out = text(growing, BY_NUMBER);
@@ -190,12 +190,10 @@ fn invalid_subprograms_are_refused() {
             "{message}"
         );
     }
-    // Zero calls execute nothing.
     let none = "M98 P7 L0\nM30\nO7\nG1 X900\nM99\n";
     assert_eq!(text("", none), none);
 }
 
-/// A return from a counted loop ends that loop; the loop around the call continues.
 #[test]
 fn a_return_ends_the_loops_it_leaves() {
     let bent = "[errors]\nEXX = { poly = [0.0, 0.0, 0.001] }\n";
@@ -215,7 +213,6 @@ fn a_return_ends_the_loops_it_leaves() {
         3,
         "the subroutine, and both of its passes"
     );
-    // The same with M98 and M99.
     let program =
         "G90 G0 X0 Y0 Z0\nM98 P7 L2\nM30\nO7\no2 repeat [3]\nG91 G0 X100\nM99\no2 endrepeat\nM99\n";
     let result = text(bent, program);
@@ -236,7 +233,8 @@ fn words_with_g69_are_a_motion() {
     assert!(error.starts_with("line 2: a cycle with K"), "{error}");
 }
 
-/// Loops with `break` and `continue` as LinuxCNC's interpreter executes them; state that they leave for another loop is refused.
+/// Loops with `break` and `continue` run as in LinuxCNC's interpreter. Where they leave state that changes a later loop, the program is
+/// refused.
 #[test]
 fn loops_left_early() {
     let motions = |program: &str| {
@@ -257,7 +255,7 @@ fn loops_left_early() {
         &format!("{while_left}{three}"),
         "line 10: LinuxCNC ends this loop here, whatever its condition is, since the break of line 3",
     );
-    // Also if the break is not executed: the loop ends by its condition.
+    // Also if the break is not executed, so that the loop ends by its condition.
     let passed =
         "#5=0\no1 while [#5 lt 2]\n#5=[#5+1]\no2 if [#5 eq 9]\no1 break\no2 endif\no1 endwhile\n";
     says(
@@ -266,7 +264,7 @@ fn loops_left_early() {
     );
     let in_own = "o4 do\n#5=[#5+1]\nG0 Y1\no4 continue\no4 break\no4 while [#5 lt 3]\n";
     says(in_own, "line 6: LinuxCNC ends this loop here");
-    // A loop with one pass clears the pending break.
+    // A loop with a single pass clears the pending break.
     let once = three.replace("lt 3", "lt 0").replace("o4", "o5");
     assert_eq!(motions(&format!("{while_left}{once}{three}")).ok(), Some(5));
     let broken = "o4 do\nG0 Y1\no4 break\nG0 Y2\no4 while [1 eq 1]\n";
@@ -286,7 +284,7 @@ fn loops_left_early() {
     );
     let no_more = "o7 while [0 eq 1]\nG0 X9\no7 endwhile\n";
     assert_eq!(motions(&format!("{do_left}{no_more}{twice}")).ok(), Some(4));
-    // A counted loop that was left has fewer passes: one in the first call, and two, not three, in the second.
+    // A counted loop that was left has fewer passes later: one in the first call, and two instead of three in the second.
     let sub = "o1 sub\no2 repeat [3]\nG0 X1\no3 if [#100 eq 0]\n#100=1\no1 return\no3 endif\no2 endrepeat\no1 endsub\n#100=0\no1 call\n";
     assert_eq!(motions(sub).ok(), Some(1));
     says(
@@ -300,7 +298,7 @@ fn loops_left_early() {
             "line 2: break and continue of a loop with a count (repeat), which LinuxCNC refuses",
         );
     }
-    // Counts are rounded to the nearest whole number, halves to even.
+    // Counts are rounded to the nearest integer, halves to even.
     for (times, done) in [("2.5", 2), ("1.5", 2), ("0.6", 1), ("0.5", 0), ("-2", 0)] {
         let program = format!("o2 repeat [{times}]\nG0 Z1\no2 endrepeat\n");
         assert_eq!(motions(&program).ok(), Some(done), "{times}");

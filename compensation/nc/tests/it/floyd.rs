@@ -1,4 +1,4 @@
-//! Shortest paths against another algorithm, plans against closed forms, joint rounding against the exact line.
+//! Shortest paths compared with another algorithm, plans with closed forms, and joint rounding with the exact line.
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -11,7 +11,7 @@ use volcomp_nc::{
 
 use crate::identity::result_of;
 
-/// The distances from one node by relaxing every edge as often as there are nodes (Bellman, Ford).
+/// Distances from one node by relaxing every edge once per node (Bellman–Ford).
 fn by_relaxation(weights: &[Vec<f64>], from: usize) -> Vec<f64> {
     let mut lengths = vec![f64::INFINITY; weights.len()];
     lengths[from] = 0.0;
@@ -86,7 +86,7 @@ fn invalid_graphs_are_refused() {
     assert_eq!(through(&[2, 2], |_, _, _| f64::INFINITY), None);
 }
 
-/// The layered search finds the all-pairs path of the same graph with a source before the first layer and a sink after the last.
+/// The layered search finds the same path as the all-pairs search on the graph with a source and a sink, with fewer operations.
 #[test]
 fn layered_and_all_pairs_search_agree() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
@@ -131,7 +131,7 @@ fn layered_and_all_pairs_search_agree() {
     }
 }
 
-/// Stations along X every millimetre.
+/// Stations along X at intervals of 1 mm.
 fn along_x(count: u32) -> Vec<Place> {
     (0..count).map(|k| [f64::from(k), 0.0, 0.0]).collect()
 }
@@ -154,7 +154,7 @@ fn without_limits_the_deviation_is_zero() {
         ..Limits::default()
     };
     let found = plan(&path, actual, &limits).expect("a plan");
-    // Half-way between stations the bend of the sine remains: 0.02·0.3²/8.
+    // Half-way between stations the curvature of the sine remains: 0.02·0.3²/8.
     assert!(found.max_mm < 2.3e-4, "{found:?}");
     let at_stations = path.iter().zip(&found.commands).map(|(at, to)| {
         let by: Place = std::array::from_fn(|i| actual(*to)[i] - at[i]);
@@ -168,8 +168,8 @@ fn without_limits_the_deviation_is_zero() {
     assert!(at_stations.fold(0.0, f64::max) < 1.5e-4);
 }
 
-/// The error jumps by 10 µm, and a correction may change by 1 µm between stations. A correction that follows the error is 10 µm off after
-/// the jump; the best one begins before it and is 5 µm off on both sides.
+/// The error jumps by 10 µm, and the correction may change by 1 µm per station. The best plan starts before the jump and is 5 µm off on
+/// both sides, not 10 µm after it.
 #[test]
 fn a_rate_limit_centres_the_plan_on_a_jump() {
     let path = along_x(60);
@@ -185,14 +185,13 @@ fn a_rate_limit_centres_the_plan_on_a_jump() {
     for pair in found.commands.windows(2) {
         assert!((pair[1][1] - pair[0][1]).abs() <= 0.001 + 1e-12);
     }
-    // Whole steps of 1 µm.
     assert!(
         found
             .commands
             .iter()
             .all(|c| (c[1] * 1e3 - (c[1] * 1e3).round()).abs() < 1e-9)
     );
-    // A correction that follows the error as fast as allowed, from where the error appears.
+    // A correction that follows the error as fast as permitted from the jump on.
     let mut following = 0.0_f64;
     let mut worst_following = 0.0_f64;
     for at in &path {
@@ -206,7 +205,8 @@ fn a_rate_limit_centres_the_plan_on_a_jump() {
     );
 }
 
-/// An error that falls faster than the path rises would reverse the command: with play that is a jump.
+/// An error that falls faster than the path rises would reverse the command. With `keeps_direction` there is no reversal, at a larger RMS
+/// deviation.
 #[test]
 fn keeps_direction_forbids_reversals() {
     let path: Vec<Place> = (0..40)
@@ -236,7 +236,7 @@ fn invalid_paths_have_no_plan() {
     assert_eq!(plan(&[], |at| at, &limits), None);
     assert_eq!(plan(&along_x(1), |at| at, &limits), None);
     assert_eq!(plan(&[[f64::NAN; 3], [0.0; 3]], |at| at, &limits), None);
-    // All stations at one position: nothing to do, no failure.
+    // With all stations at one position the plan is trivial.
     let still = plan(&[[1.0; 3]; 4], |at| at, &limits).expect("a plan");
     assert_eq!(still.max_mm, 0.0);
 }
@@ -260,7 +260,7 @@ fn compensated(program: &str, strategy: Strategy) -> String {
     String::from_utf8(result.expect("compensated").0).expect("text")
 }
 
-/// Deviation of the tool perpendicular to the line from (20, 30) to (820, 530): the errors of the machine written out.
+/// Deviation of the tool perpendicular to the line from (20, 30) to (820, 530), with the errors of the machine written out.
 fn across_um(program: &str) -> Vec<f64> {
     let (dx, dy) = (800.0_f64, 500.0_f64);
     let length = dx.hypot(dy);
@@ -280,7 +280,7 @@ fn across_um(program: &str) -> Vec<f64> {
             let wave = |q: f64, period: f64| std::f64::consts::TAU * q / period;
             let ex = 18.0 * wave(x, 260.0).cos() + 12.0 * wave(y, 150.0).sin();
             let ey = 25.0 * wave(x, 180.0).sin();
-            // The workpiece is on X: it carries the errors of X.
+            // X carries the workpiece, thus the errors of X.
             let (px, py) = (x - 20.0, y - 30.0);
             ((py + 1e-3 * ey) * dx - (px + 1e-3 * ex) * dy) / length * 1e3
         })
@@ -304,7 +304,7 @@ fn joint_rounding_is_closer_to_the_line() {
         rms(&by_floyd),
         max(&by_floyd)
     );
-    // Two words, each uniformly off by up to half a step of 1 µm: 0.29 µm across.
+    // Two words, each uniform within half a step of 1 µm: 0.29 µm perpendicular to the line.
     assert!((0.25..0.33).contains(&rms(&by_plain)), "{}", rms(&by_plain));
     assert!(
         rms(&by_floyd) < 0.6 * rms(&by_plain),
@@ -313,7 +313,7 @@ fn joint_rounding_is_closer_to_the_line() {
         rms(&by_plain)
     );
     assert!(max(&by_floyd) <= max(&by_plain) + 1e-9);
-    // The line ends where it ended before.
+    // The end of the line is unchanged.
     let last = |program: &str| {
         program
             .lines()
@@ -345,7 +345,7 @@ fn the_example_prints_its_recorded_output() {
     );
 }
 
-/// The rounds D(0) … D(6) of the example by another algorithm: paths that pass only the first nodes.
+/// The rounds D(0) … D(6) of the example equal Bellman–Ford on the paths through the first nodes only.
 #[test]
 fn each_round_holds_the_paths_over_the_first_nodes() {
     let mut random = ChaCha8Rng::seed_from_u64(9);
@@ -356,7 +356,7 @@ fn each_round_holds_the_paths_over_the_first_nodes() {
     let found = all_pairs(&weights, |round, distances| {
         for (from, own) in distances.iter().enumerate() {
             for to in (0..count).filter(|to| *to != from) {
-                // Edges that lead into a node that may not be passed are left out.
+                // Without the edges into the excluded nodes.
                 let mut allowed = weights.clone();
                 for (node, row) in allowed.iter_mut().enumerate() {
                     for (next, weight) in row.iter_mut().enumerate() {

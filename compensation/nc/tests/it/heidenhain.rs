@@ -1,4 +1,4 @@
-//! HEIDENHAIN conversational: the same paths as in RS-274 in several notations; results and refusals.
+//! HEIDENHAIN conversational: the paths of RS-274 in several notations, results, and refusals.
 
 use std::fmt::Write as _;
 
@@ -16,7 +16,6 @@ use crate::{
 
 const SEEDS: u64 = 64;
 
-/// The lines with the numbers of their blocks.
 fn program(lines: &[String]) -> String {
     let mut text = String::new();
     let all = ["BEGIN PGM DRAWN MM".to_owned()];
@@ -27,7 +26,6 @@ fn program(lines: &[String]) -> String {
     text
 }
 
-/// Asserts that the blocks are numbered consecutively.
 fn is_numbered(text: &str) {
     for (number, line) in text.lines().enumerate() {
         let found = line.split(' ').next();
@@ -35,7 +33,7 @@ fn is_numbered(text: &str) {
     }
 }
 
-/// The lines of a step to the position in these words: an arc is preceded by its pole.
+/// The lines of a step to the position in `words`; a pole precedes an arc.
 fn step_lines(draw: &mut Draw, step: &Step, words: &str) -> Vec<String> {
     match step.way {
         Way::Rapid => vec![format!("L {words} FMAX")],
@@ -58,7 +56,7 @@ fn step_lines(draw: &mut Draw, step: &Step, words: &str) -> Vec<String> {
 
 #[test]
 fn absolute_words() {
-    // The carriage of X runs ahead, or lags.
+    // Reversal values of both signs: the carriage of X runs ahead or lags.
     let machines = [6.0, -6.0].map(worn);
     for (machine, seed) in machines
         .iter()
@@ -106,7 +104,7 @@ fn incremental_words_and_decimal_commas() {
     }
 }
 
-/// Each number keeps its own decimal comma or point; one with two of them is refused.
+/// Each number keeps its decimal comma or point; a number with two of them is refused.
 #[test]
 fn commas_and_points_in_one_program() {
     let run = |text: &str| compensated("[errors]\nEXX = 20.0\nEYX = -30.0\nEZX = 10.0\n", "", text);
@@ -193,7 +191,6 @@ fn q_parameters() {
     }
 }
 
-/// Lines and arcs about a pole, in polar coordinates.
 #[test]
 fn polar_coordinates() {
     // The rounding of polar words must not reverse an axis.
@@ -244,7 +241,7 @@ fn polar_coordinates() {
     }
 }
 
-/// M128 and M428 give the same numbers, to the last digit.
+/// M128 gives the same digits as M428 in RS-274.
 #[test]
 fn m128_has_the_numbers_of_m428() {
     let example = include_str!("../../../../examples/table-tilting.toml");
@@ -332,7 +329,7 @@ L X100,0 F500\n | L X99,990 F500\n
 L X+0\nL IX+100 F100\nL IX-100\n | L X+0\nL IX+99.990 F100\nL IX-99.990\n
 Q1 = 50 * 2\nL X+Q1\n | Q1 = 50 * 2\nL X+99.990\n
 TRANS DATUM AXIS X+100\nL X+0\n | TRANS DATUM AXIS X+100\nL X-0.010\n
-// Two arcs about one pole: each gets its own pole with its correction.
+// Two arcs about one pole: each gets its own corrected pole.
 0 BEGIN PGM A MM\n1 L X+0 Y+0 FMAX\n2 CC X+10 Y+0\n3 C X+20 Y+0 DR-\n4 C X+0 Y+0 DR-\n5 END PGM A MM\n | 0 BEGIN PGM A MM\n1 L X+0 Y+0 FMAX\n2 CC X+10 Y+0\n3 CC X+9.999 Y+0.001\n4 C X+19.998 Y+0 DR-\n5 CC X+9.999 Y-0.001\n6 C X+0 Y+0 DR-\n7 END PGM A MM\n
 L X+0 Y+0\nCR X+20 Y+0 R+10 DR-\n | L X+0 Y+0\nCR X+19.998 Y+0 R+9.999 DR-\n
 CC X+0 Y+0\nLP PR+100 PA+0 F100 M8\n | CC X+0 Y+0\nL X+99.990 Y+0.000 F100 M8\n
@@ -349,8 +346,8 @@ L X+100 M91\nL X+100\n | L X+100 M91\nL X+99.990\n
     }
 }
 
-/// A bent guideway splits a line: added blocks have numbers, later blocks are renumbered, also after the end of the program; stops move to
-/// the last block.
+/// A curved guideway splits a line: added blocks are numbered, later blocks renumbered, also after the program end, and a stop moves to
+/// the last part.
 #[test]
 fn added_blocks_have_the_next_numbers() {
     let bent = "[errors]\nEYX = { table = [[-1000, 0], [0, 0], [100, 20], [200, 0], [1000, 0]], interpolation = \"linear\" }\n";
@@ -380,7 +377,7 @@ fn tools_and_the_shorter_way() {
     );
     let machine = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-360, 360]\n[errors]\nEAA = { poly = [104.719755] }\n";
     let machine = Machine::parse(machine, "m.toml").expect("a good machine");
-    // 0.006 deg.
+    // 0.006°.
     let (text, _) = written(
         &machine,
         "",
@@ -395,7 +392,7 @@ fn tools_and_the_shorter_way() {
     assert!(error.to_string().contains("half a turn"), "{error}");
 }
 
-/// Cycles are copied with all their lines; the position after them is unknown.
+/// Cycles are copied with all their lines; afterwards the position is unknown.
 #[test]
 fn cycles_are_copied() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEZX = { poly = [0.0, 0.1] }\n";
@@ -478,7 +475,8 @@ fn unusual_programs_are_copied_byte_for_byte() {
     assert_copied(Dialect::Heidenhain, &programs);
 }
 
-/// Random lines: no panic; a machine without errors returns accepted lines, and the result on a worn machine is accepted again.
+/// Random lines do not panic. A machine without errors returns accepted programs unchanged, and their result on a worn machine is
+/// accepted.
 #[test]
 fn random_lines_are_copied_byte_for_byte() {
     const PIECES: &str = "L|C|CC|CR|LP|CP|X+10|Y-5,5|IZ+3|IX-2|Y+Q1|PR+20|PA+30|IPA+45|IPR-3|R+12|DR+|DR-|R0|RL|FMAX|F100|M8|\
@@ -509,7 +507,7 @@ fn random_lines_are_copied_byte_for_byte() {
     assert!(taken > 300, "only {taken} were taken");
 }
 
-/// Block numbers near 2^64 have no successor.
+/// A block number close to 2^64 has no successor: refused.
 #[test]
 fn block_numbers_without_a_next_one_are_refused() {
     let taken = |number: &str| {

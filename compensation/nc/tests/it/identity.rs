@@ -19,7 +19,7 @@ pub(crate) fn has(text: &str, expected: &str) {
     assert!(text.contains(expected), "{text}");
 }
 
-/// The rows of a table of cases (see [`cases`]) with static lifetime; lines that begin with `//` are comments on the rows below them.
+/// The rows of a table of cases (see [`cases`]) with static lifetime. A line that begins with `//` is a comment.
 pub(crate) fn rows<const CELLS: usize>(table: &str) -> Vec<[&'static str; CELLS]> {
     let rows = table.lines().filter(|row| !row.starts_with("//"));
     let rows = cases(&rows.collect::<Vec<_>>().join("\n"));
@@ -28,12 +28,11 @@ pub(crate) fn rows<const CELLS: usize>(table: &str) -> Vec<[&'static str; CELLS]
         .collect()
 }
 
-/// The result of compensating a program on a machine with these errors, split beyond 0.5 µm.
+/// Compensates a program on a machine with these errors; tolerance of splitting 0.5 µm.
 pub(crate) fn compensated(errors: &str, program: &[u8]) -> Result<(Vec<u8>, Summary), NcError> {
     compensated_in(&SetUp::default(), errors, program)
 }
 
-/// Like `compensated`, with a set-up.
 pub(crate) fn compensated_in(
     setup: &SetUp,
     errors: &str,
@@ -47,7 +46,7 @@ pub(crate) fn compensated_in(
     })
 }
 
-/// The result of a program on a machine that splits beyond a tolerance, mm; `wanted` changes the default job.
+/// Compensates a program with this tolerance of splitting, mm; `wanted` changes the default job.
 pub(crate) fn result_of(
     (machine, tolerance_mm): (&Machine, f64),
     setup: &SetUp,
@@ -61,7 +60,7 @@ pub(crate) fn result_of(
     Ok((out, summary))
 }
 
-/// Deviations of the tool on a machine with these errors, with a program and its result.
+/// Deviations of the tool with a program and with its result on a machine with these errors.
 pub(crate) fn verified_by(
     truth: &Machine,
     setup: &SetUp,
@@ -80,7 +79,7 @@ pub(crate) fn verified_by(
     verify(&mut program.as_bytes(), &mut result.as_bytes(), shares, of)
 }
 
-/// The result of a program in a language, and its notes with their lines; split beyond 1 µm.
+/// The result of a program in a language, and its notes with their lines; tolerance of splitting 1 µm.
 pub(crate) fn written(
     dialect: Dialect,
     machine: &Machine,
@@ -100,7 +99,7 @@ pub(crate) fn written(
     Ok((String::from_utf8(out).expect("text"), notes))
 }
 
-/// The result of a program and its verification on the same machine; split beyond 1 µm.
+/// The result of a program, and its verification on the same machine; tolerance of splitting 1 µm.
 pub(crate) fn verified_in(
     dialect: Dialect,
     [machine, setup, program]: [&str; 3],
@@ -152,7 +151,7 @@ fn unusual_programs_are_copied_byte_for_byte() {
     }
 }
 
-/// An output that counts its writes.
+/// A writer that counts its writes.
 #[derive(Default)]
 struct Counted {
     bytes: Vec<u8>,
@@ -171,7 +170,7 @@ impl std::io::Write for Counted {
     }
 }
 
-/// A long program is written in large pieces, completely, up to the refused line.
+/// A long program is written in fewer than 20 pieces, completely up to a refused line.
 #[test]
 fn long_programs_are_streamed() {
     let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
@@ -252,7 +251,7 @@ fn unreadable_lines_are_refused_with_position_and_reason() {
     assert!(error.to_string().contains("longer than"), "{error}");
 }
 
-/// Seeds and findings of fuzzing: a machine without errors changes none of the accepted ones.
+/// A machine without errors copies all accepted seeds and findings of the fuzz targets unchanged.
 #[test]
 fn fuzz_inputs_are_copied_byte_for_byte() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fuzz/corpus/nc");

@@ -1,5 +1,3 @@
-//! Inspection of a virtually machined part, compared with closed forms.
-
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
     Corrector, Found, InspectError, Inspected, Job, Note, Notes, Part, SetUp, Virtual, compensate,
@@ -9,12 +7,12 @@ use volcomp_test_support::cases;
 
 use crate::identity::has;
 
-/// Features by name, before and after compensation, on a virtual machine.
+/// Features before and after compensation on a virtual machine, by name.
 fn inspected(errors: &str, program: &str, part: &str) -> Vec<Inspected> {
     inspected_with([errors, errors], "", program, part).0
 }
 
-/// Like `inspected`, on a machine with the first errors, corrected for the second ones, with a work offset; also returns the notes.
+/// Like [`inspected`] on a machine with the first errors, corrected for the second ones, with a work offset; also returns the notes.
 fn inspected_with(
     errors: [&str; 2],
     work_offset: &str,
@@ -72,8 +70,8 @@ fn near(found: Option<f64>, expected: f64, within: f64) {
     assert!((found - expected).abs() <= within, "{found} {expected}");
 }
 
-/// A squareness of 100 µrad turns a circle of 50 mm into an ellipse with radii 5 µm apart; a scale of 100 µm/m along X also moves its
-/// centre at X = 300 by 30 µm and a hole at X = 500 by 50 µm.
+/// A squareness of 100 µrad turns a circle of 50 mm into an ellipse whose radii differ by 5 µm. A scale error of 100 µm/m also moves its
+/// centre at X = 300 by 30 µm, and a hole at X = 500 by 50 µm.
 #[test]
 fn circles_and_holes_equal_the_closed_form() {
     let program = "G21 G90 G17\nG0 X350 Y400 Z-10\nG3 X350 Y400 I-50 J0 F500\nG0 Z0\nG81 X500 Y400 Z-20 R-5\nG80\nM2\n";
@@ -95,11 +93,11 @@ fn circles_and_holes_equal_the_closed_form() {
     assert_eq!(before.form_um, None);
 }
 
-/// A zero at X = 200 probed on a machine with a scale of 100 µm/m is 20 µm off, so the part has 30 of the 50 µm at X = 500. If the model
-/// knows 90 µm/m, 18 µm are added to the work offset, and the part has the 3 of the remaining 5 µm that grow from its zero.
+/// On a machine with 100 µm/m a zero probed at X = 200 is 20 µm off, so the part at X = 500 has 30 of the 50 µm. With a model of 90 µm/m,
+/// 18 µm are added to the work offset, and 3 of the remaining 5 µm stay.
 #[test]
 fn positions_are_relative_to_the_probed_zero() {
-    // A motion without tool length and a shift on the work offset do not change the zero.
+    // A motion without tool length, and a shift of the work offset, do not change the zero.
     let program =
         "G21 G90 G17\nG0 X0 Y0\nG43 H1 Z-10\nG52 X10\nG81 X290 Y0 Z-20 R-5 F500\nG80\nM2\n";
     let part = "[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [5, 5]\n";
@@ -115,7 +113,8 @@ fn positions_are_relative_to_the_probed_zero() {
     assert_eq!(notes.by_line(), [(5, &zero)]);
 }
 
-/// A zero set by the program is not the probed work offset: positions are relative to machine zero.
+/// A zero set by the program was not probed. After G92 or G10 positions are relative to machine zero (29 µm at 290 mm); after G52 the
+/// probed offset of 200 mm stays active (9 µm).
 #[test]
 fn a_zero_set_by_the_program_was_not_probed() {
     let part = "[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [3, 3]\n";
@@ -134,8 +133,8 @@ fn a_zero_set_by_the_program_was_not_probed() {
     }
 }
 
-/// The flank of a tool tilted by 40 µrad leaves a cylinder tilted by as much, 40·10⁻⁶·60 mm = 2.4 µm further away at its upper end; its
-/// axis is the datum of the second cylinder, coaxial with itself.
+/// The flank of a tool tilted by 40 µrad leaves a cylinder with the same tilt: 40·10⁻⁶·60 mm = 2.4 µm at its upper end. A second cylinder
+/// with this one as datum is coaxial.
 #[test]
 fn a_flank_shows_the_tool_direction() {
     let program =
@@ -150,7 +149,7 @@ fn a_flank_shows_the_tool_direction() {
     near(before.coaxiality_um, 0.0, 0.01);
 }
 
-/// EYX of 30 µm in the middle of 800 mm is the straightness of a line along X; its height is straight.
+/// EYX of 30 µm in the middle of 800 mm is the straightness of a line along X; with compensation less than 2.1 µm remain.
 #[test]
 fn lines_have_the_straightness_of_the_machine() {
     let program = "G21 G90 G17\nG0 X100 Y400 Z-10\nG1 X900 F500\nM2\n";
@@ -203,8 +202,8 @@ feature = []\n | found an empty list
     }
 }
 
-/// Rotations of 200 µrad and shifts of 30 µm common to all axes vanish in the alignment. A squareness of 100 µrad remains as form error of
-/// the circle and angle between the edges.
+/// Rotations of 200 µrad and shifts of 30 µm of all axes vanish in the best-fit alignment. A squareness of 100 µrad remains as form error
+/// of the circle and as angle between the edges.
 #[test]
 fn a_part_aligned_by_its_points_has_no_position_error() {
     let program = "G21 G90 G17\nG0 X350 Y400 Z-10\nG3 X350 Y400 I-50 J0 F500\nG0 Z0\nG81 X500 Y400 Z-20 R-5\nG80\nG0 X100 Y100\nG1 X600\nY500\nM2\n";

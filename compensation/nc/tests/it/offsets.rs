@@ -1,4 +1,4 @@
-//! Work offsets and shifts on LinuxCNC: expected values are those of its interpreter (`rs274 -g`).
+//! Work offsets and shifts on LinuxCNC; expected values are those of its interpreter (`rs274 -g`).
 
 use volcomp_nc::{Dialect, SetUp, Strategy, Verification};
 
@@ -16,7 +16,7 @@ fn verified(errors: &str, program: &str) -> (String, Verification) {
     (text, found)
 }
 
-/// Axis positions of a machine without errors at the end of each motion, mm.
+/// Axis positions (mm) of a machine without errors at the end of each motion.
 fn places(program: &str) -> Vec<[f64; 2]> {
     let (_, found) = verified("", program);
     let ends = found.path.iter().filter(|place| place.begins);
@@ -38,21 +38,20 @@ fn are_near(found: &[[f64; 2]], expected: &[[f64; 2]]) {
     }
 }
 
-/// G10 L20 sets a position in the coordinates of its offset, whose rotation may differ from the active one: the applied correction is
-/// rotated, too.
+/// G10 L20 sets a position in an offset with another rotation than the active one: the applied correction is rotated as well.
 #[test]
 fn a_rotated_offset_is_set_with_its_own_correction() {
     let errors = "[errors]\nEXX = { poly = [-1000] }\n";
     let program = "G10 L2 P2 X0 Y0 Z0 R90\nG0 X10 Y20 Z0\nG10 L20 P2 X5 Y6\nG55\nG1 X7 Y6 F100\n";
     let (out, found) = verified(errors, program);
-    // 1 mm along X of the machine is 1 mm against Y of the rotated offset.
+    // 1 mm along machine X is 1 mm against Y of the rotated offset.
     assert!(out.contains("G0 X11.000 Y20"), "{out}");
     assert!(out.contains("G10 L20 P2 X5 Y5"), "{out}");
     assert!(out.ends_with("G1 X7 Y5.000 F100\n"), "{out}");
     assert!(found.after.max_um < 0.1, "{:?}", found.after);
 }
 
-/// The tool stays while the active offset changes under a shift: incremental motions continue from there, positions include both.
+/// The active offset changes under a shift while the tool rests: incremental motions continue from there, and positions include both.
 #[test]
 fn the_active_offset_may_change_under_a_shift() {
     let program = "G90 G54\nG52 X5\nG10 L2 P1 X30\nG91 G0 X1\nG90 G0 X10\nG92 X3\nG10 L2 P1 X-20 Y7\nG91 G0 X1\nG90 G0 X2 Y1\nM2\n";
@@ -63,15 +62,15 @@ fn the_active_offset_may_change_under_a_shift() {
     );
 }
 
-/// LinuxCNC loses the shift if the active offset is rotated about its zero: G91 X1 would continue from Y12.5 instead of
-/// Y15.
+/// Rotating the active offset about its zero under a shift is refused: LinuxCNC loses the shift, and G91 X1 would continue from
+/// Y12.5 instead of Y15.
 #[test]
 fn the_active_offset_may_not_rotate_under_a_shift() {
     for shift in ["G92 X5", "G52 Y-2"] {
         let turned = format!("G90 G54\n{shift}\nG10 L2 P1 X30 R30\nG91 G0 X1\nM2\n");
         let message = refused(&turned);
         begins(&message, "line 3: G10 L2 with R, which rotates");
-        // The shift stays if it is off, if another offset is rotated, or if the rotation is unchanged.
+        // The shift remains if it is off, if another offset is rotated, or if the rotation does not change.
         for (from, to) in [
             (shift, "G92.2"),
             ("P1", "P2"),
@@ -82,7 +81,7 @@ fn the_active_offset_may_not_rotate_under_a_shift() {
             assert_eq!(places(&other).len(), 1, "{other}");
         }
     }
-    // rs274 -g: X-19.9808 Y15 with G92 X5 after the turn, turned by 30 deg about X30.
+    // rs274 -g: X-19.9808 Y15 with G92 X5 after the rotation, rotated by 30° about X30.
     let before = "G90 G54\nG10 L2 P1 R30\nG92 X5\nG10 L2 P1 X30\nG91 G0 X1\nM2\n";
     let (sin, cos) = 30_f64.to_radians().sin_cos();
     let [x, y] = [-19.9808 - 5.0, 15.0];
@@ -92,7 +91,7 @@ fn the_active_offset_may_not_rotate_under_a_shift() {
     );
 }
 
-/// G92.3 restores what G92.2 switched off, with later shifts; a shift from an earlier program is unknown.
+/// G92.3 restores the shift that G92.2 switched off, together with later shifts. A shift from an earlier program is unknown.
 #[test]
 fn g92_3_restores_the_shift() {
     let program = "G92 X10\nG0 X0\nG92.2\nG0 X1\nG92.3\nG0 X2\nG92.2\nG92 Y5\nG0 X3 Y3\nG92.2\nG10 L2 P1 X30\nG0 X4 Y4\nG92.3\nG0 X5 Y5\nG92.1\nG92.3\nG0 X6 Y6\nM2\n";
@@ -110,12 +109,12 @@ fn g92_3_restores_the_shift() {
     begins(&message, "line 2: G92.3 before any G92, G52 or G92.1");
 }
 
-/// Setting a corrected position loses decimals of its word: no loss remains in the offset, however often it is set.
+/// Setting a position to its corrected value rounds a word: the loss does not remain in the offset, however often the position is set.
 #[test]
 fn setting_a_zero_keeps_the_correction() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.01] }\nEYY = { poly = [0.0, 0.01] }\n";
     for set in ["G92 X0 Y0", "G10 L20 P1 X0 Y0"] {
-        // A third of 100 mm each time: 0.33 µm would be lost each time, or everything below half a step.
+        // With steps of 100/3 mm, 0.33 µm or all corrections below half a step would be lost each time.
         let step = format!("G0 X[100/3] Y[2/3]\n{set}\n");
         let program = format!("G90 G54\n{}G0 X10 Y10\nM2\n", step.repeat(9));
         let (text, found) = verified(errors, &program);
@@ -123,7 +122,7 @@ fn setting_a_zero_keeps_the_correction() {
             found.after.max_um < 0.5 * 2_f64.sqrt() + 0.01,
             "{text}{found:?}"
         );
-        // In inches steps are 2.54 µm.
+        // In inches a step is 2.54 µm.
         let inches = program.replace(set, &format!("G20 {set}\nG21"));
         let (text, found) = verified(errors, &inches);
         assert!(
@@ -131,7 +130,7 @@ fn setting_a_zero_keeps_the_correction() {
             "{text}{found:?}"
         );
     }
-    // If the position has no more decimals, neither has the word.
+    // If the position has no more decimals, the word has none either.
     let (text, _) = verified(errors, "G0 X100\nG92 X0\nM2\n");
     assert_eq!(text, "G0 X99.999\nG92 X-0.001\nM2\n");
 }

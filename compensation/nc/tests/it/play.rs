@@ -1,11 +1,11 @@
-//! Lost motion and directions of approach, on a virtual machine and in the result.
+//! Lost motion and directions of approach on a virtual machine and in the result.
 
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, Strategy, Verification};
 
 use crate::identity::{TRAVELS, verified_in, written};
 
-/// X begins at the zero of the part.
+/// X starts at the zero of the part.
 const START: &str = "[start]\nX = 0\nY = 0\nZ = 0\n[work_offset.G54]\nX = 0\n[tool.1]\nZ = 0\n";
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
 const CONE: &str = include_str!("../../../../examples/parts/cone.ngc");
@@ -20,7 +20,8 @@ fn played(dialect: Dialect, texts: [&str; 3], strategy: Strategy) -> Verificatio
     found
 }
 
-/// Closed form: a carriage that lags by 4 µm rests while its drive moves back and forth by 1 µm.
+/// Closed form: a carriage with lost motion of 4 µm rests while its drive moves back and forth by 1 µm; with compensation at most 0.5 µm
+/// remain.
 #[test]
 fn a_carriage_rests_within_its_play() {
     let lags = format!("{TRAVELS}[errors]\nEXX = {{ mean = {{ poly = [0.0] }}, reversal = -4 }}\n");
@@ -31,7 +32,7 @@ fn a_carriage_rests_within_its_play() {
         let last = places.find(|place| place.line == line).expect("looked at");
         (last.before_um[0], last.after_um[0])
     };
-    // From the middle of the play: 2 µm behind, then the drive approaches, and from 4 µm on moves the carriage.
+    // The carriage starts in the middle of the lost motion, 2 µm behind, and moves once the drive has travelled 4 µm.
     for (line, before) in [(2, -2.0), (3, -1.0), (4, -2.0), (5, 2.0)] {
         let (found, left) = last_of(line);
         assert!((found - before).abs() < 1e-6, "line {line}: {found} µm");
@@ -39,7 +40,7 @@ fn a_carriage_rests_within_its_play() {
     }
 }
 
-/// Closed form: the shorter way changes the number of a rotary position, and its carriage stays at its flank.
+/// Closed form: the shorter way changes the number of a rotary position, while the carriage stays at its flank.
 #[test]
 fn the_shorter_way_keeps_the_flank() {
     let travel = "travel = [-500, 500]\n";
@@ -51,7 +52,7 @@ fn the_shorter_way_keeps_the_flank() {
     let start = "[start]\nA = 0\n[work_offset.G500]\nA = 0\n";
     let found = played(Dialect::Siemens, [&lags, start, program], Strategy::Plain);
     let length = |um: [f64; 3]| um.iter().map(|um| um * um).sum::<f64>().sqrt();
-    // Direction of the table deviation along the circle about its centre.
+    // Deviation of the table along the circle about its centre, with sign.
     let off: Vec<f64> = found
         .path
         .iter()
@@ -70,8 +71,8 @@ fn the_shorter_way_keeps_the_flank() {
     }
 }
 
-/// Five machines with play in all five axes, lagging or running ahead: a bore and a cone milled off the table centre are within 1.5 µm with
-/// words of 1 µm.
+/// Five machines with lost motion in all five axes, lagging or running ahead: a bore and a cone milled off the table's centre are within
+/// 1.5 µm with words of 1 µm.
 #[test]
 fn worn_machines_are_within_a_step_and_a_half() {
     for play in [-7.0, -3.5, -1.2, 2.0, 7.0] {
@@ -92,8 +93,8 @@ fn worn_machines_are_within_a_step_and_a_half() {
     }
 }
 
-/// Lost motion of 4 µm: X80 is written as 80.002 forwards and as 79.998 after the reversal. The added line is read before the codes of the
-/// arc, whatever these are.
+/// With lost motion of 4 µm, X80 is 80.002 in positive direction and 79.998 after the reversal. The line added before an arc is read
+/// before the codes of the arc, whatever these are.
 #[test]
 fn play_is_taken_up_before_arcs_with_other_codes() {
     let machine = "[errors]\nEXX = { mean = { poly = [0.0] }, reversal = -4.0 }\n";
@@ -130,7 +131,7 @@ fn play_is_taken_up_before_arcs_with_other_codes() {
         "G20 G0 X1 Y2 Z0 F40\nG0 X2\nG1 X3\nG21 G3 X76.2 Y50.8 I-20 J0\nM2\n",
     );
     assert_eq!(out.lines().nth(3), Some("G1 X2.9999"), "{out}");
-    // The added line has the feed of the arc if there was no F before.
+    // Without an earlier F the added line has the feed of the arc.
     let out = crate::flow::text(
         machine,
         "G0 X60 Y40 Z0\nG0 X80\nG0 Y50\nG17 G3 X80 Y50 I-20 J0 F250\nM2\n",
@@ -138,7 +139,8 @@ fn play_is_taken_up_before_arcs_with_other_codes() {
     assert!(out.contains("\nG1 X79.998 F250\nG17 G3 "), "{out}");
 }
 
-/// Lost motion of 4 µm in X: 80.002 after a positive motion, 79.998 after a negative one, and the mean where the direction is unknown.
+/// With lost motion of 4 µm in X, the word is 80.002 after a positive motion, 79.998 after a negative one, and the mean where the
+/// direction is unknown.
 #[test]
 fn an_axis_from_an_unknown_position_has_no_direction_of_approach() {
     const G54: &str = "[work_offset.G54]\nX = 0\n";
@@ -190,14 +192,14 @@ fn an_axis_from_an_unknown_position_has_no_direction_of_approach() {
             "G0 X80.002\n/G0 X100.002\nG0 X60\nG1 Z0 F100\n",
             4,
         ),
-        // An incremental word states the direction.
+        // An incremental word shows the direction.
         (
             START,
             "G0 X80\nT1 M6\nG91 G0 X-5\nG1 Z1 F100\n",
             "G0 X80.002\nT1 M6\nG91 G0 X-5.004\nG1 Z1 F100\n",
             0,
         ),
-        // Machine coordinates, with and without the work offset between them and the target.
+        // Machine coordinates, with and without the work offset that relates them to the target.
         (G54, "G53 G0 X0\nG0 X60\n", "G53 G0 X0\nG0 X60.002\n", 0),
         (
             "",
@@ -224,7 +226,7 @@ fn an_axis_from_an_unknown_position_has_no_direction_of_approach() {
     }
 }
 
-/// The virtual machine assumes no direction either: without `[start]` the carriage of X is in the middle of its play at first.
+/// Without `[start]` the virtual machine starts with the carriage of X in the middle of its lost motion.
 #[test]
 fn the_virtual_machine_assumes_no_direction_of_approach() {
     let program = "G0 X80 Y0 Z0\nG1 Z5 F100\nX90\nX70\n";

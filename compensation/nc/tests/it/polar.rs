@@ -1,4 +1,4 @@
-//! Polar coordinates of LinuxCNC (@ and ^) and FANUC controls (G16): the same paths as in X and Y.
+//! Polar coordinates of LinuxCNC (@ and ^) and FANUC controls (G16) give the same paths as X and Y.
 
 use std::fmt::Write as _;
 
@@ -99,7 +99,7 @@ fn distances_and_angles_under_g16() {
                 _ => None,
             };
             if let Some((turns, radius)) = by_radius {
-                // A radius defines the centre only if the arc is neither flat nor near half a turn.
+                // A radius defines the centre only if the arc is neither flat nor close to half a turn.
                 let is_plain =
                     (0.8..2.4).contains(&turns.abs()) || (3.9..5.5).contains(&turns.abs());
                 let code = if turns < 0.0 { 2 } else { 3 };
@@ -114,7 +114,7 @@ fn distances_and_angles_under_g16() {
                 continue;
             }
             if is_way {
-                // The distance persists in G90; the angle is incremental in G91.
+                // The distance is modal in G90; the angle is incremental in G91.
                 let [x, y, z] = step.to;
                 let code = i32::from(step.way == Way::Line);
                 let radius = distance([x, y, z]);
@@ -152,7 +152,7 @@ fn distances_and_angles_under_g16() {
     }
 }
 
-/// Converts the X and Y words under G16 to positions; the lines keep their numbers.
+/// Converts X and Y words under G16 to positions; line numbers do not change.
 fn by_x_and_y(program: &str) -> String {
     let (mut is_on, mut is_way, mut radius, mut angle) = (false, false, 0.0, 0.0_f64);
     let mut result = String::new();
@@ -197,7 +197,7 @@ fn by_x_and_y(program: &str) -> String {
     result
 }
 
-/// A bolt circle from programming manuals; X has an error of 0.1 µm per mm.
+/// A bolt circle from programming manuals, with an error of X of 0.1 µm per mm.
 #[test]
 fn a_circle_of_holes_under_g16() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
@@ -206,7 +206,7 @@ fn a_circle_of_holes_under_g16() {
         text(scale, program),
         "G17 G90 G16\nG81 Z-20.0 R5.0 F200 X86.594 Y50.000 G15\nX-86.594 Y50.000\nX0.000 Y-100.000\nG15 G80\nG0 X99.990 Y30.0\nM2\n"
     );
-    // G16 stays if nothing is corrected; a second G16 is active again.
+    // G16 stays if no correction is needed; a second G16 is active again.
     let away =
         "[errors]\nEXX = { table = [[-1000, 0], [0, 0], [100, 10]], interpolation = \"linear\" }\n";
     let program =
@@ -217,7 +217,6 @@ fn a_circle_of_holes_under_g16() {
     );
 }
 
-/// A line that takes up play before an arc is in X and Y.
 #[test]
 fn a_line_before_an_arc_under_g16() {
     let play = "[errors]\nEXX = { mean = { poly = [0.0] }, reversal = -6.0 }\n";

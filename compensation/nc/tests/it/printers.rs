@@ -1,4 +1,4 @@
-//! Printer programs: E words, Klipper and Marlin commands, Grbl settings.
+//! Programs of 3D printers and Grbl: E words, commands of Klipper and Marlin, settings.
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -8,9 +8,9 @@ use volcomp_test_support::cases;
 use crate::identity::{begins, compensated_in, rows};
 
 const PRINTERS: [&str; 2] = ["klipper", "marlin"];
-/// Y bends at X 50: lines across it are split there.
+/// Y bends at X 50, so lines across it are split there.
 const BENT: &str = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYX = { table = [[-1000, 0], [0, 0], [50, 20], [100, 0], [1000, 0]], interpolation = \"linear\" }\n";
-/// X needs 1 µm for each millimetre of Y.
+/// X is corrected by 1 µm per mm of Y.
 const SKEW: &str = "[errors]\nEC0Y = 1000.0\n";
 
 fn run(control: &str, errors: &str, program: &str) -> Result<(String, Summary), NcError> {
@@ -27,7 +27,7 @@ fn result(control: &str, errors: &str, program: &str) -> Result<String, String> 
         .map_err(|error| error.to_string())
 }
 
-/// The filament of a split motion is divided by length; each line has its code, which printers require.
+/// A split motion shares its filament in proportion to length. Each part has the motion code, which printers require.
 #[test]
 fn filament_is_shared_over_the_parts() {
     let start = "G21\nG90\nG28\n";
@@ -35,7 +35,7 @@ fn filament_is_shared_over_the_parts() {
         r"
 M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 X100 Y100 E5.0 F1200\nG1 X0 Y100 E10.0\n | M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 X49.995 Y49.980 E2.5 F1200\nG1 X99.990 Y100.000 E5.0\nG1 X49.995 Y99.980 E7.5\nG1 X0.000 Y100.000 E10.0\n
 M83\nG0 X0 Y0 Z0.2\nG1 X100 Y100 E5.00001 ; comment\nG1 E-.8\nG1 X0\n | M83\nG0 X0 Y0 Z0.2\nG1 X49.995 Y49.980 E2.50000 ; comment\nG1 X99.990 Y100.000 E2.50001\nG1 E-.8\nG1 X49.995 Y99.980\nG1 X0.000 Y100.000\n
-// Incremental, also E.
+// Incremental positions and E.
 M83\nG0 X0 Y0 Z0.2\nG91\nG1 X100 E4\n | M83\nG0 X0 Y0 Z0.2\nG91\nG1 X49.995 E2 Y-0.020\nG1 X49.995 Y0.020 E2\n
 // A motion without travel keeps its filament.
 M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X100 E5\n | M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X49.995 Y-0.020\nG1 X99.990 Y0.000\n
@@ -48,7 +48,7 @@ M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X100 E5\n | M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1
     }
 }
 
-/// The numbers of the words with a letter, in units of the ninth decimal.
+/// Numbers of the words with this letter, in units of the ninth decimal.
 fn numbers(text: &str, letter: char) -> Vec<i64> {
     let lines = text
         .lines()
@@ -67,7 +67,8 @@ fn numbers(text: &str, letter: char) -> Vec<i64> {
         .collect()
 }
 
-/// Random prints: incremental parts add up to the E word to the last digit; absolute motions end at their word, and E grows with the path.
+/// In random prints the incremental parts add up to the E word to the last digit. Absolute motions end at their E word, and E grows with
+/// the path.
 #[test]
 fn no_filament_is_lost() {
     let mut draw = ChaCha8Rng::seed_from_u64(12);
@@ -95,7 +96,7 @@ fn no_filament_is_lost() {
             program += &motion;
             words.push(word);
         }
-        // Each motion alone, after the lines before it.
+        // Each motion alone, after the preceding lines.
         let lines: Vec<&str> = program.lines().collect();
         let mut before = numbers(
             &result(control, BENT, &(lines[..4].join("\n") + "\n")).expect("taken"),
@@ -136,7 +137,7 @@ fn no_filament_is_lost() {
     assert!(split > 500, "{split}");
 }
 
-/// Share of the path in each part: on a line halved by the bend, and on a half circle.
+/// Each part has the share of its length, on a line halved by the bend and on a half circle.
 #[test]
 fn filament_follows_the_path_length() {
     for relative in [false, true] {
@@ -144,7 +145,7 @@ fn filament_follows_the_path_length() {
         let program = format!("G90\n{mode}\nG0 X100 Y0 Z0.2\nG92 E0\nG3 X-100 Y0 I-100 J0 E4.25\n");
         let text = result("klipper", BENT, &program).expect("taken");
         let [x, y, e] = ['X', 'Y', 'E'].map(|letter| numbers(&text, letter));
-        // The first two parts are those of G0 and G92.
+        // Without the first words of X, Y and E, which are those of G0 and G92.
         let (mut angle, mut filament) = (0.0_f64, 0.0);
         assert!(e.len() > 6, "{text}");
         for ((x, y), e) in x[1..].iter().zip(&y[1..]).zip(&e[1..]) {
@@ -160,7 +161,6 @@ fn filament_follows_the_path_length() {
     }
 }
 
-/// Motions whose filament is unknown.
 #[test]
 fn unknown_filament_of_a_split_motion_is_refused() {
     let line = "G1 X100 Y0 E5\n";
@@ -179,7 +179,6 @@ klipper | G92\n | line 1: G92 without an axis
     for (control, program) in [
         ("klipper", "M83\nG90\nG0 X0 Y0 Z0\n"),
         ("marlin", "G90\nM83\nG0 X0 Y0 Z0\n"),
-        // Not split.
         ("marlin", "M83\nG90\nG0 X0 Y0 Z0\nG1 X10 E5\nM83\n"),
         ("klipper", "M82\nG0 X0 Y0 Z0\nG1 X1 E3\n"),
     ] {
@@ -188,7 +187,7 @@ klipper | G92\n | line 1: G92 without an axis
     }
 }
 
-/// Klipper ignores G53 and moves in program coordinates; Marlin has machine coordinates.
+/// G53 is refused for Klipper, which ignores it and moves in program coordinates; Marlin has machine coordinates.
 #[test]
 fn klipper_has_no_machine_coordinates() {
     let program = "G0 X0 Y0 Z0\nG53 G0 X10\n";
@@ -197,7 +196,7 @@ fn klipper_has_no_machine_coordinates() {
     assert_eq!(result("marlin", "", program).as_deref(), Ok(program));
 }
 
-/// Commands are copied unchanged, whatever letters and numbers they have; whether positions are known afterwards.
+/// Commands are copied unchanged, whatever letters and numbers they have. After those that may move an axis, the positions are unknown.
 #[test]
 fn printer_commands_are_copied() {
     let harmless = [
@@ -285,12 +284,12 @@ N3 G1 X10 Y5*71 | line 1: column 13: found '*'
             assert!(error.starts_with(expected), "{error}");
         }
     }
-    // Elsewhere a word is a word.
+    // On another control this is a word.
     assert!(result("linuxcnc", SKEW, "PRINT_START BED=60\n").is_err());
     assert!(result("linuxcnc", SKEW, "M117 Layer\n").is_err());
 }
 
-/// An incremental motion after homing is not split, and homing ends a shift.
+/// After homing an incremental motion is not split, and shifts have ended.
 #[test]
 fn homing_makes_positions_unknown() {
     let text = result(
@@ -315,7 +314,6 @@ fn homing_makes_positions_unknown() {
     );
 }
 
-/// Settings and commands of Grbl.
 #[test]
 fn grbl_settings_are_copied() {
     for (line, known) in [

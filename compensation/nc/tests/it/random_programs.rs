@@ -1,4 +1,4 @@
-//! Random programs: the same path in several languages, and the tool positions with each.
+//! Random paths in several languages, and the tool positions of each.
 
 use std::fmt::Write as _;
 
@@ -38,16 +38,15 @@ impl Draw {
     }
 }
 
-/// How a step reaches its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Way {
     Rapid,
     Line,
-    /// About a centre, by an angle (rad, positive counterclockwise).
+    /// About a centre, by an angle (rad, counterclockwise positive).
     Arc([f64; 2], f64),
 }
 
-/// A step of a path, in the coordinates of the workpiece, mm.
+/// A step of a path, mm in workpiece coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Step {
     pub(crate) way: Way,
@@ -55,7 +54,7 @@ pub(crate) struct Step {
     pub(crate) to: [f64; 3],
 }
 
-/// A path in a box of 400 mm, the first step of which is rapid.
+/// A random path in a box of 400 mm; the first step is rapid.
 pub(crate) fn path(draw: &mut Draw, steps: usize) -> Vec<Step> {
     // Start position of the axes, equal to the work offset.
     let mut at = [-40.0, 30.0, -20.0];
@@ -95,7 +94,6 @@ pub(crate) fn path(draw: &mut Draw, steps: usize) -> Vec<Step> {
     path
 }
 
-/// The path in RS-274.
 pub(crate) fn rs274(path: &[Step]) -> String {
     let mut text = "G21 G90 G54\nF1000\n".to_owned();
     for step in path {
@@ -118,14 +116,14 @@ const SETUP: &str =
     "[work_offset.G54]\nX = 40.0\nY = -30.0\nZ = 20.0\n[start]\nX = 0.0\nY = 0.0\nZ = 0.0\n";
 const ERRORS: &str = "[errors]\nEXX = { mean = { poly = [0.0, 0.1] }, reversal = 6.0 }\nEYX = { poly = [0.0, 0.0, 0.0004] }\nEYY = { table = [[-1000, 0], [0, 30], [1000, -20]], interpolation = \"linear\" }\nEZX = { poly = [0.0, 0.05, 0.0002] }\nEC0Y = 60.0\n";
 
-/// The machine of the random programs, with this reversal value of X, µm.
+/// The machine of the random programs with this reversal value of X, µm.
 pub(crate) fn worn(reversal_um: f64) -> Machine {
     let errors = ERRORS.replace("6.0", &reversal_um.to_string());
     let text = format!("{TRAVELS}{errors}");
     Machine::parse(&text, "m.toml").expect("a good machine")
 }
 
-/// Compensates a program and runs both through the virtual machine.
+/// Compensates a program, and runs both programs on the virtual machine.
 pub(crate) fn judged(
     machine: &Machine,
     setup: &str,
@@ -150,7 +148,7 @@ pub(crate) fn judged(
     Ok((text, summary, found))
 }
 
-/// Compensates the path in RS-274 and in another language: the tool must reach the same positions.
+/// Checks that the compensated path in RS-274 and in another language reaches the same tool positions.
 pub(crate) fn assert_same_positions(
     machine: &Machine,
     path: &[Step],
@@ -167,14 +165,14 @@ pub(crate) fn assert_same_positions(
     text
 }
 
-/// Equal tool positions and deviations, to the rounding of words with five decimals.
+/// Checks for equal tool positions and deviations, within the rounding of words with five decimals.
 pub(crate) fn assert_equal_paths(
     found: &Verification,
     expected: &Verification,
     program: &str,
     result: &str,
 ) {
-    // In a rotated frame a motion may be split elsewhere; its end is equal.
+    // In a rotated frame a motion may be split at another point, but its end is equal.
     let ends = |of: &Verification| -> Vec<Place> {
         let path = of.path.iter();
         let is_last = |(at, place): &(usize, &Place)| {
@@ -199,7 +197,7 @@ pub(crate) fn assert_equal_paths(
             assert!(off_um < 0.1, "{found:?} {expected:?}\n{program}\n{result}");
         }
     }
-    // The tolerance of splits, and that of a rotated frame.
+    // Tolerance of splitting plus that of a rotated frame.
     let most_um = expected.after.max_um.max(1.0) + 0.1;
     assert!(found.after.max_um < most_um, "{found:?}\n{program}");
     assert!(
@@ -208,7 +206,7 @@ pub(crate) fn assert_equal_paths(
     );
 }
 
-/// A machine without errors returns every byte; `Err`: the reason why the program is refused.
+/// Checks that a machine without errors returns every byte; `Err` is the reason for a refusal.
 pub(crate) fn copy_unchanged(
     machine: &Machine,
     dialect: Dialect,
@@ -237,7 +235,8 @@ pub(crate) fn assert_copied(dialect: Dialect, programs: &[&[u8]]) {
     }
 }
 
-/// True if a machine without errors accepts a program and returns it; the result on a worn machine must then be accepted, too.
+/// Whether a machine without errors accepts a program and returns it unchanged; the result on a worn machine must then be accepted as
+/// well.
 pub(crate) fn accepts_with_result(dialect: Dialect, program: &str) -> bool {
     let ideal = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
     if copy_unchanged(&ideal, dialect, program.as_bytes()).is_err() {

@@ -1,4 +1,4 @@
-//! Rows of holes (L in G91): each hole equals the single hole.
+//! Rows of holes (L in G91) equal single holes.
 
 use std::fmt::Write as _;
 
@@ -12,7 +12,7 @@ use crate::{
 
 const SETUP: &str = "[start]\nX = 0.0\nY = 0.0\nZ = 0.0\n";
 
-/// A row in incremental X and Y, or in polar coordinates, against its holes one by one in G90.
+/// A row in incremental X and Y, or in polar coordinates, has the positions and deviations of its holes one by one in G90.
 #[test]
 fn holes_of_a_row_equal_single_holes() {
     for seed in 0..96 {
@@ -74,10 +74,10 @@ fn a_row_is_unrolled_if_its_corrections_differ() {
         text(scale, program),
         "G0 X0 Y0 Z10\n(G91 G81 X100 R-5 Z-5 L3 F100 a row)\nG91 G81 X99.990 R-5 Z-5 F100 (a row)\nX99.990\nX99.990\nG80\nM2\n"
     );
-    // The axes already have the correction: the row stays.
+    // The axes have the correction already, so the row stays.
     let constant = "[errors]\nEXX = { poly = [10.0] }\n";
     assert_eq!(text(constant, program), program.replace("X0", "X-0.010"));
-    // The first hole applies the correction: only its increment differs.
+    // The first hole applies the correction, so only its increment differs.
     let step = "[errors]\nEXX = { table = [[0, 0], [100, -10], [1000, -10]], interpolation = \"linear\" }\n";
     assert_eq!(
         text(step, program),
@@ -91,7 +91,7 @@ fn a_row_is_unrolled_if_its_corrections_differ() {
     );
 }
 
-/// The tool starts slightly off the row: its polar increments are those of the program, not those of the first hole.
+/// The tool starts slightly off the row: the polar increments are those of the program, not of the first hole.
 #[test]
 fn a_polar_row_may_start_off_its_circle() {
     let slight = "[errors]\nEXX = { poly = [0.3] }\n";
@@ -117,20 +117,20 @@ fn a_polar_row_may_start_off_its_circle() {
     );
 }
 
-/// Depth and plane R each have the correction of their own height: the scale of Z is 50 µm/m, and a hole 200 mm deep.
+/// Depth and plane R each get the correction at their own height: scale error of Z 50 µm/m, hole 200 mm deep.
 #[test]
 fn depth_and_plane_r_have_the_correction_at_their_height() {
     let scale = "[errors]\nEZZ = { poly = [0.0, 0.05] }\n";
     for [program, expected] in rows(
         r"
 G0 X0 Y0 Z20\nG81 X10 R0 Z-200 F100\nX20\nX30 Z-100\nX40 R-40\nG80\nM2\n | G0 X0 Y0 Z19.999\nG81 X10 R0 Z-199.990 F100\nX20\nX30 Z-99.995\nX40 R-39.998\nG80\nM2\n
-// In G91 R counts from the tool, which carries a correction of 1 µm, and the depth from R.
+// In G91 R counts from the tool, which has a correction of 1 µm, and the depth from R.
 G0 X0 Y0 Z20\nG91 G81 X10 R-20 Z-200 L2 F100\nX10 Z-100\nG80\nM2\n | G0 X0 Y0 Z19.999\n(G91 G81 X10 R-20 Z-200 L2 F100)\nG91 G81 X10 R-19.999 Z-199.990 F100\nX10.000\nX10 Z-99.995\nG80\nM2\n
 ",
     ) {
         assert_eq!(text(scale, program), expected);
     }
-    // Only the side of the hole differs with the depth: the hole is exact half-way down.
+    // Only X depends on the depth: the hole is exact half-way down.
     let tilt = "[errors]\nEXZ = { poly = [0.0, 0.05] }\n";
     assert_eq!(
         text(tilt, "G0 X0 Y0 Z20\nG81 X10 R0 Z-200 F100\nG80\nM2\n"),
@@ -138,7 +138,7 @@ G0 X0 Y0 Z20\nG91 G81 X10 R-20 Z-200 L2 F100\nX10 Z-100\nG80\nM2\n | G0 X0 Y0 Z1
     );
 }
 
-/// Each hole of a row at one position gets a line, which needs a word to be a hole.
+/// Each hole of a row at one position gets a line with a word, without which the line would not be a hole.
 #[test]
 fn repeated_holes_at_one_position_have_a_word() {
     let tilt = "[errors]\nEYZ = { poly = [0.0, 0.4] }\n";

@@ -1,4 +1,4 @@
-//! SINUMERIK: the same paths as in RS-274 in several notations; results and refusals.
+//! SINUMERIK: the paths of RS-274 in several notations, results, and refusals.
 
 use std::fmt::Write as _;
 
@@ -20,13 +20,12 @@ fn header() -> String {
     "%_N_DRAWN_MPF\nG71 G90 G54 G17 ; as RS-274\nF1000\n".to_owned()
 }
 
-/// The words of the circle of an arc, in a random notation.
 fn circle(draw: &mut Draw, step: &Step, centre: [f64; 2], turns: f64) -> String {
     let [i, j] = [centre[0] - step.from[0], centre[1] - step.from[1]];
     match draw.below(3) {
         0 => format!("I{i:.6} J={j:.6}"),
         1 => format!("I=AC({:.6}) J=AC({:.6})", centre[0], centre[1]),
-        // A radius defines the centre only if the arc is neither flat nor near half a turn.
+        // A radius defines the centre only if the arc is neither flat nor close to half a turn.
         _ if (0.8..2.4).contains(&turns.abs()) => format!("CR={:.6}", i.hypot(j)),
         _ => format!("J=IC({j:.6}) I{i:.6}"),
     }
@@ -43,7 +42,7 @@ fn code(way: Way) -> u32 {
 
 #[test]
 fn absolute_words() {
-    // The carriage of X runs ahead, or lags.
+    // Reversal values of both signs: the carriage of X runs ahead or lags.
     let machines = [6.0, -6.0].map(worn);
     for (machine, seed) in machines
         .iter()
@@ -96,7 +95,7 @@ fn incremental_words() {
     }
 }
 
-/// A plane frame: rotated, then shifted.
+/// A plane frame: rotation, then shift.
 #[derive(Clone, Copy)]
 struct Frame {
     angle: f64,
@@ -109,7 +108,6 @@ impl Frame {
         [cos * x - sin * y, sin * x + cos * y]
     }
 
-    /// This frame with another one in it.
     fn then(self, other: Self) -> Self {
         let [x, y] = Self::turn(self.angle, [other.by[0], other.by[1]]);
         Self {
@@ -131,7 +129,7 @@ fn frames_in_their_order() {
         angle: 0.0,
         by: [0.0; 3],
     };
-    // The rounding of words in a rotated frame must not reverse an axis.
+    // Without backlash, since the rounding of words in a rotated frame must not reverse an axis.
     let machine = worn(0.0);
     for seed in 0..SEEDS {
         let draw = &mut Draw::new(2000 + seed);
@@ -210,7 +208,7 @@ fn r_parameters() {
     }
 }
 
-/// TRAORI and M428 give the same numbers, to the last digit.
+/// TRAORI gives the same digits as M428 in RS-274.
 #[test]
 fn traori_has_the_numbers_of_m428() {
     let example = include_str!("../../../../examples/table-tilting.toml");
@@ -299,7 +297,8 @@ STAGE: G0 X100\n | STAGE: G0 X99.990\n
     }
 }
 
-/// A bent guideway splits a line: added lines have the notation of the words, the slash of a skippable block, and the stop at their end.
+/// A curved guideway splits a line: added lines keep the notation of the words and the slash of a skippable block, and the stop is at the
+/// end.
 #[test]
 fn added_lines_keep_the_notation() {
     let bent = "[errors]\nEYX = { table = [[-1000, 0], [0, 0], [100, 20], [200, 0], [1000, 0]], interpolation = \"linear\" }\n";
@@ -316,12 +315,12 @@ fn added_lines_keep_the_notation() {
     );
 }
 
-/// DC takes the shorter way after any number of turns, and stays within one turn.
+/// DC takes the shorter way after any number of turns and stays within one turn; DC of half a turn is refused.
 #[test]
 fn the_shorter_way() {
     let machine_text = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-360, 360]\n[errors]\nEAA = { poly = [104.719755] }\n";
     let machine = Machine::parse(machine_text, "m.toml").expect("a good machine");
-    // 0.006 deg.
+    // 0.006°.
     let program = "G0 X0 Y0 Z0 A350\nA=DC(10)\nA=DC(0)\nA=DC(359.9)\nA=IC(-10)\n";
     let (text, _) = written(&machine, "", program).expect("taken");
     assert_eq!(
@@ -339,7 +338,7 @@ fn the_shorter_way() {
         error.to_string().contains("over the end of a travel"),
         "{error}"
     );
-    // Words for one block would apply to the first part only.
+    // A word that applies to one block would apply to the first part only.
     let error = written(&machine, "", "G0 X0 Y0 Z0\nG1 X50 F100 FB=50\n").expect_err("refused");
     assert!(error.to_string().contains("FB is not supported"), "{error}");
 }
@@ -351,7 +350,7 @@ fn offsets_and_tools() {
         "[work_offset.G54]\nX = 100.0\n[work_offset.G505]\nX = 300.0\n[tool.3]\nZ = 200.0\n";
     for [program, expected] in rows(
         r"
-// 10 µm for 100 mm.
+// 10 µm per 100 mm.
 G0 Z0 X0\nG54 X0\nG505 X0\nG500 X0\n | G0 Z0 X0\nG54 X-0.010\nG505 X-0.030\nG500 X0\n
 G54 G0 Z0 X0\nSUPA X100\nX0\n | G54 G0 Z0 X-0.010\nSUPA X100\nX-0.010\n
 T3 M6\nG0 Z0 X0\nD0\nZ0 X0\n | T3 M6\nG0 Z0 X-0.020\nD0\nZ0 X0\n
@@ -459,7 +458,8 @@ fn unusual_programs_are_copied_byte_for_byte() {
     assert_copied(Dialect::Siemens, &programs);
 }
 
-/// Random lines: no panic; a machine without errors returns accepted lines, and the result on a worn machine is accepted again.
+/// Random lines do not panic. A machine without errors returns accepted programs unchanged, and their result on a worn machine is
+/// accepted.
 #[test]
 fn random_lines_are_copied_byte_for_byte() {
     const PIECES: &str = "G0|G1|G2|G3|G90|G91|X10|Y-5.5|Z=IC(3)|X=AC(7)|I5|J=AC(2)|CR=12|F100|M8|M30|TRANS|ATRANS|ROT RPL=30|\
@@ -482,7 +482,7 @@ fn random_lines_are_copied_byte_for_byte() {
     assert!(taken > 300, "only {taken} were taken");
 }
 
-/// Unchanged bytes are copied, also blanks after a value that becomes a number; endlessly nested brackets are refused.
+/// Unchanged bytes are copied, also the blanks after a value that is replaced by a number. Very deep brackets are refused.
 #[test]
 fn blanks_after_computed_words_stay() {
     let taken = |program: &str| {

@@ -1,5 +1,3 @@
-//! Straight motions against closed-form corrections.
-
 use crate::identity::compensated;
 
 fn lines(errors: &str, program: &str) -> Vec<String> {
@@ -8,7 +6,7 @@ fn lines(errors: &str, program: &str) -> Vec<String> {
     text.lines().map(str::to_owned).collect()
 }
 
-/// Scale errors of 100 µm/m: every coordinate becomes 100 µm/m shorter, and G91 words by their differences.
+/// With scale errors of 100 µm/m every coordinate is 100 µm/m shorter, and G91 words by their differences.
 #[test]
 fn a_scale_error_is_subtracted_from_every_coordinate() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
@@ -26,16 +24,16 @@ fn a_scale_error_is_subtracted_from_every_coordinate() {
             "G90 G1 X0",
         ]
     );
-    // Inch: 10 inch are 254 mm, 25.4 µm too long, 0.001 inch.
+    // 10 inch are 254 mm: 25.4 µm too long, 0.001 inch.
     assert_eq!(
         lines(scale, "G20 G90\nG0 X10 Y0 Z0\nX-10\n"),
         ["G20 G90", "G0 X9.9990 Y0 Z0", "X-9.9990"]
     );
-    // A program's own decimals stay.
+    // The decimals of the program are kept.
     assert_eq!(lines(scale, "G0 Y0 Z0\nX100.12345\n")[1], "X100.11344");
 }
 
-/// Squareness: X follows Y, also in blocks without X; it is omitted until X is known.
+/// With a squareness error X follows Y, also in blocks without X. As long as X is unknown its correction is omitted, with a note.
 #[test]
 fn words_are_added_for_unnamed_axes() {
     let square = "[errors]\nEC0Y = 50.0\n";
@@ -60,14 +58,14 @@ fn words_are_added_for_unnamed_axes() {
     );
 }
 
-/// A straightness error of X splits a long line along X, not one along Y.
+/// A straightness error of X splits a long line along X, but not one along Y.
 #[test]
 fn lines_are_split_where_the_correction_bends() {
     let bent = "[errors]\nEYX = { poly = [0.0, 0.0, 0.0001] }\n";
     let out = lines(bent, "G90 G0 X0 Y0 Z0\nG1 F100 X400 (along)\nY50\n");
     assert!(out.len() > 6 && out[1].ends_with("(along)"), "{out:?}");
     assert_eq!(out.last().map(String::as_str), Some("Y49.984"));
-    // Corners are on the corrected curve to half a step; chords are within 0.5 µm and rounding.
+    // Corners are within half a step of the corrected curve, chords within 0.5 µm plus rounding.
     let mut before = (0.0, 0.0);
     for line in &out[1..out.len() - 1] {
         let word = |letter: char| {
@@ -92,7 +90,7 @@ fn lines_are_split_where_the_correction_bends() {
     assert_eq!(before.0, 400.0);
 }
 
-/// G92 defines the position of the axes, including their correction.
+/// G92 sets the position of the axes including their correction.
 #[test]
 fn offsets_are_set_with_the_correction_in_the_axes() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
@@ -111,7 +109,7 @@ fn offsets_are_set_with_the_correction_in_the_axes() {
     );
 }
 
-/// Play of 4 µm (±2 µm) is taken up where the axis reverses; a line is added only if the play exceeds the tolerance.
+/// Lost motion of 4 µm (±2 µm) is corrected where the axis reverses. A line is added for it only above the tolerance.
 #[test]
 fn play_is_taken_up_before_an_axis_reverses() {
     let play =
@@ -132,7 +130,7 @@ fn play_is_taken_up_before_an_axis_reverses() {
     assert_eq!(lines(&play(0.4), program).len(), 4);
 }
 
-/// A line along X whose Y error is only in its middle: Y returns at the end, although its word is unchanged.
+/// A line along X has an error of Y in its middle only: Y returns at the end, although its word does not change.
 #[test]
 fn a_resting_axis_returns_at_the_end_of_a_split_line() {
     let bent = "[errors]\nEYX = { table = [[-1000, 0], [0, 0], [100, 20], [200, 0], [1000, 0]], interpolation = \"linear\" }\n";

@@ -1,4 +1,4 @@
-//! Subroutines in separate files: called, or unrolled if they are corrected.
+//! Subroutines in separate files are called, or unrolled if they are corrected.
 
 use std::{fs, path::PathBuf};
 
@@ -8,7 +8,6 @@ use crate::{flow, identity::compensated_in};
 
 const SCALE: &str = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
 
-/// A folder with these files.
 fn folder(name: &str, files: &[(&str, &str)]) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("subroutines-{name}"));
     let _ = fs::remove_dir_all(&folder);
@@ -38,7 +37,6 @@ fn an_uncorrected_call_is_copied() {
     );
 }
 
-/// An unrolled subroutine equals the same subroutine inside the program.
 #[test]
 fn a_corrected_call_is_unrolled() {
     let files = folder("written", &[("square.ngc", SQUARE)]);

@@ -1,4 +1,4 @@
-//! Programs in which small corrections could do great harm: control behaviour worked out by hand or by LinuxCNC's interpreter.
+//! Programs in which small corrections could do great harm; the behaviour of controls is worked out by hand or by LinuxCNC's interpreter.
 
 use volcomp_nc::{Dialect, NcError, Note, Strategy, Summary};
 use volcomp_test_support::cases;
@@ -29,8 +29,7 @@ fn result(errors: &str, program: &str) -> String {
     run(errors, program).expect("compensated").0
 }
 
-/// Arcs from a few steps to nearly straight, by centre and by R, on a machine with play and curved errors: only tolerance and rounding
-/// remain.
+/// Arcs from a few steps to almost straight, by centre and by R, with backlash and curved errors: the deviation stays below 5.5 µm.
 #[test]
 fn random_arcs_are_within_the_tolerance() {
     let errors = "EXX = { mean = { poly = [3, 0.05] }, reversal = 4 }\nEYX = { poly = [0, 0, 0.0001] }\nEYY = { mean = { poly = [-2, -0.08] }, reversal = 2 }\nEZX = { poly = [1, 0.02] }\n";
@@ -45,7 +44,7 @@ fn random_arcs_are_within_the_tolerance() {
         let radius = 10_f64.powf(random(-2.0, 3.5));
         let turns = match if radius > 300.0 { 1 } else { case % 4 } {
             0 => random(0.01, 6.2),
-            // The chord is some hundredths of a mm.
+            // The chord is a few hundredths of a mm.
             1 => (random(0.005, 0.5) / radius).min(6.0),
             2 => std::f64::consts::PI + random(-0.01, 0.01),
             _ => std::f64::consts::TAU - random(0.003, 0.2),
@@ -83,12 +82,12 @@ fn random_arcs_are_within_the_tolerance() {
         }
         let program = format!("G0 X{x:.4} Y{y:.4} Z0\nG{code} X{to_x:.4} Y{to_y:.4} {circle}\n");
         let (out, _, off_um) = verified(errors, &program).expect("compensated");
-        // The tolerance, the rounding of the centre, and play taken up during the arc.
+        // Tolerance, rounding of the centre, and backlash within the arc.
         assert!(off_um < 5.5, "{program}{out}{off_um} µm");
     }
 }
 
-/// A sag of 0.2 nm: rounding the ends must not flip the arc.
+/// An arc with a sag of 0.2 nm is not flipped by the rounding of its ends.
 #[test]
 fn shallow_arcs_keep_their_side() {
     let constant = "EYY = { poly = [-0.45] }\n";
@@ -99,13 +98,13 @@ fn shallow_arcs_keep_their_side() {
     ] {
         assert_eq!(result(constant, program), program);
     }
-    // The correction bends by more than the arc, in the opposite direction: the arc keeps its side.
+    // The correction bends by more than the arc and in the opposite direction: the arc keeps its side.
     let bent = "EYX = { table = [[-10, 0], [0, 4], [10, 0]], interpolation = \"linear\" }\n";
     let out = result(bent, "G0 X-1 Y0 Z0\nG3 X1 Y0 R20000\nG2 X-1 R20000\n");
     assert!(!out.contains("R-") && !out.contains("J-"), "{out}");
 }
 
-/// An arc that begins just before a quadrant, where an axis reverses: no part may round to zero.
+/// An arc that starts just before a quadrant, where an axis reverses: no part is rounded to zero length.
 #[test]
 fn no_part_of_an_arc_is_shorter_than_a_reversal() {
     let play = "EXX = { mean = { poly = [0, 0] }, reversal = 3 }\n";
@@ -115,7 +114,7 @@ fn no_part_of_an_arc_is_shorter_than_a_reversal() {
     );
 }
 
-/// Half the chord is rounded to more than R: a centre is written instead.
+/// If half the chord is rounded to more than R, a centre is written instead.
 #[test]
 fn half_circles_by_radius_get_a_centre() {
     let scale = "EXX = { poly = [0, -0.09] }\nEYY = { poly = [0, -0.09] }\n";
@@ -123,7 +122,6 @@ fn half_circles_by_radius_get_a_centre() {
         result(scale, "G0 X0 Y0 Z0\nG3 X100 Y0 R50 (half)\nG2 X0 R50\n"),
         "G0 X0 Y0 Z0\nG3 X100.009 Y0 I50.005 J0.000 (half)\nG2 X0 I-50.005 J0.000\n"
     );
-    // A quarter keeps its R.
     assert_eq!(
         result(scale, "G0 X100 Y0 Z0\nG3 X0 Y100 R100\n"),
         "G0 X100.009 Y0 Z0\nG3 X0 Y100.009 R100.009\n"
@@ -155,7 +153,7 @@ fn the_parts_of_several_turns_add_up() {
                 let rest = line.split(letter).nth(1)?;
                 rest.split(' ').next()?.parse::<f64>().ok()
             };
-            // Without P a part is a half or a whole turn.
+            // Without P a part is half a turn or a whole turn.
             let ends_beyond = word('X').is_some_and(|x| x < -5.0);
             let starts_beyond = word('I').is_some_and(|i| i > 0.0);
             let share = if ends_beyond == starts_beyond {
@@ -190,7 +188,7 @@ fn stops_follow_the_last_part() {
     let out = result(bent, "G0 X0 Y0 Z0\nG3 X400 Y0 R2000M2\n");
     assert_eq!(out.matches('M').count(), 1, "{out}");
     assert!(out.ends_with("M2\n"), "{out}");
-    // Spindle and coolant stop before the motion on LinuxCNC, after it on FANUC and Haas controls; an exact stop applies to the end.
+    // LinuxCNC stops spindle and coolant before the motion, FANUC and Haas controls after it; an exact stop applies at the end.
     for (control, word, is_last) in [
         ("linuxcnc", "M5", false),
         ("linuxcnc", "M9", false),
@@ -217,7 +215,7 @@ fn stops_follow_the_last_part() {
         assert_eq!(at, Some(expected), "{control}: {out}");
         assert_eq!(out.matches(word).count(), 1, "{out}");
     }
-    // Codes executed before the motion stay in the first part.
+    // Codes that are executed before the motion stay in the first part.
     let out = result(bent, "G0 X0 Y0 Z0\nG1 M3 S100 X400 M8\n");
     assert!(
         out.lines()
@@ -227,7 +225,7 @@ fn stops_follow_the_last_part() {
     );
 }
 
-/// As on LinuxCNC: a shift switched off by G92.2 does not return with a shift of another axis.
+/// As on LinuxCNC, a shift of X switched off by G92.2 does not return with a shift of another axis.
 #[test]
 fn shifts_that_were_switched_off_stay_off() {
     let errors = "EXX = { poly = [0, 0.1] }\nEC0Y = 100\n";
@@ -248,7 +246,7 @@ fn shifts_that_were_switched_off_stay_off() {
     }
 }
 
-/// The control has the corrected position of an axis; the program expects the nominal one.
+/// A position parameter of the control contains the correction, but the program expects the nominal position: it is written as a number.
 #[test]
 fn positions_read_by_the_program_are_written_as_numbers() {
     let errors = "EXX = { poly = [-10, 0.1] }\n";
@@ -270,14 +268,14 @@ G0 X600 Y0 Z0\n#2=[#<_x>-500]\nG1 X#2\n | G0 X599.950 Y0 Z0\n#2=100\nG1 X#2\n
     begins(&message, "line 2: the position of an axis is read here");
 }
 
-/// As on LinuxCNC: in G91 R counts from the tool before the first hole, and the depth from R.
+/// As on LinuxCNC, R in G91 counts from the tool before the first hole, and the depth from R.
 #[test]
 fn incremental_holes_have_their_depth() {
     let errors = "EZX = { poly = [0, 0.1] }\n";
     for [program, expected] in rows(
         r"
 G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8 Z-5\nX100\nX100 R-1\nX100 Z-7\nG98 X100\nG80\nG90\nG0 Z1\n | G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8.010 Z-5\nX100 R-8.020\nX100 R-1.030\nX100 Z-7 R-1.040\nG98 X100 Z-7.010\nG80\nG90\nG0 Z0.950\n
-// A new word of one does not leave an outdated correction in the other.
+// If one of R and Z changes, the other gets its current correction as well.
 G0 X500 Y0 Z10\nG81 X500 R2 Z-5\nX0 R3\nX0 Z-5\nG80\n | G0 X500 Y0 Z9.950\nG81 X500 R1.950 Z-5.050\nX0 R3 Z-5.000\nX0 Z-5\nG80\n
 ",
     ) {
@@ -285,7 +283,7 @@ G0 X500 Y0 Z10\nG81 X500 R2 Z-5\nX0 R3\nX0 Z-5\nG80\n | G0 X500 Y0 Z9.950\nG81 X
     }
 }
 
-/// An unrolled call returns nothing to the control.
+/// An unrolled call returns nothing to the control, so the value that it returns is written as a number.
 #[test]
 fn return_values_are_written_as_numbers() {
     let errors = "EXX = { poly = [0, 0.1] }\n";
@@ -297,8 +295,8 @@ fn return_values_are_written_as_numbers() {
     begins(&message, "line 6: #<_value> is read here");
 }
 
-/// With cutter radius compensation the entry motion is not split and no line precedes it; also if G41 or G40 is in a separate line and a Z
-/// motion follows.
+/// The entry motion of cutter radius compensation is not split, and no line is added before it, also if G41 or G40 is in a separate line
+/// and a Z motion follows.
 #[test]
 fn entry_moves_stay_whole() {
     // 16 µm of bend over 400 mm: without the code the motion is split.
@@ -314,7 +312,6 @@ fn entry_moves_stay_whole() {
         let out = result(bent, &program);
         assert_eq!(out.lines().count(), program.lines().count(), "{out}");
     }
-    // After the exit motions are split again.
     let out = result(
         bent,
         "G0 X-400 Y-20 Z0\nG41.1 D6\nG1 X0 Y-10\nG40\nG1 X1\nG1 X400\n",
@@ -322,12 +319,12 @@ fn entry_moves_stay_whole() {
     assert!(out.lines().count() > 8, "{out}");
 }
 
-/// On LinuxCNC the second cycle begins at the current height: R is 1 below it, and the hole 5 deeper.
+/// On LinuxCNC the second cycle starts at the current height: R is 1 mm below it, and the hole 5 mm deeper.
 #[test]
 fn a_row_after_g80_starts_anew() {
     let errors = "EZX = { poly = [0, 0.1] }\n";
     let program = "G0 X0 Y0 Z10\nG99 G81 X500 R2 Z-5\nG80\nG91 G81 X-500 R-1 Z-5\nG80\nM2\n";
-    // 50 µm at X500, none at X0: from 1.950 to R at 1 and from there to -4.
+    // 50 µm at X500, none at X0: from 1.950 to R at 1, and from there to -4.
     assert_eq!(
         result(errors, program),
         program
@@ -336,7 +333,7 @@ fn a_row_after_g80_starts_anew() {
     );
 }
 
-/// LinuxCNC reads X as a diameter under G7, and R as it is: with G19 the tool goes from X10 to R at 5 and to 20 / 2 = 10 - 20 ...
+/// Under G7 LinuxCNC reads X as a diameter but not R: in G19 the tool goes from X10 to R at 5, then to X -20 / 2.
 #[test]
 fn cycles_along_a_diameter() {
     let errors = "EXX = { poly = [10] }\n";
@@ -346,7 +343,8 @@ fn cycles_along_a_diameter() {
     );
 }
 
-/// Parts would need their own F, or there would be thousands; a cycle with R alone drills on some controls.
+/// Refused: a split whose parts would need their own F, a split into thousands of parts, and a cycle with R alone, which drills on some
+/// controls.
 #[test]
 fn motions_that_cannot_be_split_are_refused() {
     let bent = "EYX = { poly = [0, 0, 0.0001] }\n";
@@ -360,14 +358,13 @@ G0 X0 Y0 Z10\nG81 X10 Z-5 R2\nR5\nX20\n | line 3: R alone while a cycle is activ
         let message = run(bent, program).expect_err(program).to_string();
         assert!(message.starts_with(expected), "{message}");
     }
-    // The sag of a part, 100 µm/mm² × (its length)² / 4, is 1 µm for 0.2 mm: 5000 parts.
+    // Sag of a part: 100 µm/mm² × (its length)² / 4, 1 µm at 0.2 mm, thus 5000 parts.
     let error = run("EYX = { poly = [0, 0, 100] }\n", "G0 X0 Y0 Z10\nG1 X1000\n");
     let message = error.expect_err("refused").to_string();
     let expected = "line 2: a motion that needs more than 4096 parts";
     assert!(message.starts_with(expected), "{message}");
 }
 
-/// G28.1 stores the corrected position, so a motion to it contains that correction.
 #[test]
 fn a_stored_position_is_corrected_once() {
     let errors = "EXX = { poly = [0, 0.1] }\n";
@@ -399,7 +396,7 @@ fn lines_that_get_too_long_are_noted() {
     );
 }
 
-/// FANUC programs end cycles in the block of the next motion; two other motions in a block stay refused.
+/// G80 in the block of the next motion is accepted, as in FANUC programs; two other motions in one block are refused.
 #[test]
 fn g80_with_the_next_motion() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
@@ -422,7 +419,7 @@ fn g80_with_the_next_motion() {
     );
 }
 
-/// A percent sign ends a program with O-words, too; added lines have the line ends of the program.
+/// A percent sign also ends a program with O-words, and added lines have the line ends of the program.
 #[test]
 fn percent_signs_and_ends_of_lines() {
     let bent = "EXX = { poly = [0.0, 0.1] }\nEYX = { poly = [0.0, 0.0, 0.00002] }\n";
@@ -472,7 +469,7 @@ G1 F100 X#5041\n | line 1: the value of X is only known at the machine
         .expect("what the program sets, and what is its own");
 }
 
-/// After a probing motion no block may move the probe on to its unreached target.
+/// No block follows a probing motion that would move the probe on to its unreached target.
 #[test]
 fn no_line_is_added_between_a_probe_and_its_retract() {
     let errors = "EXX = { poly = [0.0, 0.04] }\nEYX = { poly = [0.0, 0.1] }\n";
@@ -491,7 +488,7 @@ fn no_line_is_added_between_a_probe_and_its_retract() {
     );
 }
 
-/// Lines after the first O-word are executed, not streamed: the same bytes are refused there.
+/// Lines after the first O-word are executed, not streamed: zero bytes and endless lines are refused there as well.
 #[test]
 fn zero_bytes_and_endless_lines_are_refused_after_an_o_word() {
     let long = "(".to_owned() + &"x".repeat(1 << 20) + ")";
@@ -505,7 +502,6 @@ fn zero_bytes_and_endless_lines_are_refused_after_an_o_word() {
     }
 }
 
-/// A percent sign ends a program, with and without O-words.
 #[test]
 fn a_program_ends_by_its_second_percent_sign() {
     for (program, ends) in [
@@ -523,8 +519,8 @@ fn a_program_ends_by_its_second_percent_sign() {
     }
 }
 
-/// With cutter radius compensation a control treats 1 µm in the plane as a contour element and moves around its corner: a Z motion or none
-/// moves nothing in the plane; also before G41 or G40 takes effect.
+/// With cutter radius compensation a control takes 1 µm in the plane as a contour element with a corner. A block of Z or without motion
+/// therefore gets no words in the plane, also before G41 or G40 takes effect.
 #[test]
 fn a_plunge_during_radius_compensation_stays_vertical() {
     let errors = "EB0Z = -100\nEA0Z = 60\n";
@@ -532,7 +528,7 @@ fn a_plunge_during_radius_compensation_stays_vertical() {
     let out = result(errors, program);
     let [before, after] = [program, &out].map(|text| text.lines().collect::<Vec<_>>());
     assert_eq!(before.len(), after.len(), "{out}");
-    // Corrections at the ends of motions in the plane: X -0.1 µm and Y -0.06 µm for each mm of Z.
+    // Corrections at the ends of motions in the plane, per mm of Z: X -0.1 µm, Y -0.06 µm.
     for (place, line) in after.iter().enumerate() {
         let changes = matches!(place, 7 | 10 | 13);
         assert_eq!(
@@ -544,7 +540,7 @@ fn a_plunge_during_radius_compensation_stays_vertical() {
     assert!(out.contains("X99.996 Y99.998"), "{out}");
 }
 
-/// Parts of a contour may be shorter than the cut at an inside corner, which would also change a depth reached on the way.
+/// A contour element is not split: a part could be shorter than the cut at an inside corner, and change a depth reached on the way.
 #[test]
 fn elements_of_a_contour_are_not_split() {
     let bent = "EXX = { poly = [0, 0, 0.0001] }\nEYX = { poly = [0, 0, 0.0001] }\n";
@@ -562,18 +558,19 @@ fn elements_of_a_contour_are_not_split() {
     assert!(out.lines().count() > on.lines().count() + 3, "{out}");
 }
 
-/// If the tool is in R, LinuxCNC lifts it to the G98 plane before the next hole, but not if it is above R.
+/// A tool in plane R is lifted by LinuxCNC to the G98 plane before the next hole, one above R is not. R must not be written below the
+/// tool.
 #[test]
 fn the_plane_r_does_not_go_below_the_tool_before_it_is_lifted() {
     let program = "G0 X0 Y0 Z50\nG99 G81 X100 Z-5 R2\nX600 G98\nX700\n";
     let out = result("EZX = { poly = [0, 0.05] }\n", program);
-    // The tool is at 1.995, R would be at 1.970.
+    // The tool is at 1.995; R would be at 1.970.
     assert!(out.contains("X600 G98 Z-5.030\n"), "{out}");
     let out = result("EZX = { poly = [0, -0.05] }\n", program);
     assert!(out.contains("X600 G98 Z-4.970 R2.030\n"), "{out}");
 }
 
-/// LinuxCNC keeps the number of a tool length if the unit changes; an arc with ends on two circles is invalid.
+/// Refused: a tool length by G43.1 that ends in another unit, since LinuxCNC keeps its number; and an arc whose ends are on two circles.
 #[test]
 fn words_that_other_controls_read_differently_are_refused() {
     let message = |program: &str| run("", program).expect_err("refused").to_string();

@@ -1,6 +1,6 @@
-//! Positions that only the control knows: unstated values are assumed to be zero, but no word may move an axis to an assumed position.
-//! Control behaviour is worked out by hand, for LinuxCNC by its interpreter (`rs274 -g`).
-//! Skippable blocks (/) leave unknown positions, too: the result is right whether the operator skips them or not.
+//! Positions that only the control knows. Values that are not stated are assumed to be zero, but no word may move an axis to an assumed
+//! position. The behaviour of controls is worked out by hand, for LinuxCNC by its interpreter (`rs274 -g`). Skippable blocks (/) also
+//! leave unknown positions: the result is right whether the operator skips them or not.
 
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, NcError, SetUp, Summary};
@@ -11,7 +11,7 @@ use crate::{
     identity::{TRAVELS, begins, compensated, compensated_in, has, rows, written},
 };
 
-/// Z goes down by 0.1 µm for each mm of X: 40 µm at 400 mm.
+/// Z is 0.1 µm per mm of X too high: 40 µm at 400 mm.
 const SLOPE: &str = "[errors]\nEZX = { poly = [0.0, 0.1] }\n";
 
 fn run(setup: &str, program: &str) -> Result<(String, Summary), NcError> {
@@ -35,7 +35,8 @@ fn notes(setup: &str, program: &str) -> String {
     notes.collect()
 }
 
-/// Z would move by the difference of two offsets, from machine zero to part zero, or by a tool length: all unknown.
+/// No word of Z is added where it would move by an unknown value: the difference of two offsets, machine zero to part zero, or a tool
+/// length.
 #[test]
 fn no_word_is_added_at_an_assumed_position() {
     for begins in [
@@ -54,14 +55,14 @@ fn no_word_is_added_at_an_assumed_position() {
         assert_eq!(out, program);
         let notes = format!("{:?}", summary.notes);
         assert!(notes.contains("LeftOut('Z')"), "{begins}{notes}");
-        // Once named, it is corrected again.
+        // Once Z is named, it is corrected again.
         let program = format!("{program}G0 Z20\nG0 X300\n");
         let out = result("", &program);
         assert!(out.ends_with("G0 Z19.960\nG0 X300 Z19.970\n"), "{out}");
     }
 }
 
-/// If the set-up states the values, and within one unstated offset, the word is added: 50 mm under G54 at −310 are 60 under G55 at −320.
+/// If the set-up states the values, or the offset does not change, the word is added: Z50 under G54 at −310 is Z60 under G55 at −320.
 #[test]
 fn stated_positions_stay_known() {
     let stated = "[work_offset.G54]\nZ = -310\n[work_offset.G55]\nZ = -320\n[tool.7]\nZ = 80\n[home.G28]\nZ = 0\n";
@@ -125,7 +126,7 @@ fn a_stored_unknown_position_stays_unknown() {
     assert!(result("", program).ends_with("G0 X400 Z49.960\n"));
 }
 
-/// The axis positions are unknown: machine coordinates, and with them every correction, would be arbitrary.
+/// Without a start position machine coordinates are unknown, so coordinates set there are not corrected, and a note names `[start]`.
 #[test]
 fn coordinates_set_at_an_unknown_position_are_not_corrected() {
     for set in ["G92 X0 Y0 Z0", "G10 L20 P1 X0 Y0 Z0"] {
@@ -146,7 +147,7 @@ fn coordinates_set_at_an_unknown_position_are_not_corrected() {
     }
 }
 
-/// `rs274`: with #5223 = −50, `G0 Z[#5223+40]` moves to −10.
+/// Assignments to parameters of the control are refused. With #5223 = −50, `rs274` moves `G0 Z[#5223+40]` to −10.
 #[test]
 fn assignments_to_control_parameters_are_refused() {
     for number in ["5161", "5223", "5220", "5390", "5403", "5420"] {
@@ -156,7 +157,7 @@ fn assignments_to_control_parameters_are_refused() {
     result("", "#5391=2\n#5160=1\n#5399=1\n");
 }
 
-/// `rs274` begins with G99: after the cycle it continues at Z2, not at Z50.
+/// The height after a cycle is known only with G98 or G99 in the program; `rs274` starts with G99 and continues at Z2, not at Z50.
 #[test]
 fn the_height_after_a_cycle_is_known_only_with_g98_or_g99() {
     let hole = |said: &str| format!("{said}G0 X0 Y0 Z50\nG81 X0 R2 Z-5 F100\nG80\nG1 X300\n");
@@ -174,7 +175,7 @@ fn the_height_after_a_cycle_is_known_only_with_g98_or_g99() {
 /// (20, 0) rotated by 90° about (10, 5): (10, −5) becomes (5, 10), so the position is (15, 15).
 #[test]
 fn a_rotation_turns_about_its_centre() {
-    // Along X and Y the correction at the machine position, rotated back.
+    // The correction at the machine position along X and Y, rotated back.
     let errors = "[errors]\nEXX = { poly = [0.0, 0.2] }\nEYY = { poly = [0.0, 0.4] }\n";
     let program = b"G0 X0 Y0 Z0\nG68 X10 Y5 R90\nG0 X20 Y0\nG69\n";
     let (out, _) = compensated_in(&SetUp::default(), errors, program).expect("compensated");
@@ -237,7 +238,7 @@ G43.4 H1\nG1 X1 B5 F1\n | line 2: a motion of B, which the machine file lacks
     ] {
         assert_eq!(result("", good), good);
     }
-    // G05.1 Q1 moves nothing: X continues with G1.
+    // G05.1 Q1 moves nothing; X continues with G1.
     assert_eq!(
         result(
             "",
@@ -287,7 +288,7 @@ fn other_languages_are_recognised() {
     assert!(!message.contains("G560"), "{message}");
 }
 
-/// With G98 the tool returns to its height before the first hole: if that is unknown, no word leads there.
+/// With G98 the tool returns to its height before the first hole; if that is unknown, no word of Z is added afterwards.
 #[test]
 fn a_hole_from_an_unknown_height_leaves_an_unknown_height() {
     let without_start = |program: &str| {
@@ -309,12 +310,12 @@ fn a_hole_from_an_unknown_height_leaves_an_unknown_height() {
         out,
         "G99\nG81 X100 Y0 Z-10.010 R4.990\nG80\nG0 X300 Z4.970\n"
     );
-    // After a skippable block the height is unknown, and so it is after the next hole.
+    // After a skippable block the height is unknown, and also after the next hole.
     let (out, _) = without_start("G98\nG0 X0 Y0 Z150\n/G0 Z30\nG81 X100 Z-10 R5\nG80\nG0 X300\n");
     assert!(out.ends_with("G80\nG0 X300\n"), "{out}");
 }
 
-/// Many machines move the axes for a tool change.
+/// After a tool change the positions are unknown, because many machines move the axes for it.
 #[test]
 fn positions_are_unknown_after_a_tool_change() {
     let setup = "[work_offset.G54]\nX = 0\n[tool.1]\nZ = 0.0\n[tool.2]\nZ = 0.0\n[start]\nX = 0\nY = 0\nZ = 0\n";
@@ -324,7 +325,7 @@ fn positions_are_unknown_after_a_tool_change() {
     );
 }
 
-/// Start, end and centre of an uncorrectable arc have one correction: X is 0.05 mm per metre too long.
+/// If one axis of an arc is unknown, start, end and centre get one correction and the arc is not split. X is 50 µm/m too long.
 #[test]
 fn an_arc_with_one_unknown_axis_is_not_split() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.05] }\n";
@@ -333,7 +334,7 @@ fn an_arc_with_one_unknown_axis_is_not_split() {
             compensated_in(&SetUp::default(), errors, program.as_bytes()).expect(program);
         String::from_utf8(out).expect("text")
     };
-    // Y is unknown until it is named; X is known and carries -0.020 at 400 mm.
+    // Y is unknown until named; X is known and has -0.020 at 400 mm.
     for (arc, expected) in [
         ("G2 X420 I10 J0 F100", "G2 X419.980 I10 J0 F100"),
         ("G3 X420 R10 F100", "G3 X419.980 R10 F100"),
@@ -349,10 +350,9 @@ fn an_arc_with_one_unknown_axis_is_not_split() {
         let out = result(&format!("G0 X400\n{arc}\n"));
         assert_eq!(out, format!("G0 X399.980\n{expected}\n"), "{arc}");
     }
-    // The same in another plane.
     let out = result("G0 X400\nG18 G2 X420 I10 K0 F100\n");
     assert_eq!(out, "G0 X399.980\nG18 G2 X419.980 I10 K0 F100\n");
-    // After it each known axis is corrected again.
+    // After the arc each known axis is corrected again.
     let out = result("G0 X400\nG2 X420 Y0 I10 J0 F100\nG1 X500 Y1\n");
     assert!(
         out.ends_with("G2 X419.980 Y0 I10 J0 F100\nG1 X499.975 Y1\n"),
@@ -360,8 +360,8 @@ fn an_arc_with_one_unknown_axis_is_not_split() {
     );
 }
 
-/// Steps per mm, accelerations, macro arguments: they may not be coordinates, so none changes, and the positions are unknown after them. X
-/// needs 1 µm for each mm of Y.
+/// Words of an unknown code (steps per mm, accelerations, macro arguments) may not be coordinates: they are not changed, and positions
+/// are unknown afterwards. X is corrected by 1 µm per mm of Y.
 #[test]
 fn words_of_unknown_codes_are_not_coordinates() {
     let skew = "[errors]\nEC0Y = 1000.0\n";
@@ -401,7 +401,7 @@ fn words_of_unknown_codes_are_not_coordinates() {
             let expected = format!("2: {} is copied unchanged", name.expect("an M code"));
             assert!(notes.contains(&expected), "{control} {block}: {notes}");
         }
-        // Known codes, and blocks with a motion code, move the axes; so do unknown codes without axis words.
+        // Known codes and blocks with a motion code move the axes; so do unknown codes without axis words.
         for block in ["M8 X50.", "X50. M3 S100", "G1 M205 X50.", "M19 X50."] {
             let program = format!("G90 G1 X0. Y100. Z0. F100\n{block}\nY200.\n");
             let (out, _) = run(control, &program).expect(block);
@@ -410,7 +410,7 @@ fn words_of_unknown_codes_are_not_coordinates() {
         }
         let (out, _) = run(control, "G1 X0. Y100. Z0. F100\nM205\nY200.\n").expect("taken");
         assert_eq!(out, "G1 X0.100 Y100. Z0. F100\nM205\nY200. X0.200\n");
-        // An arc could begin with or without the correction.
+        // The arc could start with or without the correction.
         let arc = "G90 G1 X0. Y100. F100\nX10. M205\nG2 X20. I5.\n";
         let message = run(control, arc).expect_err(arc);
         begins(&message, "line 3: an arc after an unknown M code");
@@ -433,7 +433,7 @@ fn words_of_unknown_codes_are_not_coordinates() {
     }
 }
 
-/// As the messages of `rs274`: "R word with no g code that uses it" and such.
+/// Words that no code of the block uses are refused, as in the messages of `rs274` ("R word with no g code that uses it").
 #[test]
 fn words_that_a_motion_does_not_use_are_refused() {
     for [line, why] in &cases(
@@ -487,8 +487,8 @@ G1 X1 M8 R5 | R with G1
     }
 }
 
-/// The other points of a spline are relative to its ends, so its end keeps the correction of its start: X is 0.05 mm per metre too long, 20
-/// µm at 400 mm.
+/// The control points of a spline are relative to its ends, so the end keeps the correction of the start. X is 50 µm/m too long, 20 µm at
+/// 400 mm.
 #[test]
 fn a_spline_is_not_split() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.05] }\n";
@@ -516,8 +516,8 @@ fn a_spline_is_not_split() {
     }
 }
 
-/// In each language an axis at an unknown position gets no word, and the others are corrected, also in cycles and about poles. At 400 mm X
-/// needs −20 µm, Y −80 µm, Z −40 µm.
+/// In each language an axis at an unknown position gets no word while the others are corrected, also in cycles and about poles. At 400
+/// mm: X −20 µm, Y −80 µm, Z −40 µm.
 #[test]
 fn unknown_axes_in_cycles_and_in_each_language() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.05] }\nEYX = { poly = [0.0, 0.2] }\nEZX = { poly = [0.0, 0.1] }\n";

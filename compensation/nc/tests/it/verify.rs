@@ -1,4 +1,4 @@
-//! A program and its result on a virtual machine, against closed-form deviations.
+//! A program and its result on a virtual machine, compared with closed-form deviations.
 
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, Job, NcError, SetUp, Verification, picture};
@@ -20,7 +20,7 @@ fn verified(model: &str, truth: &str, program: &str) -> Result<Verification, NcE
     verified_by(&truth, &setup, Dialect::Rs274, texts, &summary.shares)
 }
 
-/// The model has 80 of 100 µm/m: of 10 µm at 100 mm 2 µm remain.
+/// The model has 80 of 100 µm/m: at 100 mm, 2 of 10 µm remain.
 #[test]
 fn unmodelled_errors_remain() {
     let program =
@@ -30,7 +30,7 @@ fn unmodelled_errors_remain() {
     assert!((found.before.max_um - 10.0).abs() < 0.01, "{found:?}");
     assert_eq!((found.before.line, found.before.tip_mm[0]), (2, 100.0));
     assert!((found.after.max_um - 2.0).abs() < 0.51, "{found:?}");
-    // One length from 0 to 100, two from 0 to -50 and on to -100, eight positions each, and the end of the rapid motion.
+    // One segment from 0 to 100, two from 0 to -50 and on to -100, eight positions each, plus the end of the rapid motion.
     assert_eq!((found.motions, found.places), (4, 25));
     let eighths: f64 = (1..=8).map(|i| f64::from(i * i) / 64.0).sum();
     let halves: f64 = (1..=16).map(|i| f64::from(i * i) / 256.0).sum();
@@ -38,7 +38,7 @@ fn unmodelled_errors_remain() {
     assert!((found.before.rms_um - rms).abs() < 0.01, "{found:?}");
 }
 
-/// Long lines and arcs in parts stay within the tolerance and the rounding of their words.
+/// Split lines and arcs stay within the tolerance plus the rounding of their words: from above 30 to below 1.3 µm.
 #[test]
 fn modelled_errors_are_removed() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYX = { poly = [0.0, 0.0, 0.0004] }\nEXY = { table = [[-1000, 0], [0, 30], [1000, 0]], interpolation = \"linear\" }\nEC0Y = 60.0\n";
@@ -49,7 +49,7 @@ fn modelled_errors_are_removed() {
     let svg = picture(&found);
     assert!(svg.contains("without compensation: at most"), "{svg}");
     assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
-    // No motion: still a picture.
+    // Without motions there is still a plot.
     let empty = verified(errors, errors, "G90\n").expect("verified");
     assert!(picture(&empty).ends_with("</svg>\n"));
 }
@@ -64,7 +64,7 @@ fn a_result_of_another_program_is_refused() {
     assert!(message.starts_with(expected), "{message}");
 }
 
-/// A program and a hand-written result on a machine with these errors.
+/// Compares a program with a hand-written result on a machine with these errors.
 fn compared(
     truth: &str,
     setup: &SetUp,
@@ -77,8 +77,8 @@ fn compared(
     found.expect("verified")
 }
 
-/// A scale error is along a line of its axis and across one of another: 10 µm at 100 mm along X, as much across along Y there. On a circle
-/// about the zero of both scales it is purely across, and a rotation about that zero is purely along.
+/// A scale error is a deviation along a line of its axis and across a line of another axis: 10 µm at X 100. On a circle about the common
+/// zero of two equal scales it is purely across; a rotation about that zero is purely along.
 #[test]
 fn deviations_along_the_path_are_not_across() {
     let ways = |truth: &str, program: &str| {
@@ -105,16 +105,16 @@ fn deviations_along_the_path_are_not_across() {
         (across.across_rms_um - across.rms_um).abs() < 1e-6,
         "{across:?}"
     );
-    // Half and half on a diagonal.
+    // On a diagonal both shares are equal.
     let diagonal = ways(scale, "G1 F100 X100 Y100\n");
     let half = 10.0 / 2_f64.sqrt();
     assert!((diagonal.across_max_um - half).abs() < 1e-5, "{diagonal:?}");
-    // A circle of 50 mm from the end of the rapid motion: 5 µm all around for both.
+    // A circle of 50 mm from the end of the rapid motion: 5 µm all around with both errors.
     let circle = "G1 F100 X50\nG3 I-50\n";
     let both = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYY = { poly = [0.0, 0.1] }\n";
     let radial = ways(both, circle);
     assert!((radial.across_max_um - 5.0).abs() < 1e-3, "{radial:?}");
-    // Two lengths of more than 100 mm are 32 positions; nothing is across on the way.
+    // Two segments of more than 100 mm have 32 positions; none has a deviation across.
     let of_circle = 5.0 * (32.0_f64 / 40.0).sqrt();
     assert!(
         (radial.across_rms_um - of_circle).abs() < 1e-3,
@@ -131,7 +131,7 @@ fn deviations_along_the_path_are_not_across() {
     );
 }
 
-/// Evaluated positions depend on the program only: split and unsplit results have the same deviation before, also with play.
+/// The evaluated positions depend on the program only: split and unsplit results have the same deviation before, also with backlash.
 #[test]
 fn the_deviation_before_is_independent_of_the_result() {
     let truth = "[errors]\nEXX = { mean = { poly = [0.0, 0.05, 0.0002] }, reversal = -3 }\nEYX = { poly = [0.0, 0.1, 0.001] }\n";
@@ -144,18 +144,18 @@ fn the_deviation_before_is_independent_of_the_result() {
     assert_eq!(whole.before, parts.before);
     assert_eq!((whole.motions, whole.places), (parts.motions, parts.places));
     assert_eq!(whole.after, whole.before);
-    // Four lengths on the line, and two on the arc.
+    // Four segments on the line, two on the arc.
     assert_eq!(whole.places, 32 + 16);
     assert_ne!(parts.after, parts.before);
 }
 
-/// One motion ends 2 µm off with the result instead of 1 µm, one is better and one unchanged.
+/// With the result, one motion is 2 µm off instead of 1 µm, one is better and one unchanged: one worsened motion is counted.
 #[test]
 fn worsened_motions_are_counted() {
     let truth = "[errors]\nEXX = { poly = [0.0, 0.01] }\n";
     let setup = SetUp::default();
     let program = "G1 F100 X100\nX200\nX200 Y50\n";
-    // 100.001 is 2.0 µm off, as 200.0 was; then 1.0 and 1.0 of 2.0.
+    // 100.001 is 2.0 µm off, as 200.0 was; then 1.0, and 1.0 of 2.0.
     let result = "G1 F100 X100.001\nX199.999\nX200 Y50\n";
     let found = compared(truth, &setup, program, result, &[1.0; 3]);
     assert_eq!(found.further.motions, 1, "{found:?}");

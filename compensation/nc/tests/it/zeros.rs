@@ -1,4 +1,4 @@
-//! The note on the error at a zero probed without correction, against closed forms.
+//! The note on the error at a zero that was probed without correction, compared with closed forms.
 
 use volcomp_model::Machine;
 use volcomp_nc::Dialect;
@@ -9,10 +9,8 @@ use crate::identity::{TRAVELS, written};
 const CONSTANT: &str = "[errors]\nEXX = 10.0\nEYY = 20.0\nEZZ = 30.0\n";
 const OFF: &str = "G54 the machine is off by X 10.0 Y 20.0 Z 30.0 µm";
 const START: &str = "[work_offset.G54]\nX = 200\nY = 150\nZ = -100\n[start]\nX = 0\nY = 0\nZ = 0\n";
-/// A rotary table.
 const TABLE: &str = "structure = \"w C' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.C]\ntravel = [-360, 360]\ndirection = [0, 0, -1]\n[tool]\ngauge = [0, 0, 0]\nlength = 100\n[errors]\nEYY = 10.0\n";
 
-/// The line of the note, and its text up to the colon.
 fn note(dialect: Dialect, machine: &str, setup: &str, program: &str) -> Option<String> {
     let machine = Machine::parse(machine, "m.toml").expect("a machine");
     let (_, notes) = written(dialect, &machine, setup, program).expect(program);
@@ -52,7 +50,7 @@ fn the_first_cut_is_noted() {
     }
 }
 
-/// Only corrected axes are added to a work offset: the others deviate as without correction.
+/// The note names only corrected axes, since only their correction is added to a work offset.
 #[test]
 fn uncorrected_axes_are_omitted() {
     for (correct, expected) in [
@@ -73,8 +71,8 @@ fn uncorrected_axes_are_omitted() {
     assert_eq!(note(Dialect::Rs274, &machine, START, program), None);
 }
 
-/// 10 µm along Y of the bed are 10 µm along X of a table turned by 90°, in whose coordinates the work offset is with tool centre point
-/// control.
+/// 10 µm along Y of the bed are 10 µm along X of a table turned by 90°. With tool centre point control the work offset is in table
+/// coordinates.
 #[test]
 fn a_centre_point_offset_is_an_offset_of_the_table() {
     let setup = |on: &str, c: &str| {
@@ -120,7 +118,7 @@ fn own_zeros_of_the_program_are_not_noted() {
         ("G10 L2 P1 X200 Y150 Z-100\n", None),
         ("G10 L20 P1 X0\n", None),
         ("G0 X0 Y0 Z0\nG53 G0 X0\nG92 X0\n", None),
-        // The zero of a second shift is there, too.
+        // The zero of a second shift is at the same position.
         ("G92 X0 Y0 Z0\nG0 X5 Y5 Z5\nG92 X0 Y0 Z0\n", None),
         // Positions relative to the stated offset, another offset, and an ended shift.
         ("G0 X0 Y0 Z0\nG92 X5 Y5 Z5\n", Some(4)),

@@ -1,5 +1,5 @@
-//! The page in a headless Chromium without network, by Playwright: no requests, no script errors, nothing wider than the screen; and the
-//! printed page.
+//! The page and its print in a headless Chromium without network, driven by Playwright: no requests, no script errors, nothing wider than
+//! the screen.
 
 use std::{fs, path::Path, process::Command};
 

@@ -1,5 +1,3 @@
-//! The data of a report.
-
 use volcomp_report::{
     BandSource, CheckOf, Edition, Identified, Left, Parameter, Report, State, Stated, Verdict,
     WarningKind, checks, tolerances, volume,
@@ -64,7 +62,7 @@ fn drawn_at(x: &[f64], y: &[f64], at: f64) -> f64 {
     y[next - 1] + share * (y[next] - y[next - 1])
 }
 
-/// The drawn band equals that of the fit, around the curve, at the targets and between them.
+/// The plotted band equals that of the fit within 2.1 %, at the targets and between them.
 #[test]
 fn the_band_is_that_of_the_fit() {
     let shop = Shop::new();
@@ -97,7 +95,6 @@ fn the_band_is_that_of_the_fit() {
     }
 }
 
-/// With a single run the residuals are resampled, and the page says so.
 #[test]
 fn one_run_has_a_band_of_its_residuals() {
     let shop = Shop::new();
@@ -111,7 +108,7 @@ fn one_run_has_a_band_of_its_residuals() {
     assert!(page.contains("With one run its residuals are drawn again"));
 }
 
-/// The scale of the laser, 0.5 µm/m (k = 1), over 0.8 m: U = 0.8 µm.
+/// A value whose distance from the limit is below U is undecided: the laser scale of 0.5 µm/m (k = 1) over 0.8 m gives U = 0.8 µm.
 #[test]
 fn a_figure_near_its_limit_is_undecided() {
     let shop = Shop::new();
@@ -145,8 +142,8 @@ fn a_figure_near_its_limit_is_undecided() {
     assert!(page.contains("undecided") && page.contains("Not every stated tolerance is decided"));
 }
 
-/// The reference angle, 2 µrad (k = 1), contributes U = 4 µrad to the squareness. Two mean readings of 0.3 µm give U = 2 √2 · 0.3 µm for a
-/// straightness, of 0.5 µrad 2 √2 · 0.5 µrad for a tilt; the scale of 0.5 µm/m is added in quadrature for positioning.
+/// The reference angle of 2 µrad (k = 1) gives U = 4 µrad for the squareness. Two mean readings of 0.3 µm give U = 2 √2 · 0.3 µm for a
+/// straightness, of 0.5 µrad 2 √2 · 0.5 µrad for a tilt. For positioning the scale of 0.5 µm/m is added in quadrature.
 #[test]
 fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
     let shop = Shop::new();
@@ -174,7 +171,7 @@ fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
     };
     let u = |symbol: &str| of(symbol).uncertainty.expect(symbol);
     assert_eq!(u("EC0Y"), 4.0);
-    // 12 + 4 is beyond 15, 12 is not.
+    // 12 + 4 is above 15, 12 is not.
     assert_eq!(of("EC0Y").outcome, Verdict::Undecided);
     assert!((u("EYX") - 0.848_528).abs() < 1e-6, "{}", u("EYX"));
     assert!(
@@ -182,13 +179,13 @@ fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
         "{}",
         u("EBX")
     );
-    // 0.02 µm/mm over 800 mm with a wave: the extremes are at or near the two ends.
+    // 0.02 µm/mm over 800 mm with a wave: the extremes are at or near the ends.
     let (least, most) = (
         (0.848_528_f64.powi(2) + 0.7_f64.powi(2)).sqrt(),
         (0.848_528_f64.powi(2) + 0.8_f64.powi(2)).sqrt(),
     );
     assert!((least..most + 1e-6).contains(&u("EXX")), "{}", u("EXX"));
-    // Without Monte Carlo samples V has no uncertainty, and a missing figure needs none.
+    // Without Monte Carlo samples V has no uncertainty; a missing value needs none.
     assert_eq!(of("V").uncertainty, None);
 
     let report = judged("");
@@ -254,7 +251,7 @@ fn editions_and_vdi_stand_in_the_report() {
     );
 }
 
-/// Waves that a polynomial does not follow leave the error undecided, so V does not pass. A single target has no range.
+/// Waves that the curve does not follow leave the error undecided, so V does not pass. A single target has no range.
 #[test]
 fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     let shop = Shop::new();
@@ -282,7 +279,6 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
         (found[0].outcome, &found[0].of),
         (Verdict::Undecided, &CheckOf::NotBorneOut)
     );
-    // The range of the readings passes.
     assert_eq!(found[1].outcome, Verdict::Pass);
     // The machine file reports the undecided error until the error is set again.
     let text_of_machine = machine.to_toml();
@@ -323,7 +319,7 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     assert_eq!(found[1].outcome, Verdict::NotEvaluated, "{found:?}");
 }
 
-/// A value that is valid only if another unknown is zero counts only if that is known to be zero.
+/// An unknown whose value requires another unknown to be zero is open unless that unknown is known to be zero.
 #[test]
 fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
     let parameter = |name: &str, uncertainty, given_zero: &[&str]| Parameter {
@@ -373,7 +369,7 @@ fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
     assert_eq!(check[0].uncertainty, Some(2.0));
 }
 
-/// A squareness assigned to the other axis of its pair, one with its own uncertainty, readings in one direction only.
+/// A squareness is checked on the axis to which it is assigned, with its own uncertainty, and with readings in one direction only.
 #[test]
 fn what_a_squareness_is_judged_by() {
     let shop = Shop::new();
@@ -407,7 +403,7 @@ fn what_a_squareness_is_judged_by() {
     let told = |of: &String| of.ends_with("is not known: EXX");
     let (_, report) = judged(&text);
     assert!(report.not_measured.iter().any(told));
-    // The machine file reports it too: neither the file alone nor as the truth does it pass as a whole machine.
+    // The machine file reports it too: neither alone nor as the truth does it pass as a whole machine.
     let (_, calibration) = shop.calibrated();
     let written = calibration.machine.to_toml();
     let machine = volcomp_model::Machine::parse(&written, "machine.toml").expect("written");
@@ -415,7 +411,7 @@ fn what_a_squareness_is_judged_by() {
     assert!(report.not_measured.iter().any(told));
 }
 
-/// An angle in [assembly] is part of the squareness, so the location error alone is not a figure of it.
+/// An angle in [assembly] is part of the squareness, so the location error alone is not evaluated.
 #[test]
 fn no_location_is_judged_beside_assembly_errors() {
     let report = stated("[assembly]\nY = [0, 0, 0, 0, 0, 50]\n[errors]\nEXX = 3.0\n");
@@ -469,7 +465,7 @@ fn the_range_of_a_stated_error_is_over_all_that_it_depends_on() {
     }
 }
 
-/// Rotations of a Monte Carlo sample move the tip of a long tool further: the uncertainty is that of the longest tool.
+/// The uncertainty is that of the longest tool, whose tip the rotations of a Monte Carlo sample move most.
 #[test]
 fn the_uncertainty_counts_the_longest_tool() {
     let machine = |tools: &str, slope: f64| {
@@ -560,7 +556,7 @@ fn warnings_name_what_lacks_the_gravest_first() {
 fn an_outlier_is_named_with_its_file_run_and_target() {
     let shop = Shop::new();
     let good = crate::csv(17, 50.0, 5, |x, _| 0.02 * x);
-    // One reading is 3 µm too large; the line begins with target, run and direction.
+    // One reading is 3 µm too large; the line starts with target, run and direction.
     let spoilt = good.lines().map(|line| {
         if line.starts_with("400,3,+,") {
             "400,3,+,11.0"
@@ -594,7 +590,7 @@ pub(crate) fn field<'a>(
     }
 }
 
-/// An error of x/1000 mm along X: 0.8 mm at the end of 800 mm.
+/// An error of x/1000 mm along X has its maximum of 0.8 mm at 800 mm, and 0.4 mm after alignment.
 #[test]
 fn the_working_space_has_the_sizes_of_its_errors() {
     let shop = Shop::new();
@@ -623,7 +619,7 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     .expect("three axes");
     let size = found.before.found;
     assert!((size.max_um - 800.0).abs() < 1e-9);
-    // A translation is not an error: 400 µm remain at both ends, except for the effect of rotations with a finite number of poses.
+    // A translation is no error of form: 400 µm remain at both ends, apart from rotations by the finite number of poses.
     assert!((size.form_max_um - 400.0).abs() < 1.0, "{size:?}");
     assert_eq!(size.at[0].axis, "X");
     assert!([0.0, 800.0].contains(&size.at[0].at));
@@ -670,7 +666,7 @@ fn the_data_is_the_same_after_json() {
     assert_eq!(serde_json::to_string(&again).expect("JSON"), text);
 }
 
-/// On a machine with rotary axes the map is valid for one position of these, which the page states.
+/// On a machine with rotary axes the map applies to one position of these, which the page states.
 #[test]
 fn axes_that_stand_still_are_named() {
     let path = volcomp_test_support::root().join("examples/five-axis.toml");

@@ -1,4 +1,4 @@
-//! Reports of calibrations made in the tests: their data, their page, and the page in a browser.
+//! Reports of calibrations made in the tests: data, page, and the page in a browser.
 
 mod browser;
 mod data;
@@ -15,7 +15,6 @@ use volcomp_report::{Report, Stated};
 
 pub(crate) const MACHINE: &str = "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\n";
 
-/// The machine with additional lines in its file.
 pub(crate) fn machine(more: &str) -> Machine {
     Machine::parse(&format!("{MACHINE}{more}"), "machine.toml").expect("a machine")
 }
@@ -33,7 +32,7 @@ pub(crate) fn csv(
         for backward in [false, true] {
             for index in 0..targets {
                 let target = step * index as f64;
-                // A Lehmer generator, sufficient for uneven values.
+                // A Lehmer generator, sufficient for irregular values.
                 noise = noise * 48_271 % 2_147_483_647;
                 let scatter = noise as f64 / 2_147_483_647.0 - 0.5;
                 let direction = if backward { "-" } else { "+" };

@@ -1,12 +1,10 @@
-//! The words of a report.
-
 use std::collections::BTreeSet;
 
 use volcomp_report::html;
 
 use crate::browser::whole;
 
-/// The text between the tags of a page, without styles and scripts.
+/// The texts between the tags of a page, without styles and scripts.
 fn between_tags(page: &str) -> Vec<String> {
     let mut rest = page;
     let mut found = Vec::new();
@@ -22,7 +20,7 @@ fn between_tags(page: &str) -> Vec<String> {
     found
 }
 
-/// Each distinct text of a page without its numbers, which change with the model.
+/// Snapshot of each distinct text of a page, without the numbers, which change with the model.
 #[test]
 fn words_of_a_report() {
     let page = html(&whole());

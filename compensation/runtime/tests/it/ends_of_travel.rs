@@ -1,4 +1,4 @@
-//! At an end of travel every form of the model has the error of that end, although the coordinate was converted to radians and back.
+//! At an end of travel every form of the model has the error of that end, in spite of the conversion to radians and back.
 
 use volcomp_kinematics::Form;
 use volcomp_model::{Machine, Temperatures};
@@ -25,7 +25,7 @@ fn machine(turns: [f64; 2], tilts: f64) -> Machine {
 fn an_end_of_travel_has_the_error_of_its_own_side() {
     let GuardSettings { fading, .. } = guard();
     let warm = Temperatures::new();
-    // Includes ends that the conversion to radians and back returns larger or smaller, such as 105, 125, 192, 210 and 255.
+    // Includes ends that the conversion returns larger or smaller, such as 105, 125, 192, 210 and 255.
     for degrees in 1..=359 {
         let high = f64::from(degrees);
         let machine = machine([high - 360.0, high], high);
@@ -40,7 +40,7 @@ fn an_end_of_travel_has_the_error_of_its_own_side() {
             let state = machine.state(&at).expect("a state");
             let exact = machine.error_at(&state, Form::Exact, &warm);
             let [reported, _] = model.errors(&state, &none);
-            // Up to second order ECC of the table turns the tool about Z; EBB acts about Y.
+            // To second order ECC of the table turns the tool about Z, and EBB acts about Y.
             for found in [exact.rotation_rad.z, reported.rotation_rad[2]] {
                 assert!(
                     (found * 1e6 - end / 400.0).abs() < 0.01,

@@ -1,5 +1,5 @@
-//! Axes that do not correct, because they may not or because the error of the tool would increase: nothing but zero is written to them. And
-//! linear axes that a rotary axis turns parallel.
+//! Axes that do not correct, because they may not or because the tool error would grow, get zero only. Linear axes that a rotary axis
+//! turns parallel.
 
 use std::time::Duration;
 
@@ -16,13 +16,12 @@ use crate::rig::{NAMES, PERIOD, Rig, alone, control, guard, machine, machine_fil
 
 const PLACE: [f64; 5] = [-100.0, 40.0, 200.0, 50.0, 300.0];
 
-/// The five-axis machine of the examples, whose correcting axes are limited to these.
+/// The five-axis machine of the examples with only these correcting axes.
 fn correcting(names: &str) -> Machine {
     let text = format!("correct = [{names}]\n{}", machine_file());
     Machine::parse(&text, "held").expect("valid")
 }
 
-/// Settings with a test shift for linear and rotary axes.
 fn shifting() -> GuardSettings {
     let mut guard = guard();
     guard.linear.test_shift = Um(5.0);
@@ -33,7 +32,7 @@ fn shifting() -> GuardSettings {
     guard
 }
 
-/// Arms, and returns the largest output of each axis of the machine during 3000 cycles.
+/// Arms; returns the largest output of each machine axis in 3000 cycles.
 fn largest_outputs(rig: &mut Rig, machine: &Machine) -> Vec<(AxisName, f64)> {
     let joints = machine.chain().joints();
     let mut largest: Vec<_> = joints.iter().map(|joint| (joint.name, 0.0_f64)).collect();
@@ -49,7 +48,7 @@ fn largest_outputs(rig: &mut Rig, machine: &Machine) -> Vec<(AxisName, f64)> {
     largest
 }
 
-/// Neither the test shift nor the correction is written to axes that do not correct, with or without limits for axes of that kind.
+/// Axes that do not correct get neither test shift nor correction, with or without limits for their kind.
 #[test]
 fn nothing_is_written_to_axes_that_do_not_correct() {
     let machine = correcting("\"X\", \"Y\", \"Z\"");
@@ -71,7 +70,7 @@ fn nothing_is_written_to_axes_that_do_not_correct() {
     }
 }
 
-/// A linear axis that is parallel to another one does not correct.
+/// A linear axis parallel to another one does not correct and gets no test shift.
 #[test]
 fn a_redundant_linear_axis_is_not_shifted() {
     let text = "structure = \"w b X Y Z C t\"
@@ -105,7 +104,7 @@ fn another_model_removes_the_test_shift_of_axes_that_no_longer_correct() {
     for (name, largest) in largest_outputs(&mut rig, &after) {
         assert_eq!(largest > 0.0, !name.is_rotary(), "axis {name}: {largest}");
     }
-    // Limits that were planned for the old model do not restore the test shift either.
+    // Limits planned for the old model do not restore its test shift.
     let mut rig = Rig::of(&before, &shifting(), PLACE, &NAMES);
     let limits = rig.limits;
     rig.swap(&after);
@@ -115,7 +114,6 @@ fn another_model_removes_the_test_shift_of_axes_that_no_longer_correct() {
     }
 }
 
-/// Rotary axes without a test shift next to linear ones with one.
 #[test]
 fn axes_without_a_test_shift_are_reported_as_not_proven() {
     let rotary = shifting();
@@ -135,7 +133,7 @@ fn axes_without_a_test_shift_are_reported_as_not_proven() {
     }
 }
 
-/// The plan for a control of the five-axis machine with these axes and steps (µrad).
+/// The plan for a control of the five-axis machine with these axes and this step (µrad).
 fn plan(axes: &[AxisName], step_urad: f64, most: Um) -> Result<PathPlan, PlanError> {
     let mut description: Description = control([0.0; 5], &Clock::manual()).description().clone();
     let of = |name: &AxisName| Axis {
@@ -204,7 +202,7 @@ fn axes_that_are_too_coarse_to_correct_need_no_limits() {
             }
         }
     }
-    // A correcting axis with a limit below its step is still rejected.
+    // A correcting axis whose limit is below its step is rejected.
     let fine = AxisSettings::new(Urad(0.5), Urad(500.0));
     let refused = shipped(0.0001, true, Some(fine)).expect_err("less than a step");
     assert!(
@@ -213,7 +211,7 @@ fn axes_that_are_too_coarse_to_correct_need_no_limits() {
     );
 }
 
-/// Compares half a step times the lever with the allowed error, for each axis.
+/// A rotary axis corrects only if half its step times its lever is within the permitted error.
 #[test]
 fn a_rotary_axis_with_coarse_steps_is_not_corrected() {
     let model = Model::new(&machine(), Fading::default()).expect("compiles");
@@ -242,8 +240,8 @@ fn a_rotary_axis_with_coarse_steps_is_not_corrected() {
     assert_eq!(corrects(b.0 * 0.999).0, 0);
 }
 
-/// Rotary axes correct only with three linear directions, which compensate their movement of the tip. A controller without any correcting
-/// axis is rejected.
+/// Rotary axes correct only with three linear directions, which compensate the motion of the tip. A controller without correcting axes is
+/// rejected.
 #[test]
 fn rotary_axes_correct_only_with_three_linear_directions() {
     let [x, y, b, c] = [AxisName::X, AxisName::Y, AxisName::B, AxisName::C];
@@ -262,7 +260,7 @@ fn rotary_axes_correct_only_with_three_linear_directions() {
     );
 }
 
-/// X, Y, A: A alone would move the tip along Z, which no axis compensates.
+/// With X, Y and A only, A is not corrected, since no axis compensates its motion of the tip along Z; the tool error does not grow.
 #[test]
 fn a_machine_with_two_linear_directions_and_a_rotary_axis_gains_no_error() {
     let text = "structure = \"w A' b X Y t\"
@@ -281,8 +279,8 @@ errors = { EXX = 12.0, EYY = 8.0, EAA = 150.0, EAX = 100.0 }
     assert!(worst < 1e-6, "{worst} mm worse");
 }
 
-/// X is under a rotary table, Y on the tool side: they are parallel at C = 90°. Their corrections grow without bound there, and are limited
-/// together.
+/// X is under a rotary table and Y on the tool side, so they are parallel at C = 90°: corrections that grow without bound there are
+/// limited together and reported.
 #[test]
 fn linear_axes_turned_into_one_direction_are_reported() {
     let text = "structure = \"w X' C' b Y Z t\"
@@ -298,7 +296,7 @@ errors = { EXX = 10.0, EYY = 6.0, EXZ = 8.0, EYZ = -7.0 }
     let c = machine.index_of(AxisName::C).expect("an axis");
     let at = pose.expect("C = ±90°")[c].abs().to_degrees();
     assert!((at - 90.0).abs() < 10.0, "{at}");
-    // On a machine whose rotary axes do not turn linear axes relative to each other, no such pose exists.
+    // If no rotary axis turns linear axes relative to each other, there is no such pose.
     let five = Model::new(&crate::rig::machine(), Fading::default()).expect("compiles");
     assert_eq!(
         five.linear_near_singular(&five.correctors_among(&five.axes)),
@@ -326,8 +324,8 @@ errors = { EXX = 10.0, EYY = 6.0, EXZ = 8.0, EYZ = -7.0 }
     }
 }
 
-/// With a tool 1 mm longer, half a step of B exceeds the allowed error, so B stops correcting. The change used to be computed with B
-/// correcting in both models: 0 µm.
+/// With a tool 1 mm longer, half a step of B exceeds the permitted error and B stops correcting: the reported move includes the removal
+/// of its correction.
 #[test]
 fn a_rotary_axis_that_stops_correcting_counts_as_a_move() {
     let machine = |length: f64| {

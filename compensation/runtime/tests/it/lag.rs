@@ -1,5 +1,5 @@
-//! Late positions at speed: a rotary table at 33 rpm, positions 0 to 500 ms old. The error with the written correction is never larger than
-//! without, and the reasons report the reduction.
+//! Late positions at speed: a rotary table at 33 rpm, positions 0 to 500 ms old. The error with correction is at most that without, and
+//! the reasons report the reduction.
 
 use std::{f64::consts::TAU, time::Duration};
 
@@ -22,7 +22,7 @@ const RPM: f64 = 33.0;
 const STEP: f64 = 1e-4;
 const NAMES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
-/// A rotary table under X, with errors of one and two periods per turn, and constant errors.
+/// A rotary table under X, with constant errors and errors of one and two periods per turn.
 const MACHINE: &str = "structure = \"w C' X' b Y Z t\"
 axes.X = { travel = [-400.0, 400.0] }
 axes.Y = { travel = [-400.0, 400.0] }
@@ -37,12 +37,12 @@ EXX = 4.0
 EYY = -5.0
 ";
 
-/// Angle of the table at a time, rad.
+/// Table angle at a time, rad.
 fn turned(at: Duration) -> f64 {
     (RPM / 60.0 * TAU * at.as_secs_f64()).rem_euclid(TAU)
 }
 
-/// A control with stationary linear axes. The read-only path reports the table's angle `age` ago, or the one at which the path became
+/// A control with stationary linear axes. The read-only path reports the table angle of `age` ago, or the last one before it became
 /// silent.
 #[derive(Default)]
 struct Late {
@@ -123,8 +123,7 @@ impl Table {
         self.ways.plant().silent_since = Some(self.ways.clock.elapsed());
     }
 
-    /// Error of the tool at the actual table angle, without and with the applied correction, mm: right after the write, and right before
-    /// the next one.
+    /// Tool error at the actual table angle, without and with the applied correction, mm: right after a write, and right before the next.
     fn off(&self) -> [[f64; 2]; 2] {
         let applied = self.ways.plant().applied;
         [Duration::ZERO, PERIOD].map(|later| {
@@ -157,10 +156,11 @@ impl Table {
     }
 }
 
-/// Maximum effect of rounding, the slew of a cycle and the steps of the model, mm.
+/// Maximum effect of rounding, the slew of one cycle and the model's steps, mm.
 const ROUNDING: f64 = 3.0 * STEP + 2e-5;
 
-/// The share is never worse than no correction, with `hold_ms` at its maximum of 200; with older positions nothing is corrected.
+/// With `hold_ms` = 200 (maximum) the correction reduced by the age of the positions is at most as wrong as none; with older positions
+/// nothing is corrected.
 #[test]
 fn a_correction_by_late_positions_is_never_worse_than_none() {
     let hold = Duration::from_millis(200);
@@ -213,7 +213,7 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
         );
         lefts.push((age_ms, left, reported > 0));
     }
-    // The values of the table in the book.
+    // Values of the table in the book.
     for (age_ms, expected) in [(0, 0.03), (20, 0.1), (40, 0.17), (100, 0.4), (200, 1.0)] {
         let (_, left, _) = lefts
             .iter()
@@ -229,7 +229,7 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
     );
 }
 
-/// Positions freeze while the table keeps turning, and return later.
+/// Positions freeze while the table turns on: the held correction ramps out before it is worse than none.
 #[test]
 fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
     for silent_ms in (0..=500).step_by(50) {
@@ -257,7 +257,7 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
                 look(&mut table, 0.0);
             }
             table.ways.plant().silent_since = None;
-            // During a ramp the error may be as large as at its start.
+            // On a ramp the error may be as large as at its start.
             let began = table.off()[1][1];
             for _ in 0..400 {
                 look(&mut table, began);
@@ -271,7 +271,6 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
     }
 }
 
-/// No reduction is reported while disarmed or after ramping out without positions.
 #[test]
 fn no_reduction_is_reported_without_a_correction() {
     let is_told = |report: &Report| report.reasons.contains(Reasons::LET_GO);

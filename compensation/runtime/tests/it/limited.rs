@@ -1,5 +1,5 @@
-//! Errors are evaluated at the actual position of the axes, not at that of an unlimited correction. The remaining correction of a rotary
-//! axis that no longer corrects ramps out together with the linear axes that compensate it.
+//! Errors are evaluated at the actual position of the axes, not at that of an unlimited correction. The correction of a rotary axis that
+//! stops correcting ramps out together with the linear axes that compensate it.
 
 use std::time::Duration;
 
@@ -30,7 +30,7 @@ fn off_um(machine: &Machine, state: &State, delta: &PerAxis<f64>) -> f64 {
     (actual.transform_point(&tip) - chain.ideal_pose(state).transform_point(&tip)).norm() * 1e3
 }
 
-/// A table-tilting machine with periodic screw errors.
+/// A machine with a tilting table and periodic screw errors.
 const PERIODIC: &str = "structure = \"w C' A' b X Y Z t\"
 axes.X = { travel = [-500.0, 500.0] }
 axes.Y = { travel = [-500.0, 500.0] }
@@ -44,7 +44,8 @@ EYY = { fourier = [0.0, 0.0, 5.0], period = 10.0 }
 EBZ = 100.0
 ";
 
-/// Near the singular pose a limit leaves little of the correction of C. Errors evaluated at the unlimited correction used to cause 4.6 µm.
+/// Near the singular pose a limit leaves little of the correction of C: the remaining error is below 0.2 µm. Errors evaluated at the
+/// unlimited correction would cause 4.6 µm.
 #[test]
 fn a_limit_near_the_singular_pose_makes_no_error() {
     let machine = Machine::parse(PERIODIC, "m").expect("valid");
@@ -111,8 +112,8 @@ fn a_limit_near_the_singular_pose_makes_no_error() {
         }
     }
     println!("over what is without: {moving} µm on the ramp, {settled} µm after it");
-    // Second-order effect: rotary corrections of up to 2 mrad turn linear corrections of up to 0.1 mm; and on the ramp the errors are those
-    // of the previous cycle.
+    // Second order: rotary corrections of up to 2 mrad turn linear ones of up to 0.1 mm; on a ramp the errors are those of the previous
+    // cycle.
     assert!(settled < 0.2 && moving < 0.2, "{settled} µm, {moving} µm");
 }
 
@@ -127,7 +128,7 @@ tool = { gauge = [400.0, 300.0, 0.0], length = 120.0 }
 errors = { EBZ = -160.0 }
 ";
 
-/// A corrected machine whose B axis has a correction, its pose, and the maximum error of its tool from then on.
+/// A corrected machine whose B axis has a correction, its pose, and the maximum tool error from then on.
 struct Holding {
     rig: Rig,
     machine: Machine,
@@ -170,14 +171,13 @@ impl Holding {
         }
     }
 
-    /// Swaps in a machine whose correcting axes are limited to these.
     fn corrects(&mut self, axes: &str) {
         let text = format!("correct = [{axes}]\n{TABLE_AND_HEAD}");
         let machine = Machine::parse(&text, "m").expect("valid");
         self.rig.swap(&machine);
     }
 
-    /// Runs cycles, the first with a request, and checks the error of the tool against its bound. Returns the last report.
+    /// Runs cycles, the first with a request, and checks the tool error against its bound; returns the last report.
     fn run(&mut self, request: Request, cycles: u32, what: &str) -> Report {
         let mut report = self.rig.step(Some(request));
         let mut worst = 0.0_f64;
@@ -199,14 +199,15 @@ impl Holding {
     }
 }
 
-/// Slews and accelerations of the rotary axes, µrad/s and µrad/s².
+/// Slew and acceleration of the rotary axes, µrad/s and µrad/s².
 const PACES: [(f64, f64); 3] = [
     (500.0, f64::INFINITY),
     (100.0, f64::INFINITY),
     (500.0, 1000.0),
 ];
 
-/// A new machine file removes the rotary axes from `correct`. Without following linear axes the tool used to be off by 26 µm at 100 µrad/s.
+/// A new machine file removes the rotary axes from `correct`: they ramp out with the linear axes that follow them. Alone, at 100 µrad/s,
+/// they would move the tool by 26 µm.
 #[test]
 fn rotary_axes_that_stop_correcting_ramp_out_with_the_linear_axes() {
     for (slew, accel) in PACES {
@@ -217,8 +218,8 @@ fn rotary_axes_that_stop_correcting_ramp_out_with_the_linear_axes() {
     }
 }
 
-/// Two linear axes cannot follow rotary axes, so these stop correcting too. With separate ramps the tool used to be off by tens of µm for
-/// seconds.
+/// A new machine file removes a linear axis from `correct`. Two linear axes cannot follow rotary ones, so these ramp out too; with
+/// separate ramps the tool would be off by tens of µm.
 #[test]
 fn a_linear_axis_that_stops_correcting_ramps_out_with_the_rotary_axes() {
     for (slew, accel) in PACES {
@@ -250,8 +251,8 @@ fn axes_that_stop_correcting_in_turn_do_not_move_the_tip() {
     }
 }
 
-/// Limits are lowered during the ramp out, and the gateway is armed again: the whole correction is reduced to the start of the test shift
-/// together. A rotary axis used to be reduced alone, which moved the tool by tens of µm.
+/// Limits are lowered during a ramp-out and the gateway is armed again: the whole correction is reduced together before the test shift,
+/// since a rotary axis alone would move the tool by tens of µm.
 #[test]
 fn limits_lowered_before_arming_reduce_the_whole_correction() {
     for (slew, accel) in PACES {

@@ -1,4 +1,4 @@
-//! The runtime on simulated machines with clocks that the tests advance.
+//! The runtime on simulated machines, with clocks that the tests advance.
 
 mod coupled;
 mod ends_of_travel;
@@ -20,6 +20,5 @@ mod thermal;
 mod thread;
 mod ways;
 
-/// Aborts the test on a forbidden allocation.
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;

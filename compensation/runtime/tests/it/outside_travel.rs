@@ -1,4 +1,4 @@
-//! Positions that cannot be those of the machine: too far outside the travel, or unreachable since the previous one.
+//! Positions that cannot be those of the machine: too far outside the travel, or unreachable from the previous one.
 
 use volcomp_model::Machine;
 use volcomp_runtime::{
@@ -22,7 +22,7 @@ fn a_position_far_outside_the_travel_holds_and_comes_back() {
     let applied = armed.sent.unwrap();
     let z = machine().index_of(AxisName::Z).unwrap();
     assert!(applied[z] != 0.0);
-    // End switches are within 5 mm of the travel.
+    // Limit switches are within 5 mm of the travel.
     go(&mut rig, &control, [0.0, 104.9]);
     let report = rig.run(50);
     assert_eq!(report.state, State::Compensating);
@@ -38,7 +38,6 @@ fn a_position_far_outside_the_travel_holds_and_comes_back() {
         );
         assert_eq!(report.outside_travel, 1 << z);
         assert_eq!(report.error, None);
-        // The correction is held, and then ramps out.
         let held = rig.run(10);
         assert!(
             (held.sent.unwrap()[z] - applied[z]).abs() < 1e-9,
@@ -69,7 +68,6 @@ fn go(rig: &mut Rig, control: &Injected, [from, to]: [f64; 2]) {
     }
 }
 
-/// A compensating machine with Z at −100.
 fn compensating() -> (Rig, Injected, Report) {
     let control = Injected::default();
     let mut rig = Rig::injected(PLACE, &control);
@@ -84,7 +82,7 @@ fn a_jump_within_the_travel_holds_ramps_out_and_returns_with_the_position() {
     let z = machine().index_of(AxisName::Z).unwrap();
     let applied = armed.sent.unwrap();
     assert!(applied[z] != 0.0);
-    // Z at −400 mm, and at −100/25.4, as in another unit.
+    // Z at −400 mm, and at −100/25.4 as in another unit.
     for displaced in [-300.0, 100.0 - 100.0 / 25.4] {
         control.displace(displaced);
         let report = rig.step(None);
@@ -93,7 +91,7 @@ fn a_jump_within_the_travel_holds_ramps_out_and_returns_with_the_position() {
         assert_eq!((report.error, report.sent), (None, armed.sent));
         let held = rig.run(10);
         assert!((held.sent.unwrap()[z] - applied[z]).abs() < 1e-9);
-        // A wrong position is not accepted after some time.
+        // A wrong position is never accepted just because time passes.
         let lost = rig.run(5000);
         assert_eq!(lost.state, State::Holding(Hold::Lost), "{lost:?}");
         assert_eq!((lost.sent.unwrap()[z], lost.jumped), (0.0, 1 << z));
@@ -103,7 +101,7 @@ fn a_jump_within_the_travel_holds_ramps_out_and_returns_with_the_position() {
         assert_eq!(report.jumped, 0);
         assert!((report.sent.unwrap()[z] - applied[z]).abs() < 1e-6);
     }
-    // Arming again accepts the present position.
+    // Arming again accepts the current position.
     control.displace(-300.0);
     rig.run(100);
     rig.step(Some(Request::Disarm));
@@ -114,7 +112,7 @@ fn a_jump_within_the_travel_holds_ramps_out_and_returns_with_the_position() {
     assert_eq!((report.positions[z], report.jumped), (-400.0, 0));
 }
 
-/// By a wrong machine file, Z is outside its travel; with the right one its position is accepted.
+/// Z is outside the travel of a wrong machine file; with the right one its position is accepted.
 #[test]
 fn a_new_travel_accepts_the_next_position() {
     let (mut rig, control, _) = compensating();
@@ -148,7 +146,7 @@ fn motion_at_rapid_after_a_silence_is_accepted() {
     assert_eq!(rig.run(1000).state, State::Compensating);
 }
 
-/// Whether the control counts on or restarts at 0 after a turn; half a turn at once is a jump.
+/// A table that counts on or restarts at 0 after a turn is accepted; half a turn at once is a jump.
 #[test]
 fn a_table_that_rolls_over_is_accepted() {
     let mut names = NAMES;
@@ -165,7 +163,7 @@ fn a_table_that_rolls_over_is_accepted() {
     }
 }
 
-/// Stale flags also read as "not referenced", but must not validate a jump.
+/// After referencing, a jump is accepted only by arming again. Stale flags also read "not referenced", but must not validate a jump.
 #[test]
 fn a_position_after_referencing_is_accepted_after_arming_again() {
     let (mut rig, control, armed) = compensating();
@@ -184,7 +182,7 @@ fn a_position_after_referencing_is_accepted_after_arming_again() {
     assert_eq!((report.jumped, armed.jumped), (0, 0));
 }
 
-/// A rotary axis with a turn of travel is never outside it, even if each turn lacks a thousandth of a degree.
+/// A rotary axis whose travel is a turn is never outside, even if a thousandth of a degree is missing in the turn.
 #[test]
 fn a_table_with_a_turn_of_travel_is_nowhere_outside() {
     for (travel, at, is_outside) in [
@@ -212,7 +210,7 @@ fn a_modulo_axis_is_nowhere_outside() {
     assert_eq!(report.outside_travel, 0, "{report:?}");
     assert!(!report.reasons.contains(Reasons::OUTSIDE_TRAVEL));
     assert!(report.error.is_some());
-    // It does not arm at an implausible position.
+    // At an implausible position the gateway does not arm.
     let mut rig = Rig::at([-100.0, 116.0, 300.0, 40.0, 200.0]);
     let report = rig.arm(5000);
     assert_eq!(report.state, State::Disarmed, "{report:?}");

@@ -17,7 +17,7 @@ use crate::{
 };
 
 const SCAN: Duration = Duration::from_millis(2);
-/// Timeout of a control, and its time to ramp to zero.
+/// Timeout of a control, and duration of its ramp to zero.
 const TIME_OUT: ControlTimeOut = ControlTimeOut {
     after: Duration::from_millis(200),
     to_zero: Duration::from_millis(100),
@@ -25,7 +25,6 @@ const TIME_OUT: ControlTimeOut = ControlTimeOut {
 /// EXX of 0.5 µm per mm, −25 µm at 0.
 const SLOPE: &str = "EXX = { poly = [-25, 0.5] }";
 
-/// Settings of a path to a barrier.
 fn to_barrier() -> PathSettings {
     PathSettings {
         barrier: Some(BarrierSettings {
@@ -37,7 +36,7 @@ fn to_barrier() -> PathSettings {
     }
 }
 
-/// Settings of a path whose control ramps to zero on its own.
+/// Settings of a path whose control ramps to zero at its timeout.
 fn lets_go() -> PathSettings {
     PathSettings {
         time_out: Some(TIME_OUT),
@@ -55,8 +54,8 @@ fn writing(device: &str, axes: &[AxisName]) -> Description {
     }
 }
 
-/// X stops, travels 100 mm at 60 m/min from cycle `begins` on, and stops. The first path fails for one second from cycle 800 + `offset` on.
-/// Returns the largest change of the axis by one write, µm.
+/// X stops, travels 100 mm at 60 m/min from cycle `begins` on, and stops. The first path fails for one second from cycle 800 + `offset`
+/// on. Returns the largest change of the axis by one write, µm.
 fn largest_write_um(offset: u64, begins: u64, hand_back: Duration) -> f64 {
     let ways = Ways::to(Control::default(), Clock::manual());
     let guard = GuardSettings {
@@ -83,7 +82,7 @@ fn largest_write_um(offset: u64, begins: u64, hand_back: Duration) -> f64 {
     ways.plant().largest * 1e3
 }
 
-/// The first write used to rely on a standby reading up to 100 ms old: the axis stepped by 26 µm instead of at most 2 µm.
+/// A change of path in motion moves the axis by at most 2 µm per write, although the standby reading is up to 100 ms old, equal to 26 µm.
 #[test]
 fn a_change_of_paths_in_motion_makes_no_step() {
     let (sooner, later) = (Duration::from_secs(2), Duration::from_millis(2050));
@@ -105,7 +104,7 @@ fn a_change_of_paths_in_motion_makes_no_step() {
     }
 }
 
-/// The second path has another axis order, which used to cause a fault.
+/// A path with lower limits and another axis order takes over: it ramps the previous correction down to its limit, without a fault.
 #[test]
 fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     let ways = Ways::to(Control::default(), Clock::manual());
@@ -142,8 +141,8 @@ fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     assert!(largest <= 0.002 + 1e-9, "{largest} mm");
 }
 
-/// Two paths that write these axes; Z needs +20 µm at X 10 mm. The control of the path that writes all axes ramps to zero on its own if it
-/// has a timeout.
+/// Two paths that write these axes; Z needs +20 µm at X 10 mm. With a timeout, the control of the path that writes all axes ramps to
+/// zero.
 fn fewer_axes(
     axes: [&[AxisName]; 2],
     time_out: Option<ControlTimeOut>,
@@ -167,7 +166,7 @@ fn fewer_axes(
     ways.cycle(model, &guard, paths.into())
 }
 
-/// A path with additional axes must go to zero on its own (time-out); otherwise 20 µm would stay on Z.
+/// A path with additional axes is rejected if its control has no timeout: 20 µm would stay on Z.
 #[test]
 fn a_path_with_additional_axes_must_go_to_zero_on_its_own() {
     let ways = Ways::to(Control::at(&[(AxisName::X, 10.0)]), Clock::manual());
@@ -183,7 +182,7 @@ fn a_path_with_additional_axes_must_go_to_zero_on_its_own() {
     assert!(made([&AXES, &other_order], None).is_ok());
 }
 
-/// The first path holds 20 µm on Z when it becomes silent; the second writes only X and Y.
+/// The first path becomes silent with 20 µm on Z: the second, which writes only X and Y, takes over once Z is at zero.
 #[test]
 fn fewer_axes_take_over_once_the_others_are_at_zero() {
     let ways = Ways::to(Control::at(&[(AxisName::X, 10.0)]), Clock::manual());
@@ -215,9 +214,9 @@ fn fewer_axes_take_over_once_the_others_are_at_zero() {
     assert_eq!((last.state, last.active), (State::Compensating, 1));
 }
 
-/// Three axes behind a barrier, and a second path that writes two of them and whose control also ramps to zero; Z needs 120 µm. The first
-/// path is cut off from cycle 1500 on; an emergency stop, which only the second reports, lasts until cycle `stop_until`. Returns the
-/// largest correction on Z, counts, while the second path writes, and whether it wrote.
+/// Three axes behind a barrier, and a second path that writes two of them, whose control has a timeout as well; Z needs 120 µm. The first
+/// path is cut at cycle 1500; an emergency stop that only the second reports lasts until cycle `stop_until`. Returns the largest
+/// correction of Z while the second path writes, counts, and whether it wrote.
 fn left_on_z(real_scan: Duration, time_out_scans: u16, stop_until: i32) -> (i16, bool) {
     let control = Control {
         barrier: Some(barrier_of(&AXES, 150, 25, time_out_scans)),
@@ -259,20 +258,21 @@ fn left_on_z(real_scan: Duration, time_out_scans: u16, stop_until: i32) -> (i16,
     (most, taken_over)
 }
 
-/// With scans longer than configured, 120 µm used to remain on Z.
+/// With scans longer than configured, Z is at zero when a path with fewer axes takes over, not at 120 µm.
 #[test]
 fn a_slow_control_is_at_zero_when_fewer_axes_take_over() {
     let found = left_on_z(Duration::from_micros(2450), 1000, 0);
     assert_eq!(found, (0, true));
 }
 
-/// A barrier holds its correction during a stop: 112 µm used to remain on Z.
+/// A barrier holds its correction during a stop, so the stop does not count towards the time to zero: Z is at zero at the take-over, not
+/// at 112 µm.
 #[test]
 fn a_stop_does_not_count_towards_the_time_to_zero() {
     assert_eq!(left_on_z(SCAN, 100, 2500), (0, true));
 }
 
-/// A path whose words can be read back, and a path over digital lines.
+/// A path with read-back, and a path over digital lines.
 fn words_and_lines(ways: &Ways<Control>) -> Cycle {
     let guard = GuardSettings {
         ramp: Duration::from_millis(500),
@@ -289,8 +289,8 @@ fn words_and_lines(ways: &Ways<Control>) -> Cycle {
     ways.cycle(model, &guard, paths.into()).expect("fits")
 }
 
-/// Runs 500 cycles after a restart, with Acknowledge and Arm, while the path with words does not answer and its X has this correction (mm);
-/// `remembered` is the stored correction of X, mm. Returns the state, its reasons, and the largest change of X by one write, mm.
+/// Runs 500 cycles after a restart, with Acknowledge and Arm, while the path with read-back does not answer and its X has this correction
+/// (mm). `remembered` is the stored correction of X, mm. Returns the state, its reasons, and the largest change of X by one write, mm.
 fn after_a_restart(
     x: f64,
     remembered: Option<f64>,
@@ -325,7 +325,8 @@ fn after_a_restart(
     (report.state, report.reasons, ways.plant().largest)
 }
 
-/// After a restart, with −25 µm stored or unknown, lines used to take over at once, and X moved by 25 µm in one write.
+/// After a restart, lines do not take over while the silent path may still apply a correction (−25 µm stored, or none known): otherwise X
+/// would move by 25 µm in one write.
 #[test]
 fn lines_do_not_take_over_while_a_silent_path_may_hold_a_correction() {
     for remembered in [None, Some(-0.025), Some(f64::NAN)] {
@@ -344,7 +345,7 @@ fn lines_do_not_take_over_while_a_silent_path_may_hold_a_correction() {
     }
 }
 
-/// The operator acknowledged an earlier fault, which used to acknowledge −25 µm stored for a silent path as well.
+/// Acknowledging another fault does not acknowledge the −25 µm stored for a silent path: X moves by at most 2 µm per write.
 #[test]
 fn acknowledging_a_fault_does_not_clear_corrections_on_other_paths() {
     let (_, _, change) = after_a_restart(-0.025, Some(-0.025), true, true);
@@ -389,10 +390,10 @@ fn corrections_left_on_lines_after_a_hand_back_are_reported() {
     assert!(holds(&cycle));
 }
 
-/// Number of cycles after which the scale of Z becomes silent.
+/// Cycle after which the scale of Z becomes silent.
 const SILENT_AT: u32 = 1000;
 
-/// Two answering paths to a control, and a third controller that alone reports Z, for both paths.
+/// Two paths to a control, and a third controller that alone reports Z for both.
 fn with_scale(ways: &Ways<Control>) -> Cycle {
     let guard = guard_um(30.0);
     let model = three_axes(SLOPE, &guard);
@@ -409,8 +410,8 @@ fn with_scale(ways: &Ways<Control>) -> Cycle {
     cycle.with_readers(vec![reader]).expect("room")
 }
 
-/// Runs 3000 cycles with a request to disarm in one of them. Returns the number of path changes, the final state, and the word of X (µm) in
-/// some cycles.
+/// Runs 3000 cycles with a request to disarm in one of them. Returns the number of path changes, the final state, and the word of X (µm)
+/// in these cycles.
 fn with_silent_scale(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]) {
     let ways = Ways::to(Control::at(&[(AxisName::X, 30.0)]), Clock::manual());
     let mut cycle = with_scale(&ways);
@@ -434,7 +435,8 @@ fn with_silent_scale(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]
     (changes, cycle.report().state, words)
 }
 
-/// The paths used to change in every cycle, and each change restarted the ramp.
+/// Stale positions on both paths ramp the correction out within 1.2 s. The path must not change in every cycle, since each change
+/// restarts the ramp.
 #[test]
 fn stale_positions_on_both_paths_ramp_out() {
     let (changes, state, words) = with_silent_scale(u32::MAX, [SILENT_AT, SILENT_AT + 300, 2999]);
@@ -454,7 +456,7 @@ fn disarming_with_stale_positions_ramps_out() {
     assert!(changes <= 1, "{changes} changes");
 }
 
-/// The read-only controller hangs in an exchange of two seconds.
+/// The read-only controller hangs in an exchange of two seconds: the cycle continues, and the correction ramps out.
 #[test]
 fn a_hanging_read_only_controller_delays_no_cycle() {
     let ways = Ways::to(Control::at(&[(AxisName::X, 30.0)]), Clock::system());
@@ -502,8 +504,8 @@ const FIVE: [AxisName; 5] = [
     AxisName::C,
 ];
 
-/// Digital lines take over from a barrier. Returns the corrections that the axes receive over the lines, in the order of `FIVE`, mm and
-/// rad, in each cycle from then on, and the final requested correction.
+/// Digital lines take over from a barrier. Returns the corrections that the axes receive over the lines in each cycle from then on (order
+/// of `FIVE`, mm and rad), and the final request.
 fn lines_after_a_change(second: [AxisName; 5], place: [f64; 5]) -> (Vec<[f64; 5]>, [f64; 5]) {
     let place = FIVE.into_iter().zip(place).map(|(name, at)| {
         let at = Displacement::from_coordinate(name.kind(), at);
@@ -560,7 +562,7 @@ fn lines_after_a_change(second: [AxisName; 5], place: [f64; 5]) -> (Vec<[f64; 5]
     (got, index.map(|index| cycle.report().wanted[index]))
 }
 
-/// At standstill lines start at zero, and no axis exceeds the ramp by more than a step.
+/// Lines with another axis order take over at standstill: they start at zero, and no axis exceeds the ramp by more than a step.
 #[test]
 fn lines_with_their_axes_in_another_order_take_over_by_a_ramp() {
     let [x, y, z, a, c] = FIVE;
@@ -572,7 +574,7 @@ fn lines_with_their_axes_in_another_order_take_over_by_a_ramp() {
         for second in [FIVE, [c, a, z, x, y]] {
             let (got, wanted) = lines_after_a_change(second, place);
             for (cycle, words) in got.iter().enumerate() {
-                // The ramp of 2 s has 500 cycles; two cycles of delay and a step of rounding are allowed.
+                // The ramp of 2 s has 500 cycles; two cycles of delay and one step of rounding are allowed.
                 let ramp = (cycle as f64 / 500.0).min(1.0);
                 for (i, word) in words.iter().enumerate() {
                     let beyond = (word - ramp * wanted[i]).abs();

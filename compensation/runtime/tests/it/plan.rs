@@ -1,4 +1,4 @@
-//! Mismatches are reported with the found and the expected value in µm, µrad and ms.
+//! Conflicts in a plan are reported with the found and the expected value in µm, µrad and ms.
 
 use std::time::Duration;
 
@@ -25,7 +25,6 @@ fn planned(
     PathPlan::new(description, &model, &guard, &settings, PERIOD)
 }
 
-/// Messages have the units of the user, and the key.
 #[test]
 fn conflicts_are_named() {
     type Change = fn(&mut Description, &mut GuardSettings, &mut PathSettings);
@@ -93,7 +92,7 @@ fn conflicts_are_named() {
     }
 }
 
-/// If the axis turned, the correction would be that of another position.
+/// A rotary axis with a fixed position is rejected unless no drive turns it: its correction would be that of another position.
 #[test]
 fn a_fixed_rotary_axis_is_refused_unless_no_drive_turns_it() {
     let plan = |not_driven: &[AxisName], fixed: &[AxisName]| {
@@ -158,7 +157,7 @@ fn a_cycle_needs_a_path() {
     assert!(matches!(cycle.err(), Some(PlanError::Paths { found: 0 })));
 }
 
-/// Invalid periods, and periods other than planned, are rejected without a panic.
+/// Invalid periods, and periods other than planned, are rejected.
 #[test]
 fn a_cycle_has_the_period_of_its_plan() {
     for period in [
@@ -217,7 +216,7 @@ fn invalid_limits_are_refused() {
         rig.cycle.set_limits(0, &fewer),
         Err(OrderRefusal::Limits { source, .. }) if source.what == Quantity::Axes
     ));
-    // The step is that of the open controller; with another step every count would mean something else.
+    // Another step than that of the open controller would change the meaning of every count.
     let mut finer = good;
     finer.axes[0].resolution *= 0.1;
     assert!(matches!(
@@ -233,7 +232,7 @@ fn invalid_limits_are_refused() {
     );
 }
 
-/// Limits of two axes used to be rejected, but applied to the path nevertheless.
+/// Rejected limits, and a rejected model with another axis order, change neither state nor correction.
 #[test]
 fn refused_limits_change_nothing() {
     let mut rig = Rig::at([-100.0, 40.0, 200.0, 50.0, 300.0]);
@@ -242,7 +241,7 @@ fn refused_limits_change_nothing() {
     let mut limits = rig.limits;
     limits.count = 2;
     assert!(rig.cycle.set_limits(0, &limits).is_err());
-    // The paths keep the indices of their axes: the correction of Y would go to Z, and that of Z to Y.
+    // The axes of a path keep their indices: Y would get the correction of Z, and Z that of Y.
     let text = machine_file().replace("w C' X' b Y Z B t", "w C' X' b Z Y B t");
     let other = Machine::parse(&text, "other").expect("valid");
     let model = Model::new(&other, guard().fading).expect("compiles");
@@ -277,7 +276,7 @@ fn a_position_step_has_the_kind_of_its_axis() {
     }
 }
 
-/// Y corrects only with the new machine file, by at most 30 µm without a barrier.
+/// Y corrects only with the new machine file, and without a barrier by at most 30 µm.
 #[test]
 fn an_axis_that_a_new_model_corrects_keeps_to_the_limit_without_a_barrier() {
     let text = "structure = \"w X' Y' b Z t\"
@@ -309,7 +308,7 @@ errors = { EYY = 1000, EXX = 280 }";
     );
 }
 
-/// The limit of such an axis is reduced instead of rejected.
+/// For an axis that does not correct, a limit beyond the range of its device is reduced instead of rejected.
 #[test]
 fn an_axis_that_does_not_correct_respects_the_range_of_its_device() {
     let text = "correct = [\"X\"]

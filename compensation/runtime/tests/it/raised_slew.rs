@@ -1,4 +1,4 @@
-//! Limits changed while the machine is corrected, and the reversal threshold that depends on them.
+//! Limits change while the machine is corrected; the reversal threshold depends on them.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -42,7 +42,7 @@ impl Plant for Lagging {
     }
 }
 
-/// Number of sign changes of the requested correction within 8 s of standstill after the slew was changed.
+/// Number of sign changes of the requested correction in 8 s at standstill after the slew was changed.
 fn turns(slew_before: f64, slew_after: f64) -> usize {
     let text = "structure = \"w X' b Y Z t\"
 axes = { X.travel = [0.0, 800.0], Y.travel = [0.0, 400.0], Z.travel = [0.0, 250.0] }
@@ -79,7 +79,7 @@ errors = { EXX = { mean = { poly = [0.0] }, reversal = 20.0 } }
     let cycle = ways.cycle(model.clone(), &guard(slew_before), vec![path]);
     let mut cycle = cycle.expect("one path");
     let step = |cycle: &mut Cycle, request| ways.step(cycle, request);
-    // Time for three readings, which may be a read-back delay apart.
+    // Three readings, which may be a read-back delay apart.
     for _ in 0..40 {
         step(&mut cycle, None);
     }
@@ -94,7 +94,7 @@ errors = { EXX = { mean = { poly = [0.0] }, reversal = 20.0 } }
     for _ in 0..500 {
         step(&mut cycle, None);
     }
-    // The axis moves forward by 0.1 mm and back by 0.08 mm, then it stops.
+    // The axis moves forward by 0.1 mm, back by 0.08 mm, and stops.
     for k in 0..300_u32 {
         let back = if k > 100 { 0.08 } else { 0.0 };
         let at = 100.0 + 0.002 * f64::from(k.min(50)) - back;
@@ -111,7 +111,7 @@ errors = { EXX = { mean = { poly = [0.0] }, reversal = 20.0 } }
     turns
 }
 
-/// After a reload, movement by the correction within the read-back delay used to count as a reversal, 222 times in 8 s.
+/// A reload raises the slew: motion by the correction within the read-back delay causes no reversal.
 #[test]
 fn a_raised_slew_causes_no_reversal() {
     assert_eq!(turns(2000.0, 2000.0), 0, "planned for that slew");

@@ -1,4 +1,4 @@
-//! Axes whose positions are read and which are never written: the correction of the other axes is that for their present positions.
+//! Axes that are read and never written: the correction of the other axes is that for their current positions.
 
 use std::time::Duration;
 
@@ -20,11 +20,10 @@ const READ: [AxisName; 2] = [AxisName::C, AxisName::B];
 struct Moving {
     cycle: Cycle,
     clock: Clock,
-    /// Faults of the read-only controller, if there is one.
+    /// Faults of the read-only controller, if any.
     reader: Option<Injected>,
 }
 
-/// Positions of axes, mm and deg.
 fn at(names: &[AxisName], coordinates: &[f64]) -> PerChannel<f64> {
     PerChannel::from_fn(|i| {
         names.get(i).map_or(0.0, |name| {
@@ -46,7 +45,7 @@ fn program(names: &[AxisName], ends: [&[f64]; 2], seconds: f64) -> Vec<Move> {
 }
 
 impl Moving {
-    /// A control that writes X, Y and Z. It reads B and C itself, or another controller (`beside`) does.
+    /// A control that writes X, Y and Z. B and C are read by this control or, if `beside`, by another controller.
     fn new(beside: bool, seconds: f64) -> Self {
         let clock = Clock::manual();
         let guard = guard();
@@ -94,7 +93,7 @@ impl Moving {
     }
 }
 
-/// The path itself or another controller reads the rotary axes.
+/// With rotary axes that only this path or another controller reads, and that move, the tip error falls from above 10 to below 1 µm.
 #[test]
 fn the_tip_is_corrected_at_the_positions_of_read_only_axes() {
     for beside in [false, true] {
@@ -122,7 +121,7 @@ fn the_tip_is_corrected_at_the_positions_of_read_only_axes() {
             }
         }
         assert!(turned[1] - turned[0] > 2.5, "it turned: {turned:?}");
-        // The positions lag by one cycle, and the last write is not effective yet.
+        // The positions lag by one cycle, and the last write has no effect yet.
         assert!(without > 0.010 && with < 1e-3, "{without} {with}");
     }
 }

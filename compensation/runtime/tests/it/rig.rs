@@ -1,4 +1,4 @@
-//! A five-axis machine with a control that names its axes in another order, at one position.
+//! A five-axis machine at one position, with a control that names its axes in another order.
 
 use std::{
     path::Path,
@@ -31,13 +31,11 @@ pub(crate) const NAMES: [AxisName; 5] = [
     AxisName::Y,
 ];
 
-/// The file of the five-axis machine of the examples.
 pub(crate) fn machine_file() -> String {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
     std::fs::read_to_string(file).expect("shipped")
 }
 
-/// The five-axis machine of the examples.
 pub(crate) fn machine() -> Machine {
     Machine::parse(&machine_file(), "five-axis.toml").expect("shipped")
 }
@@ -75,7 +73,6 @@ pub(crate) fn without_barrier(device: &str, axes: &[AxisName]) -> Description {
     }
 }
 
-/// The reading of a referenced control without a barrier.
 pub(crate) fn referenced(
     positions: PerChannel<f64>,
     taken: Instant,
@@ -96,12 +93,11 @@ pub(crate) fn referenced(
     }
 }
 
-/// A stationary control, coordinates in mm and deg in the order of [`NAMES`].
+/// A stationary control, with coordinates in mm and deg in the order of [`NAMES`].
 pub(crate) fn control(place: [f64; 5], clock: &Clock) -> simulated::SimulatedController {
     control_of(&NAMES, &place, clock)
 }
 
-/// A stationary control with these axes and coordinates (mm, deg).
 fn control_of(
     names: &[AxisName],
     coordinates: &[f64],
@@ -119,7 +115,6 @@ fn control_of(
     simulated_control(names, vec![stands], clock)
 }
 
-/// A simulated control with these axes, which runs a program.
 pub(crate) fn simulated_control(
     names: &[AxisName],
     program: Vec<simulated::Move>,
@@ -144,7 +139,7 @@ pub(crate) fn simulated_control(
     machine.start().0
 }
 
-/// A control of which only the first axes are written, and the others read.
+/// A control of which only the first axes are written and the others read.
 pub(crate) struct Writes<C> {
     inner: C,
     description: Description,
@@ -175,7 +170,7 @@ impl<C: Controller> Controller for Writes<C> {
     }
 }
 
-/// Faults of a controller that a cycle holds.
+/// Faults of a controller that a cycle owns.
 #[derive(Clone, Default)]
 pub(crate) struct Injected(Arc<Injections>);
 
@@ -184,7 +179,7 @@ struct Injections {
     silent: AtomicBool,
     stopped: AtomicBool,
     unreferenced: AtomicBool,
-    /// Error of the reported position of the first axis, mm or rad, as bits.
+    /// Error of the first axis's reported position, mm or rad, as bits.
     displaced: AtomicU64,
 }
 
@@ -208,7 +203,7 @@ impl Injected {
         self.0.unreferenced.store(unreferenced, Ordering::Relaxed);
     }
 
-    /// Sets the error of the reported position of the first axis, mm or rad.
+    /// Sets the error of the first axis's reported position, mm or rad.
     pub(crate) fn displace(&self, by: f64) {
         self.0.displaced.store(by.to_bits(), Ordering::Relaxed);
     }
@@ -240,7 +235,6 @@ impl<C: Controller> Controller for Disturbed<C> {
     }
 }
 
-/// Settings for a control without other gateways.
 pub(crate) fn alone() -> PathSettings {
     PathSettings {
         watch: Duration::ZERO,
@@ -248,7 +242,6 @@ pub(crate) fn alone() -> PathSettings {
     }
 }
 
-/// A path to a controller, and the limits planned for it.
 pub(crate) fn path_of(
     control: impl Controller + 'static,
     model: &Model,
@@ -261,7 +254,7 @@ pub(crate) fn path_of(
     (path, plan.limits)
 }
 
-/// A cycle over these paths, without thermometers.
+/// A cycle over these paths without thermometers.
 pub(crate) fn cycle_of(
     model: Model,
     guard: &GuardSettings,
@@ -276,13 +269,12 @@ pub(crate) fn tip_mm(error: Option<ToolError>) -> f64 {
     Vector3::from(error.expect("positions are known").position_mm).norm()
 }
 
-/// One cycle, a period after the last.
+/// Advances the clock by a period, and runs one cycle.
 pub(crate) fn step(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
     clock.advance(PERIOD);
     run(cycle, clock, request)
 }
 
-/// One cycle at the present time of the clock.
 pub(crate) fn run(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
     let input = CycleInput {
         request,
@@ -292,10 +284,8 @@ pub(crate) fn run(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) ->
     *cycle.report()
 }
 
-/// A cycle on a stationary machine, and its clock.
 pub(crate) struct Rig {
     pub(crate) cycle: Cycle,
-    /// The planned limits of the path.
     pub(crate) limits: Limits,
     pub(crate) clock: Clock,
 }
@@ -305,24 +295,22 @@ impl Rig {
         Self::writing(place, &NAMES)
     }
 
-    /// A rig whose control has faults.
     pub(crate) fn injected(place: [f64; 5], by: &Injected) -> Self {
         Self::injected_of(&NAMES, &place, by)
     }
 
-    /// [`Self::injected`] with these axes in this order.
     pub(crate) fn injected_of(names: &[AxisName], coordinates: &[f64], by: &Injected) -> Self {
         let clock = Clock::manual();
         let control = by.disturb(control_of(names, coordinates, &clock));
         Self::on(&machine(), &guard(), control, clock)
     }
 
-    /// A rig whose control writes only these axes, and reports the positions of the others.
+    /// A rig whose control writes only these axes and reports the positions of the others.
     pub(crate) fn writing(place: [f64; 5], names: &[AxisName]) -> Self {
         Self::of(&machine(), &guard(), place, names)
     }
 
-    /// [`Self::writing`] with another machine and other settings.
+    /// Like [`writing`](Self::writing), with another machine and other settings.
     pub(crate) fn of(
         machine: &Machine,
         guard: &GuardSettings,
@@ -377,8 +365,8 @@ impl Rig {
         self.run(cycles)
     }
 
-    /// Arms, and compensates for some cycles. Returns the last report, and the largest excess of the residual error of the tip over its
-    /// error without correction, mm.
+    /// Arms, and compensates for some cycles; returns the last report, and the largest excess of the tip's residual over its error
+    /// without correction, mm.
     pub(crate) fn arm_and_compare(&mut self, cycles: u32) -> (Report, f64) {
         self.run(20);
         self.step(Some(Request::Arm));
@@ -392,7 +380,6 @@ impl Rig {
         (report, worst)
     }
 
-    /// Swaps in another machine with the same axes.
     pub(crate) fn swap(&mut self, machine: &Machine) {
         let model = Model::new(machine, Fading::default()).expect("compiles");
         let mut replacement = Replacement::new(Box::new(model), &[]);
@@ -400,7 +387,6 @@ impl Rig {
         swapped.expect("the same axes");
     }
 
-    /// One cycle.
     pub(crate) fn step(&mut self, request: Option<Request>) -> Report {
         step(&mut self.cycle, &self.clock, request)
     }

@@ -1,5 +1,5 @@
-//! A control that sends cyclically and becomes silent: its driver repeats the last message with its age. The guard alone decides, by `hold`
-//! and `zero_after`, what is too old.
+//! A control that sends cyclically becomes silent, and its driver repeats the last message with its age. Only the guard decides what is
+//! too old, by `hold` and `zero_after`.
 
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ use crate::{
 const HOLD: Duration = Duration::from_millis(60);
 const ZERO_AFTER: Duration = Duration::from_millis(700);
 
-/// Which of the control's messages have stopped.
+/// Which messages of the control have stopped.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Silent {
     positions: bool,
@@ -103,7 +103,6 @@ impl Scene {
         self.ways.step(&mut self.cycle, None)
     }
 
-    /// The correction of X, µm.
     fn x_um(&self) -> f64 {
         (self.ways.plant().words[0] * 1e3).round()
     }
@@ -112,7 +111,7 @@ impl Scene {
         self.ways.plant().silent = silent;
     }
 
-    /// Compensates until the stopped messages are older than `hold`, and checks the state.
+    /// Compensates until the stopped messages are older than `hold`, then checks the state.
     fn holds(&mut self, silent: Silent, expected: State) -> Report {
         self.set(silent);
         let last = self.run(HOLD);
@@ -123,7 +122,7 @@ impl Scene {
         report
     }
 
-    /// Runs for `time`, and checks state and correction of X, µm.
+    /// Runs for `time`, then checks the state and the correction of X, µm.
     #[track_caller]
     fn runs_to(&mut self, time: Duration, state: State, x_um: f64) {
         let report = self.run(time);
@@ -136,7 +135,7 @@ impl Scene {
     }
 }
 
-/// The correction is held after `hold`, ramps out after `zero_after`, and ramps in with the next positions.
+/// With stale positions the correction is held after `hold`, ramps out after `zero_after`, and ramps in with the next positions.
 #[test]
 fn stale_positions_are_held_and_ramped_out() {
     let mut scene = Scene::new();
@@ -152,7 +151,7 @@ fn stale_positions_are_held_and_ramped_out() {
     scene.comes_back();
 }
 
-/// From `hold` on, every flag forbids correction until it is reported again.
+/// With stale interlock flags every flag forbids correction from `hold` on, until it is reported again.
 #[test]
 fn stale_flags_forbid() {
     let mut scene = Scene::new();
@@ -167,12 +166,11 @@ fn stale_flags_forbid() {
     for reason in Interlock::REASONS {
         assert!(report.reasons.contains(reason), "{:?}", report.reasons);
     }
-    // Nothing is written.
     scene.runs_to(Duration::from_secs(3), interlocked, 25.0);
     scene.comes_back();
 }
 
-/// The correction is held without a fault, because no reading contradicts it.
+/// A stale read-back holds the correction with the reason `UNCONFIRMED`, without a fault, because no reading contradicts it.
 #[test]
 fn a_stale_read_back_confirms_nothing() {
     let mut scene = Scene::new();

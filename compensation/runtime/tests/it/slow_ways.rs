@@ -1,4 +1,4 @@
-//! A barrier behind paths with delayed frames and reports: a path takes over again while the correction moves.
+//! A barrier behind paths with delays: a path takes over again while the correction moves.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -17,7 +17,7 @@ use crate::{
     ways::{AXES, Plant, Ways, barrier_of, guard_um, three_axes},
 };
 
-/// Two paths to the barrier of one control, with delays of some cycles.
+/// Two paths to one control's barrier, with delays of some cycles.
 struct Slow {
     barrier: Barrier,
     x: f64,
@@ -107,7 +107,8 @@ fn slow_ways(late: usize) -> (Ways<Slow>, Cycle) {
     (ways, cycle)
 }
 
-/// X moves up for 80 cycles and down for 80, within the slew; between the turning points the axis never moves the other way.
+/// X moves up for 80 cycles and down for 80 within the slew, and the first path takes over again: between the turning points the axis
+/// moves back by at most 1 µm.
 #[test]
 fn a_hand_back_in_motion_reverses_no_axis() {
     let mut looked = 0;

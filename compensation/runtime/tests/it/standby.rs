@@ -50,7 +50,6 @@ fn cut(first: &Remote, calls: u32) {
     assert!(first.inject(Injection::Disconnect { calls }));
 }
 
-/// Waits for a report with this property.
 fn until(handle: &mut Handle, what: &str, holds: impl Fn(&Report) -> bool) -> Report {
     let end = Instant::now() + Duration::from_secs(30);
     while Instant::now() < end {
@@ -76,7 +75,7 @@ fn a_hanging_standby_delays_no_cycle_and_takes_over_later() {
     assert!(handle.send(Order::Request(Request::Arm)));
     let compensates = |report: &Report| report.state.name() == "compensating";
     until(&mut handle, "compensating", compensates);
-    // Cycles continue while one exchange with the standby path hangs.
+    // The cycle continues while an exchange with the standby path hangs.
     second.set(true);
     let before = handle.cycles();
     let silent = |report: &Report| report.reasons.contains(Reasons::STANDBY_SILENT);
@@ -106,7 +105,7 @@ fn a_hanging_standby_delays_no_cycle_and_takes_over_later() {
     assert!(!report.reasons.contains(Reasons::FALLBACK));
 }
 
-/// Includes the transfer of the controller and its readings.
+/// A take-over allocates nothing, including the transfer of controller and readings.
 #[test]
 fn taking_over_allocates_nothing() {
     let TwoWays {
@@ -132,7 +131,7 @@ fn taking_over_allocates_nothing() {
     assert_eq!((report.state.name(), report.active), ("compensating", 0));
     cut(&first, 300);
     assert_eq!(run(150, None).active, 1);
-    // The cut still affects some readings of the thread, which now reads every 100 ms.
+    // The cut still affects some readings of the thread, which reads every 100 ms.
     cut(&first, 0);
     let report = run(1000, None);
     assert_eq!((report.state.name(), report.active), ("compensating", 0));

@@ -1,4 +1,4 @@
-//! Thermal terms: their lags after a pause of the program or a reload of the machine file, and a path that carries thermal terms alone.
+//! Thermal terms: their lags after a pause of the program or a reload of the machine file, and a path for thermal terms only.
 
 use std::time::Duration;
 
@@ -35,7 +35,6 @@ struct Rig {
 }
 
 impl Rig {
-    /// A rig with a limit of linear axes, µm.
     fn new(model: Model, limit: f64, settings: &PathSettings) -> Self {
         let clock = Clock::manual();
         let stands = simulated::Move {
@@ -69,9 +68,9 @@ impl Rig {
         }
     }
 
-    /// Runs with this temperature, and returns the requested correction of Z, µm.
+    /// Runs at this temperature; returns the requested correction of Z, µm.
     fn run(&mut self, seconds: u32, degc: f64) -> f64 {
-        // The thermometer is read in the middle of each second, so after a pause its reading is old at first.
+        // The thermometer is read in the middle of each second, so its reading is old after a pause.
         for k in 0..seconds * 250 {
             if k % 250 == 125 {
                 let now = self.clock.now();
@@ -87,7 +86,7 @@ impl Rig {
     }
 }
 
-/// Requested correction of Z (µm) 14 minutes after the spindle began to warm up by 4 K within two minutes. `stands`: the program is paused
+/// Requested correction of Z (µm) 14 minutes after the spindle began to warm up by 4 K in two minutes. If `stands`, the program is paused
 /// for ten of these minutes.
 fn wanted_after_warming(stands: bool) -> f64 {
     let mut rig = Rig::new(model(600.0, 1.0), 100.0, &alone());
@@ -103,7 +102,6 @@ fn wanted_after_warming(stands: bool) -> f64 {
     rig.run(4, 24.0)
 }
 
-/// Beyond the range the thermal term fades; within the range it returns.
 #[test]
 fn temperatures_beyond_the_tested_range_are_reported() {
     let text = model(0.0, 1.0).text
@@ -118,7 +116,7 @@ fn temperatures_beyond_the_tested_range_are_reported() {
     };
     let warming = Model::new(&machine, fading).expect("compiles");
     let mut rig = Rig::new(warming, 100.0, &alone());
-    // Steps of half a kelvin do not count as jumps.
+    // Steps of 0.5 K do not count as jumps.
     rig.run(2, 20.0);
     rig.run(15, 20.5);
     let inside = rig.run(15, 21.0);
@@ -127,7 +125,7 @@ fn temperatures_beyond_the_tested_range_are_reported() {
     for degc in [21.5, 22.0, 22.5] {
         rig.run(15, degc);
     }
-    // 1 K beyond the range, where the term fades over 5 K: four fifths of 20 µm.
+    // 1 K beyond the range, where the term fades over 5 K: 4/5 of 20 µm.
     let beyond = rig.run(40, 23.0);
     assert!((beyond + 16.0).abs() < 0.01, "{beyond} µm");
     assert!(rig.says(Reasons::BEYOND_SEEN) && !rig.says(Reasons::DEGRADED));
@@ -144,7 +142,7 @@ fn thermal_lags_include_the_time_of_a_paused_program() {
     assert!((runs - stood).abs() < 0.5, "{runs} µm, {stood} µm");
 }
 
-/// The lag changes by a second, or a weight by a thousandth, while the spindle warms up. Z used to ramp to its final value at once.
+/// A reload while the spindle warms up changes a lag by a second or a weight by 0.1 %: Z moves by less than 0.02 µm.
 #[test]
 fn a_reload_that_changes_a_lag_does_not_move_the_axes() {
     let z_um = |model: &Model| model.correction(&State::default()).delta[2] * 1e3;
@@ -163,7 +161,7 @@ fn a_reload_that_changes_a_lag_does_not_move_the_axes() {
     }
 }
 
-/// A term is removed whose sensor has cooled while its lag is still warm: in the steady state nothing moves, but now Z does.
+/// A removed term whose sensor has cooled while its lag is still warm: the reported move is 0.06 mm now, and zero in the steady state.
 #[test]
 fn a_change_is_judged_with_the_present_lags() {
     let cold = |_: &str| Some(20.0);
@@ -183,7 +181,7 @@ fn a_change_is_judged_with_the_present_lags() {
     assert!((moved - Mm(0.06)).abs() < Mm(1e-4), "{moved}");
 }
 
-/// X is off by 15 µm at any temperature, Z by 2 µm per kelvin.
+/// X is off by 15 µm at any temperature, Z by 2 µm/K.
 const ERRORS: &str = "errors = { EXX = 15.0 }\n";
 const THERMAL: &str =
     "[[thermal.drift]]\nerror = \"EZZ\"\nsensors = { spindle = 1.0 }\num_per_k = 2.0\n";
@@ -205,7 +203,7 @@ fn settings(hold: Duration) -> PathSettings {
     }
 }
 
-/// Runs a path for 10 s at 25 °C, and then for 3 s in which the control does not answer. Returns the reports at both ends.
+/// Runs a path for 10 s at 25 °C, then for 3 s in which the control does not answer; returns the reports at both ends.
 fn run(settings: &PathSettings) -> [Report; 2] {
     let mut rig = Rig::new(terms([ERRORS, THERMAL]), 30.0, settings);
     rig.run(1, 25.0);

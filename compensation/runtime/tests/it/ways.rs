@@ -1,5 +1,3 @@
-//! Several paths to one simulated control.
-
 use std::{
     collections::BTreeMap,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
@@ -23,7 +21,6 @@ use crate::rig::{self, PERIOD, referenced};
 
 pub(crate) const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
-/// A compiled machine of three linear axes with these errors.
 pub(crate) fn three_axes(errors: &str, guard: &GuardSettings) -> Model {
     let text = format!(
         "structure = \"w X' Y' b Z t\"
@@ -34,7 +31,7 @@ errors = {{ {errors} }}"
     Model::new(&machine, guard.fading).expect("compiles")
 }
 
-/// Settings for linear axes with a limit (µm) and 500 µm/s, and a ramp of 200 ms.
+/// Settings for linear axes with this limit (µm), 500 µm/s, and a ramp of 200 ms.
 pub(crate) fn guard_um(limit: f64) -> GuardSettings {
     GuardSettings {
         ramp: Duration::from_millis(200),
@@ -42,7 +39,7 @@ pub(crate) fn guard_um(limit: f64) -> GuardSettings {
     }
 }
 
-/// The barrier of a control of these axes, with a rate of 2 counts per scan.
+/// The barrier of a control with these axes; rate 2 counts per scan.
 pub(crate) fn barrier_of(
     axes: &[AxisName],
     limit: i16,
@@ -61,12 +58,9 @@ pub(crate) fn barrier_of(
     Barrier::start(settings, 1, 0, &Counts::default()).expect("valid settings")
 }
 
-/// The control of a test.
 pub(crate) trait Plant: Send {
-    /// Reads the control over this path.
     fn read(&mut self, way: &Description, clock: &Clock) -> Result<Snapshot, Fault>;
 
-    /// Receives plain values on this path.
     fn apply(
         &mut self,
         way: &Description,
@@ -77,7 +71,6 @@ pub(crate) trait Plant: Send {
         Ok(())
     }
 
-    /// Receives a frame on this path.
     fn post(&mut self, _: &Description, _: &Words) -> Result<(), Fault> {
         Err(Fault::Unsupported("frames"))
     }
@@ -95,20 +88,19 @@ pub(crate) struct Control {
     pub(crate) place: BTreeMap<AxisName, f64>,
     /// Applied corrections, mm and rad.
     pub(crate) words: BTreeMap<AxisName, f64>,
-    /// Corrections written on paths without read-back, if these paths lead to other words.
+    /// Corrections written on paths without read-back, if those lead to other words.
     pub(crate) lines: Option<BTreeMap<AxisName, f64>>,
-    /// The barrier of paths with one.
     pub(crate) barrier: Option<Barrier>,
     pub(crate) mailbox: Option<Vec<u16>>,
     pub(crate) scanned: Duration,
     /// The device that does not answer, and the duration of its exchanges.
     pub(crate) away: Option<&'static str>,
     pub(crate) hangs: Duration,
-    /// Whether the emergency stop is pressed; paths with a barrier do not report it.
+    /// Emergency stop; paths with a barrier do not report it.
     pub(crate) stop: bool,
-    /// The largest change of a word by one write, mm or rad.
+    /// Largest change of a word by one write, mm or rad.
     pub(crate) largest: f64,
-    /// When each device wrote last.
+    /// Time of each device's last write.
     pub(crate) written: BTreeMap<String, Duration>,
 }
 
@@ -120,12 +112,10 @@ impl Control {
         }
     }
 
-    /// The word of an axis, µm.
     pub(crate) fn um(&self, axis: AxisName) -> f64 {
         (value(&self.words, axis) * 1e3).round()
     }
 
-    /// Runs the scans due at `now`.
     pub(crate) fn scan_until(&mut self, now: Duration, scan: Duration) {
         while self.scanned + scan <= now {
             self.scanned += scan;
@@ -136,7 +126,6 @@ impl Control {
         }
     }
 
-    /// The counts that the barrier applies.
     pub(crate) fn applied(&self) -> Counts {
         let barrier = self.barrier.as_ref().expect("a barrier");
         barrier.memory().applied
@@ -152,7 +141,6 @@ impl Control {
     }
 }
 
-/// The value of an axis, 0 if it is missing.
 pub(crate) fn value(values: &BTreeMap<AxisName, f64>, axis: AxisName) -> f64 {
     values.get(&axis).copied().unwrap_or(0.0)
 }
@@ -212,7 +200,6 @@ impl Plant for Control {
     }
 }
 
-/// The paths to one control, and the clock of the test.
 pub(crate) struct Ways<P> {
     plant: Arc<Mutex<P>>,
     pub(crate) clock: Clock,
@@ -230,7 +217,6 @@ impl<P: Plant + 'static> Ways<P> {
         self.plant.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A controller with this description.
     pub(crate) fn controller(&self, description: Description) -> Box<dyn Controller> {
         Box::new(Way {
             plant: Arc::clone(&self.plant),
@@ -239,7 +225,6 @@ impl<P: Plant + 'static> Ways<P> {
         })
     }
 
-    /// A path of a cycle with this description.
     pub(crate) fn path(
         &self,
         description: Description,
@@ -251,7 +236,6 @@ impl<P: Plant + 'static> Ways<P> {
         ControlPath::new(self.controller(description), &plan.expect("fits")).expect("fits")
     }
 
-    /// A cycle over these paths, on the clock of the test.
     pub(crate) fn cycle(
         &self,
         model: Model,
@@ -261,12 +245,11 @@ impl<P: Plant + 'static> Ways<P> {
         Ok(rig::cycle_of(model, guard, paths)?.with_clock(self.clock.clone()))
     }
 
-    /// One cycle at the present time of the clock.
     pub(crate) fn run(&self, cycle: &mut Cycle, request: Option<Request>) -> Report {
         rig::run(cycle, &self.clock, request)
     }
 
-    /// One cycle, a period after the last.
+    /// Advances the clock by a period, and runs one cycle.
     pub(crate) fn step(&self, cycle: &mut Cycle, request: Option<Request>) -> Report {
         rig::step(cycle, &self.clock, request)
     }

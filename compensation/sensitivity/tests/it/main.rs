@@ -1,4 +1,4 @@
-//! Sensitivities and formulas against the model itself, singular values and published counts.
+//! Sensitivities and formulas compared with the model, singular values and published counts.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -10,7 +10,6 @@ use std::path::Path;
 
 use volcomp_model::Machine;
 
-/// A machine file of `examples/`.
 pub(crate) fn example(name: &str) -> Machine {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples");
     Machine::read(folder.join(name)).unwrap()

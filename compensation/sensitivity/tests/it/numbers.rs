@@ -1,4 +1,4 @@
-//! Effects against single evaluations of the model, and rank against singular values.
+//! Effects compared with single evaluations of the model, and rank with singular values.
 
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
@@ -63,7 +63,7 @@ fn one(chain: &Chain, term: ErrorTerm) -> GivenErrors {
     errors
 }
 
-/// The stacked columns, from one evaluation of the twist form for each pose and error: µm, and µrad times a lever.
+/// The stacked columns from one evaluation of the twist form per pose and error: µm, and µrad times a lever.
 fn stacked(chain: &Chain, errors: &[ErrorTerm], poses: &[State]) -> DMatrix<f64> {
     let mut matrix = DMatrix::zeros(6 * poses.len(), errors.len());
     for (column, &term) in errors.iter().enumerate() {
@@ -140,7 +140,7 @@ fn effects_are_those_of_the_model_and_the_rank_that_of_singular_values() {
     }
 }
 
-/// No null combination moves the tool at any pose, and they are linearly independent.
+/// Checks that no null combination moves the tool at any pose, and that they are linearly independent.
 fn vanish(found: &Sensitivity, errors: &[ErrorTerm], matrix: &DMatrix<f64>) {
     let mut null = DMatrix::zeros(errors.len(), found.indistinguishable.len());
     for (column, combination) in found.indistinguishable.iter().enumerate() {
@@ -157,7 +157,7 @@ fn vanish(found: &Sensitivity, errors: &[ErrorTerm], matrix: &DMatrix<f64>) {
     assert_eq!(rank, null.ncols());
 }
 
-/// Errors of the same motion have proportional columns; different motions do not.
+/// Checks that exactly the errors of the same motion have proportional columns.
 fn proportional(found: &Sensitivity, errors: &[ErrorTerm], scaled: &DMatrix<f64>) {
     let place = |term: &ErrorTerm| errors.iter().position(|other| other == term).unwrap();
     let mut first = Vec::new();
@@ -184,8 +184,8 @@ fn proportional(found: &Sensitivity, errors: &[ErrorTerm], scaled: &DMatrix<f64>
     assert_eq!(named, errors.len());
 }
 
-/// A table with its C axis next to the workpiece: a shift of its line is a shift of the workpiece minus a rotating one, so three errors are
-/// two independent motions.
+/// On a table with C next to the workpiece a shift of C's line is a shift of the workpiece minus a rotating one: three errors are two
+/// independent motions, and the null direction names them.
 #[test]
 fn a_null_direction_names_its_errors() {
     let chain = Chain::new("w C' b t".parse().unwrap());
@@ -198,7 +198,7 @@ fn a_null_direction_names_its_errors() {
     let poses = Poses::over(&chain, [(AxisName::C, [-3.0, 3.0])], 9).unwrap();
     let found = sensitivity(&chain, &named(&["EXC", "EYC", "EX0C", "EY0C"]), &poses).unwrap();
     assert_eq!((found.rank, found.indistinguishable.len()), (4, 0));
-    // Two slides along X: every error of the first is also an error of the second.
+    // Two slides along X: every error of the first is also one of the second.
     let chain = Chain::new("w b X U t".parse().unwrap());
     let poses = Poses::over(
         &chain,
@@ -352,7 +352,6 @@ impl<S: ErrorSource> ErrorSource for Only<'_, S> {
     }
 }
 
-/// The effect of the values of a machine file, against the model evaluated with one error at a time.
 #[test]
 fn effects_of_a_machine_are_those_of_its_errors_one_by_one() {
     let machine = Machine::parse(
@@ -437,7 +436,6 @@ Z = [0.0, 5.0, 0.0, 8.0, 0.0, 0.0]
     assert_eq!(moving, 10, "the errors of the file: {found:?}");
 }
 
-/// Progress reports every pose once, in any order, and does not change the result.
 #[test]
 fn progress_counts_every_pose_once() {
     let machine = Machine::parse(

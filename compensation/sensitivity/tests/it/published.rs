@@ -1,4 +1,4 @@
-//! The numbers of the published models: 60 errors that cause 20 distinct motions, and a machine with 37 errors.
+//! Counts of the published models: 60 errors with 20 distinct motions, and a machine with 37 errors.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -84,7 +84,7 @@ fn sixty_errors_are_twenty_motions_in_the_turning_frame() {
     assert_eq!(of("SBX"), "SBX");
     assert_eq!(of("ECX"), "ECX SCY");
     assert_eq!(of("EAZ"), "EAZ EAA SAA SAB");
-    // A measurement of the complete tool pose distinguishes all distinct motions.
+    // Measurements of the complete tool pose distinguish all distinct motions.
     assert_eq!(found.rank, 20);
     assert_eq!(found.indistinguishable.len(), 40);
 }
@@ -116,7 +116,7 @@ fn sixty_errors_are_sixteen_motions_in_the_fixed_frame() {
     assert_eq!(translations, 5);
 }
 
-/// Y is the reference axis: one squareness error of X, two of Z, two parallelism errors of A and two of C.
+/// With Y as reference: one squareness error of X, two of Z, two parallelism errors of A and two of C.
 #[test]
 fn the_machine_with_37_errors() {
     let (file, structure) = ("poe-mill-table.toml", "w C' X' Y' b Z A t");
@@ -150,7 +150,8 @@ fn the_machine_with_37_errors() {
     );
 }
 
-/// The sum of the 60 error twists against the exact product: the second order is negligible.
+/// At 1000 poses the sum of the 60 error twists deviates from the exact product by less than 0.1 % and more than 0.0001 %, its second
+/// order.
 #[test]
 fn at_a_thousand_poses_linear_and_actual_errors_differ_by_less_than_a_thousandth() {
     let machine = example("blade-mill.toml");

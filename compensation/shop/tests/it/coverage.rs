@@ -18,10 +18,10 @@ use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
 
 /// Half width of a 95 % band, in standard uncertainties.
 const BAND: f64 = 1.959_964;
-/// Number of positions evaluated in each shop.
+/// Positions evaluated in each shop.
 const POSES: usize = 10;
 
-/// Number of shops: `VOLCOMP_SHOPS` (500 for the full figure), by default as many as take a few seconds.
+/// Number of shops: `VOLCOMP_SHOPS` (500 for the full figure); by default as many as take a few seconds.
 fn shops() -> u64 {
     const FEW: u64 = 30;
     asked().unwrap_or(FEW)
@@ -32,10 +32,10 @@ fn asked() -> Option<u64> {
     asked.map(|text| text.parse().expect("a number of shops"))
 }
 
-/// Number of Monte Carlo samples for each shop.
+/// Monte Carlo samples per shop.
 const TRIALS: u64 = 100;
 
-/// Numbers evaluated and numbers within their bands, by component of the error; and the share within of each finished shop.
+/// Values evaluated and within their bands, by component of the error; and the share within of each finished shop.
 #[derive(Default)]
 struct Count {
     inside: [u32; 6],
@@ -47,7 +47,7 @@ struct Count {
 impl Count {
     fn take(&mut self, difference: &[f64; 6], uncertainty: &[f64; 6]) {
         for (k, (difference, uncertainty)) in difference.iter().zip(uncertainty).enumerate() {
-            // Numbers that do not vary have no band (1 pm, 1 prad).
+            // Values that do not vary have no band (1 pm, 1 prad).
             if *uncertainty > 1e-12 {
                 self.of[k] += 1;
                 self.inside[k] += u32::from(difference.abs() < BAND * uncertainty);
@@ -55,7 +55,6 @@ impl Count {
         }
     }
 
-    /// Ends the count of a shop.
     fn shop_ends(&mut self) {
         let now: [u32; 2] = [self.inside.iter().sum(), self.of.iter().sum()];
         let [inside, of] = [now[0] - self.before[0], now[1] - self.before[1]];
@@ -63,8 +62,8 @@ impl Count {
         self.before = now;
     }
 
-    /// Over 500 shops, 93 to 97 % must be within. Numbers of one shop are correlated, so over fewer shops the share scatters: then 95 %
-    /// must be within three standard errors of the mean over the shops.
+    /// With 500 shops 93 to 97 % must be within. Values of one shop are correlated, so with fewer shops 95 % must be within three
+    /// standard errors of the mean over the shops.
     fn holds(&self, what: &str) {
         let share = self.report(what);
         let count = self.shops.len() as f64;
@@ -94,7 +93,6 @@ impl Count {
     }
 }
 
-/// Random positions inside the travels.
 fn poses(machine: &Machine, rng: &mut ChaCha8Rng) -> Vec<State> {
     let mut pose = |_| {
         let at: Vec<_> = machine
@@ -127,8 +125,8 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// The curves of the truth are of the fitted kind and zero at the reference; straightness curves have no slope over their targets. The
-/// frame of a calibration is then that of the truth.
+/// The truth's curves are of the fitted kind, zero at the reference, and straightness curves have no slope over their targets: the frame
+/// of a calibration is then that of the truth.
 const GANTRY: &str = "structure = \"w X' b Y Z t\"
 axes = { X.travel = [0, 2000], Y.travel = [0, 1000], Z.travel = [0, 600] }
 [tool]
@@ -198,7 +196,7 @@ error = \"EB0Z\"
 reference_angle_urad = 1.0
 ";
 
-/// A shop file and its truth machine, measured with noise of `count` seeds; `more` is applied to the calibration.
+/// Measures a shop with the noise of `count` seeds and calibrates each; `more` is added to the calibration.
 fn calibrated(
     (truth, text): (&str, &str),
     count: u64,
@@ -247,11 +245,11 @@ fn calibrated(
     total
 }
 
-/// Several runs with the noise of a laser. With two runs, that is one degree of freedom, the bands are slightly too wide (97.1 % of 500
-/// shops).
+/// Bands of lines with several runs and the noise of a laser contain the truth. With two runs, one degree of freedom, they are slightly
+/// too wide (97.1 % of 500 shops).
 #[test]
 fn bands_of_lines_hold_the_truth() {
-    // All numbers of runs are tested only for the full figure.
+    // All numbers of runs are tested for the full figure only.
     let counts = if asked().is_some() {
         &["3", "5", "10"][..]
     } else {
@@ -311,7 +309,7 @@ fn laser_and_squares(
     }
 }
 
-/// Inputs besides the lines also have errors of their stated uncertainty: the laser scale, the angles of the squares, and the location
+/// Bands contain the truth if other inputs also have errors of their stated uncertainty: laser scale, angles of the squares, location
 /// errors of a rotary axis.
 #[test]
 fn bands_of_lines_squares_and_locations_hold_the_truth() {
@@ -358,15 +356,15 @@ resolution_um = 0.001
 poses = 24
 ";
 
-/// `calibrate` identifies unknowns from observations in addition to lines. Their uncertainties include the noise of the lines, the laser
-/// scale and the squares. With the uncertainty of the observations alone, 95 % bands contained only 40 to 77 %.
+/// Bands contain unknowns that `calibrate` identifies in addition to lines: their uncertainties include the noise of the lines, the laser
+/// scale and the squares. With that of the observations alone they would contain 40 to 77 %.
 #[test]
 fn bands_of_unknowns_beside_lines_hold_the_truth() {
     unknowns_beside_lines(5, 60);
 }
 
-/// As above, with lines of two runs, whose scatter has one degree of freedom. With the Welch–Satterthwaite formula the bands of `EA0C` and
-/// `EB0C` contained 91 %.
+/// Bands contain unknowns beside lines of two runs, whose scatter has one degree of freedom. With the Welch–Satterthwaite formula the
+/// bands of `EA0C` and `EB0C` would contain 91 %.
 #[test]
 fn bands_of_unknowns_beside_lines_of_two_runs_hold_the_truth() {
     unknowns_beside_lines(2, 300);
@@ -395,7 +393,7 @@ fn unknowns_beside_lines(runs: u32, few: u64) {
     for seed in 0..count {
         shop.seed = 1000 + seed;
         write(&shop, folder);
-        // A single file with the lines and the observations.
+        // One file with the lines and the observations.
         let read = |name: &str| fs::read_to_string(folder.join(name)).expect("written");
         let (lines, observed) = (read("calibration.toml"), read("observations.toml"));
         let at = observed.find("[[observation]]").expect("an observation");
@@ -416,7 +414,7 @@ fn unknowns_beside_lines(runs: u32, few: u64) {
     }
     let shares = inside.map(|inside| inside as f64 / count as f64);
     println!("unknowns beside lines of {runs} runs: {shares:?}");
-    // The share scatters with a standard deviation of 2.8 % over 60 shops, 1.3 % over 300, 1 % over 500.
+    // The share scatters by 2.8 % (standard deviation) over 60 shops, 1.3 % over 300, 1 % over 500.
     let allowed = match count {
         500.. => 0.02,
         300..500 => 0.03,
@@ -473,8 +471,8 @@ resolution_um = 0.01
 poses = 60
 ";
 
-/// Spheres, and a tracker with unknown frame and target. The position of the whole machine is then a convention, so the change of the error
-/// from one position is compared with the truth.
+/// Bands of observations by spheres and a tracker with unknown frame and target contain the truth. The position of the whole machine is a
+/// convention, so the change of the error from one position is compared.
 #[test]
 fn bands_of_observations_hold_the_truth() {
     let folder = tempfile::tempdir().expect("a folder");

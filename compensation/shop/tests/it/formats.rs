@@ -1,4 +1,4 @@
-//! Measurement files of all formats contain the same readings, and the examples equal the output of the shop.
+//! Measurement files of all formats contain the same readings; the examples equal the shop's output.
 
 use std::{fs, path::Path};
 

@@ -1,4 +1,4 @@
-//! Replays the fuzz corpus: `valid-…` files must be read, `broken-…` files must be rejected.
+//! Replays the fuzz corpus: `valid-…` files must parse, `broken-…` files must be rejected.
 
 use std::fs;
 

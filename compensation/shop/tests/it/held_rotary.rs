@@ -1,5 +1,5 @@
-//! A line measured while a rotary axis that carries it is held off 0: readings against a separate chain of 4×4 matrices, and back through a
-//! calibration.
+//! A line measured while a rotary axis that carries it is held off 0: readings equal a separate chain of 4×4 matrices, and a calibration
+//! reproduces the errors.
 
 use std::fs;
 
@@ -10,14 +10,14 @@ use volcomp_vocabulary::{Direction, ErrorName};
 
 type M = [[f64; 4]; 4];
 
-/// The held coordinates of B, deg, and Y, mm.
+/// Held coordinates of B, deg, and Y, mm.
 const HELD: [f64; 2] = [30.0, 100.0];
 /// A point on the line of B, and the point of the errors of Z, mm in MCS at machine zero.
 const POINT_B: [f64; 3] = [50.0, 0.0, 200.0];
 const POINT_Z: [f64; 3] = [10.0, 20.0, 30.0];
 /// The measured point, mm in MCS with Z at 0 and the other axes held.
 const MEASURED: [f64; 3] = [400.0, 150.0, -120.0];
-/// EBZ at the end of the travel of 500 mm, µrad, and EZZ, µm; both are quadratic in the coordinate.
+/// EBZ at the end of the travel of 500 mm, µrad; it and EZZ, µm, are quadratic in the coordinate.
 const TILT_URAD: f64 = 80.0;
 const LENGTH_UM: f64 = 25.0;
 
@@ -34,7 +34,6 @@ fn shift([x, y, z]: [f64; 3]) -> M {
     ]
 }
 
-/// A rotation about Y through a point.
 fn about_y(angle: f64, point: [f64; 3]) -> M {
     let (s, c) = angle.sin_cos();
     let turn = [
@@ -58,7 +57,7 @@ fn error_of_z(z: f64) -> M {
     product(&shift([0.0, 0.0, LENGTH_UM * 1e-3 * share]), &tilt)
 }
 
-/// Z on the tool, carried by B, carried by Y: the excess motion of a point on the carriage, in the frame of Z.
+/// With Z on the tool, carried by B, carried by Y: excess motion of a point on the carriage, in the frame of Z.
 fn reading_on_the_tool_um(z: f64) -> f64 {
     let held = product(
         &shift([0.0, HELD[1], 0.0]),
@@ -73,18 +72,18 @@ fn reading_on_the_tool_um(z: f64) -> f64 {
     let actual = product(&ideal, &error_of_z(z));
     let (to, from) = (at(&actual, on_carriage), at(&ideal, on_carriage));
     let moved: [f64; 3] = std::array::from_fn(|i| to[i] - from[i]);
-    // Along the direction of Z as rotated by B.
+    // Along the direction of Z, rotated by B.
     let (s, c) = HELD[0].to_radians().sin_cos();
     (moved[0] * s + moved[2] * c) * 1e3
 }
 
-/// Z and B carry the workpiece, Z outermost: the errors of Z move the workpiece axes.
+/// With Z and B carrying the workpiece, Z outermost: the errors of Z move the workpiece axes.
 fn reading_on_the_table_um(z: f64) -> f64 {
     let held = product(
         &about_y(HELD[0].to_radians(), POINT_B),
         &shift([0.0, HELD[1], 0.0]),
     );
-    // The point is fixed on the table, so in workpiece axes it does not move.
+    // The point is fixed on the table, so it does not move in workpiece axes.
     let on_table = at(&held, MEASURED);
     let actual = at(&error_of_z(z), on_table);
     (actual[2] - on_table[2]) * 1e3
@@ -143,7 +142,7 @@ fn readings_are_those_of_a_chain_written_by_hand() {
     }
 }
 
-/// The Abbe offset is corrected with the lever at the held position, so that the original errors are found.
+/// The Abbe offset is corrected with the lever at the held position: the original errors are found within 0.01.
 #[test]
 fn the_errors_come_back() {
     for (structure, _) in SIDES {

@@ -1,4 +1,4 @@
-//! The virtual shop: its output, its rejections, and the calibration that reads its output.
+//! The virtual shop: its output, its rejections, and the calibration of its output.
 
 mod both_sides;
 mod coverage;

@@ -1,4 +1,4 @@
-//! Every error in a shop file, or in a shop built in code, is reported without a panic.
+//! Every error in a shop file, or in a shop built in code, is reported.
 
 use proptest::prelude::*;
 use volcomp_model::Machine;
@@ -20,7 +20,7 @@ const SHOP: &str = "machine = \"truth.toml\"\nseed = 1\nformat = \"csv\"\n[instr
     [[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = 2.0\n";
 
 proptest! {
-    /// Whatever is removed from or inserted into a shop file, the result is measurements or a message.
+    /// A shop file with any removal or insertion gives measurements or a message.
     #[test]
     fn damaged_shops_do_not_panic(
         place in 0..SHOP.len(), cut in 0..20_usize, put in "[\\[\\]{}=,.'\"# \n0-9a-zA-Z-]{0,6}",
@@ -38,7 +38,7 @@ proptest! {
         }
     }
 
-    /// Any numbers in a shop built in code yield measurements or an error.
+    /// Any numbers in a shop built in code give measurements or an error.
     #[test]
     fn odd_shops_built_in_code_do_not_panic(
         noise in any::<f64>(), step in any::<f64>(), alignment in any::<f64>(), targets in 0..40_usize,
@@ -74,7 +74,7 @@ fn what_is_wrong_with_an_instrument_built_in_code_is_named() {
     );
 }
 
-/// All readings are in memory at once, so numbers allowed for one line are too large for many lines.
+/// Too many readings are rejected: all are in memory at once, so a number that one line permits is too large for many lines.
 #[test]
 fn more_readings_than_fit_are_refused() {
     let lines =
@@ -112,7 +112,7 @@ fn more_readings_than_fit_are_refused() {
     ));
 }
 
-/// A shop built in code is rejected like a shop file.
+/// An invalid observation built in code is rejected like one in a shop file.
 #[test]
 fn what_is_wrong_with_an_observation_built_in_code_is_named() {
     let bar = |marks: usize| Bar {
@@ -155,7 +155,7 @@ fn what_is_wrong_with_an_observation_built_in_code_is_named() {
     }
 }
 
-/// Rejected as in the calibration file that would be written.
+/// A measurement without an error, or with an error twice, is rejected as in the calibration file that would be written.
 #[test]
 fn a_measurement_names_each_error_once_and_at_least_one() {
     for (errors, expected) in [

@@ -1,4 +1,4 @@
-//! Every error in the observations of a shop file is reported without a panic.
+//! Every error in the observations of a shop file is reported.
 
 use proptest::prelude::*;
 use volcomp_model::Machine;
@@ -31,7 +31,7 @@ fn refused(text: &str) -> String {
 const UNKNOWN: &str = "unknown = [\"EX0C\"]\n[[observation]]\n";
 const BAR: &str = "kind = \"ball-row\"\norigin = [0, 0, 0]\ndirection = [1, 0, 0]\n";
 
-/// `U:` abbreviates the unknowns and the head of an observation, `B:` the beginning of a ball row.
+/// Each message names the error. `U:` abbreviates the unknowns and the head of an observation, `B:` the start of a ball row.
 #[test]
 fn what_is_wrong_is_named() {
     for (text, expected) in [
@@ -128,7 +128,7 @@ origin = [10, 20, 30]\ndirection = [0, 1, 0]\ndistances = [0, 50, 90]\nat = { C 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// Whatever is removed from or inserted into a shop file, the result is measurements or a message.
+    /// Observations with any removal or insertion give measurements or a message.
     #[test]
     fn damaged_observations_do_not_panic(
         place in 0..SHOP.len(), cut in 0..20_usize, put in "[\\[\\]{}=,.'\"# \n0-9a-zA-Z-]{0,6}",

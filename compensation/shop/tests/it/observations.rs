@@ -1,4 +1,4 @@
-//! Observations of the virtual shop against separate chains of 4×4 matrices, and back through identification.
+//! Observations of the virtual shop equal separate chains of 4×4 matrices, and identification reproduces the errors.
 
 use std::{fmt::Write as _, fs, path::Path};
 
@@ -7,7 +7,7 @@ use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
 use volcomp_shop::Shop;
 
-/// A head with one rotary axis on three linear axes, the machine of the hand-written chain.
+/// A head with one rotary axis on three linear axes: the machine of the hand-written chain.
 const HEAD: &str = "structure = \"w X' b Y Z B t\"
 [axes]
 X.travel = [-300, 300]
@@ -22,15 +22,15 @@ EX0B = 30.0
 EAY = { poly = [0.0, 0.2] }
 ";
 
-/// The actual tip of that machine, mm: X carries the workpiece, its scale is 50 µm/m too long; Y rolls about X by 0.2 µrad/mm at the
-/// machine zero; the axis of B is 30 µm too far along X.
+/// The actual tip of that machine, mm. X carries the workpiece, and its scale is 50 µm/m too long; Y rolls about X by 0.2 µrad/mm at
+/// machine zero; B's axis is 30 µm too far along X.
 fn tip_of_head([x, y, z, b_deg]: [f64; 4]) -> [f64; 3] {
     let (roll, b) = (0.2e-6 * y, b_deg.to_radians());
-    // B turns the tip about the line through (20.03, 0, 400), then Z moves it.
+    // B turns the tip about the line through (20.03, 0, 400), then Z moves the tip.
     let (s, c) = b.sin_cos();
     let [dx, dz] = [0.0 - 20.03, 150.0 - 400.0];
     let turned = [20.03 + c * dx + s * dz, 0.0, 400.0 - s * dx + c * dz + z];
-    // Y: its roll about X moves with the carriage.
+    // The roll of Y about X moves with the carriage.
     let (sr, cr) = roll.sin_cos();
     let rolled = [
         turned[0],
@@ -58,12 +58,12 @@ fn write(folder: &Path, shop: &Shop) {
 
 fn identified(folder: &Path) -> Identification {
     let mut file = Observations::read(&folder.join("observations.toml")).expect("read back");
-    // The result is compared with the truth instead of rows left out.
+    // The result is compared with the truth instead of omitted rows.
     file.folds = 0;
     identify(&file, |_, _| {}).expect("identified")
 }
 
-/// The numbers of a row file by column.
+/// Header and rows of a row file.
 fn table(folder: &Path, name: &str) -> (Vec<String>, Vec<Vec<String>>) {
     let text = fs::read_to_string(folder.join(name)).expect("written");
     let mut lines = text
@@ -148,7 +148,7 @@ both_directions = false
         let tip = Vector3::from(tip_of_head(state(&distance, row)));
         let length = (tip - Vector3::new(10.0, 20.0, 30.0)).norm() - 100.5;
         near(number(&distance, row, "length_mm"), length, "distance");
-        // The tracker is turned by 90° about Z: its x is our y. Without B the target moves only along X.
+        // The tracker is rotated by 90° about Z, so its x is our y. Without B the target moves only along X.
         let tip = tip_of_head(state(&tracker, row));
         near(number(&tracker, row, "x"), tip[1] - 200.0, "tracker x");
         near(
@@ -216,12 +216,12 @@ const UNKNOWN: &str = "unknown = [\"EC0X\", \"EA0Z\", \"EB0Z\", \"EB0A\", \"EC0A
     { error = \"EXX\", legendre = 1 }, { error = \"EYY\", legendre = 2 }, { error = \"EZZ\", legendre = 1 },
     { error = \"EBX\", legendre = 1 }, { error = \"ECC\", fourier = 1 }]\n";
 
-/// The largest difference between two machines over poses within the travels, µm, after best-fit rigid-body alignment of the workpiece.
+/// Largest difference between two machines over poses within the travels, µm, after best-fit rigid-body alignment of the workpiece.
 fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     crate::volume::compare(one, other, 300, 5).position_um
 }
 
-/// Each instrument alone, or in the combination that it needs, without noise: the original errors are found.
+/// Each instrument without noise, alone or in the combination that it needs, reproduces the errors within 0.1 µm.
 #[test]
 fn every_instrument_brings_the_errors_back() {
     let truth = format!("{TABLE}{ERRORS}");
@@ -345,13 +345,13 @@ fn noise_is_that_of_the_shop_and_a_seed_repeats_itself() {
     let differences: Vec<f64> = pairs.map(|(a, b)| (b - a) * 1e3).collect();
     let count = differences.len() as f64;
     let spread = (differences.iter().map(|d| d * d).sum::<f64>() / count).sqrt();
-    // The standard deviation of 1200 values is known to 2 %.
+    // The standard deviation of 1200 values is known within 2 %.
     assert!((spread / 2.0 - 1.0).abs() < 0.08, "{spread}");
     assert!(clean[2].1.contains("uncertainty_um = 0.001"));
     assert!(noisy[2].1.contains("uncertainty_um = 2\n"));
 }
 
-/// The distinct names in the column `sphere` of a row file, in their order.
+/// Distinct names in the column `sphere` of a row file, in order.
 fn spheres(folder: &Path, file: &str) -> Vec<String> {
     let table = table(folder, file);
     let place = table.0.iter().position(|name| name == "sphere");
@@ -361,7 +361,8 @@ fn spheres(folder: &Path, file: &str) -> Vec<String> {
     names
 }
 
-/// Two tables with different spheres, and a third with a sphere of each: the observations determine the truth.
+/// Two tables with different spheres, and a third with a sphere of each: the spheres keep their names, and the observations determine the
+/// truth.
 #[test]
 fn spheres_of_several_tables_have_names_of_their_own() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -382,7 +383,7 @@ fn spheres_of_several_tables_have_names_of_their_own() {
     identified(folder);
 }
 
-/// Names with special characters of TOML and CSV are preserved.
+/// Names with special characters of TOML and CSV survive writing and reading.
 #[test]
 fn names_are_read_back_whatever_stands_in_them() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -414,8 +415,8 @@ fn names_are_read_back_whatever_stands_in_them() {
     volcomp_calibrate::CalibrationFile::read(&folder.join("calibration.toml")).expect("read back");
 }
 
-/// A squareness determined by a step gauge along both diagonals: 95 % bands have their coverage, whatever share is due to the calibration
-/// (common to all runs) or to the touch of the first face (common to all lengths of a run).
+/// A squareness from a step gauge along both diagonals: 92 to 98 % of the 95 % bands contain the truth, whatever share of the uncertainty
+/// is due to the calibration (common to all runs) or to the first face (common to a run).
 #[test]
 fn bands_of_step_gauges_hold_the_truth_as_often() {
     const SHOPS: u32 = 300;
@@ -459,7 +460,7 @@ EC0Y = 25.0
     }
 }
 
-/// If the machine does not rotate the tool, the target position is measured with a ruler; otherwise the effect of tilts at the tip would be
+/// If the machine does not rotate the tool, a ruler measures the target position; otherwise the effect of tilts at the tip would be
 /// unknown.
 #[test]
 fn a_target_on_a_machine_without_rotary_axes_is_stated_by_a_ruler() {
@@ -488,8 +489,8 @@ travel = [-400.0, 0.0]
     }
 }
 
-/// A real machine approaches its first position from one side: the first row of every seed deviates by half the reversal value to one side
-/// or the other, never by the mean.
+/// The approach direction of the first row is random, as on a real machine: that row deviates by half the reversal value to either side,
+/// never by the mean.
 #[test]
 fn the_first_row_comes_from_a_side_that_is_drawn() {
     const TRUTH: &str = "structure = \"w b X Y Z t\"

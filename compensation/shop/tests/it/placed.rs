@@ -1,5 +1,5 @@
-//! `[[location]]` values: positions of axes with all axes at `reference`, relative to the tool tip and along the reference lines of X and
-//! Y. The expected values are products of separate 4×4 matrices.
+//! `[[location]]` values: positions of axes with all axes at `reference`, relative to the tip and along the reference lines of X and Y.
+//! Expected values are products of separate 4×4 matrices.
 
 use std::fmt::Write as _;
 
@@ -44,7 +44,7 @@ fn plus(a: V, b: V) -> V {
     std::array::from_fn(|i| a[i] + b[i])
 }
 
-/// The numbers of an error of a truth: a polynomial, a single number, or none if it is missing.
+/// Coefficients of an error of a truth: a polynomial, a single number, or none if missing.
 fn numbers(truth: &str, name: &str) -> Vec<f64> {
     let line = truth
         .lines()
@@ -58,7 +58,7 @@ fn numbers(truth: &str, name: &str) -> Vec<f64> {
         .collect()
 }
 
-/// Value at 0 and slope of the least-squares line through equal targets over a travel.
+/// Value at 0 and slope of the best-fit line through equally spaced targets over a travel.
 fn least_squares(poly: &[f64], length: f64, targets: usize) -> [f64; 2] {
     let x: Vec<f64> = (0..targets)
         .map(|i| length * i as f64 / (targets - 1) as f64)
@@ -74,7 +74,7 @@ fn least_squares(poly: &[f64], length: f64, targets: usize) -> [f64; 2] {
     [my - slope * mx, slope]
 }
 
-/// The locations of the rotary axes of a truth, as tables of a calibration file.
+/// The locations of a truth's rotary axes, as tables of a calibration file.
 fn values(truth: &str, structure: &str, targets: usize) -> String {
     let tip = [40.0, -30.0, -150.0];
     let mut before = small([0.0; 3], [0.0; 3], [0.0; 3]);
@@ -132,7 +132,7 @@ fn values(truth: &str, structure: &str, targets: usize) -> String {
             before = product(&before, &errors);
         }
     }
-    // The frame of X and Y with its origin at the tip: it turns the actual X to (1, 0, 0), and Y into the plane z = 0.
+    // The frame of X and Y with its origin at the tip rotates the actual X to (1, 0, 0), and Y into the plane z = 0.
     let [x, y, _] = directions;
     let back = [-y[2], x[2], -x[1]];
     let actual_tip = image(&before, tip);
@@ -160,7 +160,6 @@ fn values(truth: &str, structure: &str, targets: usize) -> String {
     tables
 }
 
-/// Error motions of the rotary axes, with constants.
 fn of_rotary(structure: &str) -> String {
     let mut errors = String::new();
     for (axis, letter) in ['A', 'B', 'C'].into_iter().enumerate() {
@@ -211,7 +210,6 @@ fn a_value_holds_with_all_axes_at_the_reference() {
         let (as_it_is, found) = round_trip(folder.path(), &truth, "", &shop, &more);
         let left = compare(&as_it_is, &found.machine, 1000, 4);
         assert!(left.position_um < 0.02, "{structure}: {left:?}");
-        // The shop reads the same values.
         for [linear, angular] in [
             ["EY0A\", \"EZ0A", "EB0A\", \"EC0A"],
             ["EX0B\", \"EZ0B", "EA0B\", \"EC0B"],

@@ -1,11 +1,11 @@
-//! Planned poses: readings against a separate chain.
+//! Planned poses: readings equal a separate chain.
 
 use std::{fs, path::Path};
 
 use volcomp_identify::{Observations, RowReading};
 use volcomp_shop::{Shop, ShopError};
 
-/// C carries the table, and is 20 µm too far along X and −10 µm along Y; there are no other errors.
+/// C carries the table, 20 µm too far along X and −10 µm along Y; there are no other errors.
 const TRUTH: &str = "structure = \"w C' X' b Y Z t\"
 [axes]
 C.travel = [0, 360]
@@ -35,14 +35,14 @@ fn made(folder: &Path, observation: &str, plan: &str) -> Observations {
     Observations::read(&folder.join("observations.toml")).expect("read back")
 }
 
-/// Tool position in workpiece axes, mm, with the axes at x, y and C: a positive C moves the tool right-handed about the actual axis.
+/// Tool position in workpiece axes, mm, with the axes at x, y and C: positive C moves the tool right-handed about the actual axis.
 fn tip(x: f64, y: f64, c: f64, axis: [f64; 2]) -> [f64; 2] {
     let (s, k) = c.to_radians().sin_cos();
     let (dx, dy) = (x - axis[0], y - axis[1]);
     [axis[0] + k * dx - s * dy, axis[1] + s * dx + k * dy]
 }
 
-/// An R-test at planned angles: the linear axes follow the nominal sphere, and the offset is the effect of the shifted axis.
+/// In an R-test at planned angles the linear axes follow the nominal sphere, and the offset is the effect of the displaced axis.
 #[test]
 fn angles_alone_let_the_linear_axes_follow() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -71,7 +71,6 @@ fn angles_alone_let_the_linear_axes_follow() {
     }
 }
 
-/// With two spheres each row names its sphere, in the order of the plan.
 #[test]
 fn rows_alternate_between_spheres() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -85,7 +84,7 @@ fn rows_alternate_between_spheres() {
         .collect();
     let order: Vec<[&str; 2]> = cells.iter().map(|row| [row[0], row[4]]).collect();
     assert_eq!(order, [["0", "S2"], ["90", "S1"], ["180", "S2"]]);
-    // A touch probe records the coordinates of the machine: S1 at C = 90°.
+    // A touch probe records machine coordinates: S1 at C = 90°.
     let at: Vec<f64> = cells[1][1..4]
         .iter()
         .map(|q| q.parse().expect("a number"))
@@ -94,7 +93,6 @@ fn rows_alternate_between_spheres() {
     assert!((x - 150.0).abs() < 2e-6 && y.abs() < 2e-6, "{x} {y}");
 }
 
-/// A tracker at planned commands: the row file contains every coordinate as planned.
 #[test]
 fn commands_of_a_tracker_are_those_of_the_plan() {
     let folder = tempfile::tempdir().expect("a folder");

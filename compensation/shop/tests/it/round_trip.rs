@@ -1,4 +1,4 @@
-//! The virtual shop and its inverse: readings come from the whole chain with all errors, whereas the calibration evaluates single lines by
+//! The virtual shop and its inverse: readings are from the whole chain with all errors, while the calibration evaluates single lines by
 //! their rules.
 
 use std::{fmt::Write, fs, path::Path};
@@ -133,7 +133,7 @@ fn tip_and_error(machine: &Machine, node: [f64; 3]) -> [Vector3<f64>; 2] {
     ]
 }
 
-/// The largest difference between two machines after best-fit rigid-body alignment, which is the gauge freedom of a calibration.
+/// Largest difference between two machines after best-fit rigid-body alignment, the gauge freedom of a calibration.
 fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     let steps = |length: f64| (0..5).map(move |i| length * f64::from(i) / 4.0);
     let nodes: Vec<[f64; 3]> = steps(2000.0)
@@ -157,7 +157,7 @@ fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
     (difference - rigid * motion).amax()
 }
 
-/// A positioning deviation of an oblique axis has parts along two MCS axes.
+/// A positioning deviation of an oblique axis has parts along two MCS axes; the calibration reproduces both.
 #[test]
 fn positioning_of_an_oblique_axis_comes_back() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -185,7 +185,7 @@ fn small_gantry() -> String {
     volcomp_test_support::machines::gantry([[0.0, 500.0], [0.0, 400.0], [0.0, 300.0]])
 }
 
-/// Laser files in two directions with a reversal and noise: the curves are found to within the noise of the mean.
+/// Laser files in two directions with reversal and noise reproduce the curves within the noise of the mean.
 #[test]
 fn laser_files_with_reversal_and_noise_come_back() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -222,7 +222,6 @@ fn a_shop_repeats_itself_and_lines_do_not_disturb_each_other() {
     fs::write(folder.path().join("truth.toml"), small_gantry()).expect("written");
     let files = |lines: &str| {
         let path = folder.path().join("shop.toml");
-        // Files that contain only readings.
         let text = format!(
             "machine = \"truth.toml\"\nformat = \"csv\"\n[instrument]\nnoise_um = 1.0\n{lines}"
         );
@@ -277,8 +276,8 @@ fn every_error_comes_back_on_every_three_axis_structure() {
     }
 }
 
-/// EX0C = 40 µm moves the point under an indicator by 40·(cos C − 1) µm along X. An instrument centred on the axis does not see this, and
-/// its calibration file says so.
+/// EX0C = 40 µm moves the point under an indicator by 40·(cos C − 1) µm along X. An instrument centred on the axis does not measure this,
+/// and its calibration file says so.
 #[test]
 fn an_instrument_centred_on_the_axis_does_not_see_where_the_axis_lies() {
     const TRUTH: &str = "structure = \"w C' X' b Y Z t\"

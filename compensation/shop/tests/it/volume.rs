@@ -9,16 +9,16 @@ use volcomp_kinematics::{
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::Displacement;
 
-/// The largest differences over random poses.
+/// Largest differences over random poses.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Differences {
     pub(crate) position_um: f64,
     pub(crate) rotation_urad: f64,
-    /// Difference of the direction of the tool axis; rotation about itself does not count.
+    /// Difference of the tool axis direction; a rotation about the axis does not count.
     pub(crate) tool_axis_urad: f64,
 }
 
-/// The largest differences of the volumetric errors after best-fit rigid-body alignment of the workpiece.
+/// Largest differences of the volumetric errors after best-fit rigid-body alignment of the workpiece.
 pub(crate) fn compare(one: &Machine, other: &Machine, poses: usize, seed: u64) -> Differences {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let none = Temperatures::new();

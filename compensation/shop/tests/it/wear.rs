@@ -1,4 +1,4 @@
-//! Wear: zero without work, proportional to time, with tilts that follow the bent guides.
+//! Wear is zero without work and proportional to time; tilts follow the bent guides.
 
 use volcomp_model::Machine;
 use volcomp_shop::{Wear, WearError};
@@ -36,7 +36,7 @@ fn without_work_nothing_changes() {
     assert_eq!(worn(6.0, 2.0, 1).to_toml(), worn(12.0, 1.0, 1).to_toml());
 }
 
-/// No number in the file has rounding digits, such as 79.99980000000001 or 1e-15.
+/// No number in the file has rounding digits, as 79.99980000000001 or 1e-15 would.
 #[test]
 fn numbers_have_six_decimals_at_most() {
     let text = worn(7.0, 1.3, 4).to_toml();
@@ -54,7 +54,7 @@ fn numbers_have_six_decimals_at_most() {
     assert!(count > 1000, "{count}");
 }
 
-/// Wear is proportional to time: 24 months add twice as much as 12.
+/// 24 months add twice as much wear as 12.
 #[test]
 fn wear_is_proportional_to_time() {
     let (new, one, two) = (machine(), worn(12.0, 1.0, 3), worn(24.0, 1.0, 3));
@@ -108,7 +108,7 @@ fn tilts_are_the_tangents_of_the_bent_ways() {
             .axis(axis.parse().expect("an axis"))
             .expect("it")
             .travel;
-        // Compared over an eighth of the travel, because the curve between tabulated positions is not exact.
+        // Over an eighth of the travel, because the curve between tabulated positions is not exact.
         let way = (high - low) / 8.0;
         for part in 0..8 {
             let from = low + way * f64::from(part);
@@ -124,8 +124,7 @@ fn tilts_are_the_tangents_of_the_bent_ways() {
     assert!(largest > 5.0, "{largest}");
 }
 
-/// A wave with the pitch of a screw is unchanged on the worn machine; 64 evenly spaced positions over 500 mm would sample only every third
-/// period.
+/// The worn machine keeps a wave with the pitch of a screw, of which 64 even positions over 500 mm would sample only every third period.
 #[test]
 fn a_wave_that_was_there_stays() {
     let machine = |errors: &str| {

@@ -1,4 +1,4 @@
-//! The error bound against closed forms.
+//! The error bound, compared with closed forms.
 
 use volcomp_tables::{
     Field, GRID_AXES, HEADER_WORDS, OUTPUTS, Position, Request, Table, TablesError, build,
@@ -7,12 +7,12 @@ use volcomp_tables::{
 
 use crate::world::request;
 
-/// Maximum rounding error with 64 parts of 1 µm: of the value, and one for each axis.
+/// Maximum rounding error with 64 parts of 1 µm: one for the value, and one for each axis.
 fn rounding_mm(axes: usize, outputs: usize) -> f64 {
     0.5 * (1.0 + axes as f64) * (outputs as f64).sqrt() * 0.001 / 64.0
 }
 
-/// Maximum error due to rounding the position within a cell: half a place along each axis, times the steepest slope.
+/// Maximum error by rounding the position within a cell: half a digit along each axis, times the steepest slope.
 fn places_mm(table: &Table) -> f64 {
     let header = table.map.header();
     let lines = header.lines[..header.grid.count()].iter();
@@ -30,7 +30,7 @@ fn counts(table: &Table) -> Vec<u16> {
 
 #[test]
 fn a_product_is_exact_on_two_lines() {
-    // 100 µm at the far corner, linear along each axis, so two lines along each axis suffice.
+    // 100 µm at the far corner, linear along each axis: two lines per axis suffice.
     let field = |at: &[f64; GRID_AXES]| [0.1 * at[0] * at[1] * at[2] * 1e-9, 0.0, 0.0];
     let table = build(&request(3, 1, 0.1), &field).expect("a map");
     assert_eq!(counts(&table), [2, 2, 2]);
@@ -46,8 +46,8 @@ fn a_product_is_exact_on_two_lines() {
 
 #[test]
 fn a_square_needs_as_many_lines_as_its_second_derivative_says() {
-    // f'' = 8·peak/L², so the error between lines h apart is h²/8·f'' = peak·(h/L)²: 80 µm over 1000 mm with a bound of 1 µm needs sqrt(80)
-    // = 8.94 gaps, hence nine.
+    // f'' = 8·peak/L², so the error between lines h apart is h²/8·f'' = peak·(h/L)²: 80 µm over 1000 mm with a bound of 1 µm needs
+    // sqrt(80) = 8.94 gaps, hence nine.
     let field = |at: &[f64; GRID_AXES]| [0.08 * (at[0] / 1000.0).powi(2) * 4.0, 0.0, 0.0];
     for within_um in [4.0, 1.0, 0.3] {
         let table = build(&request(1, 1, within_um), &field).expect("a map");
@@ -87,7 +87,7 @@ fn the_rms_is_that_of_a_parabola() {
 
 #[test]
 fn a_jump_between_the_lines_is_found() {
-    // A peak 3 mm wide, not at a lattice point of a power of two: the bound must be met there too, or the request rejected.
+    // A peak 3 mm wide, not at a power-of-two lattice point: the bound must hold there too, or the request is rejected.
     let field = |at: &[f64; GRID_AXES]| {
         let from = (at[0] - 377.3) / 3.0;
         [0.02 * (-from * from).exp(), 0.0, 0.0]
@@ -139,7 +139,7 @@ fn a_memory_shortage_states_the_words_needed() {
     wanted.within_mm = 1.05 * reached_um * 1e-3;
     let table = build(&wanted, &field).expect("the error that it said");
     assert!(table.map.words().len() <= 1000);
-    // No room for any map.
+    // Room for no map.
     wanted.words = 60;
     let refused = build(&wanted, &field).expect_err("no room");
     assert!(
@@ -223,7 +223,7 @@ fn a_constant_reversal_is_in_the_map_and_the_rest_counts() {
         "{:?}",
         table.misfit
     );
-    // The backlash varies by 2 µm, so half of it by ±0.5 µm from its middle value.
+    // The backlash varies by 2 µm, so half of it by ±0.5 µm about its mean.
     let table = build(&request(1, 1, 1.0), &Play { varies_mm: 0.002 }).expect("a map");
     assert!(
         (table.misfit.max_mm - 0.0005).abs() <= 2.0 * rounding_mm(1, 1),

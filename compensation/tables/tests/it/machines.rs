@@ -1,4 +1,4 @@
-//! Maps of machines against the exact correction, the effect of temperatures, and neglected effects.
+//! Maps of machines equal the exact correction; effect of temperatures, and neglected effects.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -120,7 +120,7 @@ fn the_map_of_a_gantry_is_its_correction_within_the_bound() {
             found <= 1.02 * stated && found > 0.3 * stated,
             "{found}, stated {stated}"
         );
-        // Half of the 6 µm reversal value, opposite to the error.
+        // Half of the reversal value of 6 µm, opposite to the error.
         let header = made.table.map.header();
         let step = f64::from(header.scale);
         assert!(
@@ -176,7 +176,7 @@ fn fixed_rotary_axes_and_their_neglected_effect() {
     };
     let made = MachineMap::new(&machine, &Temperatures::new(), &options).expect("a map");
     assert_eq!(made.held, [(AxisName::C, 0.0), (AxisName::B, 0.0)]);
-    // An offset of the C axis of 20 µm: half a turn away from the fixed position it is 40 µm, plus the tilt of B.
+    // An offset of C by 20 µm: half a turn from the fixed position it is 40 µm, plus the tilt of B.
     let elsewhere_um = made.elsewhere_mm.expect("two axes are held") * 1e3;
     assert!((38.0..80.0).contains(&elsewhere_um), "{elsewhere_um}");
     // With both axes in the grid nothing is neglected.
@@ -246,7 +246,8 @@ fn a_transfer_counts_every_frame() {
     );
 }
 
-/// Outside its travel a map holds its end value, but an axis with a modulo has the value of the equivalent position.
+/// An axis that rolls over is rejected in a map's grid: outside the travel a map holds its end value, while such an axis has the value of
+/// the equivalent position.
 #[test]
 fn an_axis_that_rolls_over_has_no_map() {
     let text = FIVE_AXES.replace(

@@ -1,4 +1,4 @@
-//! Maps against closed forms and SciPy; the control's side against its Structured Text, and on a wire that loses, tears, delays and
+//! Maps compared with closed forms and SciPy; the control's side with its Structured Text, and on a wire that loses, tears, delays and
 //! reorders.
 
 mod axis_table;

@@ -1,4 +1,4 @@
-//! The look-up and the computed error against SciPy's `RegularGridInterpolator`.
+//! Look-up and stated error, compared with SciPy's `RegularGridInterpolator`.
 
 use std::{fmt::Write, process::Command};
 
@@ -82,7 +82,7 @@ fn look_up_and_error_match_scipy() {
         .map(|word| word.parse().expect("a number"))
         .collect();
     assert_eq!(numbers.len(), 3 * positions.len());
-    // Half a part for each axis, plus half a place along each axis times the steepest slope.
+    // Half a part per axis, plus half a digit along each axis times the steepest slope.
     let slope = table.steepest;
     let places: f64 = header.lines[..3]
         .iter()
@@ -109,7 +109,7 @@ fn look_up_and_error_match_scipy() {
         }
         largest_mm = largest_mm.max(square.sqrt());
     }
-    // The error of SciPy's interpolation of the same values is within the computed one, and not far below it.
+    // SciPy's interpolation error on the same values is within the stated one and not far below.
     let stated = table.misfit.max_mm;
     assert!(
         largest_mm <= stated + close_mm,

@@ -1,4 +1,4 @@
-//! The sender against the reference control, on a wire that drops writes, and with senders that stop: the previous map stays active until
+//! The sender with the reference control, on a wire that drops writes, and with senders that stop: the previous map stays active until
 //! its timeout, and the applied correction never moves faster than its rate.
 
 use volcomp_tables::{
@@ -20,12 +20,12 @@ struct Control {
     mailbox: [u16; FRAME_WORDS],
     position: [i32; GRID_AXES],
     applied: [i16; OUTPUTS],
-    /// The largest movement between two scans, steps.
+    /// Largest change between two scans, steps.
     largest: u16,
     writes: usize,
-    /// Every n-th write is lost; 0: none.
+    /// Every n-th write is lost; 0 for none.
     loses: usize,
-    /// One word is read back wrong, once.
+    /// One word is read back wrong once.
     lies: bool,
 }
 
@@ -99,7 +99,7 @@ impl Exchange for Control {
     }
 }
 
-/// A map that corrects X by 80 µm along X and Y by 50 µm along Y, multiplied by `times`.
+/// A map that corrects X by 80 µm along X and Y by 50 µm along Y, times `times`.
 fn map(counter: u16, times: f64) -> Map {
     let request = volcomp_tables::Request {
         counter,
@@ -131,7 +131,7 @@ fn sender(map: &Map, owner: u16) -> Sender {
     Sender::new(map.clone(), MACHINE, owner, allowed()).expect("within the limits")
 }
 
-/// Runs steps until the map is kept; returns their number.
+/// Steps until the control has the map active; returns their number.
 fn bring(sender: &mut Sender, control: &mut Control) -> usize {
     for count in 1..2000 {
         if sender.step(control).expect("no fault that lasts") == Step::Kept {
@@ -141,7 +141,6 @@ fn bring(sender: &mut Sender, control: &mut Control) -> usize {
     panic!("not in use: {:?}", control.lookup.report());
 }
 
-/// The sender reports the active map until the next one is active.
 #[test]
 fn the_active_map_is_reported_during_a_transfer() {
     let mut control = Control::new();
@@ -165,7 +164,7 @@ fn the_active_map_is_reported_during_a_transfer() {
     assert_eq!(first.in_use(), None);
 }
 
-/// Keeps the map for this number of steps.
+/// Keeps the map active for this number of steps.
 fn keep(sender: &mut Sender, control: &mut Control, steps: usize) {
     for _ in 0..steps {
         sender.step(control).expect("it stays");
@@ -211,7 +210,8 @@ fn lost_writes_and_a_wrong_word_only_cost_time() {
     }
 }
 
-/// The first map stays active while the second is loaded halfway; both are discarded at the timeout.
+/// A sender stops during the transfer of a second map: the first map stays active until the timeout, then both are discarded and the
+/// correction ramps to zero at the control's rate.
 #[test]
 fn a_lost_sender_ramps_to_zero() {
     let mut control = Control::new();
@@ -253,8 +253,8 @@ fn a_lost_sender_ramps_to_zero() {
     bring(&mut sender(&map(4, -1.0), 10), &mut control);
 }
 
-/// A new map of the same sender: the previous map stays active until the new one is loaded completely; then every axis moves directly to
-/// its new value at the control's rate, not through zero. Lost writes only cost time.
+/// A sender's second map: the first stays active until the second is complete, then every axis moves directly to its new value at the
+/// control's rate, not through zero. Lost writes only cost time.
 #[test]
 fn a_second_map_is_swapped_in_without_a_jump() {
     for loses in [0, 3] {
@@ -296,7 +296,7 @@ fn a_second_sender_sends_nothing() {
     let mut first = sender(&map(3, 1.0), 9);
     bring(&mut first, &mut control);
     let (mailbox, writes) = (control.mailbox, control.writes);
-    // Also a sender that has the same owner number by chance.
+    // Also a sender with the same owner number by chance.
     for owner in [10, 9] {
         let found = sender(&map(4, -1.0), owner).step(&mut control);
         assert!(
@@ -309,7 +309,7 @@ fn a_second_sender_sends_nothing() {
     assert!(control.lookup.report().valid);
 }
 
-/// Frames whose sequence does not advance, as in a frozen mailbox, do not keep a map.
+/// The map at the control becomes invalid when the sequence number of the frames stops advancing, as in a frozen mailbox.
 #[test]
 fn a_stale_mailbox_keeps_nothing() {
     let mut control = Control::new();
@@ -323,7 +323,7 @@ fn a_stale_mailbox_keeps_nothing() {
     }
     assert_eq!(control.mailbox, before);
     assert!(!control.lookup.report().valid);
-    // When the wire works again, the transfer is restarted.
+    // When the wire works again, the transfer restarts.
     control.loses = 0;
     bring(&mut sender, &mut control);
 }
@@ -358,7 +358,7 @@ fn limits_of_sender_and_control_are_checked() {
     }
 }
 
-/// The control accepts only smaller corrections than those of the map: the transfer is restarted some times, and then given up.
+/// The control's limit is below the corrections of the map: the transfer is repeated some times, then fails with `Refused`.
 #[test]
 fn a_rejected_map_stops_the_sender() {
     let mut control = Control::new();

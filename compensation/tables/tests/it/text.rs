@@ -1,4 +1,4 @@
-//! The shipped Structured Text, run by a small interpreter and compared with the reference: the same frames yield the same words.
+//! The shipped Structured Text, run by a small interpreter, produces the same words as the reference for the same frames.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -13,7 +13,6 @@ use crate::world;
 
 const TEXT: &str = include_str!("../../../../docs/src/plc/map.st");
 
-/// A control that runs the Structured Text.
 struct Control(Block);
 
 impl Control {
@@ -43,7 +42,7 @@ impl Control {
         Self(block)
     }
 
-    /// Makes the next scan the first after power-up or a reset.
+    /// The next scan is the first after a power-up or reset.
     fn begins(&mut self, tick: u16, applied: [i16; OUTPUTS]) {
         for (output, applied) in applied.into_iter().enumerate() {
             self.0.set("atStart", output, applied.into());
@@ -74,7 +73,6 @@ impl Control {
     }
 }
 
-/// A map with one error, or none.
 fn random_map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Vec<u16> {
     let map = world::map(rng, settings, counter);
     let mut words = map.words().to_vec();
@@ -101,13 +99,13 @@ fn random_map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Vec<u1
         }
         10 => words[9] = [0, 64, 65, 65535][rng.random_range(0..4)],
         11 => words.push(0),
-        // The header's number of words is the actual one, but not that of its lines.
+        // The header has the actual number of words, but not that of its lines.
         12 => {
             words.push(0);
             words[10] += 1;
         }
         19..=20 => words[10] ^= 1,
-        // A single line, with the number of values of one line.
+        // A single line with the number of values of one line.
         13 => {
             words[at + 4] = 1;
             let lines = (0..axes).map(|axis| usize::from(words[15 + 7 * axis]));
@@ -120,7 +118,7 @@ fn random_map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Vec<u1
     words
 }
 
-/// A sender that makes every kind of mistake.
+/// A sender with every kind of error.
 struct Sender {
     map: Vec<u16>,
     counter: u16,
@@ -244,7 +242,6 @@ impl Sender {
     }
 }
 
-/// Fletcher's checksum, implemented again.
 fn checksum(settings: &Settings, words: &[u16]) -> [u16; 2] {
     let layout = u64::from(settings.outputs.axes.number());
     let first = u64::from(settings.outputs.machine) + layout / 65535;
@@ -256,7 +253,7 @@ fn checksum(settings: &Settings, words: &[u16]) -> [u16; 2] {
     [sum, of_sums].map(|sum| u16::try_from(sum).expect("below 65535"))
 }
 
-/// Runs a text in parallel with the reference. Returns the number of maps that became active and of each refusal, or the first difference.
+/// Runs a text in parallel with the reference; returns the numbers of activated maps and of each refusal, or the first difference.
 fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let block = Block::parse(text)?;
@@ -310,7 +307,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
             let counter = lookup.report().counter;
             let report = lookup.scan(&mailbox, &steps, holds);
             swaps += usize::from(report.valid && report.counter != counter);
-            // A look-up has no refusals that concern digital lines.
+            // A look-up has no refusals for digital lines.
             let kind = report.of.refusal as usize;
             refused[kind - usize::from(kind > Refusal::Lines as usize)] += 1;
             let mut expected = [0; REPORT_WORDS];
@@ -323,7 +320,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
                 ));
             }
         }
-        // The words that a sender reads back are those of the reference.
+        // A sender reads back the words of the reference.
         let memory = lookup.memory();
         let words = memory.used.as_ref().map_or(0, Header::words);
         let base = memory.buffer * usize::from(settings.capacity);
@@ -427,7 +424,7 @@ fn every_mutation_of_the_text_is_detected() {
         let text = TEXT.replacen(right.as_str(), wrong, 1);
         compare(&text).is_err()
     };
-    // Two at a time, because this takes most of the time of these tests.
+    // Two at a time, because these take most of the test time.
     let (first, second) = mistakes.split_at(mistakes.len() / 2);
     let missed_in = |part: &[[String; 2]]| -> Vec<String> {
         let missed = part.iter().filter(|mistake| !found(mistake));

@@ -1,5 +1,5 @@
-//! A gateway, a control, and a wire that loses, duplicates, delays, reorders and tears: the applied correction is always that of a complete
-//! map or ramping to zero, and moves at most at its rate.
+//! A gateway, a control, and a wire that loses, duplicates, delays, reorders and tears: the applied correction is always that of a
+//! complete map or ramps to zero, and changes at most at its rate.
 
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -22,7 +22,7 @@ struct Badness {
     late: f64,
 }
 
-/// Writes and reads in transit, by the scan at which they arrive.
+/// Writes and reads in transit, by the scan of their arrival.
 struct Wire {
     bad: Badness,
     writes: Vec<(usize, Vec<(usize, u16)>)>,
@@ -50,7 +50,7 @@ impl Wire {
             }
             let all: Vec<(usize, u16)> = words.iter().copied().enumerate().collect();
             if rng.random_bool(self.bad.torn) {
-                // In two pieces, of which the second arrives later or never.
+                // In two pieces, the second of which arrives later or never.
                 let (first, second) = all.split_at(rng.random_range(0..FRAME_WORDS));
                 self.writes.push((arrives, first.to_vec()));
                 if rng.random_bool(0.7) {
@@ -93,12 +93,11 @@ impl Wire {
     }
 }
 
-/// A gateway that sends its maps in turn.
 struct Gateway {
     session: Session,
     map: Map,
     loaded: ReadBackResult,
-    /// The maps that it sent, by number; every active map must be one of them.
+    /// The maps that were sent, by number; every active map must be one of them.
     sent: Vec<Map>,
 }
 
@@ -110,7 +109,7 @@ impl Gateway {
     }
 }
 
-/// The multilinear value of a map in floating point without its reversals, in parts, implemented again from the definition.
+/// Multilinear value of a map in floating point, without reversals, in parts; implemented again from the definition.
 fn reference(map: &Map, steps: &[i32; GRID_AXES], output: usize) -> f64 {
     let header = map.header();
     let (axes, outputs) = (header.grid.count(), header.outputs.count());
@@ -140,7 +139,7 @@ fn reference(map: &Map, steps: &[i32; GRID_AXES], output: usize) -> f64 {
     sum
 }
 
-/// The contribution of the reversals for every possible combination of directions, in parts.
+/// The effect of the reversals for every combination of directions, in parts.
 fn reversals(map: &Map, output: usize) -> Vec<f64> {
     let header = map.header();
     let mut sums = vec![0.0];
@@ -154,7 +153,7 @@ fn reversals(map: &Map, output: usize) -> Vec<f64> {
     sums
 }
 
-/// Runs a simulation for this number of scans, and returns the number of maps that became active.
+/// Runs a simulation for this number of scans; returns the number of activated maps.
 #[expect(
     clippy::too_many_lines,
     reason = "one world: its wire, its senders, its control and their rules"
@@ -246,7 +245,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
         let before = lookup.memory().clone();
         let report = lookup.scan(&mailbox, &steps, holds);
         let memory = lookup.memory();
-        // Corrections move at most at their rate, and not at all while the control holds.
+        // Corrections change at most at their rate, and not at all while the control holds.
         for output in 0..OUTPUTS {
             let moved =
                 (i32::from(memory.applied[output]) - i32::from(before.applied[output])).abs();
@@ -261,7 +260,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
         since_taken = memory.link.sequence;
         silent = if taken { 0 } else { silent + u32::from(!holds) };
         if let Some(header) = &memory.used {
-            // The active map equals one that was sent, word for word.
+            // The active map equals a sent one, word for word.
             let words = &lookup.buffer(memory.buffer)[..header.words()];
             let sent = gateways.iter().flat_map(|gateway| &gateway.sent);
             let whole = sent.into_iter().find(|map| map.words() == words);
@@ -271,7 +270,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
             );
             let map = whole.expect("seen above");
             swaps += usize::from(before.used != memory.used);
-            // The corrections approach the map's values for one of the possible directions of each axis.
+            // Corrections approach the map's values for one of the possible directions of each axis.
             for output in 0..outputs {
                 let scale = f64::from(header.scale);
                 let limit = f64::from(settings.outputs.limit[output]);
@@ -309,7 +308,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
     Ok(swaps)
 }
 
-/// Maximum error due to rounding the position within a cell, in output steps: half a place along each axis, times the steepest slope.
+/// Maximum error by rounding the position within a cell, in output steps: half a digit along each axis, times the steepest slope.
 fn cell_rounding(map: &Map, output: usize) -> f64 {
     let header = map.header();
     let outputs = header.outputs.count();
@@ -361,7 +360,7 @@ fn maps_become_active_over_good_and_bad_wires() {
     }
 }
 
-/// A frame that was delayed for long does not activate anything in a control that has timed out meanwhile.
+/// A late frame activates nothing in a control that has timed out meanwhile.
 #[test]
 fn a_late_swap_is_rejected_in_another_epoch() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);

@@ -116,7 +116,6 @@ fn invalid_images_are_refused_with_a_reason() {
     );
 }
 
-/// Replays the corpus of the fuzz target `map`.
 #[test]
 fn corpus_files_are_read_or_refused_by_their_names() {
     let mut seen = [0; 2];

@@ -1,5 +1,3 @@
-//! Common settings, maps and fields of the tests.
-
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use volcomp_tables::{
@@ -61,7 +59,6 @@ pub(crate) fn settings(rng: &mut ChaCha8Rng) -> Settings {
     }
 }
 
-/// A random map that fits these settings.
 pub(crate) fn map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Map {
     let (axes, outputs) = (settings.grid.count(), settings.outputs.axes.count());
     // At most 232 values.
@@ -131,7 +128,6 @@ pub(crate) fn somewhere(rng: &mut ChaCha8Rng, header: &Header) -> [i32; GRID_AXE
     })
 }
 
-/// Names and contents of the corpus of a fuzz target.
 pub(crate) fn corpus(target: &str) -> Vec<(String, Vec<u8>)> {
     let folder = volcomp_test_support::root()
         .join("tests/fuzz/corpus")

@@ -1,5 +1,5 @@
-//! SocketCAN on vcan0 and vcan1: frames of can-utils, error frames, an interface that goes down and up, and a node of PyPI's canopen. Runs
-//! on this computer's interfaces if present, and in the guest by `./test`.
+//! SocketCAN on vcan0 and vcan1: frames of can-utils, error frames, an interface that goes down and up, and a node of PyPI's canopen.
+//! Runs on this computer's interfaces if present, and in the guest by `./test`.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -19,7 +19,7 @@ use volcomp_port::{Controller, Fault, Quality, Reason, Thermometer};
 use volcomp_test_support::{Running, peers};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-/// Locks the virtual buses for one test; without them prints a line on standard error and returns `None`.
+/// Locks the virtual buses for one test. Without them prints a line on standard error and returns `None`.
 fn buses() -> Option<MutexGuard<'static, ()>> {
     static BUSES: Mutex<()> = Mutex::new(());
     let buses = BUSES.lock().unwrap_or_else(PoisonError::into_inner);
@@ -130,7 +130,7 @@ fn candump_receives_sent_frames() {
     );
 }
 
-/// The bridge against a control, while the interface goes down and up.
+/// The bridge corrects a control within 1 µm, before and after the interface goes down and up, with the same sockets.
 #[test]
 fn the_bridge_survives_an_interface_going_down() {
     let Some(_buses) = buses() else {
@@ -211,7 +211,7 @@ fn the_bridge_survives_an_interface_going_down() {
     controller.apply(&PerChannel([0.001; 9]), soon()).unwrap();
 }
 
-/// The time of a frame is its kernel arrival time, however long it waited; positions that were not read for a while are returned as old.
+/// A frame has its kernel arrival time, however long it waited. Positions that were not read for a while are returned as old.
 #[test]
 fn queued_frames_keep_their_kernel_timestamps() {
     let Some(_buses) = buses() else {
@@ -279,7 +279,7 @@ fn a_missing_interface_is_named() {
     assert!(message.contains("ip link set can0 up"), "{message}");
 }
 
-/// A node of PyPI's canopen: objects, start, temperatures, disappearance.
+/// A node of PyPI's canopen: read and write of objects, start, temperatures, and disappearance.
 #[test]
 fn a_canopen_node_is_started_and_read() {
     let Some(_buses) = buses() else {

@@ -15,7 +15,6 @@ fn words(from: u16, count: u16) -> Words {
     Words::new(&words).unwrap()
 }
 
-/// The frames of a report with these words, in order.
 pub(crate) fn report_of(table: &SignalTable, words: &[u16], counter: u64) -> Vec<Frame> {
     let of_report = |m: &&volcomp_can::Message| m.name.starts_with("BARRIER_REPORT");
     let mut frames = Vec::new();
@@ -68,7 +67,7 @@ fn frames_are_sent_and_reports_received() {
     let second = report_of(table, words(0xfedc, 19).as_slice(), 5);
     assert_eq!(read(&second[..2]).report, Some(words(0x1357, 19)));
     assert_eq!(read(&second[2..]).report, Some(words(0xfedc, 19)));
-    // Two complete reports and a part of the next one in one read.
+    // Two complete reports and a part of the next in one read.
     let third = report_of(table, words(0x0a0b, 19).as_slice(), 6);
     let fourth = report_of(table, words(0x0c0d, 19).as_slice(), 7);
     let all = [&third[..], &fourth[..], &first[..3]].concat();
@@ -101,7 +100,6 @@ fn frames_are_sent_and_reports_received() {
     assert_eq!(bus.sent(), []);
 }
 
-/// `read`, `post` and `apply` do not allocate.
 #[test]
 fn cycles_do_not_allocate() {
     let (bus, plain_bus) = (Bus::default(), Bus::default());
@@ -138,8 +136,8 @@ fn cycles_do_not_allocate() {
     assert_eq!((bus.sent().len(), plain_bus.sent().len()), (30, 10));
 }
 
-/// Two axes in big-endian FD frames with counters and checksums. The words of a frame are in two messages, the second with the
-/// lower identifier: the message with the last word is sent last.
+/// Two axes in big-endian FD frames with counters and checksums. The words of a frame are in two messages, the second with the lower
+/// identifier; the message with the last word is sent last.
 #[test]
 fn a_custom_layout() {
     let mut text = "VERSION \"\"\nBU_: A\nBO_ 1 WHERE: 8 A\n SG_ X_POS : 7|24@0- (0.001,0) [0|0] \"mm\" A\n SG_ C_POS : 31|24@0- (0.001,0) [0|0] \"deg\" A\n\n".to_owned();
@@ -252,7 +250,7 @@ fn invalid_words_are_rejected() {
     }
 }
 
-/// cantools (PyPI) encodes reports and decodes frames identically.
+/// cantools (PyPI) encodes the same reports and decodes the same frames.
 #[test]
 fn cantools_agrees_on_barrier_words() {
     let Some(python) = volcomp_test_support::peers::python() else {
@@ -261,7 +259,7 @@ fn cantools_agrees_on_barrier_words() {
     let bus = Bus::default();
     let config = config(BARRIER_DBC, &XYZ);
     let mut controller = CanController::new(bus.clone(), &config).unwrap();
-    // −20 µm in X: a count of two's complement.
+    // −20 µm in X, in two's complement.
     let frame = [
         7,
         65535,

@@ -54,7 +54,7 @@ impl Control {
     }
 }
 
-/// Read-only axes follow the corrected ones, and a bridge without corrected axes sends nothing.
+/// Read-only axes follow the corrected ones; a bridge without corrected axes sends nothing.
 #[test]
 fn read_only_axes_are_read_and_nothing_is_sent() {
     let bus = Bus::default();
@@ -120,7 +120,6 @@ fn positions_are_received_and_corrections_sent() {
     assert_eq!(controller.saturated(), 3);
 }
 
-/// The controller contract, with a control that responds immediately.
 #[test]
 fn the_controller_contract() {
     struct Answering(CanController<Bus>, Control);
@@ -146,7 +145,7 @@ fn the_controller_contract() {
 }
 
 /// Repeated counters, lost frames, wrong checksums and lengths, error frames, bus-off and an interface that is down are counted or
-/// reported, and do not change a position.
+/// reported, and change no position.
 #[test]
 fn bus_errors_are_counted_and_never_change_a_position() {
     let bus = Bus::default();
@@ -173,7 +172,7 @@ fn bus_errors_are_counted_and_never_change_a_position() {
     bus.state().incoming.push_back(Received::Error);
     assert_eq!(read(3.0).errors, 1);
     bus.state().incoming.push_back(Received::BusOff);
-    // Nothing is received while the controller is bus-off.
+    // Nothing is received during bus-off.
     assert_eq!(controller.read(soon()), Err(Fault::Disconnected));
     assert!(controller.health().bus_off);
     bus.deliver(xy(5.0, 9));
@@ -255,7 +254,7 @@ fn temperatures_are_decoded_with_their_faults() {
     assert!((latest[1].degc.unwrap() + 39.95).abs() < 1e-9);
     assert_eq!(latest[2].quality, Quality::Bad(Reason::Short));
     assert_eq!(latest[3].quality, Quality::Bad(Reason::Open));
-    // A temperature that is no longer received keeps its value and time.
+    // A temperature that is missing from now on keeps its value and time.
     std::thread::sleep(Duration::from_millis(20));
     assert_eq!(thermometer.latest(), latest);
     bus.state().down = true;
@@ -265,7 +264,7 @@ fn temperatures_are_decoded_with_their_faults() {
     );
 }
 
-/// Configured names select temperatures of the file, in the order of the names.
+/// Configured names select temperatures of the file in the order of the names.
 #[test]
 fn names_select_temperatures() {
     let bus = Bus::default();
@@ -292,8 +291,8 @@ fn names_select_temperatures() {
     );
 }
 
-/// A state that was never received forbids correction; a received one has the age of its message. A state missing in the file is described
-/// as not reported, which the configuration must accept.
+/// A state that was never received forbids correction; a received one has the age of its message. A state that the file lacks is
+/// described as not reported, which the configuration must accept.
 #[test]
 fn an_unknown_state_forbids_correction() {
     let bus = Bus::default();
@@ -347,8 +346,8 @@ fn an_unknown_state_forbids_correction() {
     assert_eq!(shown, expected);
 }
 
-/// After a silence the last positions, state and applied correction are returned with the arrival times of their frames, regardless of
-/// their age and without waiting for new frames.
+/// After a silence the last positions, state and applied correction are returned with the arrival times of their frames, whatever their
+/// age and without waiting for new frames.
 #[test]
 fn values_keep_their_arrival_times() {
     let bus = Bus::default();
@@ -375,7 +374,7 @@ fn values_keep_their_arrival_times() {
         let others = [snapshot.state_taken, snapshot.correction_taken];
         assert_eq!((others, snapshot.youngest()), ([at(5); 2], at(7)));
     }
-    // New positions must not refresh the applied correction. When they did, an age of 60 to 100 ms caused a step of 28 µm and a fault.
+    // New positions must not refresh the applied correction, since with an age of 60 to 100 ms that causes a step of 28 µm and a fault.
     deliver(frame_of(&table, "POSITION_XY", &[("X_POS", 6.0)], 2), 240);
     let snapshot = controller.read(deadline).unwrap();
     assert_eq!(
@@ -384,7 +383,6 @@ fn values_keep_their_arrival_times() {
     );
 }
 
-/// Frames that waited unread keep their age, and the last position is returned.
 #[test]
 fn queued_frames_keep_their_age() {
     let bus = Bus::default();
@@ -401,7 +399,6 @@ fn queued_frames_keep_their_age() {
     assert!(snapshot.taken <= came);
 }
 
-/// A write whose deadline has passed is not sent.
 #[test]
 fn a_late_correction_is_not_sent() {
     let bus = Bus::default();
@@ -410,7 +407,6 @@ fn a_late_correction_is_not_sent() {
     assert_eq!((late, bus.sent()), (Err(Fault::TimedOut), vec![]));
 }
 
-/// Units are checked again for a table that was not parsed from a file.
 #[test]
 fn units_of_any_table_are_checked() {
     for [signal, unit, expected] in &cases(
@@ -429,7 +425,7 @@ EMERGENCY_STOP | V | signal EMERGENCY_STOP: found the unit `V`, expected no unit
     }
 }
 
-/// One big-endian FD frame with all axes.
+/// One big-endian FD frame with all axes is decoded and encoded.
 #[test]
 fn a_custom_fd_frame() {
     let text = "VERSION \"\"\nBU_: A\n\
@@ -472,7 +468,7 @@ fn a_custom_fd_frame() {
     );
 }
 
-/// Z used to be shifted by −2048 µm from the first frame on, although only X and Y are corrected.
+/// Axes that are not corrected get zero in the frames, also if zero is not bits 0, as for Z with an offset of −2048 µm.
 #[test]
 fn an_uncorrected_axis_gets_zero() {
     let (from, to) = ("Z_CORR : 24|12@1- (1,0)", "Z_CORR : 24|12@1+ (1,-2048)");
@@ -491,7 +487,8 @@ fn an_uncorrected_axis_gets_zero() {
     assert_eq!(found.abs(), 0.0, "µm");
 }
 
-/// Frames duplicated by a bridge between two buses used to clear an emergency stop and to report an old position as new.
+/// A frame that is overtaken or repeated, as by a bridge between two buses, neither clears an emergency stop nor makes an old position
+/// new.
 #[test]
 fn an_overtaken_frame_is_ignored() {
     let table = shipped();

@@ -15,7 +15,7 @@ fn frame(id: u32, data: &[u8]) -> Frame {
     Frame::new(id, false, false, data).unwrap()
 }
 
-/// Frames of CiA 301.
+/// Heartbeat, emergency and PDO frames of CiA 301 are decoded.
 #[test]
 fn telegrams_are_decoded() {
     let sdo = |data: &[u8]| match telegram(&frame(0x585, data)) {
@@ -99,7 +99,7 @@ fn telegrams_are_decoded() {
 fn objects_are_transferred_one_at_a_time() {
     let bus = Bus::default();
     let mut client = SdoClient::new(bus.clone());
-    // Late answers to other requests, answers of other nodes, and other frames arrive first.
+    // First come late answers to other requests, answers of other nodes, and other frames.
     bus.deliver(frame(0x586, &[0x43, 0x32, 0x61, 1, 9, 0, 0, 0]));
     bus.deliver(frame(0x585, &[0x43, 0x32, 0x61, 2, 9, 0, 0, 0]));
     bus.deliver(frame(0x185, &[1, 2]));
@@ -213,7 +213,7 @@ fn invalid_channels_are_rejected() {
 #[test]
 fn lines_of_a_node() {
     let bus = Bus::default();
-    // The intervals differ widely, so that a loaded computer does not confuse them.
+    // Very different intervals, which a busy computer does not confuse.
     let (quick, patient) = (Duration::from_millis(20), Duration::from_secs(60));
     let mut port = CanopenDigital::new(bus.clone(), 9, 15, 8, patient).unwrap();
     assert_eq!(port.read(soon()), Err(Fault::NotConnected));
@@ -250,7 +250,7 @@ fn lines_of_a_node() {
         bus.deliver(frame(0x709, &[5]));
         bus.deliver(frame(0x189, &[0x34, 0]));
         let came = Instant::now();
-        // The heartbeat is still fresh; the result depends on the time from here on.
+        // The heartbeat is still fresh; from here on the result depends on the time.
         let _ = port.read(soon());
         std::thread::sleep(3 * quick);
         let found = port.read(soon());

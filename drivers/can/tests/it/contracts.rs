@@ -19,7 +19,7 @@ use crate::{Bus, frame_of, shipped};
 
 const LONG: Duration = Duration::from_secs(5);
 
-/// A node that sends frames until it is dropped.
+/// A node that sends frames until dropped.
 struct Sender(Arc<AtomicBool>, Option<JoinHandle<()>>);
 
 impl Sender {

@@ -1,4 +1,4 @@
-//! Signals against cantools; the bridge and the CANopen consumer on a bus in memory.
+//! Signals compared with cantools; the bridge and the CANopen consumer on a bus in memory.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -24,7 +24,7 @@ use volcomp_vocabulary::AxisName;
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
-/// A bus in memory: incoming frames, sent frames, and whether the interface is down.
+/// A bus in memory: incoming and sent frames, and whether the interface is down.
 #[derive(Clone, Default)]
 pub(crate) struct Bus(Arc<Mutex<BusState>>);
 

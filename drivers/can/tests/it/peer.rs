@@ -1,4 +1,4 @@
-//! cantools (PyPI) must decode the same values from the same DBC file and frames.
+//! cantools (PyPI) decodes the same values from the same DBC file and frames.
 
 use std::{fmt::Write, process::Command};
 

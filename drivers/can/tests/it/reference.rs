@@ -27,9 +27,9 @@ struct Control {
     barrier: Barrier,
     settings: Settings,
     mailbox: [u16; 9],
-    /// The last received counters of the three messages of a frame.
+    /// Last received counters of a frame's three messages.
     counters: [Option<u64>; 3],
-    /// Content of the mailbox when all three counters were last equal.
+    /// Content of the mailbox when the three counters were last equal.
     copied: [u16; 9],
     published: Vec<Report>,
     counter: u64,
@@ -59,7 +59,7 @@ impl Control {
         }
     }
 
-    /// Receives messages, runs one scan, and sends positions and report. `is_lost` decides which messages are lost.
+    /// Receives messages, runs one scan, and sends positions and report. `is_lost` selects the lost messages.
     fn scan(&mut self, mut is_lost: impl FnMut() -> bool) {
         for frame in self.bus.sent() {
             if is_lost() {
@@ -104,7 +104,6 @@ impl Control {
     }
 }
 
-/// A distant deadline for writes.
 fn late() -> Instant {
     Instant::now() + Duration::from_secs(5)
 }
@@ -126,7 +125,7 @@ impl Gateway {
         }
     }
 
-    /// Answers a new complete report with a frame of these counts, and returns the report.
+    /// Answers a new complete report with a frame of these counts; returns the report.
     fn answers(&mut self, settings: &Settings, values: [i16; 3]) -> Option<Report> {
         let snapshot = self.controller.read(soon()).ok()?;
         let report = Report::decode(MACHINE, layout(), snapshot.report?.as_slice())?;
@@ -157,15 +156,15 @@ fn frames_arrive_and_silence_ramps_to_zero() {
     assert_eq!(report.applied[..3], wanted);
     assert_eq!((report.refusal, report.owner), (Refusal::None, 0x5a5a));
     assert!(gateway.landed >= 78, "{}", gateway.landed);
-    // Without answers all axes are at zero after the timeout and 150/3 steps.
+    // Without frames all axes are at zero after the timeout and 150/3 steps.
     for _ in 0..63 {
         control.scan(|| false);
     }
     assert_eq!(control.barrier.report().applied, Counts::default());
 }
 
-/// Random message loss tears frames and reports. No accepted report differs from the published ones, and the axes stay within rate and
-/// limit. Without message counters, the checksum of the words alone would accept some torn ones.
+/// Random message loss tears frames and reports: every accepted report was published, and the axes stay within rate and limit. Without
+/// message counters the checksum of the words would accept some torn ones.
 #[test]
 fn torn_words_are_rejected() {
     for (percent, kept) in [(1, 0.99), (10, 0.9), (40, 0.6)] {
@@ -191,7 +190,7 @@ fn torn_words_are_rejected() {
                 accepted += 1;
             }
         }
-        // All seven messages of a report arrive in (1 − p)⁷ of the scans; two thirds of that number is required.
+        // All seven messages of a report arrive in (1 − p)⁷ of the scans; two thirds of that are required.
         let least = 0.67 * 3000.0 * f64::powi(kept, 7);
         assert!(
             f64::from(accepted) >= least,

@@ -36,7 +36,7 @@ fn the_checksum_matches_the_published_value() {
     let dbc =
         "VERSION \"\"\nBU_: A\nBO_ 2200023220 M: 6 A\n SG_ M_CRC : 40|8@1+ (1,0) [0|0] \"\" A\n";
     let table = SignalTable::parse(dbc).unwrap();
-    // The identifier 31 32 33 34 would exceed 29 bits, so a shorter one is compared with a CRC that is computed bit by bit.
+    // The identifier 31 32 33 34 would exceed 29 bits, so a shorter one is compared with a CRC computed bit by bit.
     let crc = |bytes: &[u8]| {
         let mut crc = 0xff_u8;
         for byte in bytes {
@@ -97,7 +97,7 @@ fn invalid_files_are_rejected() {
     assert!(message("BO_ nonsense").starts_with("DBC: "));
 }
 
-/// Data shorter than the message decode as zeros in either byte order.
+/// Data shorter than the message are decoded as zeros in either byte order.
 #[test]
 fn short_data_decode_as_zeros() {
     for order in [0, 1] {
@@ -135,7 +135,7 @@ fn values_saturate_at_their_bits() {
 }
 
 proptest! {
-    /// Any signal at any position in both orders: its bits round-trip, and no others change.
+    /// Any signal at any position and in both byte orders: its bits survive a round trip, and no others change.
     #[test]
     fn bits_round_trip(
         start in 0_u64..64, bits in 1_u64..=64, little: bool, signed: bool, raw: u64, background: u64,
@@ -188,7 +188,7 @@ proptest! {
     }
 }
 
-/// A missing or wrong unit is rejected with file, line and signal. Without the check µm would be read as mm.
+/// A missing or wrong unit is rejected with file, line and signal: µm must not be read as mm.
 #[test]
 fn units_must_match_the_quantity() {
     let refused = |from: &str, to: &str| {
@@ -234,7 +234,7 @@ fn units_must_match_the_quantity() {
     }
     let bools = SHIPPED_DBC.replace("[0|1] \"\"", "[0|1] \"bool\"");
     assert!(SignalTable::parse(&bools).unwrap().find("ALARM").is_some());
-    // The same number in µm is a thousandth of that in mm.
+    // The number in µm is 1000 times that in mm.
     let text = SHIPPED_DBC.replacen("\"mm\"", "\"µm\"", 1);
     let table = SignalTable::parse(&text).unwrap();
     let (message, place) = table.find("X_POS").unwrap();
@@ -246,7 +246,7 @@ fn units_must_match_the_quantity() {
     assert!((at.mm_or_rad() - 0.0025).abs() < 1e-12, "{at}");
 }
 
-/// The largest magnitude with either sign: in two's complement one step less than half the range, for an unsigned number 0.
+/// The largest magnitude available with either sign: in two's complement one step less than half the range, for an unsigned number 0.
 #[test]
 fn the_largest_value_with_either_sign() {
     let largest = |size: u32, sign: char, scale: &str| {
@@ -259,7 +259,7 @@ fn the_largest_value_with_either_sign() {
     near(largest(12, '-', "(1,0)"), 2047.0);
     near(largest(8, '-', "(-0.5,0)"), 63.5);
     near(largest(8, '+', "(1,0)"), 0.0);
-    // With an offset, an unsigned number has both signs.
+    // With an offset an unsigned number has both signs.
     near(largest(8, '+', "(1,-100)"), 100.0);
     near(largest(8, '+', "(1,-200)"), 55.0);
     near(largest(1, '-', "(1,0)"), 0.0);
@@ -271,7 +271,8 @@ fn refused(from: &str, to: &str) -> String {
     error.to_string()
 }
 
-/// Used to be accepted: the control decoded 532 µm for X instead of 20 µm, and X jumped with each frame when its bits included the counter.
+/// Signals with common bits are rejected: the control would decode 532 instead of 20 µm, and X would jump with each frame if its bits
+/// included the counter.
 #[test]
 fn signals_must_not_share_bits() {
     let text = refused("Y_CORR : 12|12", "Y_CORR : 8|12");
@@ -283,7 +284,7 @@ fn signals_must_not_share_bits() {
     assert!(text.contains("bits shared with CORRECTION_CNT"), "{text}");
 }
 
-/// Used to be accepted: 300.0 mm was decoded as 1133903872 mm.
+/// Floating-point signals are rejected: 300.0 mm would be decoded as 1133903872 mm.
 #[test]
 fn floating_point_signals_are_rejected() {
     let dbc = format!("{SHIPPED_DBC}\nSIG_VALTYPE_ 256 X_POS : 1;\n");
@@ -296,7 +297,7 @@ fn floating_point_signals_are_rejected() {
     assert!(SignalTable::parse(&dbc).is_ok());
 }
 
-/// Used to be accepted: with all bits 0 the control counted as referenced.
+/// A state signal whose zero bits mean "on" is rejected: with all bits 0 the control would count as referenced.
 #[test]
 fn a_state_must_be_off_with_bits_zero() {
     let text = refused("REFERENCED : 52|1@1+ (1,0)", "REFERENCED : 52|1@1+ (1,1)");
@@ -327,7 +328,7 @@ fn corpus_files_parse_or_are_rejected() {
     }
 }
 
-/// The corpus files contain identifier, two flags and data, as the fuzz target splits them.
+/// Corpus files (identifier, two flags, data, as the fuzz target splits them) are decoded.
 #[test]
 fn corpus_frames_are_decoded() {
     let table = shipped();

@@ -26,7 +26,7 @@ fn lines_are_probed() {
     );
 }
 
-/// 100 mm and -2 mm, sealed by the rule of the shipped file.
+/// The probe of a bus reports 100 mm and -2 mm, sealed by the rule of the shipped file.
 #[test]
 fn a_bus_is_probed() {
     let table = volcomp_can::SignalTable::parse(volcomp_can::SHIPPED_DBC).unwrap();

@@ -113,7 +113,6 @@ fn invalid_urls_name_the_expected_value() {
     );
 }
 
-/// The table in the book lists every key of every URL scheme.
 #[test]
 fn the_book_lists_every_key_of_a_url() {
     let book = volcomp_test_support::root().join("docs/src/commands.md");
@@ -176,7 +175,7 @@ fn a_control_is_probed() {
     assert!(control.round_trip_p50_us <= control.round_trip_max_us);
 }
 
-/// A profile file is used like a shipped one; its errors are reported with file, line and key.
+/// A profile file works like a shipped one; its errors are reported with file, line and key.
 #[test]
 fn a_profile_may_be_a_file() {
     let shipped = concat!(
@@ -219,7 +218,7 @@ fn a_profile_may_be_a_file() {
     );
 }
 
-/// Callers distinguish invalid input from failures by the kind of an error, not by its text.
+/// The kind of an error, not its text, distinguishes invalid input from a failure.
 #[test]
 fn errors_have_kinds() {
     let probed = |url: &str| {
@@ -253,7 +252,6 @@ fn errors_have_kinds() {
     }
 }
 
-/// The probe reports a module that cannot read back its outputs.
 #[test]
 fn a_module_without_read_back_is_reported() {
     use std::io::{Read, Write};
@@ -283,7 +281,6 @@ fn a_module_without_read_back_is_reported() {
     }
 }
 
-/// Listing opens no device, and without devices the lists are empty.
 #[test]
 fn local_devices_are_listed() {
     let found = volcomp_devices::list();

@@ -1,5 +1,5 @@
-//! Lines of the kernel's simulated GPIO chips: `panel-out` are the control's 15 outputs, `panel-in` its 8 inputs.
-//! Run by `./test` in the guest, or by `tests/guest/run`.
+//! Lines of the kernel's simulated GPIO chips: `panel-out` has the control's 15 outputs, `panel-in` its 8 inputs. Run by `./test` in the
+//! guest, or by `tests/guest/run`.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -19,7 +19,6 @@ use volcomp_vocabulary::{AxisName, PerChannel};
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
-/// Locks the only panel for one test.
 fn panel() -> MutexGuard<'static, ()> {
     static PANEL: Mutex<()> = Mutex::new(());
     PANEL.lock().unwrap_or_else(PoisonError::into_inner)
@@ -29,7 +28,7 @@ fn soon() -> Instant {
     Instant::now() + Duration::from_secs(2)
 }
 
-/// The control's side of a chip: the simulator's files that set and read levels.
+/// The control's side of a chip: the files of the simulator that set and read levels.
 fn bank(label: &str) -> PathBuf {
     let labelled = |chip: &PathBuf| {
         let info = gpiocdev::Chip::from_path(chip).and_then(|chip| chip.info());
@@ -62,7 +61,6 @@ fn control_shows(levels: u64) {
     }
 }
 
-/// Levels of the control's inputs.
 fn control_sees() -> u64 {
     let level = |line: u32| {
         let text = fs::read_to_string(simulated("panel-in", line).join("value")).unwrap();
@@ -98,7 +96,7 @@ fn every_line_is_in_its_place() {
     }
 }
 
-/// Opening keeps the levels of the outputs, which count as confirmed.
+/// Opening changes no line: the levels of the outputs are kept and count as confirmed.
 #[test]
 fn opening_changes_no_line() {
     let _panel = panel();
@@ -121,7 +119,6 @@ fn opening_changes_no_line() {
     }
 }
 
-/// Reading and writing do not allocate.
 #[test]
 fn cycles_do_not_allocate() {
     let _panel = panel();
@@ -135,7 +132,7 @@ fn cycles_do_not_allocate() {
     assert_eq!(port.confirmed(), Some(255));
 }
 
-/// The correction follows an axis along its whole travel.
+/// Along the whole travel the position is read within 1/64 mm, and the correction written within half a step.
 #[test]
 fn a_ramp_of_positions_is_corrected() {
     let _panel = panel();
@@ -180,7 +177,7 @@ fn the_digital_port_contract() {
     volcomp_port::contract::digital_io(&mut port(), false);
 }
 
-/// With swapped roles there are too few lines.
+/// With swapped roles there are too few lines: rejected.
 #[test]
 fn swapped_roles_are_rejected() {
     let _panel = panel();

@@ -17,7 +17,6 @@ fn soon() -> Instant {
     Instant::now() + Duration::from_millis(200)
 }
 
-/// A panel and its controller with two agreeing readings.
 fn on_panel(wiring: &Wiring, axes: &[DigitalAxis]) -> (Panel, DigitalController<Panel>) {
     let panel = Panel::new(wiring.clone(), axes.to_vec());
     let controller = DigitalController::new(
@@ -35,7 +34,7 @@ fn the_published_scheme_corrects_an_axis() {
     let axis = DigitalAxis::published(AxisName::X);
     let (panel, mut controller) = on_panel(&Wiring::published(), &[axis]);
     contract::controller(&mut controller);
-    // 1000 mm and back; a correction of 100 um/m.
+    // 1000 mm and back, with a correction of 100 µm/m.
     for step in 0..=200 {
         let place = 1000.0 - 10.0 * f64::from(i32::abs(step - 100));
         panel.shows(0, place);
@@ -45,7 +44,7 @@ fn the_published_scheme_corrects_an_axis() {
         requested[0] = -1e-4 * snapshot.positions[0];
         controller.apply(&requested, soon()).unwrap();
         let sent = panel.correction().unwrap();
-        // Half a micrometre, plus the effect of 1/64 mm of position.
+        // 0.5 µm, plus the effect of 1/64 mm of position.
         assert!(
             (sent + 1e-4 * place).abs() <= 0.000_5 + 1e-4 / 64.0,
             "{sent} at {place}"
@@ -58,7 +57,7 @@ fn the_published_scheme_corrects_an_axis() {
     assert!((panel.correction().unwrap() - 0.127).abs() < 1e-12);
 }
 
-/// Three axes share the lines in turn, each corrected only while selected.
+/// Three axes share the lines in turn; each is corrected only while selected.
 #[test]
 fn several_axes_share_the_lines() {
     let wiring = Wiring {
@@ -117,13 +116,13 @@ fn several_axes_share_the_lines() {
         controller.apply(&requested.map(|x| -x), soon()),
         Err(Fault::Unfinished)
     );
-    // The control stops at one axis: the others age.
+    // The control stops at one axis, and the others age.
     let first = controller.read(soon()).unwrap().taken;
     std::thread::sleep(Duration::from_millis(5));
     assert_eq!(controller.read(soon()).unwrap().taken, first);
 }
 
-/// Eight lines of 0.01 mm: the word wraps every 2.56 mm.
+/// Eight lines of 0.01 mm, so that the word wraps every 2.56 mm.
 fn low_bits(most_per_s: f64) -> (Panel, DigitalController<Panel>) {
     let axis = DigitalAxis {
         position: PositionWord {
@@ -157,8 +156,7 @@ fn low_bits_follow_a_long_axis() {
     }
 }
 
-/// After a pause in which the axis may have moved by half the range of the word, the position is unknown. It used to be reported
-/// as recent, wrong by a full range.
+/// After a pause in which the axis may have moved by half the word's range, the position is unknown until the axis is referenced again.
 #[test]
 fn a_long_pause_makes_the_position_unknown() {
     // The axis can move 1.28 mm in 32 ms.
@@ -208,8 +206,8 @@ fn an_unconfigured_axis_is_a_fault() {
     assert!(message.contains("no strobe line is named"), "{message}");
 }
 
-/// Steps must match the kind of the axis: a rotary axis with the published words, whose steps are lengths, is rejected; one with angular
-/// steps is described and corrected in rad.
+/// Steps of the wrong kind are rejected: a rotary axis with the published words, which are lengths. With angular steps the axis is
+/// described and corrected in rad.
 #[test]
 fn units_must_match_the_kind_of_the_axis() {
     let new = |axis: DigitalAxis| {
@@ -244,8 +242,8 @@ fn units_must_match_the_kind_of_the_axis() {
     assert!((controller.sent()[0].unwrap() - 5e-6).abs() < 1e-18);
 }
 
-/// With a latch the control accepts a correction at an edge, one write after the word; only accepted corrections count as sent. Unused
-/// lines keep their levels.
+/// The latch toggles one write after the word, since the control accepts a correction at the edge. Only accepted corrections count as
+/// sent, and unused lines keep their levels.
 #[test]
 fn the_latch_toggles_one_write_after_the_word() {
     let axis = DigitalAxis::published(AxisName::X);
@@ -295,7 +293,6 @@ fn the_latch_toggles_one_write_after_the_word() {
     assert_eq!(apply(20.0), (true, 0x214, 20, Some(20.0)));
 }
 
-/// A failed write does not count as sent, and a write whose deadline has passed is not made.
 #[test]
 fn a_failed_write_does_not_count_as_sent() {
     let axis = DigitalAxis::published(AxisName::X);
@@ -319,8 +316,8 @@ fn a_failed_write_does_not_count_as_sent() {
     assert!((controller.sent()[0].unwrap() - 0.040).abs() < 1e-12);
 }
 
-/// While the levels of unused lines are unknown, nothing is written, unless the device cannot report levels. They used to be
-/// switched off.
+/// Nothing is written while the levels of unused lines are unknown, because these would be switched off, unless the device cannot report
+/// levels.
 #[test]
 fn nothing_is_written_while_other_outputs_are_unknown() {
     let axis = DigitalAxis::published(AxisName::X);

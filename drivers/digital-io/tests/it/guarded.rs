@@ -66,7 +66,7 @@ impl Rig {
         }
     }
 
-    /// One cycle; `None` until all axes were selected once.
+    /// One cycle; `None` until every axis was selected once.
     fn cycle(&mut self, request: Option<Request>) -> Option<Output> {
         self.now += PERIOD;
         let now = self.now;
@@ -96,8 +96,8 @@ impl Rig {
     }
 }
 
-/// With a latch the last word was written and counted as applied, but the control never accepted it: after each disarming the control kept
-/// 1 to 3 µm while 0 was reported. During motion it accepted two slews at once.
+/// The last word before disarming is latched: the control is at 0 and no step exceeds 2 µm. Without the last edge the control would keep
+/// 1 to 3 µm while 0 is reported, and in motion accept two slews at once.
 #[test]
 fn the_last_word_is_latched() {
     let wiring = Wiring {
@@ -106,7 +106,7 @@ fn the_last_word_is_latched() {
     };
     for disarmed_in in 150..170 {
         let mut rig = Rig::new(wiring.clone(), &[AxisName::X]);
-        // The latch, what the control applies, and its largest step, µm.
+        // The latch, the correction that the control applies, and its largest step, µm.
         let control = Arc::new(Mutex::new((false, 0_i32, 0_i32)));
         let takes = Arc::clone(&control);
         rig.panel.on_write(move |word| {
@@ -132,7 +132,7 @@ fn the_last_word_is_latched() {
     }
 }
 
-/// Only the selected axis was written, but all counted as written: the other axis got 20 µm in one step when selected.
+/// Axes that share lines in turn get no step larger than 2 µm: only the selected axis counts as written.
 #[test]
 fn axes_that_share_lines_do_not_step() {
     let wiring = Wiring {
@@ -144,7 +144,7 @@ fn axes_that_share_lines_do_not_step() {
     let mut applied = [0_i32; 2];
     let mut largest = 0;
     for cycle in 0..3000 {
-        // The control selects them in turn, 60 ms each, and accepts the correction of the selected one.
+        // The control selects each for 60 ms, and accepts the correction of the selected one.
         let shows = cycle / 15 % 2;
         rig.panel.shows(shows, 100.0);
         let request = (cycle == 30).then_some(Request::Arm);

@@ -21,7 +21,7 @@ fn correction(bits: u32, code: CorrectionCode) -> CorrectionWord {
     }
 }
 
-/// 1 um resolution, ±127 um, over 1024 mm.
+/// The published words encode as documented: 1 µm resolution, ±127 µm, over 1024 mm.
 #[test]
 fn published_words_encode_as_documented() {
     let axis = DigitalAxis::published(AxisName::X);
@@ -57,7 +57,7 @@ fn published_words_encode_as_documented() {
     assert_eq!(size.decode(0x80), None, "minus zero");
 }
 
-/// Every count of every length round-trips, and neighbours differ by one bit in Gray code.
+/// Every count of every word length survives a round trip, and neighbours in Gray code differ by one bit.
 #[test]
 fn codes_round_trip() {
     for bits in [1, 5, 8, 15] {
@@ -85,7 +85,7 @@ fn codes_round_trip() {
 }
 
 proptest! {
-    /// Within half a count, or saturated; never the invalid word.
+    /// A correction is sent within half a count or saturated, and never as the invalid word.
     #[test]
     fn corrections_round_trip(um in -200.0..200.0_f64, sign in any::<bool>(), bits in 2_u32..12) {
         let code = if sign { CorrectionCode::SignMagnitude } else { CorrectionCode::TwosComplement };
@@ -109,7 +109,8 @@ proptest! {
         prop_assert!((coded.position - mm).abs() <= coded.within * 1.000_001);
     }
 
-    /// Eight low bits of 1 um counts, up to 120 um a step: 40 m/min at 6 kHz.
+    /// A word with only the low 8 bits of the position, counts of 1 µm, is unwrapped without a slip for steps up to 120 µm, about 40
+    /// m/min at 6 kHz.
     #[test]
     fn low_bits_are_followed(start in -5e3..5e3_f64, steps in proptest::collection::vec(-0.12..0.12_f64, 1..400)) {
         let word = PositionWord { bits: 8, code: PositionCode::Gray, step: Displacement::Length(Mm(0.001)), zero: Displacement::Length(Mm(0.0)) };
@@ -119,7 +120,7 @@ proptest! {
             count ^ (count >> 1)
         };
         let mut place = start;
-        // The start position is known to 0.1 mm.
+        // The start position is known within 0.1 mm.
         let mut followed = Unwrapper::new(word, shown(place), place + 0.1);
         for step in steps {
             place += step;
@@ -129,7 +130,6 @@ proptest! {
     }
 }
 
-/// Invalid word lengths do not panic.
 #[test]
 fn invalid_numbers_of_bits_do_not_panic() {
     for bits in [0, 1, 32, 33, u32::MAX] {
@@ -149,7 +149,7 @@ fn invalid_numbers_of_bits_do_not_panic() {
     }
 }
 
-/// A travel beyond the range of the word is rejected, because positions outside would be ambiguous.
+/// A travel beyond the word's range is rejected, because positions outside would be ambiguous.
 #[test]
 fn a_travel_beyond_the_word_is_rejected() {
     let word = PositionWord::PUBLISHED;

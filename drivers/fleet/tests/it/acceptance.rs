@@ -1,5 +1,3 @@
-//! Accepted and rejected manifests.
-
 use proptest::prelude::*;
 use volcomp_fleet::{Desired, Manifest, ManifestRejection, ModelRef, SigningKey, Trust};
 use volcomp_vocabulary::AxisName;
@@ -84,7 +82,7 @@ fn each_rejection_reason_is_reported() {
     assert!(matches!(refused(&short), ManifestRejection::Document(_)));
 }
 
-/// A plain verification accepts any signature by the neutral point, a key of order 1; `verify_strict` rejects it.
+/// A key of order 1 verifies nothing: a plain verification accepts any signature by the neutral point, `verify_strict` rejects it.
 #[test]
 fn a_key_of_small_order_verifies_nothing() {
     use base64::{Engine, engine::general_purpose::STANDARD};
@@ -103,7 +101,6 @@ fn a_key_of_small_order_verifies_nothing() {
     ));
 }
 
-/// A signature for another purpose than a manifest is invalid.
 #[test]
 fn a_signature_of_the_bare_manifest_is_rejected() {
     use base64::{Engine, engine::general_purpose::STANDARD};
@@ -118,7 +115,7 @@ fn a_signature_of_the_bare_manifest_is_rejected() {
 }
 
 proptest! {
-    /// Whichever byte is changed in transit, an accepted manifest is the signed one, with its model.
+    /// Whichever byte is changed, an accepted manifest is the signed one, with its model.
     #[test]
     fn a_changed_byte_is_never_accepted(at in 0_usize..2000, to in any::<u8>()) {
         let mut bytes = signed(|_| {}).bytes().unwrap();
@@ -141,7 +138,7 @@ proptest! {
         }
     }
 
-    /// Machine and site names contain no characters with a meaning in subjects.
+    /// Machine and site names have no characters with a meaning in subjects, and 1 to 64 characters.
     #[test]
     fn machine_and_site_names_are_restricted(text in ".{0,70}") {
         if let Ok(name) = text.parse::<volcomp_fleet::MachineId>() {

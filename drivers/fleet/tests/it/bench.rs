@@ -10,9 +10,8 @@ use volcomp_fleet::{
     server::{Server, program},
 };
 
-/// A server with its users.
 pub(crate) struct Bench {
-    /// The running server; `None` while it is stopped.
+    /// `None` while the server is stopped.
     pub(crate) server: Option<Server>,
     pub(crate) settings: ServerSettings,
     pub(crate) centre: KeyPair,
@@ -28,7 +27,7 @@ pub(crate) fn identity(machine: &str) -> Identity {
 }
 
 impl Bench {
-    /// Runs a test with a server. If `nats-server` is not installed, the test is skipped, which fails under CI.
+    /// Runs a test with a server. Without an installed `nats-server` the test is skipped; under CI that is a failure.
     pub(crate) fn run(test: impl AsyncFnOnce(&mut Self)) {
         if program().is_none() {
             volcomp_test_support::peers::not_run("nats-server is not installed");
@@ -79,7 +78,6 @@ impl Bench {
         self.server = Some(Server::start(&self.settings, self.folder.path()).unwrap());
     }
 
-    /// The settings of a machine's connection.
     pub(crate) fn link(&self, machine: usize) -> LinkSettings {
         LinkSettings {
             url: self.url(),
@@ -88,7 +86,7 @@ impl Bench {
         }
     }
 
-    /// The centre's connection, with its bucket and streams created.
+    /// The centre's connection with its bucket and streams.
     pub(crate) async fn prepared(&self) -> jetstream::Context {
         let client = ConnectOptions::with_nkey(self.centre.seed().unwrap())
             .connect(self.url())
@@ -111,7 +109,7 @@ impl Bench {
         (context, store)
     }
 
-    /// Stores a server response under the key of the second machine, with the credentials of the first.
+    /// With the first machine's credentials, stores a server response under the second machine's key.
     pub(crate) async fn forge(&self) {
         let thief = self.stolen(0).await;
         let (subject, reply) = ("volcomp.berlin.mill-a.condition", "$KV.desired.mill-b");
@@ -120,7 +118,7 @@ impl Bench {
         thief.flush().await.unwrap();
     }
 
-    /// A plain NATS connection with the credentials of a machine.
+    /// A plain NATS connection with a machine's credentials.
     pub(crate) async fn stolen(&self, machine: usize) -> async_nats::Client {
         let (identity, key) = &self.machines[machine];
         ConnectOptions::with_nkey(key.seed().unwrap())

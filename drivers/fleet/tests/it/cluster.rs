@@ -14,9 +14,9 @@ use volcomp_test_support::free_address;
 
 use crate::bench::{identity, runtime};
 
-/// Timeout, for slow computers.
+/// Timeout for a slow computer.
 const LONG: Duration = Duration::from_secs(60);
-/// Messages that do not arrive within this time count as blocked.
+/// A message that does not arrive within this time counts as blocked.
 const NEVER: Duration = Duration::from_millis(800);
 
 fn settings(name: &str, folder: &Path, centre: &KeyPair, cluster: Cluster) -> ServerSettings {
@@ -44,8 +44,8 @@ async fn connected(settings: &ServerSettings, centre: &KeyPair) -> async_nats::C
     timeout(LONG, connecting).await.unwrap()
 }
 
-/// Three servers with one password form a cluster, and a stream has a replica on each. A fourth server with another password cannot join,
-/// and receives none of the others' messages.
+/// Three servers with one password form a cluster with a stream replica on each. A fourth with another password cannot join, and receives
+/// no message of the others.
 #[test]
 fn a_server_without_the_password_cannot_join() {
     if program().is_none() {
@@ -80,7 +80,7 @@ fn a_server_without_the_password_cannot_join() {
         for (_, settings, _) in &servers {
             clients.push(connected(settings, &centre).await);
         }
-        // Streams with three replicas can be created only once the three servers have joined.
+        // Streams with three replicas can be created only once all three servers have joined.
         let context = async_nats::jetstream::new(clients[0].clone());
         let retention = StreamRetention {
             replicas: 3,

@@ -41,7 +41,7 @@ fn unacknowledged_messages_are_redelivered() {
             let [telemetry, _] = hub.collections(&identity.site);
             telemetry.again_after(Duration::from_secs(2))
         };
-        // A centre that stops before it has stored anything.
+        // This centre stops before it has stored anything.
         let mut first = collection(&hub_one);
         let batch = timeout(SOON, first.next()).await.unwrap().unwrap();
         assert_eq!(batch.messages[0].bytes, "message 0");
@@ -52,14 +52,14 @@ fn unacknowledged_messages_are_redelivered() {
         let mut second = collection(&hub_two);
         let mut seen = std::collections::BTreeSet::new();
         while seen.len() < 5 {
-            // A server that is not running yet is reported as an error, and retried.
+            // A server that is not running yet is reported as an error and retried.
             let Ok(batch) = timeout(SOON, second.next()).await.unwrap() else {
                 continue;
             };
             seen.extend(batch.messages.iter().map(|message| message.sequence));
             batch.acknowledge().await.unwrap();
         }
-        // The server is killed and restarted: new messages arrive, and some old ones may arrive again, because a server stores
+        // The server is killed and restarted: new messages arrive, and some old ones may arrive again, since a server stores
         // acknowledgements with a delay.
         bench.stop();
         bench.restart();
@@ -98,7 +98,7 @@ fn the_watch_reports_every_put() {
         assert_eq!(hub.desired(&machine).await.unwrap(), None);
         hub.put_desired(&machine, "own".into()).await.unwrap();
         assert_eq!(hub.desired(&machine).await.unwrap().unwrap(), "own");
-        // Another client puts a value: a redirected response, with the credentials of the other machine.
+        // Another client puts a value: a redirected response, with the other machine's credentials.
         bench.forge().await;
         let mut heard = Vec::new();
         while heard.len() < 2 {

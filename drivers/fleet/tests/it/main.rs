@@ -1,4 +1,4 @@
-//! Tests of the fleet's documents, and of its connections against a real `nats-server`.
+//! The fleet's documents, and its connections to a real `nats-server`.
 
 #![allow(
     clippy::unwrap_used,

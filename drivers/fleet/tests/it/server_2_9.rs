@@ -1,4 +1,4 @@
-//! Server features that the fleet uses, against the installed `nats-server` (Debian 12 has 2.9): buckets, direct requests, object stores,
+//! Server features that the fleet uses, on the installed `nats-server` (2.9 in Debian 12): buckets, direct requests, object stores,
 //! permissions.
 
 use std::time::Duration;
@@ -12,7 +12,7 @@ use volcomp_fleet::{Identity, Kind, MachineLink, ModelRef, put_model};
 use crate::bench::{Bench, runtime};
 
 const SOON: Duration = Duration::from_secs(5);
-/// Requests not answered within this time count as rejected.
+/// A request not answered within this time counts as rejected.
 const NEVER: Duration = Duration::from_millis(400);
 
 async fn bucket(context: &jetstream::Context) -> jetstream::kv::Store {
@@ -38,7 +38,7 @@ fn a_machine_receives_its_value_at_start_and_on_change() {
         store.put("mill-b", "not for a".into()).await.unwrap();
         store.put("mill-a", "second".into()).await.unwrap();
         assert_eq!(next(&mut link).await, "second");
-        // Putting the same value again is not a change.
+        // Putting an equal value is no change.
         store.put("mill-a", "second".into()).await.unwrap();
         store.put("mill-a", "third".into()).await.unwrap();
         assert_eq!(next(&mut link).await, "third");
@@ -88,7 +88,7 @@ fn a_large_model_is_fetched_completely_or_rejected() {
         };
         put(&text).await.unwrap();
         assert_eq!(link.fetch_model(&model).await.unwrap(), text);
-        // Another content under the same name in the store.
+        // Another content under the same name.
         let other = text.replacen("line", "lime", 1);
         put(&other).await.unwrap();
         let error = link.fetch_model(&model).await.unwrap_err().to_string();
@@ -96,7 +96,6 @@ fn a_large_model_is_fetched_completely_or_rejected() {
     });
 }
 
-/// With the credentials of machine A, the server rejects access to everything that belongs to others.
 #[test]
 fn stolen_credentials_give_no_further_access() {
     Bench::run(async |bench| {
@@ -134,7 +133,7 @@ fn stolen_credentials_give_no_further_access() {
             "$JS.API.STREAM.MSG.GET.OBJ_models-mill-b",
             "$JS.API.STREAM.DELETE.OBJ_models-mill-a",
             "$JS.API.STREAM.PURGE.OBJ_models-mill-a",
-            // A consumer could send messages to a subject of the thief's choice.
+            // A consumer could send messages to any subject.
             "$JS.API.CONSUMER.CREATE.OBJ_models-mill-a",
             "$JS.API.CONSUMER.CREATE.OBJ_models-mill-a.one.>",
             "$JS.API.CONSUMER.DURABLE.CREATE.OBJ_models-mill-a.one",
@@ -185,7 +184,7 @@ fn stolen_credentials_give_no_further_access() {
     });
 }
 
-/// The last sequence number of every stream.
+/// Last sequence number of every stream.
 async fn messages(context: &jetstream::Context) -> Vec<(String, u64)> {
     let mut streams = context.streams();
     let mut found = Vec::new();
@@ -197,9 +196,9 @@ async fn messages(context: &jetstream::Context) -> Vec<(String, u64)> {
     found
 }
 
-/// The server does not check whether a machine may publish on the reply subject of its request. So a thief can have a server response
-/// stored as the value of another machine's key. The thief cannot choose its content, no machine accepts it, and the centre detects a value
-/// that it did not put.
+/// The server does not check the reply subject of a request, so a thief of one machine's credentials can have a server response stored
+/// under another machine's key. The thief cannot choose its content, no machine accepts it, and the centre detects a value that it did
+/// not put.
 #[test]
 fn a_redirected_response_is_no_manifest() {
     Bench::run(async |bench| {

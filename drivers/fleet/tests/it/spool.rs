@@ -59,7 +59,6 @@ fn messages_are_sent_once_and_in_order() {
     assert_eq!((spool.dropped(), files(folder.path())), (0, 0));
 }
 
-/// A message being sent is not replaced by a newer one.
 #[test]
 fn a_message_stays_until_it_is_done() {
     let folder = tempfile::tempdir().unwrap();
@@ -97,7 +96,7 @@ fn flushed_messages_survive_and_done_ones_do_not_return() {
     assert_eq!(all(&mut open(folder.path())), [""; 0]);
 }
 
-/// A program killed while it sends a file sends that file again: no message is lost, and ids identify duplicates.
+/// A program killed while it sends a file sends that file again: no message is lost, and IDs identify duplicates.
 #[test]
 fn a_crash_loses_no_message_on_disk() {
     let folder = tempfile::tempdir().unwrap();
@@ -137,7 +136,8 @@ fn the_oldest_telemetry_is_dropped_and_no_audit_record() {
     assert_eq!(spool.dropped(), 5000 - left as u64, "every one is counted");
 }
 
-/// If the folder rejects files, as on a full disk, a bounded number of messages waits in memory until it accepts files again.
+/// If the folder rejects files, as on a full disk, a bounded number of messages waits in memory; the trouble and the dropped messages are
+/// reported.
 #[test]
 fn a_failing_disk_is_reported_and_sending_continues() {
     let folder = tempfile::tempdir().unwrap();
@@ -154,7 +154,7 @@ fn a_failing_disk_is_reported_and_sending_continues() {
     assert_eq!(all(&mut spool), conditions(dropped..=3000));
 }
 
-/// Messages on a temporarily unreadable disk (unmounted, read error, no free descriptor) are still sent later.
+/// Messages on a temporarily unreadable disk (unmounted, read error, no free descriptor) are sent later.
 #[test]
 fn a_temporary_read_failure_loses_no_message() {
     let folder = tempfile::tempdir().unwrap();
@@ -169,7 +169,6 @@ fn a_temporary_read_failure_loses_no_message() {
     assert_eq!(spool.trouble(), None);
 }
 
-/// One byte of a file is damaged: the messages lost with it are counted.
 #[test]
 fn messages_lost_with_a_damaged_file_are_counted() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Controls that accept fewer and fewer request forms: the driver determines the accepted form and reports rejections in words.
+//! Controls that accept fewer and fewer request forms: the driver finds the accepted form, and reports rejections in words.
 
 use std::{
     sync::Arc,
@@ -18,8 +18,8 @@ use crate::{
     simulator, until,
 };
 
-/// Controls that accept fewer and fewer request forms; the form to use with each, and the number of requests for a read and a write of
-/// three axes with a heartbeat and a byte of referenced axes.
+/// Controls that accept fewer and fewer request forms; with the form for each, and the number of requests to read and write three axes
+/// with a heartbeat and a byte of referenced axes.
 fn controls() -> [(Options, Abilities, u64); 6] {
     use Packing::{ByTarget, OneByOne, OneFrame};
     let options = |change: fn(&mut Options)| {
@@ -59,7 +59,6 @@ fn controls() -> [(Options, Abilities, u64); 6] {
     ]
 }
 
-/// The error of a rejected connection.
 fn connection_error(config: FocasConfig) -> String {
     let mut controller = FocasController::new(config).unwrap();
     until("the error is reported", || {
@@ -75,7 +74,7 @@ fn every_control_fulfils_the_controller_contract() {
         let simulator = simulator(options);
         simulator.world().readback_delay = Duration::from_millis(3);
         let mut config = config(&simulator, &[AxisName::X, AxisName::Y, AxisName::Z]);
-        // With a delayed read-back a heartbeat change cannot be attributed.
+        // With a delayed read-back a change of the heartbeat cannot be attributed.
         config.heartbeat = None;
         let mut controller = connected(config);
         assert_eq!(controller.abilities(), Some(expected));
@@ -98,7 +97,7 @@ fn a_cycle_is_bounded_on_every_control() {
         assert_eq!(simulator.requests() - before, exchanges, "{expected:?}");
         assert_eq!(snapshot.positions[..3], [1.0, 2.0, 3.0]);
         assert_eq!(simulator.world().shifts(), [0.001, -0.002, 0.003, 0.0]);
-        // The deadline passes in the middle of the exchanges.
+        // The deadline passes between the exchanges.
         let begun = Instant::now();
         let late = controller.read(begun + latency / 2);
         assert_eq!(late, Err(Fault::TimedOut));
@@ -106,7 +105,7 @@ fn a_cycle_is_bounded_on_every_control() {
     }
 }
 
-/// A value that cannot be read in any form is reported with its address and the control's return code.
+/// A value that no form can read is reported with its address and the control's return code.
 #[test]
 fn a_rejection_on_connection_names_address_and_code() {
     let simulator = simulator(Options::default());
@@ -165,7 +164,7 @@ fn a_missing_axis_is_named() {
     );
 }
 
-/// FANUC axis names have suffixes (`Z2`). Of two axes with the same letter, the first used to be corrected silently.
+/// FANUC axis names have suffixes (`Z2`): a letter that two axes have is rejected.
 #[test]
 fn an_ambiguous_axis_letter_is_rejected() {
     let world = World::new(&['Z', 'Y', 'Z']);
@@ -176,7 +175,6 @@ fn an_ambiguous_axis_letter_is_rejected() {
     assert!(error.contains(expected), "{error}");
 }
 
-/// The byte covers eight axes. The ninth used to count as referenced.
 #[test]
 fn the_ninth_axis_counts_as_not_referenced() {
     let world = World::new(&['X', 'Y', 'Z', 'A', 'B', 'C', 'U', 'V', 'W']);

@@ -1,4 +1,4 @@
-//! A cycle does not allocate or free memory, even when it loses the connection.
+//! A cycle does not allocate or free memory, even when the connection is lost.
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,4 @@
-//! Frames to a barrier in the simulated control, and its reports, both opaque to the driver. The applied shifts are read from the
+//! Frames to a barrier in the simulated control and its reports, both opaque to the driver. The applied shifts are those of the
 //! simulator.
 
 use std::{
@@ -35,7 +35,7 @@ pub(crate) fn area() -> BarrierArea {
     }
 }
 
-/// Settings of a barrier for the first `axes` axes of the control.
+/// A barrier for the first `axes` axes of the control.
 fn settings(axes: usize) -> Settings {
     volcomp_test_support::barrier::settings(&AXES[..axes]).unwrap()
 }
@@ -119,7 +119,7 @@ fn the_barrier_receives_frames_and_reports() {
             fragment: 11,
             ..Options::default()
         },
-        // Single points only: a command for each word, all in one request.
+        // Single points only: one command per word, all in one request.
         Options {
             version: 2,
             slots: 8,
@@ -147,8 +147,8 @@ fn the_barrier_receives_frames_and_reports() {
     }
 }
 
-/// If every word needs a separate request, nearly every frame and report is torn by a scan. Both ends reject torn data by the checksum, and
-/// the axes keep their rate.
+/// If every word needs its own request, a scan tears nearly every frame and report: both ends reject them by the checksum, and the axes
+/// keep their rate.
 #[test]
 fn torn_frames_and_reports_are_rejected() {
     let simulator = simulated(Options {
@@ -173,7 +173,7 @@ fn torn_frames_and_reports_are_rejected() {
     );
     let steps = simulator.world().largest_steps().to_vec();
     assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
-    // Tear frames: the first half now, the second half two scans later.
+    // Tear frames: one half now, the other two scans later.
     let simulator = simulated(Options::default());
     let mut controller = connected(barrier_config(&simulator));
     let mut sender = Sender::new(79);
@@ -195,7 +195,6 @@ fn torn_frames_and_reports_are_rejected() {
     assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
 }
 
-/// Without frames the barrier ramps to zero; an old frame is rejected afterwards.
 #[test]
 fn silence_ramps_to_zero_and_an_old_frame_is_rejected() {
     let simulator = simulated(Options::default());
@@ -214,7 +213,6 @@ fn silence_ramps_to_zero_and_an_old_frame_is_rejected() {
     assert_eq!(sender.last.unwrap().refusal, Refusal::Epoch);
 }
 
-/// The barrier starts from garbage in the axis words and ramps from there.
 #[test]
 fn garbage_in_memory_causes_no_step() {
     let program = Program::new(settings(3)).unwrap();
@@ -226,13 +224,13 @@ fn garbage_in_memory_causes_no_step() {
     let mut controller = connected(barrier_config(&simulator));
     let mut sender = Sender::new(81);
     sender.drive(&mut controller, [110, 10, 0]);
-    // After another writer has changed the axis words, the next scan restores the applied correction.
+    // Another writer changes the axis words: the next scan restores the applied correction.
     simulator.world().set_words(r(100), &[5000, 0, 0]);
     sleep(Duration::from_millis(20));
     assert_eq!(simulator.world().shifts(), [0.110, 0.010, 0.0]);
 }
 
-/// The correction holds while the control holds its axes; after a power-up it starts at zero with a new epoch.
+/// The correction is held while the control holds its axes. After a power-up it is zero, with a new epoch.
 #[test]
 fn emergency_stop_holds_and_power_up_starts_a_new_epoch() {
     let simulator = simulated(Options::default());
@@ -253,7 +251,7 @@ fn emergency_stop_holds_and_power_up_starts_a_new_epoch() {
     assert_eq!(simulator.world().shifts()[0], 0.0);
     assert_eq!(controller.read(soon()), Err(Fault::Disconnected));
     controller.wait(TIMEOUT).unwrap();
-    // The control's memory has no report until its next scan.
+    // The memory has no report until the control's next scan.
     let end = Instant::now() + TIMEOUT;
     while sender.read(&mut controller).is_none() {
         assert!(Instant::now() < end, "no report");
@@ -275,7 +273,6 @@ fn a_barrier_accepts_only_frames_of_its_axes() {
     assert!(matches!(frame, Err(Fault::Unsupported(_))), "{frame:?}");
 }
 
-/// Words are big-endian on the wire and little-endian in PMC memory.
 #[test]
 fn words_change_byte_order_between_wire_and_memory() {
     let simulator = Simulator::start(
@@ -364,7 +361,7 @@ fn overlapping_words_are_rejected() {
             .unwrap()
             .contains("the byte of the referenced axes R241")
     );
-    // The heartbeat is unused with a barrier, so it overlaps nothing.
+    // With a barrier the heartbeat is unused, so it overlaps nothing.
     assert_eq!(overlap(&|config| config.heartbeat = Some(r(200))), None);
     let fixed = overlap(&|config| {
         config.barrier = Some(BarrierArea {
@@ -375,7 +372,7 @@ fn overlapping_words_are_rejected() {
     assert!(fixed.unwrap().contains("barrier.frame: found F0"));
 }
 
-/// Two configurations for one control need separate frames, but may share a report.
+/// Two configurations for one control need separate frames but may share a report.
 #[test]
 fn controllers_of_one_control_need_disjoint_words() {
     let config = |frame: Option<u16>, first: u16| {
@@ -405,7 +402,7 @@ fn controllers_of_one_control_need_disjoint_words() {
         shared(&config(Some(217), 100)),
         found("R217", [frame, frame])
     );
-    // A controller without a barrier writes words that are the axis words, report or frame of the other.
+    // A controller without a barrier writes words that are axis words, report or frame of the other.
     assert_eq!(shared(&config(None, 100)), found("R100", [area, area]));
     assert_eq!(shared(&config(None, 241)), found("R241", [report, area]));
     assert_eq!(shared(&config(None, 300)), None);
@@ -414,7 +411,6 @@ fn controllers_of_one_control_need_disjoint_words() {
     assert_eq!(shared(&elsewhere), None);
 }
 
-/// A control with two mailboxes, and a connection to each.
 fn two_mailboxes() -> (Simulator, [FocasController; 2]) {
     let program = Program::new(settings(3)).unwrap();
     let mut ladder = BarrierLadder::new(Box::new(program), 3);
@@ -436,7 +432,8 @@ fn two_mailboxes() -> (Simulator, [FocasController; 2]) {
     (simulator, controllers)
 }
 
-/// One gateway switches between the connections while a correction is applied. The other mailbox keeps an old frame, complete or torn.
+/// One gateway switches between the connections while a correction is applied: no step exceeds 2 counts, although the other mailbox has
+/// an old frame, complete or torn.
 #[test]
 fn a_gateway_switches_connections_without_a_step() {
     let (simulator, mut controllers) = two_mailboxes();
@@ -446,7 +443,7 @@ fn a_gateway_switches_connections_without_a_step() {
         let goal = [40 - 10 * turn, -60 + 12 * turn, turn];
         sender.drive(&mut controllers[index], goal);
         if turn % 3 == 0 {
-            // Tear the last frame of this connection: its last words are missing.
+            // Tear this connection's last frame: its last words are missing.
             let at = [area().frame.at, 300][index];
             simulator
                 .world()
@@ -460,7 +457,7 @@ fn a_gateway_switches_connections_without_a_step() {
     assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
 }
 
-/// A second gateway is rejected in either mailbox, and receives the owner's number.
+/// A second gateway is rejected in either mailbox, and reads the owner's number.
 #[test]
 fn a_second_gateway_in_the_other_mailbox_is_rejected() {
     let (simulator, [mut first, mut second]) = two_mailboxes();

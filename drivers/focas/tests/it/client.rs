@@ -1,4 +1,4 @@
-//! Single requests of the client, and the simulator against an independent client (pyfocas).
+//! Single requests of the client; the simulator with an independent client (pyfocas).
 
 use std::{process::Command, time::Duration};
 
@@ -14,7 +14,7 @@ fn client(simulator: &Simulator) -> Client {
     Client::open("127.0.0.1", simulator.address().port(), TIMEOUT).unwrap()
 }
 
-/// Every generation, with garbage in the unused slots and fragmented responses.
+/// Every generation answers every request, with garbage in unused slots and fragmented responses.
 #[test]
 fn every_request_is_answered_by_every_generation() {
     for (version, slots, fragment) in [(2, 8, 0), (3, 32, 7), (4, 32, 0), (3, 32, 1)] {
@@ -82,7 +82,7 @@ fn rejections_name_their_code_and_keep_the_session_open() {
     );
 }
 
-/// Names and numbers of the manufacturer's library, each once.
+/// The 31 names and numbers of the manufacturer's library are known, each once.
 #[test]
 fn return_codes_have_names() {
     let mut names: Vec<&str> = (-20..=20).filter_map(|c| ReturnCode(c).name()).collect();
@@ -137,7 +137,7 @@ fn connection_errors_name_their_cause() {
     );
 }
 
-/// A response truncated at any byte is a fault within the deadline, never a value.
+/// A response truncated at any byte is a fault within the deadline.
 #[test]
 fn truncated_responses_are_faults() {
     use std::io::{Read, Write};
@@ -185,7 +185,6 @@ fn truncated_responses_are_faults() {
     peer.join().unwrap();
 }
 
-/// JSON round trip.
 #[cfg(feature = "serde")]
 #[test]
 fn json_round_trip() {

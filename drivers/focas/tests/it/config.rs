@@ -11,8 +11,8 @@ fn config(change: impl Fn(&mut FocasConfig)) -> FocasConfig {
     config
 }
 
-/// Only the ladder's own memory may be written, not signals between control and ladder (G8.4 is the emergency stop) or of the machine. All
-/// areas may be read. The report must be in the ladder's memory.
+/// Only the ladder's own memory may be written, no signals between control, ladder and machine (G8.4 is the emergency stop). Every area
+/// may be read; the report must be in the ladder's memory.
 #[test]
 fn only_ladder_memory_is_writable() {
     for area in PmcArea::ALL {
@@ -50,7 +50,7 @@ fn only_ladder_memory_is_writable() {
     }
 }
 
-/// PMC addresses have 16 bits.
+/// Words must end within the 16-bit PMC addresses of their area.
 #[test]
 fn words_must_end_within_the_area() {
     for (width, bytes) in [(Width::Byte, 1_u16), (Width::Word, 2), (Width::Long, 4)] {
@@ -73,7 +73,7 @@ fn words_must_end_within_the_area() {
     }
 }
 
-/// Signed words of one, two and four bytes in 1 µm and 0.001 deg.
+/// Words of one, two and four bytes, signed, in 1 µm and 0.001°, limit the shift.
 #[test]
 fn the_width_limits_the_shift() {
     for (width, most) in [
@@ -97,8 +97,8 @@ fn the_width_limits_the_shift() {
     }
 }
 
-/// The control takes two bytes for each axis. With one-byte words, 21 µm for X and 2 µm for Y became half a millimetre for X; with
-/// four-byte words Y got the sign of X.
+/// Words that the control takes directly must have two bytes. With one byte, 21 µm for X and 2 µm for Y would move X by half a
+/// millimetre; with four, Y would get the sign of X.
 #[test]
 fn directly_taken_words_must_have_two_bytes() {
     for width in [Width::Byte, Width::Long] {

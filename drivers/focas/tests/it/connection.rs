@@ -1,4 +1,4 @@
-//! Loss and recovery of the connection. A write sent before an outage must not reach the control after it. A proxy holds sent bytes back,
+//! Loss and recovery of the connection: a write from before an outage must not reach the control afterwards. A proxy holds sent bytes,
 //! like the sender's kernel while a cable is unplugged, and then checks whether the sender has reset the connection.
 
 use std::{
@@ -25,12 +25,12 @@ use crate::{
     simulator, until,
 };
 
-/// A cable between the driver and the simulator.
+/// A cable between driver and simulator.
 struct Cable {
     address: SocketAddr,
     /// Whether the cable is unplugged.
     out: Arc<AtomicBool>,
-    /// Connections whose held bytes were discarded by the sender's reset.
+    /// Connections whose held bytes were discarded because the sender had reset.
     reset: Arc<AtomicUsize>,
     /// Connections whose held bytes were delivered after an outage.
     late: Arc<AtomicUsize>,
@@ -83,8 +83,8 @@ fn forward(mut from: TcpStream, mut to: TcpStream) {
     let _ = to.shutdown(std::net::Shutdown::Write);
 }
 
-/// Forwards the driver's bytes. While the cable is unplugged they are held; afterwards they are delivered, unless the driver has reset the
-/// connection, because its kernel then has nothing left to send.
+/// Forwards the driver's bytes. While the cable is unplugged they are held; then they are delivered unless the driver has reset the
+/// connection, because its kernel then has nothing to send.
 fn hold_and_forward(
     mut from: TcpStream,
     mut to: TcpStream,
@@ -92,7 +92,7 @@ fn hold_and_forward(
     reset: &AtomicUsize,
     late: &AtomicUsize,
 ) {
-    // A connection that begins during the outage has no old bytes.
+    // A connection that starts during the outage has no old bytes.
     let mut began_before = !out.load(Ordering::SeqCst);
     let mut bytes = [0; 4096];
     while let Ok(count @ 1..) = from.read(&mut bytes) {
@@ -118,7 +118,7 @@ fn hold_and_forward(
     let _ = to.shutdown(std::net::Shutdown::Write);
 }
 
-/// An orderly close used to deliver an old write in three outages out of three.
+/// In three outages out of three the old write is discarded; an orderly close would deliver it.
 #[test]
 fn an_old_write_is_not_delivered_after_an_outage() {
     let simulator = simulator(Options::default());
@@ -149,7 +149,7 @@ fn an_old_write_is_not_delivered_after_an_outage() {
     }
 }
 
-/// Checks that the proxy delivers late bytes after an orderly close, without which the test above would prove nothing.
+/// The proxy does deliver late bytes after an orderly close, without which the test above would prove nothing.
 #[test]
 fn the_proxy_delivers_late_after_an_orderly_close() {
     let simulator = simulator(Options::default());
@@ -171,7 +171,6 @@ fn the_proxy_delivers_late_after_an_orderly_close() {
     until("closed", || simulator.open_sessions() == 0);
 }
 
-/// Dropping the controller discards a write in flight and resets the session.
 #[test]
 fn dropping_the_controller_discards_a_write_in_flight() {
     let simulator = simulator(Options::default());
@@ -188,7 +187,7 @@ fn dropping_the_controller_discards_a_write_in_flight() {
     assert_eq!(simulator.world().shifts()[0], 0.0);
 }
 
-/// A healthy session is closed with a closing frame, so the control need not time out.
+/// A healthy session is closed with a closing frame, so that the control need not time out.
 #[test]
 fn a_healthy_session_is_closed_in_order() {
     let simulator = simulator(Options::default());
@@ -199,7 +198,7 @@ fn a_healthy_session_is_closed_in_order() {
     until("closed", || simulator.open_sessions() == 0);
 }
 
-/// A write whose deadline has passed sends nothing, and the session stays open.
+/// A write after its deadline sends nothing, and the session stays open.
 #[test]
 fn a_write_whose_deadline_has_passed_is_not_sent() {
     let simulator = simulator(Options::default());
@@ -213,8 +212,7 @@ fn a_write_whose_deadline_has_passed_is_not_sent() {
     assert_eq!(controller.connections(), 1);
 }
 
-/// If a write needs several requests and the deadline passes between them, the session ends, because the control must not continue with
-/// half a write.
+/// If the deadline passes between the requests of a write, the session ends, so that the control does not continue with half a write.
 #[test]
 fn half_a_write_ends_the_session() {
     let latency = Duration::from_millis(4);
@@ -233,7 +231,7 @@ fn half_a_write_ends_the_session() {
     assert_eq!(controller.connections(), 2);
 }
 
-/// A complete response after the deadline is rejected.
+/// A complete response after the deadline is rejected: the call ends within 120 ms.
 #[test]
 fn no_call_blocks_longer_than_its_deadline() {
     let simulator = simulator(Options::default());
@@ -246,7 +244,8 @@ fn no_call_blocks_longer_than_its_deadline() {
     assert!(took < Duration::from_millis(120), "{took:?}");
 }
 
-/// The controller reconnects after a disconnection, a late response and a power cycle, and never takes a late response for the next one.
+/// The controller reconnects after a disconnection, a late response and a power cycle, and a late response is never attributed to the
+/// next request.
 #[test]
 fn it_reconnects_automatically() {
     let options = Options {
@@ -285,7 +284,6 @@ fn it_reconnects_automatically() {
     drop(simulator);
 }
 
-/// A thousand connections leak no file descriptors.
 #[test]
 fn a_thousand_connections_leak_nothing() {
     let simulator = simulator(Options {
@@ -312,6 +310,6 @@ fn a_thousand_connections_leak_nothing() {
     };
     let early = count_at(&mut controller, 20);
     let late = count_at(&mut controller, 1000);
-    // Other tests of this program open some descriptors at the same time.
+    // Meanwhile other tests of this program open descriptors.
     assert!(late <= early + 60, "{early} descriptors, then {late}");
 }

@@ -1,4 +1,4 @@
-//! Positions, states and corrections of the controller against the simulator.
+//! Positions, states and corrections of the controller, compared with the simulator.
 
 use std::{
     sync::Arc,
@@ -24,7 +24,7 @@ pub(crate) fn connected(config: FocasConfig) -> FocasController {
     controller
 }
 
-/// Corrections of the first three axes, um.
+/// Corrections of the first three axes, µm.
 pub(crate) fn um(x: f64, y: f64, z: f64) -> PerChannel<f64> {
     PerChannel::leading([x * 1e-3, y * 1e-3, z * 1e-3])
 }
@@ -34,7 +34,7 @@ fn shifts_reach_the_named_axes() {
     let simulator = simulator(Options::default());
     simulator.world().shift.in_positions = true;
     simulator.world().motion = Arc::new(|_| vec![10.0, 20.0, 30.0, 90.0]);
-    // Different order from the control's, and one axis omitted.
+    // Another order than the control's, and one axis omitted.
     let mut controller = connected(config(&simulator, &[AxisName::Z, AxisName::X]));
     controller.apply(&um(5.0, -12.0, 0.0), soon()).unwrap();
     assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
@@ -80,7 +80,7 @@ fn read_only_axes_are_read_and_not_written() {
         Err(Fault::Unsupported(_))
     ));
     assert_eq!(simulator.world().shifts(), [-0.012, 0.0, 0.005, 0.0]);
-    // Read-only axes must be referenced too: their positions determine the correction of the others.
+    // Read-only axes must be referenced too, since their positions determine the correction of the others.
     let is_referenced =
         |reader: &mut FocasController| reader.read(soon()).unwrap().state.referenced;
     assert!(is_referenced(&mut reader));
@@ -169,7 +169,7 @@ fn the_sequence_byte_counts_corrections() {
             Some(vec![beats])
         );
     }
-    // The sequence continues after a reconnection, so that the ladder detects the first correction.
+    // The sequence continues after a reconnect, so that the ladder detects the first correction.
     let mut controller = connected(config);
     controller.apply(&um(1.0, 0.0, 0.0), soon()).unwrap();
     let number = simulator.world().read(PmcArea::D, 7, 1);
@@ -200,7 +200,7 @@ fn memory_addresses_are_configurable() {
     );
 }
 
-/// A heartbeat within the shift words would shift an axis by 0 to 255 counts.
+/// A heartbeat within the shift words is rejected: it would shift an axis by 0 to 255 counts.
 #[test]
 fn a_heartbeat_within_the_shift_words_is_rejected() {
     let config = |heartbeat: u16| {

@@ -1,4 +1,4 @@
-//! Frames against bytes from public captures and the protocol description.
+//! Frames compared with bytes from public captures and the protocol description.
 
 use std::path::Path;
 
@@ -8,7 +8,6 @@ use volcomp_focas::frame::{
     number_bytes, open_frame, parse_commands, push_block,
 };
 
-/// Parses hexadecimal digits separated by blanks.
 fn hex(text: &str) -> Vec<u8> {
     let digits: String = text.split_whitespace().collect();
     let byte = |i: usize| u8::from_str_radix(&digits[i..i + 2], 16).unwrap();
@@ -104,7 +103,7 @@ fn captured_responses_are_decoded() {
         request.answers(&refused).err(),
         Some(FrameError("an answer to another command"))
     );
-    // Unknown number: the whole frame is rejected.
+    // An unknown number rejects the whole frame.
     let negative = hex("a0a0a0a0 0003 2103 0008 0000 ffef 0001 0000");
     let head = Head::parse(negative.first_chunk().unwrap()).unwrap();
     assert_eq!(head.kind, Kind::Negative);
@@ -138,7 +137,7 @@ fn data_can_be_changed_in_place() {
     );
 }
 
-/// A two-block response is rejected when truncated at any byte.
+/// A two-block response truncated at any byte is rejected.
 #[test]
 fn truncated_responses_are_rejected() {
     let commands = [
@@ -158,7 +157,7 @@ fn truncated_responses_are_rejected() {
     assert!(request.answers(&more).is_err());
 }
 
-/// Replays the fuzz corpus: responses, requests and headers parse as stated by their file names.
+/// Corpus responses, requests and headers parse as their file names say.
 #[test]
 fn corpus_frames_parse() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus/focas");

@@ -1,5 +1,4 @@
-//! Frames against public captures, client and controller against the simulator, and the simulator against an independent
-//! client.
+//! Frames compared with public captures, client and controller with the simulator, and the simulator with an independent client.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

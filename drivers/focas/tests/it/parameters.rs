@@ -1,4 +1,4 @@
-//! A control whose parameters say that it takes shifts from other words than configured, or may report positions in inches, is rejected.
+//! A control whose parameters show that it takes shifts from other words, or may report positions in inches, is rejected.
 
 use std::{
     cell::RefCell,
@@ -14,7 +14,7 @@ use volcomp_vocabulary::AxisName;
 
 use crate::{TIMEOUT, at, config, simulator, until};
 
-/// Inspects a control whose parameters 1203 and 1280 have these values.
+/// Inspects a control with these values of parameters 1203 and 1280.
 fn found(
     parameters: [f64; 2],
     change: impl Fn(&mut FocasConfig),
@@ -58,7 +58,7 @@ fn the_parameters_of_the_control_are_compared_with_the_configuration() {
         |config| config.shift.first = at(PmcArea::D, 100),
         "found 100, expected words in R, but area is D100",
     );
-    // With a copying ladder, the words from which the control takes shifts must differ from ours.
+    // With a copying ladder the control's own shift words must differ from ours.
     assert_eq!(found([1.0, 300.0], copied).unwrap(), reported(true, 300));
     assert_eq!(found([0.0, 0.0], copied).unwrap(), reported(false, 0));
     refused([1.0, 100.0], copied, "overlap");
@@ -73,7 +73,7 @@ fn the_parameters_of_the_control_are_compared_with_the_configuration() {
     refused([1.0, 70_000.0], copied, "found 70000");
 }
 
-/// If the control took frame or report words for shifts, epoch and tick would move the axes.
+/// Frame and report must not overlap the axis words, since epoch and tick would move the axes.
 #[test]
 fn frame_and_report_must_not_overlap_the_axis_words() {
     let barrier = |config: &mut FocasConfig| {
@@ -105,7 +105,7 @@ fn frame_and_report_must_not_overlap_the_axis_words() {
     }
 }
 
-/// An old control, or one without the option, is accepted with a note.
+/// A control that is old or lacks the option does not report its shift source: accepted with a note.
 #[test]
 fn an_unreported_shift_source_is_noted() {
     let simulator = simulator(Options::default());
@@ -120,7 +120,7 @@ fn an_unreported_shift_source_is_noted() {
         "{:?}",
         found.notes
     );
-    // A value that is not an address counts as unreported.
+    // A value that is no address counts as unreported.
     simulator.world().reports_shift_source = true;
     simulator.world().parameters.insert((1280, 0), -3.0);
     let found = inspect(&config).unwrap();
@@ -131,7 +131,7 @@ fn an_unreported_shift_source_is_noted() {
     );
 }
 
-/// Controllers make the check too, not only `inspect`.
+/// A controller rejects a conflicting shift source like `inspect`, and connects once the parameter is corrected.
 #[test]
 fn a_conflicting_shift_source_prevents_connection() {
     let simulator = simulator(Options::default());
@@ -142,7 +142,6 @@ fn a_conflicting_shift_source_prevents_connection() {
     });
     let error = controller.wait(Duration::from_millis(1)).unwrap_err();
     assert!(error.to_string().contains("parameter 1280"), "{error}");
-    // The controller connects as soon as the parameter is corrected.
     simulator.world().parameters.insert((1280, 0), 100.0);
     controller.wait(TIMEOUT).unwrap();
     assert_eq!(
@@ -159,7 +158,7 @@ fn unit_parameters_are_checked_on_connection() {
     // Parameters 1001, 3104 and 0, and the expected message.
     for (parameters, expected) in [
         ([0.0, 0.0, 0.0], None),
-        // A program in inches does not change the unit of positions; bits other than the unit bits are ignored.
+        // A program in inches does not change the unit of positions; other bits are ignored.
         ([254.0, 254.0, 255.0], None),
         (
             [1.0, 0.0, 0.0],

@@ -21,7 +21,7 @@ use volcomp_port::Words;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 pub(crate) const MACHINE: u16 = 7;
-/// The key as bytes; `KEY_TEXT` is its file.
+/// The key as bytes; its file is `KEY_TEXT`.
 pub(crate) const KEY: Key = Key::new(*b"klmnopqrstuvwxyz");
 pub(crate) const KEY_TEXT: &str = "6b6c6d6e6f707172737475767778797a\n";
 pub(crate) const AXES: [AxisName; 2] = [AxisName::X, AxisName::C];
@@ -38,7 +38,7 @@ pub(crate) fn settings() -> Settings {
     }
 }
 
-/// Faults and data that the simulated bridge sends besides its report.
+/// Faults and data of the simulated bridge besides its report.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Behaviour {
     pub(crate) machine: u16,
@@ -46,7 +46,7 @@ pub(crate) struct Behaviour {
     pub(crate) flags: u16,
     pub(crate) at: [f64; 2],
     pub(crate) silent: bool,
-    /// The planner of the control does not move.
+    /// The control's planner does not move.
     pub(crate) stuck: bool,
 }
 
@@ -111,7 +111,7 @@ impl Bridge {
                 if let Ok((length, from)) = socket.recv_from(&mut bytes)
                     && let Ok(command) = Command::decode(&bytes[..length], &KEY)
                 {
-                    // States are sent to every client; frames of another machine are ignored.
+                    // States are sent to every client; frames for another machine are ignored.
                     match command.content {
                         Content::Listen => peer = Some(from),
                         Content::Frame(words) if command.machine == MACHINE => {

@@ -1,4 +1,5 @@
-//! The bridge, compiled alone and run scan by scan: its barrier against the reference, and its reports when the control does not follow.
+//! The bridge, compiled alone and run scan by scan: its barrier compared with the reference, and its reports when the control does not
+//! follow.
 
 use std::{
     fmt::Write as _,
@@ -34,7 +35,7 @@ fn bridge() -> Option<&'static Path> {
     built.as_ref().map(|(_, program)| program.as_path())
 }
 
-/// The key of a component that has not read a key.
+/// The key of a component that has read none.
 const NO_KEY: Key = Key::new([0; 16]);
 
 pub(crate) struct Run {
@@ -49,7 +50,7 @@ pub(crate) struct Run {
 pub(crate) struct ScanInput {
     pub(crate) on: bool,
     pub(crate) cut: bool,
-    /// Whether the present mode of the control moves offsets.
+    /// Whether the control's current mode moves offsets.
     pub(crate) mode: bool,
     /// 1: the control clears its offsets; 2: its planner does not move them; 3: its planner is 0.1 s late.
     pub(crate) does: u8,
@@ -70,7 +71,7 @@ pub(crate) const GOOD: ScanInput = ScanInput {
 
 pub(crate) struct ScanOutput {
     pub(crate) holds: bool,
-    /// The counts of the first axis.
+    /// Counts of the first axis.
     counts: i64,
     pub(crate) state: State,
     /// Probed position of the first axis, mm.
@@ -164,7 +165,7 @@ impl Run {
         }
     }
 
-    /// Runs scans with a gateway that requests `counts` on X. Returns the last output.
+    /// Runs scans with a gateway that requests `counts` on X; returns the last output.
     pub(crate) fn correct(&mut self, scan_input: ScanInput, counts: i16, scans: u32) -> ScanOutput {
         let axes = Layout::of([AxisName::X, AxisName::Y]).unwrap();
         let mut output = self.scan(scan_input, &[]);
@@ -228,13 +229,13 @@ proptest! {
     }
 }
 
-/// Published words have 16 bits; a larger setting would be published as another value.
+/// A setting above the 16 bits of the published words is rejected, since it would be published as another value.
 #[test]
 fn settings_beyond_the_word_range_are_rejected() {
     for (line, fits) in [
         ("set XY 7 1 100 300 5 1 30000 30000 2000 2000", "1"),
         ("set XY 7 1 100 300 5 1 32767 1 32767 1", "1"),
-        // A larger value was once published as a timeout of 300 scans, which never occurred.
+        // The value would be published as a timeout of 300 scans, which never occurs.
         ("set XY 7 1 65636 65836 5 1 30000 30000 2000 2000", "0"),
         ("set XY 7 1 100 32768 5 1 30000 30000 2000 2000", "0"),
         ("set XY 7 1 100 199 5 1 30000 30000 2000 2000", "0"),
@@ -304,7 +305,8 @@ fn a_file_without_an_epoch_is_rejected() {
     }
 }
 
-/// LinuxCNC moves no offset in joint mode: a request there would cause a jump when the mode changes.
+/// In joint mode LinuxCNC moves no offset and a request would cause a jump at the change of mode: the counts stay, and the offset is
+/// reported as lost.
 #[test]
 fn no_offset_is_requested_in_joint_mode() {
     let Some(mut run) = Run::set() else { return };
@@ -314,7 +316,7 @@ fn no_offset_is_requested_in_joint_mode() {
         mode: false,
         ..GOOD
     };
-    // The gateway ramps out and is silent for longer than the timeout.
+    // The gateway ramps out, then is silent for longer than the timeout.
     let output = run.correct(joint, 0, 100);
     assert!(output.lost() && output.holds);
     assert_eq!((output.applied(), output.counts), (20_000, 20_000));
@@ -322,7 +324,7 @@ fn no_offset_is_requested_in_joint_mode() {
         let output = run.scan(joint, &[]);
         assert_eq!((output.applied(), output.counts), (20_000, 20_000));
     }
-    // In the previous mode again, the offset moves to zero at the rate of the barrier.
+    // In the previous mode again, the offset moves to zero at the barrier's rate.
     let (mut last, mut zero) = (20_000, false);
     for _ in 0..20 {
         let output = run.scan(GOOD, &[]);
@@ -333,7 +335,7 @@ fn no_offset_is_requested_in_joint_mode() {
     assert!(zero);
 }
 
-/// An offset is lost half a second after the planner stops following, independent of the servo period.
+/// An offset is reported as lost 0.5 to 1.2 s after the planner stops following, with any servo period.
 #[test]
 fn a_missing_offset_is_lost() {
     for period_ns in [250_000, 1_000_000] {
@@ -344,7 +346,7 @@ fn a_missing_offset_is_lost() {
         };
         let Some(mut run) = Run::set() else { return };
         run.correct(ScanInput { does: 0, ..still }, 0, 30);
-        // The largest difference that is within the tolerance.
+        // The largest difference within the tolerance.
         let output = run.correct(still, 13, 3 * 1_000_000_000 / period_ns);
         assert!(!output.lost());
         assert_eq!(output.applied(), 13);
@@ -360,7 +362,7 @@ fn a_missing_offset_is_lost() {
         }
         // Each pass of the loop runs three scans.
         let ms = f64::from(3 * lost_after) * f64::from(period_ns) * 1e-6;
-        // The recent movement decays within a few planner lags.
+        // The recent motion decays within a few planner lags.
         assert!((500.0..1200.0).contains(&ms), "{ms} ms");
         // The alarm ends when the offset arrives.
         assert!(run.scan(GOOD, &[]).lost());
@@ -371,7 +373,7 @@ fn a_missing_offset_is_lost() {
     }
 }
 
-/// A planner with a constant lag within the tolerance: 5 µm at a correction rate of 50 µm/s.
+/// A planner with a constant lag within the tolerance (5 µm at 50 µm/s) does not lose the offset.
 #[test]
 fn a_lagging_offset_is_not_lost() {
     let Some(mut run) = Run::new() else { return };
@@ -386,7 +388,7 @@ fn a_lagging_offset_is_not_lost() {
     }
 }
 
-/// The alarm of a lost offset lasts one second, independent of the servo period.
+/// The alarm of a lost offset lasts one second with any servo period.
 #[test]
 fn a_lost_offset_is_reported_for_one_second() {
     for period_ns in [250_000, 1_000_000] {
@@ -409,7 +411,7 @@ fn a_lost_offset_is_reported_for_one_second() {
     }
 }
 
-/// An offset beyond the word range is not reported, since the word would have another value, and it moves towards zero.
+/// An offset above the word range is not reported, since the word would have another value. The correction moves towards zero.
 #[test]
 fn an_offset_beyond_the_word_range_is_not_reported() {
     let Some(mut run) = Run::set() else { return };
@@ -431,12 +433,12 @@ fn an_offset_beyond_the_word_range_is_not_reported() {
         scan > 20 && (30_000..=32_767).contains(&applied),
         "{scan} {applied}"
     );
-    // LinuxCNC uses differences of the counts: from 60 µm to zero.
+    // LinuxCNC uses differences of the counts: 60 µm to zero.
     assert_eq!(counts.last().unwrap() - counts[0], -60_000);
     assert!(counts.windows(2).all(|pair| pair[0] - pair[1] <= 2000));
 }
 
-/// G38.2 stores the offset at the contact, G38.4 at its loss; contacts before and after have no effect.
+/// G38.2 stores the offset at the contact, G38.4 at its loss; other contacts have no effect.
 #[test]
 fn the_offset_at_contact_or_loss_is_stored() {
     let probe = |touching| ScanInput {
@@ -470,7 +472,7 @@ fn the_offset_at_contact_or_loss_is_stored() {
     }
 }
 
-/// A small correction that never arrives is detected like a large one once the recent movement has decayed; one that arrives is not lost.
+/// A small correction that never arrives is detected like a large one once the recent motion has decayed; one that arrives is not lost.
 #[test]
 fn a_small_missing_correction_is_lost() {
     let Some(mut run) = Run::set() else { return };
@@ -478,7 +480,7 @@ fn a_small_missing_correction_is_lost() {
     let still = ScanInput { does: 2, ..GOOD };
     let lost_after =
         (0..4000).find(|_| run.correct(still, 300, 0).lost() || run.correct(still, 300, 1).lost());
-    // Each pass runs three scans; the movement decays to 1/23 within a few planner lags.
+    // Each pass runs three scans; the motion decays to 1/23 within a few planner lags.
     let ms = 3 * lost_after.expect("lost");
     assert!((500..2000).contains(&ms), "{ms} ms");
     let output = run.correct(GOOD, 300, 20);
@@ -486,8 +488,8 @@ fn a_small_missing_correction_is_lost() {
     assert_eq!(output.applied(), 300);
 }
 
-/// The disk hangs: after as many timeouts as a start advances the epoch, frames are rejected and the cause is reported. Otherwise an old
-/// frame could be accepted after a restart.
+/// While the disk hangs, frames are rejected with that cause after as many timeouts as a start advances the epoch; otherwise an old frame
+/// could be accepted after a restart.
 #[test]
 fn frames_are_rejected_while_the_epoch_cannot_be_written() {
     let Some(mut run) = Run::set() else { return };
@@ -498,7 +500,7 @@ fn frames_are_rejected_while_the_epoch_cannot_be_written() {
     run.command("disk 0");
     let mut taken = 0;
     for _ in 0..20 {
-        // The gateway is silent for longer than the timeout, and then sends again.
+        // The gateway is silent for longer than the timeout, then sends again.
         for _ in 0..310 {
             output = run.scan(GOOD, &[]);
         }

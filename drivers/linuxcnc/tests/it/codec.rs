@@ -36,8 +36,8 @@ fn encoded_state(state: &State) -> Vec<u8> {
     bytes[..length].to_vec()
 }
 
-/// The bytes of Python's `struct` for the same content, and their authentication code by a Python SipHash that passes the published test
-/// vectors: `struct.pack("<4sBBHIIHH3H", b"VCLF", 2, 0, 7, 9, 5, 1, 3, 1, 2, 65535)`.
+/// A command has the bytes of Python's `struct` for the same content, `struct.pack("<4sBBHIIHH3H", b"VCLF", 2, 0, 7, 9, 5, 1, 3, 1, 2,
+/// 65535)`, and the code of a Python SipHash that passes the published test vectors.
 #[test]
 fn a_command_has_the_bytes_of_an_independent_implementation() {
     let command = Command {
@@ -79,7 +79,7 @@ proptest! {
         prop_assert_eq!(State::decode(&encoded_state(&state), &KEY), Ok(state));
     }
 
-    /// A wrong code passes by chance with probability 2^-64.
+    /// Changed or missing bytes are rejected; a wrong code passes with probability 2^-64.
     #[test]
     fn changed_or_missing_bytes_are_rejected(at in any::<prop::sample::Index>(), by in 1_u8..) {
         let axis = AxisState { name: AxisName::X, step: 1, position: 1.5, velocity: 0.0, offset: -3 };
@@ -189,14 +189,13 @@ fn crate_file(file: &str) -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(file)
 }
 
-/// Number and name in each row.
 fn names(rows: &[Vec<String>]) -> Vec<(u16, String)> {
     rows.iter()
         .map(|row| (row[0].parse().unwrap(), row[1].clone()))
         .collect()
 }
 
-/// The constants of a C enumeration whose first one has this name, without their prefix.
+/// Constants of the C enumeration whose first constant has this name, without their prefix.
 fn component_constants(first: &str, prefix: &str) -> Vec<(u16, String)> {
     let text = std::fs::read_to_string(crate_file("bridge/volcomp.comp")).unwrap();
     let (_, rest) = text

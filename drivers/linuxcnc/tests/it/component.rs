@@ -1,4 +1,4 @@
-//! The servo-thread component without LinuxCNC, as a program run by a test.
+//! The servo-thread component without LinuxCNC, as a program that a test runs.
 
 use std::{
     fmt::Write as _,
@@ -11,7 +11,7 @@ use volcomp_test_support::peers;
 
 use crate::bridge::KEY_TEXT;
 
-/// The pins, parameters and includes of a component in C, as halcompile declares them.
+/// Pins, parameters and includes of a component in C, as halcompile declares them.
 fn pins(head: &str) -> String {
     let (mut includes, mut pins) = (String::new(), String::new());
     for line in head.lines() {
@@ -42,11 +42,11 @@ fn pins(head: &str) -> String {
     includes + &pins
 }
 
-/// Memory and arithmetic sanitizers; data-race sanitizer below.
+/// Address and undefined-behaviour sanitizers.
 pub(crate) const MEMORY: &str = "-fsanitize=address,undefined";
 pub(crate) const THREADS: &str = "-fsanitize=thread";
 
-/// Compiles the component with this C test driver and sanitizer; `None` without a compiler.
+/// Compiles the component with this C driver and sanitizer; `None` without a compiler.
 pub(crate) fn built(dir: &Path, driver: &str, sanitize: &str) -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(root.join("bridge/volcomp.comp")).unwrap();
@@ -75,7 +75,6 @@ pub(crate) fn built(dir: &Path, driver: &str, sanitize: &str) -> Option<PathBuf>
     Some(program)
 }
 
-/// A file with the key of the tests.
 pub(crate) fn key_file(dir: &Path) -> PathBuf {
     let file = dir.join("volcomp.key");
     write_key(&file, KEY_TEXT, 0o600);
@@ -87,7 +86,7 @@ pub(crate) fn write_key(file: &Path, text: &str, mode: u32) {
     std::fs::set_permissions(file, std::fs::Permissions::from_mode(mode)).unwrap();
 }
 
-/// Process that is killed at the end of the test.
+/// A process that is killed on drop.
 pub(crate) struct Ended(pub(crate) Child);
 
 impl Drop for Ended {

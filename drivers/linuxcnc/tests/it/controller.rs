@@ -20,7 +20,6 @@ fn soon() -> Instant {
     Instant::now() + Duration::from_secs(5)
 }
 
-/// Reads until `done` holds.
 fn until(controller: &mut LinuxCncController, done: impl Fn(&Result<Snapshot, Fault>) -> bool) {
     let end = soon();
     loop {
@@ -40,7 +39,7 @@ fn the_controller_contract() {
     contract::controller(&mut controller);
 }
 
-/// Complete exchange: reports arrive, frames that answer them are accepted, and the barrier applies the sent values.
+/// Reports arrive, frames that answer them are accepted, and the barrier applies the sent values.
 #[test]
 fn the_barrier_applies_a_correction() {
     let bridge = Bridge::start();
@@ -75,7 +74,7 @@ fn the_barrier_applies_a_correction() {
     assert_eq!(controller.health().broken, 0);
 }
 
-/// The bridge reports a correction that the control has not applied, and does not set the flag `LOST`.
+/// A correction that the bridge reports but the control has not applied is an alarm, even without the flag `LOST`.
 #[test]
 fn a_missing_offset_is_an_alarm() {
     let bridge = Bridge::start();
@@ -148,7 +147,7 @@ fn a_bridge_of_another_machine_or_count_size_is_rejected() {
     assert!(controller.health().foreign > 0);
 }
 
-/// The last state stays valid and ages.
+/// The last state of a silent bridge stays valid and ages; a restart is counted.
 #[test]
 fn a_silent_bridge_ages_and_restarts() {
     let bridge = Bridge::start();
@@ -173,7 +172,7 @@ fn a_silent_bridge_ages_and_restarts() {
 
 #[test]
 fn without_a_bridge_a_read_ends_at_its_deadline() {
-    // A free port: it was just closed.
+    // A free port, which was just closed.
     let port = UdpSocket::bind("127.0.0.1:0")
         .unwrap()
         .local_addr()
@@ -190,7 +189,7 @@ fn without_a_bridge_a_read_ends_at_its_deadline() {
     assert!(Instant::now() >= deadline);
 }
 
-/// Constructed datagrams: duplicated, out of order, from an earlier run, and delayed in a queue.
+/// Duplicated, reordered and queued datagrams, and one from an earlier run: each is ignored or has the right age.
 #[test]
 fn late_duplicate_and_queued_states_are_distinguished() {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -227,7 +226,7 @@ fn late_duplicate_and_queued_states_are_distinguished() {
     send(1, 1, 3.0, base + clock.elapsed());
     send(1, 0, 4.0, base + clock.elapsed());
     send(9, 50, 5.0, base);
-    // Recorded in an earlier run, on a computer with a longer uptime.
+    // Recorded in an earlier run on a computer with a longer uptime.
     send(9, 51, 5.5, base + Duration::from_secs(5000));
     assert_eq!(x(&mut controller), Ok(2.0));
     let health = controller.health();

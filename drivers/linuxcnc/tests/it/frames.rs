@@ -7,7 +7,7 @@ use volcomp_guard::{
 };
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-/// Settings of a barrier for a linear and a rotary axis, with these scans per step and this maximum age of a frame.
+/// A barrier for a linear and a rotary axis, with these scans per step and this maximum age of a frame.
 pub(crate) fn settings(
     machine: u16,
     limit: [i16; 2],
@@ -28,7 +28,7 @@ pub(crate) fn settings(
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Post {
     Nothing,
-    /// A gateway's frame: owner, age in ticks, sequence distance, in the present epoch or the previous one.
+    /// A gateway's frame: owner, age in ticks, sequence distance, in the current or previous epoch.
     Made {
         owner: u16,
         old: u16,

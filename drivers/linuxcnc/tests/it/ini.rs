@@ -1,4 +1,4 @@
-//! INI files: the shipped one is valid, and every missing or wrong line is reported.
+//! The shipped INI file is valid, and every missing or wrong line is reported.
 
 use volcomp_linuxcnc::{Expected, GuardMinimum, Ini, LinuxCncConfig, PORT};
 use volcomp_test_support::cases;
@@ -41,7 +41,6 @@ pub(crate) fn mill() -> String {
         .unwrap()
 }
 
-/// Problems of a file and the files that it names.
 fn problems_of_file(file: &std::path::Path, text: &str) -> Vec<String> {
     std::fs::write(file, text).unwrap();
     key_file(file.parent().unwrap());
@@ -59,7 +58,7 @@ fn the_shipped_file_is_valid() {
     assert_eq!(problems_of(&mill()), [""; 0]);
 }
 
-/// Checks the message of each change to the shipped file.
+/// Checks the message for each change in the shipped file.
 fn assert_messages(changes: &str) {
     for [from, to, says] in &cases(changes) {
         let text = mill();
@@ -139,7 +138,7 @@ fn axes_that_are_read_must_be_reported() {
     );
 }
 
-/// Included text is inserted where LinuxCNC inserts it; unreadable files are reported.
+/// Included text is inserted as by LinuxCNC; unreadable files are reported.
 #[test]
 fn included_files_are_checked() {
     let dir = tempfile::tempdir().unwrap();
@@ -162,7 +161,7 @@ fn included_files_are_checked() {
     assert!(Ini::read(&dir.path().join("other.ini")).is_err());
 }
 
-/// A display loads its own files last: a connection to a pin of the bridge is reported with its line.
+/// The files of a display are loaded last: a connection to a pin of the bridge is reported with its line.
 #[test]
 fn display_files_are_checked() {
     let dir = tempfile::tempdir().unwrap();
@@ -214,7 +213,6 @@ proptest::proptest! {
     }
 }
 
-/// The bridge must have the gateway's key.
 #[test]
 fn another_key_is_reported() {
     let dir = tempfile::tempdir().unwrap();

@@ -11,7 +11,7 @@ use crate::{
     component::write_key,
 };
 
-/// SipHash-2-4 with 64 bits of the bytes 00, 01 .. of each length from 0, with the key 00 01 .. 0f (`vectors.h` of its authors).
+/// SipHash-2-4 (64 bits) of the bytes 00, 01 .. for each length from 0, with the key 00 01 .. 0f (`vectors.h` of its authors).
 const VECTORS: [&str; 64] = [
     "310e0edd47db6f72",
     "fd67dc93c539f874",
@@ -86,7 +86,6 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// The authentication code that the component computes for these bytes.
 fn code_of_component(run: &mut Run, bytes: &[u8]) -> String {
     let number = u64::from_str_radix(&run.command(&format!("mac {}", hex(bytes))), 16).unwrap();
     hex(&number.to_le_bytes())
@@ -128,7 +127,7 @@ proptest! {
     }
 }
 
-/// Both sides accept and reject the same files.
+/// Both sides accept and reject the same key files.
 #[test]
 fn files_without_a_secret_key_are_rejected() {
     let dir = tempfile::tempdir().unwrap();
@@ -171,7 +170,6 @@ fn files_without_a_secret_key_are_rejected() {
     }
 }
 
-/// A key is never printed.
 #[test]
 fn debug_output_hides_the_key() {
     assert_eq!(format!("{KEY:?}"), "Key");

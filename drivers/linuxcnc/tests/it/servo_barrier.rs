@@ -1,4 +1,5 @@
-//! The bridge's component without LinuxCNC, compiled with sanitizers, against the reference barrier, scan by scan and datagram by datagram.
+//! The bridge's component without LinuxCNC, compiled with sanitizers, compared with the reference barrier scan by scan and datagram by
+//! datagram.
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
@@ -23,9 +24,9 @@ use crate::{
     frames::{Post, mailboxes_of, posts, settings},
 };
 
-/// Number of scans without motion after the start, when the machine has just been switched on.
+/// Scans without motion after a start, when the machine has just been switched on.
 const SETTLES: usize = 20;
-/// Advance of the epoch at a start, relative to the stored epoch.
+/// Advance of the epoch at a start, relative to the stored one.
 const EPOCHS_AHEAD: u16 = 16;
 
 #[derive(Clone, Debug)]
@@ -62,7 +63,7 @@ fn cases() -> impl Strategy<Value = Case> {
         )
 }
 
-/// A gateway's socket, with run and sequence of the last received state.
+/// A gateway's socket, with run and sequence of the last state received.
 struct Sender {
     socket: UdpSocket,
     answers: [u32; 2],
@@ -115,7 +116,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
         Command::new(program)
             .arg(&epoch_file)
             .arg(key_file(dir))
-            // System libraries keep memory until the end, which is not a leak.
+            // System libraries keep memory until the end; that is no leak.
             .env("ASAN_OPTIONS", "detect_leaks=0")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -214,7 +215,7 @@ fn the_component_equals_the_reference_at_every_scan() {
     );
 }
 
-/// The servo thread and the thread that stores the epoch share only atomic words.
+/// The servo thread and the thread that stores the epoch share atomic words only: no data race.
 #[test]
 fn the_component_has_no_data_race() {
     let dir = tempfile::tempdir().unwrap();
@@ -233,7 +234,7 @@ fn the_component_has_no_data_race() {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        // The program may exit before reading everything.
+        // The program may exit before it has read everything.
         let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
         let output = child.wait_with_output().unwrap();
         let errors = String::from_utf8_lossy(&output.stderr).into_owned();

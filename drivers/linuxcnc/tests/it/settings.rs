@@ -8,8 +8,8 @@ use volcomp_test_support::{cases, peers};
 use crate::ini::{control, expected, mill};
 
 /// Units in an INI file, and whether the bridge accepts them. LinuxCNC 2.9 (`EmcIniFile` of Debian 12) accepts mm, metric, in, inch,
-/// imperial, deg, degree, grad, gon, rad and radian in any case, and numbers followed by any text. Other words, and comments after a word,
-/// stop it. It reads units only in `[TRAJ]`.
+/// imperial, deg, degree, grad, gon, rad and radian in any case, and numbers followed by any text. It stops at other words and at
+/// comments after a word, and reads units only in `[TRAJ]`.
 const UNITS: [(&str, &str, bool); 28] = [
     ("LINEAR_UNITS", "mm", true),
     ("LINEAR_UNITS", "MM", true),
@@ -41,8 +41,8 @@ const UNITS: [(&str, &str, bool); 28] = [
     ("ANGULAR_UNITS", "mm", false),
 ];
 
-/// Lines of the shipped file, their replacement, and the message of both programs. Each of the last three replacements is a number in one
-/// of the languages used (Rust, Tcl, C).
+/// Lines of the shipped file, their replacements, and the message of both programs. Each of the last three replacements is a number in
+/// one of the languages (Rust, Tcl, C).
 const REFUSED: &str = r"
 LINEAR_UNITS = mm\n |  | [TRAJ]LINEAR_UNITS is missing, expected mm or metric: the bridge counts in this unit
 ANGULAR_UNITS = degree\n |  | [TRAJ]ANGULAR_UNITS is missing, expected degree or deg: the bridge counts in this unit
@@ -68,7 +68,6 @@ RATE_UM_PER_S = 2000\n |  | [VOLCOMP]RATE_UM_PER_S is missing, expected a number
 AXES = XYZ\n | AXES = XYZ\nREADS = AX\n | [VOLCOMP]AXES and READS: found XYZ and AX, expected one or more axes, each once
 ";
 
-/// Whether a program accepts an INI file, and its message.
 fn message(command: &mut Command, ini: &str) -> (bool, String) {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("mill.ini");
@@ -103,7 +102,7 @@ fn check_by_gateway(ini: &str) -> (bool, String) {
     (message.is_empty(), message.join("\n"))
 }
 
-/// The results of both programs, with the program names.
+/// Results of both programs, by program name.
 fn check_by_both(ini: &str) -> Vec<(&'static str, bool, String)> {
     let results = [
         ("check", Some(check_by_gateway(ini))),

@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 use volcomp_modbus::iec60751::{Class, RANGE_DEGC, ratio, temperature, two_wire};
 
-/// Resistances of a PT100 from the tables of the standard.
+/// Resistances of a PT100 equal the tables of the standard within half a digit.
 #[test]
 fn resistances_match_the_standard() {
     for (degc, ohm) in [

@@ -16,7 +16,6 @@ use volcomp_port::{Backoff, DigitalIo, Fault, Quality, Reason, Thermometer};
 
 use crate::{Wire, config, until};
 
-/// CRC of a frame on a serial line.
 fn crc(bytes: &[u8]) -> [u8; 2] {
     let mut crc = 0xffff_u16;
     for byte in bytes {
@@ -32,10 +31,10 @@ fn crc(bytes: &[u8]) -> [u8; 2] {
     crc.to_le_bytes()
 }
 
-/// Response of a module to a request, and its delay.
+/// A module's response to a request, and its delay.
 type Behaviour = dyn FnMut(&[u8]) -> Option<(Duration, Vec<u8>)> + Send;
 
-/// Modules at the other end of the line.
+/// The modules at the other end of the line.
 struct Modules {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -46,7 +45,7 @@ impl Modules {
         Self::start_with_echo(wire, false, behaviour)
     }
 
-    /// Starts modules; if `echoes` is set, behind an adapter that echoes every request.
+    /// Starts modules; if `echoes`, behind an adapter that echoes every request.
     fn start_with_echo(wire: &Wire, echoes: bool, mut behaviour: Box<Behaviour>) -> Self {
         let mut port: File = OpenOptions::new()
             .read(true)
@@ -66,7 +65,7 @@ impl Modules {
                 if echoes {
                     port.write_all(&byte).unwrap();
                 }
-                // Read requests have eight bytes; write requests contain their length.
+                // A read request has eight bytes; a write request contains its length.
                 let length = match request.get(1) {
                     Some(15) => request.get(6).map_or(usize::MAX, |n| 9 + usize::from(*n)),
                     _ => 8,
@@ -109,7 +108,7 @@ fn registers(request: &[u8]) -> Vec<u8> {
     answer
 }
 
-/// An adapter with local echo: the echoed request is skipped, and reported if no response follows.
+/// The echo of an adapter with local echo is skipped, and reported if no response follows.
 #[test]
 fn the_echo_of_an_adapter_is_not_a_response() {
     let Some(wire) = Wire::new() else { return };
@@ -209,8 +208,8 @@ fn units_on_one_line_are_polled_in_turn() {
     );
 }
 
-/// Unit 1 responds only after the timeout, with data that would fit a request to any unit. Its response is never taken for that of unit 2,
-/// nor for its own next one.
+/// Unit 1 responds after the timeout with data that would fit any unit: the response is attributed neither to unit 2 nor to unit 1's next
+/// request.
 #[test]
 fn a_late_response_is_never_taken_for_another() {
     let Some(wire) = Wire::new() else { return };
@@ -222,7 +221,7 @@ fn a_late_response_is_never_taken_for_another() {
         &wire,
         Box::new(move |request| {
             if request[0] == 1 && is_late.load(Ordering::Relaxed) {
-                // The late response has the address of unit 2, and reports 99 °C.
+                // The late response has the address of unit 2, with 99 °C.
                 *counted.lock().unwrap() += 1;
                 let mut answer = vec![2, 3, 8];
                 answer.extend([990_u16; 4].iter().flat_map(|word| word.to_be_bytes()));
@@ -255,7 +254,7 @@ fn a_late_response_is_never_taken_for_another() {
     assert!((thermometer.latest()[0].degc.unwrap() - 21.1).abs() < 1e-9);
 }
 
-/// Truncated responses and wrong checksums yield no value, and the next response is good.
+/// Truncated responses and wrong checksums give no value; the next response is good.
 #[test]
 fn corrupted_responses_are_rejected() {
     let Some(wire) = Wire::new() else { return };
@@ -270,7 +269,7 @@ fn corrupted_responses_are_rejected() {
             if turn.is_multiple_of(2) {
                 return Some((Duration::ZERO, answer));
             }
-            // The answer loses at least two of its eleven bytes; then one byte and a valid checksum follow: only the length byte reveals
+            // The response loses at least two of its eleven bytes, then one byte and a valid checksum follow: only the length byte shows
             // the truncation.
             answer.truncate((*turn / 2) % 10);
             answer.push(0xee);
@@ -292,7 +291,6 @@ fn corrupted_responses_are_rejected() {
     });
 }
 
-/// An unplugged adapter is plugged in again.
 #[test]
 fn an_unplugged_adapter_reconnects() {
     let Some(wire) = Wire::new() else { return };
@@ -308,7 +306,7 @@ fn an_unplugged_adapter_reconnects() {
     until("the reason is reported", || {
         thermometer.latest()[0].quality == Quality::Bad(Reason::NoAnswer)
     });
-    // Plug the adapter in again under its old device name.
+    // Plug the adapter in under its old device name.
     std::fs::create_dir_all(ours.parent().unwrap()).unwrap();
     let again = Wire {
         _socat: crate::socat(&ours, &theirs),
@@ -324,7 +322,7 @@ fn an_unplugged_adapter_reconnects() {
     std::fs::remove_dir_all(again.ours.parent().unwrap()).unwrap();
 }
 
-/// Reads and writes never wait for the line: reads return the last inputs, writes queue the next outputs.
+/// Reads and writes never wait for the line: a read returns the last inputs, a write queues the next outputs.
 #[test]
 fn digital_modules_form_one_port() {
     let Some(wire) = Wire::new() else { return };
@@ -363,7 +361,7 @@ fn digital_modules_form_one_port() {
     let within = Duration::from_millis(100);
     let mut port = ModbusDigital::new(wire.bus(), &modules, within, Backoff::default()).unwrap();
     assert_eq!((port.inputs(), port.outputs()), (16, 16));
-    // 2 · (14 + 18) characters of 11 bits at 19200 Bd, gaps and turnarounds.
+    // 2 · (14 + 18) characters of 11 bits at 19200 Bd, plus gaps and turnarounds.
     let cycle = port.shortest_cycle().as_secs_f64() * 1e3;
     assert!((40.0..70.0).contains(&cycle), "{cycle} ms");
     let soon = Instant::now() + Duration::from_secs(1);
@@ -384,7 +382,7 @@ fn digital_modules_form_one_port() {
     until("the write arrives", || {
         *outputs.lock().unwrap() == [0x5a, 0xa5]
     });
-    // The outputs of a module that lost power are read back; they used to count as written.
+    // The outputs of a module that lost power are read back.
     power.store(false, Ordering::Relaxed);
     // The module's last inputs are returned with their age.
     let off = Instant::now();
@@ -444,7 +442,7 @@ fn invalid_configurations_are_rejected() {
             .to_string()
             .contains("has no digital lines")
     );
-    // No server: bad sensors, but no error.
+    // Without a server the sensors are bad, but there is no error.
     let mut thermometer = ModbusThermometer::new(config(bus(), &[1])).unwrap();
     until("the reason is reported", || {
         thermometer.latest()[0].quality == Quality::Bad(Reason::NoAnswer)

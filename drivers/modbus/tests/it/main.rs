@@ -22,13 +22,12 @@ pub(crate) fn until(what: &str, holds: impl FnMut() -> bool) {
     volcomp_test_support::until(what, Duration::from_secs(20), holds);
 }
 
-/// Starts socat, which creates two connected serial ports.
 pub(crate) fn socat(ours: &Path, theirs: &Path) -> Running {
     let end = |path: &Path| format!("pty,raw,echo=0,link={}", path.display());
     Running::start(Command::new("socat").args([end(ours), end(theirs)]))
 }
 
-/// Two connected serial ports, created by socat.
+/// Two serial ports that socat connects.
 pub(crate) struct Wire {
     _socat: Running,
     _folder: tempfile::TempDir,
@@ -37,7 +36,7 @@ pub(crate) struct Wire {
 }
 
 impl Wire {
-    /// `None` without socat: the test is reported as skipped, but fails under CI.
+    /// `None` without socat: the test is skipped, under CI a failure.
     pub(crate) fn new() -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let [ours, theirs] = ["ours", "theirs"].map(|name| folder.path().join(name));

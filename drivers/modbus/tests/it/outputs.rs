@@ -1,4 +1,4 @@
-//! Outputs on a simulated TCP module that can time out or reject requests, and records writes.
+//! Outputs on a simulated TCP module that times out or rejects requests, and records writes.
 
 use std::{
     collections::VecDeque,
@@ -13,7 +13,6 @@ use volcomp_port::{Backoff, DigitalIo, Fault, InputLevels};
 
 use crate::until;
 
-/// Contents and behaviour of the module.
 #[derive(Default)]
 #[expect(clippy::struct_excessive_bools, reason = "independent faults")]
 struct ModuleState {
@@ -25,15 +24,14 @@ struct ModuleState {
     silent: bool,
     /// Rejects writes with exception 4.
     rejects_writes: bool,
-    /// Responses to the next requests for its coils; afterwards it responds normally.
+    /// Responses to the next requests for coils; afterwards it responds normally.
     coil_responses: VecDeque<CoilResponse>,
-    /// Number of requests for its coils.
     coil_requests: u32,
     /// Accepts writes, but does not respond to them.
     ignores_writes: bool,
     /// Delay of reading the inputs of unit 2.
     slow: Duration,
-    /// While set, reading the inputs of unit 2 blocks; `is_blocked`: a request waits for it.
+    /// If set, reading the inputs of unit 2 blocks; `is_blocked` is true while a request waits for it.
     blocked: bool,
     is_blocked: bool,
     /// Connections that the client reset, and those that it closed.
@@ -41,10 +39,9 @@ struct ModuleState {
     closes: u32,
 }
 
-/// Response of the module to a request for its coils.
+/// Response to a request for the coils.
 #[derive(Clone, Copy, PartialEq)]
 enum CoilResponse {
-    /// Close the connection.
     Disconnect,
     /// Reject it with this exception.
     Reject(u8),
@@ -78,7 +75,6 @@ impl Module {
         what(&self.0.lock().unwrap())
     }
 
-    /// Serves one connection until it ends.
     fn serve(&self, mut stream: TcpStream) {
         stream
             .set_read_timeout(Some(Duration::from_millis(5)))
@@ -160,7 +156,6 @@ fn open(address: SocketAddr, units: &[u8]) -> ModbusDigital {
     open_with_timeout(address, units, Duration::from_millis(80))
 }
 
-/// Opens the modules with this response timeout.
 fn open_with_timeout(address: SocketAddr, units: &[u8], within: Duration) -> ModbusDigital {
     let profile = Profile::named("WAVESHARE-IO-8CH").unwrap();
     let modules: Vec<_> = units
@@ -203,15 +198,14 @@ fn a_write_is_sent_once_and_confirmed() {
         reads(&mut port);
         port.confirmed() == Some(0x5a)
     });
-    // The levels were written only once after many exchanges; a write after its deadline is not sent.
+    // After many exchanges the levels were written once; a write after its deadline is not sent.
     std::thread::sleep(Duration::from_millis(50));
     assert_eq!(port.write(0x11, Instant::now()), Err(Fault::TimedOut));
     std::thread::sleep(Duration::from_millis(50));
     assert_eq!(module.get(|state| state.writes.clone()), [0x5a]);
 }
 
-/// A slow read delays a write: after its deadline the write is not sent, and the next call reports the failure. It used to be sent up to
-/// two exchanges later.
+/// A write that a slow read delays past its deadline is not sent, and the next call reports the failure.
 #[test]
 fn a_write_delayed_past_its_deadline_is_not_sent() {
     const LONG: Duration = Duration::from_secs(600);
@@ -240,8 +234,8 @@ fn a_write_delayed_past_its_deadline_is_not_sent() {
     assert_eq!(result.is_err(), was_in_time, "{result:?}");
 }
 
-/// Over TCP the connection is reset if a write is not acknowledged by its deadline, so that no part of the write stays queued. The response
-/// timeout of the module is much longer.
+/// Over TCP the connection is reset if a write is not acknowledged by its deadline, so that no part of the write stays queued, although
+/// the module's response timeout is much longer.
 #[test]
 fn an_unacknowledged_write_resets_the_connection_at_its_deadline() {
     let (module, address) = Module::start();
@@ -255,7 +249,7 @@ fn an_unacknowledged_write_resets_the_connection_at_its_deadline() {
     assert_eq!(module.get(|state| state.closes), 0);
 }
 
-/// If a module stops responding, its last inputs are returned with their time of arrival.
+/// The last inputs of a module that stops responding are returned with their arrival time.
 #[test]
 fn inputs_keep_their_time_of_arrival() {
     let (module, address) = Module::start();
@@ -277,7 +271,7 @@ fn inputs_keep_their_time_of_arrival() {
     });
 }
 
-/// A later call reports a rejected or unacknowledged write as failed; such a write is not confirmed.
+/// A rejected or unacknowledged write is reported as failed by a later call, and is not confirmed.
 #[test]
 fn a_rejected_write_is_reported_as_failed() {
     let (module, address) = Module::start();
@@ -296,7 +290,7 @@ fn a_rejected_write_is_reported_as_failed() {
     }
     assert_eq!(port.confirmed(), Some(0));
     module.set(|state| state.rejects_writes = false);
-    // The first call reports the failure of the previous write, the next one none.
+    // The first call reports the failure of the previous write, the next none.
     assert!(port.write(2, soon()).is_err());
     until("it is confirmed", || {
         reads(&mut port);
@@ -305,8 +299,8 @@ fn a_rejected_write_is_reported_as_failed() {
     assert_eq!(port.write(3, soon()), Ok(()));
 }
 
-/// A write requested before a disconnection is not sent over the next connection; the lost connection is reset, so that the
-/// kernel sends nothing later.
+/// A write from before a disconnection is not sent over the next connection. The lost connection is reset, so that the kernel sends
+/// nothing later.
 #[test]
 fn an_old_write_is_not_sent_over_a_new_connection() {
     let (module, address) = Module::start();
@@ -345,16 +339,16 @@ fn an_old_write_is_not_sent_over_a_new_connection() {
     assert_eq!(module.get(|state| state.closes), 0);
 }
 
-/// A failed read-back of the coils is repeated, over this connection or a later one, until the levels are known. If the module lacks the
-/// function, the levels stay unknown, and that is reported. Without the repetition unused outputs were switched off.
+/// A failed read-back of the coils is repeated, over this or a later connection, until the levels are known; otherwise unused outputs
+/// would be switched off. If the module lacks the function, the levels stay unknown, which is reported.
 #[test]
 fn the_read_back_of_outputs_is_repeated() {
     use CoilResponse::{Disconnect, Levels, Reject};
     for (responses, known) in [
         (vec![Disconnect; 2], Some(0xa5)),
-        // After three failures one connection skips the read-back; that connection is closed below.
+        // After three failures a connection skips the read-back; this one is closed below.
         (vec![Disconnect; 5], Some(0xa5)),
-        // Busy, and one wrong response.
+        // Busy, then one wrong response.
         (vec![Reject(6), Levels(0xff)], Some(0xa5)),
         (vec![Reject(1)], None),
     ] {
@@ -381,7 +375,7 @@ fn the_read_back_of_outputs_is_repeated() {
     }
 }
 
-/// The time of the inputs is the arrival time of their oldest part: that of the first module, if the second is slow.
+/// The inputs have the arrival time of their oldest part: that of the first module if the second is slow.
 #[test]
 fn inputs_are_as_old_as_their_oldest_part() {
     let (module, address) = Module::start();
@@ -395,7 +389,7 @@ fn inputs_are_as_old_as_their_oldest_part() {
     let mut seen = 0;
     until("twenty readings", || {
         std::thread::sleep(Duration::from_millis(7));
-        // A loaded computer may lose the connection.
+        // A busy computer may lose the connection.
         let Ok(found) = port.read(soon()) else {
             return false;
         };

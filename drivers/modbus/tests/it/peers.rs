@@ -1,4 +1,4 @@
-//! Servers of independent libraries: pymodbus and libmodbus, TCP and RTU.
+//! Servers of independent libraries, pymodbus and libmodbus, over TCP and RTU.
 
 use std::{
     path::{Path, PathBuf},
@@ -29,7 +29,6 @@ fn pymodbus(kind: &str, place: &str) -> Option<Running> {
     ))
 }
 
-/// Compiles and starts the libmodbus server.
 fn libmodbus(folder: &Path, kind: &str, place: &str) -> Option<Running> {
     let program = folder.join("libmodbus_server");
     let compiled = Command::new("cc")

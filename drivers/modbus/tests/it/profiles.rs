@@ -79,7 +79,7 @@ fn faults_are_reported() {
         bad(Reason::Short),
         "15 ohm"
     );
-    // The module reported 26874 at 32.25 °C; the linear scale yields 32.0 °C.
+    // The module reported 26874 at 32.25 °C; the linear scale gives 32.0 °C.
     near(
         found("ADAM-4015", &[26_874], None),
         26_874.0 * 0.003_051_757_812_5 - 50.0,
@@ -107,7 +107,7 @@ fn numbers_of_two_registers() {
     assert_eq!(second("f32", "high", [0x7fc0, 0]), None, "NaN");
 }
 
-/// The four usual orders of four bytes, for integers and floats; a float in a wrong order is not a good temperature.
+/// The four usual byte orders of four bytes are decoded, for integers and floats; a float in a wrong order is no good temperature.
 #[test]
 fn four_byte_orders_are_supported() {
     let profile = |kind: &str, [word, byte]: [&str; 2]| {
@@ -143,7 +143,7 @@ fn four_byte_orders_are_supported() {
             let whole = registers((degc.trunc() as i32).to_be_bytes());
             assert_eq!(read("i32", whole).degc, Some(degc.trunc()), "{keys:?}");
         }
-        // Used to be accepted: a module with swapped bytes yielded "-0.00 °C, good".
+        // A module with swapped bytes must not give "-0.00 °C, good".
         let [a, b, c, d] = single.to_be_bytes();
         let swapped = [u16::from_be_bytes([b, a]), u16::from_be_bytes([d, c])];
         let found = read_channel(
@@ -161,7 +161,6 @@ fn four_byte_orders_are_supported() {
     }
 }
 
-/// Messages state the place, the found and the expected value.
 #[test]
 fn invalid_profiles_are_rejected() {
     let message = |change: &str| {
@@ -256,7 +255,6 @@ proptest! {
         let _ = Profile::parse(&text);
     }
 
-    /// A good value is always within the module's range.
     #[test]
     fn good_values_are_within_the_range(registers in proptest::collection::vec(any::<u16>(), 0..20), which in 0_usize..11, channel in 0_usize..8, status: Option<u16>) {
         let profile = &Profile::shipped()[which];

@@ -1,4 +1,4 @@
-//! Injected faults: each has its effect for the requested duration, and none afterwards.
+//! Each injected fault has its effect for the requested duration, and none afterwards.
 
 use std::{
     sync::{Arc, Mutex, atomic::Ordering},
@@ -16,7 +16,6 @@ use crate::{machine, place};
 
 const PERIOD: Duration = Duration::from_millis(4);
 
-/// A simulated machine behind faults, and its clock.
 struct Rig {
     faulty: Faulty<SimulatedController>,
     clock: Clock,
@@ -49,7 +48,6 @@ impl Rig {
         self.faulty.apply(&place(x_mm, -x_mm), soon)
     }
 
-    /// Correction applied to the axes.
     fn truth(&self) -> [f64; 2] {
         let applied = self.controls.axes.applied();
         [applied[0], applied[1]]
@@ -68,7 +66,7 @@ fn a_false_read_back_lasts_as_requested() {
         let mut lies = 0;
         for reading in 0..6 {
             let reported = rig.read().applied.unwrap();
-            // A torn read-back differs only if something changed.
+            // A torn read-back differs only if something has changed.
             lies += u32::from(reported != truth);
             assert!(
                 reading < 3 || reported == truth,
@@ -93,7 +91,7 @@ fn a_constant_read_back_hides_changes() {
     assert!((rig.read().applied.unwrap()[0] - 0.024).abs() < 1e-12);
 }
 
-/// Field failure: a write from before an outage arrived after it, when the axis was elsewhere.
+/// A write from before an outage arrives after it, when the axis is elsewhere, as in a field failure.
 #[test]
 fn a_late_write_arrives_after_the_requested_calls_and_survives_an_outage() {
     let mut rig = Rig::new(Faults::default());
@@ -130,7 +128,7 @@ fn writes_are_doubled_torn_and_reordered() {
     assert_eq!(rig.truth(), [0.010, -0.010], "the second time");
     rig.faulty.inject(Injection::TornWrite);
     rig.apply(0.030).unwrap();
-    // At least the first axis, but not all.
+    // The first axis at least, but not all.
     assert_eq!(rig.truth()[0], 0.030);
     rig.read();
     assert_eq!(
@@ -151,7 +149,7 @@ fn writes_are_doubled_torn_and_reordered() {
     assert_eq!(rig.truth(), [0.060, -0.060]);
 }
 
-/// The program stops between reading and writing: time passes, and a write that missed its deadline is not sent.
+/// The program stops between read and write: time passes, and the write that missed its deadline is not sent.
 #[test]
 fn the_program_stops_between_reading_and_writing() {
     let mut rig = Rig::new(Faults::default());
@@ -211,7 +209,7 @@ fn positions_freeze_with_fresh_times_flicker_and_lag() {
     let flickered = rig.read().positions;
     assert!((flickered[1] - stood[1] - 0.001).abs() < 1e-12 && flickered[0] == stood[0]);
     assert_eq!(rig.read().positions, stood);
-    // Y's position includes the correction, three readings late.
+    // The position of Y contains the correction three readings late.
     rig.faulty.inject(Injection::Lag(3));
     rig.apply(0.010).unwrap();
     let shown: Vec<bool> = (0..5)
@@ -229,7 +227,7 @@ fn a_dropped_flag_hides_an_interlock() {
     assert_eq!(shown, [false, false, true, true]);
 }
 
-/// The device is owned elsewhere, as by the control thread.
+/// Faults can be requested while another thread owns the device, as the control thread does; at most 64 are queued.
 #[test]
 fn faults_can_be_requested_remotely() {
     let mut rig = Rig::new(Faults::default());
@@ -253,7 +251,7 @@ fn faults_can_be_requested_remotely() {
     assert_eq!(rig.faulty.read(soon), Err(Fault::TimedOut));
 }
 
-/// Reports its number of scans and a sum over the words.
+/// Reports its number of scans, and a sum over the words.
 #[derive(Default)]
 struct Counting(u16);
 
@@ -272,7 +270,6 @@ impl ControlProgram for Counting {
     fn restart(&mut self, _: &PerChannel<i16>) {}
 }
 
-/// Words of reports and frames are falsified like plain values.
 #[test]
 fn reports_and_frames_are_falsified_by_word() {
     let clock = Clock::manual();
@@ -295,7 +292,7 @@ fn reports_and_frames_are_falsified_by_word() {
         let after = read(&mut faulty);
         assert_eq!(after.as_slice()[0], before.as_slice()[0] + 4);
         let truth = [before.as_slice()[0] + 2, 1, 1, 0xabcd];
-        // A torn report may equal the true one: only the scan number changed.
+        // A torn report may equal the true one if only the scan number has changed.
         assert!(reported.as_slice() != truth || lie == Lie::Torn, "{lie:?}");
     }
     faulty.inject(Injection::Constant { readings: 3 });
@@ -314,7 +311,6 @@ fn reports_and_frames_are_falsified_by_word() {
     assert_eq!(read(&mut faulty).as_slice()[1..3], [2, 2]);
 }
 
-/// The same seed yields the same faults of all kinds together.
 #[test]
 fn all_faults_together_are_seeded() {
     let often = 0.05;
@@ -408,7 +404,6 @@ fn lines_are_written_torn_and_late() {
     assert!(mixed > 10, "{mixed}");
 }
 
-/// A jump of a sensor persists until it is reset.
 #[test]
 fn a_sensor_jump_persists() {
     let (_, thermometer, _) = machine(Clock::manual()).start();

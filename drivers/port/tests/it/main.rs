@@ -33,7 +33,7 @@ fn place(x: f64, y: f64) -> PerChannel<f64> {
     PerChannel::leading([x, y])
 }
 
-/// A path around 300 × 400 mm; the error of X is 2e-5 of its position and 1 µm per kelvin.
+/// A path around 300 × 400 mm; X has an error of 2e-5 of its position plus 1 µm/K.
 fn machine(clock: Clock) -> Machine {
     let step = |(x, y, dwell_ms)| Move {
         to: place(x, y),

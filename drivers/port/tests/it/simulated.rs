@@ -19,7 +19,6 @@ fn controller_and_thermometer_contracts() {
     contract::thermometer(&mut thermometer);
 }
 
-/// Feed and acceleration limits hold at every corner.
 #[test]
 fn moves_respect_feed_and_acceleration() {
     let clock = Clock::manual();
@@ -115,7 +114,7 @@ fn changes_by_a_test_take_effect() {
     );
 }
 
-/// The machine must not move during emergency stop and alarm. It used to move on internally and jump afterwards.
+/// During an emergency stop or alarm the machine does not move; afterwards it continues from there without a jump.
 #[test]
 fn it_stops_while_motion_is_forbidden_and_continues_from_there() {
     let clock = Clock::manual();
@@ -190,16 +189,16 @@ fn the_machine_clock_scans_the_program_of_the_control() {
         .post(&Words::new(&[50]).unwrap(), soon())
         .unwrap();
     controls.axes.record(100);
-    // Ten and a half scans: the eleventh is not due yet.
+    // Ten and a half scans: the eleventh is not due.
     clock.advance(SCAN * 10 + SCAN / 2);
     let snapshot = controller.read(soon()).unwrap();
     assert_eq!(snapshot.applied, None);
     assert_eq!(snapshot.report.unwrap().as_slice(), [10, 10, 0]);
-    // Y's positions include the correction.
+    // Positions of Y contain the correction.
     assert!((snapshot.positions[1] + 0.010).abs() < 1e-12);
     assert_eq!(controls.axes.scans(), 10);
     assert_eq!(controls.axes.applied()[..2], [0.010, -0.010]);
-    // The clock advances without calls; all scans are caught up afterwards.
+    // The clock advances without calls; then all scans are caught up.
     clock.advance(SCAN / 2 + SCAN * 29);
     assert_eq!(controller.plant().applied()[..2], [0.040, -0.040]);
     controls.emergency_stop.store(true, Ordering::Relaxed);
@@ -235,7 +234,7 @@ fn a_restart_keeps_the_correction_and_a_reboot_clears_it() {
     clock.advance(SCAN);
     let report = controller.read(soon()).unwrap().report.unwrap();
     assert_eq!(report.as_slice(), [9, 1, 2]);
-    // Clearing is not a step of the axes, because they were off.
+    // Clearing is no step, since the axes were off.
     assert!((controls.axes.largest_change()[0] - 0.001).abs() < 1e-12);
 }
 

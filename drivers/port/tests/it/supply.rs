@@ -16,7 +16,6 @@ const QUICK: Backoff = Backoff {
     most: Duration::from_millis(4),
 };
 
-/// Counts its live instances.
 struct Connection(Arc<AtomicUsize>);
 
 impl Connection {
@@ -56,7 +55,6 @@ fn a_lost_connection_is_reopened_and_dropped() {
     until(|| alive.load(Ordering::SeqCst) == 0);
 }
 
-/// Connections that lasted longer than the first delay: the delay restarts at its first value. It used to double up to 10 s.
 #[test]
 fn the_delay_restarts_after_a_lasting_connection() {
     let backoff = Backoff {
@@ -81,7 +79,7 @@ fn the_delay_restarts_after_a_lasting_connection() {
     assert_eq!(backoff.next(backoff.most, 2 * backoff.first), backoff.first);
 }
 
-/// The real-time thread takes and gives up connections without allocating or freeing.
+/// The real-time thread takes and gives up connections without allocating or freeing memory.
 #[test]
 fn the_real_time_thread_does_not_allocate_or_free() {
     let alive = Arc::new(AtomicUsize::new(0));

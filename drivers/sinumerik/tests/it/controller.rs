@@ -16,7 +16,7 @@ const XYZ: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
 fn config(url: &str) -> SinumerikConfig {
     let mut server = Server::new(url);
-    // The test computer may be loaded.
+    // The computer may be busy.
     server.time_out = Duration::from_secs(5);
     server.backoff = Backoff {
         first: Duration::from_millis(50),
@@ -43,7 +43,7 @@ fn read(controller: &mut SinumerikController) -> Snapshot {
     controller.read(soon()).expect("a connected control")
 }
 
-/// A snapshot from a reading that began after this call.
+/// A snapshot from a reading that started after this call.
 fn next(controller: &mut SinumerikController) -> Snapshot {
     let now = Instant::now();
     until("a new reading", TIMEOUT, || {
@@ -70,7 +70,7 @@ fn positions_states_and_corrections() {
     assert!(snapshot.state.referenced && !snapshot.state.alarm && !snapshot.state.emergency_stop);
     assert_eq!(snapshot.applied, Some(PerChannel::ZERO));
 
-    // Rounded to steps of 0.1 µm; the axis moves in the direction of the control's sign.
+    // Rounded to steps of 0.1 µm, in the direction of the control's sign.
     let expected = PerChannel::leading([-0.03004, 0.00005, 0.007]);
     controller.apply(&expected, soon()).unwrap();
     until("the correction is read back", TIMEOUT, || {
@@ -88,7 +88,7 @@ fn positions_states_and_corrections() {
     next(&mut controller);
     next(&mut controller);
     assert_eq!(controller.writes(), [written, missed]);
-    // A value changed by another client is written again.
+    // A value that another client changed is written again.
     peer.type_in("set X=0");
     until("the change is seen", TIMEOUT, || {
         read(&mut controller).applied.unwrap()[0] == 0.0
@@ -173,7 +173,7 @@ fn a_control_that_ignores_corrections_is_rejected() {
         controller.apply(&PerChannel::leading([0.01]), soon()),
         Err(Fault::NotConnected)
     );
-    // The axis is accepted when its compensation is switched on, and rejected when it is switched off during operation.
+    // The axis is accepted once its compensation is switched on, and rejected when it is switched off in operation.
     peer.type_in("md32750 3");
     until("it connects", TIMEOUT, || controller.read(soon()).is_ok());
     peer.type_in("md32750 0");
@@ -259,7 +259,7 @@ fn positions_age_while_the_sampler_stalls() {
     let snapshot = next(&mut controller);
     next(&mut controller);
     assert!(age(&snapshot) <= snapshot.uncertainty + Duration::from_secs(1));
-    // False timestamps are detectable only on moving axes, not here.
+    // False timestamps are detectable on moving axes only, thus not here.
     peer.type_in("stick on");
     let [first, second] = [next(&mut controller), next(&mut controller)];
     assert_eq!(age(&second), Duration::ZERO);
@@ -292,7 +292,7 @@ fn dropped_rejected_and_falsified_writes() {
         controller.writes()[0] == 1
     });
     assert_eq!(next(&mut controller).applied, Some(PerChannel::ZERO));
-    // The correction is sent again until it is applied.
+    // The correction is sent again until applied.
     controller.apply(&expected, soon()).unwrap();
     until("the write is answered again", TIMEOUT, || {
         controller.writes()[0] == 2

@@ -1,4 +1,4 @@
-//! The driver against a simulated control on an independent OPC UA library.
+//! The driver with a simulated control on an independent OPC UA library.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

@@ -1,5 +1,5 @@
-//! Transfer of a map over OPC UA to a PLC simulation that was written independently from the documentation: the axes get the values of the
-//! map, and transfer faults never cause a step.
+//! A map is transferred over OPC UA to a PLC simulation that was written independently from the documentation: the axes get the map's
+//! values, and no transfer fault causes a step.
 
 use std::time::{Duration, Instant};
 
@@ -13,7 +13,7 @@ use volcomp_test_support::until;
 use crate::peer::{Peer, TIMEOUT};
 
 const MACHINE: u16 = 1002;
-/// One scan per 10 ms; the map stays valid for 4 s after the last frame, which suits loaded computers.
+/// One scan per 10 ms; the map is valid for 4 s after the last frame, enough for a busy computer.
 const PLC: &str = "machine=1002,capacity=700,limit=100,rate=2,hold=200,time_out=400";
 
 struct Words(MapWords);
@@ -44,7 +44,7 @@ fn open(peer: &Peer) -> Words {
     Words(MapWords::open(&server, MapNodes::default(), 700).expect("a server"))
 }
 
-/// A map over 1000 mm of X, Y and Z that corrects X by 60 µm · x/1000 - 20 µm · (y/1000)², Y by 30 µm · x·z, Z by -40 µm.
+/// A map over 1000 mm of X, Y and Z. Correction of X: 60 µm · x/1000 - 20 µm · (y/1000)²; of Y: 30 µm · x·z; of Z: -40 µm.
 fn map(counter: u16) -> Map {
     let names = [AxisName::X, AxisName::Y, AxisName::Z];
     let request = Request {
@@ -99,7 +99,7 @@ fn applied_um(peer: &mut Peer, axis: &str) -> f64 {
     peer.number("map_um", axis)
 }
 
-/// Runs the sender until an axis has this correction, µm.
+/// Runs the sender until this axis has this correction, µm.
 fn keep_until(peer: &mut Peer, sender: &mut Sender, words: &mut Words, axis: &str, um: f64) {
     until("the correction", TIMEOUT, || {
         sender.step(words).expect("no fault");
@@ -156,7 +156,7 @@ fn silence_ramps_to_zero_and_the_map_is_sent_again() {
     keep_until(&mut peer, &mut sender, &mut words, "Z", -40.0);
 }
 
-/// A first map is active. The sender of a second map is killed during its transfer, and a third sender finds the control owned.
+/// A first map is active, and the sender of a second map is killed during its transfer: a third sender finds the control owned.
 #[test]
 fn a_killed_sender_and_a_foreign_sender() {
     let Some(mut peer) = peer() else { return };
@@ -192,7 +192,7 @@ fn a_killed_sender_and_a_foreign_sender() {
     assert!(report.contains("\"largest_move_um\": 2}"), "{report}");
 }
 
-/// A restarted PLC ignores the contents of its memory; nothing is written to a stopped PLC.
+/// A restarted PLC ignores its memory and gets the map again; a stopped PLC gets no writes.
 #[test]
 fn a_restarted_plc_gets_the_map_again() {
     let Some(mut peer) = peer() else { return };

@@ -8,10 +8,9 @@ use std::{
 
 use volcomp_test_support::{Running, peers, root};
 
-/// Long enough for a loaded computer.
+/// Timeout for a busy computer.
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(40);
 
-/// A running simulated control.
 pub(crate) struct Peer {
     running: Running,
     output: BufReader<ChildStdout>,
@@ -19,7 +18,7 @@ pub(crate) struct Peer {
 }
 
 impl Peer {
-    /// Starts a simulated control on a free port; `None` without the Python of the tests.
+    /// Starts a simulated control on a free port; `None` without the tests' Python.
     pub(crate) fn start(arguments: &[&str]) -> Option<Self> {
         let python = peers::python()?;
         let program = root().join("drivers/sinumerik/tests/peer/sinumerik-sim.py");
@@ -39,13 +38,11 @@ impl Peer {
         })
     }
 
-    /// Types a command.
     pub(crate) fn type_in(&mut self, command: &str) {
         let input = self.running.stdin.as_mut().expect("piped");
         writeln!(input, "{command}").expect("it runs");
     }
 
-    /// Returns the present report, a JSON document.
     pub(crate) fn report(&mut self) -> String {
         self.type_in("report");
         let mut line = String::new();
@@ -53,7 +50,6 @@ impl Peer {
         line
     }
 
-    /// One number of an axis in the report.
     pub(crate) fn number(&mut self, key: &str, axis: &str) -> f64 {
         let report = self.report();
         let (_, of_key) = report.split_once(&format!("\"{key}\": ")).expect("the key");

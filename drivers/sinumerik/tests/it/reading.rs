@@ -56,13 +56,13 @@ fn responses_are_decoded_in_order() {
     assert_eq!(snapshot.taken, now + Duration::from_millis(3));
     assert_eq!(snapshot.correction_taken, now + Duration::from_millis(10));
 
-    // A missing state value forbids correction.
+    // A missing state forbids correction.
     let mut missing = good.clone();
     missing[5].number = None;
     missing[6].number = None;
     let state = reading.snapshot(&missing, now, later).unwrap().state;
     assert!(!state.referenced && state.alarm);
-    // A reading needs every position and setting as a number.
+    // A reading needs a number for every position and setting.
     for place in [0, 1, 2, 3] {
         for number in [None, Some(f64::NAN)] {
             let mut missing = good.clone();

@@ -1,4 +1,4 @@
-//! Secured connections to servers of an independent library, which accept no others: trust and messages.
+//! Secured connections to servers of an independent library that accept no others.
 
 use std::{
     fs,
@@ -51,7 +51,7 @@ impl Client {
         files.map(|file| file.unwrap().path()).collect()
     }
 
-    /// The positions of the server's axes, or the driver's error.
+    /// Positions of the server's axes, or the driver's error.
     fn list_axes(&self, url: &str, security: Security) -> Result<Vec<(String, f64)>, String> {
         let mut server = Server::new(url);
         server.security = security;
@@ -69,7 +69,7 @@ impl Client {
     }
 }
 
-/// Starts a server with its files in a folder, and returns its URL.
+/// Starts a server with its files in this folder; returns its URL.
 fn serve(folder: &Path, more: &[&str]) -> Option<(Running, String)> {
     let mut command = Command::new(peers::python()?);
     command
@@ -118,16 +118,15 @@ fn a_server_is_trusted_after_the_operator_accepts_it() {
     let fingerprint = String::from_utf8(fingerprint.stdout).unwrap();
     let (_, fingerprint) = fingerprint.trim().split_once('=').unwrap();
     assert!(message.contains(fingerprint), "{fingerprint}: {message}");
-    // A rejected certificate does not become trusted at the second attempt.
+    // A rejected certificate is not trusted at the second attempt either.
     client.refused(&url, &["not trusted"]);
     let name = rejected[0].file_name().unwrap();
     fs::rename(&rejected[0], client.pki().join("trusted").join(name)).unwrap();
     assert_eq!(client.list_axes(&url, Security::SignAndEncrypt), Ok(axes()));
     assert_eq!(client.list_axes(&url, Security::SignAndEncrypt), Ok(axes()));
-    // Remove it again.
     fs::remove_file(client.pki().join("trusted").join(name)).unwrap();
     client.refused(&url, &["not trusted"]);
-    // As copied from the control: PEM under another name, while the rejected file is still present.
+    // As copied from the control: PEM under another name, while the rejected file still exists.
     let pem = client.pki().join("trusted/mill-1.pem");
     let made = Command::new("openssl")
         .args(["x509", "-inform", "der", "-in"])
@@ -195,7 +194,7 @@ fn a_server_that_rejects_the_client_is_reported() {
     client.refused(&url, &["the server rejects this client", "own/cert.der"]);
 }
 
-/// The client's own files are checked before connecting.
+/// An invalid certificate or key of the client is rejected before connecting.
 #[test]
 fn own_certificate_and_key_are_checked_first() {
     let Some(client) = Client::new() else { return };

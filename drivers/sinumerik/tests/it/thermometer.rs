@@ -1,5 +1,3 @@
-//! Temperatures of the PLC.
-
 use std::time::Duration;
 
 use volcomp_port::{Backoff, Quality, Thermometer};

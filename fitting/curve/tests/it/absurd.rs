@@ -1,4 +1,4 @@
-//! Any numbers give a curve that evaluates everywhere, or an error; never a panic.
+//! Any numbers give an error, or a curve that can be evaluated everywhere.
 
 use proptest::{collection::vec, prelude::*};
 use volcomp_curve::{
@@ -7,7 +7,6 @@ use volcomp_curve::{
 };
 use volcomp_vocabulary::Direction;
 
-/// Any number, often an absurd one.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
         any::<f64>(),
@@ -129,7 +128,7 @@ proptest! {
         }
     }
 
-    /// The lag stays between its previous value and its input, and two half steps equal one whole step.
+    /// The lag stays between its previous value and its input, and two half steps equal one step.
     #[test]
     fn a_lag_moves_towards_its_input(
         before in -50.0..50.0_f64, input in -50.0..50.0_f64, dt in 0.0..1e4_f64, lag in 0.0..1e4_f64,
@@ -141,7 +140,7 @@ proptest! {
         prop_assert!((twice - after).abs() < 1e-9);
     }
 
-    /// The lag stays between its previous value and the ends of the ramp, and two half ramps equal the whole one.
+    /// The lag stays between its previous value and the ends of the ramp, and two half ramps equal one ramp.
     #[test]
     fn a_lag_follows_a_ramp(
         before in -50.0..50.0_f64, from in -50.0..50.0_f64, to in -50.0..50.0_f64, dt in 0.0..1e4_f64, lag in 0.0..1e4_f64,
@@ -165,7 +164,7 @@ proptest! {
     }
 }
 
-/// After one time constant the lag has reached 1 − 1/e of a step (closed form); negative time steps count as 0.
+/// After one time constant the lag has reached 1 − 1/e of a step; negative time steps count as 0.
 #[test]
 fn a_lag_in_closed_form() {
     let reached = first_order_lag(20.0, 30.0, 600.0, 600.0);
@@ -176,8 +175,7 @@ fn a_lag_in_closed_form() {
     }
 }
 
-/// On a ramp that is long compared with the time constant, the lag trails by slope times time constant (closed form); a ramp of many short
-/// steps equals one long step.
+/// On a ramp much longer than the time constant the lag trails by slope × time constant; many short steps equal one long step.
 #[test]
 fn a_lag_of_a_ramp_in_closed_form() {
     let behind = first_order_lag_of_ramp(20.0, 20.0, 50.0, 3e4, 600.0);

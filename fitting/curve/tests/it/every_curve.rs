@@ -43,7 +43,7 @@ fn curve() -> impl Strategy<Value = Curve> {
     });
     let bspline = (nodes(), 1_usize..=5).prop_map(|(nodes, degree)| {
         let knots: Vec<f64> = nodes.iter().map(|n| n[0]).collect();
-        // Short knot vectors allow only lower degrees.
+        // Short knot vectors permit lower degrees only.
         let degree = degree.min(knots.len() / 2 - 1);
         let c = nodes[..knots.len() - degree - 1]
             .iter()
@@ -69,7 +69,7 @@ fn curve() -> impl Strategy<Value = Curve> {
     ]
 }
 
-/// A point at `place` in the domain.
+/// The point at this fraction of the domain.
 fn inside(curve: &Curve, place: f64) -> f64 {
     let [lower, upper] = curve.domain().unwrap_or([0.0, 1.0]);
     (lower + place * (upper - lower)).clamp(lower, upper)
@@ -144,7 +144,7 @@ proptest! {
     }
 }
 
-/// A series whose periods are short against its domain, such as the pitch of a screw.
+/// A series with periods much shorter than its domain, such as the pitch of a screw.
 fn periodic() -> impl Strategy<Value = Curve> {
     let harmonics = prop::collection::vec(-10.0..10.0, 1..4);
     (harmonics, domain(), 0.05..100.0).prop_map(|(pairs, d, period): (Vec<f64>, _, _)| {

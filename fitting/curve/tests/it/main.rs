@@ -1,4 +1,4 @@
-//! Curves against closed forms, SciPy, and independent second implementations.
+//! Curves compared with closed forms, SciPy, and independent second implementations.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

@@ -2,7 +2,7 @@ use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 use volcomp_curve::{Curve, MovingLeastSquares};
 
-/// The formula as published: Chebyshev polynomials over the whole range, Gaussian weights with compact support, normal equations solved by
+/// The published formula: Chebyshev polynomials over the whole range, Gaussian weights with compact support, normal equations solved by
 /// singular values.
 fn reference(nodes: &[[f64; 2]], order: usize, support: f64, shape: f64, x: f64) -> f64 {
     let (start, end) = (nodes[0][0], nodes[nodes.len() - 1][0]);

@@ -1,4 +1,4 @@
-//! Curves through serde: deserialised curves are checked as by their constructors.
+//! Deserialised curves are checked as by their constructors.
 
 use volcomp_curve::{
     BSpline, Chebyshev, Curve, ErrorCurve, Field, Fourier, Grid, MovingLeastSquares, Polynomial,

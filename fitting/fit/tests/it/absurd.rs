@@ -7,7 +7,6 @@ use volcomp_fit::{
     fit_mls_auto, fit_polynomial, fit_thermal,
 };
 
-/// Any number, often an absurd one.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
         4 => (0..9_u8).prop_map(f64::from),
@@ -104,7 +103,7 @@ proptest! {
     }
 }
 
-/// Without rows there is no residual, also if a range ends before it begins.
+/// Without rows there is no residual, also if a range ends before its start.
 #[test]
 fn no_rows_have_no_residual() {
     let record = ThermalRecord {

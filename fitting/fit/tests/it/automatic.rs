@@ -3,7 +3,6 @@ use volcomp_fit::{Fit, FitError, FitOptions, MlsTrial, fit_mls_auto, scan_mls};
 
 use crate::{at, brute_force, noisy, targets};
 
-/// The automatically chosen curve.
 fn fit_auto(x: &[f64], u: &[f64], required_residual: Option<f64>) -> Result<Fit, FitError> {
     let options = FitOptions {
         required_residual,
@@ -26,8 +25,8 @@ fn wavy(x: &[f64], seed: u64) -> Vec<f64> {
     })
 }
 
-/// Evenly spaced targets, none of them at the very edge of a tried support, where rounding would decide whether it counts; and targets that
-/// are dense at the ends and sparse in the middle.
+/// Evenly spaced targets, none at the very edge of a tried support, where rounding would decide whether it counts; and targets that are
+/// dense at the ends and sparse in the middle.
 fn spacings() -> [Vec<f64>; 2] {
     let uneven = |i: u32| 4000.0 * (1.0 - (f64::from(i) * std::f64::consts::PI / 22.0).cos());
     [targets(32), (0..=22).map(uneven).collect()]
@@ -73,7 +72,7 @@ fn takes_the_best_of_all_candidates() {
         let u = wavy(&x, seed);
         let nodes: Vec<[f64; 2]> = x.iter().zip(&u).map(|(&x, &u)| [x, u]).collect();
         let all = brute_force::scan(&nodes);
-        // Few settings meet the second requirement, none the last one.
+        // Few settings meet the second requirement, none meets the last.
         for required in [None, Some(1.0), Some(0.5), Some(1e-6)] {
             let ((order, support, ..), any) = brute_force::choice(&all, required);
             let found = fit_mls_auto(&x, &u, 3.0, required).unwrap();
@@ -90,7 +89,7 @@ fn the_published_pair_is_carried_by_its_own_targets() {
     let x = targets(21);
     let nodes: Vec<[f64; 2]> = x.iter().map(|&x| [x, 0.0]).collect();
     assert!(brute_force::carried(&nodes, 4, 8000.0 / 3.0));
-    // A wave that a window of a sixth of the range on each side follows and a wider one does not.
+    // A window of a sixth of the range on each side follows this wave, a wider one does not.
     let u = at(&x, |x| 8.0 * (x / 420.0).sin());
     let trials = scan_mls(&x, &u, 3.0).unwrap();
     let is_published = |t: &&MlsTrial| t.order == 4 && (t.support - 1.0 / 3.0).abs() < 1e-12;
@@ -143,7 +142,7 @@ fn few_targets_get_simpler_curves() {
     assert_eq!(polynomial.coefficients().len(), 3);
     let constant = fit_auto(&x, &[2.0; 6], None).unwrap();
     assert!(matches!(&constant.curve, Curve::Polynomial(p) if p.coefficients().len() == 1));
-    // With 3 targets moving least squares have no candidate: with one left out, only a line through two would remain.
+    // With three targets moving least squares have no candidate: without one of them only a line through two would remain.
     let x = targets(3);
     assert!(matches!(
         fit_mls_auto(&x, &x, 3.0, None),
@@ -158,7 +157,7 @@ fn few_targets_get_simpler_curves() {
         fit_auto(&x, &x, None).unwrap().curve,
         Curve::Polynomial(_)
     ));
-    // A straight line needs only a polynomial, for any number of targets.
+    // A straight line needs only a polynomial, with any number of targets.
     let x = targets(21);
     assert!(matches!(
         fit_auto(&x, &x, None).unwrap().curve,
@@ -166,7 +165,7 @@ fn few_targets_get_simpler_curves() {
     ));
 }
 
-/// The setting for two directions is the one that best predicts the omitted targets when each curve is refitted.
+/// The setting for two directions is the one with the smallest error at omitted targets, when each curve is refitted without them.
 #[test]
 fn the_setting_of_both_directions_is_that_of_refits() {
     let mut noise = 7_u32;
@@ -184,7 +183,7 @@ fn the_setting_of_both_directions_is_that_of_refits() {
         let others = values.iter().enumerate().filter(|(k, _)| *k != left);
         others.map(|(_, value)| *value).collect()
     };
-    // The support is a share of the range, which stays when an inner target is left out.
+    // The support is a share of the range, which does not change if an inner target is omitted.
     let missed = |order: usize, support: f64| -> Option<f64> {
         let mut sum = 0.0;
         for u in &sets {
@@ -206,7 +205,7 @@ fn the_setting_of_both_directions_is_that_of_refits() {
     let both: Vec<(&[f64], &[f64])> = sets.iter().map(|u| (&x[..], &u[..])).collect();
     let (order, support) = volcomp_fit::choose_mls(&both, 3.0, None).expect("a setting");
     assert_eq!((order, support), (refitted.order, refitted.support));
-    // A required residual that only a stiffer or looser setting meets is met.
+    // Only a stiffer or looser setting meets this required residual; it is found.
     let strict = volcomp_fit::choose_mls(&both, 3.0, Some(0.3)).expect("a setting");
     for u in &sets {
         let fit = volcomp_fit::fit_mls(&x, u, strict.0, strict.1, 3.0).expect("a fit");

@@ -1,4 +1,4 @@
-//! 95 % bands against known truth.
+//! 95 % bands, compared with known truth.
 
 use volcomp_fit::{
     Band, BandOptions, BandSource, FitOptions, Method, band, choose, fit_polynomial,
@@ -13,7 +13,7 @@ fn of_side(side: &Side, targets: &[f64], method: Method, at: &[f64]) -> Band {
     band(method, &runs, at, &BandOptions::default()).expect("a band")
 }
 
-/// Share of positions at which the bands of automatically chosen curves contain the truth.
+/// The bands of automatically chosen curves contain the truth at 90 to 99 % of the positions.
 #[test]
 fn bands_cover_the_truth_of_generated_lines() {
     let mut all = [0_u32; 2];
@@ -53,8 +53,8 @@ fn bands_cover_the_truth_of_generated_lines() {
     assert!((0.90..=0.99).contains(&share), "{share}");
 }
 
-/// At the targets and between them, plotted bands contain the truth of a hundred lines, a fifth of them with targets too sparse for the
-/// pitch of their screw; for these lines the bands of the targets alone hardly contain it anywhere.
+/// Plotted bands contain the truth at 92 to 98 % of the positions at and between the targets of a hundred lines, a fifth of them with
+/// targets too sparse for the pitch of the screw. For these the bands of the targets alone contain it at less than 40 %.
 #[test]
 fn bands_cover_the_truth_between_targets() {
     let mut all = [Covered::default(); 2];
@@ -73,7 +73,7 @@ fn bands_cover_the_truth_between_targets() {
     assert!((0.92..=0.98).contains(&together.share()), "{together:?}");
     assert!((0.92..=0.98).contains(&others.share()), "{others:?}");
     assert!(sparse.share_of_targets() < 0.4, "{sparse:?}");
-    // The curves of this fifth give a warning, except for a few that look like a long wave.
+    // The curves of this fifth give a warning, except a few that look like a long wave.
     assert!(10 * sparse.warned >= 8 * sparse.curves, "{sparse:?}");
     // Twenty undersampled lines are too few to determine the coverage, so a hundred more are used.
     for index in (104..500).step_by(5) {
@@ -82,7 +82,7 @@ fn bands_cover_the_truth_between_targets() {
     assert!((0.93..=0.97).contains(&sparse.share()), "{sparse:?}");
 }
 
-/// The textbook band of a line through many runs: ±1.96 σ √(h/m).
+/// The band of a line through many runs is that of the textbook, ±1.96 σ √(h/m).
 #[test]
 fn the_band_of_many_runs_matches_the_textbook() {
     let x = targets(11);
@@ -105,7 +105,8 @@ fn the_band_of_many_runs_matches_the_textbook() {
     }
 }
 
-/// The band of one run: ±t s √h with the residual standard deviation s, plus a part for the shape, within the randomness of the resampling.
+/// The band of one run is ±t s √h with the residual standard deviation s, plus a part for the shape, within 6 % because of the
+/// resampling.
 #[test]
 fn the_band_of_one_run_matches_the_textbook() {
     let x = targets(21);
@@ -125,7 +126,7 @@ fn the_band_of_one_run_matches_the_textbook() {
         .iter()
         .zip([1.0 / 21.0 + 100.0 / 770.0, 1.0 / 21.0])
     {
-        // A quarter of the variance is attributed to shape.
+        // A quarter of the variance is attributed to the shape.
         let expected = s * (2.093_f64.powi(2) * h + 4.0 * 0.25).sqrt();
         assert!((half / expected - 1.0).abs() < 0.06, "{half} {expected}");
     }

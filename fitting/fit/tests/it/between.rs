@@ -5,8 +5,8 @@ use volcomp_fit::{Between, Method, fit_polynomial};
 use crate::gaps::{KINDS, NOISE, Warned, between, even, irregular, nearly_even};
 use crate::{noisy, targets};
 
-/// For every kind, a curve that misses the truth by more than 30 µm gives a warning, with known and with unknown noise; a correct curve
-/// hardly ever does. The sets are the first of the 500 of `examples/gaps.rs`, and those of them in which few kinds miss as much.
+/// A curve of any kind that misses the truth by more than 30 µm gives a warning, with known and unknown noise; of the correct curves at
+/// most one in ten does. The sets are the first of the 500 of `examples/gaps.rs`, and those in which few kinds miss as much.
 #[test]
 fn curves_that_miss_the_truth_in_a_gap_are_warned_of() {
     let sets = || (0..40).chain([131, 161, 198, 248, 413]);
@@ -30,7 +30,7 @@ fn curves_that_miss_the_truth_in_a_gap_are_warned_of() {
     }
 }
 
-/// Sets without an error hardly ever give a warning.
+/// Of the sets without an error at most five give a warning.
 #[test]
 fn scatter_alone_is_not_warned_of() {
     let warned = (0..100).filter(|index| {
@@ -45,7 +45,7 @@ fn scatter_alone_is_not_warned_of() {
     assert!(warned.count() <= 5);
 }
 
-/// A polynomial through clustered targets swings in the gap, which the warning names.
+/// A polynomial through clustered targets swings in the gap; the warning names the gap.
 #[test]
 fn a_kind_that_swings_in_a_gap_is_warned_of() {
     let x = [
@@ -62,7 +62,7 @@ fn a_kind_that_swings_in_a_gap_is_warned_of() {
     );
 }
 
-/// Targets that are left out reveal a wave of 1.3 gaps; an error that 21 targets resolve gives no warning, nor does scatter.
+/// Targets that are left out reveal a wave of 1.3 gaps. An error that 21 targets resolve gives no warning, nor does scatter.
 #[test]
 fn targets_that_are_too_sparse_are_warned_of() {
     let x = targets(21);
@@ -92,7 +92,7 @@ fn targets_that_are_too_sparse_are_warned_of() {
     assert!(!unknown.is_too_sparse());
 }
 
-/// A parabola does not follow waves of five gaps; a table does, and a parabola follows a bend.
+/// A parabola does not follow waves of five gaps: a warning. A table does, and a parabola follows a bend.
 #[test]
 fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
     let x = targets(31);
@@ -104,7 +104,7 @@ fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
         let u = noisy(&x, NOISE, 3, truth);
         between(&method.fit(&x, &u).expect("a curve"), &x, &u)
     };
-    // A slope in addition to the waves does not hide them.
+    // A slope added to the waves does not hide them.
     let steep = |x: f64| wave(x) + 0.3 * x;
     assert!(of(&steep, parabola).is_not_followed());
     let found = of(&wave, parabola);
@@ -118,7 +118,7 @@ fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
     }
 }
 
-/// A single run does not show the repeatability: the warning compares the residual with the scatter from target to target.
+/// With a single run, which does not show the repeatability, the warning compares the residual with the scatter from target to target.
 #[test]
 fn a_curve_that_does_not_follow_one_run_is_warned_of() {
     let x = targets(31);

@@ -1,9 +1,9 @@
-//! Independent implementation of moving least squares from the formula: powers of the distance over the half width, roots of the weights as
-//! rows, solved by singular values; every target is left out in turn and everything solved again.
+//! Independent moving least squares from the formula: powers of the distance over the half width, roots of the weights as rows, solved by
+//! singular values. For the leave-one-out error every target is omitted in turn and everything solved again.
 
 use nalgebra::{DMatrix, DVector};
 
-/// The weight at distance `d` with the half width `h` and the shape 3.
+/// Weight at distance `d`, with half width `h` and shape 3.
 fn weight(d: f64, h: f64) -> f64 {
     let edge = (-9.0_f64).exp();
     let inside = (-(3.0 * d / h).powi(2)).exp() - edge;
@@ -14,7 +14,7 @@ fn weight(d: f64, h: f64) -> f64 {
     }
 }
 
-/// The rows of the nodes with a positive weight at `at`, and their right-hand sides.
+/// Rows of the nodes with a positive weight at `at`, and their right-hand sides.
 fn rows(nodes: &[[f64; 2]], order: usize, h: f64, at: f64) -> (DMatrix<f64>, DVector<f64>) {
     let near: Vec<[f64; 2]> = nodes
         .iter()
@@ -22,7 +22,7 @@ fn rows(nodes: &[[f64; 2]], order: usize, h: f64, at: f64) -> (DMatrix<f64>, DVe
         .filter(|n| weight(n[0] - at, h) > 0.0)
         .collect();
     let root = |j: usize| weight(near[j][0] - at, h).sqrt();
-    // Powers over the half width, or the range where the support is wider.
+    // Powers over the half width, or over the range if the support is wider.
     let unit = h.min(nodes[nodes.len() - 1][0] - nodes[0][0]);
     let matrix = DMatrix::from_fn(near.len(), order + 1, |j, k| {
         root(j) * ((near[j][0] - at) / unit).powf(k as f64)
@@ -36,7 +36,7 @@ pub(crate) fn value(nodes: &[[f64; 2]], order: usize, h: f64, at: f64) -> f64 {
     matrix.svd(true, true).solve(&right, 0.0).unwrap()[0]
 }
 
-/// Error of the curve through all other nodes at each node, with the half width kept.
+/// Error at each node of the curve through all other nodes, with the same half width.
 pub(crate) fn left_out(nodes: &[[f64; 2]], order: usize, h: f64) -> Vec<f64> {
     let miss = |i: usize| {
         let mut others = nodes.to_vec();
@@ -46,8 +46,8 @@ pub(crate) fn left_out(nodes: &[[f64; 2]], order: usize, h: f64) -> Vec<f64> {
     (0..nodes.len()).map(miss).collect()
 }
 
-/// Whether the nodes support an order and a half width, checked on a fine uniform grid and just where a node enters: order + 2 nodes of
-/// positive weight, and a ratio of the singular values of at most 1e10.
+/// Whether the nodes support an order and half width, checked on a fine grid and just where a node enters: order + 2 nodes of positive
+/// weight, and singular values with a ratio of at most 1e10.
 pub(crate) fn carried(nodes: &[[f64; 2]], order: usize, h: f64) -> bool {
     let (first, last) = (nodes[0][0], nodes[nodes.len() - 1][0]);
     let enters = nodes.iter().flat_map(|n| [n[0] - h, n[0] + h]);
@@ -64,7 +64,7 @@ pub(crate) fn carried(nodes: &[[f64; 2]], order: usize, h: f64) -> bool {
         })
 }
 
-/// The orders and supports of the rule: a grid, and the published pair.
+/// The orders and supports of the rule: a grid and the published pair.
 pub(crate) fn tried() -> Vec<(usize, f64)> {
     let grid = (1..=6).flat_map(|order| (3..=20).map(move |step| (order, f64::from(step) * 0.05)));
     grid.chain([(4, 1.0 / 3.0)]).collect()
@@ -73,7 +73,6 @@ pub(crate) fn tried() -> Vec<(usize, f64)> {
 /// A setting that the nodes support: order, support, largest residual, leave-one-out RMS.
 pub(crate) type Trial = (usize, f64, f64, f64);
 
-/// Every setting that the nodes support.
 pub(crate) fn scan(nodes: &[[f64; 2]]) -> Vec<Trial> {
     let range = nodes[nodes.len() - 1][0] - nodes[0][0];
     let carried = |&(order, support): &(usize, f64)| carried(nodes, order, support * range);
@@ -92,8 +91,8 @@ pub(crate) fn scan(nodes: &[[f64; 2]]) -> Vec<Trial> {
     tried().into_iter().filter(carried).map(trial).collect()
 }
 
-/// The choice of the rule: of those that meet the required residual, else of all, the smallest leave-one-out RMS; within
-/// rounding the lower order, then the wider support.
+/// The setting with the smallest leave-one-out RMS among those that meet the required residual, else among all; within rounding the lower
+/// order, then the wider support.
 pub(crate) fn choice(trials: &[Trial], required: Option<f64>) -> (Trial, bool) {
     let meets = |t: &Trial| required.is_none_or(|required| t.2 <= required);
     let any = trials.iter().any(meets);

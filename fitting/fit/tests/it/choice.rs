@@ -10,8 +10,8 @@ fn none() -> FitOptions {
     FitOptions::default()
 }
 
-/// On 200 generated lines the leave-one-out error of the choice is at most twice that of the best single kind, as reported and by refits
-/// without each target; and the choice is never much farther from the truth than the best kind.
+/// On 200 generated lines the leave-one-out error of the choice, as reported and by refits without each target, is at most twice that of
+/// the best single kind; its distance from the truth is on average less than 1.15 times that of the best kind.
 #[test]
 fn never_worse_than_twice_the_best_single_kind() {
     let mut from_truth = Vec::new();
@@ -40,12 +40,12 @@ fn never_worse_than_twice_the_best_single_kind() {
     }
     from_truth.sort_by(f64::total_cmp);
     let mean = (from_truth.iter().sum::<f64>() / 200.0).exp();
-    // Against the kind that is nearest to the truth.
+    // Compared with the kind nearest to the truth.
     assert!(mean < 1.15, "{mean}");
     assert!(from_truth[180].exp() < 1.5, "{}", from_truth[180].exp());
 }
 
-/// Pure noise gives nearly a constant, its mean.
+/// Pure noise gives the constant, its mean, on at least 40 of 60 lines.
 #[test]
 fn noise_gives_nearly_a_constant() {
     let mut constants = 0;
@@ -70,7 +70,7 @@ fn noise_gives_nearly_a_constant() {
     assert!(rms < 0.5, "{rms}");
 }
 
-/// Between targets, even or with a wide gap, no curve leaves the band of the readings by more than a quarter of its height.
+/// Between targets, even or with a wide gap, no chosen curve leaves the band of the readings by more than a quarter of its height.
 #[test]
 fn no_chosen_curve_leaves_the_band() {
     for seed in 0..40_u32 {
@@ -103,7 +103,7 @@ fn no_chosen_curve_leaves_the_band() {
 #[test]
 fn few_equal_and_repeated_targets() {
     let chosen = |x: &[f64], u: &[f64]| fit_auto(x, u, &none()).unwrap();
-    // Repeated readings at one place are one target.
+    // Repeated readings at one position are one target.
     let one = chosen(&[3.0; 4], &[1.0, 2.0, 3.0, 6.0]);
     assert_eq!(one.fit.curve, Curve::Constant(3.0));
     assert_eq!(one.choice.reason, Reason::FewTargets);
@@ -112,7 +112,7 @@ fn few_equal_and_repeated_targets() {
     // Three readings do not distinguish a bend from scatter: a line.
     let three = chosen(&[0.0, 10.0, 20.0], &[0.0, 6.0, 10.0]);
     assert_eq!(three.choice.method, Method::Polynomial { order: 1 });
-    // Two runs that agree do.
+    // Two equal runs do.
     let x = [0.0, 10.0, 20.0, 0.0, 10.0, 20.0];
     let bent = chosen(&x, &[0.0, 6.0, 10.0, 0.01, 5.99, 10.01]);
     assert!((bent.fit.curve.value(10.0) - 5.995).abs() < 1e-9);
@@ -131,7 +131,7 @@ fn few_equal_and_repeated_targets() {
     assert!(choose(&[], &none()).is_err());
 }
 
-/// The scatter of the readings decides whether a bend at one target is followed.
+/// A bend at one target is followed exactly if the known scatter of the readings is small.
 #[test]
 fn a_known_scatter_decides_what_is_followed() {
     let x = targets(9);
@@ -151,7 +151,8 @@ fn a_known_scatter_decides_what_is_followed() {
     assert!(with(2.0) > 0.5, "{}", with(2.0));
 }
 
-/// A scale error of a rotary axis over part of a turn: a few widely spaced targets do not cover a full turn.
+/// A scale error of a rotary axis over part of a turn: a few widely spaced targets do not cover a full turn, so there is no Fourier
+/// series.
 #[test]
 fn targets_over_a_part_of_a_turn_get_no_fourier_series() {
     let round = FitOptions {
@@ -183,7 +184,7 @@ fn targets_over_a_part_of_a_turn_get_no_fourier_series() {
     }
 }
 
-/// Curves of a rotary axis do not jump where the turn closes.
+/// Readings over a full turn get a curve that closes.
 #[test]
 fn periodic_readings_get_periodic_curves() {
     let round = FitOptions {
@@ -224,7 +225,7 @@ fn periodic_readings_get_periodic_curves() {
     assert_eq!(chosen.choice.method, Method::Polynomial { order: 1 });
 }
 
-/// Both directions of a line get one kind with separate curves.
+/// Both directions of a line get one kind of curve, fitted separately.
 #[test]
 fn several_sets_get_one_method() {
     let x = targets(21);

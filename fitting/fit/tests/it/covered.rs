@@ -4,7 +4,7 @@ use volcomp_fit::{BandOptions, Between, FitOptions, Noise, band, band_places, ch
 
 use crate::generated::Generated;
 
-/// Sampled positions, and how many of them lie within the band interpolated between its positions; the same for the band of the targets alone.
+/// Sampled positions, and the number within the band interpolated between its positions; the same for the band of the targets alone.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Covered {
     pub(crate) places: u32,
@@ -40,7 +40,7 @@ impl Covered {
     }
 }
 
-/// Linear interpolation between ascending places.
+/// Linear interpolation between ascending positions.
 fn drawn(at: &[f64], half: &[f64], x: f64) -> f64 {
     let next = at.partition_point(|at| *at < x).clamp(1, at.len() - 1);
     let part = (x - at[next - 1]) / (at[next] - at[next - 1]);
@@ -57,7 +57,7 @@ fn noise_of_mean(runs: &[Vec<f64>], means: &[f64]) -> Option<Noise> {
     (deviation > 0.0 && deviation.is_finite()).then_some(Noise { deviation, freedom })
 }
 
-/// Coverage for one line with its automatically chosen curve, at this number of positions.
+/// Coverage of one line by the band of its automatically chosen curve, at this number of positions.
 pub(crate) fn covered(line: &Generated, places: u32) -> Covered {
     let readings = line.sides.iter().map(|s| s.readings(&line.targets));
     let sets: Vec<(Vec<f64>, Vec<f64>)> = readings.collect();

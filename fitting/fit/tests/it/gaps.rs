@@ -15,7 +15,7 @@ const GROSS: f64 = 30.0;
 const HARMLESS: f64 = 3.0;
 const RANGE: f64 = 8000.0;
 
-/// A kind of curve, by its name.
+/// A kind of curve and its name.
 pub(crate) type Kind = (&'static str, fn(&[f64], &[f64]) -> Result<Fit, FitError>);
 
 pub(crate) const KINDS: [Kind; 7] = [
@@ -50,7 +50,7 @@ pub(crate) fn irregular(index: u64) -> (Vec<f64>, Vec<f64>) {
     (x, u)
 }
 
-/// Even targets with one to three neighbouring ones missing, or each moved by up to 90 % of half its gap.
+/// Even targets without one to three neighbours, or each moved by up to 90 % of half its gap.
 pub(crate) fn nearly_even(index: u64) -> (Vec<f64>, Vec<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(index);
     let mut x: Vec<f64> = (0..21).map(|k| RANGE * f64::from(k) / 20.0).collect();
@@ -67,7 +67,6 @@ pub(crate) fn nearly_even(index: u64) -> (Vec<f64>, Vec<f64>) {
     (x, u)
 }
 
-/// 21 even targets.
 pub(crate) fn even(index: u64) -> (Vec<f64>, Vec<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(index);
     let x: Vec<f64> = (0..21).map(|k| RANGE * f64::from(k) / 20.0).collect();
@@ -88,7 +87,7 @@ pub(crate) fn missed(fit: &Fit) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Assessment of a curve between its targets, with known noise.
+/// Assessment of a curve between its targets with known noise.
 pub(crate) fn between(fit: &Fit, x: &[f64], u: &[f64]) -> Between {
     let noise = Noise {
         deviation: NOISE,
@@ -103,7 +102,7 @@ pub(crate) struct Warned {
     /// The largest error of each set, in the order of the sets.
     pub(crate) misses: Vec<f64>,
     pub(crate) gross: u32,
-    /// Sets that are grossly wrong without a warning, with known or with unknown noise.
+    /// Numbers of grossly wrong sets without a warning, with known or unknown noise.
     pub(crate) silent: Vec<u64>,
     pub(crate) harmless: u32,
     /// Number of correct sets with a warning, with known noise.
@@ -111,7 +110,7 @@ pub(crate) struct Warned {
 }
 
 impl Warned {
-    /// Warnings for a kind of curve over numbered sets; for moving least squares, sets with too few targets in the support are omitted.
+    /// Warnings for a kind of curve over numbered sets. For moving least squares, sets with too few targets in the support are omitted.
     pub(crate) fn of(
         (_, fit): Kind,
         make: fn(u64) -> (Vec<f64>, Vec<f64>),
@@ -140,8 +139,8 @@ impl Warned {
     }
 }
 
-/// With cross-validation alone, one of these curves deviates by hundreds of µm from readings within some tens of µm, between clustered
-/// targets.
+/// Between clustered targets a smoothing spline stays near the truth. With cross-validation alone one of these curves would deviate by
+/// hundreds of µm, with readings within tens of µm.
 #[test]
 fn a_smoothing_spline_does_not_overshoot_in_gaps() {
     for (make, most) in [

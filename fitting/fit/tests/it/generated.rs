@@ -5,7 +5,6 @@ use std::f64::consts::TAU;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// The families of curves.
 pub(crate) const FAMILIES: [&str; 5] = ["smooth", "kinked", "pitch", "steps", "hysteresis"];
 /// Standard deviations of a reading, µm; the curves are some tens of µm high.
 pub(crate) const NOISE: [f64; 3] = [0.1, 0.5, 2.0];
@@ -13,13 +12,13 @@ const COUNTS: [u32; 10] = [5, 7, 9, 11, 15, 21, 31, 51, 101, 200];
 
 /// One direction of a measured line: truth and readings.
 pub(crate) struct Side {
-    /// The readings of every run, one after the other.
+    /// The readings of each run.
     pub(crate) runs: Vec<Vec<f64>>,
     /// True value at a coordinate.
     pub(crate) truth: Box<dyn Fn(f64) -> f64>,
 }
 
-/// A generated line: its targets and one direction or both.
+/// Targets, and one direction or both.
 pub(crate) struct Generated {
     #[allow(dead_code, reason = "the table of the example groups by it")]
     pub(crate) family: &'static str,
@@ -30,7 +29,7 @@ pub(crate) struct Generated {
 }
 
 impl Side {
-    /// Targets and readings of all runs in one list each.
+    /// Targets and readings of all runs as one list each.
     pub(crate) fn readings(&self, targets: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let x = self.runs.iter().flat_map(|_| targets.to_vec()).collect();
         (x, self.runs.concat())
@@ -43,7 +42,6 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
     (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
 }
 
-/// Line number `index` of a seed.
 pub(crate) fn generated(seed: u64, index: u32) -> Generated {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(u64::from(index));
@@ -83,8 +81,8 @@ pub(crate) fn generated(seed: u64, index: u32) -> Generated {
     }
 }
 
-/// Line number `index` of a seed with too sparse targets: the pitch of its screw is shorter than two gaps between them, and not close to
-/// one gap, where no target would show it.
+/// A line with too sparse targets: the pitch of its screw is shorter than two gaps, and not close to one gap, where no target would show
+/// it.
 #[allow(dead_code, reason = "the tests of bands ask for it")]
 pub(crate) fn undersampled(seed: u64, index: u32) -> Generated {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -128,9 +126,9 @@ struct Truth {
     slope: f64,
     /// Height, length and phase.
     waves: Vec<[f64; 3]>,
-    /// Place and change of the slope.
+    /// Position, and change of the slope.
     kinks: Vec<[f64; 2]>,
-    /// Place and height.
+    /// Position and height.
     steps: Vec<[f64; 2]>,
 }
 

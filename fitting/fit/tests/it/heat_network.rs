@@ -1,5 +1,5 @@
-//! A machine as a thermal network: masses that conduct heat to one another and to the room, a spindle that heats, a room that drifts. It
-//! shares no code with the fits under test.
+//! A machine as a thermal network of masses that conduct heat to one another and to the room, with a spindle that heats and a room that
+//! drifts. It shares no code with the tested fits.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -19,22 +19,20 @@ const CONDUCTION: [(usize, usize, f64); 5] = [
 const CONVECTION: [f64; 6] = [4.0, 10.0, 14.0, 14.0, 30.0, 3.0];
 /// Displacement of the tool by each mass, µm/K.
 const EFFECT: [f64; 6] = [1.2, 3.0, 4.0, -2.5, -1.5, 0.0];
-/// Number of rows of a run, and their interval, s.
+/// Rows of a run, and their interval, s.
 const ROWS: usize = 360;
 const STEP_S: f64 = 60.0;
 const SECONDS: u32 = 60;
 
-/// A normally distributed number.
 fn normal(random: &mut ChaCha8Rng) -> f64 {
     (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
 
-/// A run of six hours: temperatures of the six masses and the room, with noise, and the true ones.
+/// A run of six hours: noisy temperatures of the six masses and the room, and the true ones.
 pub(crate) struct Simulated {
     pub(crate) time_s: Vec<f64>,
-    /// Readings of the sensors: bearing, head, upper column, bed, scale, room, and one in the cabinet without effect.
+    /// Sensor readings: bearing, head, upper column, bed, scale, room, and one in the cabinet without effect.
     pub(crate) degc: Vec<Vec<f64>>,
-    /// True temperature of each mass.
     pub(crate) truth: Vec<Vec<f64>>,
 }
 
@@ -55,7 +53,7 @@ pub(crate) fn simulated(seed: u64) -> Simulated {
     };
     for row in 0..ROWS {
         let hours = row as f64 * STEP_S / 3600.0;
-        // All masses are at the temperature of the room when the run begins.
+        // At the start all masses have the room's temperature.
         let room = begun + swing * ((hours + phase).sin() - phase.sin()) + trend * hours;
         if row % 20 == 0 {
             watt = [0.0, 150.0, 400.0, 900.0][random.random_range(0..4)];
@@ -87,7 +85,7 @@ pub(crate) fn simulated(seed: u64) -> Simulated {
     found
 }
 
-/// A run with the displacement of the tool, set to zero at its start, with 0.2 µm of noise.
+/// A run with the tool displacement, zero at the start, with 0.2 µm of noise.
 pub(crate) fn run(seed: u64) -> ThermalRun {
     let machine = simulated(seed);
     let mut random = ChaCha8Rng::seed_from_u64(seed + 1_000_000);
@@ -108,7 +106,7 @@ pub(crate) fn run(seed: u64) -> ThermalRun {
     .into()
 }
 
-/// A run over five positions of an axis with a curve, whose scale grows by 11.5 µm/(m·K) from 100 mm on.
+/// A run over five positions of an axis with a curve; its scale expands by 11.5 µm/(m·K) from 100 mm.
 pub(crate) fn moving(seed: u64) -> ThermalRun {
     let machine = simulated(seed);
     let mut random = ChaCha8Rng::seed_from_u64(seed + 1_000_000);

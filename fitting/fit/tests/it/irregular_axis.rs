@@ -1,5 +1,5 @@
-//! A long axis whose positioning deviation no low polynomial follows, as published for a gantry of
-//! 8 m: a sixth-order polynomial leaves −5.2 to +5.0 µm, moving least squares −1.4 to +1.7 µm.
+//! A long axis whose positioning deviation no low polynomial follows, as published for a gantry of 8 m: order six leaves −5.2 to +5.0 µm,
+//! moving least squares −1.4 to +1.7 µm.
 
 use volcomp_fit::curve::Curve;
 use volcomp_fit::{FitOptions, fit_auto, fit_mls, fit_mls_auto, fit_polynomial};
@@ -32,7 +32,7 @@ fn moving_least_squares_residual_is_a_third_of_a_polynomial() {
         "{}",
         moving.max_abs()
     );
-    // Against the truth, also between the targets.
+    // Deviation from the truth, also between the targets.
     let (by_moving, by_polynomial) = (
         worst_between(&moving.curve),
         worst_between(&polynomial.curve),

@@ -1,4 +1,4 @@
-//! The automatic choice against each kind alone: by refits without each target, and by the truth.
+//! The automatic choice compared with each kind alone, by refits without each target and by the truth.
 
 use volcomp_fit::{Choice, FitOptions, Method, choose};
 
@@ -10,9 +10,9 @@ const LEFT_OUT: usize = 40;
 /// A method with its errors.
 pub(crate) struct Judged {
     pub(crate) method: Method,
-    /// Root mean square error of refits at inner targets that were left out.
+    /// RMS error of refits at inner targets that were left out.
     pub(crate) leave_one_out: f64,
-    /// Root mean square of curve minus truth over the range.
+    /// RMS of curve minus truth over the range.
     pub(crate) from_truth: f64,
 }
 
@@ -25,7 +25,7 @@ pub(crate) struct Row {
 }
 
 impl Row {
-    /// Ratio to the best single kind: leave-one-out error, and distance from the truth.
+    /// Ratios to the best single kind: leave-one-out error, and distance from the truth.
     pub(crate) fn ratios(&self) -> [f64; 2] {
         let ratio = |of: fn(&Judged) -> f64| {
             let best = self.kinds.iter().map(of).fold(f64::INFINITY, f64::min);
@@ -35,7 +35,7 @@ impl Row {
     }
 }
 
-/// Rows of the table. Lines with more than `refitted` targets are not refitted, and their leave-one-out error is NaN.
+/// Rows of the table. Lines with more than `refitted` targets are not refitted; their leave-one-out error is NaN.
 pub(crate) fn rows(count: u32, refitted: usize) -> impl Iterator<Item = Row> {
     (0..count).map(move |index| {
         let line = generated(17, index);
@@ -86,7 +86,7 @@ fn judged(
                 .map(|p| *p.1)
                 .collect();
             let mean = own.iter().sum::<f64>() / own.len() as f64;
-            // A method that cannot be fitted without the target has no prediction for it.
+            // A method that cannot be fitted without the target has no prediction.
             let value = method
                 .fit(&kept_x, &kept_u)
                 .map_or(f64::INFINITY, |fit| fit.curve.value(left));

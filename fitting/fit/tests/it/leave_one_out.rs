@@ -1,4 +1,4 @@
-//! The leave-one-out error against refits without each reading.
+//! The leave-one-out error equals that of refits without each reading.
 
 use nalgebra::{DMatrix, DVector};
 use volcomp_fit::curve::{BSpline, Curve};
@@ -18,8 +18,8 @@ fn brute_force(x: &[f64], u: &[f64], fit: impl Fn(&[f64], &[f64]) -> Result<Fit,
     (x.iter().zip(u).map(square).sum::<f64>() / x.len() as f64).sqrt()
 }
 
-/// Three lines that differ by more than the error of the curve: the leave-one-out error of any kind is at least the residual of the same
-/// readings. Predicting the mean of each target instead of its readings gave a fraction of it.
+/// With three lines that differ by more than the error of the curve, the leave-one-out error of any kind is at least the residual: it is
+/// that of the readings, not of the mean at each target.
 #[test]
 fn several_lines_do_not_make_it_less_than_the_residual() {
     let one = targets(21);
@@ -35,7 +35,7 @@ fn several_lines_do_not_make_it_less_than_the_residual() {
     ];
     for fit in fits {
         let fit = fit.unwrap();
-        // The offsets of the lines alone leave 4 times the root mean square of −1, 0 and 1.
+        // The offsets of the lines alone leave 4 times the RMS of −1, 0 and 1.
         let least = 4.0 * (2.0_f64 / 3.0).sqrt();
         let kind = fit.curve.kind();
         assert!(fit.rms() >= least * (1.0 - 1e-9), "{kind}: {}", fit.rms());
@@ -78,7 +78,7 @@ fn fourier() {
     );
 }
 
-/// Independent solutions without each target, including the end targets.
+/// The leave-one-out error of moving least squares equals that of independent solutions without each target, including the end targets.
 #[test]
 fn moving_least_squares_with_its_half_width_kept() {
     let x = targets(21);
@@ -124,7 +124,8 @@ fn a_table_predicts_its_inner_targets() {
     same(found, (squares / 7.0).sqrt());
 }
 
-/// The penalised system is solved again without each row, at the smoothing parameter that gives the residual of the whole fit.
+/// The leave-one-out error of a spline equals that of the penalised system solved without each row, at the smoothing parameter with the
+/// residual of the whole fit.
 #[test]
 fn a_spline_with_its_smoothing_kept() {
     let x: Vec<f64> = (0..15).map(|i| 100.0 * f64::from(i)).collect();

@@ -1,5 +1,5 @@
-//! Thermal tests logged at various intervals, on a machine simulated every five seconds: coefficients, and residual of the terms when they
-//! are stepped in every cycle.
+//! Thermal tests logged at various intervals, on a machine simulated every five seconds: coefficients, and residual of the terms when
+//! stepped in every cycle.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -13,8 +13,8 @@ const HOURS: usize = 8;
 /// Steps per hour.
 const HOUR: usize = 720;
 
-/// Eight hours in steps of five seconds: spindle, bed, room, and a displacement of 3.2 µm/K of the spindle with a lag of 600 s less
-/// 2 µm/K of the bed.
+/// Eight hours in steps of five seconds: spindle, bed, room, and a displacement of 3.2 µm/K of the spindle with a lag of 600 s minus 2
+/// µm/K of the bed.
 struct World {
     degc: [Vec<f64>; 3],
     moved: Vec<f64>,
@@ -26,7 +26,7 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
 
 fn world(seed: u64) -> World {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    // A heat that changes every hour, through a mass that follows with a time constant.
+    // A heat input that changes every hour, through a mass with a time constant.
     let mut process = |size: f64, lag_s: f64| {
         let mut heat = 0.0;
         let mut value = 0.0;
@@ -58,7 +58,7 @@ fn world(seed: u64) -> World {
     }
 }
 
-/// A lag stepped as on a machine: the input is constant during each short step.
+/// A lag stepped as on a machine, with the input constant during each short step.
 fn stepped(degc: &[f64], lag_s: f64) -> Vec<f64> {
     let mut value = degc[0];
     let follows = if lag_s > 0.0 {
@@ -83,7 +83,7 @@ fn steps(seconds: f64) -> usize {
     (seconds / STEP_S) as usize
 }
 
-/// Log of a world with 0.1 µm of noise: a row every `every_s`, or at random intervals of 0.2 to 1.8 of that.
+/// Log of a world with 0.1 µm of noise: a row every `every_s`, or at random intervals of 0.2 to 1.8 times that.
 fn logged(world: &World, every_s: f64, is_regular: bool, seed: u64) -> ThermalRun {
     let mut random = ChaCha8Rng::seed_from_u64(seed + 1_000_000);
     let all = world.moved.len();
@@ -113,7 +113,7 @@ fn logged(world: &World, every_s: f64, is_regular: bool, seed: u64) -> ThermalRu
     .into()
 }
 
-/// Root mean square residual of the terms about its mean, in worlds that were not logged, stepped every five seconds.
+/// RMS of the terms' residual about its mean, in worlds that were not logged, stepped every five seconds.
 fn at_run_time(terms: &ThermalTerms) -> f64 {
     let mut squares = Vec::new();
     for seed in 500..503 {
@@ -140,7 +140,7 @@ fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// The claimed error equals the residual at run time for any logging interval, and the time constant is identified.
+/// For any logging interval the residual at run time is at most 1.2 times the stated error, and the time constant is identified.
 #[test]
 fn the_claimed_error_is_met_at_run_time_for_any_logger() {
     for (every_s, is_regular) in [
@@ -181,7 +181,7 @@ fn the_claimed_error_is_met_at_run_time_for_any_logger() {
                 run_time < 1.2 * claimed,
                 "{every_s} s: {run_time} of {claimed}"
             );
-            // Treating each row as constant over the interval before it left 1.5 µm at run time for rows 300 s apart.
+            // With each row constant over the interval before it, rows 300 s apart would leave 1.5 µm at run time.
             assert!(
                 run_time < if every_s < 200.0 { 0.12 } else { 0.3 },
                 "{run_time}"
@@ -196,8 +196,7 @@ fn the_claimed_error_is_met_at_run_time_for_any_logger() {
     }
 }
 
-/// A logger that stops for an hour while the spindle continues: the temperature in the gap is unknown, and rows that depend on it are
-/// excluded.
+/// A logger stops for an hour while the spindle runs: the temperature in the gap is unknown, and rows that depend on it are excluded.
 #[test]
 fn a_gap_in_time_is_not_bridged() {
     let mut runs: Vec<ThermalRun> = (0..4).map(|s| logged(&world(s), 60.0, true, s)).collect();
@@ -213,8 +212,8 @@ fn a_gap_in_time_is_not_bridged() {
     let gaps = record.gaps(&search.lags_s);
     assert_eq!(gaps.len(), 1);
     assert_eq!((gaps[0].from_s, gaps[0].to_s), (10_740.0, 14_400.0));
-    // At the end of the gap the slowest lag contains 1 − exp(−3660/5400) of a step in it, which decays to a twentieth in 5400·ln(9.845) s,
-    // computed by hand.
+    // By hand: at the end of the gap the slowest lag contains 1 − exp(−3660/5400) of a step in the gap, which decays to a twentieth in
+    // 5400·ln(9.845) s.
     let known = gaps[0].left_out.clone();
     assert_eq!(known.start, from);
     let behind_s = 60.0 * known.len() as f64;
@@ -259,7 +258,7 @@ fn a_gap_in_time_is_not_bridged() {
         };
         assert!((number.value - truth).abs() < 0.02, "{number:?}");
     }
-    // For a run that is a gap except for its beginning, the message states the number of known rows.
+    // For a run that is a gap except for its start, the message states the number of known rows.
     runs[1]
         .record
         .time_s

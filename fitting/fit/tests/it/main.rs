@@ -1,4 +1,4 @@
-//! Fits against closed forms, brute force and the published behaviour.
+//! Fits compared with closed forms, brute force and the published behaviour.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -37,7 +37,7 @@ fn at(x: &[f64], f: impl Fn(f64) -> f64) -> Vec<f64> {
     x.iter().map(|&x| f(x)).collect()
 }
 
-/// Normally distributed readings around `f`, µm.
+/// Normally distributed readings about `f`, µm.
 fn noisy(x: &[f64], sigma: f64, seed: u64, f: impl Fn(f64) -> f64) -> Vec<f64> {
     use rand::{RngExt, SeedableRng};
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);

@@ -30,8 +30,8 @@ fn peer(given: &Value) -> Option<Value> {
     Some(serde_json::from_slice(&output.stdout).unwrap())
 }
 
-/// Values at 101 places and the leave-one-out error, of three runs and an incomplete one. Least squares, moving least squares and the table
-/// agree up to rounding. The smoothing of the spline is searched to 0.01 in its logarithm here, to 1e-6 there.
+/// Values at 101 positions and leave-one-out error of three runs and an incomplete one equal those of NumPy and SciPy. The spline's
+/// smoothing is searched to 0.01 in its logarithm here, to 1e-6 there; all others agree up to rounding.
 #[test]
 fn every_kind_is_that_of_numpy_and_scipy() {
     for (seed, order, support) in [(1, 6, 0.6), (2, 4, 1.0 / 3.0), (3, 3, 0.3)] {

@@ -34,7 +34,7 @@ fn polynomial_and_chebyshev_are_the_same_function() {
     for x in targets(100) {
         assert!((a.curve.value(x) - b.curve.value(x)).abs() < 1e-8);
     }
-    // Least squares: residuals are orthogonal to the powers.
+    // At least squares the residuals are orthogonal to the powers.
     for k in 0..=6 {
         let dot: f64 = x
             .iter()
@@ -84,7 +84,7 @@ fn tables_hold_the_mean_of_each_target() {
             [0.5, 2.0, 4.0]
         );
         assert_eq!(fit.residuals, [-0.5, -1.0, 1.0, -1.0, 1.0, 0.5]);
-        // The inner target is predicted half-way between 0.5 and 4, its readings are 1 and 3.
+        // The inner target is predicted half-way between 0.5 and 4; its readings are 1 and 3.
         let expected = f64::midpoint(1.25_f64.powi(2), 0.75_f64.powi(2)).sqrt();
         assert!((fit.leave_one_out_rms - expected).abs() < 1e-12);
     }

@@ -17,7 +17,7 @@ fn a_fit_reads_back_the_same() {
     let read: AutoFit = serde_json::from_str(&text).expect(&text);
     assert_eq!(read.choice.method, chosen.choice.method);
     assert_eq!(read.choice.scores.len(), chosen.choice.scores.len());
-    // A table of two targets predicts none from the other: its leave-one-out error is infinite.
+    // A table of two targets does not predict one from the other: its leave-one-out error is infinite.
     let fits = [
         fit_auto(&x, &u, &options).unwrap().fit,
         fit_linear_table(&x, &u).unwrap(),
@@ -37,7 +37,7 @@ fn a_fit_reads_back_the_same() {
         );
         assert_eq!(read.meets_required, fit.meets_required);
     }
-    // The curve in it passes the checks of its constructor.
+    // The embedded curve passes the checks of its constructor.
     let broken = r#"{"curve":{"table":{"nodes":[[0.0,1.0]],"interpolation":"linear"}},"residuals":[],"leave_one_out_rms":null,"meets_required":null}"#;
     let error = serde_json::from_str::<Fit>(broken)
         .expect_err("one node")

@@ -1,17 +1,17 @@
-//! The runs in `examples/thermal`: those of the simulated machine, every fourth minute, with five of its sensors.
+//! The runs in `examples/thermal` are those of the simulated machine, every fourth minute, with five of its sensors.
 
 use std::{fmt::Write as _, fs, path::Path};
 
 use crate::heat_network::run;
 
-/// Each file and the seed of its run.
+/// Each file, and the seed of its run.
 const RUNS: [(&str, u64); 4] = [
     ("monday.csv", 1),
     ("tuesday.csv", 2),
     ("wednesday.csv", 3),
     ("thursday.csv", 4),
 ];
-/// Columns of the file, and the index of each sensor on the simulated machine.
+/// Columns of the file, and index of each sensor on the simulated machine.
 const SENSORS: [(&str, usize); 5] = [
     ("bearing", 0),
     ("head", 1),
@@ -21,7 +21,7 @@ const SENSORS: [(&str, usize); 5] = [
 ];
 const EVERY: usize = 4;
 
-/// The numbers of a run, row by row: time, temperatures, displacement.
+/// Rows of a run: time, temperatures, displacement.
 fn rows(seed: u64) -> Vec<Vec<f64>> {
     let record = run(seed).record;
     (0..record.len())
@@ -48,7 +48,7 @@ fn file(seed: u64) -> String {
     text
 }
 
-/// If `VOLCOMP_WRITE` is set in the environment, the files are written first.
+/// The shipped files equal the simulated runs. With `VOLCOMP_WRITE` in the environment the files are written first.
 #[test]
 fn shipped_runs_are_those_of_the_simulated_machine() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/thermal");

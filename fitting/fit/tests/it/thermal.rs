@@ -1,4 +1,4 @@
-//! Thermal fits of records whose truth is known.
+//! Thermal fits of records with known truth.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -68,7 +68,7 @@ fn a_lag_and_its_weights_are_found() {
     assert!(rms < 0.08, "{rms}");
     let worst = worst.unwrap();
     assert!(worst.rms >= rms && worst.from_s >= record.time_s[2100]);
-    // The constant of a machine file: all sensors at 20 degC.
+    // The constant of a machine file, with all sensors at 20 °C.
     let at_20 = 1.0 + 2.0 * (20.0 - record.degc[0][0]) - 3.0 * (20.0 - record.degc[1][0]);
     assert!((fit.constant_at(20.0) - at_20).abs() < 0.2);
 }
@@ -102,7 +102,6 @@ fn a_sensor_without_part_is_left_out() {
     assert_eq!(fit.sensors(), [0, 1]);
 }
 
-/// A fit of the first part does not depend on later rows.
 #[test]
 fn rows_outside_the_fitted_range_have_no_effect() {
     let mut record = record(3000, 0.1, 4);

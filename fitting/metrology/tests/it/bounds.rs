@@ -1,5 +1,5 @@
-//! Spread of results due to noise, against the Cramér–Rao bound: no unbiased evaluation of the same readings scatters less, since nothing
-//! is assumed about the shape of a guideway or of a tilt between targets. The bound is the inverse of Fisher's information.
+//! Spread of results due to noise, compared with the Cramér–Rao bound (inverse of the Fisher information). No unbiased evaluation of the
+//! same readings scatters less, since nothing is assumed about the shape of a guideway or tilt between targets.
 
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -12,11 +12,11 @@ use volcomp_metrology::{
 use volcomp_vocabulary::{Direction, ErrorName, Urad};
 
 const DRAWS: usize = 1500;
-/// Accepted ratio to the bound: with this number of samples a standard deviation is known within 2 %.
+/// Accepted ratio to the bound; with this number of samples a standard deviation is known within 2 %.
 const AS_GOOD: std::ops::RangeInclusive<f64> = 0.9..=1.1;
 
-/// Standard deviations of linear functions of the parameters (a row of `wanted` each), from readings that are linear in the parameters (a
-/// row of `design` each) with this noise.
+/// Standard deviations of linear functions of the parameters (rows of `wanted`), from readings with this noise that are linear in the
+/// parameters (rows of `design`).
 fn bound(design: &DMatrix<f64>, wanted: &DMatrix<f64>, noise: f64) -> DVector<f64> {
     let information = design.transpose() * design / (noise * noise);
     let covariance = wanted * information.try_inverse().unwrap() * wanted.transpose();
@@ -57,7 +57,7 @@ fn named(name: &str) -> ErrorName {
     name.parse().unwrap()
 }
 
-/// A guideway of 8 m, µm.
+/// Straightness of a guideway of 8 m, µm.
 fn guideway(q: f64) -> f64 {
     let t = q / 8000.0 * std::f64::consts::TAU;
     20.0 * t.sin() + 6.0 * (3.0 * t).cos()
@@ -73,7 +73,7 @@ fn straightness_by_the_angular_method_scatters_as_little_as_it_can() {
         let targets: Vec<f64> = (0..=steps).map(|k| bridge_mm * k as f64).collect();
         let tilt = |q: &f64| (guideway(*q) - guideway(q - bridge_mm)) / bridge_mm * 1e3;
         let truth: Vec<(f64, f64)> = targets.iter().map(|q| (*q, tilt(q))).collect();
-        // Each tilt is a separate parameter, read once in each run. The profile is their running sum without its straight line.
+        // Each tilt is a parameter, read once in each run. The profile is their running sum without its best-fit line.
         let design = DMatrix::identity(steps, steps);
         let sums = DMatrix::from_fn(steps + 1, steps, |to, step| {
             if step < to { 1e-3 * bridge_mm } else { 0.0 }
@@ -86,7 +86,7 @@ fn straightness_by_the_angular_method_scatters_as_little_as_it_can() {
         let normal = line.transpose() * &line;
         let wanted = &sums - &line * normal.try_inverse().unwrap() * line.transpose() * &sums;
         let least = bound(&design, &wanted, noise_urad / f64::from(runs).sqrt());
-        // In the limit of many steps: 1/15 of their number.
+        // Limit for many steps: 1/15 of their number.
         let step_um = 1e-3 * bridge_mm * noise_urad / f64::from(runs).sqrt();
         let closed = step_um * (steps as f64 / 15.0).sqrt();
         let rms = least.norm() / ((steps + 1) as f64).sqrt();
@@ -120,7 +120,7 @@ fn squareness_from_two_lines_scatters_as_little_as_it_can() {
         let places: Vec<f64> = (0..targets)
             .map(|k| length_mm * f64::from(k) / f64::from(targets - 1))
             .collect();
-        // Intercept and slope of each line; the requested quantity is the sum of the slopes, µrad.
+        // Intercept and slope of each line; the result is the sum of the slopes, µrad.
         let count = places.len();
         let design = DMatrix::from_fn(2 * count, 4, |row, column| {
             let own = column / 2 == row / count;
@@ -160,7 +160,7 @@ fn angles_from_parallel_lines_scatter_as_little_as_they_can() {
     let three = [[0.0, 0.0], [1000.0, 0.0], [0.0, 1000.0]];
     let four = [[0.0, 0.0], [1000.0, 0.0], [0.0, 700.0], [-400.0, 300.0]];
     for (offsets, runs) in [(&three[..], 10), (&four[..], 2)] {
-        // The error itself and both angles, µm of µrad by m.
+        // The linear error and both angles, µm from µrad times m.
         let design = DMatrix::from_fn(offsets.len(), 3, |line, parameter| match parameter {
             0 => 1.0,
             1 => 1e-3 * offsets[line][1],

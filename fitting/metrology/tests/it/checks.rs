@@ -103,7 +103,7 @@ fn two_runs_and_rounded_readings_give_no_hint() {
     let mut two_runs = gaussian(&mut rng, 2, 5);
     two_runs.readings[0].deviation += 100.0;
     assert_eq!(outlier_hints(&two_runs), []);
-    // Noise far below the step: readings coincide, or differ by one step.
+    // Noise far below the step: readings are equal or differ by one step.
     let mut rounded = gaussian(&mut rng, 5, 21);
     for reading in &mut rounded.readings {
         let noise = (reading.deviation * 1e6).fract() / 1e3;
@@ -117,7 +117,7 @@ fn two_runs_and_rounded_readings_give_no_hint() {
     assert_eq!(outlier_hints(&rounded), []);
 }
 
-/// A parabola with this deviation, µm, at its middle, on a line of 5 mm due to the alignment of the optics.
+/// A parabola with this deviation in its middle, µm, on a slope of 5 mm as from the alignment of the optics.
 fn straightness(middle_um: f64) -> Measurement {
     let mut text = String::from("target,deviation_um\n");
     for step in 0..=10 {
@@ -135,19 +135,19 @@ fn straightness(middle_um: f64) -> Measurement {
 fn a_straightness_is_checked_after_removing_its_line() {
     let said = |middle_um: f64| anomalies(&straightness(middle_um)).join("\n");
     assert_eq!(said(6.0), "");
-    // In mm: 6 nm from the line.
+    // In mm: 6 nm off the line.
     assert!(
         said(0.006).contains("every deviation is below 0.1 µm"),
         "{}",
         said(0.006)
     );
-    // The middle and the ends of a parabola are up to two thirds of its height from its line.
+    // Middle and ends of a parabola are up to two thirds of its height from its line.
     let message = said(6000.0);
     assert!(
         message.contains("are large for a machine tool") && !message.contains("5000"),
         "{message}"
     );
-    // The same readings as a positioning are 5 mm in size.
+    // As positioning the same readings extend over 5 mm.
     let positioning = Measurement {
         quantity: Some(Quantity::Positioning),
         ..straightness(6.0)

@@ -1,4 +1,4 @@
-//! ISO 230-4 on circles of a machine with known errors, which displace positions, not radial deviations.
+//! ISO 230-4 on circles of a machine with known errors, which displace positions rather than radial deviations.
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
@@ -14,7 +14,6 @@ use crate::samples::near;
 
 const RADIUS_MM: f64 = 150.0;
 
-/// Errors of a machine with the axes X and Y.
 #[derive(Clone, Copy, Default)]
 struct Machine {
     centre_um: [f64; 2],
@@ -24,16 +23,16 @@ struct Machine {
     scales: [f64; 2],
     /// Reversal values B, µm.
     backlash: [f64; 2],
-    /// Lag of each axis as a length of the path, µm.
+    /// Lag of each axis, as a length of the path, µm.
     lag: [f64; 2],
-    /// Overshoot at reversals of an axis, µm.
+    /// Overshoot where an axis reverses, µm.
     spikes: [f64; 2],
 }
 
 const SPIKE_DEG: f64 = 2.0;
 
 impl Machine {
-    /// Position of the tool at an angle of the path, mm.
+    /// Tool position at an angle of the path, mm.
     fn position(&self, angle: f64, sense: Sense) -> [f64; 2] {
         let d = sense.sign();
         let at = |lag_um: f64| angle - d * lag_um * 1e-3 / RADIUS_MM;
@@ -59,7 +58,7 @@ impl Machine {
         [x + 1e-3 * self.centre_um[0], y + 1e-3 * self.centre_um[1]]
     }
 
-    /// A table of both senses with noise.
+    /// Both senses with noise, as a table.
     fn table(&self, noise_um: f64, seed: u64) -> String {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let noise = Normal::new(0.0, noise_um).unwrap();
@@ -88,7 +87,6 @@ fn found(signatures: &Signatures, kind: SignatureKind) -> (f64, f64) {
     (one.size, one.uncertainty)
 }
 
-/// Expected size of each signature.
 fn expected(machine: &Machine) -> [(SignatureKind, f64); 7] {
     [
         (SignatureKind::Squareness, machine.squareness),
@@ -98,7 +96,7 @@ fn expected(machine: &Machine) -> [(SignatureKind, f64); 7] {
         ),
         (SignatureKind::BacklashFirst, machine.backlash[0]),
         (SignatureKind::BacklashSecond, machine.backlash[1]),
-        // The radius at 45° grows by half of the lag of X minus that of Y.
+        // At 45° the radius grows by half of the lag of X minus that of Y.
         (
             SignatureKind::ServoMismatch,
             0.5 * (machine.lag[0] - machine.lag[1]),
@@ -108,7 +106,7 @@ fn expected(machine: &Machine) -> [(SignatureKind, f64); 7] {
     ]
 }
 
-/// Every signature is recovered, also those that are zero, within a small bias of second order and four standard uncertainties.
+/// Checks that every signature, also of zero size, is recovered within a small second-order bias plus four standard uncertainties.
 #[track_caller]
 fn recovered(machine: &Machine, noise_um: f64, seed: u64) -> Signatures {
     let signatures = circular_signatures(&machine.trace(noise_um, seed)).unwrap();
@@ -124,7 +122,7 @@ fn recovered(machine: &Machine, noise_um: f64, seed: u64) -> Signatures {
     signatures
 }
 
-/// Of more than one turn a single one is evaluated, for any overshoot, form of the table and number of senses, and a note names the rest.
+/// Of a path longer than a turn, one turn is evaluated and a note names the rest, for any overshoot, table form and number of senses.
 #[test]
 fn one_turn_is_evaluated_and_the_rest_is_noted() {
     let machine = Machine {
@@ -138,10 +136,10 @@ fn one_turn_is_evaluated_and_the_rest_is_noted() {
         let mut text = if by_angle { "angle,deviation" } else { "x,y" }.to_owned();
         text += if stated { ",direction\n" } else { "\n" };
         for (sense, turned) in Sense::BOTH.into_iter().zip(turned) {
-            // No sum of steps ends in half a degree, which a message could round up or down.
+            // No sum of steps ends at half a degree, which a message could round up or down.
             let steps = (0_u32..).map(|step| f64::from(step) * 0.4);
             for at in steps.take_while(|at| *at <= turned + 0.1) {
-                // A ballbar feeds in before 0°.
+                // A ballbar starts before 0°.
                 let degrees = if sense == Sense::CounterClockwise {
                     at + 0.25 - 0.5 * (turned - 360.0)
                 } else {
@@ -205,7 +203,7 @@ fn one_turn_is_evaluated_and_the_rest_is_noted() {
     assert_eq!(Sense::BOTH.map(count), [900, 451]);
 }
 
-/// Arcs that overlap make more than one turn together, but no arc is a full turn: no quadrant replaces the circle.
+/// Overlapping arcs exceed a turn together, but none is a full turn: all are evaluated, and a note says so.
 #[test]
 fn overlapping_arcs_are_all_evaluated() {
     let [square, overlapping] = [90, 95].map(|degrees| {
@@ -287,7 +285,7 @@ fn all_signatures_together_are_recovered_over_many_seeds() {
     }
 }
 
-/// About 95 % of the sizes are within the stated uncertainty.
+/// The true sizes are within the stated 95 % uncertainty in 180 to 199 of 200 simulations.
 #[test]
 fn the_uncertainty_of_a_signature_matches_simulations() {
     let machine = Machine {
@@ -305,7 +303,7 @@ fn the_uncertainty_of_a_signature_matches_simulations() {
     assert!((180..=199).contains(&within), "{within}");
 }
 
-/// An ellipse with the half axes R ± 5 µm, displaced by 40 and −30 µm: G = G(b) = 10 µm, F = ±5 µm, D = 0.
+/// An ellipse with half axes R ± 5 µm, displaced by 40 and −30 µm: G = G(b) = 10 µm, F = ±5 µm, D = 0.
 #[test]
 fn deviations_of_an_ellipse_by_hand() {
     let machine = Machine {
@@ -322,7 +320,7 @@ fn deviations_of_an_ellipse_by_hand() {
     }
     near(found.g_b_um.unwrap(), 10.0, 0.01);
     near(found.d_um.unwrap(), 0.0, 0.01);
-    // The centre of positions is removed when they are read.
+    // The centre of the positions is removed on reading.
     near(found.centre_um[0].hypot(found.centre_um[1]), 0.0, 0.01);
     assert!(
         trace.notes[0].contains("0.0400, -0.0300 mm"),
@@ -331,7 +329,7 @@ fn deviations_of_an_ellipse_by_hand() {
     );
 }
 
-/// The two senses are circles of 2 µm difference in radius about one centre: G is zero in each, G(b) is 2, D is their mean.
+/// Both senses are circles about one centre with radii 2 µm apart: G = 0 for each, G(b) = 2 µm, D is their mean.
 #[test]
 fn both_senses_together_are_worse_than_each() {
     let mut text = "angle,deviation um,direction\n".to_owned();
@@ -419,7 +417,7 @@ fn tables_that_are_no_circle_are_refused() {
     assert!(circular_signatures(&trace).is_err());
 }
 
-/// Encoders jitter: 50 points at a standstill before, within or after the circle are assigned to no other sense.
+/// Points at standstill with jitter of the encoder, 50 before, within or after the circle, change the sense of no other point.
 #[test]
 fn a_standstill_changes_no_sense() {
     let table = |stands: &[usize]| {
@@ -461,7 +459,7 @@ fn a_standstill_changes_no_sense() {
             near(one.g_um[k].unwrap(), other.g_um[k].unwrap(), 1.0);
         }
     }
-    // Where the path reverses, only the points at standstill may belong to either sense.
+    // Where the path reverses, only points at standstill may have either sense.
     let with = table(&[720]);
     for (k, point) in with.points.iter().enumerate() {
         if k < 720 {
@@ -472,7 +470,7 @@ fn a_standstill_changes_no_sense() {
     }
 }
 
-/// `radius` alone is a radius: 150.002 mm read as a deviation of 150 µm would be a wrong circle.
+/// A column `radius` alone is rejected with the expected names: 150.002 mm must not be read as a deviation of 150 µm.
 #[test]
 fn a_column_of_radii_is_not_read_as_deviations() {
     let read = |head: &str| {
@@ -507,7 +505,7 @@ fn a_column_of_radii_is_not_read_as_deviations() {
     }
 }
 
-/// On an arc that does not pass a reversal of an axis, the spike there is unknown; all other signatures are recovered.
+/// On an arc without a reversal of an axis, that axis's spike is unknown; all other signatures are recovered.
 #[test]
 fn spikes_outside_an_arc_are_not_estimated() {
     let machine = Machine {
@@ -515,14 +513,14 @@ fn spikes_outside_an_arc_are_not_estimated() {
         backlash: [3.0, 2.0],
         ..Machine::default()
     };
-    // 220° from −20° to 200°, and one that does not even pass 90°: from 100° to 350°, 180° and 270° only.
+    // 220° from −20° to 200°; and from 100° to 350°, which passes 180° and 270° only.
     for ([from, to], passed) in [
         ([-20.0, 200.0], [true, true, true, false]),
         ([100.0, 350.0], [false, false, true, true]),
     ] {
         let mut text = String::from("x,y,direction\n");
         for sense in Sense::BOTH {
-            // None of the points is at a reversal of an axis.
+            // No point is at a reversal of an axis.
             let steps = (0..441).map(|step| (f64::from(step) + 0.3) / 441.0);
             for share in steps {
                 let share = if sense.sign() > 0.0 {

@@ -39,7 +39,7 @@ fn two_columns_are_one_forward_run() {
     );
 }
 
-/// Exports of spreadsheets and other programs: semicolons or tabs, decimal commas, columns in another order.
+/// Tables of spreadsheets (semicolons or tabs, decimal commas, columns in another order) give the same readings as plain tables.
 #[test]
 fn spreadsheet_exports_are_read_like_plain_tables() {
     let expected = csv(BIDIRECTIONAL).unwrap();
@@ -56,7 +56,6 @@ fn spreadsheet_exports_are_read_like_plain_tables() {
     assert_eq!(m.notes, ["columns that are not read: degC"]);
 }
 
-/// A unit in the head is read, with any punctuation around it.
 #[test]
 fn units_in_the_header_are_read() {
     for (text, unit) in [
@@ -96,7 +95,7 @@ fn units_in_the_header_are_read() {
     insta::assert_snapshot!(refused("target,target mm,deviation\n0,0,1\n"), @"x.csv:1: header: column `target` stands twice");
 }
 
-/// 1.234 among decimal commas is one thousand two hundred and thirty-four: it is not read as 1.234.
+/// Among decimal commas `1.234` may be 1234: it is rejected with its line.
 #[test]
 fn a_point_among_decimal_commas_is_refused() {
     let error = csv("target;deviation\n0;1,5\n1.234;2,5\n").unwrap_err();
@@ -111,7 +110,6 @@ fn written_tables_read_back_exactly() {
     assert_eq!(write_csv(&m), text);
 }
 
-/// The heads state the known units, and can be read again.
 #[test]
 fn written_tables_state_their_units() {
     let mut m = csv("target,run,direction,deviation\n0,1,+,1.5\n").unwrap();
@@ -161,7 +159,7 @@ fn incomplete_or_suspicious_tables_are_noted() {
     insta::assert_snapshot!(notes(&zeros), @"every backward reading is exactly 0: if the test was unidirectional, leave those rows out");
 }
 
-/// The table has no end mark, so a truncation at a line end of its first run cannot be detected; any other truncation is.
+/// A truncated table is rejected or noted, except at a line end in its first run, where nothing shows the truncation.
 #[test]
 fn a_table_cut_anywhere_is_refused_or_noted() {
     for cut in 0..BIDIRECTIONAL.len() {

@@ -1,4 +1,4 @@
-//! ISO 230-6 on diagonals of a machine whose errors are known.
+//! ISO 230-6 on diagonals of a machine with known errors.
 
 use volcomp_metrology::{Diagonal, Direction, Measurement, Reading, evaluate_diagonals};
 
@@ -7,8 +7,8 @@ use crate::samples::near;
 const EDGES: [f64; 3] = [800.0, 600.0, 500.0];
 const RUNS: u32 = 2;
 
-/// Deviation along a diagonal of a machine with three squareness errors (µrad), scale errors (µm/m) and a reversal value of X (µm), from
-/// its displaced corner points.
+/// Deviation along a diagonal from displaced corner points, with three squareness errors (µrad), scale errors (µm/m) and a reversal value
+/// of X (µm).
 struct Known {
     ec0y: f64,
     ea0z: f64,
@@ -24,7 +24,7 @@ impl Known {
         let lengths: [f64; 3] = std::array::from_fn(|k| EDGES[k] * signs[k].abs());
         let length = lengths.iter().map(|l| l * l).sum::<f64>().sqrt();
         let unit: [f64; 3] = std::array::from_fn(|k| signs[k] * lengths[k] / length);
-        // Each diagonal starts at the ends from which its moving axes move away.
+        // Each diagonal starts at the ends that its moving axes leave.
         let start: [f64; 3] = std::array::from_fn(|k| if signs[k] < 0.0 { EDGES[k] } else { 0.0 });
         let mut readings = Vec::new();
         for run in 1..=RUNS {
@@ -104,7 +104,7 @@ fn body_diagonals_give_back_squareness_scale_and_reversal() {
     let length = EDGES.iter().map(|e| e * e).sum::<f64>().sqrt();
     near(found.b_d_um.unwrap(), 3.0 * 800.0 / length, 1e-9);
     assert!(found.lacking.is_empty() && found.spread_um > 10.0);
-    // E of each is the range of straight lines: growth and reversal.
+    // E of each diagonal is the range of straight lines: growth plus reversal.
     for m in &found.diagonals {
         near(
             m.result.e.unwrap(),

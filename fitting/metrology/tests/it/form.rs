@@ -1,4 +1,4 @@
-//! Circles, planes and lines against closed forms, brute-force searches and published numbers.
+//! Circles, planes and lines, compared with closed forms, brute-force searches and published values.
 
 use std::f64::consts::TAU;
 
@@ -18,7 +18,6 @@ const LINE_XY: Feature = Feature::Line {
     plane: Some(CoordinatePlane::Xy),
 };
 
-/// A rotation and a displacement.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Motion {
     rows: [Point; 3],
@@ -26,7 +25,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// A motion from any non-zero quaternion and a shift.
+    /// From any non-zero quaternion, and a shift.
     pub(crate) fn new([w, x, y, z]: [f64; 4], shift: Point) -> Self {
         let n = (w * w + x * x + y * y + z * z).sqrt();
         let [w, x, y, z] = [w / n, x / n, y / n, z / n];
@@ -74,7 +73,7 @@ pub(crate) fn distance(a: Point, b: Point) -> f64 {
     (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
 }
 
-/// The sine of the angle between two lines along unit vectors.
+/// Sine of the angle between two lines along unit vectors.
 pub(crate) fn between(a: Point, b: Point) -> f64 {
     let cross = [
         a[1] * b[2] - a[2] * b[1],
@@ -115,8 +114,8 @@ fn lobes_have_twice_their_amplitude() {
     }
 }
 
-/// Published: W. Gander, G. H. Golub, R. Strebel, Least-squares fitting of circles and ellipses, BIT 34 (1994) 558–578: six points, the
-/// least-squares circle.
+/// Six points and their least-squares circle from W. Gander, G. H. Golub, R. Strebel, Least-squares fitting of circles and ellipses, BIT
+/// 34 (1994) 558–578.
 #[test]
 fn the_circle_of_gander_golub_and_strebel() {
     let points = [(1, 7), (2, 6), (5, 8), (7, 7), (9, 5), (3, 7)];
@@ -127,7 +126,7 @@ fn the_circle_of_gander_golub_and_strebel() {
     near(form.radius_mm.unwrap(), 4.7142, 5e-5);
 }
 
-/// A profile with noise: radius 30, lobes and noise of some hundredths.
+/// A profile with radius 30, lobes and noise of some hundredths.
 fn rough(rng: &mut ChaCha8Rng, n: usize, size: f64) -> Vec<Point> {
     let phase: f64 = rng.random_range(0.0..TAU);
     let noise: Vec<f64> = (0..n).map(|_| rng.random_range(-size..size)).collect();
@@ -139,7 +138,6 @@ fn rough(rng: &mut ChaCha8Rng, n: usize, size: f64) -> Vec<Point> {
     points
 }
 
-/// Width of the ring about a centre.
 fn ring_width(points: &[Point], x: f64, y: f64) -> f64 {
     let radii = points.iter().map(|p| (p[0] - x).hypot(p[1] - y));
     let (low, high) = radii.fold((f64::MAX, f64::MIN), |(l, h), r| (l.min(r), h.max(r)));
@@ -174,7 +172,7 @@ fn ring_by_grid(points: &[Point], start: [f64; 2], reach: f64) -> f64 {
 #[test]
 fn the_minimum_zone_ring_is_that_of_a_search_over_grids() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    // From profiles of a workpiece to hardly round ones.
+    // From workpiece profiles to hardly round ones.
     for size in [0.003, 0.05, 1.0, 5.0] {
         let points = rough(&mut rng, 37, size);
         let form = evaluate_form(&points, CIRCLE_XY).unwrap();
@@ -186,8 +184,8 @@ fn the_minimum_zone_ring_is_that_of_a_search_over_grids() {
     }
 }
 
-/// At least two points touch the outer circle of the narrowest ring and two the inner one, and they alternate: no half plane through the
-/// centre separates the outer ones from the inner ones.
+/// Two contacts of the narrowest ring are on the outer and two on the inner circle, and they alternate: no half plane through the centre
+/// separates them.
 #[test]
 fn the_contacts_of_a_ring_alternate() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -266,7 +264,7 @@ fn a_saddle_is_twice_its_height() {
     }
 }
 
-/// The width of a polyhedron lies between a face and a corner or between two edges: all of them are tried.
+/// The smallest width of a polyhedron, over all pairs of a face and a corner and of two edges.
 fn thinnest_layer(points: &[Point]) -> f64 {
     let minus = |a: Point, b: Point| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let mut edges = Vec::new();
@@ -364,7 +362,7 @@ fn straightness_in_a_plane_is_the_narrowest_of_all_strips() {
 #[test]
 fn a_helix_about_a_line_has_its_diameter() {
     let motion = Motion::random(&mut ChaCha8Rng::seed_from_u64(8), 1e5);
-    // Two opposite threads, so that the least-squares line is in their middle.
+    // Two opposite threads, so that the least-squares line is between them.
     let threads = [0.004, -0.004].into_iter();
     let points: Vec<Point> = threads
         .flat_map(|r| (0..400).map(move |k| (r, f64::from(k))))
@@ -376,7 +374,7 @@ fn a_helix_about_a_line_has_its_diameter() {
     near(form.axis.unwrap().length_mm(), 1197.0, 1e-9);
     assert_eq!(form.minimum_zone, None);
 
-    // A step to one side and back is symmetric, so that the least-squares line is known: the mean.
+    // A step to one side and back is symmetric: the least-squares line is the mean.
     let step = [(0.0, 0.01), (100.0, -0.01), (200.0, -0.01), (300.0, 0.01)];
     let points = step.map(|(s, h)| [s, 0.0, h]);
     let form = evaluate_form(&points, Feature::Line { plane: None }).unwrap();

@@ -1,4 +1,4 @@
-//! The same features by SciPy: `tests/reference/form.py`.
+//! The same features evaluated by SciPy: `tests/reference/form.py`.
 
 use std::{
     f64::consts::TAU,

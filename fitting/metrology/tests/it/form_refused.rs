@@ -132,7 +132,8 @@ x,y,z\n1,2\n | p.csv:2:
     }
 }
 
-/// Points on a coarse grid often coincide, or are on a line, in a plane or on a circle; some coordinates are huge, tiny or not finite.
+/// Arbitrary points give a finite result or an error: often coincident, or on a line, plane or circle, with huge, tiny or non-finite
+/// coordinates.
 #[test]
 fn arbitrary_points_give_a_finite_result_or_an_error() {
     let mut rng = ChaCha8Rng::seed_from_u64(31);

@@ -1,4 +1,4 @@
-//! Replays the kept inputs of the fuzz targets; a file named `valid-…` must be read, one named `broken-…` refused.
+//! Replays the stored fuzz inputs: a file named `valid-…` must parse, a file named `broken-…` must be rejected.
 
 use std::path::Path;
 
@@ -71,7 +71,7 @@ fn reports() {
     });
 }
 
-/// The points of a circle are used as readings.
+/// Every point of an accepted circle has a finite deviation, and its evaluation does not panic.
 #[test]
 fn circles() {
     replay("circle", |bytes, name| {
@@ -82,7 +82,7 @@ fn circles() {
     });
 }
 
-/// The samples of a capture are used as readings.
+/// Every sample of an accepted capture is finite.
 #[test]
 fn captures() {
     replay("capture", |bytes, name| {

@@ -1,4 +1,4 @@
-//! Straightness, squareness and Abbe's principle against displaced rigid bodies.
+//! Straightness, squareness and Abbe's principle, compared with displaced rigid bodies.
 
 use volcomp_metrology::{
     CarriedSide, ReferenceLine, Rides, TiltReading, Travel, abbe_um, angular_method_um, lever_mm,
@@ -36,7 +36,7 @@ fn dot(a: Vector, b: Vector) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
-/// Rodrigues' rotation of v by the rotation vector w.
+/// Rotates v by the rotation vector w (Rodrigues).
 fn rotated(v: Vector, w: Vector) -> Vector {
     let angle = dot(w, w).sqrt();
     if angle == 0.0 {
@@ -50,7 +50,7 @@ fn rotated(v: Vector, w: Vector) -> Vector {
     )
 }
 
-/// Position of a point, given at axis position 0, after the error motion of the carriage (δ in mm, ε in rad, stated at `c`).
+/// Position of a point (given at axis position 0) after the error motion of the carriage: δ in mm, ε in rad, stated at `c`.
 fn disturbed(p: Vector, delta: Vector, epsilon: Vector, c: Vector) -> Vector {
     add(add(c, delta), rotated(sub(p, c), epsilon))
 }
@@ -90,7 +90,7 @@ fn near(found: Vector, expected: Vector) {
 
 #[test]
 fn a_point_on_the_carriage_moves_with_it() {
-    // The carriage moves the point to m + u q and tilts there about its own point: the lever is m − c.
+    // The carriage moves the point to m + u q and tilts about its own point: the lever is m − c.
     for side in [CarriedSide::Tool, CarriedSide::Workpiece] {
         near(
             model_deviation_um(Rides::Carriage, side),
@@ -117,7 +117,7 @@ fn a_fixed_point_meets_another_place_of_the_carriage_at_each_position() {
 
 #[test]
 fn yaw_at_a_lever_of_one_metre_by_hand() {
-    // 10 µrad about Z, one metre along Y: 10 µm towards −X.
+    // 10 µrad about Z at 1 m along Y: 10 µm towards −X.
     assert_eq!(
         abbe_um([0.0, 0.0, 10.0], [0.0, 1000.0, 0.0]),
         [-10.0, 0.0, 0.0]
@@ -128,7 +128,8 @@ fn axis_of(letter: u8) -> Vector {
     std::array::from_fn(|i| f64::from(u8::from(i == usize::from(letter - b'X'))))
 }
 
-/// A bridge (a rigid body) is moved foot to foot along a known profile; its tilt as a rotation vector gives the reading.
+/// A rigid bridge is moved foot to foot along a known profile, and its tilt gives the reading: the readings reproduce the profile for
+/// every error.
 #[test]
 fn bridge_readings_give_the_profile_back_for_every_error() {
     let bridge_mm = 100.0;
@@ -148,7 +149,7 @@ fn bridge_readings_give_the_profile_back_for_every_error() {
                 scaled(across, if k == 0 { 0.0 } else { rise_um * 1e-3 }),
             );
             let tilt = scaled(cross(along, foot_to_foot), 1e6 / bridge_mm);
-            // The unused reading at target 0 is arbitrary; the rest is the right-hand rotation about +A, +B or +C.
+            // The reading at target 0 is not used; the others are right-hand rotations about +A, +B or +C.
             let right_hand: f64 = tilt.iter().sum();
             let slope = dot(tilt, about);
             let target = -250.0 + bridge_mm * k as f64;
@@ -240,7 +241,7 @@ fn a_line_needs_two_targets() {
     insta::assert_snapshot!(ReferenceLine::least_squares(&[(1.0, 2.0)]).unwrap_err(), @"least-squares reference line: points: found 1, expected at least two different targets");
 }
 
-/// Two axis lines that are out of square, measured against beams that are out of square by another angle.
+/// Two axis lines and two beams, each pair out of square: the slopes give the angle of the axis lines within 0.001 µrad.
 #[test]
 fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
     // For each pair: first axis p, second axis s, the axis of rotation from p to s, and the error's name.
@@ -257,9 +258,9 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
             "EA0Z" => [1.0, 0.0, 0.0],
             _ => [0.0, 1.0, 0.0],
         };
-        // The first axis is aligned; the second is rotated by the squareness error, right-handed.
+        // The first axis is aligned; the second is rotated right-handed by the squareness error.
         let second_line = rotated(unit(s), scaled(rotation, out_urad * 1e-6));
-        // Beam p is rotated within the plane by `beam`, beam s is at π/2 + reference to it.
+        // Beam p is rotated in the plane by `beam`; beam s is at π/2 + reference to beam p.
         let turned = |angle: f64| add(scaled(unit(p), angle.cos()), scaled(unit(s), angle.sin()));
         let beam_p = turned(beam_urad * 1e-6);
         let beam_s = turned((beam_urad + reference_urad) * 1e-6 + std::f64::consts::FRAC_PI_2);
@@ -286,7 +287,7 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
     }
 }
 
-/// Against the angle between two lines of which one is rotated: every tilt of X, Y and Z about every direction.
+/// For every tilt of X, Y and Z about every direction, the sign equals the change of the angle between two lines one of which is rotated.
 #[test]
 fn a_tilt_opens_or_closes_the_angle_of_its_axes() {
     const URAD: f64 = 100.0;
@@ -327,7 +328,7 @@ fn width(points: &[(f64, f64)], slope: f64) -> f64 {
     heights().fold(f64::NEG_INFINITY, f64::max) - heights().fold(f64::INFINITY, f64::min)
 }
 
-/// The narrowest strip against brute force: the slopes through all pairs of points, and a successively finer search.
+/// The minimum zone equals a brute-force search over the slopes of all pairs of points, refined.
 #[test]
 fn the_minimum_zone_is_that_of_brute_force() {
     let mut state = 1_u64;

@@ -1,4 +1,4 @@
-//! Mean curves of measurements in which not all runs hold all targets, against closed forms and the normal equations of the two-way layout.
+//! Mean curves of measurements whose runs lack targets, compared with closed forms and the normal equations of the two-way layout.
 
 use proptest::prelude::*;
 use volcomp_metrology::{
@@ -16,7 +16,7 @@ fn truth(target: usize, direction: Direction) -> f64 {
     0.2 * x * x - 1.7 * x + (1.3 * x).sin() + reversal * (1.0 + 0.1 * x)
 }
 
-/// Runs 1, 2, … with these offsets, in both directions over all targets that `holds` (run, direction, target) accepts.
+/// Runs 1, 2, … with these offsets, in both directions, over the targets that `holds` (run, direction, target) accepts.
 fn measured(
     offsets: &[f64],
     holds: impl Fn(u32, Direction, usize) -> bool,
@@ -41,7 +41,7 @@ fn measured(
     }
 }
 
-/// Mean curves minus the truth, forward and backward: the same constant at each target if no run causes a step.
+/// Mean curves minus the truth, forward and backward: constant if no run causes a step.
 fn errors(measurement: &Measurement) -> Vec<f64> {
     let of = |direction| {
         let curve = measurement.mean_curve_in(direction).into_iter();
@@ -57,7 +57,7 @@ fn range(values: &[f64]) -> f64 {
     largest - values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// Without noise the curve of both directions is the truth up to one constant, whichever readings are missing.
+/// Without noise the curve in both directions is the truth plus one constant, whichever readings are missing.
 #[test]
 fn runs_that_lack_targets_make_no_step_and_no_reversal() {
     type Holds = fn(u32, Direction, usize) -> bool;
@@ -126,7 +126,7 @@ fn runs_that_lack_targets_make_no_step_and_no_reversal() {
     }
 }
 
-/// Two runs of which the second stops: the offset between them is the mean of their differences at the common targets.
+/// The second of two runs stops early: the offset between the runs is the mean difference at their common targets.
 #[test]
 fn two_runs_follow_the_closed_form() {
     let noise = |run: u32, _, target: usize| (f64::from(run) * 7.1 + target as f64 * 2.3).sin();
@@ -146,7 +146,7 @@ fn two_runs_follow_the_closed_form() {
             "{target}: {mean} {expected}"
         );
     }
-    // ISO 230-2 uses the readings as they are.
+    // ISO 230-2 uses the readings unchanged.
     let iso = evaluate(&measurement).unwrap();
     assert_eq!(
         iso.targets[5].forward.unwrap().mean,
@@ -155,7 +155,7 @@ fn two_runs_follow_the_closed_form() {
     assert_eq!(iso.targets[6].forward.unwrap().mean, read(1, 6));
 }
 
-/// Forward and backward passes with separate zeros: neither branch has a step, and the reversal is that of the readings.
+/// Forward and backward passes with separate zeros: neither curve has a step, and the reversal is that of the readings.
 #[test]
 fn passes_with_zeros_of_their_own_make_no_step() {
     let own = |run, way, _| f64::from(run) * if way == Positive { 20.0 } else { -35.0 };
@@ -164,9 +164,9 @@ fn passes_with_zeros_of_their_own_make_no_step() {
     let found = errors(&measurement);
     let (forward, backward) = found.split_at(TARGETS);
     assert!(range(forward) < 1e-9 && range(backward) < 1e-9);
-    // Means of the zeros: 40 and −70.
+    // Mean zeros: 40 and −70.
     assert!((forward[0] - backward[0] - 110.0).abs() < 1e-9);
-    // Passes numbered consecutively, so that no number has both directions: unchanged.
+    // Consecutively numbered passes, none with both directions, are not changed.
     let mut one_by_one = measured(&[5.0, 9.0], |_, _, _| true, own);
     for reading in &mut one_by_one.readings {
         reading.run = 2 * reading.run - u32::from(reading.direction == Positive);
@@ -174,8 +174,7 @@ fn passes_with_zeros_of_their_own_make_no_step() {
     assert_eq!(one_by_one.incomplete_runs(), None);
 }
 
-/// A run that drifts has no constant offset. The remaining step where it ends is half its drift over the common targets, shared by the
-/// runs.
+/// A drifting run has no constant offset: where it ends, a step of half its drift over the common targets remains.
 #[test]
 fn a_drift_leaves_only_its_own_part_of_the_step() {
     let drift = |run: u32, _, target: usize| if run == 2 { 0.4 * target as f64 } else { 0.0 };
@@ -302,7 +301,7 @@ fn runs_without_a_common_target_are_noted() {
     ");
 }
 
-/// Readings of up to five runs, any of which may be missing.
+/// Readings of up to five runs, each of which may be missing.
 fn layout() -> impl Strategy<Value = Measurement> {
     let cell = (0.0..1.0_f64, -50.0..50.0_f64);
     (prop::collection::vec(cell, 2 * 5 * 7), 0.0..0.6_f64).prop_map(|(cells, missing)| {
@@ -328,7 +327,7 @@ fn layout() -> impl Strategy<Value = Measurement> {
 }
 
 proptest! {
-    /// A constant in all readings of a run shifts the whole curve by one constant, and changes neither reversal nor scatter.
+    /// A constant added to all readings of a run shifts the whole curve by one constant; reversal and scatter do not change.
     #[test]
     fn offsets_of_runs_do_not_change_the_curve(measurement in layout(), run in 0..5_u32, offset in -1e3..1e3_f64) {
         let mut moved = measurement.clone();
@@ -348,8 +347,8 @@ proptest! {
         }
     }
 
-    /// Least squares of reading = target + line of the run. By the normal equations the lines are those of the readings about the curve, and the curve is
-    /// the mean of the readings without these lines, but for one line that all runs have in common.
+    /// The two-way table (reading = target + run) completed by least squares has no residual at missing readings, and its means are the
+    /// curve plus a constant.
     #[test]
     fn the_curve_solves_the_normal_equations(mut measurement in layout(), is_straightness: bool) {
         measurement.quantity = is_straightness.then_some(Quantity::Straightness);
@@ -383,7 +382,6 @@ proptest! {
         }
     }
 
-    /// Complete runs are averaged unchanged, bit for bit.
     #[test]
     fn complete_runs_stay_as_they_are(deviations in prop::collection::vec(-1e3..1e3_f64, 2 * TARGETS * 3)) {
         let noise = |run: u32, way: Direction, target: usize| deviations[(run as usize - 1) * 2 * TARGETS + way as usize * TARGETS + target];

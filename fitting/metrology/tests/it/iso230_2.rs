@@ -48,7 +48,7 @@ fn only_the_outlying_backward_run_is_reported() {
     insta::assert_snapshot!(hints[0].text, @"backward run 1 differs from the other runs by 55.23 (root mean square; usual scatter 2.26)");
 }
 
-/// Every value is computed by hand.
+/// Every value equals the one computed by hand.
 #[test]
 fn small_case_by_hand() {
     let result = evaluate(&small()).unwrap();
@@ -168,7 +168,7 @@ fn non_finite_readings_are_refused() {
     insta::assert_snapshot!(evaluate(&measurement(&[(3.0, 1, Positive, f64::NAN)])).unwrap_err(), @"m: readings: found deviation NaN at target 3, expected finite numbers, at most 1e12");
 }
 
-/// Second implementation of the standard's formulas, directly from the readings.
+/// Second implementation of the formulas of the standard, directly from the readings.
 fn second_implementation(m: &Measurement) -> [f64; 12] {
     let targets = m.targets();
     let stats = |target: f64, direction| {

@@ -1,4 +1,4 @@
-//! Tables and logs that need a mapping.
+//! Tables and logs that need a mapping of columns.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -42,7 +42,6 @@ fn shown(m: &Measurement) -> Vec<(f64, u32, &'static str, f64)> {
     m.readings.iter().map(row).collect()
 }
 
-/// A head that ends in a unit states it, like those of volcomp's own tables.
 #[test]
 fn the_unit_in_the_head_of_a_named_column_is_used() {
     let read = |heads: [&str; 2], unit: &str| {
@@ -85,7 +84,7 @@ fn the_unit_in_the_head_of_a_named_column_is_used() {
             Some(DeviationUnit::Um),
             100.0,
         ),
-        // An unknown unit: noted, and read as µm.
+        // An unknown unit gives a note and is read as µm.
         (["Soll", "Abw [1/1000 mm]"], "", None, 0.1),
         (["Soll", "Millimeter"], "", None, 0.1),
         (["Soll", "Abweichung"], "", None, 0.1),
@@ -126,7 +125,7 @@ fn columns_are_found_by_name_or_number_in_any_dialect() {
     assert_eq!(m.unit, Some(DeviationUnit::Um));
     let by_rows = "directions of approach follow the order of the rows";
     assert_eq!(m.notes, [by_rows, "columns that are not read: Ist"]);
-    // A table with a column for each run and direction.
+    // A column for each run and direction.
     let wide = table(
         "[columns]\ntarget = 1\ndeviation = 2\nunit = \"um\"",
         "Target (mm),Run 1 Fwd,Run 1 Rev,Run 2 Fwd\n0,0.0,-1.8,0.1\n100,1.2,-0.6,1.3\n",
@@ -149,7 +148,7 @@ fn columns_are_found_by_name_or_number_in_any_dialect() {
     assert_eq!(ways, ["+", "+", "-", "-"]);
 }
 
-/// Blank lines count: line 3 is the one that an editor shows as line 3.
+/// Row numbers of the header count blank lines, as in an editor.
 #[test]
 fn header_rows_are_lines_of_the_file() {
     for (separator, cell) in [(",", ","), ("blank", " "), ("tab", "\t")] {
@@ -166,7 +165,7 @@ fn header_rows_are_lines_of_the_file() {
             assert!(message.starts_with("x.csv:6: target"), "{message}");
         }
     }
-    // Heads below the stated lines are not found; nothing is lost silently.
+    // A header below the stated lines is not found: an error.
     let toml = "[columns]\ntarget = \"t\"\ndeviation = \"d\"";
     assert!(table(toml, "\nt,d\n0,1\n").is_err());
     let numbered = "[columns]\ntarget = 1\ndeviation = 2\nheader_rows = 2";
@@ -286,8 +285,8 @@ fn invalid_mappings_are_refused() {
     }
 }
 
-/// Standstills at 0, 10, 20, an overrun, and back; the laser is 2 µm too high forward and 1 µm too low backward, and reports nothing while
-/// nothing changes; the motor reports its position one line late.
+/// A log with standstills at 0, 10, 20, an overrun, and back. The laser is 2 µm high forward and 1 µm low backward, and reports only
+/// changes; the motor reports its position one line late.
 pub(crate) fn log() -> String {
     let mut text = String::new();
     let mut time = 0.0;
@@ -306,7 +305,7 @@ pub(crate) fn log() -> String {
             time += 0.1;
         }
         let off = if index < 4 { 0.002 } else { -0.001 };
-        // The line of the axis follows that of the laser, although it is earlier.
+        // The axis line follows the laser line, although its time is earlier.
         writeln!(text, "LASER:POS {} {:.5}", stamp(time + 0.3), place + off).unwrap();
         writeln!(text, "M:X.RBV {} {:.4}", stamp(time), place).unwrap();
         writeln!(text, "AIR:T {} 20.{index} LOLO MAJOR", stamp(time)).unwrap();
@@ -383,8 +382,8 @@ fn standstills_in_a_log_become_readings() {
     );
 }
 
-/// The last 4 µm of an approach are within the limit of standstill: after positive motion they are before the target, after negative motion
-/// beyond it. An axis without reversal shows none, however slowly it approaches.
+/// The last 4 µm of an approach are within the standstill limit, before the target after positive and beyond it after negative motion: an
+/// axis without reversal shows less than 0.1 µm, however slow the approach.
 #[test]
 fn the_end_of_an_approach_is_not_read_as_reversal() {
     let mut text = String::new();
@@ -431,13 +430,13 @@ fn the_end_of_an_approach_is_not_read_as_reversal() {
         let [up, down] = [Positive, Negative].map(|way| m.mean_at(target, way).unwrap());
         assert!((up - down).abs() < 0.1, "{target}: {up} and {down} µm");
     }
-    // Without stated targets, the positions of rest are the targets.
+    // Without stated targets the rest positions are the targets.
     channels.targets.clear();
     let m = readings_at_dwells(&log, &channels).unwrap();
     assert_eq!(m.targets(), [0.0, 10.0, 20.0, 21.0]);
 }
 
-/// An axis that creeps at a target, or overruns it by less than the reach of the target, approached it once.
+/// Creep at a target, or an overrun within the reach of the target, does not change the readings: the target was approached once.
 #[test]
 fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
     let Mapping::Channels(channels) = mapping(CHANNELS) else {
@@ -485,7 +484,7 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
         for steps in [
             &[(1.5, 0.01)][..],
             &[(1.5, -0.01)],
-            // Forward and back, without a standstill between, and with one.
+            // Forward and back, without and with a standstill in between.
             &[(1.3, 0.04), (1.5, 0.0)],
             &[(1.1, 0.04), (2.2, 0.0)],
         ] {
@@ -501,12 +500,11 @@ fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
             );
         }
     }
-    // An overrun beyond the reach without a standstill there is an approach from the other side.
+    // An overrun beyond the reach, without standstill, is an approach from the other side.
     let left = moved(20.0, &[(1.3, 0.5), (1.5, 0.0)]);
     assert_ne!(left.readings, straight.readings);
 }
 
-/// Lines out of order change nothing, except for a note.
 #[test]
 fn a_log_out_of_order_gives_the_same_readings() {
     let text = log();

@@ -33,7 +33,7 @@ fn straightness_files_are_read_as_micrometres_with_a_note() {
     assert!(matches!(as_linear, Err(MetrologyError::Kind(_))));
 }
 
-/// 22.4 − 20 = 2.4 K at 8 µm/(m·K): 19.2 µm/m.
+/// A material temperature more than 1 K from 20 °C gives a note with the expansion: 22.4 − 20 = 2.4 K at 8 µm/(m·K) is 19.2 µm/m.
 #[test]
 fn material_far_from_20_degrees_is_flagged_with_its_expansion() {
     let notes = |from: &str, to: &str| {
@@ -114,7 +114,7 @@ Position   \tBidirectional Avg Error\r\n-50.000\t0.0010\r\n0.000\t0.0000\r\n50.0
 Position   \tForward Directional Avg Error\r\n-50.000\t0.0015\r\n0.000\t0.0000\r\n50.000\t-0.0030\r\n\r\n\
 Position   \tBackward Directional Avg Error\r\n50.000\t-0.0020\r\n0.000\t0.0000\r\n-50.000\t0.0005\r\n";
 
-/// Errors are in mm: 0.0015 is 1.5 µm. Targets are matched by value, in any order of the tables.
+/// Errors of API files are in mm: 0.0015 is 1.5 µm. Tables are matched by target value, in any order.
 #[test]
 fn api_files_hold_means_in_millimetres() {
     let m = parse_pos(POS.as_bytes(), "x.pos").unwrap();
@@ -124,7 +124,7 @@ fn api_files_hold_means_in_millimetres() {
     assert_eq!(m.mean_at(-50.0, Negative), Some(0.5));
     assert_eq!(m.mean_at(50.0, Negative), Some(-2.0));
     assert_eq!(m.metadata.axis.as_deref(), Some("X"));
-    // Means alone determine B, but neither A nor R.
+    // Means alone determine B, but not A or R.
     let evaluated = evaluate(&m).unwrap();
     assert_eq!((evaluated.a, evaluated.r), (None, None));
     assert!((evaluated.b.unwrap() - 1.0).abs() < 1e-9);
@@ -188,7 +188,7 @@ fn compensation_exports_are_marked_as_no_readings() {
     }
 }
 
-/// Without a spacing only the positions show that a row is repeated.
+/// A repeated position is rejected with its first line, although an export has no spacing.
 #[test]
 fn a_repeated_position_of_an_export_is_refused() {
     let twice = REN.replacen("Compensation spacing  100\r\n", "", 1);
@@ -257,14 +257,14 @@ fn columns_of_reports_are_checked_against_each_other() {
     );
 }
 
-/// Columns with exponents are checked to their last digit: 2.0E-03 is known to 0.0001.
+/// Columns with exponents are compared to their last digit: 2.0E-03 is known to 0.0001.
 #[test]
 fn columns_with_exponents_are_checked_against_each_other() {
     let head = REPORT.split("1  -254").next().unwrap();
     let read = |row: &str| parse_keysight_report(format!("{head}{row}\r\n").as_bytes(), "x.txt");
     let m = read("0.0E+00 2.0E-03 4.0E-03 3.0E-03 1.0E-03 1.0E-03 2.0E-03").unwrap();
     assert_eq!(m.mean_at(0.0, Negative), Some(4.0e-3));
-    // Forward and reverse swapped.
+    // Forward and reverse are swapped.
     let message = read("0.0E+00 4.0E-03 2.0E-03 3.0E-03 1.0E-03 1.0E-03 2.0E-03")
         .unwrap_err()
         .to_string();
@@ -272,7 +272,7 @@ fn columns_with_exponents_are_checked_against_each_other() {
         message.contains("dead zone: found 0.002, expected -0.002"),
         "{message}"
     );
-    // A zero has no last digit, but must not be compatible with everything.
+    // A zero has no last digit, and still must not agree with everything.
     assert!(read("1.0E+01 4.0E-03 0.0E+00 2.0E-03 1.0E-03 1.0E-03 4.0E-03").is_err());
     // Large numbers are rounded to their own last digit: −280 where the rounded means differ by −200.
     assert!(read("1.0E+01 1.2E+03 1.0E+03 1.1E+03 1.0E+01 1.0E+01 -2.8E+02").is_ok());
@@ -291,12 +291,12 @@ fn means_of_api_files_with_exponents_are_checked() {
         let message = read(wrong).unwrap_err().to_string();
         assert!(message.contains("mean of both directions"), "{message}");
     }
-    // The means of the directions are rounded, too: the mean of both is finer than they are.
+    // The means of the directions are rounded too: their mean is finer than they are.
     let fine = text("2.0E-05").replace("2.0E-03", "-4.0E-03");
     assert!(parse_pos(fine.as_bytes(), "x.pos").is_ok());
 }
 
-/// In every format whose numbers are separated by blanks and tabs, commas are read like points, and both in one file are rejected.
+/// In each format with blanks or tabs as separators, decimal commas are read like points; a file with both is rejected.
 #[test]
 fn decimal_commas_are_read_where_they_are_not_separators() {
     type Parser = fn(&[u8]) -> Result<volcomp_metrology::Measurement, MetrologyError>;
@@ -312,7 +312,7 @@ fn decimal_commas_are_read_where_they_are_not_separators() {
         ),
     ];
     for (text, parse) in files {
-        // Points between digits are those of numbers, and of dates and versions, which are not read as numbers.
+        // Points between digits are in numbers, and in dates and versions, which are not parsed as numbers.
         let is_digit = |c: Option<&u8>| c.is_some_and(u8::is_ascii_digit);
         let bytes = text.as_bytes();
         let decimal = |at: usize| bytes[at] == b'.' && is_digit(bytes.get(at + 1));

@@ -1,4 +1,4 @@
-//! Readers on arbitrary and on damaged bytes, and round trips of written files.
+//! Readers on arbitrary and damaged bytes, and round trips of written files.
 
 use std::fmt::Write as _;
 
@@ -16,7 +16,7 @@ use crate::samples::BIDIRECTIONAL_RTL;
 const TABLE: &str =
     "target,run,direction,deviation\n-10,1,+,1.25\n5,1,+,2.5\n5,1,-,0.5\n-10,1,-,3\n";
 
-/// Reads the bytes as every format; accepted content must be valid and survive a round trip in its own format.
+/// Reads the bytes in every format; accepted content must be valid and survive a round trip in its format.
 fn exercise(bytes: &[u8]) {
     let read = [
         parse_renishaw(bytes, "x", RenishawKind::Linear),
@@ -150,7 +150,7 @@ prop_compose! {
     }
 }
 
-/// Complete runs in the order of travel, numbers on a grid of 1e-6 mm and 1e-6 µm or µrad, no deviation 0.
+/// Complete runs in the order of travel, numbers on a grid of 1e-6 mm and 1e-6 µm or µrad, no deviation of 0.
 fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value = Measurement> {
     let targets = prop::collection::btree_set(-9_000_000_000..9_000_000_000_i64, 2..13);
     let deviations = prop::collection::vec(1..900_000_000_i64, 12 * 8);
@@ -213,7 +213,7 @@ fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value =
         )
 }
 
-/// A written text read again, without the notes of the reader.
+/// Writes and reads a text, without the reader's notes.
 fn read_again(text: &str, kind: RenishawKind) -> Measurement {
     let mut read = parse_renishaw(text.as_bytes(), "x", kind).unwrap();
     read.notes.clear();
@@ -235,7 +235,7 @@ fn odd_readings() -> impl Strategy<Value = Vec<Reading>> {
 }
 
 proptest! {
-    /// Public functions return a result or an error for any measurement built in code.
+    /// For any measurement built in code, public functions return a result or an error.
     #[test]
     fn odd_measurements_built_in_code_do_not_panic(readings in odd_readings(), at in any::<f64>()) {
         let m = Measurement { readings, ..Measurement::default() };
@@ -311,7 +311,6 @@ proptest! {
     }
 }
 
-/// Numbers of every kind.
 fn any_number() -> impl Strategy<Value = f64> {
     prop_oneof![
         3 => -1e3..1e3_f64,
@@ -321,7 +320,6 @@ fn any_number() -> impl Strategy<Value = f64> {
 }
 
 proptest! {
-    /// Evaluations of arbitrary readings return a result or an error.
     #[test]
     fn evaluations_of_arbitrary_readings_never_panic(
         rows in prop::collection::vec((any_number(), 0..4_u32, any::<bool>(), any_number()), 0..40),
@@ -363,7 +361,6 @@ proptest! {
         let _ = (decide(Some(numbers[0]), numbers[1], Some(numbers[2])), parse_tolerances(&tolerance, &["A", "E"]));
     }
 
-    /// Readers and evaluations of circles never panic.
     #[test]
     fn circles_of_arbitrary_points_never_panic(
         rows in prop::collection::vec((-1e4..1e4_f64, -1e4..1e4_f64), 0..60),

@@ -105,7 +105,7 @@ fn case_wrapping_and_unknown_sections_are_accepted() {
     assert_eq!(rtl(&format!("\u{feff}{text}")).unwrap(), expected);
 }
 
-/// Rows of (run, target column, deviation) in place of the sample's.
+/// The sample with these rows: run, target column, deviation.
 fn with_rows(run_count: u32, flags: &str, rows: &[(u32, &str, f64)]) -> String {
     let (start, rest) = BIDIRECTIONAL_RTL
         .split_once("Run Target Data:\r\n")
@@ -134,7 +134,7 @@ fn target_values_in_the_target_column_are_accepted_where_no_number_fits() {
             (250.5, 1, '+', 3.0)
         ]
     );
-    // One row that is neither: the message asks for a target number.
+    // A row that is neither: the message asks for a target number.
     let neither = [(1, "1", 1.0), (1, "2", 2.0), (1, "250", 3.0)];
     assert!(matches!(
         rtl(&with_rows(1, "0 1 2 0", &neither)),

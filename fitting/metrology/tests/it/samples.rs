@@ -5,7 +5,7 @@ use volcomp_metrology::{
     Measurement, Reading,
 };
 
-/// Three targets (one negative), two bidirectional runs, reverse runs in the order of travel.
+/// Three targets (one negative) and two bidirectional runs, with reverse runs in the order of travel.
 pub(crate) const BIDIRECTIONAL_RTL: &str = "HEADER::\r
 File type  : rtl\r
 Owner      : Example\r
@@ -56,7 +56,7 @@ Final Data : 1 0\r
 EOF::\r
 ";
 
-/// The same file with one piece of text changed; the piece must be there.
+/// The sample with one text replaced, which must occur.
 pub(crate) fn rtl_with(from: &str, to: &str) -> String {
     assert!(
         BIDIRECTIONAL_RTL.contains(from),
@@ -87,7 +87,7 @@ pub(crate) fn measurement(readings: &[(f64, u32, Direction, f64)]) -> Measuremen
     }
 }
 
-/// Two targets, two runs each way.
+/// Two targets, two runs in each direction.
 pub(crate) fn small() -> Measurement {
     measurement(&[
         (0.0, 1, Positive, 1.0),

@@ -1,4 +1,4 @@
-//! Standards other than ISO 230-2, its editions, its requirements on a test, its uncertainty, and tolerances.
+//! Standards other than ISO 230-2, its editions and requirements on a test, its uncertainty, and tolerances.
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -11,8 +11,7 @@ use volcomp_vocabulary::AxisKind;
 
 use crate::samples::{measurement, near, small};
 
-/// At 0: means 2 and −2, so x̄ = 0 and U = 4; s = √2 and 0, so Ps = 3√2. At 10: means 5 and 6, so x̄ = 5.5 and U = 1; s = 0 and 2√2, so
-/// Ps = 6√2.
+/// At 0: means 2 and −2, x̄ = 0, U = 4; s = √2 and 0, Ps = 3√2. At 10: means 5 and 6, x̄ = 5.5, U = 1; s = 0 and 2√2, Ps = 6√2.
 #[test]
 fn vdi_3441_by_hand() {
     let root2 = 2.0_f64.sqrt();
@@ -22,7 +21,7 @@ fn vdi_3441_by_hand() {
     near(vdi.u_mean, 2.5, 1e-12);
     near(vdi.ps_max, 6.0 * root2, 1e-12);
     near(vdi.ps_mean, 4.5 * root2, 1e-12);
-    // From 0 − (4 + 3√2)/2 = −4.12 up to 5.5 + (1 + 6√2)/2 = 10.24.
+    // From 0 − (4 + 3√2)/2 = −4.12 to 5.5 + (1 + 6√2)/2 = 10.24.
     near(vdi.p, 5.5 + 0.5 + 3.0 * root2 + 2.0 + 1.5 * root2, 1e-12);
     let symbols: Vec<&str> = Vdi3441::quantities(Some(&vdi))
         .iter()
@@ -42,7 +41,7 @@ fn vdi_3441_needs_both_directions_and_several_runs() {
     assert_eq!(vdi_3441(&evaluate(&one_run).unwrap()), None);
 }
 
-/// Second implementation of VDI/DGQ 3441, on the published readings.
+/// A second implementation of VDI/DGQ 3441 gives the same values on the published readings.
 #[test]
 fn vdi_3441_of_the_published_readings() {
     let text = include_str!("../data/iso230-2-axis.csv");
@@ -77,7 +76,7 @@ fn vdi_3441_of_the_published_readings() {
     near(vdi.p, upper - lower, 1e-9);
     let largest = means.iter().copied().fold(f64::MIN, f64::max);
     let smallest = means.iter().copied().fold(f64::MAX, f64::min);
-    // The published M in µm is the same range.
+    // The published M, in µm, is the same range.
     near(vdi.pa, largest - smallest, 1e-9);
     near(vdi.pa, 48.09, 0.011);
     // The published B.
@@ -102,7 +101,7 @@ fn editions_name_the_same_values_differently() {
     assert_eq!(asme[0].value, result.a);
 }
 
-/// Requirements at the limits of the kinds of axes.
+/// The required numbers of targets and runs change at the stated travels of each kind of axis.
 #[test]
 fn required_targets_and_runs() {
     use AxisKind::{Linear, Rotary};
@@ -157,7 +156,8 @@ const INPUTS: UncertaintyInputs = UncertaintyInputs {
     environment_um: Some(1.7),
 };
 
-/// Each contribution by the rounded factors of the annex, 0.3 and 0.6, over 1.75 m; they differ from 1/√12 and 1/√3 by less than 4 %.
+/// Each contribution over 1.75 m equals that by the rounded factors of the annex, 0.3 and 0.6, which differ from 1/√12 and 1/√3 by less
+/// than 4 %.
 #[test]
 fn contributions_to_the_uncertainty_by_hand() {
     let u = positioning_uncertainty(&INPUTS, 1.75, 5).unwrap();
@@ -182,7 +182,7 @@ fn contributions_to_the_uncertainty_by_hand() {
     assert_eq!(u.left_out, Vec::<String>::new());
 }
 
-/// The environment moves each reading independently: its effect on E, M and B by Monte Carlo samples.
+/// The environment changes each reading independently: its effect on E, M and B equals that of Monte Carlo samples.
 #[test]
 fn the_environment_spreads_the_results_as_stated() {
     const TRIALS: usize = 20_000;
@@ -190,7 +190,7 @@ fn the_environment_spreads_the_results_as_stated() {
         environment_um: Some(2.0 * 3.0_f64.sqrt()),
         ..UncertaintyInputs::default()
     };
-    // U_EVE = 2 µm, so that each reading has a standard uncertainty of 1 µm.
+    // U_EVE = 2 µm, so each reading has a standard uncertainty of 1 µm.
     let u = positioning_uncertainty(&only, 1.0, 5).unwrap();
     near(u.contributions[4].u_um.unwrap(), 2.0, 1e-12);
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(230);
@@ -198,7 +198,7 @@ fn the_environment_spreads_the_results_as_stated() {
     let mut draws: [Vec<f64>; 4] = Default::default();
     for _ in 0..TRIALS {
         let mut readings = Vec::new();
-        // Far apart, so that the extremes are always at the same places.
+        // Far apart, so that the extremes are always at the same targets.
         for (target, up, down) in [(0.0, 50.0, 0.0), (500.0, 500.0, 480.0)] {
             for run in 1..=5 {
                 readings.push((target, run, Positive, up + noise.sample(&mut rng)));
@@ -219,7 +219,7 @@ fn the_environment_spreads_the_results_as_stated() {
     near(twice_sd(&draws[0]), u.e_um, 0.02 * u.e_um);
     near(twice_sd(&draws[1]), u.m_um, 0.02 * u.m_um);
     near(twice_sd(&draws[2]), u.b_um, 0.02 * u.b_um);
-    // A machine with perfect repeatability gets 4 s = 2 U_EVE from its environment.
+    // A perfectly repeatable machine gets 4 s = 2 U_EVE from the environment.
     let mean_square = draws[3].iter().map(|s| s * s).sum::<f64>() / TRIALS as f64;
     near(
         4.0 * mean_square.sqrt(),

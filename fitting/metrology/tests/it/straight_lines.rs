@@ -12,8 +12,8 @@ use volcomp_metrology::{
 
 use crate::samples::near;
 
-/// A triangle of 6 µm on a slope of 10 µrad. Through the end points it is 6; the narrowest strip has one side through the end points
-/// as well, 6; least squares through (−1, 0), (0, 6), (1, 0) is level at 2, range 6. With a fourth point the three differ.
+/// A triangle of 6 µm on a slope of 10 µrad: range 6 about the end-point line, the minimum zone, and the least-squares line, which is
+/// level at 2 through (−1, 0), (0, 6), (1, 0). With a fourth point the three differ.
 #[test]
 fn the_three_reference_lines_by_hand() {
     let sloped = |q: f64, x: f64| (q, x + 0.01 * q);
@@ -29,8 +29,8 @@ fn the_three_reference_lines_by_hand() {
         near(about.error_um, 6.0, 1e-9);
         near(about.line.slope().0, 10.0, 1e-9);
     }
-    // (0, 0) (1, 3) (2, 0) (3, 3): end points rise by 1, leaving 0, 2, −2, 0: 4. Least squares: slope 0.6, leaving
-    // −0.6, 1.8, −1.8, 0.6: 3.6. The narrowest strip between the lines of slope 0 is 3.
+    // (0, 0) (1, 3) (2, 0) (3, 3). End points rise by 1, residuals 0, 2, −2, 0: 4. Least squares: slope 0.6, residuals −0.6, 1.8, −1.8,
+    // 0.6: 3.6. Narrowest strip at slope 0: 3.
     let zigzag = [(0.0, 0.0), (1.0, 3.0), (2.0, 0.0), (3.0, 3.0)];
     let found = straightness_of_profile(&zigzag).unwrap();
     near(found.of(ReferenceKind::EndPoints).error_um, 4.0, 1e-12);
@@ -51,7 +51,7 @@ fn runs_of_both_directions_make_one_profile_and_their_difference() {
     assert!(straightness_of(&single).is_err());
 }
 
-/// Runs with different slopes, as with a realigned beam, make the slope as uncertain as their scatter: (−60, 10, 50) µrad scatter by 55.7.
+/// Runs with different slopes, as with a realigned beam, make the slope uncertain by their scatter: (−60, 10, 50) µrad scatter by 55.7.
 #[test]
 fn different_slopes_of_runs_widen_the_uncertainty() {
     let stated = |slopes: [f64; 3]| {

@@ -1,4 +1,4 @@
-//! CSV tables: separators, decimal commas, places.
+//! CSV tables: separators, decimal commas, positions.
 
 use proptest::prelude::*;
 use volcomp_document::{CsvTable, InputError};

@@ -1,4 +1,4 @@
-//! Tests of the document layer: every text yields a value or an error with its location.
+//! Every text gives a value, or an error with its position.
 
 mod csv_file;
 
@@ -46,7 +46,7 @@ proptest! {
     }
 }
 
-/// Result of `decode` on one value under the key `a`.
+/// Result of `decode` for one value under the key `a`.
 fn asked<T>(
     text: &str,
     decode: impl FnOnce(&Section<'_>) -> Result<T, InputError>,
@@ -113,7 +113,7 @@ fn files_that_cannot_be_read_are_told_apart() {
         assert!(matches!(error, ReadError::System { .. }), "{error}");
         assert!(error.to_string().starts_with(&path.display().to_string()));
     }
-    // Invalid files far above the size limit used to exhaust the memory of the reader.
+    // A file far above the size limit would exhaust the reader's memory.
     let large = folder.path().join("large.toml");
     for unit in ["[", "ä", "#"] {
         std::fs::write(&large, unit.repeat(6 * 1024 * 1024)).unwrap();
@@ -155,7 +155,6 @@ fn files_that_cannot_be_read_are_told_apart() {
 }
 
 proptest! {
-    /// A number is accepted exactly when it lies within the range.
     #[test]
     fn ranges_hold(number in -1e9..1e9_f64, low in -1e9..1e9_f64, high in -1e9..1e9_f64) {
         let text = format!("a = {number:?}");
@@ -171,7 +170,7 @@ proptest! {
         prop_assert_eq!(found.ok(), within);
     }
 
-    /// Every lookup in any text returns a value, or an error that names the file.
+    /// Any lookup in any text returns a value, or an error that names the file.
     #[test]
     fn no_lookup_panics(
         text in "(a( = |\\.b = |]\nb = )|\\[a\\]\n|\\[\\[a\\]\\]\n)?[-+a-f0-9.\"x_\\[\\]{}=, \n]{0,12}",
@@ -203,7 +202,7 @@ proptest! {
     }
 }
 
-/// The parser's message is kept unless it concerns a value. A first line that is valid TOML yields no hint about the file format.
+/// The parser's message is kept unless it concerns a value. A first line that is valid TOML gives no hint about the file format.
 #[test]
 fn text_that_is_no_toml_is_told_in_words_of_the_file() {
     for (text, expected) in [
@@ -284,7 +283,7 @@ fn a_file_of_another_kind_is_named_with_the_key_that_tells() {
     assert!(message.contains("did you mean `machine`?"), "{message}");
 }
 
-/// Numbers beyond any quantity of a machine are rejected with their location: calculations with them would overflow.
+/// Numbers beyond any quantity of a machine, with which calculations would overflow, are rejected with their position.
 #[test]
 fn numbers_that_overflow_are_refused() {
     for (text, expected) in [

@@ -58,7 +58,7 @@ fn a_limit_is_one_number_for_both_kinds_of_axes() {
     );
 }
 
-/// 32-bit floats of temperatures are plausible in the right byte order, and nearly never in the three wrong ones.
+/// 32-bit floats of temperatures are plausible in the right byte order, and in fewer than a tenth of the cases in a wrong one.
 #[test]
 fn a_float_in_a_wrong_byte_order_is_no_reading() {
     let (mut wrong, mut all) = (0, 0);

@@ -102,7 +102,7 @@ fn quantities_are_written_with_their_unit() {
     );
 }
 
-/// A position of 250 mm is not shown as 250000 µm, nor 30 deg as 29.999999999999996.
+/// Coordinates are written in mm and deg: 250 mm not as 250000 µm, and 30° not as 29.999999999999996.
 #[test]
 fn coordinates_are_written_in_mm_and_deg() {
     for (kind, number, text) in [

@@ -8,8 +8,8 @@ use tokio::{
     net::{TcpListener, TcpStream},
 };
 
-/// Seventeen dashboards with 64 connections each used up all file descriptors, and the gateway could not reconnect to a control. Above 256
-/// connections the oldest are closed, whichever server they belong to, and the newest is served.
+/// Seventeen dashboards with 64 connections each would use up all file descriptors. Above 256 connections the oldest are closed, of
+/// whichever server, and the newest is served.
 #[tokio::test]
 async fn all_servers_share_a_connection_limit() {
     let mut hang = Vec::new();
@@ -18,7 +18,7 @@ async fn all_servers_share_a_connection_limit() {
         let address = listener.local_addr().expect("bound");
         let router = Router::new().route("/", get(async || "here"));
         tokio::spawn(volcomp_web::serve(listener, None, router));
-        // One fewer than a server may have; the last one is served.
+        // One less than a server may have; the last one is served.
         for _ in 0..63 {
             hang.push(TcpStream::connect(address).await.expect("served"));
         }
@@ -29,7 +29,7 @@ async fn all_servers_share_a_connection_limit() {
         asks.read_to_string(&mut answer).await.expect("an answer");
         assert!(answer.ends_with("here"), "{answer}");
     }
-    // 378 connections are idle, of which at most 256 stay open.
+    // 378 idle connections, of which at most 256 stay open.
     let (older, newer) = hang.split_at_mut(378 - 256);
     for ended in older {
         assert_eq!(ended.read(&mut [0]).await.unwrap_or(0), 0);

@@ -99,7 +99,8 @@ fn invalid_certificate_files_are_named() {
     assert!(error.to_string().contains("x.pem"), "{error}");
 }
 
-/// A client that trusts the certificate is served over TLS under its names; another name, and a key that others can read, are rejected.
+/// A client that trusts the certificate is served over TLS under its names. Another name is rejected, and so is a key that others can
+/// read.
 #[tokio::test]
 async fn a_tls_page_serves_clients_that_trust_its_certificate() {
     let dir = tempfile::tempdir().expect("writable");

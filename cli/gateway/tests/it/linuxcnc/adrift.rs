@@ -1,4 +1,4 @@
-//! The bridges if the axes do not follow their requests, and if they must not start at all.
+//! Bridges whose axes do not follow their requests, and settings with which LinuxCNC must not start.
 
 use std::time::Duration;
 
@@ -9,7 +9,8 @@ use crate::online::check;
 
 alone!(adrift: settings_that_do_not_fit_start_nothing, in_joint_mode_nothing_is_requested, an_offset_that_does_not_come_is_an_alarm);
 
-/// LinuxCNC moves offsets with its own planner, but not in joint mode, where requested offsets would take effect later as a jump.
+/// LinuxCNC moves offsets with its own planner, but not in joint mode, where a requested offset would later take effect as a jump.
+/// Therefore the bridge requests none.
 fn in_joint_mode_nothing_is_requested() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, mut program) = corrected_at("X300 Y40 Z-20", dir.path(), |ini| ini);
@@ -45,7 +46,7 @@ fn in_joint_mode_nothing_is_requested() {
     assert_eq!(offsets(&mut control), held);
     assert_eq!(control.pin(pin), counts);
     assert_eq!(control.pin("volcomp.holds"), 1.0);
-    // In a mode in which offsets move again, the barrier removes the correction at its own rate.
+    // When offsets move again, the barrier removes the correction at its rate.
     let cycles = control.record(|control| {
         control.mdi("G0 X300");
         wait_zero(control);
@@ -53,11 +54,11 @@ fn in_joint_mode_nothing_is_requested() {
     no_jump(&cycles, MOST);
 }
 
-/// Without its share of velocity the planner does not move, so there is no correction.
+/// Without its share of the velocity the planner does not move an offset: the missing correction raises an alarm.
 fn an_offset_that_does_not_come_is_an_alarm() {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), |ini| {
-        // The component tolerates HAL files that are read twice.
+        // The component must tolerate that HAL files are read twice.
         let ini = ini.replace("[HAL]\n", "[HAL]\nTWOPASS = ON\n");
         ini.replace("OFFSET_AV_RATIO = 0.02\n", "")
     });
@@ -66,7 +67,7 @@ fn an_offset_that_does_not_come_is_an_alarm() {
     control.mdi("G21 G90 G0 X300 Y40 Z-20");
     let seen = program.wait(|state| state["reasons"].to_string().contains("alarm"));
     seen.unwrap_or_else(|state| panic!("the missing offset is not reported: {state}"));
-    // An offset was requested, and its absence is reported continuously.
+    // A requested offset that does not come is reported continuously.
     control.wait("axis.x.eoffset-request", |asked| asked.abs() > 2e-3);
     std::thread::sleep(Duration::from_secs(2));
     let state = program.state();
@@ -75,7 +76,7 @@ fn an_offset_that_does_not_come_is_an_alarm() {
     assert_eq!(offsets(&mut control), [0.0; 3]);
 }
 
-/// Each error is in the log of LinuxCNC, which does not start.
+/// Each wrong setting is named in the log of LinuxCNC, which does not start.
 fn settings_that_do_not_fit_start_nothing() {
     for (from, to, says) in [
         (

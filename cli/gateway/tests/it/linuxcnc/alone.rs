@@ -1,4 +1,4 @@
-//! Whether a LinuxCNC test can run here, with an isolated LinuxCNC.
+//! Checks whether a LinuxCNC test can run here, and isolates its LinuxCNC.
 
 use std::{
     os::unix::fs::PermissionsExt as _,
@@ -15,11 +15,11 @@ use super::peer::HERE;
 /// The folder of LinuxCNC's components.
 const MODULES: &str = "/usr/lib/linuxcnc/modules";
 
-/// The start script, and the file that marks a running LinuxCNC.
+/// The start script, and the lock file of a running LinuxCNC.
 const LINUXCNC: &str = "/usr/bin/linuxcnc";
 const RUNS: &str = "LOCKFILE=/tmp/linuxcnc.lock\n";
 
-/// Environment variable of such a test: a folder with the components of LinuxCNC and the bridge, and with the start script.
+/// Environment variable: a folder with LinuxCNC's components, the bridge and the start script.
 const WITH_BRIDGE: &str = "VOLCOMP_MODULES";
 
 /// Declares tests that run with an isolated LinuxCNC.
@@ -38,7 +38,6 @@ macro_rules! alone {
 }
 pub(crate) use alone;
 
-/// Whether a LinuxCNC with the bridge can be started here.
 fn can_start() -> bool {
     for (file, package) in [
         (LINUXCNC, "linuxcnc-uspace"),
@@ -56,10 +55,10 @@ fn can_start() -> bool {
     is_root
 }
 
-/// The folder of [`WITH_BRIDGE`], built once for all tests of this run.
+/// The folder for [`WITH_BRIDGE`], built once per run.
 static WITH_BRIDGE_BUILT: OnceLock<TempDir> = OnceLock::new();
 
-/// One LinuxCNC per slot: its servo thread needs the real time of this computer.
+/// Each slot runs one LinuxCNC at a time, because its servo thread needs processor time.
 static PLACES: [Mutex<()>; 2] = [const { Mutex::new(()) }; 2];
 
 fn run(command: &mut Command) {
@@ -87,9 +86,8 @@ fn build() -> TempDir {
     dir
 }
 
-/// Whether the test of this name continues. Two instances of LinuxCNC on one computer share their memory and the file that marks a running
-/// one, and the first to end kills the programs of the other by name. Therefore a test is started again in separate namespaces, which end
-/// with it, and its result is used here.
+/// Whether this process runs the test itself. Two LinuxCNC on one computer share memory and lock file, and the first to end kills the
+/// programs of the other by name. Therefore each test is started again in separate namespaces, and the outer process adopts its result.
 pub(crate) fn goes_on(name: &str) -> bool {
     if let Some(folder) = std::env::var_os(WITH_BRIDGE) {
         for (own, of_all) in [("modules", MODULES), ("linuxcnc", LINUXCNC)] {
@@ -102,7 +100,7 @@ pub(crate) fn goes_on(name: &str) -> bool {
         return false;
     }
     let free = PLACES.iter().find_map(|place| place.try_lock().ok());
-    // A failed test has released its slot.
+    // A failed test has released its slot as well.
     let _place = free.unwrap_or_else(|| PLACES[0].lock().unwrap_or_else(PoisonError::into_inner));
     let folder = WITH_BRIDGE_BUILT.get_or_init(build).path();
     for tried in 1.. {
@@ -117,13 +115,13 @@ pub(crate) fn goes_on(name: &str) -> bool {
     false
 }
 
-/// Maximum number of attempts of a test in which LinuxCNC itself stalls. A failure of our own ends it the first time.
+/// Maximum attempts of a test in which LinuxCNC itself stalls. Any other failure ends the test at the first attempt.
 const TRIES: usize = 3;
 
-/// Message of the user interface if LinuxCNC ignores a command and nothing moves, as happens on a busy computer without a real-time kernel.
+/// Message of the user interface if LinuxCNC ignores a command and nothing moves, as on a busy computer without a real-time kernel.
 const STANDS: &str = "LinuxCNC stands:";
 
-/// Runs the test of this name in separate namespaces. Returns whether it succeeded, and its output.
+/// Runs the test in separate namespaces; returns success and output.
 fn inside(name: &str, folder: &Path) -> (bool, String) {
     let inside = std::env::current_exe().expect("this program");
     let output = Command::new("unshare")

@@ -1,4 +1,4 @@
-//! A reversal error if the axis creeps, stops, and moves back and forth by less than the reversal threshold.
+//! A reversal error while the axis creeps, stops, and moves back and forth by less than the reversal threshold.
 
 use super::{PORT, alone::alone, configuration_of, peer::LinuxCnc, start};
 
@@ -17,7 +17,7 @@ travel = [-300.0, 10.0]
 EXX = { mean = { poly = [0.0] }, reversal = 3.0 }
 "#;
 
-/// Half of the reversal error, mm, and the fraction of it that identifies a side.
+/// Half of the reversal error, mm, and a lower threshold that identifies the side.
 const SIDE: f64 = 1.5e-3;
 const NEARLY: f64 = 1.4e-3;
 
@@ -45,7 +45,7 @@ fn the_side_of_a_reversal_changes_once_and_only_after_its_way() {
     control.mdi("X50");
     control.wait("axis.x.eoffset", |has| (has + SIDE).abs() < 3e-6);
 
-    // 0.2 mm/min is 3.3 nm per cycle. A reversal counts 5 µm from the extreme: at 50.003, and then at 49.996.
+    // 0.2 mm/min is 3.3 nm per cycle. A reversal is detected 5 µm from the extreme, here at 50.003 and then at 49.996.
     let cycles = control.record(|control| {
         for line in [
             "G1 F0.2 X50.003",
@@ -66,11 +66,11 @@ fn the_side_of_a_reversal_changes_once_and_only_after_its_way() {
     let found = sides(&cycles);
     let order: Vec<i32> = found.iter().map(|(side, _)| *side).collect();
     assert_eq!(order, [1, -1, 1], "{found:?}");
-    // Some readings must agree, and the offset moves at its own rate.
+    // Several readings must agree, and the offset moves at its own rate.
     for ((_, at), expected) in found[1..].iter().zip([49.998, 50.001]) {
         assert!((at - expected).abs() < 1e-4, "{at} mm, {expected} mm");
     }
-    // From side to side it moves in one direction, without fluctuation.
+    // The offset moves from side to side monotonically.
     let offsets = || cycles.iter().map(|cycle| cycle.offset[0]);
     let moved: f64 = offsets()
         .zip(offsets().skip(1))

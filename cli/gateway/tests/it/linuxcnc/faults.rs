@@ -1,4 +1,4 @@
-//! Faults: a gateway or a bridge that dies, a second gateway, a network that loses, duplicates, delays and reorders.
+//! A gateway or bridge that dies, a second gateway, and a network that loses, duplicates, delays and reorders datagrams.
 
 use std::{
     net::UdpSocket,
@@ -24,17 +24,16 @@ alone!(faults: a_gateway_that_dies_leaves_nothing, a_network_that_loses_doubles_
 fn a_gateway_that_dies_leaves_nothing() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, mut program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| {
-        // The axes are those of the default.
         assert!(ini.contains("AXES = XYZ\n"));
         ini.replace("AXES = XYZ\n", "")
     });
     let epoch = control.pin("volcomp.epoch");
-    // The disk hangs: the writer of the epoch waits for it, and nothing waits for the writer.
+    // The disk hangs: only the writer of the epoch file waits for it.
     let hangs = dir.path().join("volcomp.epoch.new");
     let made = Command::new("mkfifo").arg(&hangs).status();
     assert!(made.expect("a program of the system").success());
 
-    // The gateway is killed: after its timeout the barrier goes to zero, and its epoch is incremented.
+    // After a kill of the gateway the barrier times out and ramps to zero, and the epoch is incremented.
     let cycles = control.record(|control| {
         program.running.kill();
         wait_zero(control);
@@ -44,7 +43,6 @@ fn a_gateway_that_dies_leaves_nothing() {
     assert_eq!(control.pin("volcomp.owner"), 0.0);
     drop(program);
 
-    // The gateway is restarted, and continues.
     let program = gateway(dir.path(), PORT);
     let cycles = control.record(|control| wait_corrected(control, &program));
     no_jump(&cycles, MOST);
@@ -58,9 +56,9 @@ fn a_gateway_that_dies_leaves_nothing() {
         now == epoch && kept().trim() == epoch.to_string()
     });
 
-    // A second gateway with its own folders does not move an axis.
+    // A second gateway with separate folders moves no axis.
     let other = tempfile::tempdir().expect("writable");
-    // Under another address: under the same one it is refused at its start, since both are on this computer.
+    // The second gateway needs another address: a second gateway on this computer is refused at the same address.
     let mut relay = Relay::start(47_101, PORT);
     let config = super::configuration(other.path(), 47_101);
     let second = Program::start(other.path(), &["--config", path(&config)]);
@@ -74,7 +72,7 @@ fn a_gateway_that_dies_leaves_nothing() {
     relay.end();
 }
 
-/// Datagrams between a gateway and the bridge, some of them lost, duplicated, late or reordered.
+/// A relay between gateway and bridge that loses, duplicates, delays and reorders datagrams.
 struct Relay {
     stop: Arc<AtomicBool>,
     bad: Arc<AtomicBool>,
@@ -119,7 +117,7 @@ impl Relay {
                         1
                     };
                     for _ in 0..copies {
-                        // Later frames overtake one frame in ten; very many overtake one in a hundred.
+                        // One frame in ten is late enough to be overtaken, one in a hundred by very many.
                         let ms = match random.random_range(0..100) {
                             0 if is_bad => random.random_range(100..2000),
                             1..10 if is_bad => random.random_range(1..12),
@@ -153,7 +151,7 @@ impl Relay {
         }
     }
 
-    /// Number of received datagrams, and of those duplicated or late.
+    /// Number of datagrams received, and of those duplicated or delayed.
     fn end(&mut self) -> [u64; 2] {
         self.stop.store(true, Ordering::Relaxed);
         let thread = self.thread.take().expect("ended once");
@@ -172,7 +170,7 @@ fn a_network_that_loses_doubles_and_delays_moves_nothing_wrongly() {
     relay.bad.store(true, Ordering::Relaxed);
     let cycles = control.record(|control| control.mdi("G1 F600 X50 Y30 Z-20"));
     no_jump(&cycles, MOST);
-    // Late frames cannot be exact to the nanometre; the error stays within some cycles of motion.
+    // Late frames prevent nanometre accuracy: the error is bounded by the motion of some cycles.
     let found = super::residuals(&cycles);
     let [median, most] = [50, 99].map(|of| super::part(&found, of));
     println!("a bad network: residual {median:.2} nm median, {most:.1} nm p99");
@@ -182,6 +180,6 @@ fn a_network_that_loses_doubles_and_delays_moves_nothing_wrongly() {
     wait_corrected(&mut control, &program);
     let counts = relay.end();
     assert!(counts[0] > 5000 && counts[1] > 300, "{counts:?}");
-    // Without frames: zero after the timeout.
+    // Without frames the barrier goes to zero at its timeout.
     wait_zero(&mut control);
 }

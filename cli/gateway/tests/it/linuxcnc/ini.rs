@@ -6,7 +6,7 @@ use volcomp_test_support::root;
 
 use crate::program::path;
 
-/// The shipped example with a change in its INI file: exit status and output of `check`.
+/// Exit status and output of `check` on the shipped example with one change in its INI file.
 fn check(from: &str, to: &str) -> (Option<i32>, String) {
     let dir = tempfile::tempdir().expect("writable");
     for file in ["gateway.toml", "machine.toml", "mill.ini"] {
@@ -83,7 +83,7 @@ fn check_names_what_is_missing_in_the_file() {
     }
 }
 
-/// A gateway without the key does not start, and `check` names what is wrong with the file.
+/// A gateway without a key file does not start, and `check` names the error in the file.
 #[test]
 fn a_gateway_without_a_key_is_refused() {
     let dir = tempfile::tempdir().expect("writable");

@@ -1,5 +1,5 @@
-//! Other programs on the control's computer: without the key they move nothing and lock nobody out, and one with the key is treated as
-//! another gateway.
+//! Other programs on the control's computer: without the key they move no axis and lock out no gateway. A program with the key is treated
+//! as another gateway.
 
 use std::{
     net::UdpSocket,
@@ -31,7 +31,7 @@ use crate::online::check;
 alone!(key: without_the_key_nothing_moves_and_no_gateway_is_locked_out, a_program_with_the_key_is_another_gateway);
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
-/// Sockets that request states: many times the number of slots of the bridge.
+/// Sockets that request states, many more than the bridge has slots.
 const LISTENERS: usize = 100;
 
 fn socket() -> UdpSocket {
@@ -53,7 +53,7 @@ fn encoded(answers: [u32; 2], content: Content, key: &Key) -> Vec<u8> {
     bytes[..length].to_vec()
 }
 
-/// A program that knows everything about the bridge except possibly its key, and sends frames with a key.
+/// An attacker that knows everything about the bridge except possibly the key, and sends frames signed with a key.
 struct Beside {
     socket: UdpSocket,
     key: Key,
@@ -73,7 +73,6 @@ impl Beside {
         (self.last.as_ref()).map_or([0; 2], |state| [state.run, state.sequence])
     }
 
-    /// The newest report of the barrier.
     fn report(&mut self) -> Option<Report> {
         let listen = encoded(self.answers(), Content::Listen, &self.key);
         let _ = self.socket.send(&listen);
@@ -86,7 +85,7 @@ impl Beside {
         report
     }
 
-    /// Requests the full limit of the bridge with the owner's number, as if it were the next frame.
+    /// Requests the bridge's full limit with the owner's number, as if this were the owner's next frame.
     fn send(&self, report: &Report, ahead: u16, key: &Key) {
         let up = report.tick % 1000 < 500;
         let frame = Frame {
@@ -106,7 +105,7 @@ impl Beside {
     }
 }
 
-/// All attacks at once, until it is ended.
+/// All attacks in a thread, until it is stopped.
 struct Attack {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -120,7 +119,7 @@ impl Attack {
         let thread = std::thread::spawn(move || {
             let other = Key::new([9; 16]);
             let listeners: Vec<UdpSocket> = (0..LISTENERS).map(|_| socket()).collect();
-            // Valid recorded frames are too old when they are sent again.
+            // Replayed valid frames must be rejected as too old.
             beside.report();
             let recorded = encoded(beside.answers(), Content::Listen, &beside.key);
             let mut round = 0_usize;
@@ -129,12 +128,11 @@ impl Attack {
                     beside.send(&report, 1, &other);
                     beside.send(&report, 2, &other);
                 }
-                // Each listener, 40 times per second.
+                // Each listener sends 40 times per second.
                 for listener in listeners.iter().skip(round % 25).step_by(25) {
                     let forged = encoded(beside.answers(), Content::Listen, &other);
                     let _ = listener.send(&forged);
                     let _ = listener.send(&recorded);
-                    // Arbitrary bytes.
                     let _ = listener.send(&recorded[..round % recorded.len()]);
                 }
                 round += 1;
@@ -153,7 +151,7 @@ impl Attack {
     }
 }
 
-/// The state of the bridge with its key, with another one, and without.
+/// The bridge's state is available with its key only, not with another key or none.
 fn a_probe_needs_the_key(dir: &Path) {
     let other = dir.join("other.key");
     std::fs::write(&other, "09".repeat(16)).expect("writable");
@@ -175,8 +173,8 @@ fn a_probe_needs_the_key(dir: &Path) {
     assert!(none.contains("found no key_file"), "{none}");
 }
 
-/// Frames with the owner's number, the right epoch, tick and sequence; a hundred listeners; recorded requests, sent again: before a
-/// gateway comes, and while it corrects.
+/// Attacks before a gateway connects and while it corrects: frames with the owner's number, right epoch, tick and sequence; a hundred
+/// listeners; replayed requests. No axis moves, and the gateway keeps its correction.
 fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), |ini| ini);
@@ -185,7 +183,7 @@ fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     control.do_it("up");
     control.mdi("G21 G90 G0 X20 Y10 Z-5");
     control.wait("volcomp.forged", |forged| forged > 3000.0);
-    // No gateway corrects.
+    // Before a gateway connects.
     let cycles = control.record(|_| std::thread::sleep(Duration::from_secs(1)));
     assert!(cycles.len() > 100, "{} cycles", cycles.len());
     assert!(cycles.iter().all(|cycle| cycle.offset == [0.0; 3]));
@@ -200,7 +198,7 @@ fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     wait_corrected(&mut control, &program);
     let cycles = control.record(|control| control.mdi("G1 F600 X60 Y45 Z-25"));
     no_jump(&cycles, MOST);
-    // The gateway's frames queue among the others for some cycles.
+    // The gateway's frames may queue behind the others for some cycles.
     let found = residuals(&cycles);
     let [median, most] = [50, 99].map(|of| part(&found, of));
     println!("beside an attack: residual {median:.2} nm median, {most:.1} nm p99");
@@ -210,7 +208,7 @@ fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     attack.end();
 }
 
-/// A frame with the gateway's own number that it has not sent is not taken for its own, and is a fault.
+/// A frame with the gateway's number that the gateway did not send is detected and is a fault.
 fn a_program_with_the_key_is_another_gateway() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| ini);

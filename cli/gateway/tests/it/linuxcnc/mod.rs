@@ -1,4 +1,4 @@
-//! The gateway on a real LinuxCNC without a display: motion of its motors against the corrections of the errors.
+//! The gateway on a real headless LinuxCNC: motion of the motors compared with the corrections of the known errors.
 
 mod adrift;
 mod alone;
@@ -21,13 +21,12 @@ use peer::{Cycle, LinuxCnc};
 
 use crate::program::{Program, path, token_file};
 
-/// The port of the bridge.
 const PORT: u16 = 47_001;
 
-/// Maximum motion per cycle of the barrier and of LinuxCNC's own planner, mm.
+/// Maximum offset change per cycle of the barrier and of LinuxCNC's planner, mm.
 const MOST: f64 = 0.005;
 
-/// The errors, µm per mm: of X against the motion of the workpiece, of the others against that of the tool.
+/// Known errors, µm per mm: of X against the motion of the workpiece, of the others against that of the tool.
 const MACHINE: &str = r#"
 name = "mill"
 structure = "w X' b Y Z t"
@@ -45,7 +44,7 @@ EZZ = { poly = [0.0, 0.02] }
 EZX = { poly = [-3.0, 0.01] }
 "#;
 
-/// The corrections of the same errors by hand, mm: the additional motion of each motor.
+/// Corrections of the same errors, computed by hand, mm: added motion of each motor.
 fn oracle([x, y, z]: [f64; 3]) -> [f64; 3] {
     [
         -(2.0 + 0.03 * x) * 1e-3,
@@ -54,7 +53,6 @@ fn oracle([x, y, z]: [f64; 3]) -> [f64; 3] {
     ]
 }
 
-/// Configuration of a gateway for the mill, whose bridge uses this port.
 fn configuration(dir: &Path, port: u16) -> PathBuf {
     configuration_of(dir, port, MACHINE)
 }
@@ -63,7 +61,6 @@ fn configuration_of(dir: &Path, port: u16, machine: &str) -> PathBuf {
     write_configuration(dir, port, machine, "")
 }
 
-/// The key of gateway and bridge.
 fn key_file(dir: &Path) {
     let file = dir.join("volcomp.key");
     std::fs::write(&file, "000102030405060708090a0b0c0d0e0f\n").expect("writable");
@@ -71,7 +68,6 @@ fn key_file(dir: &Path) {
     std::fs::set_permissions(file, own).expect("ours");
 }
 
-/// A configuration with further lines for its controller.
 fn write_configuration(dir: &Path, port: u16, machine: &str, more: &str) -> PathBuf {
     std::fs::write(dir.join("machine.toml"), machine).expect("writable");
     token_file(dir);
@@ -106,7 +102,7 @@ token_file = "tokens"
     file
 }
 
-/// A gateway for the bridge at this port, with as much real time as available.
+/// A gateway for the bridge at this port, with real-time priority if permitted.
 fn gateway(dir: &Path, port: u16) -> Program {
     start(dir, &configuration(dir, port))
 }
@@ -120,7 +116,7 @@ fn start(dir: &Path, config: &Path) -> Program {
     program
 }
 
-/// The mill with a modified INI file, and its gateway: switched on, homed and corrected at this point.
+/// The mill with an edited INI file and its gateway: on, homed and corrected at this point.
 fn corrected_at(point: &str, dir: &Path, edit: impl Fn(String) -> String) -> (LinuxCnc, Program) {
     let mut control = LinuxCnc::start(dir, edit);
     let program = gateway(dir, PORT);
@@ -130,8 +126,8 @@ fn corrected_at(point: &str, dir: &Path, edit: impl Fn(String) -> String) -> (Li
     (control, program)
 }
 
-/// Sorted deviations of the motors from the expected motion, nm: the correction in each cycle is that of the nominal position as many
-/// cycles earlier as a command takes to reach the motor.
+/// Sorted distances of the motors from the expected motion, nm. Expected is the nominal position plus its correction, both of the earlier
+/// cycle whose command the motor executes now (see [`distances`]).
 fn residuals(cycles: &[Cycle]) -> Vec<f64> {
     residuals_of(cycles, |at| oracle(at.nominal))
 }
@@ -143,8 +139,8 @@ fn residuals_of(cycles: &[Cycle], oracle: impl Fn(&Cycle) -> [f64; 3]) -> Vec<f6
     })
 }
 
-/// Sorted deviations of the offsets from those expected at the positions of the motors, nm. Unlike [`residuals`] they do not include
-/// LinuxCNC's smoothing of a motor's motion, 300 nm during acceleration, with or without a correction.
+/// Sorted distances of the offsets from those expected at the motor positions, nm. Unlike [`residuals`] these exclude LinuxCNC's
+/// smoothing of the motion: 300 nm during acceleration, with or without a correction.
 fn offset_residuals(cycles: &[Cycle]) -> Vec<f64> {
     distances(cycles, |now, then| {
         let wanted = oracle([0, 1, 2].map(|axis| now.motor[axis] - then.offset[axis]));
@@ -152,8 +148,8 @@ fn offset_residuals(cycles: &[Cycle]) -> Vec<f64> {
     })
 }
 
-/// Sorted lengths of the deviation between a motor's cycle and the cycle of its command, nm. The delay from the command to the motor is a
-/// whole number of cycles, constant over the record, and is determined here.
+/// Sorted lengths of the difference between a motor's cycle and the cycle of its command, nm. The delay between them is a whole number of
+/// cycles, constant over the record, and determined here.
 fn distances(cycles: &[Cycle], off_mm: impl Fn(&Cycle, &Cycle) -> [f64; 3]) -> Vec<f64> {
     let of = |shift: usize| {
         let pairs = cycles.iter().skip(shift).zip(cycles);
@@ -172,7 +168,7 @@ fn part(sorted: &[f64], per_cent: usize) -> f64 {
     sorted[sorted.len() * per_cent / 100]
 }
 
-/// Checks the figures that count: median and 99th percentile.
+/// Checks median and 99th percentile of the residuals.
 fn corrected(what: &str, cycles: &[Cycle]) {
     corrected_by(what, cycles, |at| oracle(at.nominal));
 }
@@ -190,13 +186,11 @@ fn corrected_by(what: &str, cycles: &[Cycle], oracle: impl Fn(&Cycle) -> [f64; 3
     );
 }
 
-/// Present offsets of the control, mm.
 fn offsets(control: &mut LinuxCnc) -> [f64; 3] {
     let found = control.get(&["axis.x.eoffset", "axis.y.eoffset", "axis.z.eoffset"]);
     found.try_into().expect("three")
 }
 
-/// Waits until the control is at rest and corrected.
 fn wait_corrected(control: &mut LinuxCnc, program: &Program) {
     let end = std::time::Instant::now() + std::time::Duration::from_secs(60);
     loop {
@@ -217,14 +211,13 @@ fn wait_corrected(control: &mut LinuxCnc, program: &Program) {
     }
 }
 
-/// Waits until the control has no offset.
 fn wait_zero(control: &mut LinuxCnc) {
     for axis in ["x", "y", "z"] {
         control.wait(&format!("axis.{axis}.eoffset"), |value| value.abs() < 1e-7);
     }
 }
 
-/// Checks that no motor moves in a cycle by more than the program and the maximum rate of an offset permit, mm.
+/// Checks that no motor moves in a cycle by more than `most`, mm: the programmed motion plus the maximum rate of an offset.
 fn no_jump(cycles: &[Cycle], most: f64) {
     for pair in cycles.windows(2) {
         for axis in 0..3 {

@@ -1,4 +1,4 @@
-//! A LinuxCNC without a display, in separate namespaces.
+//! A headless LinuxCNC in separate namespaces.
 
 use std::{
     fmt::Write as _,
@@ -14,16 +14,16 @@ use std::{
 use serde_json::{Value, json};
 use volcomp_test_support::root;
 
-/// Timeout of the start of LinuxCNC on a busy computer.
+/// Start-up timeout, sized for a busy computer.
 const STARTS_WITHIN: Duration = Duration::from_secs(120);
 
-/// The user of the real-time part.
+/// User ID of the real-time part.
 const UID: u32 = 65_533;
 
-/// Timeout of a response; a longer one counts as hanging.
+/// Timeout of a response.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(300);
 
-/// Identifies the processes of a test.
+/// Environment variable that identifies the processes of a test.
 pub(super) const HERE: &str = "VOLCOMP_HERE";
 
 pub(crate) struct LinuxCnc {
@@ -33,7 +33,7 @@ pub(crate) struct LinuxCnc {
     hears: BufReader<UnixStream>,
 }
 
-/// A recorded cycle: nominal positions, motor positions, offsets, and, with A and C, their nominal positions, deg.
+/// A recorded servo cycle: nominal and motor positions, offsets, and on five axes the nominal positions of A and C, deg.
 pub(crate) struct Cycle {
     pub(crate) nominal: [f64; 3],
     pub(crate) motor: [f64; 3],
@@ -42,12 +42,12 @@ pub(crate) struct Cycle {
 }
 
 impl LinuxCnc {
-    /// Starts the mill of the examples with a modified INI file.
+    /// Starts the example mill with an edited INI file.
     pub(crate) fn start(dir: &Path, edit: impl Fn(String) -> String) -> Self {
         Self::start_example("mill", dir, edit)
     }
 
-    /// Starts a machine of the examples with a modified INI file.
+    /// Starts a machine of the examples with an edited INI file.
     pub(crate) fn start_example(name: &str, dir: &Path, edit: impl Fn(String) -> String) -> Self {
         let open = std::fs::Permissions::from_mode(0o1777);
         std::fs::set_permissions(dir, open).expect("ours");
@@ -64,8 +64,8 @@ impl LinuxCnc {
                 "../../drivers/linuxcnc/bridge/volcomp.tcl",
                 &format!("{}\nHALFILE = record.hal", bridge.display()),
             );
-        // A command that the servo thread does not process within this time is lost without a message. The default is one second, for which
-        // the thread may stall without real time.
+        // LinuxCNC silently drops a command that its servo thread does not process within this time. Without real time the thread may
+        // stall longer than the default of one second.
         let patient = "[EMCMOT]\nCOMM_TIMEOUT = 20\n";
         assert!(ini.contains("[EMCMOT]\n"), "{ini}");
         let ini = edit(ini.replace("[EMCMOT]\n", patient));
@@ -78,11 +78,11 @@ impl LinuxCnc {
         let listener = UnixListener::bind(&socket).expect("writable");
         listener.set_nonblocking(true).expect("a socket");
         super::key_file(dir);
-        // The real-time part refuses to run as root; this number is unused. Root can read the key as well.
+        // The real-time part refuses to run as root, so it runs under an unused ID. Root can still read the key.
         std::os::unix::fs::chown(dir.join("volcomp.key"), Some(UID), Some(UID)).expect("ours");
         let log = std::fs::File::create(dir.join("linuxcnc.log")).expect("writable");
-        // Before it has real time, on a busy computer, its parts would wait for one another in vain: while it starts, it loses commands to
-        // its own servo thread. Without the permission it starts with normal priority.
+        // On a busy computer LinuxCNC loses commands to its own servo thread during the start, so the start gets high priority. Without
+        // the permission the priority is normal.
         let mut command = Command::new("nice");
         command
             .args(["-n", "-15", "linuxcnc", "-r"])
@@ -92,7 +92,7 @@ impl LinuxCnc {
             .env("VOLCOMP_UI", &socket)
             .env(HERE, dir)
             .env("RTAPI_FIFO_PATH", dir.join("fifo"))
-            // Its parts share the tool table through a file there.
+            // The parts of LinuxCNC share the tool table through a file in the home folder.
             .env("HOME", dir)
             .stdin(Stdio::null())
             .stdout(log.try_clone().expect("a file"))
@@ -124,7 +124,7 @@ impl LinuxCnc {
         control
     }
 
-    /// Sends a command to the user interface and waits until it is done.
+    /// Sends a command to the user interface, and waits for its completion.
     pub(crate) fn ask(&mut self, what: &str, more: &Value) -> Value {
         let answer = self.try_ask(what, more);
         answer.unwrap_or_else(|error| panic!("{what}: {error}\n{}", self.log()))
@@ -164,7 +164,6 @@ impl LinuxCnc {
         self.get(&[pin])[0]
     }
 
-    /// Whether the probe touches.
     pub(crate) fn touch(&mut self, touches: bool) {
         self.hal(&["sets", "volcomp-probe", if touches { "1" } else { "0" }]);
     }
@@ -173,11 +172,10 @@ impl LinuxCnc {
         self.ask("hal", &json!({ "arguments": arguments }));
     }
 
-    /// Waits until the value of a pin satisfies a condition.
     pub(crate) fn wait(&mut self, pin: &str, done: impl Fn(f64) -> bool) -> f64 {
         let end = Instant::now() + Duration::from_secs(60);
         loop {
-            // A pin may be created later, by its program.
+            // The program that creates the pin may start later.
             let value = self.try_ask("get", &json!({ "pins": [pin] }));
             if let Some(value) = value.as_ref().ok().and_then(|value| value[0].as_f64())
                 && done(value)
@@ -189,7 +187,7 @@ impl LinuxCnc {
         }
     }
 
-    /// Records every cycle during an action.
+    /// Records every servo cycle during an action.
     pub(crate) fn record(&mut self, act: impl FnOnce(&mut Self)) -> Vec<Cycle> {
         let path = self.dir.join("record.txt");
         self.ask("record", &json!({ "path": path }));
@@ -216,7 +214,7 @@ impl LinuxCnc {
         std::fs::read_to_string(self.dir.join("linuxcnc.log")).unwrap_or_default()
     }
 
-    /// The processes of this LinuxCNC whose command line has this word.
+    /// IDs of this LinuxCNC's processes whose command line contains this word.
     pub(crate) fn processes(&self, word: &str) -> Vec<i32> {
         let mine = format!("{HERE}={}", self.dir.display());
         let has = |file: PathBuf, word: &str| {
@@ -242,13 +240,13 @@ fn signal(name: &str, pid: i32) {
 
 impl Drop for LinuxCnc {
     fn drop(&mut self) {
-        // The user interface ends with the socket, and LinuxCNC with the user interface.
+        // Closing the socket ends the user interface, which ends LinuxCNC.
         let _ = self.asks.shutdown(std::net::Shutdown::Both);
         let end = Instant::now() + Duration::from_secs(30);
         while Instant::now() < end && matches!(self.child.try_wait(), Ok(None)) {
             std::thread::sleep(Duration::from_millis(50));
         }
-        // Some of its programs outlive its start script for a while, and would take the requests for the next instance.
+        // Some programs outlive the start script and would receive the requests for the next instance.
         let end = Instant::now() + Duration::from_secs(30);
         loop {
             let left = self.processes("");
@@ -261,13 +259,12 @@ impl Drop for LinuxCnc {
             std::thread::sleep(Duration::from_millis(50));
         }
         let _ = self.child.wait();
-        // Removes its shared memory in this private namespace, so that the next instance finds no old state.
+        // Removes the shared memory of this namespace, so that the next instance finds no old state.
         let _ = Command::new("ipcrm").arg("--all").status();
     }
 }
 
-/// HAL commands that record every cycle of the servo thread. With the bridge the pins are already connected; without it they have no
-/// signals.
+/// HAL commands that record every servo cycle. With the bridge, the pins are connected to signals already.
 fn record(has_bridge: bool, rotary: bool) -> String {
     let more = if rotary { "ff" } else { "" };
     let mut text = format!(

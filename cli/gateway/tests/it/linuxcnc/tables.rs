@@ -1,5 +1,5 @@
-//! Compensation tables of LinuxCNC on the running control. The same part runs uncorrected, with tables, and corrected live: residual of
-//! each against a virtual truth with squareness, straightness, pitch (Abbe) and reversal.
+//! LinuxCNC's own compensation tables on the running control. One part runs uncorrected, with tables, and with live correction; each
+//! residual is computed from a virtual truth with squareness, straightness, pitch (Abbe) and reversal.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -18,7 +18,7 @@ use super::{
 
 alone!(tables: the_same_part_uncorrected_with_tables_and_live);
 
-/// The truth as a machine file; `truth` is the same by hand.
+/// The truth as a machine file; [`truth`] computes the same by hand.
 const MACHINE: &str = r#"
 name = "truth"
 structure = "w b X Y Z t"
@@ -39,7 +39,7 @@ EC0Y = 25.0
 EA0Z = -15.0
 "#;
 
-/// Error of the tool by hand, mm: a chain of small motions from the bed to the tool with ideal levers. `forward`: the direction of X.
+/// Tool error by hand, mm: a chain of small motions from bed to tool with ideal levers. `forward` is the direction of X.
 fn truth([x, y, z]: [f64; 3], forward: f64) -> [f64; 3] {
     let um = 1e-3;
     let urad = 1e-6;
@@ -51,7 +51,7 @@ fn truth([x, y, z]: [f64; 3], forward: f64) -> [f64; 3] {
     ]
 }
 
-/// The part: through the volume, in both directions of X.
+/// The part program: through the volume, in both directions of X.
 const PART: [&str; 6] = [
     "G1 F11000 X180 Y60 Z-40",
     "G1 X60 Y140 Z-150",
@@ -71,8 +71,8 @@ fn run(control: &mut LinuxCnc) -> Vec<Cycle> {
     })
 }
 
-/// Residual at the tool, µm: root mean square, and maximum. Cycles in which X reverses are omitted, because a table and the model may
-/// detect a reversal at different times.
+/// RMS and maximum of the residual at the tool, µm. Cycles at a reversal of X are omitted, because table and model may detect a reversal
+/// at different times.
 fn left(cycles: &[Cycle]) -> [f64; 2] {
     let (mut squares, mut largest, mut count) = (0.0, 0.0_f64, 0.0);
     let mut since_turn = 0;
@@ -102,12 +102,12 @@ fn left(cycles: &[Cycle]) -> [f64; 2] {
     [(squares / count).sqrt() * 1e3, largest.sqrt() * 1e3]
 }
 
-/// Writes the tables like `volcomp export`, with the maximum number of lines of LinuxCNC. Returns the lines for the INI file.
+/// Writes the tables as `volcomp export` does, with LinuxCNC's maximum number of lines; returns the lines for the INI file.
 fn tables(dir: &Path, format: Format) -> Vec<String> {
     let machine = Machine::parse(MACHINE, "truth").expect("valid");
     let options = TableOptions {
         step_mm: 2.0,
-        // The middle of the part.
+        // The tables are exact on a line through the middle of the part.
         at: vec![
             (AxisName::X, 110.0),
             (AxisName::Y, 90.0),
@@ -150,7 +150,7 @@ fn tables(dir: &Path, format: Format) -> Vec<String> {
     lines
 }
 
-/// An INI file without the bridge, with these lines for the joints.
+/// The INI file without the bridge, with these lines in the joint sections.
 fn with_tables(ini: &str, lines: &[String]) -> String {
     let mut text: String = ini
         .lines()
@@ -163,7 +163,7 @@ fn with_tables(ini: &str, lines: &[String]) -> String {
     text
 }
 
-/// Checks at rest, on the line for which the tables were made, for both types and both directions: offset of a motor from its joint.
+/// Largest deviation of the motor offset from the truth, µm, at rest on the line for which the tables were made, in both directions of X.
 fn on_the_line(control: &mut LinuxCnc) -> f64 {
     control.mdi("G21 G90 G0 X0 Y90 Z-90");
     let mut worst = 0.0_f64;
@@ -176,7 +176,7 @@ fn on_the_line(control: &mut LinuxCnc) -> f64 {
     ] {
         control.mdi(&format!("G0 X{x}"));
         std::thread::sleep(std::time::Duration::from_millis(500));
-        // The addition to the joint's position; halcmd prints seven digits, which is too few for the positions themselves.
+        // The pin holds what is added to the joint position. halcmd prints seven digits, too few for the positions themselves.
         let found = control.pin("joint.0.backlash-filt");
         let wanted = -truth([x, 90.0, -90.0], forward)[0];
         worst = worst.max((found - wanted).abs() * 1e3);
@@ -206,7 +206,7 @@ fn the_same_part_uncorrected_with_tables_and_live() {
         control.do_it("up");
         let worst = on_the_line(&mut control);
         println!("{name}: on its own line within {worst:.4} um");
-        // Six decimals of a mm in the file, and the errors are straight from line to line.
+        // The file has six decimals of a mm, and the errors are linear between its lines.
         assert!(worst < 0.002, "{name}: {worst} um");
         rows.push((name, left(&run(&mut control))));
     }
@@ -217,7 +217,7 @@ fn the_same_part_uncorrected_with_tables_and_live() {
             100.0 * rms / rows[0].1[0]
         );
     }
-    // A table over one axis cannot represent the errors due to another axis; the gateway can.
+    // A table over one axis cannot represent errors that depend on another axis; the gateway can.
     assert!(
         rows[1].1[0] > 0.3 * rows[0].1[0] && rows[2].1[0] > 0.3 * rows[0].1[0],
         "{rows:?}"

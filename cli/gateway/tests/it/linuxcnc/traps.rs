@@ -1,4 +1,4 @@
-//! Unexpected behaviour of LinuxCNC's external offsets, each on the running control.
+//! Traps of LinuxCNC's external offsets, each on the running control.
 
 use std::time::Duration;
 
@@ -11,7 +11,8 @@ use super::{
 
 alone!(traps: a_second_bridge_for_one_port_is_refused_by_name, off_and_on_and_an_emergency_stop, an_offset_that_is_frozen_cleared_or_cut, nothing_is_written_before_the_axes_are_homed);
 
-/// Counts that change while the machine is off are lost, and a power cycle absorbs the offset into the nominal position.
+/// LinuxCNC loses counts that change while the machine is off, and at power-on absorbs the offset into the nominal position: the absorbed
+/// part is reported, and motion stays within its rate.
 fn off_and_on_and_an_emergency_stop() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| ini);
@@ -21,7 +22,7 @@ fn off_and_on_and_an_emergency_stop() {
         let counts = "volcomp.counts-0";
         let counted = control.pin(counts);
         let motor = control.pin("joint.0.motor-pos-cmd");
-        // Nothing is written while the machine is off, for longer than any timeout.
+        // Nothing is written while the machine is off, for longer than every timeout.
         let cycles = control.record(|control| {
             control.do_it(stop);
             std::thread::sleep(Duration::from_secs(2));
@@ -30,7 +31,7 @@ fn off_and_on_and_an_emergency_stop() {
         assert_eq!(control.pin(counts), counted);
         let state = program.state();
         assert_ne!(state["state"], "compensating", "{state}");
-        // The motor is at rest, and its offset has become part of the position.
+        // The motor is at rest: its offset is now part of the position.
         let shown = "volcomp.absorbed-0";
         let lost = control.pin(shown);
         control.do_it("on");
@@ -39,7 +40,7 @@ fn off_and_on_and_an_emergency_stop() {
         let cycles = control.record(|control| {
             wait_corrected(control, &program);
         });
-        // Unpreventable motion is slowed down and reported.
+        // Motion that cannot be prevented is limited to the rate, and reported.
         no_jump(&cycles, MOST);
         assert!(
             control.log().contains("has lost an offset"),
@@ -49,22 +50,22 @@ fn off_and_on_and_an_emergency_stop() {
         let now = control.pin("joint.0.motor-pos-cmd");
         let moved = now - motor;
         assert!((moved - held[0]).abs() < 1e-3, "{moved} mm");
-        // The nominal position has moved, and positions are read without the offset.
+        // The nominal position has moved; positions are read without the offset.
         let nominal = control.pin("axis.x.pos-cmd");
         let expected = nominal + oracle([nominal, 0.0, 0.0])[0];
         assert!((now - expected).abs() < 3e-6, "{now} mm, {expected} mm");
-        // A move to a programmed position corrects everything.
+        // The next move to a programmed position restores the full correction.
         control.mdi("G0 X50 Y40 Z-20");
         wait_corrected(&mut control, &program);
     }
 }
 
-/// An offset that is frozen or cleared by another program, and one that is cut at a soft limit.
+/// Another program freezes or clears an offset, or a soft limit cuts it: each is reported, and the correction returns.
 fn an_offset_that_is_frozen_cleared_or_cut() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| ini);
 
-    // Cleared: the bridge detects and reports it, and the correction is ramped in again.
+    // Cleared: the bridge reports it, and the correction ramps in again.
     let shown = "volcomp.absorbed-0";
     let lost = control.pin(shown);
     control.hal(&["setp", "axis.x.eoffset-clear", "1"]);
@@ -72,7 +73,7 @@ fn an_offset_that_is_frozen_cleared_or_cut() {
     control.hal(&["setp", "axis.x.eoffset-clear", "0"]);
     wait_corrected(&mut control, &program);
 
-    // Frozen: the bridge drives the pin, so it must be disconnected first.
+    // Frozen: first the pin is disconnected from the bridge, which drives it.
     control.hal(&["unlinkp", "axis.x.eoffset-enable"]);
     control.hal(&["setp", "axis.x.eoffset-enable", "0"]);
     let frozen = offsets(&mut control)[0];
@@ -83,15 +84,15 @@ fn an_offset_that_is_frozen_cleared_or_cut() {
     control.hal(&["net", "volcomp-enable", "axis.x.eoffset-enable"]);
     wait_corrected(&mut control, &program);
 
-    // At the soft limit the offset is cut: shown as an alarm, which ends once the axis is away from the limit.
+    // A soft limit cuts the offset: an alarm, which ends when the axis leaves the limit.
     control.mdi("G0 X-9.9995 Y40 Z-20");
     let state = program.wait(|state| state["reasons"].to_string().contains("alarm"));
     state.unwrap_or_else(|state| panic!("it is not reported: {state}"));
     control.mdi("G0 X50 Y40");
     wait_corrected(&mut control, &program);
 
-    // An arc with its ends within the limits that leaves them by 0.2 mm in between: LinuxCNC accepts it, and absorbs the excess into the
-    // offset. This is reported while it lasts; nothing of it remains.
+    // An arc that exceeds the limits by 0.2 mm between its ends: LinuxCNC accepts it and absorbs the excess into the offset. That is
+    // reported meanwhile, and nothing remains.
     control.mdi("G0 X-9.9");
     wait_corrected(&mut control, &program);
     let shown = "volcomp.absorbed-0";
@@ -120,12 +121,12 @@ fn an_offset_that_is_frozen_cleared_or_cut() {
         "the motor left the limits: {motor} mm"
     );
     wait_corrected(&mut control, &program);
-    // A cut offset is not treated as lost: none of it was absorbed into the position.
+    // A cut offset does not count as lost, because nothing was absorbed into the position.
     let taken = control.pin(shown) - lost;
     assert_eq!(taken, 0.0, "mm that the bridge takes for lost");
 }
 
-/// Two bridges for one port.
+/// LinuxCNC does not start with two bridges on one port, and its log names the port.
 fn a_second_bridge_for_one_port_is_refused_by_name() {
     let _taken = std::net::UdpSocket::bind(("127.0.0.1", PORT)).expect("free");
     let dir = tempfile::tempdir().expect("writable");
@@ -138,13 +139,13 @@ fn a_second_bridge_for_one_port_is_refused_by_name() {
     );
 }
 
-/// A machine that is switched on but not homed gets no correction, and after homing the full one.
+/// A machine that is on but not homed gets no correction; after homing it gets the full one.
 fn nothing_is_written_before_the_axes_are_homed() {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), |ini| ini);
     let program = gateway(dir.path(), PORT);
     control.do_it("on");
-    // The gateway receives reports of the bridge, and would correct X0 by 2 µm.
+    // The gateway receives the bridge's reports, and would correct X0 by 2 µm.
     let seen = program.wait(|state| state["reasons"].to_string().contains("not referenced"));
     seen.unwrap_or_else(|state| panic!("it is not reported: {state}"));
     let counts = "volcomp.counts-0";
@@ -155,7 +156,7 @@ fn nothing_is_written_before_the_axes_are_homed() {
     assert_eq!(control.pin("volcomp.holds"), 1.0);
     control.do_it("up");
     wait_corrected(&mut control, &program);
-    // Nothing was requested while LinuxCNC would have absorbed it.
+    // Nothing was requested as long as LinuxCNC would have absorbed it.
     let shown = "volcomp.absorbed-0";
     assert_eq!(control.pin(shown), 0.0);
     let said = control.ask("said", &json!({}));

@@ -1,4 +1,4 @@
-//! Five axes: the example with a tilting rotary table. X, Y and Z are corrected for the positions of A and C, while all five move.
+//! Five axes: the example with a tilting rotary table. X, Y and Z are corrected for the positions of A and C while all five axes move.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use crate::program::Program;
 
 alone!(trunnion: what_the_linear_axes_do_is_the_correction_for_the_table);
 
-/// Intersection of the two axes of rotation; the tip of the tool is 100 mm below the spindle.
+/// Intersection of the axes of rotation, mm; the tool tip is 100 mm below the spindle.
 const CROSSING: [f64; 3] = [200.0, 150.0, -300.0];
 const LENGTH: f64 = 100.0;
 
@@ -38,15 +38,15 @@ ECC = { poly = [0.0, 0.2] }
 EXX = { poly = [1.0, 0.02] }
 "#;
 
-/// The corrections by hand, mm: the table carries the workpiece, so each error of the table is rotated back by the table.
+/// Corrections by hand, mm. The table carries the workpiece, so each table error is rotated back by the table's angle.
 fn oracle([x, y, z]: [f64; 3], [a, c]: [f64; 2]) -> [f64; 3] {
     let um = 1e-3;
-    // Rotation of the workpiece about the line of C in the frame of the bed, and the lever arm of the tip.
+    // Rotation of the workpiece about the C line in the frame of the bed, and the lever arm of the tip.
     let turn = 0.2 * c * 1e-6;
     let (sin_a, cos_a) = a.to_radians().sin_cos();
     let (sin_c, cos_c) = c.to_radians().sin_cos();
     let lever = [x - CROSSING[0], y - CROSSING[1], z - LENGTH - CROSSING[2]];
-    // The line of C is displaced by 6 µm to +X, that of A by 5 µm to -Y.
+    // The C line is displaced by 6 µm to +X, the A line by 5 µm to −Y.
     let (line_c, line_a) = (6.0 * um, -5.0 * um);
     [
         line_c * (1.0 - cos_c) + turn * (cos_a * lever[1] - sin_a * lever[2])
@@ -82,7 +82,7 @@ fn wait_corrected(control: &mut LinuxCnc, program: &Program) {
 
 fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     let dir = tempfile::tempdir().expect("writable");
-    // Counts of 1 nm, since deviations of nanometres are measured.
+    // Output steps of 1 nm, because nanometres are measured.
     let mut control = LinuxCnc::start_example("trunnion", dir.path(), |ini| {
         let changed = ini.replace("STEP_NM = 10\nLIMIT_UM = 300", "STEP_NM = 1\nLIMIT_UM = 30");
         assert_ne!(changed, ini);
@@ -94,7 +94,7 @@ fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     control.mdi("G21 G90 G0 X180 Y120 Z-150 A0 C0");
     wait_corrected(&mut control, &program);
 
-    // The changes on each axis are far larger than the asserted limits.
+    // The correction changes on each axis by far more than the asserted limits.
     let way = [
         [180.0, 120.0, -150.0, 0.0, 0.0],
         [200.0, 135.0, -165.0, -30.0, 40.0],
@@ -114,7 +114,7 @@ fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     no_jump(&cycles, MOST);
     wait_corrected(&mut control, &program);
 
-    // The table alone, both axes through zero: the linear axes move only by the correction.
+    // Only the table moves, both axes through zero: all motion of the linear axes is correction.
     let cycles = control.record(|control| control.mdi("G1 F300 A5 C-5"));
     corrected_by("the table alone", &cycles, wanted);
     no_jump(&cycles, MOST);

@@ -1,4 +1,4 @@
-//! A complete session: home, MDI, a program with arcs and a pause, a probe.
+//! A complete session: homing, MDI, a program with arcs and a pause, a probe.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ fn what_the_motors_do_is_the_program_and_the_correction() {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), |ini| ini);
     let program = gateway(dir.path(), PORT);
-    // Not homed: nothing is corrected.
+    // Before homing nothing is corrected.
     program.watch();
     let state = program.state();
     assert!(
@@ -55,7 +55,7 @@ fn what_the_motors_do_is_the_program_and_the_correction() {
     });
     corrected("a program with arcs and a pause", &cycles);
 
-    // At ten times the speed the correction is late by the same number of cycles, each ten times as long.
+    // At ten times the speed the delay is the same number of cycles, with ten times the motion in each.
     control.mdi("G0 X20 Y20 Z-5");
     wait_corrected(&mut control, &program);
     let cycles = control.record(|control| control.mdi("G1 F6000 X300 Y200 Z-100"));
@@ -64,7 +64,7 @@ fn what_the_motors_do_is_the_program_and_the_correction() {
     println!("at 100 mm/s: residual {median:.2} nm median, {most:.1} nm p99");
     assert!(median < 40.0 && most < 200.0, "{median} nm, {most} nm");
 
-    // A probe: the position recorded by the control contains the offset, which the bridge stores.
+    // The control's probe position contains the offset, which the bridge stores with it.
     control.mdi("G0 X50 Y30 Z-10");
     wait_corrected(&mut control, &program);
     control.ask("begin_mdi", &json!({ "text": "G38.3 X120 F300" }));
@@ -78,10 +78,10 @@ fn what_the_motors_do_is_the_program_and_the_correction() {
     let shown = "volcomp-probed-offset-x";
     let offset = control.pin(shown);
     let wanted = oracle([probed, 30.0, -10.0])[0];
-    // At 5 mm/s, with a bridge that polls the contact at intervals.
+    // At 5 mm/s the bridge samples the contact at intervals.
     assert!((offset - wanted).abs() < 2e-5, "{offset} mm, {wanted} mm");
 
-    // Away from a contact: the position at which it is lost counts.
+    // Probing away from a contact: the position at which it opens counts.
     control.touch(true);
     control.ask("begin_mdi", &json!({ "text": "G38.5 X10 F300" }));
     control.wait("axis.x.pos-cmd", |x| x < 45.0);

@@ -1,4 +1,4 @@
-//! Uploaded machine files: complete, bounded, and only in memory until activation.
+//! Uploaded machine files are complete, bounded in size, and in memory only until activation.
 
 use std::{
     io::{Read, Write},
@@ -9,7 +9,7 @@ use std::{
 use super::{ENGINEER, Rig, activate, candidate, machine_file, model, upload, with_y};
 use crate::program::{PATIENCE, path};
 
-/// A truncated file leaves nothing, and names that lead elsewhere are reduced to a plain name.
+/// A truncated upload leaves no candidate. A file name with a path is reduced to its last part.
 #[test]
 fn a_file_is_taken_whole_under_a_plain_name() {
     let rig = Rig::new("");
@@ -40,7 +40,7 @@ fn a_file_is_taken_whole_under_a_plain_name() {
     );
 }
 
-/// On a full disk (a small file system) the model is not activated, and the space of the audit log stays reserved.
+/// On a full disk (a small file system) an activation fails with status 507, and the space reserved for the audit log stays reserved.
 #[test]
 fn a_full_disk_refuses_a_model_and_keeps_the_log() {
     let rig = Rig::new("");
@@ -56,7 +56,7 @@ fn a_full_disk_refuses_a_model_and_keeps_the_log() {
     }
     let program = rig.start();
     let before = model(&program)["hash"].clone();
-    // From the start less is free than the audit log needs.
+    // From the start the free space is less than the audit log needs.
     let made = machine_file(&program, &with_y(21.0));
     let refused = activate(&program, &made, None);
     let after = model(&program)["hash"].clone();
@@ -69,7 +69,7 @@ fn a_full_disk_refuses_a_model_and_keeps_the_log() {
     assert_eq!(before, after);
 }
 
-/// Four clients that send nothing occupy the slots; once they are disconnected the fifth is served. They never delay disarming.
+/// Four silent clients occupy the upload slots; when they time out a fifth client is served. Disarming is never delayed.
 #[test]
 fn silent_clients_do_not_prevent_disarming() {
     let rig = Rig::new("");
@@ -90,7 +90,7 @@ fn silent_clients_do_not_prevent_disarming() {
         upload(&program, &query, text.as_bytes()).status
     };
     let end = Instant::now() + PATIENCE;
-    // A file without a name starts no candidate, which would disconnect the four.
+    // An upload without a file name starts no candidate, which would disconnect the four.
     while send("..") != 503 {
         assert!(Instant::now() < end, "the places are not held");
         std::thread::sleep(Duration::from_millis(20));

@@ -1,4 +1,4 @@
-//! Activation of a complete model without a step, and reverting it.
+//! A complete model is activated without a step, and reverted.
 
 use std::{sync::atomic::Ordering, time::Duration};
 
@@ -11,7 +11,7 @@ use crate::{
     program::{Client, Program, change, path},
 };
 
-/// Reverts to the previous model, and to the first one.
+/// Reverts to the previous model, then to the first.
 fn goes_back(program: &Client, before: &Value) {
     let history = model(program)["history"].clone();
     let first = &history.as_array().expect("a list").last().expect("one")["hash"];
@@ -24,8 +24,8 @@ fn goes_back(program: &Client, before: &Value) {
     }
 }
 
-/// A model is uploaded during correction, confirmed, and ramped in without a step; it survives a kill and a reload; the configured file is
-/// activated only on request of an engineer.
+/// A model uploaded during correction is confirmed and ramps in without a step. It persists over a kill and a reload; the configured file
+/// becomes active only at an engineer's request.
 #[test]
 fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     let rig = Rig::new("auto_arm = true");
@@ -39,7 +39,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
         -20.0,
         "nothing happened"
     );
-    // 80 µm: without the hash, and with another one, confirmation is requested.
+    // A change of 80 µm: without a hash or with another one, confirmation is requested.
     program.largest_step_um();
     let asked = activate(&program, &made, None);
     assert_eq!(asked.status, 409, "{}", asked.body);
@@ -57,7 +57,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     );
     let taken = activate(&program, &made, Some(&asked["model"]));
     assert_eq!(taken.status, 200, "{}", taken.body);
-    // The published state is consistent with the response at once, not only after the next poll of the disk.
+    // The published state agrees with the response immediately, before the next poll of the disk.
     let at_once = model(&program);
     assert_eq!(at_once["put_in_force"]["who"], "erna", "{at_once}");
     assert_eq!(at_once["history"][0]["outcome"], "in-force", "{at_once}");
@@ -85,13 +85,13 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
         audit.contains("\"who\":\"erna\",\"what\":\"model\""),
         "{audit}"
     );
-    // After the response the activation is on disk.
+    // The activation was on disk before the response.
     let program = program.killed_and_started(&rig.config);
     assert_eq!(rig.standing()["in_force"]["hash"], made["result"]["hash"]);
     let state = model(&program);
     assert_eq!(state["hash"], made["result"]["hash"]);
     y(&program, -100.0);
-    // The configured file changes: a reload reports that it is not used.
+    // A reload reports that the changed configured file is not used.
     change(
         &rig.dir.path().join("machine.toml"),
         "EYX = 20.0",
@@ -103,7 +103,7 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert!(reloaded.body.contains("was not read"), "{}", reloaded.body);
     let state = wait_model(&program, |now| now["configured"]["differs"] == true);
     assert_eq!(state["hash"], made["result"]["hash"]);
-    // An engineer reverts to it: 75 µm, with the same question and the same ramp.
+    // An engineer reverts to the configured file: 75 µm, with the same confirmation and ramp.
     program.largest_step_um();
     let asked = post(&program, "back", &json!({ "hash": null }));
     assert_eq!(asked.status, 409, "{}", asked.body);
@@ -124,8 +124,8 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert_eq!(nobody.status, 404, "{}", nobody.body);
 }
 
-/// Killed at any time during an activation: after the restart one of the two models is active and complete, and it is the new one if the
-/// response had been sent.
+/// A kill at any time during an activation: after the restart one of the two models is active and complete; if the response was sent, the
+/// new one.
 #[test]
 fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     let dir = tempfile::tempdir().expect("writable");
@@ -135,7 +135,7 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     let start = || Program::start(dir.path(), &["--config", path(&config)]);
     let mut program = start();
     let mut answered = 0;
-    // The activation takes some ten milliseconds on an idle computer.
+    // An activation takes about 10 ms on an idle computer.
     for (round, delay_ms) in [0, 4, 10, 20, 40, 80, 160, 1500].into_iter().enumerate() {
         let before = model(&program)["hash"].clone();
         let um = 20.5 + f64::from(u8::try_from(round).expect("few"));
@@ -143,7 +143,7 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
         assert_eq!(made["step"], "ready", "{made}");
         let after = made["result"]["hash"].clone();
         let client = program.clone();
-        // The gateway may be killed meanwhile. Small changes need no confirmation.
+        // The kill may come first. A small change needs no confirmation.
         let asked = std::thread::spawn(move || activate(&client, &made, None).status);
         std::thread::sleep(Duration::from_millis(delay_ms));
         program.signal("KILL");
@@ -160,11 +160,10 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     }
     println!("{answered} of 8 were answered before the kill");
     assert!(answered > 0, "none was ever activated");
-    // The gateway corrects with either model.
+    // Either model can be armed.
     program.must_arm();
 }
 
-/// A fault during the ramp to a new model: no step, and the ramp continues after the fault.
 #[test]
 fn a_fault_on_the_ramp_makes_no_step() {
     let rig = Rig::new("auto_arm = true");
@@ -192,7 +191,8 @@ fn a_fault_on_the_ramp_makes_no_step() {
     assert!(largest > 0.0 && largest < 20.0, "a step of {largest} µm");
 }
 
-/// A damaged file of the active model: the configured one is used and the damage reported; arming compares with the model armed last.
+/// The stored file of the active model is damaged: the configured file is used and the damage reported. Arming compares with the model
+/// that was armed last.
 #[test]
 fn a_damaged_model_is_not_loaded() {
     let rig = Rig::new("");
@@ -209,7 +209,7 @@ fn a_damaged_model_is_not_loaded() {
     let program = program.killed_and_started(&rig.config);
     let now = model(&program);
     assert_eq!(now["from"], "file", "{now}");
-    // The page reports it continuously.
+    // The page reports the damage continuously.
     let is_told = |now: &Value| {
         let trouble = now["trouble"].as_str().unwrap_or_default();
         trouble.contains(&hash) && trouble.contains("was not loaded")
@@ -228,7 +228,7 @@ fn a_damaged_model_is_not_loaded() {
     assert_eq!(now["from"], "file", "{now}");
 }
 
-/// Only the displayed result is activated: the hash of another result, or none, activates nothing.
+/// An activation needs the hash of the displayed result; with another hash or none it is rejected.
 #[test]
 fn only_the_displayed_result_is_activated() {
     let rig = Rig::new("");
@@ -240,7 +240,7 @@ fn only_the_displayed_result_is_activated() {
     assert_eq!(refused.status, 409, "{}", refused.body);
     let hash = made["result"]["hash"].as_str().expect("a hash");
     assert!(refused.body.contains(hash), "{}", refused.body);
-    // No question that could be confirmed.
+    // The rejection offers nothing to confirm.
     assert!(refused.json()["model"].is_null(), "{}", refused.body);
     let none = post(&program, "activate", &json!({ "candidate": made["id"] }));
     assert_eq!(none.status, 400, "{}", none.body);
@@ -249,7 +249,7 @@ fn only_the_displayed_result_is_activated() {
     assert_eq!(model(&program)["hash"], hash);
 }
 
-/// An active model whose file cannot be stored is reported until it can; other history entries do not clear the message.
+/// An active model whose file cannot be stored is reported until it is stored; other history entries do not clear the message.
 #[test]
 fn a_model_that_cannot_be_kept_is_reported_until_it_is() {
     let rig = Rig::new("");
@@ -263,7 +263,7 @@ fn a_model_that_cannot_be_kept_is_reported_until_it_is() {
         .checksum();
     let digits = hash.strip_prefix("sha256:").expect("a hash");
     let kept = rig.dir.path().join("audit/models");
-    // A folder in place of the file that is written first.
+    // A folder in place of the temporary file makes storing fail.
     let stands_in = kept.join(format!("machine-{digits}.new"));
     std::fs::create_dir_all(&stands_in).expect("writable");
     std::fs::write(&machine, other).expect("writable");
@@ -274,7 +274,6 @@ fn a_model_that_cannot_be_kept_is_reported_until_it_is() {
         trouble.contains("cannot be kept on disk")
     };
     wait_model(&program, is_told);
-    // The next poll does not clear it.
     std::thread::sleep(Duration::from_secs(3));
     let now = model(&program);
     assert!(is_told(&now), "{now}");

@@ -1,4 +1,4 @@
-//! New models over HTTP: uploaded, confirmed, activated through the ramp, reverted; and refusals.
+//! New models over HTTP: upload, confirmation, activation through the ramp, reverting, and rejections.
 
 mod files;
 mod in_force;
@@ -48,7 +48,6 @@ impl Rig {
     }
 }
 
-/// Adds two engineers to the token file of a folder.
 pub(crate) fn engineers(dir: &Path) {
     let file = dir.join("tokens");
     let text = std::fs::read_to_string(&file).expect("there");
@@ -84,7 +83,7 @@ pub(crate) fn candidate(program: &Client) -> Value {
     program.get("/api/model/candidate").json()
 }
 
-/// Waits until the candidate is no longer processed.
+/// Waits until the candidate has been processed.
 fn settled(program: &Client) -> Value {
     let end = Instant::now() + Duration::from_secs(60);
     loop {
@@ -97,7 +96,6 @@ fn settled(program: &Client) -> Value {
     }
 }
 
-/// Uploads a machine file; returns its candidate.
 pub(crate) fn machine_file(program: &Client, text: &str) -> Value {
     let sent = upload(program, "kind=machine&name=m.toml", text.as_bytes());
     assert_eq!(sent.status, 200, "{}", sent.body);
@@ -124,7 +122,6 @@ pub(crate) fn with_y(um: f64) -> String {
     MACHINE.replace("EYX = 20.0", &format!("EYX = {um:?}"))
 }
 
-/// Waits until the model state satisfies a condition.
 pub(crate) fn wait_model(program: &Client, done: impl Fn(&Value) -> bool) -> Value {
     let end = Instant::now() + PATIENCE;
     loop {
@@ -137,7 +134,7 @@ pub(crate) fn wait_model(program: &Client, done: impl Fn(&Value) -> bool) -> Val
     }
 }
 
-/// The machine of the example's measurements, with an engineer.
+/// A gateway for the machine of the example's measurements, with an engineer.
 pub(crate) fn measured_rig_in(dir: &Path, control: &Simulator) -> PathBuf {
     let config = configuration(dir, control, "auto_arm = true");
     let machine = std::fs::read_to_string(examples().join("machine.toml")).expect("there");

@@ -86,7 +86,7 @@ fn invalid_and_foreign_models_are_refused() {
     );
     assert_eq!(newest["from"], "file");
     post(&program, "discard", &json!({ "candidate": made["id"] }));
-    // Another structure: reported, and confirmed if it moves any axis.
+    // Another structure is reported, and needs a confirmation if it moves an axis.
     let made = machine_file(
         &program,
         &with_y(90.0).replace("w X' b Y Z t", "w X' Y' b Z t"),
@@ -96,7 +96,7 @@ fn invalid_and_foreign_models_are_refused() {
     assert_eq!(activate(&program, &made, None).status, 409);
 }
 
-/// The machine file of another machine is not activated silently, even if its correction hardly differs.
+/// The machine file of another machine needs a confirmation, even if its correction hardly differs.
 #[test]
 fn a_model_of_another_machine_needs_confirmation() {
     let rig = Rig::new("");
@@ -117,7 +117,7 @@ fn a_model_of_another_machine_needs_confirmation() {
     assert_eq!(asked["differences"].as_array().expect("a list").len(), 2);
     let taken = activate(&program, &made, Some(&asked["model"]));
     assert_eq!(taken.status, 200, "{}", taken.body);
-    // Reverting needs the same confirmation, and arming needs no second one.
+    // Reverting needs the same confirmation; arming needs no second one.
     let back = post(&program, "back", &json!({ "hash": null }));
     assert_eq!(back.status, 409, "{}", back.body);
     assert!(back.body.contains("gantry-8000"), "{}", back.body);
@@ -129,7 +129,8 @@ fn without_name(machine: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// The second engineer is informed of the first, and requests for a discarded file fail.
+/// While one engineer has a candidate the upload of a second gets status 409 with the first one's name, and requests for a discarded
+/// candidate fail.
 #[test]
 fn two_engineers_do_not_mix_their_files() {
     let rig = Rig::new("");
@@ -143,7 +144,7 @@ fn two_engineers_do_not_mix_their_files() {
     assert_eq!(second.status, 409, "{}", second.body);
     assert!(second.body.contains("erna"), "{}", second.body);
     assert_eq!(settled(&program)["file"]["name"], "first.toml");
-    // A measurement file, another kind of file, no name.
+    // A measurement file, another kind of file, and no file name.
     for (query, says) in [
         ("kind=measurement&name=exx.csv", "volcomp studio"),
         ("kind=rubbish&name=a.csv", "expected kind=machine"),
@@ -163,7 +164,7 @@ fn two_engineers_do_not_mix_their_files() {
     assert_eq!(activate(&program, &json!({ "id": id }), None).status, 409);
 }
 
-/// A comparison cannot be stopped: however many candidates are discarded, only one comparison runs at a time.
+/// A comparison cannot be aborted: with discarded candidates too, only one runs at a time, and the next upload gets status 503.
 #[test]
 fn one_comparison_at_a_time_also_of_discarded_files() {
     let rig = Rig::new("");
@@ -193,7 +194,8 @@ fn one_comparison_at_a_time_also_of_discarded_files() {
     assert!(settled(&program)["error"].is_null());
 }
 
-/// Parsing a broken machine file takes fifty times its size in memory: without the bound one upload ended the process that corrects.
+/// An upload above the size limit gets status 413. Parsing a broken machine file takes fifty times its size in memory, so the limit
+/// protects the process that corrects.
 #[test]
 fn no_upload_is_too_large_for_the_program_that_corrects() {
     let dir = tempfile::tempdir().expect("writable");

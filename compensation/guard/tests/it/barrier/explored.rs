@@ -1,8 +1,8 @@
-//! Exhaustive search within bounds: two senders that may crash, restart, read and send at any scan (also long after a read), frames that
-//! are lost, late, duplicated and reordered, and power-ups of the control at any scan. The barrier and the senders are the real ones.
-//! Worlds that differ only in counter offsets are visited once. The control has one or two mailboxes; any frame may arrive in any of them.
+//! Exhaustive search within bounds, on the real barrier and senders. Two senders may crash, restart, read and send at any scan (also long
+//! after a read). Frames are lost, late, duplicated and reordered; the control may restart at any scan. Worlds that differ only in
+//! counter offsets are visited once. The control has one or two mailboxes, and any frame may arrive in any of them.
 //!
-//! The search must find a violation if a frame's owner, its age or the retained epoch is not checked.
+//! The search must find a violation if the check of a frame's owner, its age or the stored epoch is omitted.
 
 mod canonical;
 
@@ -16,35 +16,35 @@ use volcomp_guard::{
 
 use canonical::{canonical, print_of};
 
-/// A frame in transit, with properties that only the observer knows.
+/// A frame in transit, with properties that only the test knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 struct Flying {
     frame: Frame,
-    /// Scans since the report that it answers was published, up to a bound.
+    /// Scans since publication of the report that this frame answers; saturates.
     age: u8,
-    /// The control has restarted or timed out since.
+    /// The control has restarted or timed out since that report.
     stale: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Sender {
     session: Session,
-    /// Age and `stale` flag, as in [`Flying`], of the last report read; `None`: no report to answer.
+    /// Age and `stale` flag, as in [`Flying`], of the last report read; `None` without a report to answer.
     knows: Option<(u8, bool)>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct World {
     barrier: Memory,
-    /// The first sender of which a frame was accepted in this epoch; 0: none.
+    /// The sender whose frame was accepted first in this epoch; 0 if none.
     first: u16,
     senders: [Option<Sender>; 2],
     in_transit: Vec<Flying>,
-    /// The frame in each mailbox; with a single path only the first is used.
+    /// The frame in each mailbox; a single path uses the first only.
     mailboxes: [Option<Flying>; 2],
 }
 
-/// The check that is omitted from the protocol.
+/// A check that is omitted from the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Without {
     Nothing,
@@ -55,15 +55,15 @@ enum Without {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 enum Violation {
-    /// A frame from before a power-up or timeout was accepted.
+    /// A frame from before a restart or timeout was accepted.
     Stale,
-    /// A frame was accepted that answers a report older than the bound.
+    /// An accepted frame answers a report older than the bound.
     Old,
     /// Frames of two senders were accepted in one epoch.
     TwoOwners,
-    /// An axis moved by more than its rate, or is beyond its limit.
+    /// An axis moved by more than its rate, or beyond its limit.
     Step,
-    /// A sender took its own frame for that of another sender.
+    /// A sender attributed its own frame to another sender.
     OwnForOther,
 }
 
@@ -71,13 +71,11 @@ struct Bounds {
     settings: Settings,
     /// Maximum number of frames in transit.
     in_transit: usize,
-    /// Number of mailboxes of the control; any frame may arrive in any of them.
     ways: usize,
     without: Without,
     most_worlds: usize,
 }
 
-/// Action of a sender between two scans.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Does {
     Nothing,
@@ -130,13 +128,13 @@ fn explore(bounds: &Bounds) -> (usize, bool, Vec<Violation>) {
     (worlds, complete, found)
 }
 
-/// Whose turn it is. Actors take turns, so that equivalent interleavings are explored once.
+/// Turns of the actors: a fixed order, so that equivalent interleavings are explored once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Turn {
     Control,
     One,
     Other,
-    /// The channel delivers, and the control scans.
+    /// The channel delivers, then the control scans.
     Channel,
 }
 
@@ -195,7 +193,7 @@ fn acts(
     }
 }
 
-/// Restarts the control. Its new tick may be any; the worst one makes old frames look recent.
+/// Restarts the control at this tick; in the worst case old frames look recent.
 fn start_anew(world: &mut World, tick: i16, bounds: &Bounds) {
     let before = world.barrier;
     let kept = match bounds.without {
@@ -294,7 +292,7 @@ fn owners(world: &World) -> HashSet<u16> {
         .collect()
 }
 
-/// Delivers at most one frame to the mailbox, and keeps it in the channel or not; or loses one frame.
+/// Delivers at most one frame to the mailbox, and keeps or removes it in the channel, or loses one frame.
 fn deliver(world: &World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<Violation>)) {
     scan(world.clone(), bounds, tell);
     for at in 0..world.in_transit.len() {
@@ -344,7 +342,7 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
     let mut barrier = start();
     barrier.scan(&mailboxes[..bounds.ways], false);
     let after = barrier.memory();
-    // Which frames were accepted: the second one may be accepted in addition to the first.
+    // Tells which frames were accepted: the second may be accepted in addition to the first.
     let mut first_alone = start();
     first_alone.scan(&mailboxes[..1], false);
     let first_alone = first_alone.memory();

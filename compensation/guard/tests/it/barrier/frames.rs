@@ -1,5 +1,4 @@
-//! Encoding of frames and reports, and their senders: a reported frame that this sender has not sent is another sender's; one that it has
-//! sent never is.
+//! Encoding of frames and reports. A session must attribute a reported frame to another sender exactly if it has not sent that frame.
 
 use proptest::prelude::*;
 use volcomp_guard::{
@@ -10,12 +9,12 @@ use volcomp_guard::{
 
 use super::{at_zero, layout, settings, words};
 
-/// Fletcher's sums by definition: the second one weights each word by its distance from the end.
+/// Fletcher's sums by their definition: the second sum weights each word by its distance from the end.
 #[test]
 fn the_checksum_matches_its_definition() {
     let some = [1_u16, 65535, 40000, 0, 7, 65534, 3];
     let n = some.len() as u64;
-    // The layout number of W C V A X B does not fit into one word.
+    // The layout number of W C V A X B needs more than one word.
     let axes = [
         AxisName::W,
         AxisName::C,
@@ -76,7 +75,7 @@ proptest! {
         let _ = Report::decode(4711, layout(axes), &some);
     }
 
-    /// The control reads the first words of one frame and the last words of another.
+    /// A frame whose first words are from one frame and whose last words are from another decodes as one of the two, or is rejected.
     #[test]
     fn a_torn_frame_is_one_of_the_two_or_refused(
         one in frames(),
@@ -98,7 +97,7 @@ proptest! {
             let torn: Vec<u16> = a[..torn_at].iter().chain(&b[torn_at..]).copied().collect();
             if let Some(seen) = Frame::decode(&settings, &torn) {
                 let near = |whole: &Frame| {
-                    // The checksum does not distinguish the words 0 and -1.
+                    // The checksum cannot distinguish the words 0 and -1.
                     seen.values.iter().zip(&whole.values).all(|(s, w)| s.abs_diff(*w) <= 1)
                 };
                 prop_assert!(near(&one) || near(&two), "{one:?} {two:?} {seen:?}");
@@ -140,24 +139,24 @@ fn report(epoch: u16, owner: u16, sequence: u16) -> Report {
 
 #[test]
 fn a_report_of_an_unsent_frame_belongs_to_another_sender() {
-    // Sent frames (epoch and sequence), the reported frame, and whether it may be one of them.
+    // Sent frames (epoch and sequence), the reported frame, and whether the reported frame may be the sender's own.
     type Numbers = (u16, u16);
     let table: [(&[Numbers], Numbers, bool); 17] = [
         (&[], (7, 0), false),
         (&[(7, 1)], (7, 1), true),
         (&[(7, 1)], (7, 2), false),
-        // Lost, or not reported yet.
+        // Frames that were lost or are not reported yet.
         (&[(7, 1), (7, 2), (7, 3)], (7, 1), true),
         (&[(7, 1), (7, 2), (7, 3)], (7, 3), true),
         (&[(7, 1), (7, 2), (7, 3)], (7, 4), false),
-        // Reordered by two paths.
+        // Frames reordered by two paths.
         (&[(7, 3), (7, 2)], (7, 3), true),
-        // The sequence wraps.
+        // The sequence number wraps.
         (&[(7, 65_535), (7, 0)], (7, 65_534), true),
         (&[(7, 65_535), (7, 0)], (7, 0), true),
         (&[(7, 65_535), (7, 0)], (7, 1), false),
         (&[(7, 65_535)], (7, 0), false),
-        // A new epoch without sent frames; one with sent frames; a late report of the previous epoch.
+        // A new epoch without sent frames, one with sent frames, and a late report of the previous epoch.
         (&[(7, 5)], (8, 5), false),
         (&[(7, 5), (8, 6)], (8, 6), true),
         (&[(7, 5), (8, 6)], (7, 5), true),
@@ -186,7 +185,7 @@ fn a_report_of_an_unsent_frame_belongs_to_another_sender() {
         if !is_own {
             assert_eq!(session.frame(&Counts::default()), None);
         }
-        // No owner, or another one: the numbers do not matter.
+        // Without an owner, or with another one, the numbers do not matter.
         let free = session.read(report(epoch.wrapping_add(1), 0, sequence).head());
         assert!(matches!(free, ReportStatus::Confirmed { .. }), "{free:?}");
         let other = session.read(report(epoch.wrapping_add(2), 3, sequence).head());
@@ -194,12 +193,11 @@ fn a_report_of_an_unsent_frame_belongs_to_another_sender() {
     }
 }
 
-/// Events between a gateway with two paths and a barrier.
 #[derive(Clone, Copy, Debug)]
 enum Step {
-    /// The control scans; the frame at this index among all sent ones arrives, if any.
+    /// The control scans. If given, the sent frame at this index arrives before.
     Scan(Option<prop::sample::Index>),
-    /// A path reads the present report, or an earlier one.
+    /// This path reads the current report or an earlier one.
     Read(usize, Option<prop::sample::Index>),
     Send(usize),
     PowerUp(u16),
@@ -218,7 +216,8 @@ fn steps() -> impl Strategy<Value = Step> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 500, ..ProptestConfig::default() })]
 
-    /// Frames and reports may be lost, late, duplicated and reordered, on two paths, with wrapping counters.
+    /// On two paths frames and reports are lost, late, duplicated and reordered, and counters wrap: a session never attributes its own
+    /// frame to another sender.
     #[test]
     fn own_frames_are_never_attributed_to_another_sender(
         epoch in prop_oneof![Just(u16::MAX), any::<u16>()],
@@ -234,7 +233,7 @@ proptest! {
         for step in steps {
             match step {
                 Step::Scan(frame) => {
-                    // Among the last frames, so that some are recent enough.
+                    // From the last frames, so that some are recent enough to be accepted.
                     let young = &frames[frames.len().saturating_sub(8)..];
                     let frame: &[u16] = match frame {
                         Some(index) if !young.is_empty() => index.get(young).as_slice(),

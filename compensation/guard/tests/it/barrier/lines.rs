@@ -1,4 +1,4 @@
-//! Digital lines at a barrier: when their words are accepted.
+//! Acceptance of words on digital lines at a barrier.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,7 +10,7 @@ use volcomp_guard::{
 
 use super::{at_zero, settings, words};
 
-/// A barrier with digital lines, and their levels. Rate: 2 counts per scan; maximum age of a frame: 5 scans; timeout: 12 scans.
+/// A barrier with digital lines and their levels. Rate: 2 counts per scan; maximum age of a frame: 5 scans; timeout: 12 scans.
 struct Rig {
     barrier: Barrier,
     lines: DigitalLines,
@@ -28,7 +28,7 @@ impl Rig {
         rig
     }
 
-    /// Runs scans; the applied correction moves by at most the rate in each.
+    /// Runs scans, and checks that the applied correction changes by at most the rate in each.
     fn scans(&mut self, count: u16) -> Refusal {
         for _ in 0..count {
             let before = self.barrier.memory().applied;
@@ -42,7 +42,7 @@ impl Rig {
         self.barrier.report().refusal
     }
 
-    /// Sets another word, and toggles the latch a scan later, once the word has settled.
+    /// Sets another word, and toggles the latch one scan later, when the word has settled.
     fn word(&mut self, axis: usize, value: i16) -> Refusal {
         (self.lines.axis, self.lines.value) = (axis, value);
         self.scans(1);
@@ -79,7 +79,7 @@ fn a_word_is_accepted_only_at_an_edge() {
     }
     rig.scans(3);
     assert_eq!(rig.applied(), [6, -3], "one axis after the other");
-    // Without further edges the correction ramps to zero, and the remaining levels are not accepted.
+    // Without further edges the correction ramps to zero, and the constant levels are not accepted.
     rig.scans(12 + 4);
     assert_eq!(rig.applied(), [0, 0]);
     assert_eq!(rig.barrier.report().owner, 0);
@@ -92,16 +92,16 @@ fn a_word_that_changes_faster_than_the_axis_is_rejected() {
     let mut rig = Rig::new();
     rig.word(0, 2);
     rig.word(0, 4);
-    // Two scans between the edges allow 2 counts each, and one more step.
+    // Two scans between the edges permit 2 counts each, plus one step.
     assert_eq!(rig.word(0, 4 + 7), Refusal::Lines);
     assert_eq!(rig.applied(), [4, 0]);
     assert_eq!(rig.word(0, 4 + 6), Refusal::None);
-    // After any silence the word may change by no more than the axis moves within the maximum age of a frame.
+    // After any silence the word may change by at most the motion of the axis within the maximum age of a frame.
     let mut rig = Rig::new();
     assert_eq!(rig.word(0, 13), Refusal::Lines);
     rig.scans(100);
     assert_eq!(rig.word(0, 12), Refusal::None);
-    // Beyond the limit, and for a missing axis.
+    // A word above the limit, and one for a missing axis.
     let mut rig = Rig::new();
     assert_eq!(rig.word(2, 0), Refusal::Lines);
     for value in [4, 10, 14, 20] {
@@ -117,14 +117,14 @@ fn a_sender_of_frames_has_priority() {
     let mut rig = Rig::new();
     rig.word(0, 2);
     rig.word(0, 4);
-    // The first frame is accepted although lines are in use.
+    // The first frame is accepted although the lines are in use.
     let mut sender = Session::new(7);
     for _ in 0..10 {
         rig.sends(&mut sender, PerChannel::leading([10, 4]));
         rig.scans(1);
     }
     assert_eq!(rig.applied(), [10, 4]);
-    // No word on the lines is accepted while the sender owns the control, or while its correction is still applied.
+    // Words on lines are rejected as long as the sender owns the control or its correction is applied.
     rig.sends(&mut sender, PerChannel::leading([10, 4]));
     assert_eq!(rig.word(0, 10), Refusal::Lines);
     rig.scans(12);
@@ -152,8 +152,8 @@ fn the_initial_latch_level_is_no_edge() {
     }
 }
 
-/// One gateway alternates between frames and lines with faults: lost, late and torn frames, wrong bits, missing and additional edges. No axis exceeds
-/// its rate or limit, and lines move it only from zero.
+/// One gateway alternates between frames and lines; frames are lost, late or torn, bits wrong, edges missing or extra. No axis exceeds
+/// its rate or limit, and lines move an axis only from zero.
 #[test]
 fn alternating_frames_and_lines_with_faults() {
     let (mut by_lines, mut by_frames) = (0, 0);
@@ -168,7 +168,7 @@ fn alternating_frames_and_lines_with_faults() {
             let uses_lines = (scan / 300) % 2 == 1;
             let requested = [12, -6];
             if uses_lines && scan % 2 == 0 {
-                // The word is zero until no correction can remain: the timeout, the maximum age of a frame, and the ramp.
+                // The word stays zero until no correction can remain: timeout + maximum age of a frame + ramp.
                 let axis = usize::from(scan % 4 == 0);
                 let waits = scan % 300 < 12 + 5 + 10;
                 output[axis] += (requested[axis] - output[axis]).signum();

@@ -1,4 +1,4 @@
-//! The barrier: single rules, random worlds, and an exhaustive search within bounds.
+//! The barrier under single rules, in random worlds, and in an exhaustive search.
 
 mod explored;
 mod frames;
@@ -17,7 +17,6 @@ use volcomp_guard::{
     vocabulary::{AxisName, PerChannel},
 };
 
-/// The layout of the first axes.
 pub(super) fn layout(axes: usize) -> Layout {
     Layout::of(AxisName::ALL[..axes].iter().copied()).expect("each once")
 }

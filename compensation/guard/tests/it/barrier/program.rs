@@ -29,9 +29,9 @@ fn axes() -> Vec<Axis> {
 fn physical_units_become_counts_and_scans() {
     let settings = Protection::default().settings(&axes()).expect("valid");
     assert_eq!(settings.axes.number(), 126);
-    // 250 µm; the largest value that the device of Y can express; 250 µrad in steps of 10 µrad.
+    // 250 µm; the maximum value of the device of Y; 250 µrad in steps of 10 µrad.
     assert_eq!(settings.limit, PerChannel::leading([250, 100, 25]));
-    // C: 1000 µrad/s is 0.2 counts per scan, hence a step every five scans. X and Y: 2 counts per scan.
+    // C: 1000 µrad/s is 0.2 counts per scan, thus one step in five scans. X and Y: 2 counts per scan.
     assert_eq!(settings.step_scans, 5);
     assert_eq!(settings.rate, PerChannel::leading([10, 10, 1]));
     assert_eq!((settings.hold_scans, settings.time_out_scans), (25, 100));
@@ -63,7 +63,7 @@ fn invalid_protections_are_refused() {
     assert!(default.settings(&axes().repeat(4)).is_err());
 }
 
-/// A restart increments the epoch and leaves the axes in place, so that an earlier frame is rejected.
+/// A restart increments the epoch and keeps the axes where they are; a frame from before the restart is rejected.
 #[test]
 fn a_restart_forgets_the_owner_and_keeps_epoch_and_axes() {
     let settings = Protection::default().settings(&axes()).expect("valid");

@@ -1,4 +1,4 @@
-//! Long random runs: all faults of a channel, a control and two senders in random order. The axes are checked in every scan.
+//! Long random runs with all faults of a channel, a control and two senders. The axes are checked in every scan.
 
 use std::collections::HashMap;
 
@@ -13,17 +13,17 @@ use volcomp_guard::{
 use super::{settings, words};
 
 const AXES: usize = 3;
-/// A sender's largest change per scan, counts: half of the barrier's rate.
+/// Maximum change of a sender's output per scan, counts: half of the barrier's rate.
 const SLEW: i16 = 1;
 
-/// A sender that moves its output to the requested value at its own slew, from the confirmed value.
+/// A sender that moves its output from the confirmed to the requested value at its own slew.
 struct Sender {
     session: Session,
     output: Option<Counts>,
     requested: Counts,
 }
 
-/// Words in transit, and when they arrive.
+/// Words in transit, and the scan of their arrival.
 struct Late {
     at: u32,
     words: Vec<u16>,
@@ -45,13 +45,12 @@ struct World {
     settings: Settings,
     barrier: Barrier,
     now: u32,
-    /// Number of new epochs.
     epochs: u32,
-    /// The report that senders read, and the scan in which it was published.
+    /// The current report, and the scan in which it was published.
     published: (Report, u32),
     in_transit: Vec<Late>,
     mailbox: Vec<u16>,
-    /// Every frame: the scan of the report that it answers, and the epoch in which it was sent.
+    /// For every frame: the scan of the report that it answers, and the epoch in which it was sent.
     sent: HashMap<Vec<u16>, (u32, u32)>,
     senders: Vec<Sender>,
     cut_until: u32,
@@ -68,7 +67,7 @@ impl World {
             time_out_scans: 30,
             ..settings(AXES)
         };
-        // In about half of the worlds the counters start close to where they wrap.
+        // About half of the worlds start with counters close to their wrap.
         let near = |rng: &mut ChaCha8Rng| rng.random_range(0..80_u16).wrapping_sub(40);
         let barrier = Barrier::start(settings, near(&mut rng), near(&mut rng), &Counts::default())
             .expect("valid");
@@ -132,7 +131,7 @@ impl World {
             }
             3 if self.senders.len() < 2 => self.start_sender(),
             4 => {
-                // Power-off and power-on: the axes keep their corrections, the tick restarts.
+                // A power cycle: the axes keep their corrections, and the tick restarts.
                 let before = self.barrier.memory();
                 let tick = self.rng.random();
                 self.barrier =
@@ -208,7 +207,7 @@ impl World {
         self.in_transit.push(late);
     }
 
-    /// Delivers arriving frames to the mailbox; of a torn frame only some words before the scan, the rest after it.
+    /// Delivers arriving frames to the mailbox. Of a torn frame, the last words arrive after the scan.
     fn arrive(&mut self, faults: &Faults) -> Option<Vec<u16>> {
         let now = self.now;
         let (mut arrived, in_transit) = std::mem::take(&mut self.in_transit)
@@ -290,7 +289,7 @@ fn no_channel_fault_makes_an_axis_step_and_a_live_sender_succeeds() {
         world.cut_until = 0;
         world.holds_until = 0;
         if seed % 2 == 0 {
-            // All senders stop: zero within the maximum age of a frame, the timeout and the ramp.
+            // All senders stop: the axes must be at zero after maximum frame age + timeout + ramp.
             world.senders.clear();
             let furthest = world
                 .barrier
@@ -300,7 +299,7 @@ fn no_channel_fault_makes_an_axis_step_and_a_live_sender_succeeds() {
                 .map(|a| a.abs())
                 .max()
                 .unwrap_or(0);
-            // A frame in transit may still be accepted, and move the axis away from zero first.
+            // A frame in transit may still be accepted, and first move the axis away from zero.
             let way = i32::midpoint(i32::from(furthest), 2 * 20);
             let bound = i32::from(world.settings.hold_scans + world.settings.time_out_scans) + way;
             for _ in 0..bound {

@@ -18,7 +18,7 @@ fn values(values: &[i16]) -> Counts {
     PerChannel::from_fn(|axis| values.get(axis).copied().unwrap_or(0))
 }
 
-/// A barrier that has accepted one frame of owner 7, and the report after it.
+/// A barrier that has accepted one frame of owner 7, with the sender's session and the next report.
 fn held(settings: Settings) -> (Barrier, Session, Report) {
     let mut barrier = at_zero(settings);
     let mut sender = Session::new(7);
@@ -54,11 +54,11 @@ fn each_wrong_frame_is_refused_with_its_reason() {
         (|frame| add(&mut frame.head.epoch, -1), Refusal::Epoch),
         (|frame| frame.head.owner = 8, Refusal::Owner),
         (|frame| frame.head.owner = 0, Refusal::Owner),
-        // The frame is checked one scan after the report.
+        // The barrier checks the frame one scan after the report.
         (|frame| add(&mut frame.head.tick, -4), Refusal::None),
         (|frame| add(&mut frame.head.tick, -5), Refusal::Tick),
         (|frame| add(&mut frame.head.tick, 2), Refusal::Tick),
-        // Relative to the next sequence.
+        // Relative to the next sequence number.
         (|frame| add(&mut frame.head.sequence, -2), Refusal::Sequence),
         (
             |frame| add(&mut frame.head.sequence, i16::MAX - 1),
@@ -104,7 +104,7 @@ fn a_frame_for_another_machine_or_other_axes_is_rejected() {
         },
         settings(2),
         settings(4),
-        // A frame for Y X Z or X Y A has as many words as one for X Y Z, but would move other axes.
+        // Frames for Y X Z or X Y A have as many words as one for X Y Z, but would move other axes.
         of([AxisName::Y, AxisName::X, AxisName::Z]),
         of([AxisName::X, AxisName::Y, AxisName::A]),
     ] {
@@ -158,7 +158,7 @@ fn without_frames_it_goes_to_zero_and_rejects_earlier_frames() {
     }
     let before = barrier.report();
     assert_eq!(before.applied, values(&[20, -8]));
-    // The last frame arrives late, and no other follows.
+    // The last frame is late, and no other follows.
     let begun = barrier.scan(&[&last], false);
     let mut scans = 0;
     while barrier.report().applied != Counts::default() {
@@ -169,7 +169,7 @@ fn without_frames_it_goes_to_zero_and_rejects_earlier_frames() {
     assert!(scans <= bound, "{scans} scans");
     let after = barrier.report();
     assert_eq!((after.epoch, after.owner), (begun.epoch.wrapping_add(1), 0));
-    // A frame in a mailbox is checked once; the same frame in another mailbox is checked there.
+    // A frame is checked once in each mailbox.
     assert_eq!(after.refusal, Refusal::None);
     let after = barrier.scan(&[&last, &last], false);
     assert_eq!((after.refusal, after.owner), (Refusal::Epoch, 0));
@@ -228,7 +228,7 @@ fn rates_below_one_count_per_scan() {
         let report = barrier.scan(&[&frame], false);
         applied.push(report.applied[0]);
         sender.read(report.head());
-        // Another goal in every scan: the line restarts each time and still progresses.
+        // The goal changes in every scan: the line restarts each time and still progresses.
         let goal = 15 + scan % 2;
         frame = words(
             &slow,
@@ -285,7 +285,7 @@ fn invalid_settings_are_refused() {
     let time_out = |hold, time_out| SettingsError::TimeOut { hold, time_out };
     let counts = |axis, found| SettingsError::Counts { axis, found };
     let cases: [Case; 7] = [
-        // The checksum does not distinguish it from machine 0.
+        // The checksum cannot distinguish this machine number from 0.
         (
             |s| s.machine = 65_535,
             SettingsError::Machine { found: 65_535 },
@@ -305,7 +305,7 @@ fn invalid_settings_are_refused() {
     }
 }
 
-/// Late and repeated reports do not count as new.
+/// Reports that are older than the last one are ignored, also across a wrap of the tick.
 #[test]
 fn a_report_older_than_the_last_one_is_ignored() {
     let (_, mut sender, report) = held(settings(1));
@@ -334,7 +334,7 @@ fn a_report_older_than_the_last_one_is_ignored() {
     );
 }
 
-/// A repeated report does not confirm anything at the present time. After 5 s of silence any tick is accepted, since it may have wrapped.
+/// A repeated report does not refresh the confirmation. After 5 s of silence any tick is accepted, since the tick may have wrapped.
 #[test]
 fn a_repeated_report_confirms_nothing() {
     let settings = settings(1);
@@ -375,7 +375,7 @@ fn one_axis() -> Limits {
     }
 }
 
-/// Reads the report and sends the requested correction, at half the rate of the barrier.
+/// Answers the current report with a frame: `output` moves to the requested value at half the barrier's rate.
 fn answer(barrier: &Barrier, sender: &mut Session, requested: i16, output: &mut i16) -> Vec<u16> {
     let report = barrier.report();
     if let ReportStatus::Confirmed {
@@ -389,11 +389,11 @@ fn answer(barrier: &Barrier, sender: &mut Session, requested: i16, output: &mut 
     words(&report.settings, &frame.expect("the control is free"))
 }
 
-/// One gateway changes to another path; its last frame stays in the first mailbox. It is not accepted again when tick and sequence have
-/// wrapped, about every minute.
+/// A gateway changes paths, and its last frame stays in the first mailbox: that frame is not accepted again when tick and sequence wrap,
+/// about every minute.
 #[test]
 fn an_old_frame_in_an_unused_mailbox_is_never_accepted_again() {
-    // Scans between two frames, so that tick and sequence wrap at different times.
+    // Scans between two frames: tick and sequence wrap at different times.
     for every in [1, 2, 3, 7] {
         let settings = Settings {
             rate: PerChannel::leading([20]),
@@ -421,7 +421,8 @@ fn an_old_frame_in_an_unused_mailbox_is_never_accepted_again() {
     }
 }
 
-/// The gateway changes paths at random; both lose, delay and duplicate frames. The axis never exceeds its rate, and arrives.
+/// A gateway changes paths at random, both with lost, late and duplicated frames: the axis never exceeds its rate, and reaches the
+/// requested value.
 #[test]
 fn one_gateway_alternates_between_two_mailboxes() {
     for seed in 0..200 {

@@ -1,4 +1,4 @@
-//! The reference barrier in the control of a simulated machine: motion of the axes under arbitrary faults of the wire.
+//! The reference barrier in the control of a simulated machine: motion of the axes under any fault of the wire.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -64,7 +64,7 @@ impl Sender {
             let mut words = [0; FRAME_WORDS];
             let length = frame.encode(&self.settings, &mut words);
             let words = Words::new(&words[..length]).expect("fewer than a block has");
-            // The next reports show whether it arrived.
+            // The next reports show whether the frame arrived.
             let _ = controller.post(&words, soon());
         }
         Some(seen)
@@ -88,7 +88,7 @@ fn the_axes_follow_the_barriers_rate_hold_during_stops_and_go_to_zero_without_a_
     let period = Duration::from_millis(4);
     for cycle in 0..200 {
         clock.advance(period);
-        // A stop in the middle of the motion.
+        // A machine stop in the middle of the motion.
         let stopped = (20..60).contains(&cycle);
         controls.emergency_stop.store(stopped, Ordering::Relaxed);
         sender.cycle(&mut controller, &goal);
@@ -104,7 +104,7 @@ fn the_axes_follow_the_barriers_rate_hold_during_stops_and_go_to_zero_without_a_
         changes[..2].iter().all(|change| *change <= rate + 1e-12),
         "{changes:?}"
     );
-    // Another gateway receives the owner of the machine.
+    // Another gateway reads the owner in the report.
     let mut second = controller.another().expect("few ways");
     let mut other = Sender {
         session: Session::new(78),
@@ -113,7 +113,7 @@ fn the_axes_follow_the_barriers_rate_hold_during_stops_and_go_to_zero_without_a_
     clock.advance(period);
     let seen = other.cycle(&mut second, &PerChannel::leading([-150, 40]));
     assert_eq!(seen, Some(ReportStatus::Held { owner: 77 }));
-    // The gateway stops: the axes are at zero within the timeout and the ramp, without a step.
+    // The gateway stops: within timeout and ramp the axes are at zero, without a step.
     let plant = controller.plant();
     drop(controller);
     let way = Duration::from_secs_f64(0.150 / 1.0);
@@ -122,8 +122,8 @@ fn the_axes_follow_the_barriers_rate_hold_during_stops_and_go_to_zero_without_a_
     assert!(controls.axes.largest_change()[0] <= rate + 1e-12);
 }
 
-/// All injectors in random order, two gateways on separate paths, machine stops and control restarts: the axes never exceed the barrier's rate or
-/// limit, and never move in an emergency stop.
+/// All fault injectors in random order, two gateways on separate paths, machine stops and restarts of the control: no axis exceeds the
+/// barrier's rate or limit, or moves during an emergency stop.
 #[test]
 fn no_fault_of_the_wire_makes_an_axis_step() {
     let period = Duration::from_millis(4);
@@ -179,7 +179,7 @@ fn no_fault_of_the_wire_makes_an_axis_step() {
                     sender.session = Session::new(rng.random());
                 }
                 if rng.random_bool(0.02) {
-                    // Also beyond the limit, which no guard would request.
+                    // Also beyond the limit, which no guard requests.
                     let mut some = || rng.random_range(-300..=300);
                     goals[index] = PerChannel::leading([some(), some()]);
                 }

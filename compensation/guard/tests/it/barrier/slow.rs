@@ -10,14 +10,14 @@ use volcomp_guard::{
 
 use crate::world::{PERIOD, SCAN, World, axes, barrier, limits};
 
-/// Scans of 2.45 ms are accepted where 2 ms are configured: zero is assumed only after the longer time, when X is at zero.
+/// Scans of 2.45 ms are accepted where 2 ms are configured: the guard assumes zero only after the longer time, when X is at zero.
 #[test]
 fn a_slow_control_is_at_zero_when_it_is_assumed_to_be() {
     let limits = Limits {
         zero_after: Duration::from_secs(3),
         ..limits()
     };
-    // The timeout in scans, and the transit time of the last frame.
+    // Timeout in scans, and transit time of the last frame, ms.
     for (time_out_scans, late_ms) in [(1000, 0), (100, 0), (100, 14)] {
         let settings = Settings {
             time_out_scans,
@@ -50,7 +50,7 @@ fn a_slow_control_is_at_zero_when_it_is_assumed_to_be() {
     }
 }
 
-/// If the control's program has stopped while its interface answers, a repeated report never counts as new, and the machine is not armed.
+/// The control's program has stopped but its interface still responds: the repeated report is never new, and the guard sends nothing.
 #[test]
 fn a_report_with_a_constant_tick_is_never_new() {
     let mut world = World::guarded(&limits());

@@ -1,4 +1,4 @@
-//! The shipped Structured Text, run by a small interpreter, against the barrier: equal words for equal frames.
+//! The shipped Structured Text, run by a small interpreter, produces the same words as the reference barrier for the same frames.
 
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
@@ -48,7 +48,7 @@ impl Control {
         control
     }
 
-    /// The next scan is the first after power-up or a reset; the words of the axes hold `applied`.
+    /// The next scan is the first after a power-up or reset; the axis words hold `applied`.
     fn begins(&mut self, tick: u16, applied: &Counts) {
         for axis in 0..9 {
             self.block.set("atStart", axis, applied[axis].into());
@@ -112,7 +112,6 @@ fn random_settings(rng: &mut ChaCha8Rng) -> Settings {
     }
 }
 
-/// Valid frames, and frames with one defect.
 fn random_frame(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier) -> Vec<u16> {
     let now = barrier.report();
     let mut frame = Frame {
@@ -160,7 +159,7 @@ fn random_frame(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier) ->
     words
 }
 
-/// Sets another word on the lines and toggles the latch; mostly a word that the axis can follow.
+/// Sets another word on the lines, usually one that the axis can follow, and toggles the latch.
 fn random_lines(
     rng: &mut ChaCha8Rng,
     settings: &Settings,
@@ -182,7 +181,7 @@ fn random_lines(
     lines.latch ^= !rng.random_bool(0.1);
 }
 
-/// Runs a text in parallel with the reference. Returns the number of accepted frames and words on lines, or the first difference.
+/// Runs a text in parallel with the reference; returns the numbers of accepted frames and line words, or the first difference.
 fn compare(text: &str) -> Result<[usize; 2], String> {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let mut taken = [0; 2];
@@ -300,8 +299,8 @@ fn every_mutation_of_the_structured_text_is_found() {
     }
 }
 
-/// The hardware enable of the book: if no mailbox is read, the correction goes to zero at the barrier's rate after its timeout, although a gateway
-/// keeps sending.
+/// The hardware enable of the book: if no mailbox is read, the correction is held until the timeout and then ramps to zero at the
+/// barrier's rate, although a gateway keeps sending.
 #[test]
 fn without_mailboxes_the_correction_ramps_out() {
     let mut limit = Counts::default();
@@ -338,7 +337,7 @@ fn without_mailboxes_the_correction_ramps_out() {
         control.scan(&boxes, None, false).expect("it runs");
         control.block.get("applied", 0)
     };
-    // The first scan is only the start: its epoch is known after it.
+    // The epoch is known only after the first scan.
     scan(0, false);
     for number in 1..40 {
         scan(number, true);

@@ -1,4 +1,4 @@
-//! A five-axis correction behind a barrier: error of the tool tip while the rotary axes move.
+//! A five-axis correction behind a barrier: tip error while the rotary axes move.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -17,7 +17,7 @@ const LEVER_MM: f64 = 300.0;
 struct Case {
     linear_step: f64,
     rotary_step: f64,
-    /// Delay from the guard to the barrier, and back, cycles.
+    /// Delay from the guard to the barrier and back, cycles.
     delay: usize,
     /// Ratio of the barrier's rate to the guard's slew.
     rate: f64,
@@ -47,7 +47,7 @@ fn limits(case: &Case) -> Limits {
     limits
 }
 
-/// Largest tip error (mm) of the applied correction in cycles without slew limitation.
+/// Largest tip error of the applied correction (mm) in cycles without slew limitation.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -63,7 +63,7 @@ fn off(case: &Case) -> f64 {
         AxisName::C,
     ];
     let layout = Layout::of(layout).expect("each once");
-    // One scan every 2 ms.
+    // One scan in 2 ms.
     let in_a_scan =
         |i: usize| limits.axes[i].slew_per_s * case.rate * 0.002 / limits.axes[i].resolution;
     let step_scans = (0..5)
@@ -93,7 +93,7 @@ fn off(case: &Case) -> f64 {
         rotary: of([0.0, 0.0, 0.0, 100e-6, -60e-6]),
         ..RequestedCorrection::default()
     };
-    // Y and Z are requested only to follow A and C.
+    // The request moves Y and Z only to follow A and C.
     requested.follow[3] = of([0.0, LEVER_MM]);
     requested.follow[4] = of([0.0, 0.0, -0.7 * LEVER_MM]);
     for cycle in 0..1200_u32 {
@@ -149,7 +149,8 @@ fn off(case: &Case) -> f64 {
     most
 }
 
-/// A barrier that rounds towards the start of its line made a linear axis lag by up to one count more: 1.5 µm with steps of 1 µm.
+/// For any delay and rate the tip error is at most 1.1 linear steps plus one rotary step at its lever, because the barrier rounds to the
+/// nearest count. Rounding towards the start of the line would add up to one linear step.
 #[test]
 fn a_barrier_adds_half_a_count_to_the_tip_error() {
     for delay in [0, 2, 4, 8] {

@@ -1,4 +1,4 @@
-//! Machines of every type, and controllers that write all their axes.
+//! Machines of every type, with controllers that write all their axes.
 
 use std::fmt::Write;
 
@@ -10,7 +10,7 @@ use volcomp_model::{Fading, Machine, Temperatures};
 use volcomp_runtime::{Model, kinematics::State};
 use volcomp_vocabulary::{AxisKind, PerAxis, PerChannel};
 
-/// Maximum deviation of compiled curves from the machine's curves, over all axes and levers, mm.
+/// Maximum deviation of compiled curves from the machine's curves over all axes and levers, mm.
 pub(crate) const COMPILED_MM: f64 = 3e-5;
 fn machine(structure: &Structure, rng: &mut ChaCha8Rng) -> Machine {
     let mut number = |size: f64| rng.random_range(-size..=size);
@@ -18,7 +18,7 @@ fn machine(structure: &Structure, rng: &mut ChaCha8Rng) -> Machine {
     for axis in structure.axes() {
         let half = if axis.is_rotary() { 180.0 } else { 400.0 };
         let letter = volcomp_kinematics::letter_direction(*axis);
-        // The axis deviates by some degrees from its letter's direction.
+        // The axis deviates by some degrees from the direction of its letter.
         let oblique = letter + Vector3::from_fn(|_, _| number(0.1));
         let direction: [f64; 3] = oblique.normalize().into();
         let point: [f64; 3] = [(); 3].map(|()| number(300.0));
@@ -49,7 +49,7 @@ pub(crate) struct Cell {
     pub(crate) machine: Machine,
     pub(crate) model: Model,
     pub(crate) correctors: Correctors,
-    /// Machine index of each channel.
+    /// Machine axis index of each channel.
     pub(crate) machine_axis: Vec<usize>,
     pub(crate) temperatures: Temperatures,
 }
@@ -84,7 +84,7 @@ impl Cell {
         axes
     }
 
-    /// The correction that the model requests while this correction is applied.
+    /// The correction that the model requests while `applied` is applied.
     pub(crate) fn wanted(&self, state: &State, applied: &PerChannel<f64>) -> RequestedCorrection {
         let applied = self.axes(applied);
         let wanted = self.model.wanted(state, &self.correctors, &applied);
@@ -112,8 +112,8 @@ impl Cell {
         (actual.transform_point(&tip) - chain.ideal_pose(state).transform_point(&tip)).norm()
     }
 
-    /// Difference of the machine's error (mm) between the position with this correction and the one at which the model was evaluated: in
-    /// between the machine moved for a cycle, and a limit, slew or acceleration changed the correction.
+    /// Difference of the machine's error (mm) between these corrections: the model was evaluated at one of them, then the machine moved
+    /// for a cycle, and a limit, slew or acceleration changed the correction.
     pub(crate) fn differs(&self, state: &State, [one, other]: [&PerChannel<f64>; 2]) -> f64 {
         let chain = self.machine.chain();
         let tip = chain.tool_tip_mm();
@@ -129,8 +129,8 @@ impl Cell {
         (one - other).norm()
     }
 
-    /// Maximum effect of rounding the output, mm: 0.6 step of each linear axis in the worst direction; during a rotary step, the distance
-    /// between smooth value and word (at most half a step) times the lever. Beyond a lowered limit, up to a whole step towards zero.
+    /// Maximum effect of rounding the output, mm: 0.6 step of each linear axis in the worst direction, and half a rotary step times its
+    /// lever. Beyond a lowered limit, up to one step towards zero.
     pub(crate) fn rounding(&self, state: &State, vector: &Vector, limits: &Limits) -> f64 {
         let chain = self.machine.chain();
         let mut sums = vec![Vector3::zeros()];

@@ -1,6 +1,6 @@
-//! Rule for coupled axes: however a correction is limited, ramped or rounded, the error of the tool is no larger than without correction or
-//! at the start of the ramp, except for rounding. Checked by the exact chain, for every type of machine with oblique axes, random poses and
-//! limits. `COUPLED_POSES` is the number of poses of each type.
+//! Rule for coupled axes: however a correction is limited, ramped or rounded, the tool error is at most that without correction or at the
+//! start of the ramp, plus rounding. Checked by the exact chain, for every type of machine with oblique axes, random poses and limits.
+//! `COUPLED_POSES` is the number of poses of each type.
 
 mod cell;
 mod ramps;
@@ -16,7 +16,7 @@ use self::{
     scene::Seen,
 };
 
-/// Default number of poses of each type of machine.
+/// Default number of poses per type of machine.
 const POSES: usize = 40;
 
 fn poses() -> usize {
@@ -26,7 +26,7 @@ fn poses() -> usize {
         .unwrap_or(POSES)
 }
 
-/// Runs a scene for every pose of every type of machine, on two threads. At most the share `behind` of the cycles may be exempt from the
+/// Runs a scene for every pose of every type of machine on two threads. At most the share `behind` of the cycles may be exempt from the
 /// bound because linear axes are behind.
 fn over_all_types(
     name: &str,
@@ -46,7 +46,6 @@ fn over_all_types(
                             continue;
                         }
                         let mut rng = ChaCha8Rng::seed_from_u64(index as u64);
-                        // A new machine for every 20 poses.
                         let mut cell = Cell::new(structure, &mut rng);
                         for pose in 0..poses() {
                             if pose % 20 == 19 {

@@ -1,4 +1,4 @@
-//! The parts of a correction, ramps to it and to zero, and limits that are lowered in motion.
+//! The parts of a correction, ramps to it and to zero, and limits lowered in motion.
 
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis, PerChannel};
 
 use super::{cell::Cell, over_all_types, scene::Scene};
 
-/// For every type of machine and any correcting axes.
+/// For every type of machine and any correcting axes the parts of a correction add up to the whole, within 1e-12.
 #[test]
 fn the_parts_add_up_to_the_correction() {
     let mut rng = ChaCha8Rng::seed_from_u64(9);
@@ -48,7 +48,7 @@ fn the_parts_add_up_to_the_correction() {
     }
 }
 
-/// At standstill and in motion; from zero, from any correction, and after a hold.
+/// The rule holds on ramps at standstill and in motion: from zero, from any correction, and after a hold.
 #[test]
 fn ramps_to_the_correction() {
     for (name, behind, restarts, is_held) in [
@@ -79,7 +79,7 @@ fn ramps_to_the_correction() {
     }
 }
 
-/// With enough time and room, except for rounding.
+/// With enough time and room the words reach the whole correction, within one step.
 #[test]
 fn arrives_at_the_whole_correction() {
     over_all_types("arrives", 0.03, |cell, rng, seen| {
@@ -93,7 +93,7 @@ fn arrives_at_the_whole_correction() {
         for (i, axis) in scene.limits.axes.iter_mut().enumerate() {
             axis.limit = full[i].abs() + 3.0 * axis.resolution;
         }
-        // The linear axes also have room for following the rotary corrections on the way.
+        // The linear axes have room to follow the rotary corrections as well.
         for (i, axis) in scene.limits.axes.iter_mut().enumerate() {
             axis.limit += wanted.position[i].abs() + 0.1;
         }
@@ -126,8 +126,8 @@ fn arrives_at_the_whole_correction() {
         {
             let close = 0.6001 * axis.resolution;
             match axis.kind {
-                // The request depends on the positions of the axes and, near a singular pose, on their rounding: the word is that for the
-                // actual position, and within a step of that for the unrounded one.
+                // Near a singular pose the request depends on the rounding of the axis positions: the word is that for the actual
+                // position, within a step of that for the unrounded one.
                 AxisKind::Rotary => {
                     assert!((words[i] - there.rotary[i]).abs() <= close);
                     assert!((words[i] - full[i]).abs() <= axis.resolution);
@@ -141,7 +141,7 @@ fn arrives_at_the_whole_correction() {
     });
 }
 
-/// At standstill the error of the tool stays between its initial and its uncorrected value.
+/// On a ramp to zero at standstill the tool error stays between its initial and its uncorrected value.
 #[test]
 fn ramps_to_zero() {
     over_all_types("zero", 0.01, |cell, rng, seen| {
@@ -175,8 +175,8 @@ fn ramps_to_zero() {
     });
 }
 
-/// Limits, slew and acceleration are lowered: no word moves further out than before or than the new limit, the return has the lower of both
-/// slews, and afterwards the bound holds again.
+/// Limits, slew and acceleration are lowered: no word moves farther out than before or than the new limit, the return uses the lower
+/// slew, and then the rule holds again.
 #[test]
 fn limits_lowered_in_motion() {
     over_all_types("lowered", 0.25, |cell, rng, seen| {
@@ -204,7 +204,7 @@ fn limits_lowered_in_motion() {
             let before = scene.vector;
             let dt_s = scene.tick(rng);
             scene.time_s += dt_s;
-            // The ramp begins once the moving axes have stopped.
+            // The ramp begins when the moving axes have stopped.
             if before.is_to_begin() {
                 scene.begins();
             }

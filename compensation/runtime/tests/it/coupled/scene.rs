@@ -1,4 +1,4 @@
-//! A correction that follows a machine, and the resulting error of the tool.
+//! A correction that follows a machine, and the resulting tool error.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, PerAxis, PerChannel};
 
 use super::cell::Cell;
 
-/// Commanded position over time: constant, or all axes moving at constant rates.
+/// The commanded position over time: constant, or all axes at constant rates.
 pub(crate) struct Path {
     pub(crate) from: State,
     /// mm/s and rad/s.
@@ -52,23 +52,23 @@ pub(crate) struct Seen {
     pub(crate) limited: usize,
     pub(crate) arrived: usize,
     pub(crate) scenes: usize,
-    /// Largest amount by which the error of the tool exceeded its bound (negative: margin), mm.
+    /// Largest excess of the tool error over its bound, mm; negative is a margin.
     pub(crate) worst: Option<f64>,
     pub(crate) reported: String,
 }
 
-/// One scene: the state of the vector, the machine and the clock.
+/// State of vector, machine and clock.
 pub(crate) struct Scene<'a> {
     pub(crate) cell: &'a Cell,
     pub(crate) limits: Limits,
     pub(crate) path: Path,
     pub(crate) vector: Vector,
     pub(crate) time_s: f64,
-    /// Error of the tool when the ramp or line began, mm.
+    /// Tool error at the start of the ramp or line, mm.
     pub(crate) began: f64,
     /// The correction at the last evaluation of the model.
     pub(crate) asked_at: PerChannel<f64>,
-    /// Whether the next cycle begins a ramp.
+    /// Whether the next cycle starts a ramp.
     pub(crate) ramp_begins: bool,
     pub(crate) followed: FollowResult,
     /// Rate of the smooth values in the previous cycle, mm/s and rad/s.
@@ -104,14 +104,14 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Records the error of the tool where a ramp or line begins, at the position of the cycle that begins it.
+    /// Records the tool error at the start of a ramp or line, at the position of that cycle.
     pub(crate) fn begins(&mut self) {
         self.began = self
             .cell
             .off(&self.path.at(self.time_s), &self.vector.smooth());
     }
 
-    /// The correction that the model requests now, with the errors at the actual position.
+    /// The correction requested now, with the errors at the actual position.
     pub(crate) fn wanted(&mut self, state: &State) -> RequestedCorrection {
         self.asked_at = self.vector.output();
         self.cell.wanted(state, &self.asked_at)
@@ -146,7 +146,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Checks that every word is within its limit or approaching it, and every movement within slew and acceleration.
+    /// Checks that every word is within its limit or approaches it, and every motion within slew and acceleration.
     pub(crate) fn holds_words(&mut self, before: &Vector, dt_s: f64) {
         for i in 0..self.limits.count {
             let axis = &self.limits.axes[i];
@@ -170,7 +170,7 @@ impl<'a> Scene<'a> {
         self.trace.push((self.time_s, self.vector.output()));
     }
 
-    /// Checks that in any window of time a word moves by at most slew times time, plus one step.
+    /// Checks that in any time window a word moves by at most slew × time plus one step.
     pub(crate) fn holds_in_windows(&self) {
         for (first, (start, from)) in self.trace.iter().enumerate() {
             for (end, to) in &self.trace[first..] {
@@ -183,7 +183,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Writes nothing for a while.
+    /// Writes nothing for this time.
     pub(crate) fn stands(&mut self, time_s: f64) {
         self.vector.stop();
         self.rate = PerChannel::ZERO;
@@ -194,7 +194,7 @@ impl<'a> Scene<'a> {
         let cell = self.cell;
         let off = cell.off(state, &self.vector.output());
         let without = cell.off(state, &PerChannel::ZERO);
-        // Second-order effect: the remaining position error turns with the rotary corrections.
+        // Second order: the remaining position error turns with the rotary corrections.
         let (mut turned, mut moved) = (0.0, self.began);
         for (share, axis) in self.vector.smooth().iter().zip(&self.limits.axes) {
             match axis.kind {

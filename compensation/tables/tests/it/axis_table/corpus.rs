@@ -1,5 +1,3 @@
-//! The corpus of the fuzz targets `table_…`.
-
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_tables::axis_table::{Format, WriteOptions, curves, read, to_toml, write};
@@ -29,8 +27,7 @@ fn corpus_files_are_read_or_refused_by_their_names() {
     }
 }
 
-/// Checks of the fuzz targets on some thousand random texts similar to the corpus: no panic, and every text that is read can be written and
-/// read again.
+/// Some thousand random mutations of the corpus do not panic; every text that is read can be written and read again.
 #[test]
 fn mutated_texts_do_not_panic() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);

@@ -1,4 +1,4 @@
-//! FANUC pitch error compensation: increments that are summed up.
+//! FANUC pitch error compensation: increments that add up.
 
 use volcomp_tables::axis_table::{AxisTable, Content, Format, write};
 use volcomp_tables::vocabulary::{AxisName, Direction};
@@ -6,7 +6,7 @@ use volcomp_test_support::cases;
 
 use super::{close, edges, own, refused, tables, writing};
 
-/// −100 to 200 mm in 100 mm, in µm.
+/// −100 to 200 mm in steps of 100 mm, in µm.
 fn table(forward: [f64; 4], backward: Option<[f64; 4]>) -> AxisTable {
     let mm = |um: [f64; 4]| um.map(|um| um * 1e-3).to_vec();
     let positions = vec![-100.0, 0.0, 100.0, 200.0];
@@ -60,7 +60,7 @@ fn files_as_controls_put_them_out() {
     // End of block as LF, CR or semicolon, other parameters in between, two axes in a record.
     let text = "%\rN00000P00001100;\rN05898S1P30.0S2P30.0;\rN03620A1P1A2P0;\rN03621A1P0A2P0;\rN03622A1P2A2P0;\rN03623A1P2A2P0;\rN03624A1P50.0A2P0;\rN10000P0;\rN10001P-1;\rN10002P3;\r%\r";
     let (found, warnings) = tables(Format::Fanuc, "p", text);
-    // With magnification 2, increments of 1 µm count twice; the second axis has no points.
+    // With magnification 2 an increment of 1 µm counts twice; the second axis has no points.
     assert_eq!(found.len(), 1);
     let expected = [(-50.0, -0.002), (0.0, 0.0), (50.0, -0.006)];
     for (found, expected) in edges(&found[0]).into_iter().zip(expected) {

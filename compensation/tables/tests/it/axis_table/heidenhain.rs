@@ -149,7 +149,7 @@ fn a_turn_from_minus_180_deg_is_written_from_0_to_360() {
                 close(found, mean + half, resolution);
             }
         }
-        // The loss compares the file that was read back with the model: half a digit, and the interpolation error between nodes.
+        // The loss compares the file as read back with the model: half a digit plus the interpolation error.
         let write = WriteOptions {
             axes: AxisNumbers::of_machine(&machine),
             ..WriteOptions::default()

@@ -1,4 +1,4 @@
-//! No table exceeds the limit, and implausible tables are not read.
+//! No table exceeds the limit, and implausible tables are rejected.
 
 use volcomp_tables::axis_table::{
     AxisNumbers, AxisTable, Content, ErrorTable, ErrorTables, ExchangeError, Format, ReadOptions,
@@ -26,7 +26,7 @@ fn implausible_errors_make_no_table_of_any_format() {
         for errors in [
             "EXX = { poly = [0.0, 20] }\n",
             "EXX = { poly = [1e7, 0.02] }\n",
-            // Positions in the place of deviations.
+            // Positions in place of deviations.
             "EXX = { table = [[0, 0], [300, 299994], [600, 599988]] }\n",
         ] {
             for limit_um in [250.0, 2000.0] {
@@ -49,7 +49,7 @@ fn implausible_errors_make_no_table_of_any_format() {
     );
 }
 
-/// Hand-made tables are rejected beyond 2 mm and 2 mrad, in every format.
+/// Tables above 2 mm or 2 mrad are rejected in every format.
 #[test]
 fn no_format_writes_implausible_values() {
     let table = |output: AxisName, value: f64| {
@@ -91,7 +91,7 @@ fn no_format_writes_implausible_values() {
     }
 }
 
-/// A LinuxCNC file that is read as the other type has deviations as large as the travel.
+/// A LinuxCNC file read as the other type has deviations as large as the travel, and is rejected.
 #[test]
 fn files_of_the_other_type_are_refused() {
     let read = |format, name: &str, text: &str| {

@@ -78,7 +78,7 @@ fn limits_of_the_format() {
     assert!(message.to_string().contains(expected), "{message}");
 }
 
-/// The code of control.c and usrmotintf.cc that computes LinuxCNC's addition to the motor command.
+/// The code of control.c and usrmotintf.cc that computes what LinuxCNC adds to the motor command.
 const PEER: &str = r"
 import sys
 kind, path = int(sys.argv[1]), sys.argv[2]

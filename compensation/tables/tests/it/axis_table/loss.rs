@@ -1,4 +1,4 @@
-//! Residual errors of tables, against closed forms.
+//! Losses of tables, compared with closed forms.
 
 use volcomp_tables::axis_table::{
     self, AxisLoss, AxisNumbers, Category, Facts, Format, Loss, TableOptions, WriteOptions, loss,
@@ -44,7 +44,7 @@ fn of_axis(axes: &[AxisLoss], axis: AxisName) -> &AxisLoss {
     found.expect("it is there")
 }
 
-/// The largest residual error of an axis, µm.
+/// Largest loss of an axis, µm.
 fn um(loss: &Loss, category: Option<Category>, axis: AxisName) -> f64 {
     let mut categories = loss.categories.iter();
     let axes = match category {
@@ -57,7 +57,7 @@ fn um(loss: &Loss, category: Option<Category>, axis: AxisName) -> f64 {
     of_axis(axes, axis).largest
 }
 
-/// Maximum loss of a category in tables with a step of 100 mm, µm.
+/// Checks the maximum loss of a category in tables with a step of 100 mm, µm.
 fn loses(machine: &Machine, format: Format, what: Category, axis: AxisName, by: f64, within: f64) {
     close(
         um(&lost(machine, format, 100.0), Some(what), axis),
@@ -70,7 +70,7 @@ use AxisName::{X, Y, Z};
 
 #[test]
 fn straight_lines_lose_the_bend_between_nodes() {
-    // c h² / 4 in the middle of a step of h: 1e-4 µm/mm² × 200² / 4 = 1 µm.
+    // c h² / 4 in the middle of a step h: 1e-4 µm/mm² × 200² / 4 = 1 µm.
     let machine = machine("[errors]\nEXX = { poly = [0.0, 0.0, 1.0e-4] }\n");
     let found = lost(&machine, Format::Csv, 200.0);
     assert!(found.poses > 13 * 13 * 13);
@@ -83,13 +83,13 @@ fn straight_lines_lose_the_bend_between_nodes() {
         (at / 100.0).round() % 2.0 == 1.0,
         "in the middle of a step: {at}"
     );
-    // Half the step yields a quarter of the loss, although thirteen poses along each axis are also 100 mm apart.
+    // Half the step has a quarter of the loss, although the thirteen poses along each axis are 100 mm apart as well.
     let finer = lost(&machine, Format::Csv, 100.0);
     close(um(&finer, None, X), 0.25, 2e-3);
     assert!(finer.axes[0].rms > 0.05, "{:?}", finer.axes[0]);
 }
 
-/// An error that is zero at every table position is lost entirely and reported; a model with nothing else is rejected with the reason.
+/// An error that is zero at every table position is lost and reported; a model with no other error is rejected with the reason.
 #[test]
 fn an_error_with_the_period_of_the_step_is_lost() {
     let screw = "EXX = { fourier = [0.0, 0.0, 5.0], period = 10.0 }\n";
@@ -217,7 +217,7 @@ fn every_format_is_compared_for_every_example() {
     }
 }
 
-/// The interpolation error is found with any step, also if poses of the comparison coincide with table nodes.
+/// The interpolation error is found within 10 % at any step, also if compared poses coincide with table nodes.
 #[test]
 fn the_bend_between_nodes_is_found_at_any_step() {
     let machine = machine("[errors]\nEXX = { poly = [0.0, 0.0, 1.0e-4] }\n");
@@ -232,7 +232,7 @@ fn the_bend_between_nodes_is_found_at_any_step() {
     }
 }
 
-/// The last midpoint of a turn that begins within the travel is outside it; the pose is the equivalent position.
+/// The last midpoint of a turn that starts within the travel is outside; the equivalent position is compared.
 #[test]
 fn the_midpoint_beyond_the_end_of_a_turn_is_compared() {
     let tops = 15.0;

@@ -1,4 +1,4 @@
-//! Tables from machines equal the model's correction on the lines through the reference position.
+//! Tables of a machine equal the model's correction on the lines through the reference position.
 
 use volcomp_tables::axis_table::{
     AxisTable, Content, Format, TableOptions, curves, sampled, to_toml,
@@ -156,7 +156,7 @@ fn back_to_curves_of_the_machine_file() {
         "structure = \"w X' Y' b Z t\"\n[axes]\nX.travel = [0.0, 600.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-500.0, 0.0]\n{text}"
     );
     let read = Machine::parse(&whole, "m.toml").expect("a part of a machine file");
-    // 20 µm per metre, plus the pitch, 0.05 µrad/mm, times 530 mm from the table surface to the tool with Z at 0.
+    // 20 µm/m, plus the pitch of 0.05 µrad/mm times 530 mm from the table surface to the tool with Z at 0.
     let exx = read.error("EXX".parse().expect("a name")).expect("a curve");
     close(
         exx.value(0, &[300.0, 0.0, 0.0], None),
@@ -165,8 +165,7 @@ fn back_to_curves_of_the_machine_file() {
     );
 }
 
-/// Tables of an axis with modulo are zero at the reference position in their header, or the format is rejected; at the nodes the sum is
-/// that of the model.
+/// Tables of an axis with modulo are zero at the reference position, or the format is rejected; at the nodes their sum equals the model.
 #[test]
 fn tables_of_a_turn_are_zero_at_the_reference() {
     let machine = Machine::parse(
@@ -180,7 +179,7 @@ fn tables_of_a_turn_are_zero_at_the_reference() {
     };
     let cold = Temperatures::new();
     let tables = |format, deg| sampled(&machine, &cold, &at(deg), format);
-    // 40 is not a multiple of the step 15; 45 is.
+    // 40 is no multiple of the step of 15, 45 is.
     for deg in [40.0, 45.0, 359.0_f64] {
         let Content::Axes(found) = tables(Format::Csv, deg).expect("made") else {
             panic!("tables of axes");
@@ -194,7 +193,7 @@ fn tables_of_a_turn_are_zero_at_the_reference() {
         assert!(here.abs() < 1e-9, "{deg}: {here} mm");
         let turn = table.positions[table.positions.len() - 1] - table.positions[0];
         assert!((turn.to_degrees() - 360.0).abs() < 1e-9, "{turn}");
-        // 10 µm · (sin of the node − sin of the reference), rotated with the workpiece by the angle of the node.
+        // 10 µm · (sin of the node − sin of the reference), rotated with the workpiece by the node's angle.
         let largest = table
             .forward
             .iter()

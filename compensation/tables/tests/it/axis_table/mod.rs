@@ -1,4 +1,4 @@
-//! Axis tables from machines, through every format, against closed forms and the manufacturers' documents.
+//! Axis tables from machines through every format, compared with closed forms and the manufacturers' documents.
 
 mod corpus;
 mod fanuc;
@@ -45,7 +45,6 @@ pub(crate) fn read_text(
     read(format, &[file(name, text)], &options())
 }
 
-/// Options of writers, with these axis numbers.
 pub(crate) fn writing() -> WriteOptions {
     WriteOptions {
         axes: numbers(),
@@ -60,13 +59,11 @@ pub(crate) fn of_axes(content: Content) -> Vec<AxisTable> {
     }
 }
 
-/// The table of an axis over another.
 pub(crate) fn over(tables: &[AxisTable], input: AxisName, output: AxisName) -> &AxisTable {
     let is_it = |table: &&AxisTable| (table.input, table.output) == (input, output);
     tables.iter().find(is_it).expect("it is there")
 }
 
-/// A table of an axis over itself.
 pub(crate) fn own(axis: AxisName, positions: Vec<f64>, forward: Vec<f64>) -> AxisTable {
     AxisTable {
         input: axis,
@@ -87,7 +84,6 @@ pub(crate) fn inside(axis: AxisName, edge: f64) -> f64 {
     }
 }
 
-/// Reads a text, and returns its tables and warnings.
 pub(crate) fn tables(format: Format, name: &str, text: &str) -> (Vec<AxisTable>, Vec<String>) {
     let found = read_text(format, name, text).unwrap_or_else(|error| panic!("{error}"));
     let warnings = found.warnings.iter().map(ToString::to_string);

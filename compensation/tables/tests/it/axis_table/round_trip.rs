@@ -1,5 +1,3 @@
-//! Every format: written tables read back within the format's resolution.
-
 use proptest::prelude::*;
 use volcomp_tables::axis_table::{
     AxisTable, Content, ErrorTable, ErrorTables, Format, ReadOptions, WriteOptions, read, write,
@@ -21,7 +19,7 @@ fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> 
             let values = || prop::collection::vec(-0.05..0.05_f64, count);
             let zero = zero.index(count);
             (values(), values()).prop_map(move |(forward, backward)| {
-                // The limits are 2 mm and 2 mrad, including half the reversal and extrapolated nodes.
+                // The limits are 2 mm and 2 mrad, with half the reversal and extrapolated nodes included.
                 let each = |values: Vec<f64>| -> Vec<f64> {
                     values.into_iter().map(|v| inside(output, v)).collect()
                 };
@@ -35,7 +33,7 @@ fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> 
         })
 }
 
-/// The part of a table that a format preserves.
+/// The part of a table that a format keeps.
 #[derive(Clone, Copy)]
 enum Keeps {
     Everything,
@@ -44,7 +42,7 @@ enum Keeps {
     /// The mean of positioning tables, both directions of others.
     CrossDirections,
     OwnAlone,
-    /// The deviation relative to that at 0.
+    /// Deviations relative to that at 0.
     OwnFromZero,
 }
 
@@ -73,7 +71,7 @@ fn kept(table: &AxisTable, keeps: Keeps) -> Option<AxisTable> {
     }
 }
 
-/// Checks that written tables read back; `within` is the resolution in mm or deg.
+/// Checks that written tables are read back; `within` is the resolution in mm or deg.
 fn comes_back(
     format: Format,
     tables: &[AxisTable],
@@ -122,7 +120,6 @@ fn comes_back(
     Ok(())
 }
 
-/// Positioning and other tables of linear and rotary axes.
 fn several() -> impl Strategy<Value = Vec<AxisTable>> {
     use AxisName::{A, C, X, Y};
     let pairs = [(X, X), (X, Y), (C, C), (A, C), (A, X)];
@@ -131,7 +128,7 @@ fn several() -> impl Strategy<Value = Vec<AxisTable>> {
         .prop_map(Vec::from)
 }
 
-/// Tables for the TNC: all tables over an axis have the same positions.
+/// Tables for the TNC, where all tables over an axis have the same positions.
 fn several_of_one() -> impl Strategy<Value = Vec<AxisTable>> {
     use AxisName::{C, X, Y};
     (table(X, X), prop::collection::vec(-0.05..0.05_f64, 40)).prop_map(|(own, values)| {
@@ -258,7 +255,7 @@ fn a_turn_comes_back_as_a_turn() {
         let found = read(format, &files, &super::options()).expect("read");
         let found = of_axes(found.content);
         assert!(found[0].modulo, "{format}");
-        // 380 deg equals 20 deg, −90 deg equals 270 deg.
+        // 380° equals 20°, −90° equals 270°.
         for (at, same) in [(380.0_f64, 20.0_f64), (-90.0, 270.0)] {
             let [a, b] = [at, same].map(|deg| found[0].deviation(deg.to_radians(), None));
             assert!((a - b).abs() < 1e-9, "{format}: {a} {b}");

@@ -9,7 +9,6 @@ use super::{close, edges, file, inside, options, refused, tables, writing};
 
 const F: Format = Format::Siemens840d;
 
-/// A table as in an archive.
 fn cec(
     number: u32,
     values: &[f64],
@@ -32,7 +31,7 @@ fn cec(
     text + more
 }
 
-/// Reads a table as in an archive, and returns it with its warnings.
+/// Table and warnings of a text as in an archive.
 fn read_cec(values: &[f64], axes: [&str; 2], steps: [f64; 3]) -> (Vec<AxisTable>, Vec<String>) {
     tables(F, "a.ini", &framed(&cec(0, values, axes, steps, "")))
 }
@@ -167,7 +166,7 @@ fn tables_for_single_directions_become_one() {
     assert_eq!(found[0].deviation(100.0, Some(Direction::Negative)), 0.0);
 }
 
-/// Machine axes have their factory names; the example is that of the manual.
+/// Machine axes may have their factory names, a letter and a number, as in the manual's example.
 #[test]
 fn machine_axes_may_be_named_by_letter_and_number() {
     let leadscrew = |axis: &str| {
@@ -261,7 +260,7 @@ fn written_files_follow_the_documented_form() {
     }
     let ends = "$AN_CEC_IS_MODULO[0]=1\n$AN_CEC_TYPE[0]=0\nM17\n";
     assert!(file.text.ends_with(ends), "{}", file.text);
-    // The header contains the axis numbers, so it is read without options.
+    // The header has the axis numbers, so no options are needed.
     let again = read(F, &written.files, &ReadOptions::default()).expect("read");
     assert!(again.warnings.is_empty(), "{:?}", again.warnings);
 }

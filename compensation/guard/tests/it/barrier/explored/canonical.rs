@@ -1,4 +1,4 @@
-//! Canonical form of a world: worlds that differ only in counter offsets have the same 128-bit hash.
+//! Canonical form of a world: worlds that differ only in counter offsets have the same hash.
 
 use std::hash::{Hash, Hasher};
 
@@ -9,7 +9,7 @@ use volcomp_guard::{
 
 use super::{Flying, Turn, World};
 
-/// 128-bit hash of a world, so that millions fit into memory. Among ten million worlds a collision has a probability of 1e-25.
+/// 128-bit hash of a world, so that millions of worlds fit into memory. Among ten million the collision probability is 1e-25.
 struct Print(u128);
 
 impl Hasher for Print {
@@ -51,7 +51,7 @@ pub(super) fn print_of(turn: Turn, world: &World) -> u128 {
     print.0
 }
 
-/// The same world with counters relative to those of the barrier, and clamped where larger values make no difference.
+/// The same world with counters relative to those of the barrier, saturated where larger values make no difference.
 pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
     let Link {
         epoch,
@@ -70,15 +70,15 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
         1000_u16.wrapping_add_signed(ahead.clamp(-3, 3))
     };
     let bound = u8::try_from(oldest).expect("small bounds");
-    // Whether the frame in a mailbox was checked before.
+    // Whether the barrier has already checked the frame in this mailbox.
     let numbers =
         |place: &Option<Flying>| place.map(|f| (f.frame.head.tick, f.frame.head.sequence));
     let judged = [0, 1].map(|way| {
         let found = world.barrier.found[way];
         found.is_some() && found == numbers(&world.mailboxes[way])
     });
-    // Epochs do not recur, so frames of other epochs are equivalent. Each is replaced by the frame that would be accepted but for its
-    // epoch.
+    // Epochs do not recur, so frames of other epochs are equivalent: each is replaced by one that differs from an acceptable frame only
+    // in its epoch.
     let owner = world.barrier.link.owner;
     let dead = Flying {
         frame: Frame {
@@ -109,7 +109,7 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
     }
     for sender in world.senders.iter_mut().flatten() {
         sender.session.sent = None;
-        // Frames sent in another epoch no longer matter: the first frame of this epoch is accepted before it is reported.
+        // Frames sent in another epoch do not matter, since the first frame of this epoch is accepted before it is reported.
         for own in &mut sender.session.own {
             *own = own
                 .filter(|(of, _)| *of == epoch)
@@ -152,7 +152,6 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
     world
 }
 
-/// Renumbers the owners in the order in which they occur.
 fn renumber_owners(world: &mut World) {
     let mut met = vec![0];
     let mut rename = |owner: &mut u16| {
@@ -170,7 +169,7 @@ fn renumber_owners(world: &mut World) {
     for flying in world.mailboxes.iter_mut().flatten() {
         rename(&mut flying.frame.head.owner);
     }
-    // Sorted without the owner numbers, so that the new numbers do not depend on the old ones.
+    // Sorted without owner numbers, so that the new numbers do not depend on the old ones.
     world.in_transit.sort_by_key(|f| {
         let head = Head {
             owner: 0,
