@@ -20,11 +20,10 @@ const ROUNDS: usize = 40;
 
 /// Maximum deviation of a mean reading in standard deviations: one in 370 exceeds it.
 const WITHIN_SIGMAS: f64 = 3.0;
-/// Number of steps in which a curve is sampled.
 const STEPS: usize = 120;
 
-/// Scatter of a mean reading about a curve. Differences in zero and slope between runs move and rotate the curve and
-/// say nothing about its residuals, so they are excluded.
+/// Scatter of a mean reading about a curve. Differences in zero and slope between runs are excluded, because they move and rotate the curve but do
+/// not affect its residuals.
 fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
     let noise = profiles
         .iter()
@@ -36,16 +35,13 @@ fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
 #[derive(Clone)]
 pub(crate) struct Branches {
     fits: Vec<(Direction, Fit)>,
-    /// Readings of each fit.
     points: Vec<Points>,
     targets: Vec<f64>,
     method: Method,
     choice: Option<Choice>,
-    /// Scatter of a mean reading about the curves.
     noise: Option<Noise>,
     /// Runs of each fit, from which its band is resampled; empty until the lines are aligned.
     runs: Vec<Option<Vec<Run>>>,
-    /// Factor by which the curves were multiplied.
     factor: f64,
 }
 
@@ -164,7 +160,8 @@ impl Branches {
         })
     }
 
-    /// Runs of each fit: those of the only line; of several lines, the lines. `None` if a bridge sums its tilts.
+    /// The runs from which the band of each fit is resampled: those of the only line, or, with several lines, one run per line. `None` if a bridge
+    /// sums its tilts.
     fn runs_of(&self, profiles: &[Profile<'_>]) -> Vec<Option<Vec<Run>>> {
         let of = |(direction, _): &(Direction, Fit)| {
             if let [profile] = profiles {
@@ -198,7 +195,6 @@ impl Branches {
         })
     }
 
-    /// Mean of the branches at a coordinate.
     pub(crate) fn mean_at(&self, coordinate: f64) -> f64 {
         let values = self.fits.iter().map(|(_, fit)| fit.curve.value(coordinate));
         values.sum::<f64>() / self.fits.len() as f64
@@ -231,7 +227,6 @@ impl Branches {
         scaled
     }
 
-    /// Quality of the fit of each branch, for the error that the curves belong to.
     pub(crate) fn fitted(&self, error: ErrorName) -> Vec<FittedCurve> {
         let reversal = self.reversal();
         let both = self.fits.len() == 2;
@@ -307,7 +302,6 @@ impl Branches {
     }
 }
 
-/// Samples the curve over the span of its readings.
 fn sampled(fit: &Fit, points: &Points) -> Vec<[f64; 2]> {
     let all = || points.iter().map(|(x, _)| *x);
     let (first, last) = (
@@ -363,7 +357,6 @@ pub struct FittedCurve {
     pub(crate) resampled: Option<Resampled>,
 }
 
-/// Data from which the band of a curve is resampled.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Resampled {
     pub(crate) runs: Vec<Run>,
@@ -405,7 +398,6 @@ pub enum Quality {
 }
 
 impl Quality {
-    /// Leave-one-out error in the unit of the error.
     pub(crate) fn leave_one_out(&self) -> Option<f64> {
         match self {
             Self::Length(quality) => quality.leave_one_out.map(|Um(um)| um),

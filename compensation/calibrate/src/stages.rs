@@ -21,7 +21,6 @@ use crate::{
 /// Maximum number of passes after the first: the contribution of a rotary axis to the lines of another is small.
 const PASSES: usize = 4;
 
-/// Machine and results from the lines of a file.
 pub(crate) struct Stages {
     pub(crate) machine: Machine,
     pub(crate) measured: Vec<ErrorName>,
@@ -30,7 +29,6 @@ pub(crate) struct Stages {
     pub(crate) squareness: Vec<(ErrorName, Urad)>,
     pub(crate) notes: Vec<String>,
     pub(crate) contradictions: Vec<(ErrorName, String)>,
-    /// Location errors that diagonals or lines do not support.
     pub(crate) undecided: Vec<ErrorName>,
 }
 
@@ -134,7 +132,6 @@ impl Stages {
         })
     }
 
-    /// Whether the measured errors are exactly those of other stages.
     pub(crate) fn is_as_measured(&self, other: &Self) -> bool {
         let same = |name: &ErrorName| self.machine.error(*name) == other.machine.error(*name);
         let mut filled = self.curves.iter().map(|curve| curve.error);
