@@ -116,7 +116,6 @@ impl Report {
         report
     }
 
-    /// The report of the content of a machine file.
     fn of_statements(source: &str, machine: &Machine, stated: &Stated) -> Self {
         Self {
             head: head(source, machine, &std::iter::empty(), stated),
@@ -148,7 +147,6 @@ impl Report {
         }
     }
 
-    /// Whether the report contains any error.
     pub(crate) fn knows_errors(&self) -> bool {
         let mut squares = self.squareness.iter();
         !self.curves.is_empty()
@@ -181,7 +179,6 @@ fn of_square(file: &CalibrationFile, machine: &Machine, error: ErrorName) -> Opt
     (is_alone && is_at_square && stated > 0.0).then_some(stated)
 }
 
-/// A note if axes have assembly errors.
 fn on_assembly(machine: &Machine) -> Option<String> {
     let axes = machine.axes().iter().enumerate();
     let axes = axes.filter(|(index, _)| machine.assembly(*index).iter().any(|of| *of != 0.0));
@@ -194,7 +191,6 @@ fn on_assembly(machine: &Machine) -> Option<String> {
     })
 }
 
-/// Notes on errors that were measured in one direction only.
 fn one_direction(machine: &Machine) -> Option<String> {
     let names = machine.read_in_one_direction();
     let names: Vec<String> = names.iter().map(ErrorName::to_string).collect();
