@@ -18,10 +18,8 @@ const MAX_STEPS: usize = 1000;
 const CONVERGED: f64 = 1e-13;
 /// Maximum number of readings of completed runs in one direction.
 const MAX_COMPLETED: usize = 10_000_000;
-/// Maximum number of runs that a note names individually.
 const MAX_NAMED: usize = 3;
 
-/// The passes of one direction.
 struct Passes {
     direction: Direction,
     /// Numbers of the runs, ascending.
@@ -116,7 +114,6 @@ impl Passes {
         offsets
     }
 
-    /// Predicted readings of the targets that passes lack.
     fn predicted(&self, offsets: &[f64]) -> Vec<Reading> {
         let groups = self.groups();
         let mut predicted = Vec::new();
@@ -216,7 +213,6 @@ impl Passes {
         )
     }
 
-    /// Note on runs that cannot be aligned with each other.
     fn unconnected(&self) -> Option<String> {
         let groups = self.groups();
         let first_runs = (0..groups.len()).filter(|run| groups[*run] == *run);
@@ -231,7 +227,6 @@ impl Passes {
     }
 }
 
-/// The passes of a measurement and their offsets.
 struct Alignment {
     passes: [Passes; 2],
     /// `None` for a direction whose plain means are right.
@@ -323,7 +318,6 @@ impl Measurement {
         self.readings.iter().filter(is_in_part).collect()
     }
 
-    /// Mean number of readings of a target in one direction.
     pub(crate) fn readings_per_target(&self) -> f64 {
         let passes = Direction::BOTH.map(|direction| Passes::of(&self.readings, direction));
         let targets: usize = passes.iter().map(|of| of.targets.len()).sum();
@@ -331,7 +325,6 @@ impl Measurement {
     }
 }
 
-/// Notes for the user if the runs are aligned for a curve, or cannot be aligned.
 pub(crate) fn alignment_notes(readings: &[Reading]) -> Vec<String> {
     let alignment = Alignment::of(readings);
     let mut notes = Vec::new();
@@ -400,7 +393,6 @@ impl Measurement {
     }
 }
 
-/// Sum of the squared residuals of a run after removing its alignment.
 fn squares_without(run: &[(f64, f64)], alignment: RunAlignment) -> f64 {
     if alignment == RunAlignment::Line
         && let Ok(line) = ReferenceLine::least_squares(run)
