@@ -1,5 +1,3 @@
-//! Directions of the axis letters.
-
 use nalgebra::Vector3;
 use volcomp_vocabulary::AxisName;
 

@@ -91,8 +91,8 @@ pub struct Correction {
     /// an error is not finite. Without convergence the correction is the larger of the first and the last step: with errors that grow
     /// faster than the coordinate, steps can swing back to almost nothing.
     pub converged: bool,
-    /// A direction of the tool axis is corrected only in part or not at all: the pose is within about 1° of a singular one, or fewer than
-    /// two rotary axes may move.
+    /// True if one or both components of the tool's tilt are corrected only in part or not at all, because the pose is within about 1° of a singular
+    /// one or fewer than two rotary axes may move.
     pub tool_axis_partial: bool,
     /// At least two rotary axes may move, and the pose is singular or close to it (about 6°): they move by more than 10 times the
     /// tool-axis error, or cannot correct one direction. See [`NEAR_SINGULAR_BELOW`](crate::NEAR_SINGULAR_BELOW).
@@ -167,7 +167,6 @@ fn size(a: &State, b: &State) -> f64 {
     ways.fold(0.0, f64::max)
 }
 
-/// The ideal tool pose at the command.
 struct Goal {
     tip_mm: Vector3<f64>,
     axis: Vector3<f64>,

@@ -1,5 +1,3 @@
-//! Errors of building a chain and of setting its error values.
-
 use core::fmt;
 
 use volcomp_vocabulary::{AxisName, ErrorName};
@@ -11,37 +9,30 @@ use crate::structure::{Side, Structure};
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ChainError {
-    /// The chain has no such axis.
     #[error("the structure `{structure}` has no axis {axis}")]
     NoSuchAxis {
         axis: AxisName,
         structure: Structure,
     },
-    /// An axis of the chain has no value.
     #[error("axis {axis} has no value, expected one for each axis of `{structure}`")]
     AxisMissing {
         axis: AxisName,
         structure: Structure,
     },
-    /// An axis has two values.
     #[error("axis {axis} has two values, expected one")]
     AxisTwice { axis: AxisName },
-    /// A direction that is zero or not finite.
     #[error("{what} is [{}, {}, {}], expected finite numbers, not all zero", found[0], found[1], found[2])]
     Direction { what: &'static str, found: [f64; 3] },
-    /// A point that is not finite.
     #[error("{what} is [{}, {}, {}], expected finite numbers", found[0], found[1], found[2])]
     Point {
         what: &'static str,
         /// The rejected vector, mm.
         found: [f64; 3],
     },
-    /// A frame of error motions was set for a linear axis.
     #[error(
         "axis {axis} is linear: its error motions ride with its carriage, expected a rotary axis"
     )]
     MotionFrame { axis: AxisName },
-    /// A value of an error that is NaN or infinite.
     #[error("{error} is {found}, expected a finite number of {}", error.component.symbol())]
     NotFinite {
         error: ErrorName,

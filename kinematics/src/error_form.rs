@@ -86,7 +86,6 @@ pub fn actual_pose<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> 
     actual_product::<Exponential, S>(chain, source, state)
 }
 
-/// The operations in which the `exact` and the `htm` products differ.
 trait SmallMotion {
     fn rotation(r_rad: &Vector3<f64>) -> Matrix3<f64>;
     fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, kind: AxisKind) -> Vector3<f64>;
@@ -246,7 +245,6 @@ impl Walk {
         self.angular_rad += motion.angular_rad;
     }
 
-    /// Passes a linear joint with a tilted line.
     #[inline(always)]
     fn slide(&mut self, direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, q_mm: f64) {
         self.point += direction * q_mm;

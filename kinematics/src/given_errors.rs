@@ -1,5 +1,3 @@
-//! Constant errors, set by name.
-
 use volcomp_vocabulary::{Displacement, ErrorName, PerAxis};
 
 use crate::{

@@ -28,7 +28,6 @@ pub const REACHED_WITHIN_MM: f64 = 1e-7;
 const BROUGHT_WITHIN_MM: f64 = 1e-9;
 /// Maximum number of steps to a point: two for the ideal tip, the second for the rounding of the first, and some more for an actual one.
 const MOST_STEPS: usize = 12;
-/// Maximum number of changes of the set of axes at an end of travel.
 const MOST_CHANGES: usize = 10 * MAX_AXES;
 /// Minimum volume of the box of three unit directions of linear axes that are not treated as coplanar. Coplanar axes reach a point off
 /// their plane only by moving far against each other; without travel limits they are not made to.

@@ -105,7 +105,6 @@ impl RotaryGram {
         along * first + (miss - along) * second
     }
 
-    /// The direction of the larger singular value.
     #[inline(always)]
     fn first_direction(&self, half_difference: f64, radius: f64) -> Vector2<f64> {
         let candidate = if half_difference >= 0.0 {

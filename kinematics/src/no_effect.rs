@@ -1,5 +1,3 @@
-//! Location errors without effect.
-
 use nalgebra::Vector3;
 use volcomp_vocabulary::{AxisKind, Component, ErrorName};
 

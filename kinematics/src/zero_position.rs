@@ -37,7 +37,7 @@ pub enum ZeroPositionError {
         axis: AxisName,
         /// The given kind of screw.
         found: &'static str,
-        /// The kind of axis of its letter.
+        /// The kind of axis that the letter names.
         expected: &'static str,
     },
     /// An invalid direction or point.

@@ -12,7 +12,6 @@ use volcomp_fleet::{ADDRESSES, ServerTls, StreamRetention, first_port, wrong_add
 
 use crate::{Error, rollout::Rules, store::Retention};
 
-/// The table `[store]`.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct StoreConfig {
@@ -27,7 +26,6 @@ impl Default for StoreConfig {
     }
 }
 
-/// The table `[nats]`: the server as a client sees it.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct NatsConfig {
@@ -58,7 +56,6 @@ impl Default for NatsConfig {
 }
 
 impl NatsConfig {
-    /// Retention limits of the server, by age and size.
     pub fn stream_retention(&self) -> StreamRetention {
         let days = |days: f64| Duration::from_secs_f64(days * 86_400.0);
         StreamRetention {
@@ -70,7 +67,6 @@ impl NatsConfig {
     }
 }
 
-/// The table `[keys]`: the signing keys.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct KeysConfig {
@@ -94,7 +90,6 @@ pub struct ServerConfig {
     pub name: String,
     /// Address for clients. Default: the port of `nats.url` on the loopback interface.
     listen: Option<String>,
-    /// Folder of the JetStream data.
     pub store: PathBuf,
     certificate: Option<PathBuf>,
     key: Option<PathBuf>,
@@ -126,7 +121,6 @@ impl ServerConfig {
     }
 }
 
-/// The table `[page]`: where the web interface is served, and under which names.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct PageConfig {
@@ -152,7 +146,6 @@ pub struct Config {
     pub keep: Retention,
     pub nats: NatsConfig,
     pub keys: KeysConfig,
-    /// Default roll-out rules.
     pub rollout: Rules,
     pub server: ServerConfig,
     pub page: Option<PageConfig>,
@@ -176,7 +169,6 @@ impl Config {
         Ok(mistakes.none_or(config)?)
     }
 
-    /// Address on which the NATS server listens for clients.
     pub fn server_listen(&self) -> String {
         self.server.listen.clone().unwrap_or_else(|| {
             let port = first_port(&self.nats.url).unwrap_or_default();

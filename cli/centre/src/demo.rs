@@ -73,7 +73,6 @@ fn key(error: impl Display) -> Error {
 pub struct Demo {
     pub address: SocketAddr,
     pub user: &'static str,
-    /// Password generated for this demonstration.
     pub password: String,
     engine: Option<Running>,
     tasks: Vec<JoinHandle<()>>,
@@ -169,17 +168,14 @@ impl Demo {
         })
     }
 
-    /// Folder of all its data, removed at the end.
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }
 
-    /// Process id of the server.
     pub fn server_id(&self) -> Option<u32> {
         self.server.as_ref().map(Server::id)
     }
 
-    /// Shuts the demonstration down in order.
     pub async fn end(mut self) {
         for task in &self.tasks {
             task.abort();
@@ -190,7 +186,6 @@ impl Demo {
     }
 }
 
-/// Notice shown above the web interface.
 fn notice() -> String {
     format!(
         "Demonstration: simulated machines, invented models, and nothing is kept. A model that moves the axes far waits for \
@@ -272,7 +267,6 @@ pub const AUTO_CONFIRM_DELAY: Duration = Duration::from_secs(20);
 /// User name of automatic confirmations in the audit log.
 const CONFIRMED_BY: &str = "demonstration";
 
-/// A pending confirmation: the roll-out, the machine and its hash.
 type PendingConfirmation = (u64, MachineId, String);
 
 /// Confirms changes that have waited for [`AUTO_CONFIRM_DELAY`], until the runtime ends.

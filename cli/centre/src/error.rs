@@ -1,5 +1,3 @@
-//! The errors of the centre.
-
 use std::io;
 
 use volcomp_document::{InputErrors, PrivateError, ReadError};
@@ -46,7 +44,6 @@ pub enum Error {
     Model(#[from] ModelError),
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// Errors in the configuration, with their places.
     #[error(transparent)]
     Input(#[from] InputErrors),
     /// A secret cannot be read, or other users can read it.
@@ -56,7 +53,6 @@ pub enum Error {
     File { file: String, source: io::Error },
     #[error("random numbers: {0}")]
     Random(getrandom::Error),
-    /// The server configuration cannot be written.
     #[error(transparent)]
     Server(#[from] ServerConfigError),
     #[error(transparent)]

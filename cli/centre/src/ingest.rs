@@ -24,13 +24,10 @@ const MAX_INSTANCE_BYTES: usize = 256;
 /// Maximum plausible residual, µm (1 km); larger values are discarded.
 const MAX_RESIDUAL_UM: f64 = 1e9;
 
-/// Reception state of a machine.
 #[derive(Clone, Debug, Default)]
 pub struct Reception {
-    /// Last received state.
     pub live: Option<Live>,
     pub instances: Instances,
-    /// Events since the last pass.
     pub events: NewEvents,
     /// When the last unreadable message arrived, and why it was unreadable.
     pub unreadable: Option<(Instant, String)>,
@@ -43,18 +40,15 @@ fn corrects(condition: &Condition) -> bool {
     condition.state == "compensating"
 }
 
-/// Events received since the last pass.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NewEvents {
     pub conditions: u64,
-    /// The guard faulted: its reasons.
     pub faulted: Option<String>,
     /// Sum and number of the known residuals, µm.
     pub residual: (f64, u64),
 }
 
 impl NewEvents {
-    /// Adds earlier events.
     fn add(&mut self, before: Self) {
         self.conditions += before.conditions;
         if self.faulted.is_none() {
@@ -65,23 +59,19 @@ impl NewEvents {
     }
 }
 
-/// Results of a batch in addition to the stored rows.
 #[derive(Debug, Default)]
 pub struct BatchCounts {
     pub stored: u64,
-    /// Number of duplicate messages.
     pub duplicates: u64,
 }
 
 pub struct Ingest {
     machines: BTreeMap<MachineId, Reception>,
-    /// Machines whose last state is not yet stored.
     changed: BTreeSet<MachineId>,
     start: Instant,
 }
 
 impl Ingest {
-    /// Loads the state from the store.
     pub fn of(store: &Store) -> Result<Self, Error> {
         let mut machines: BTreeMap<MachineId, Reception> = BTreeMap::new();
         for (machine, live) in store.live()? {
@@ -321,7 +311,6 @@ fn read<T: DeserializeOwned>(message: &Received) -> Result<Envelope<T>, serde_js
     Ok(envelope)
 }
 
-/// The parsed content of a message.
 enum Body {
     Condition(Envelope<Condition>),
     Telemetry(Envelope<Box<serde_json::value::RawValue>>),

@@ -4,11 +4,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::records::CreationTime;
 
-/// Maximum number of remembered gateway instances of a machine. Instances active within a day of the newest are kept beyond it, so that a
-/// redelivered batch is recognized regardless of the number of restarts, …
+/// Maximum number of remembered gateway instances of a machine. More are kept, up to [`MAX_INSTANCES_OF_A_DAY`], if they were active within a day of
+/// the newest one, so that a redelivered batch is recognized regardless of the number of restarts.
 const MAX_INSTANCES: usize = 16;
 const REMEMBERED_S: f64 = 86_400.0;
-/// … up to this number, which is the number of messages in a batch.
+/// Maximum number of instances active within a day of the newest one: the number of messages in a batch.
 const MAX_INSTANCES_OF_A_DAY: usize = 2048;
 /// Window over which the start time of a gateway is measured again, s: clocks drift, and the server's clock may be set.
 const WINDOW_S: f64 = 300.0;
@@ -17,10 +17,8 @@ const MAX_UPTIME_S: f64 = 1e9;
 /// Maximum age of a message on arrival, s: no gateway keeps one longer.
 const MAX_AGE_S: f64 = 32.0 * 86_400.0;
 
-/// One run of a gateway, from its start to its end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Instance {
-    /// Identifier that the gateway generated at its start.
     pub instance: String,
     /// First message, s by the server's clock.
     pub first_s: f64,
@@ -28,14 +26,13 @@ pub struct Instance {
     pub heard_s: f64,
     /// Start of the gateway, s by the server's clock; late by at most the transit time of its fastest message.
     pub start_s: f64,
-    /// Numbers of its stored messages.
     pub stored: Intervals,
-    /// Sequence number in the stream of its first condition or full telemetry.
+    /// Sequence number of the run's first condition or full telemetry in the stream.
     pub passing_from: Option<u64>,
     /// Highest number at the last count of lost messages.
     #[serde(default)]
     pub counted_to: u64,
-    /// Start time estimated from its latest conditions and telemetry.
+    /// Start time estimated from the latest conditions and telemetry.
     #[serde(default)]
     pub recent: Option<Recent>,
 }
@@ -86,17 +83,15 @@ pub struct Instances {
     pub cloned_s: Option<f64>,
 }
 
-/// Metadata of a gateway message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Header<'a> {
-    /// Identifier that the gateway generated at its start.
     pub instance: &'a str,
     pub number: u64,
     /// Time from the start of the gateway to the creation of the message, s.
     pub uptime_s: f64,
     /// When the server stored the message, s.
     pub stored_s: f64,
-    /// Its sequence number in the stream, if it is a condition or full telemetry: these are sent in the order of their creation.
+    /// Sequence number of the message in the stream, if it is a condition or full telemetry: these are sent in the order of their creation.
     pub passing: Option<u64>,
 }
 
@@ -227,7 +222,6 @@ impl Intervals {
         true
     }
 
-    /// The highest number.
     pub fn highest(&self) -> Option<u64> {
         self.0.last().map(|(_, last)| *last)
     }
@@ -349,7 +343,7 @@ mod tests {
         assert_eq!(instances.cloned_s, None);
     }
 
-    /// A gateway is disconnected for an hour and then sends its queue; then its clock drifts, and is set.
+    /// A gateway is disconnected for an hour and then sends its queue. Then its clock drifts, and is set.
     #[test]
     fn a_delayed_message_is_late_and_clock_errors_are_not() {
         let mut instances = Instances::default();

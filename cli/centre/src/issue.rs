@@ -21,7 +21,6 @@ use crate::{
     versions::{active_version, may_be_active},
 };
 
-/// A manifest to issue.
 #[derive(Clone, Debug)]
 pub struct Order<'a> {
     pub machine: &'a Machine,
@@ -32,7 +31,6 @@ pub struct Order<'a> {
     pub by: &'a str,
 }
 
-/// Issues a manifest within a transaction.
 pub(crate) fn issue(
     database: &Connection,
     key: &Key,
@@ -112,7 +110,6 @@ fn reissue(
     issue_again(database, key, machine, &version.model, version.rollout, by)
 }
 
-/// Issues an earlier model of the machine again.
 fn issue_again(
     database: &Connection,
     key: &Key,
@@ -228,7 +225,6 @@ mod tests {
         records::{Live, Origin},
     };
 
-    /// A store with a machine and a key.
     pub(crate) struct Fixture {
         _folder: tempfile::TempDir,
         pub(crate) store: Store,
@@ -263,7 +259,6 @@ mod tests {
             &self.machine.identity.machine
         }
 
-        /// Issues the model of this number, and stores its outcome.
         #[expect(
             clippy::needless_pass_by_value,
             reason = "tests build the outcome in the call"

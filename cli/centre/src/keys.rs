@@ -15,13 +15,11 @@ use base64::{Engine, engine::general_purpose::STANDARD as BASE64};
 use volcomp_document::private;
 use volcomp_fleet::SigningKey;
 
-/// Extension of key files.
 const END: &str = "key";
 
-/// A signing key with its name.
 #[derive(Clone)]
 pub struct Key {
-    /// Name of its file without the extension.
+    /// Name of the key file without the extension.
     pub name: String,
     pub key: SigningKey,
 }
@@ -32,7 +30,6 @@ impl Key {
         BASE64.encode(self.key.verifying_key().to_bytes())
     }
 
-    /// Generates a key and writes it to a new file in the folder.
     pub fn create(folder: &Path, name: &str) -> Result<Self, Error> {
         let mut secret = [0; 32];
         getrandom::fill(&mut secret).map_err(Error::Random)?;
@@ -44,7 +41,6 @@ impl Key {
         })
     }
 
-    /// Reads a key by its name.
     pub fn read(folder: &Path, name: &str) -> Result<Self, Error> {
         let file = path(folder, name)?;
         let text = private::read(&file)?;
@@ -98,7 +94,6 @@ pub(crate) fn failed(file: &Path) -> impl FnOnce(io::Error) -> Error {
     move |source| Error::File { file, source }
 }
 
-/// Error for invalid file content.
 pub(crate) fn content(file: &Path, expected: &str) -> Error {
     Error::Wrong(format!("{}: expected {expected}", file.display()))
 }

@@ -8,7 +8,6 @@ use volcomp_model::{
 };
 use volcomp_vocabulary::AxisName;
 
-/// Nodes along each axis of a section.
 const SECTION_NODES: usize = 21;
 /// Nodes along each axis of the work space, including its corners, over which the largest error is searched.
 const SEARCH_NODES: usize = 11;
@@ -16,14 +15,12 @@ const SEARCH_NODES: usize = 11;
 const STEP_MM: f64 = 1e-3;
 const STEP_RAD: f64 = 1e-4 / 180.0 * std::f64::consts::PI;
 
-/// One axis of a section.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SectionAxis {
     pub name: AxisName,
     pub travel: [f64; 2],
 }
 
-/// A plane through the middle of the work space.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Section {
     /// The horizontal and the vertical axis.

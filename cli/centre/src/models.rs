@@ -48,7 +48,6 @@ impl NewModel {
         })
     }
 
-    /// Reads a machine file.
     pub fn of_file(path: &Path, by: &str) -> Result<Self, Error> {
         let text = volcomp_document::read_text(path)?;
         let name = path.display().to_string();
@@ -72,7 +71,6 @@ impl NewModel {
     }
 }
 
-/// Checks that a model has the structure and the axes of a machine.
 pub fn fits(model: &Model, machine: &Machine) -> Result<(), Error> {
     let misfit = |what: &str, found: &str, expected: &str| {
         let (model, machine) = (&model.name, &machine.identity.machine);
@@ -104,7 +102,6 @@ pub fn compare(one: &str, other: &str) -> Result<String, Error> {
     Ok(text)
 }
 
-/// Summary of a machine file.
 #[derive(Clone, Debug, Serialize)]
 pub struct ModelDescription {
     pub text: String,

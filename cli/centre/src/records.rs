@@ -15,7 +15,6 @@ use crate::Error;
 const MAX_TEXT: usize = 500;
 /// Maximum interval of conditions and of full telemetry, s.
 const MAX_INTERVAL_S: u32 = 86_400;
-/// Maximum time between two calibrations, days.
 const MAX_DUE_DAYS: u32 = 36_500;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,13 +26,12 @@ pub struct Machine {
     /// The structure code, such as `w X' b Y Z t`.
     pub structure: String,
     pub axes: Vec<AxisName>,
-    /// Public nkey of its gateway, `U…`; `None`: no access to the server yet.
+    /// Public nkey of the machine's gateway, `U…`; `None`: no access to the server yet.
     #[serde(default)]
     pub nkey: Option<String>,
-    /// Network address of its control or gateway, for display.
+    /// Network address of the machine's control or gateway, for display.
     #[serde(default)]
     pub address: String,
-    /// Make of its control, for display.
     #[serde(default)]
     pub control: String,
     pub enable: bool,
@@ -79,7 +77,7 @@ impl Machine {
         (5.0 * f64::from(self.condition_s.unwrap_or(1))).max(Self::SILENT_S)
     }
 
-    /// True if its last condition is older than [`silent_after_s`](Self::silent_after_s).
+    /// True if the machine's last condition is older than [`silent_after_s`](Self::silent_after_s).
     pub fn is_silent(&self, age_s: f64) -> bool {
         age_s > self.silent_after_s()
     }
@@ -145,7 +143,6 @@ fn invalid(key: &str, found: impl Display, expected: impl Display) -> Error {
     Error::Wrong(format!("{key}: found {found}, expected {expected}"))
 }
 
-/// Axis letters, separated by blanks.
 pub(crate) fn letters(axes: &[AxisName]) -> String {
     let letters: Vec<String> = axes.iter().map(ToString::to_string).collect();
     letters.join(" ")
@@ -167,7 +164,7 @@ pub enum Origin {
 /// A model: the text of a machine file, stored once under its checksum.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Model {
-    /// SHA-256 of its text, 64 hexadecimal digits.
+    /// SHA-256 of the model's text, 64 hexadecimal digits.
     pub sha256: String,
     pub bytes: u64,
     /// Checksum of the model's content, as a gateway reports it for the active model.
@@ -186,7 +183,6 @@ pub struct Model {
     pub notes: Vec<String>,
 }
 
-/// An issued manifest and its outcome.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Version {
     pub machine: MachineId,
@@ -208,8 +204,8 @@ pub struct Version {
     pub by: String,
     pub outcome: Option<Outcome>,
     pub answered_s: Option<f64>,
-    /// True if another version replaced it under the machine's key because its roll-out stopped before the machine reported it as active. A machine
-    /// that accepted it anyway uses it until it accepts the replacement.
+    /// True if another version replaced this one under the machine's key because its roll-out stopped before the machine
+    /// reported it as active. A machine that accepted this version anyway uses it until it accepts the replacement.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub withdrawn: bool,
 }
@@ -227,7 +223,6 @@ pub enum Severity {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AlarmKind {
-    /// The guard of the machine is faulted.
     Faulted,
     /// No condition is received from the machine.
     Silent,
@@ -241,11 +236,9 @@ pub enum AlarmKind {
     NeedsConfirmation,
     /// A roll-out waits for the machine to compensate.
     Idle,
-    /// A temperature sensor is broken.
     Sensor,
     /// A message could not be read.
     Unreadable,
-    /// The active model of the machine is not the intended one.
     OtherModel,
     /// The machine has the model of a roll-out that stopped or was aborted before completion.
     Suspect,
@@ -257,7 +250,6 @@ pub enum AlarmKind {
 }
 
 impl AlarmKind {
-    /// Name in JSON and in the database.
     pub fn name(self) -> &'static str {
         match self {
             Self::Faulted => "faulted",
@@ -308,7 +300,6 @@ pub struct Alarm {
     pub machine: Option<MachineId>,
     pub kind: AlarmKind,
     pub severity: Severity,
-    /// Description, one sentence.
     pub text: String,
     pub since_s: f64,
     /// When the cause ended, s; `None`: it persists.
@@ -316,7 +307,6 @@ pub struct Alarm {
     pub seen_by: Option<String>,
 }
 
-/// A resolution of the history of conditions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Resolution {
@@ -331,7 +321,6 @@ pub enum Resolution {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Point {
     pub at_s: f64,
-    /// Number of conditions in this point.
     pub count: u64,
     /// State of the guard; the worst one of several conditions.
     pub state: String,
@@ -347,7 +336,6 @@ pub struct Point {
     /// Mean temperatures, °C; sensors that were broken the whole time are omitted.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub temperatures_degc: BTreeMap<String, f64>,
-    /// Largest p99 of the cycle time, µs.
     pub cycle_p99_us: f64,
     /// Number of cycles that exceeded their time since the gateway started, latest value.
     pub overruns: u64,
@@ -383,7 +371,6 @@ fn finite(value: f64) -> Option<f64> {
 }
 
 impl Point {
-    /// The point of a single condition.
     pub(crate) fn of(condition: &Condition, at_s: f64) -> Self {
         let known = condition.residual_um.and_then(finite);
         Self {
@@ -458,13 +445,11 @@ fn by_name<K: Ord + Clone>(
     sums.into_iter().filter_map(known).collect()
 }
 
-/// Current state of a machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Live {
     pub machine: MachineId,
-    /// When the server stored its last message, s.
+    /// When the server stored the machine's last message, s.
     pub heard_s: f64,
-    /// Identifier that its gateway generated at its start.
     pub instance: String,
     /// Version of the active manifest; 0: none.
     pub version: u64,
@@ -478,7 +463,6 @@ pub struct Live {
     pub made: Option<CreationTime>,
 }
 
-/// Creation time of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CreationTime {
     /// s by the server's clock.
@@ -488,7 +472,6 @@ pub struct CreationTime {
 }
 
 impl Live {
-    /// A state with every other field unknown.
     pub fn new(machine: MachineId, heard_s: f64, version: u64) -> Self {
         Self {
             machine,

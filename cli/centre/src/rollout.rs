@@ -27,9 +27,9 @@ pub struct Rules {
     pub answer_s: f64,
     /// Maximum number of machines after the canaries that may drop out before the roll-out stops.
     pub tolerate: u32,
-    /// The roll-out stops if the residual exceeds its earlier value by this factor, …
+    /// Factor over the earlier residual above which the roll-out stops, if `residual_um` is exceeded too.
     pub residual_ratio: f64,
-    /// … and by this amount, µm.
+    /// Amount over the earlier residual, µm, above which the roll-out stops, if `residual_ratio` is exceeded too.
     pub residual_um: f64,
 }
 
@@ -93,19 +93,16 @@ fn within<N: PartialOrd + Display>(
     Err((key, format!("found {found}, expected {start} to {end}")))
 }
 
-/// Progress of a target.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "step", rename_all = "kebab-case")]
 pub enum Step {
-    /// Nothing has been sent to the machine.
     Waiting,
-    /// The manifest is under its key; its outcome is pending.
+    /// The manifest is under the machine's key; its outcome is pending.
     Sent {
         version: u64,
         /// Waiting time so far, s.
         waited_s: f64,
     },
-    /// The operator must confirm the change.
     NeedsConfirmation {
         version: u64,
         hash: String,
@@ -114,7 +111,6 @@ pub enum Step {
         /// Largest change of a rotary axis, µrad, as reported by the machine.
         worst_urad: String,
     },
-    /// The model is active and under observation.
     Soaking {
         version: u64,
         /// Observation time so far, s.
@@ -126,12 +122,14 @@ pub enum Step {
         /// Time for which the machine has been reporting an older version as active, s.
         #[serde(default)]
         older_s: f64,
-        /// Time without compensation, s; the soak time does not advance meanwhile.
+        /// Time without compensation, s; the soak time stops meanwhile.
         #[serde(default)]
         idle_s: f64,
     },
     /// The model is active, and its observation found no problem.
-    Done { version: u64 },
+    Done {
+        version: u64,
+    },
     /// The machine dropped out: it did not respond, or it reported a problem with the model.
     Out {
         /// Version that was sent and not withdrawn since.
@@ -146,7 +144,6 @@ pub enum Step {
 }
 
 impl Step {
-    /// True if this outcome of this version is new.
     pub fn is_new_outcome(&self, answered: u64, outcome: &Outcome) -> bool {
         match self {
             Self::Sent { version, .. } => answered >= *version,
@@ -170,7 +167,6 @@ impl Step {
     }
 }
 
-/// Target of a roll-out: one machine that receives the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Target {
     pub machine: MachineId,
@@ -185,7 +181,6 @@ pub struct Target {
     pub kept_by: Option<String>,
 }
 
-/// Overall state of a roll-out.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "is", rename_all = "kebab-case")]
 pub enum Phase {
@@ -193,16 +188,13 @@ pub enum Phase {
     Paused {
         by: String,
     },
-    /// The roll-out stopped automatically.
     Stopped {
         /// Reason, a sentence without its full stop.
         why: String,
     },
-    /// The user ended the roll-out.
     Aborted {
         by: String,
     },
-    /// All machines are done.
     Done,
 }
 
@@ -223,7 +215,6 @@ impl Phase {
     }
 }
 
-/// A roll-out of one model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rollout {
     pub id: u64,
@@ -278,12 +269,10 @@ impl Rollout {
     }
 }
 
-/// Observation of a machine in one pass.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observation {
     /// True if a condition was received recently.
     pub reachable: bool,
-    /// The active version.
     pub version: u64,
     /// True if the machine is compensating: without a correction the model cannot be judged.
     pub corrects: bool,
@@ -293,7 +282,6 @@ pub struct Observation {
     pub residual_um: Option<f64>,
 }
 
-/// Input of the state machine.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// A pass of the centre, `elapsed_s` after the previous one.
@@ -317,14 +305,12 @@ pub enum Event {
         version: u64,
         outcome: Outcome,
     },
-    /// Request of a user.
     Requested {
         request: UserRequest,
         by: String,
     },
 }
 
-/// A user's request for a roll-out.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "wish", rename_all = "kebab-case")]
 pub enum UserRequest {
@@ -342,7 +328,6 @@ pub enum UserRequest {
     },
 }
 
-/// Output of the state machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
     /// Issue the model for a machine and report [`Event::Issued`] or [`Event::NotIssued`].
@@ -351,8 +336,8 @@ pub enum Action {
         /// Hash of the change that the operator has confirmed.
         confirm: Option<String>,
     },
-    /// Restore the value under a machine's key from before this roll-out, unless the model is active there: the machine must not accept the sent
-    /// version when it reconnects.
+    /// Withdraw the version sent to a machine that has not activated it: the previous value of its key is restored, so that the machine does not
+    /// accept the withdrawn version when it reconnects.
     Withdraw { machine: MachineId },
 }
 
@@ -406,7 +391,6 @@ impl Rollout {
         }
     }
 
-    /// Processes an event and returns the resulting actions.
     pub fn step(&mut self, event: Event) -> Vec<Action> {
         if self.phase.is_over() {
             return Vec::new();
@@ -458,7 +442,6 @@ impl Rollout {
         self.next_issues()
     }
 
-    /// True if nothing has been sent to the machine yet.
     pub fn is_waiting(&self, machine: &MachineId) -> bool {
         let mut targets = self.targets.iter();
         targets.any(|target| target.machine == *machine && target.step == Step::Waiting)
@@ -591,8 +574,8 @@ impl Rollout {
         None
     }
 
-    /// Withdraws versions that were sent but are not active: a machine that was offline must not accept a stopped model on its return. Versions
-    /// that wait for confirmation or were rejected are withdrawn once the roll-out can no longer be resumed.
+    /// Withdraws versions that were sent but are not active, because a machine that was offline must not accept a stopped model on its return.
+    /// Versions that wait for confirmation or were rejected are withdrawn once the roll-out can no longer be resumed.
     fn withdraw(&mut self) -> Vec<Action> {
         let ended = matches!(self.phase, Phase::Aborted { .. });
         let mut actions = Vec::new();
@@ -620,7 +603,6 @@ impl Rollout {
         actions
     }
 
-    /// Stops the roll-out if a stop rule applies.
     fn check_stop_rules(&mut self) {
         if !matches!(self.phase, Phase::Running | Phase::Paused { .. }) {
             return;
@@ -649,7 +631,6 @@ impl Rollout {
         }
     }
 
-    /// Issue actions for waiting machines of the current wave.
     fn next_issues(&self) -> Vec<Action> {
         if self.phase != Phase::Running {
             return Vec::new();
@@ -769,7 +750,8 @@ fn dropped_out(version: Option<u64>, why: String, against: bool) -> Step {
     }
 }
 
-/// Wave of the machine with this rank (from 1) out of `of`: the first whose share includes it; machines beyond all waves form one more.
+/// Wave of the machine with this rank (from 1) among `of` machines: the first wave whose cumulative percentage includes it. Machines beyond all waves
+/// form one more wave.
 fn wave_of(percent: &[u32], rank: u64, of: u64) -> u32 {
     let reached = percent
         .iter()

@@ -155,7 +155,6 @@ impl Arguments {
         Self::parse_from(arguments)
     }
 
-    /// The typed commands, as in `--help`.
     pub(crate) fn typed_commands() -> &'static str {
         EXAMPLES.split("\n\n").next().unwrap_or(EXAMPLES)
     }
@@ -179,7 +178,6 @@ impl Arguments {
         Ok(axes)
     }
 
-    /// Protocol behaviour of the control.
     pub(crate) fn options(&self) -> Result<Options, SimError> {
         Ok(Options {
             version: self.version_of_answers,
@@ -194,12 +192,10 @@ impl Arguments {
         })
     }
 
-    /// Delay until written data can be read back.
     pub(crate) fn read_back_delay(&self) -> Result<Duration, SimError> {
         duration("--readback-ms", self.readback_ms, 1e-3)
     }
 
-    /// Acceleration of a program's moves, mm/s².
     pub(crate) fn acceleration_mm_s2(&self) -> Result<f64, SimError> {
         let found = self.acceleration_mm_s2;
         if (1.0..=1e6).contains(&found) {
@@ -213,7 +209,6 @@ impl Arguments {
         }
     }
 
-    /// Condition for a correction to be settled at a target.
     pub(crate) fn settling(&self, axes: &[AxisName]) -> Result<Settling, SimError> {
         Ok(Settling {
             stands: duration("--settle-s", self.settle_s, 1.0)?,
@@ -229,7 +224,6 @@ impl Arguments {
         Ok((!period.is_zero()).then_some(period))
     }
 
-    /// Duration and interval of the control's pauses.
     pub(crate) fn pauses(&self) -> Result<Option<(Duration, Duration)>, SimError> {
         let Some(pause_s) = self.pause_s else {
             return Ok(None);

@@ -15,7 +15,6 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::{error::SimError, quantities::count};
 
-/// Maximum delay until a line is written to the file.
 const FLUSH: Duration = Duration::from_millis(50);
 
 /// One line: monotonic time, ns; whether the control was power-cycled; and the shifts, counts.
@@ -25,7 +24,6 @@ struct Line {
     shifts: Vec<i64>,
 }
 
-/// The thread that writes the log.
 pub(crate) struct AxisLog {
     writer: JoinHandle<std::io::Result<()>>,
     file: String,
@@ -53,7 +51,6 @@ impl AxisLog {
         Ok((scan_log(line_sender), Self { writer, file }))
     }
 
-    /// Waits until everything is written.
     pub(crate) fn end(self) -> Result<(), SimError> {
         // The panic message was already printed.
         let written = self.writer.join().unwrap_or(Ok(()));
@@ -61,7 +58,7 @@ impl AxisLog {
     }
 }
 
-/// Forwards the first scan, and those in which an axis moved or that follow a power cycle.
+/// Forwards the first scan, scans in which an axis moved, and scans after a power cycle.
 fn scan_log(line_sender: Sender<Line>) -> ScanLog {
     let mut last: Option<Vec<i64>> = None;
     Box::new(move |scan: Scan<'_>| {

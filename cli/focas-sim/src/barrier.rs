@@ -98,7 +98,6 @@ pub(crate) struct BarrierArguments {
 }
 
 impl BarrierArguments {
-    /// Scan period.
     pub(crate) fn scan(&self) -> Result<Duration, SimError> {
         let scan = duration("--scan-ms", self.scan_ms, 1e-3)?;
         if (Duration::from_micros(100)..=Duration::from_secs(1)).contains(&scan) {
@@ -109,7 +108,6 @@ impl BarrierArguments {
         }
     }
 
-    /// Axes that the barrier corrects.
     fn corrected<'a>(&'a self, axes: &'a [AxisName]) -> &'a [AxisName] {
         if self.barrier_axes.is_empty() {
             axes
@@ -178,7 +176,6 @@ impl BarrierArguments {
         Ok(Some(Ladder::Barrier(ladder)))
     }
 
-    /// The ladder that looks up corrections in a map.
     fn map(&self, axes: &[AxisName], slots: Vec<usize>, capacity: u16) -> Result<Ladder, SimError> {
         let linear = axes.iter().all(|axis| axis.kind() == AxisKind::Linear);
         if !linear || axes.len() > OUTPUTS {

@@ -1,49 +1,38 @@
-//! Errors at start-up and in typed commands.
-
 use volcomp_document::InputError;
 use volcomp_guard::barrier::SettingsError;
 use volcomp_model::ModelError;
 
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum SimError {
-    /// An invalid option.
     #[error("{place}: found {found}, expected {expected}")]
     Input {
         place: String,
         found: String,
         expected: String,
     },
-    /// A file cannot be read.
     #[error("{file}: cannot be read: {source}")]
     Read {
         file: String,
         source: std::io::Error,
     },
-    /// A file cannot be written.
     #[error("{file}: cannot be written: {source}")]
     Write {
         file: String,
         source: std::io::Error,
     },
-    /// An error at a place in the program file.
     #[error(transparent)]
     Place(#[from] InputError),
-    /// An invalid machine file of `--truth`.
     #[error("--truth: {0}")]
     Model(#[from] ModelError),
-    /// Invalid settings of the barrier.
     #[error("the barrier: {0}")]
     Barrier(#[from] SettingsError),
-    /// Invalid settings of the map look-up.
     #[error("--map-words: {0}")]
     Map(#[from] volcomp_tables::control::SettingsError),
-    /// The simulator cannot listen on the address.
     #[error("--listen {address}: {source}")]
     Listen {
         address: String,
         source: std::io::Error,
     },
-    /// Another operating system error.
     #[error("{what}: {source}")]
     System {
         what: &'static str,
@@ -52,7 +41,6 @@ pub(crate) enum SimError {
 }
 
 impl SimError {
-    /// Error for an invalid input with its place.
     pub(crate) fn input(
         place: impl Into<String>,
         found: impl Into<String>,

@@ -42,7 +42,6 @@ use crate::{
     walk::Walk,
 };
 
-/// Interval at which the directions of the axes are sampled.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 fn main() -> ExitCode {
@@ -143,7 +142,6 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     ended.and(axis_log.map_or(Ok(()), AxisLog::end))
 }
 
-/// The measurement at the targets of the program, if requested.
 fn measurement(
     arguments: &Arguments,
     axes: &[AxisName],
@@ -178,17 +176,12 @@ fn measure(
     })
 }
 
-/// Receivers of the typed commands.
 struct CommandReceivers {
-    /// Prints a report line.
     now: Sender<()>,
-    /// Runs the program.
     run: Sender<()>,
-    /// Ends the simulator.
     end: Sender<Result<(), SimError>>,
 }
 
-/// Prints the largest steps of the axes.
 fn print_steps(axes: &[AxisName], simulator: &Simulator, json: bool) {
     let steps = Steps::of(axes, simulator);
     print(&if json {
@@ -204,7 +197,6 @@ fn print(line: &str) {
     let _ = writeln!(output, "{line}").and_then(|()| output.flush());
 }
 
-/// Initial machine and memory of the control.
 fn world(arguments: &Arguments, axes: &[AxisName]) -> Result<(World, Option<Arc<Walk>>), SimError> {
     let letters: Vec<char> = axes.iter().map(|axis| axis.letter()).collect();
     let mut world = World::new(&letters);

@@ -30,10 +30,8 @@ pub(crate) struct MapLadder {
     slots: Vec<usize>,
 }
 
-/// Settings of a control, in the units of its program.
 pub(crate) struct Set {
     pub(crate) machine: u16,
-    /// Number of words in a buffer.
     pub(crate) capacity: u16,
     /// Maximum correction, µm.
     pub(crate) limit: i16,
@@ -41,7 +39,7 @@ pub(crate) struct Set {
     pub(crate) rate: i16,
     /// Maximum age of the report that a frame answers, scans.
     pub(crate) hold_scans: u16,
-    /// Timeout without a frame after which the correction goes to zero, scans.
+    /// Time without a frame after which the correction goes to zero, scans.
     pub(crate) time_out_scans: u16,
 }
 
@@ -51,7 +49,6 @@ fn address(at: u16) -> PmcAddress {
 }
 
 impl MapLadder {
-    /// A look-up for these axes in its initial state.
     pub(crate) fn new(axes: Layout, slots: Vec<usize>, set: &Set) -> Result<Self, SettingsError> {
         let settings = Settings {
             grid: axes,

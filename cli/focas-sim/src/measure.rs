@@ -18,24 +18,19 @@ use crate::{
     walk::Walk,
 };
 
-/// Interval at which position and correction are sampled.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Number of frames that must be accepted without a change before a correction is treated as settled. The first ones may have been computed or
 /// queued before the machine stopped, and on a busy computer all of them are late.
 const FRAMES: u16 = 10;
 
-/// Condition for a correction to be settled.
 #[derive(Clone, Copy)]
 pub(crate) struct Settling {
-    /// Minimum time without a change.
     pub(crate) stands: Duration,
     /// Timeout, after which the target is recorded as not settled.
     pub(crate) at_most: Duration,
-    /// Machine number and axes of the barrier, if there is one.
     pub(crate) barrier: Option<(u16, Layout)>,
 }
 
-/// Runs the program on request.
 pub(crate) struct Measurement {
     pub(crate) walk: std::sync::Arc<Walk>,
     pub(crate) settling: Settling,
@@ -100,7 +95,7 @@ impl Measurement {
         self.reporter.watch(simulator);
     }
 
-    /// Waits until the correction has settled; returns whether it has, and the time it took.
+    /// Returns whether the correction has settled, and the time until then.
     fn settle(&self, dwell: Duration, simulator: &Simulator) -> (bool, Duration) {
         let arrived = Instant::now();
         let mut stability = Stability::since(arrived, self.sample(simulator));
@@ -127,7 +122,7 @@ impl Measurement {
     }
 }
 
-/// Owner of the frames that the barrier accepts, and its last accepted frame; `None` without an owner.
+/// The sender (owner) whose frames the barrier accepts, and the sequence number of its last accepted frame; `None` without a sender.
 fn sender(world: &mut World, (machine, axes): (u16, Layout)) -> Option<(u16, u16)> {
     let Some(Ladder::Barrier(ladder)) = &world.ladder else {
         return None;
@@ -138,7 +133,6 @@ fn sender(world: &mut World, (machine, axes): (u16, Layout)) -> Option<(u16, u16
     (report.owner != 0).then_some((report.owner, report.sequence))
 }
 
-/// A sample of the corrections.
 #[derive(Clone, Debug, PartialEq)]
 struct Sample {
     shifts: Vec<i64>,
@@ -189,8 +183,7 @@ mod tests {
         }
     }
 
-    /// An unchanged correction without new frames is not settled; a change restarts the wait; without a sender at a barrier only
-    /// the time counts.
+    /// An unchanged correction without new frames is not settled. A change restarts the wait. Without a sender at a barrier only the time counts.
     #[test]
     fn a_settled_correction_was_confirmed_while_unchanged() {
         let none = Duration::ZERO;

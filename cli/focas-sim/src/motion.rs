@@ -14,7 +14,7 @@ use crate::{
     walk::Walk,
 };
 
-/// The requested motion, and the walk through its program if it is measured at the targets.
+/// The requested motion. If targets are measured, also the walk through the program that this motion follows.
 pub(crate) fn motion(
     arguments: &Arguments,
     axes: &[AxisName],
@@ -42,7 +42,6 @@ pub(crate) fn motion(
     }
 }
 
-/// Parses a position such as `X=100,C=30`, mm and deg.
 fn position(text: &str, axes: &[AxisName]) -> Result<Vec<f64>, SimError> {
     let mut stands = vec![None; axes.len()];
     for item in text.split(',').filter(|item| !item.trim().is_empty()) {
@@ -83,7 +82,6 @@ fn to_and_fro(stroke: f64, period_s: f64, axes: usize) -> Result<Motion, SimErro
     }))
 }
 
-/// Repeats a program.
 fn along(axes: &[AxisName], path: Path) -> Motion {
     let axes = axes.to_vec();
     Arc::new(move |elapsed| outside(&axes, &path.at(elapsed)))

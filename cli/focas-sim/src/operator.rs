@@ -1,5 +1,3 @@
-//! Commands typed while the simulator runs.
-
 use std::{str::FromStr, time::Duration};
 
 use volcomp_focas::{
@@ -7,10 +5,8 @@ use volcomp_focas::{
     simulator::{Simulator, World},
 };
 
-/// The alarm that `alarm on` and `--alarm` set: number and text.
 const ALARM: (i32, &str) = (1000, "SIMULATED ALARM");
 
-/// A command that the operator can type.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Command {
     Alarm(bool),
@@ -32,7 +28,6 @@ pub(crate) enum Command {
     Quit,
 }
 
-/// Commands with missing or invalid words, and their forms.
 const FORMS: [(&str, &str); 14] = [
     ("alarm", "alarm on or alarm off"),
     ("estop", "estop on or estop off"),
@@ -120,7 +115,6 @@ impl Command {
         }
     }
 
-    /// Executes commands on the machine and the memory of the control.
     pub(crate) fn change(self, world: &mut World) {
         match self {
             Self::Alarm(on) => {

@@ -11,23 +11,21 @@ use crate::{error::SimError, quantities::letters};
 /// Default feed of a row, mm/min or deg/min.
 const DEFAULT_FEED_PER_MIN: f64 = 2000.0;
 
-/// The moves of a program, and the kind of each end point.
 pub(crate) struct Program {
     pub(crate) moves: Vec<Move>,
     pub(crate) stops: Vec<Stop>,
 }
 
-/// Kind of a move's end point.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Stop {
-    /// A target to measure, and its line.
+    /// A target that is measured, with the name of its measurement line; `None` if the program has no column for lines.
     Target(Option<String>),
-    /// An intermediate point that is not measured: its row leaves the column for the line empty.
+    /// An intermediate point, which is not measured: its row has an empty cell in the column for lines.
     OnTheWay,
 }
 
 impl Program {
-    /// Reads a program: moves in mm and rad, axes without a column at `stands` (mm, deg).
+    /// Reads a program: moves in mm and rad. Axes without a column are at `stands` (mm, deg).
     pub(crate) fn read(
         file: &FilePath,
         axes: &[AxisName],

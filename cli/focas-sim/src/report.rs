@@ -1,5 +1,3 @@
-//! Report lines: positions of the axes, applied shifts, tool error.
-
 use std::{collections::BTreeMap, sync::Arc};
 
 use serde::Serialize;
@@ -17,25 +15,17 @@ const NO_TRAVEL: f64 = 1e-9;
 /// Values by axis letter; linear and rotary axes are kept separately.
 pub(crate) type ByLetter = BTreeMap<AxisName, f64>;
 
-/// One line of the report.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Report {
-    /// Time since the start, s.
     pub(crate) time_s: f64,
-    /// Commanded positions of linear axes, mm.
     pub(crate) positions_mm: ByLetter,
-    /// Commanded positions of rotary axes, deg.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) positions_deg: ByLetter,
-    /// Applied shifts of linear axes, µm.
     pub(crate) correction_um: ByLetter,
-    /// Applied shifts of rotary axes, µrad.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) correction_urad: ByLetter,
-    /// Tool error without shifts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) error: Option<Miss>,
-    /// Tool error with the shifts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) residual: Option<Miss>,
     /// Tool tip of the ideal machine in workpiece axes, mm; zero if the machine is unknown.
@@ -46,15 +36,12 @@ pub(crate) struct Report {
 /// Largest change of each axis's shift between two scans of the control.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Steps {
-    /// Linear axes, µm.
     largest_step_um: ByLetter,
-    /// Rotary axes, µrad.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     largest_step_urad: ByLetter,
 }
 
 impl Steps {
-    /// The largest steps so far.
     pub(crate) fn of(axes: &[AxisName], simulator: &Simulator) -> Self {
         let counts = simulator.world().largest_steps().to_vec();
         let of_kind = |kind: AxisKind| {
@@ -70,7 +57,6 @@ impl Steps {
         }
     }
 
-    /// Text form.
     pub(crate) fn text(&self) -> String {
         let of = |steps: &ByLetter, unit: &str| {
             let of = |(axis, step): (&AxisName, &f64)| format!("{axis} {step:.1} {unit}");
@@ -82,7 +68,7 @@ impl Steps {
     }
 }
 
-/// Generates report lines; it must be called often enough to know the last direction of each axis.
+/// Generates report lines. `watch` must be called often enough to see each reversal of an axis.
 pub(crate) struct Reporter {
     axes: Vec<AxisName>,
     truth: Option<Arc<Truth>>,
@@ -121,12 +107,10 @@ impl Reporter {
         [commanded, shifts]
     }
 
-    /// Samples the directions of the axes.
     pub(crate) fn watch(&mut self, simulator: &Simulator) {
         self.look(simulator);
     }
 
-    /// The current report line.
     pub(crate) fn report(&mut self, simulator: &Simulator) -> Report {
         let time_s = simulator.world().elapsed().as_secs_f64();
         let [commanded, shifts] = self.look(simulator);

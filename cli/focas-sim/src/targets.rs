@@ -15,7 +15,6 @@ use crate::{
     truth::Miss,
 };
 
-/// A measured target.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Target {
     /// Number of the pass through the program, from 1.
@@ -23,17 +22,13 @@ pub(crate) struct Target {
     /// Number of the target in the program, from 1.
     #[serde(rename = "target")]
     pub(crate) number: usize,
-    /// Line of the target.
     pub(crate) line: Option<String>,
-    /// True if the correction had settled.
     pub(crate) settled: bool,
-    /// Time the machine had been at rest, s.
     pub(crate) stood_s: f64,
     #[serde(flatten)]
     pub(crate) report: Report,
 }
 
-/// Tool tip error along a line of targets.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Line {
     #[serde(rename = "line")]
@@ -45,13 +40,11 @@ pub(crate) struct Line {
     pub(crate) range_um: f64,
 }
 
-/// Results of one pass through the program.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Pass {
     #[serde(rename = "pass")]
     pub(crate) number: u32,
     pub(crate) targets: usize,
-    /// Number of targets at which the correction did not settle before the timeout.
     pub(crate) not_settled: usize,
     pub(crate) lines: Vec<Line>,
 }
@@ -105,7 +98,6 @@ fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
 }
 
 impl Pass {
-    /// Text form.
     pub(crate) fn text(&self) -> String {
         let of = |line: &Line| {
             let (before, after) = (line.range_without_um, line.range_um);
@@ -125,7 +117,6 @@ impl Pass {
     }
 }
 
-/// The target file; each target is written as soon as it is measured.
 pub(crate) struct Sheet {
     output: BufWriter<File>,
     file: String,

@@ -9,12 +9,10 @@ use volcomp_vocabulary::{AxisName, Direction, Displacement};
 
 use crate::{error::SimError, quantities::letters};
 
-/// The machine with its true errors.
 pub(crate) struct Truth {
     machine: Machine,
 }
 
-/// Deviation of the tool from the ideal machine.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Miss {
     /// Actual minus ideal position of the tool tip in workpiece axes, µm.
@@ -24,7 +22,6 @@ pub(crate) struct Miss {
 }
 
 impl Miss {
-    /// Distance of the actual from the ideal tool tip, µm.
     pub(crate) fn distance_um(&self) -> f64 {
         self.position_um.iter().map(|x| x * x).sum::<f64>().sqrt()
     }
@@ -32,18 +29,15 @@ impl Miss {
 
 /// Pose of the machine, in the order and units of the control: mm and deg.
 pub(crate) struct Place<'a> {
-    /// The axes of the control.
     pub(crate) axes: &'a [AxisName],
     /// Commanded positions, without shifts.
     pub(crate) commanded: &'a [f64],
-    /// Applied shifts.
     pub(crate) shifts: &'a [f64],
     /// Direction of the last travel of each axis that has moved.
     pub(crate) approach: &'a [Option<Direction>],
 }
 
 impl Truth {
-    /// Reads a machine file.
     pub(crate) fn read(path: &Path) -> Result<Self, SimError> {
         Ok(Self {
             machine: Machine::read(path)?,
@@ -56,7 +50,6 @@ impl Truth {
         AxisName::ALL.into_iter().filter(has).collect()
     }
 
-    /// Fails if the control lacks an axis of the machine.
     pub(crate) fn check(&self, axes: &[AxisName]) -> Result<(), SimError> {
         match self.axes().iter().find(|name| !axes.contains(name)) {
             None => Ok(()),
@@ -71,7 +64,6 @@ impl Truth {
         }
     }
 
-    /// Tool error without and with the shifts.
     pub(crate) fn misses(&self, place: &Place<'_>) -> [Miss; 2] {
         let chain = self.machine.chain();
         let commanded = self.state(place, false);

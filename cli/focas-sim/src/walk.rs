@@ -16,7 +16,6 @@ use crate::{
 
 /// Progress through a program. Times are motion times, without emergency stops.
 pub(crate) struct Walk {
-    /// Kinds of the moves' end points.
     pub(crate) stops: Vec<Stop>,
     /// Minimum time at rest at each end point.
     pub(crate) dwells: Vec<Duration>,
@@ -28,7 +27,6 @@ pub(crate) struct Walk {
 /// A section from the end of one move to the end of the next.
 #[derive(Clone, Copy)]
 struct Leg {
-    /// Departure time.
     left: Duration,
     /// Path times of this end point and the next one.
     from: Duration,
@@ -58,7 +56,6 @@ impl Walk {
         }
     }
 
-    /// The motion of the control.
     pub(crate) fn motion(self: &Arc<Self>, axes: &[AxisName]) -> Motion {
         let (walk, axes) = (Arc::clone(self), axes.to_vec());
         Arc::new(move |moved_for| outside(&axes, &walk.path.at(walk.leg().reached(moved_for))))
@@ -77,7 +74,6 @@ impl Walk {
         };
     }
 
-    /// True if the machine has reached its destination.
     pub(crate) fn has_arrived(&self, moved_for: Duration) -> bool {
         let leg = self.leg();
         leg.reached(moved_for) == leg.to
@@ -89,7 +85,6 @@ impl Walk {
 }
 
 impl Leg {
-    /// The path time that has been reached.
     fn reached(&self, moved_for: Duration) -> Duration {
         let gone = moved_for.saturating_sub(self.left);
         self.from.saturating_add(gone).min(self.to)

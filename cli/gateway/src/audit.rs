@@ -20,7 +20,7 @@ use crate::documents::{Broken, Details, Record};
 
 /// Size above which the current file is closed and the next one started, bytes.
 const MAX_BYTES: u64 = 4 << 20;
-/// Number of files kept besides the current one.
+/// Closed files kept besides the current one.
 const KEPT: usize = 8;
 const CURRENT: &str = "audit.log";
 
@@ -70,7 +70,6 @@ impl Entry {
     }
 }
 
-/// Syncs a log file to disk.
 type Sync = Box<dyn FnMut(&File) -> io::Result<()> + Send>;
 
 /// The log, open for appending.
@@ -86,7 +85,6 @@ pub struct AuditLog {
 }
 
 impl AuditLog {
-    /// Path of `standing.slots`, the state that survives restarts.
     pub(crate) fn standing_file(&self) -> PathBuf {
         standing_file(&self.dir)
     }
@@ -223,7 +221,6 @@ impl AuditLog {
     }
 }
 
-/// Path of `standing.slots` in the log folder.
 pub(crate) fn standing_file(dir: &Path) -> PathBuf {
     dir.join("standing.slots")
 }
@@ -298,7 +295,7 @@ fn verified(line: &str, previous: Option<&str>) -> Option<(String, u64)> {
     (follows && checksum(&stated, record) == found).then(|| (found.to_owned(), link.seq))
 }
 
-/// The fields of a record that form the chain. The details are ignored because they differ between versions.
+/// The fields of a record that form the chain. Details are not among them, because they differ between versions.
 #[derive(serde::Deserialize)]
 struct Link {
     #[serde(default)]

@@ -37,7 +37,6 @@ pub fn text(found: &PlanDocument, config: &Config) -> String {
     text
 }
 
-/// Wraps a note over several comment lines.
 fn wrapped(note: &str) -> String {
     let (mut text, mut line) = (String::new(), "# note:".to_owned());
     for word in note.split(' ') {

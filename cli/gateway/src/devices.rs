@@ -55,7 +55,6 @@ pub(crate) fn settings(
     }
 }
 
-/// Maximum time for which a guard remembers its writes.
 fn longest_read_back(period: Duration) -> Duration {
     let cycles = u32::try_from(volcomp_runtime::guard::MOST_READ_BACK_CYCLES).unwrap_or(u32::MAX);
     period.saturating_mul(cycles)
@@ -78,11 +77,8 @@ pub(crate) fn needs(limits: &Limits) -> GuardRequirements {
     }
 }
 
-/// Reads the settings that a control reports and compares them with the configuration and the guard's limits (`None`:
-/// the control is only read). Returns `None` if its bus reports no settings. Nothing is written.
-///
-/// # Errors
-/// The control cannot be reached, or contradicts the configuration.
+/// Reads the settings that a control reports and compares them with the configuration and the guard's limits (`None`: the control is only read).
+/// Returns `None` if its bus reports no settings. Nothing is written. Errors: the control cannot be reached, or contradicts the configuration.
 pub(crate) fn online(
     device: &dyn ControllerDevice,
     own: &ControllerConfig,
@@ -108,10 +104,8 @@ pub(crate) fn online(
     }))
 }
 
-/// Reads the barrier reports of a control and checks them against the configuration of the controller.
-///
-/// # Errors
-/// No report for this machine and these axes, or settings with which the guard would not arm.
+/// Reads the barrier reports of a control and checks them against the configuration of the controller. Errors: no report for this machine and these
+/// axes, or settings with which the guard would not arm.
 fn barrier(
     device: &str,
     config: &BarrierConfig,
@@ -187,7 +181,6 @@ fn barrier(
     })
 }
 
-/// The error for a missing report, or one for another machine or other axes.
 fn strange(device: &str, machine: u16, axes: &[AxisName], layout: Option<Layout>) -> DeviceError {
     let letters: String = axes.iter().map(|name| name.letter()).collect();
     let number = layout.map_or(0, Layout::number);

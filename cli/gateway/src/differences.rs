@@ -6,7 +6,7 @@ use volcomp_vocabulary::AxisName;
 /// Differences other than in the errors, one sentence each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Differences {
-    /// Why it cannot be activated as the model of this machine.
+    /// Why the new model cannot be activated on this machine; `None` if it can.
     pub refusal: Option<String>,
     /// Differences that an operator must confirm, however small the change of the correction.
     pub to_confirm: Vec<String>,

@@ -58,7 +58,6 @@ pub enum GatewayError {
     /// The control thread cannot be started.
     #[error(transparent)]
     Start(#[from] StartError),
-    /// A barrier cannot be set to the limits of a controller.
     #[error("{device}: a barrier cannot be set to these limits: {source}")]
     Barrier {
         device: String,
@@ -112,18 +111,18 @@ impl GatewayError {
         }
     }
 
-    /// An invalid call or file: exit status 2.
+    /// Creates an error with exit status 2.
     pub(crate) fn invalid(what: impl Into<String>) -> Self {
         let what = what.into();
         Self::Failed(Failure { what, status: 2 })
     }
 
-    /// An error in a file: exit status 2.
+    /// Creates an error about `file` with exit status 2.
     pub(crate) fn invalid_in(file: impl Display, what: impl Display) -> Self {
         Self::invalid(format!("{file}: {what}"))
     }
 
-    /// A failed operation: exit status 1.
+    /// Creates an error with exit status 1.
     pub(crate) fn failed(what: impl Into<String>) -> Self {
         let what = what.into();
         Self::Failed(Failure { what, status: 1 })

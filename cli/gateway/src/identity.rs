@@ -51,7 +51,7 @@ pub(crate) fn limits(guard: &GuardTable) -> ConfirmedLimits {
         .collect()
 }
 
-/// The limits that differ: old and new value.
+/// The limits that differ: old and new value; `None` if one has no entry.
 pub(crate) fn changes(old: &ConfirmedLimits, new: &ConfirmedLimits) -> LimitChanges {
     let keys: BTreeSet<&String> = old.keys().chain(new.keys()).collect();
     keys.into_iter()
@@ -60,7 +60,6 @@ pub(crate) fn changes(old: &ConfirmedLimits, new: &ConfirmedLimits) -> LimitChan
         .collect()
 }
 
-/// Facts needed to judge a change.
 pub(crate) struct Judge {
     /// Current temperatures by sensor name, °C.
     pub degc: BTreeMap<String, f64>,
@@ -143,14 +142,12 @@ impl Judge {
     }
 }
 
-/// A change with its effect and the confirmation it needs.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Judgement {
     /// Largest change of the correction, µm and µrad; `None`: infinite or, for rotary axes, not corrected.
     pub(crate) worst: [Option<f64>; 2],
-    /// The question that must be confirmed first.
     pub(crate) question: Option<Question>,
-    /// Whether an operator confirmed this change by its hash.
+    /// Set if an operator confirmed this change by its hash.
     pub(crate) is_confirmed: bool,
 }
 

@@ -17,10 +17,8 @@ use volcomp_devices::Address;
 
 use crate::{config::Config, error::GatewayError};
 
-/// Locks the folder of the audit log and every exclusive device of a configuration until the returned value is dropped.
-///
-/// # Errors
-/// Another gateway on this computer holds one of the locks.
+/// Locks the folder of the audit log and every exclusive device of a configuration until the returned value is dropped. Errors: another gateway on
+/// this computer holds one of the locks.
 pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
     let mut locked = BTreeSet::new();
     let mut locks = vec![lock_folder(config.audit_dir())?];
@@ -42,10 +40,8 @@ pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
     Ok(locks)
 }
 
-/// Locks the control and the audit-log folder of a map sender until the returned value is dropped.
-///
-/// # Errors
-/// A gateway or another sender on this computer holds one of the locks.
+/// Locks the control and the audit-log folder of a map sender until the returned value is dropped. Errors: a gateway or another sender on this
+/// computer holds one of the locks.
 pub(crate) fn lock_sender(url: &str, audit_dir: &Path) -> Result<Vec<UnixListener>, GatewayError> {
     let mut locks = vec![lock_folder(audit_dir)?];
     let address = Address::parse(url).map_err(GatewayError::Device)?;
@@ -61,10 +57,7 @@ fn lock_folder(folder: &Path) -> Result<UnixListener, GatewayError> {
     try_folder(folder)?.ok_or_else(|| in_use("[audit] dir", folder))
 }
 
-/// Locks the folder of manifests received from the centre.
-///
-/// # Errors
-/// Another gateway on this computer uses it.
+/// Locks the folder of manifests received from the centre. Errors: another gateway on this computer uses it.
 #[cfg(feature = "fleet")]
 pub(crate) fn lock_fleet(folder: &Path) -> Result<UnixListener, GatewayError> {
     try_folder(folder)?.ok_or_else(|| in_use("[fleet] dir", folder))
@@ -77,10 +70,7 @@ fn in_use(key: &str, folder: &Path) -> GatewayError {
     ))
 }
 
-/// Whether a gateway or a map sender on this computer uses a folder.
-///
-/// # Errors
-/// The folder cannot be created or accessed.
+/// Whether a gateway or a map sender on this computer uses a folder. Errors: the folder cannot be created or accessed.
 pub(crate) fn is_folder_locked(folder: &Path) -> Result<bool, GatewayError> {
     Ok(try_folder(folder)?.is_none())
 }

@@ -139,7 +139,7 @@ impl Machine {
     }
 }
 
-/// The control thread has ended: the applied correction remains until the control removes it.
+/// The control thread has ended. The applied correction remains until the control removes it.
 fn without_control() -> Failure {
     Failure {
         what: "the control thread has ended unexpectedly, the reason is on standard error: the applied correction remains until the control removes it".to_owned(),
@@ -147,7 +147,6 @@ fn without_control() -> Failure {
     }
 }
 
-/// A panic occurred in the machine's thread.
 fn panicked() -> Failure {
     Failure {
         what: "a fault of the program, written on standard error".to_owned(),
@@ -155,14 +154,10 @@ fn panicked() -> Failure {
     }
 }
 
-/// A running machine.
 struct StartedMachine {
     assembled: MachineParts,
-    /// Runtime of the dashboard.
     runtime: tokio::runtime::Runtime,
-    /// Locks of the devices.
     locks: Vec<UnixListener>,
-    /// Interfaces for other systems; they are served while this is held.
     interop: RunningInterfaces,
 }
 
@@ -336,7 +331,6 @@ pub fn assemble(
     })
 }
 
-/// Whether the centre's last order forbids correcting.
 fn forbids_of_centre(config: &Config) -> Reasons {
     #[cfg(feature = "fleet")]
     let forbids = crate::fleet::forbids(config);

@@ -287,7 +287,6 @@ fn write_schemas(folder: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// The state of a running gateway.
 fn status(
     config: Option<PathBuf>,
     listen: Option<SocketAddr>,

@@ -7,7 +7,6 @@ use crate::{
     interop::quantities::{self, Kind, Part, Quantity, Unit, Value},
 };
 
-/// A metric: name, help, type and sample lines of labels and value.
 struct Metric {
     name: String,
     help: &'static str,
@@ -93,7 +92,7 @@ fn labels_of(quantity: &Quantity) -> String {
     labels(label, &quantity.of)
 }
 
-/// Sample value of a quantity; `None`: no sample.
+/// `None` if the status has no sample of the quantity.
 fn value(quantity: &Quantity, status: &Status) -> Option<f64> {
     let reading = quantity.read(status);
     match (reading.current(), quantity.kind) {
@@ -108,7 +107,6 @@ fn value(quantity: &Quantity, status: &Status) -> Option<f64> {
     }
 }
 
-/// Duration metrics of the parts of a cycle.
 fn times(status: &Status) -> [Metric; 4] {
     let cycle = &status.cycle;
     let whole = StretchTimes {
@@ -191,7 +189,7 @@ fn reasons(status: &Status) -> Vec<(String, f64)> {
         .collect()
 }
 
-/// A label in braces, escaped for the text format.
+/// The label is in braces and escaped for the text format.
 fn labels(name: &str, value: &str) -> String {
     let value = value
         .replace('\\', "\\\\")

@@ -18,9 +18,7 @@ use crate::{
     simulate::Truth,
 };
 
-/// Constants of a running gateway.
 pub(crate) struct Facts<'a> {
-    /// The active model.
     pub model: &'a Model,
     /// The controllers in order.
     pub controllers: &'a [Description],
@@ -28,13 +26,10 @@ pub(crate) struct Facts<'a> {
     pub sensors: &'a [String],
     /// True errors of the machine if it is simulated.
     pub truth: Option<&'a Truth>,
-    /// Whether auto-arm is on.
     pub auto_arm: bool,
-    /// Cycle time.
     pub cycle: Duration,
 }
 
-/// The published state for a report.
 pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Status {
     let model = facts.model;
     let mut axes = model.axes.clone();
@@ -189,7 +184,6 @@ pub(crate) fn silence(status: &mut Status, silence: Duration) {
     }
 }
 
-/// Adds the time since the cycle to all ages of a state.
 pub(crate) fn age(status: &mut Status, age: Duration) {
     let age_ms = age.as_secs_f64() * 1e3;
     status.age_ms = round(age_ms);
@@ -231,7 +225,6 @@ fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
         .collect()
 }
 
-/// Results of the test shift for the corrected axes.
 fn proven(model: &Model, report: &Report) -> BTreeMap<AxisName, ProvenName> {
     let axes = model.axes.iter().zip(&report.proven);
     axes.filter_map(|(name, proven)| Some((*name, (*proven)?.into())))
@@ -253,7 +246,6 @@ pub(crate) fn correction(model: &Model, report: &Report) -> [ByAxis; 2] {
     )
 }
 
-/// Splits values into those of linear and those of rotary axes.
 fn by_kind(
     model: &Model,
     values: &PerAxis<f64>,
@@ -335,10 +327,9 @@ fn cycle(facts: &Facts<'_>, report: &Report, times: &Times) -> CycleTimes {
     }
 }
 
-/// Number of cycles per interval; the last complete one and the current one are kept.
+/// The last complete interval and the current one are kept.
 const CYCLES_PER_INTERVAL: u64 = 4096;
 
-/// Histogram of one quantity over the current and the previous interval.
 pub(crate) struct IntervalHistogram {
     current: Histogram<u64>,
     before: Histogram<u64>,
@@ -365,7 +356,7 @@ impl IntervalHistogram {
         self.current.reset();
     }
 
-    /// The last complete interval, or the current one before that.
+    /// Histogram of the last complete interval; until the first interval is complete, of the current one.
     fn latest(&self) -> &Histogram<u64> {
         if self.before.is_empty() {
             &self.current
@@ -378,7 +369,6 @@ impl IntervalHistogram {
         self.latest().is_empty()
     }
 
-    /// A quantile of the last interval, µs.
     pub(crate) fn quantile_us(&self, quantile: f64) -> f64 {
         self.latest().value_at_quantile(quantile) as f64 * 1e-3
     }
@@ -397,7 +387,6 @@ impl IntervalHistogram {
     }
 }
 
-/// Times of complete cycles and of their parts.
 #[derive(Default)]
 pub(crate) struct Times {
     /// The complete cycle, from wake-up to completion.
@@ -410,14 +399,12 @@ pub(crate) struct Times {
     pub wake: IntervalHistogram,
     /// Time of the exchanges with controllers.
     pub exchange: IntervalHistogram,
-    /// Number of cycles.
     pub count: u64,
     /// Number of missed periods.
     pub overruns: u64,
 }
 
 impl Times {
-    /// Adds the times of one cycle.
     pub(crate) fn add(&mut self, timing: &Timing) {
         self.whole.add(timing.whole_ns);
         self.own.add(timing.own_ns);

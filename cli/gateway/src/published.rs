@@ -17,16 +17,13 @@ use crate::{
 /// Maximum interval between two publications. A state older than this plus the patience with the control thread is
 /// stale, whichever of the two threads is late.
 const PUBLISHED_EVERY: Duration = Duration::from_millis(150);
-/// Time span of the history, s.
 const SPAN_S: f64 = 120.0;
-/// Minimum interval between two history points, s.
 const STEP_S: f64 = 0.25;
 
 /// Reading side, used by the dashboard.
 #[derive(Clone)]
 pub struct Published {
     shared: Arc<Shared>,
-    /// Heartbeat of the control thread.
     pulse: Pulse,
 }
 
@@ -36,16 +33,15 @@ pub struct Publisher {
 }
 
 struct Shared {
-    /// The active model, for the error map.
     model: Mutex<Arc<Model>>,
     trend: Mutex<Trend>,
-    /// The latest state, and the time of its cycle.
+    /// The latest state, with the time of its cycle.
     latest: Mutex<(Arc<Status>, Instant)>,
     /// State of the fleet connection; `None`: not part of a fleet.
     fleet: Mutex<Option<FleetState>>,
 }
 
-/// Creates both sides with an initial state. `pulse` shows whether the control thread is alive.
+/// Creates the publisher and the published state, with an initial state. `pulse` shows whether the control thread is alive.
 pub fn published(first: Status, model: Arc<Model>, pulse: Pulse) -> (Publisher, Published) {
     let shared = Arc::new(Shared {
         model: Mutex::new(model),
@@ -121,7 +117,6 @@ impl Published {
     }
 }
 
-/// The history. State: the points, oldest first.
 #[derive(Debug, Default)]
 struct Trend {
     points: VecDeque<HistoryPoint>,

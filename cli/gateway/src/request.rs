@@ -62,7 +62,7 @@ pub enum CentreOperation {
     Take {
         /// Path of the machine file, verified against its checksum.
         machine: PathBuf,
-        /// The confirmed hash.
+        /// The confirmed hash; `None`: nothing was confirmed.
         confirm: Option<String>,
     },
     /// Ramp the correction to zero and forbid arming.
@@ -88,7 +88,6 @@ pub struct ServiceRequest {
     pub(crate) operation: Operation,
     pub(crate) who: String,
     pub(crate) answer: Option<oneshot::Sender<Reply>>,
-    /// Number of disarm orders at the time of the request.
     pub(crate) disarms: u64,
 }
 
@@ -118,7 +117,7 @@ impl ServiceRequest {
 #[derive(Clone)]
 pub struct RequestSender {
     queue: SyncSender<ServiceRequest>,
-    /// Number of queued requests, without those to disarm.
+    /// Queued requests, without those to disarm.
     others: Arc<AtomicUsize>,
 }
 
@@ -188,7 +187,6 @@ pub struct Reply {
     pub answer: Answer,
 }
 
-/// A refusal with its reason.
 pub(crate) fn refused(status: u16, why: impl Into<String>) -> Reply {
     Reply {
         status,

@@ -24,17 +24,16 @@ use crate::{
     slot::{Phase, Slot},
 };
 
-/// Polling interval of the machine.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Time after which the service manager is notified that the process is ready, even if devices are still being opened.
 const READY_WITHIN: Duration = Duration::from_secs(10);
 /// Watchdog timeout if no service manager sets one.
 const NOBODY_WAITS: Duration = Duration::from_secs(4);
 
-/// Runs until it is stopped.
+/// Runs the gateway of one machine until a signal stops it.
 ///
 /// # Errors
-/// The machine cannot be started, or has ended unexpectedly.
+/// The configuration is invalid, signals or the thread cannot be set up, or the service has failed.
 pub fn run(options: &Options) -> Result<(), GatewayError> {
     let machine = Machine {
         options: options.clone(),
@@ -83,15 +82,14 @@ fn supervise(slot: &Slot, signals: &SignalReceiver) -> Result<(), GatewayError> 
     }
 }
 
-/// Process-wide settings, active while this lives: memory is locked, and processors do not enter sleep states.
 struct Process {
     _awake: Option<File>,
-    /// Descriptions of the settings that the operating system refused.
+    /// The settings that the operating system refused, as text.
     lacking: Vec<String>,
 }
 
 impl Process {
-    /// Requests both settings, and the maximum number of file descriptors.
+    /// Locks the memory, forbids sleep states of the processors, and requests the maximum number of file descriptors.
     fn prepare() -> Self {
         let mut lacking = Vec::new();
         let flags = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;
@@ -123,22 +121,19 @@ impl Process {
     }
 }
 
-/// Watchdog timeout of the service manager.
 fn proven_within() -> Duration {
     sd_notify::watchdog_enabled().unwrap_or(NOBODY_WAITS)
 }
 
-/// State last reported to the service manager. Without a service manager the notifications are dropped.
+/// Remembers what was last reported to the service manager. Without a service manager the notifications are dropped.
 struct Manager {
     begun: Instant,
     is_ready: bool,
     is_stopping: bool,
-    /// Number of proofs of life at the last call.
     proofs: Option<u64>,
 }
 
 impl Manager {
-    /// Initial state: nothing has been reported.
     fn new() -> Self {
         Self {
             begun: Instant::now(),
@@ -156,7 +151,6 @@ impl Manager {
         }
     }
 
-    /// Reports, once, that the process is stopping.
     fn stopping(&mut self) {
         if !self.is_stopping {
             self.is_stopping = true;
@@ -164,7 +158,7 @@ impl Manager {
         }
     }
 
-    /// Feeds the watchdog if the machine has proven since the last call that it is alive.
+    /// Feeds the watchdog if the number of proofs of life has grown since the last call.
     fn feed(&mut self, proofs: u64) {
         if self.lives(proofs) {
             tell(&NotifyState::Watchdog);
@@ -177,7 +171,6 @@ impl Manager {
     }
 }
 
-/// Notifies the service manager; its socket does not block.
 fn tell(state: &NotifyState<'_>) {
     let _ = sd_notify::notify(std::slice::from_ref(state));
 }

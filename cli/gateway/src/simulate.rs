@@ -22,7 +22,6 @@ use crate::{
 const MODEL: &str = include_str!("../demo/machine.toml");
 const TRUTH: &str = include_str!("../demo/truth.toml");
 
-/// Resolution of the corrections of the simulated machine.
 const RESOLUTION: Mm = Mm(0.001);
 
 /// True errors of the tool position of the simulated machine, including thermal errors.
@@ -95,7 +94,6 @@ impl Truth {
     }
 }
 
-/// Grid of coordinates over the working volume.
 fn grid(machine: &Machine) -> impl Iterator<Item = State> + '_ {
     const NODES: usize = 9;
     (0..NODES * NODES * NODES).map(|index| {
@@ -109,7 +107,6 @@ fn grid(machine: &Machine) -> impl Iterator<Item = State> + '_ {
     })
 }
 
-/// A running machine with the handles for tests.
 type Started = (SimulatedController, SimulatedThermometer, Arc<Controls>);
 
 /// Settings of the barrier in the built-in machine's control: a scan takes 2 ms; rates and limits match those of

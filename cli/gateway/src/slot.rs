@@ -16,11 +16,9 @@ use crate::{error::Failure, locked, published::Published, service::Life};
 /// Orders to a machine, and its phase.
 #[derive(Default)]
 pub struct Slot {
-    /// Number of stop orders.
     stops: AtomicU32,
-    /// Number of reload orders.
     reloads: AtomicU32,
-    /// Switch for disarming, set once there is a control thread.
+    /// Set once there is a control thread.
     switch: Mutex<Option<DisarmSwitch>>,
     phase: Mutex<Phase>,
     life: Life,
@@ -102,8 +100,7 @@ impl Slot {
         *locked(&self.phase) = phase;
     }
 
-    /// Enters the launching phase before the control thread is started; `false` if the machine was stopped meanwhile
-    /// and must not start.
+    /// Marks the start of the control thread; `false` if the machine was stopped meanwhile and must not start.
     pub(crate) fn launch(&self) -> bool {
         let mut phase = locked(&self.phase);
         let may = matches!(*phase, Phase::Starting) && self.stops() == 0;
@@ -129,7 +126,6 @@ impl Slot {
 }
 
 impl Phase {
-    /// Whether the start is not complete yet.
     pub(crate) fn is_starting(&self) -> bool {
         matches!(self, Self::Starting | Self::Launching)
     }

@@ -61,7 +61,6 @@ pub fn request(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Statu
     })
 }
 
-/// Trusts the gateway's own certificate only.
 fn encrypted(
     stream: TcpStream,
     address: SocketAddr,
@@ -161,7 +160,6 @@ fn is_gone(status: &Status) -> bool {
     active.any(|path| path.holds_correction.is_none() && path.answered_ms.is_some())
 }
 
-/// The condition of a controller, as lines.
 fn health(path: &PathState, corrects: bool) -> Vec<String> {
     let barrier = match path.scheme {
         SchemeName::Barrier => "barrier",
@@ -195,7 +193,6 @@ fn health(path: &PathState, corrects: bool) -> Vec<String> {
     ]
 }
 
-/// An age, such as "confirmed 12 ms ago".
 fn since(what: &str, ms: Option<f64>) -> String {
     ms.map_or(format!("{what} never"), |ms| match ms {
         ms if ms < 1e4 => format!("{what} {ms:.0} ms ago"),
@@ -211,7 +208,6 @@ fn by_axis(values: &ByAxis, digits: usize) -> String {
     words.join("  ")
 }
 
-/// Magnitude of the model's error without and with correction.
 fn pair(without: Option<[f64; 3]>, with: Option<[f64; 3]>) -> String {
     let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     without.zip(with).map_or(String::new(), |(without, with)| {

@@ -3,9 +3,8 @@
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-/// Column of the mark for defaults.
 const MARK_COLUMN: usize = 48;
-/// Maximum number of keys of an inline table.
+/// Maximum number of keys of a table that is written inline.
 const MAX_INLINE: usize = 5;
 
 /// Formats a document without these root keys.
@@ -44,7 +43,7 @@ pub(crate) fn without_empty(table: &mut Map<String, Value>) {
     });
 }
 
-/// Writes the values of a table, then its subtables. The table is given by its name in headers and by its full key.
+/// Writes the values of a table, then its subtables. `header` is its name in headers, `key` its full key.
 fn write(
     text: &mut String,
     table: &Map<String, Value>,

@@ -1,5 +1,3 @@
-//! Errors of studio requests.
-
 use std::io;
 
 use volcomp_calibrate::{AnswerError, CalibrateError};
@@ -109,7 +107,7 @@ pub enum StudioError {
     /// The operating system provides no socket, thread or random numbers.
     #[error("{what}: {source}")]
     System {
-        /// What was requested.
+        /// The operation that failed.
         what: &'static str,
         /// Error of the operating system.
         source: io::Error,
@@ -117,7 +115,6 @@ pub enum StudioError {
 }
 
 impl StudioError {
-    /// Error for a file or folder.
     pub(crate) fn disk(place: impl ToString) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Disk {
             place: place.to_string(),
@@ -125,7 +122,6 @@ impl StudioError {
         }
     }
 
-    /// HTTP status code.
     pub(crate) fn status(&self) -> u16 {
         match self {
             Self::Disk { .. } | Self::System { .. } => 500,

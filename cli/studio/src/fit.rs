@@ -61,12 +61,10 @@ impl Verdict {
     }
 }
 
-/// A machine with its report, and the errors that are missing because their file was not used.
 struct MachineWithReport {
     machine: Machine,
     report: Report,
     missed: Vec<String>,
-    /// Hashes of the inputs.
     inputs: String,
 }
 
@@ -111,7 +109,6 @@ impl Folder {
         })
     }
 
-    /// The machine with the measured errors, or, without measurements, with those of its file.
     fn found(&self) -> Result<MachineWithReport, StudioError> {
         let stated = |machine: &Machine| Stated {
             machine: (!machine.name.is_empty()).then(|| machine.name.clone()),
@@ -143,7 +140,6 @@ impl Folder {
         })
     }
 
-    /// Writes the calibration file from the draft and the answers. Returns the unused files.
     fn calibration_file(&self) -> Result<Vec<LeftOver>, StudioError> {
         let machine = self.machine()?;
         let draft = self.draft(self.measurement_files()?, &machine);

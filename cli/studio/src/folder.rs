@@ -24,7 +24,6 @@ use crate::{
 
 /// Maximum number of measurement files in a folder.
 pub const MAX_FILES: usize = 200;
-/// Maximum number of results listed in the web page.
 const MAX_RESULTS: usize = 10_000;
 /// Maximum size of an uploaded file, bytes.
 pub const MAX_FILE_BYTES: usize = 8 * 1024 * 1024;
@@ -33,19 +32,15 @@ pub(crate) const MACHINE: &str = "machine.toml";
 pub(crate) const CALIBRATION: &str = "calibration.toml";
 pub(crate) const SETUP: &str = "setup.toml";
 const ANSWERS: &str = "answers.json";
-/// Folder of the computed files.
 pub(crate) const RESULT: &str = "result";
-/// The machine with the fitted errors.
 pub(crate) const FITTED: &str = "result/machine.toml";
 /// Compensation tables for controls, and NC programs.
 pub(crate) const TABLES: &str = "result/tables";
 pub(crate) const PROGRAMS: &str = "result/nc";
 /// Prefix of the folders of earlier tables and programs; a number follows.
 const EARLIER_PREFIX: &str = "result/before-";
-/// Hashes of the inputs of the result.
 pub(crate) const INPUTS: &str = "result/.inputs.sha256";
 
-/// The file of answers.
 #[derive(Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Answers {
@@ -138,12 +133,10 @@ impl Folder {
         Ok(Self { path })
     }
 
-    /// A file in the folder.
     pub(crate) fn at(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
-    /// Removes the path of this folder from a message.
     pub(crate) fn relative(&self, message: &impl ToString) -> String {
         let path = format!("{}/", self.path.display());
         message.to_string().replace(&path, "")
@@ -200,7 +193,6 @@ impl Folder {
         Ok(state)
     }
 
-    /// Reads the machine file.
     pub(crate) fn machine(&self) -> Result<Machine, StudioError> {
         let path = self.at(MACHINE);
         if !path.exists() {
@@ -213,7 +205,6 @@ impl Folder {
         fs::read_to_string(self.at(name)).unwrap_or_default()
     }
 
-    /// True if the user has written or changed the calibration file.
     pub(crate) fn is_by_hand(&self) -> bool {
         let written = sha256_of(&self.at(CALIBRATION)).ok();
         written.is_some_and(|hash| !self.kept().is_ok_and(|kept| kept.calibration == hash))
@@ -235,7 +226,6 @@ impl Folder {
         Ok(paths)
     }
 
-    /// Drafts a calibration of the measurement files.
     pub(crate) fn draft(&self, paths: Vec<PathBuf>, machine: &Machine) -> Draft {
         let named = |path: &Path| self.relative(&path.display());
         draft_of(paths, machine, MACHINE, named)
@@ -267,7 +257,6 @@ impl Folder {
         files
     }
 
-    /// The stored answers.
     pub(crate) fn answers(&self) -> Result<Vec<TypedAnswer>, StudioError> {
         self.kept().map(|kept| kept.answers)
     }
@@ -295,7 +284,6 @@ impl Folder {
         self.keep(given, &answered.whole)
     }
 
-    /// Writes the answers and the calibration file.
     pub(crate) fn keep(&self, given: &[TypedAnswer], whole: &Draft) -> Result<(), StudioError> {
         if self.is_by_hand() {
             return Err(StudioError::Upload {
@@ -376,7 +364,6 @@ impl Folder {
         self.write(MACHINE, text.as_bytes())
     }
 
-    /// Writes a file below the folder atomically, by rename.
     pub(crate) fn write(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
         let path = self.at(name);
         let file = path.file_name().unwrap_or_default().to_string_lossy();
@@ -490,7 +477,6 @@ impl Folder {
     }
 }
 
-/// Validates the name of an uploaded file.
 pub(crate) fn name_of_upload(name: &str) -> Result<String, StudioError> {
     file_name::sanitised(name).ok_or_else(|| StudioError::Upload {
         name: name.chars().take(100).collect(),

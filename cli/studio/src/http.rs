@@ -30,7 +30,6 @@ use crate::{
     send::Target,
 };
 
-/// Maximum size of an NC program, bytes.
 const MAX_PROGRAM_BYTES: usize = 64 * 1024 * 1024;
 
 /// The report contains its styles and its script. As a sandboxed document it cannot send requests to the studio.
@@ -164,7 +163,6 @@ fn router(token: &str, folder: Folder) -> Router {
         .with_state(Arc::new(Mutex::new(folder)))
 }
 
-/// Checks of Host and Origin, and response headers of every request.
 async fn every_request(request: Request, next: Next) -> Response {
     let is_report = request.uri().path().ends_with("/report.html");
     let host = request.headers().get(header::HOST);
@@ -232,7 +230,6 @@ async fn respond<T: Serialize + Send + 'static>(
     }
 }
 
-/// Handles a request with a JSON body.
 async fn respond_to<R: DeserializeOwned + Send + 'static, T: Serialize + Send + 'static>(
     page: Page,
     body: &Bytes,
@@ -281,7 +278,6 @@ async fn file(Shared(page): Shared<Page>, Query(FileName { name }): Query<FileNa
     }
 }
 
-/// Upload of one file: the body is its content.
 async fn upload(
     Shared(page): Shared<Page>,
     Query(FileName { name }): Query<FileName>,

@@ -49,11 +49,9 @@ pub struct DraftState {
     pub text: String,
 }
 
-/// A draft with answers.
 pub(crate) struct AnsweredDraft {
     /// The draft with the answers that determine a measurement's keys: errors and units.
     pub(crate) decided: Draft,
-    /// The draft with all answers.
     pub(crate) whole: Draft,
 }
 
@@ -92,7 +90,7 @@ pub(crate) fn name_of(proposed: &Proposed) -> String {
     proposed.files.join(", ")
 }
 
-/// `None` if its measurement is no longer in the folder.
+/// `None` if the measurement of the answer is no longer in the folder.
 fn answer(draft: &Draft, given: &TypedAnswer) -> Option<Answer> {
     let mut proposed = draft.proposed.iter();
     let of = match proposed.position(|of| name_of(of) == given.of) {
@@ -149,7 +147,6 @@ fn choices(question: &Question, files: &[String]) -> Vec<String> {
     }
 }
 
-/// Default of a key in the calibration file.
 fn default_of(key: &str, error: Option<ErrorName>, machine: &Machine) -> Option<String> {
     let text = match key {
         "rides" => "carriage".to_owned(),

@@ -21,9 +21,7 @@ use crate::{
     folder::{FITTED, Folder, MACHINE},
 };
 
-/// Timeout of a connection or a response.
 const TIMEOUT: Duration = Duration::from_secs(15);
-/// Timeout of the comparison at the gateway.
 const COMPARE_TIMEOUT: Duration = Duration::from_secs(60);
 const POLL_INTERVAL: Duration = Duration::from_millis(300);
 
@@ -33,7 +31,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(300);
 pub enum Target {
     /// The gateway of a machine.
     Gateway {
-        /// Address of its dashboard, `http://192.0.2.7:8080`.
+        /// Address of the gateway's dashboard, `http://192.0.2.7:8080`.
         url: String,
         /// Token of an engineer.
         token: String,
@@ -43,7 +41,7 @@ pub enum Target {
     },
     /// The centre of many machines.
     Centre {
-        /// Address of its web interface.
+        /// Address of the centre's web interface.
         url: String,
         /// Name of a user with the role engineer.
         name: String,
@@ -62,7 +60,7 @@ pub struct Delivery {
     pub said: String,
     /// Messages to read before confirming the machine file.
     pub warnings: Vec<String>,
-    /// The page on which an engineer confirms it.
+    /// The page on which an engineer confirms the machine file.
     pub page: String,
 }
 
@@ -158,7 +156,6 @@ fn texts(list: &Value) -> Vec<String> {
         .collect()
 }
 
-/// A server address.
 struct Server {
     url: Url,
     host: String,
@@ -250,7 +247,6 @@ fn trusting(certificate: &str) -> Result<Arc<ClientConfig>, StudioError> {
     })
 }
 
-/// An HTTP response.
 #[derive(Debug)]
 struct Answer {
     status: u16,
@@ -275,7 +271,6 @@ impl Answer {
         found.map(|(_, value)| value.trim())
     }
 
-    /// The document of a successful response.
     fn accepted(&self, server: &Server) -> Result<Value, StudioError> {
         let document: Value = serde_json::from_str(self.body.trim()).unwrap_or_default();
         if self.status == 200 && document.is_object() {

@@ -29,7 +29,6 @@ pub(crate) struct CompensationArguments {
 }
 
 impl CompensationArguments {
-    /// True if a correction is applied.
     pub(crate) fn is_asked_for(&self) -> bool {
         self.compensated || self.truth.is_some() || self.resolution.is_some()
     }
@@ -46,7 +45,7 @@ pub(crate) struct Compensated {
     pub(crate) resolution_urad: Option<f64>,
 }
 
-/// The machine whose correction is applied, and the machine to which it is applied.
+/// The machine whose correction is applied (the model), and the machine to which it is applied (the truth, if given).
 pub(crate) struct Compensation<'a> {
     machine: &'a Machine,
     temperatures: &'a Temperatures,
@@ -94,7 +93,6 @@ impl<'a> Compensation<'a> {
         Some(format!("{path}: {note}"))
     }
 
-    /// The machine whose errors apply.
     pub(crate) fn actual(&self) -> &Machine {
         self.truth.as_ref().unwrap_or(self.machine)
     }
@@ -131,7 +129,6 @@ impl<'a> Compensation<'a> {
         [x, y, z, a, b, c]
     }
 
-    /// The correction as part of the JSON document; `None` without a correction.
     pub(crate) fn document(&self) -> Option<Compensated> {
         self.document.clone()
     }
@@ -156,7 +153,6 @@ impl<'a> Compensation<'a> {
     }
 }
 
-/// Reads the truth machine and puts the model's tool into it.
 fn read_truth(path: &std::path::Path, machine: &Machine) -> Result<Machine, Failure> {
     let mut truth = Machine::read(path)?;
     refuse_other_geometry(path, &truth, machine, &"--machine")?;
@@ -164,7 +160,7 @@ fn read_truth(path: &std::path::Path, machine: &Machine) -> Result<Machine, Fail
     Ok(truth)
 }
 
-/// Rejects a file whose machine differs in geometry from that of `of`: an option or a file.
+/// Rejects a file whose machine differs in geometry from the expected one. `of` names the option or file with the expected machine.
 pub(crate) fn refuse_other_geometry(
     path: &std::path::Path,
     found: &Machine,
@@ -177,8 +173,7 @@ pub(crate) fn refuse_other_geometry(
     }
 }
 
-/// The first geometric difference from the expected machine: its structure, the direction of an axis, the point of a rotary one, or the
-/// frame of its error motions.
+/// The first difference in the structure, the direction of an axis, the point of a rotary one, or the frame of its error motions.
 fn other_geometry(found: &Machine, expected: &Machine) -> Option<String> {
     let (found, expected) = (found.chain(), expected.chain());
     let differs = |what: &str, found: &dyn std::fmt::Display, expected: &dyn std::fmt::Display| {

@@ -14,7 +14,6 @@ use volcomp_model::ModelError;
 
 const ERROR: Style = AnsiColor::Red.on_default().bold();
 
-/// Why the program fails.
 #[derive(Debug)]
 pub(crate) enum Failure {
     /// The command line is invalid: status 2.
@@ -29,23 +28,19 @@ pub(crate) enum Failure {
     Work(String),
     /// A file could not be written during the operation: status 1.
     WorkOn {
-        /// The name of the file that could not be written.
         file: String,
         /// The message of the operating system.
         message: String,
     },
 }
 
-/// An error in a file, with its position.
 #[derive(Debug)]
 pub(crate) struct FileFailure {
-    /// The file as named on the command line.
     pub(crate) file: String,
-    /// The line, from 1, if known.
+    /// Line number, from 1; `None` if unknown.
     pub(crate) line: Option<u64>,
-    /// The key or column, if known.
+    /// Key or column; `None` if unknown.
     pub(crate) key: Option<String>,
-    /// The complete message with file, line and key.
     pub(crate) message: String,
 }
 
@@ -116,7 +111,6 @@ impl Failure {
         }))
     }
 
-    /// A file could not be written.
     pub(crate) fn work_on(path: &Path, error: &impl Display) -> Self {
         Self::WorkOn {
             file: path.display().to_string(),
@@ -124,7 +118,6 @@ impl Failure {
         }
     }
 
-    /// The exit status.
     pub(crate) fn status(&self) -> u8 {
         match self.kind() {
             Kind::Call | Kind::Input => 2,

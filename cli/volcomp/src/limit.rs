@@ -1,10 +1,7 @@
-//! Limit of the corrections that a command writes.
-
 use volcomp_vocabulary::CorrectionLimit;
 
 use crate::failure::Failure;
 
-/// Suffix of the message about a correction beyond the limit.
 pub(crate) const RAISE_LIMIT: &str = ", or allow more with --limit-um";
 
 /// The option of the commands that write corrections.

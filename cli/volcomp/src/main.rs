@@ -21,7 +21,6 @@ use clap::{CommandFactory, Parser, Subcommand, builder::Styles};
 
 use crate::{commands::Answer, failure::Failure, table::folded};
 
-/// Colours of the help and of messages about the call.
 const STYLES: Styles = Styles::styled()
     .header(Style::new().bold().underline())
     .usage(Style::new().bold().underline())
@@ -151,7 +150,6 @@ fn main() -> ExitCode {
     }
 }
 
-/// Removes hidden commands from the suggestions for a mistyped command.
 fn without_hidden(mut error: clap::Error) -> clap::Error {
     let alike = match error.get(ContextKind::SuggestedSubcommand) {
         Some(ContextValue::Strings(names)) => names.clone(),

@@ -48,7 +48,6 @@ pub(crate) fn clean_up_when_interrupted() {
     }
 }
 
-/// A folder that is removed when the program ends.
 pub(crate) struct TemporaryFolder(TempDir);
 
 impl TemporaryFolder {
@@ -143,7 +142,6 @@ impl OutputFile {
         std::fs::read(&self.path).is_ok_and(|there| there != text.as_bytes())
     }
 
-    /// Appends bytes to the file.
     pub(crate) fn append(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         match &mut self.writer {
             Some(writer) => writer
@@ -153,19 +151,16 @@ impl OutputFile {
         }
     }
 
-    /// Writes the whole content and renames the file into place.
     pub(crate) fn write_whole(mut self, bytes: impl AsRef<[u8]>) -> Result<(), Failure> {
         self.append(bytes.as_ref())?;
         self.finish()
     }
 
-    /// The path of the temporary file with the content so far.
     pub(crate) fn so_far(&mut self) -> Result<&Path, Failure> {
         self.flush().map_err(|e| Failure::work_on(&self.path, &e))?;
         Ok(&self.temporary)
     }
 
-    /// Renames the complete file into place.
     pub(crate) fn finish(mut self) -> Result<(), Failure> {
         let Some(writer) = self.writer.take() else {
             return Ok(());
@@ -179,7 +174,7 @@ impl OutputFile {
     }
 }
 
-/// For libraries that write to an `io::Write`.
+/// Lets libraries write to the file through `io::Write`.
 impl Write for OutputFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.writer

@@ -1,5 +1,3 @@
-//! Positions, approach directions and temperatures from the command line and from CSV files.
-
 use std::{
     fs::File,
     io::Read,
@@ -126,23 +124,19 @@ pub(crate) enum OneOrMany<T> {
     },
 }
 
-/// The requested positions: a single one, or those of a file.
 pub(crate) struct States {
-    /// All positions, in the order of the rows.
     positions: Vec<State>,
-    /// The file that contains the positions; `None` for a single position from the command line.
+    /// The file with the positions; `None` for a single position from the command line.
     file: Option<PointFile>,
-    /// The axes of the machine that are at 0 because they are not named, in the order of [`AxisName::ALL`].
+    /// Axes of the machine that are at 0 because they were not named, in the order of [`AxisName::ALL`].
     unnamed: Vec<AxisName>,
 }
 
 impl States {
-    /// All positions, in the order of the rows.
     pub(crate) fn states(&self) -> &[State] {
         &self.positions
     }
 
-    /// The table of the positions; `None` for a single position from the command line.
     pub(crate) fn table(&self) -> Option<&CsvTable> {
         self.file.as_ref().map(|file| &file.table)
     }
@@ -170,20 +164,17 @@ impl States {
 }
 
 impl MachineArguments {
-    /// The machine with the tool in its spindle, and the temperatures of its sensors.
     pub(crate) fn read(&self) -> Result<(Machine, Temperatures), Failure> {
         self.spindle.read(&self.machine)
     }
 }
 
 impl GeometryArguments {
-    /// The machine with the tool in its spindle.
     pub(crate) fn read(&self) -> Result<Machine, Failure> {
         with_tool(&self.machine, self.tool.as_deref())
     }
 }
 
-/// Reads a machine file and puts the tool into its spindle.
 fn with_tool(path: &Path, tool: Option<&str>) -> Result<Machine, Failure> {
     let mut machine = Machine::read(path).map_err(|error| not_compiled(path, error))?;
     if let Some(tool) = tool {
@@ -193,7 +184,6 @@ fn with_tool(path: &Path, tool: Option<&str>) -> Result<Machine, Failure> {
 }
 
 impl SpindleArguments {
-    /// Reads a machine file and puts the tool into its spindle.
     pub(crate) fn read(&self, path: &Path) -> Result<(Machine, Temperatures), Failure> {
         let machine = with_tool(path, self.tool.as_deref())?;
         let temperatures = self.temperatures(&machine)?;
@@ -232,7 +222,6 @@ impl SpindleArguments {
     }
 }
 
-/// The positions in the rows of a CSV file; the approach is unknown.
 pub(crate) fn states_of(machine: &Machine, path: &Path) -> Result<States, Failure> {
     let arguments = PointArguments {
         at: None,
@@ -241,13 +230,12 @@ pub(crate) fn states_of(machine: &Machine, path: &Path) -> Result<States, Failur
     arguments.states(machine, &ApproachArguments { approach: None })
 }
 
-/// The three numbers of an option such as `--tip 100,-20,35.5`.
+/// Parses the three numbers of an option such as `--tip 100,-20,35.5`.
 pub(crate) fn three(option: &str, text: &str) -> Result<[f64; 3], Failure> {
     let expected = "three finite numbers with decimal points: 100,-20,35.5";
     numbers(option, text, expected)
 }
 
-/// The `N` numbers of an option; `expected` describes them.
 pub(crate) fn numbers<const N: usize>(
     option: &str,
     text: &str,
@@ -262,7 +250,7 @@ pub(crate) fn numbers<const N: usize>(
         .ok_or_else(|| Failure::Input(format!("{option}: found `{text}`, expected {expected}")))
 }
 
-/// The numbers of axes in a control: `--axis-numbers X=1,C=4`.
+/// Parses `--axis-numbers X=1,C=4`.
 pub(crate) fn axis_numbers(text: &str) -> Result<AxisNumbers, Failure> {
     const OPTION: &str = "--axis-numbers";
     let mut numbers = Vec::new();
@@ -342,7 +330,7 @@ impl ApproachArguments {
     }
 }
 
-/// Names a compiled machine in the message, instead of its first byte that is not UTF-8.
+/// Replaces the message about the first byte that is not UTF-8 by one that the file is a compiled machine.
 fn not_compiled(path: &Path, error: ModelError) -> Failure {
     let starts_with_magic = || {
         let mut start = [0; 8];
@@ -358,7 +346,7 @@ fn not_compiled(path: &Path, error: ModelError) -> Failure {
     }
 }
 
-/// The coordinates of `--at`: mm or deg, at least one axis.
+/// Parses the coordinates of `--at`, mm or deg; at least one axis.
 pub(crate) fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
     let mut coordinates: Vec<(AxisName, f64)> = Vec::new();
     for (letter, value) in assignments("--at", text, AXES, "X=100")? {
@@ -378,7 +366,6 @@ pub(crate) fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
     Ok(coordinates)
 }
 
-/// Separators of assignments to axes.
 const AXES: &[char] = &[',', ';', ' ', '\t', '\n'];
 
 /// Separators of assignments to sensors, whose names may contain blanks.
@@ -417,7 +404,7 @@ fn assignments<'a>(
     Ok(found)
 }
 
-/// The message about a word without `=`. Digits after a number are treated as those after a decimal comma.
+/// The message about a word without `=`. Digits that follow a number are assumed to be those after a decimal comma.
 fn no_assignment(option: &str, word: &str, before: &[(&str, &str)], example: &str) -> String {
     if let Some((name, value)) = before.last()
         && word.bytes().all(|byte| byte.is_ascii_digit())
@@ -430,7 +417,6 @@ fn no_assignment(option: &str, word: &str, before: &[(&str, &str)], example: &st
     format!("{option}: found `{word}`, expected {example}")
 }
 
-/// An axis by its letter, in upper or lower case.
 pub(crate) fn axis(option: &str, name: &str) -> Result<AxisName, Failure> {
     name.to_ascii_uppercase().parse().map_err(|_| {
         Failure::Input(format!(
@@ -439,7 +425,6 @@ pub(crate) fn axis(option: &str, name: &str) -> Result<AxisName, Failure> {
     })
 }
 
-/// The number of an assignment; `unit` is its unit, for the message.
 fn number(option: &str, name: &str, text: &str, unit: &str) -> Result<f64, Failure> {
     let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
     number.ok_or_else(|| {
@@ -449,11 +434,9 @@ fn number(option: &str, name: &str, text: &str, unit: &str) -> Result<f64, Failu
     })
 }
 
-/// A table of positions, one state per row.
 pub(crate) struct PointFile {
     pub(crate) table: CsvTable,
     states: Vec<State>,
-    /// The axes with a column of coordinates.
     axes: Vec<AxisName>,
 }
 
@@ -465,21 +448,18 @@ const OF_A_CORRECTION: [&str; 4] = [
     "_correction_urad",
 ];
 
-/// The content of a column, from its header.
 #[derive(Debug, PartialEq, Eq)]
 enum Head<'a> {
     /// Coordinates of an axis, mm or deg.
     Coordinates(AxisName),
     /// An axis letter with a unit in which coordinates are not read.
     OtherUnit(AxisName, &'a str),
-    /// An axis letter with something other than a known unit: positions in an unknown unit, or no positions.
+    /// An axis letter followed by something other than a known unit: positions in an unknown unit, or another quantity.
     Unclear(AxisName),
-    /// A column without positions.
     Other,
 }
 
 impl PointFile {
-    /// Reads a file whose header has axis letters, with one position per row.
     fn read(machine: &Machine, path: &Path) -> Result<Self, Failure> {
         let table = CsvTable::parse(&path.display().to_string(), &read_text(path)?)?;
         let columns = coordinates(&table, machine)?;
@@ -504,10 +484,8 @@ impl PointFile {
     }
 }
 
-/// The column of each axis that the header names. If there is a column `X`, a column `x` is another quantity, as in files of targets.
-///
-/// An axis of the machine whose letter heads a column in another or an unknown unit, without a column of positions, is an error: it must
-/// not silently be at 0.
+/// The column of each axis that the header names. If there is a column `X`, a column `x` is another quantity, as in files of targets. A letter of an
+/// axis in another or an unknown unit, without a column of positions for this axis, is an error: the axis must not silently be at 0.
 fn coordinates(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Column)>, InputError> {
     let is_small = |text: &str| text.starts_with(|letter: char| letter.is_ascii_lowercase());
     let mut found: Vec<(AxisName, Column, &str)> = Vec::new();

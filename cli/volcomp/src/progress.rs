@@ -4,7 +4,6 @@ use std::{fmt::Write, time::Duration};
 
 use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 
-/// A bar over `count` steps of `what`.
 pub(crate) fn bar(count: usize, what: &str) -> ProgressBar {
     let bar = ProgressBar::new(count as u64);
     let template = format!("{{bar:30}} {{pos}}/{{len}} {what} {{left}}");
@@ -25,7 +24,6 @@ pub(crate) fn with_bar<T, E>(
     done
 }
 
-/// A progress bar over a number of bytes.
 pub(crate) fn byte_bar(bytes: u64) -> ProgressBar {
     let bar = ProgressBar::new(bytes);
     styled(bar, "{bar:30} {bytes}/{total_bytes} {left}")

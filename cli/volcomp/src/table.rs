@@ -30,7 +30,6 @@ fn width_of_terminal(stated: Option<&str>, seen: Option<usize>) -> usize {
     columns.map_or(WIDTH, |columns| columns.clamp(NARROWEST, WIDTH))
 }
 
-/// Style of headers of tables and sections.
 pub(crate) const HEAD: Style = Style::new().bold();
 
 /// A table of numbers: first column left-aligned, the others right-aligned.
@@ -82,7 +81,6 @@ fn table_within(table: &Table, most: usize) -> String {
     }
 }
 
-/// The first column and a range of the others.
 fn showing(table: &Table, shown: std::ops::Range<usize>) -> Table {
     let mut part = table.clone();
     for (index, column) in part.column_iter_mut().enumerate().skip(1) {
@@ -156,7 +154,7 @@ fn folded_within(sentence: &str, indent: &str, most: usize) -> String {
     text + "\n"
 }
 
-/// A text after a key of some width, wrapped with continuation lines aligned to its start. Blanks within stay unchanged.
+/// Appends a text to a key and wraps it, with continuation lines aligned to the start of the text. Blanks within the text stay unchanged.
 pub(crate) fn folded_behind(key: &str, text: &str) -> String {
     let indent = key.chars().count();
     let room = most().saturating_sub(indent).max(1);

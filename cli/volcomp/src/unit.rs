@@ -34,7 +34,6 @@ impl Unit {
         }
     }
 
-    /// The name on the command line.
     fn key(self) -> String {
         self.to_possible_value()
             .map_or_else(String::new, |value| value.get_name().to_owned())
@@ -57,8 +56,8 @@ fn not_stated(measurement: &Measurement) -> String {
     )
 }
 
-/// Converts the deviations of a file to µm or µrad, from the requested unit if the file states none; without either they are taken as µm.
-/// The option may repeat the unit stated in the file, but cannot change it.
+/// Converts the deviations of a file to µm or µrad, from the requested unit if the file states none. If neither states a unit, µm are assumed. The
+/// option may repeat the unit stated in the file, but cannot change it.
 pub(crate) fn apply(
     file: &Path,
     measurement: &mut Measurement,

@@ -21,7 +21,6 @@ use crate::{
     setup::{Method, Setup},
 };
 
-/// Fitted angular errors, and the machine that includes them.
 pub(crate) struct Angular {
     pub(crate) fitted: Vec<Fitted>,
     /// The machine of the file with its fitted tilts, used for Abbe's principle and for the tilts of held axes.
@@ -204,7 +203,6 @@ fn differing_levers(
     Ok((acting, matrix))
 }
 
-/// Note on tilts that the lines do not determine.
 fn not_separated(
     error: ErrorName,
     lines: &[&Line],
@@ -247,7 +245,6 @@ fn readings_of(beside: &ParallelReadings, inverse: &DMatrix<f64>, column: usize)
     places.map(reading).collect()
 }
 
-/// File names of the lines, separated by commas.
 fn files_named(lines: &[&Line]) -> String {
     let files: Vec<String> = lines.iter().map(|l| l.file.display().to_string()).collect();
     files.join(", ")

@@ -13,7 +13,6 @@ use crate::{
 /// Key of an answer that removes a measurement or a squareness from the draft.
 pub const LEAVE_OUT: &str = "leave_out";
 
-/// Valid units of readings.
 const UNITS: [&str; 8] = ["mm", "um", "nm", "urad", "mrad", "rad", "arcsec", "deg"];
 
 /// Subject of a question.
@@ -41,10 +40,8 @@ pub struct Answer {
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
 pub enum AnswerError {
-    /// The draft has no such measurement or squareness.
     #[error("{subject}: the draft has no such measurement")]
     Subject { subject: String },
-    /// The draft has no open question for this key there.
     #[error("{subject}: {key} is not an open question")]
     Key { subject: String, key: String },
     /// The value is invalid for the key.
@@ -214,7 +211,6 @@ impl Draft {
     }
 }
 
-/// Message on an answer to a question that another answer has removed.
 fn not_used(of: &Proposed, answer: &Answer) -> String {
     let error = of.error.map_or_else(
         || "a measurement like this".to_owned(),

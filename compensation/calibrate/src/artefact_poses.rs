@@ -151,7 +151,6 @@ fn state_at(machine: &Machine, reference: &[f64]) -> State {
     state
 }
 
-/// Equally spaced targets over a travel.
 fn over([low, high]: [f64; 2]) -> Vec<f64> {
     let share = |target: usize| target as f64 / (TARGETS - 1) as f64;
     (0..TARGETS)

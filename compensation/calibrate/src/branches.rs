@@ -19,11 +19,10 @@ const ROUNDS: usize = 40;
 
 /// Maximum deviation of a mean reading in standard deviations: one in 370 exceeds it.
 const WITHIN_SIGMAS: f64 = 3.0;
-/// Number of steps in which a curve is sampled.
 const STEPS: usize = 120;
 
-/// Scatter of a mean reading about a curve. Differences in zero and slope between runs move and rotate the curve and
-/// say nothing about its residuals, so they are excluded.
+/// Scatter of a mean reading about a curve. Differences in zero and slope between runs are excluded, because they move and rotate the curve but do
+/// not affect its residuals.
 fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
     let noise = profiles
         .iter()
@@ -35,12 +34,10 @@ fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
 #[derive(Clone)]
 pub(crate) struct Branches {
     fits: Vec<(Direction, Fit)>,
-    /// Readings of each fit.
     points: Vec<Points>,
     targets: Vec<f64>,
     method: Method,
     choice: Option<Choice>,
-    /// Scatter of a mean reading about the curves.
     noise: Option<Noise>,
     /// Repeated readings of each fit, from which its band is resampled; empty until the lines are aligned.
     repeated: Vec<Option<Repeated>>,
@@ -198,7 +195,6 @@ impl Branches {
         })
     }
 
-    /// Mean of the branches at a coordinate.
     pub(crate) fn mean_at(&self, coordinate: f64) -> f64 {
         let values = self.fits.iter().map(|(_, fit)| fit.curve.value(coordinate));
         values.sum::<f64>() / self.fits.len() as f64
@@ -231,7 +227,6 @@ impl Branches {
         scaled
     }
 
-    /// Quality of the fit of each branch, for the error that the curves belong to.
     pub(crate) fn fitted(&self, error: ErrorName) -> Vec<FittedCurve> {
         let reversal = self.reversal();
         let both = self.fits.len() == 2;
@@ -309,7 +304,6 @@ impl Branches {
     }
 }
 
-/// Samples the curve over the span of its readings.
 fn sampled(fit: &Fit, points: &Points) -> Vec<[f64; 2]> {
     let all = || points.iter().map(|(x, _)| *x);
     let (first, last) = (
@@ -365,7 +359,6 @@ pub struct FittedCurve {
     pub(crate) resampled: Option<Resampled>,
 }
 
-/// Data from which the band of a curve is resampled.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Resampled {
     pub(crate) repeated: Repeated,
@@ -408,7 +401,6 @@ pub enum Quality {
 }
 
 impl Quality {
-    /// Leave-one-out error in the unit of the error.
     pub(crate) fn leave_one_out(&self) -> Option<f64> {
         match self {
             Self::Length(quality) => quality.leave_one_out.map(|Um(um)| um),

@@ -122,7 +122,6 @@ fn calibrated(
     })
 }
 
-/// Notes from reading the measurement files, each after the names of all files that it concerns.
 fn notes_of(lines: &[Line]) -> Vec<String> {
     with_files(lines.iter().flat_map(|line| {
         let file = line.file.display().to_string();

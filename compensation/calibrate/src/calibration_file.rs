@@ -82,7 +82,7 @@ pub struct Location {
 pub struct Squareness {
     /// EC0Y, EA0Z or EB0Z.
     pub error: ErrorName,
-    /// Its value, or the angle of its reference.
+    /// Value of the squareness, or the angle of its reference.
     pub source: SquarenessSource,
 }
 
@@ -129,7 +129,7 @@ pub struct Diagonals {
     /// The diagonals as lines of sight. Unknowns are the offset of each, and a scale common to all: that of the laser,
     /// of its material temperature, and of the diagonals' mean.
     pub observations: Observations,
-    /// Provenance of their files.
+    /// Provenance of the files of the diagonals.
     pub sources: Vec<Source>,
 }
 
@@ -141,7 +141,6 @@ pub(crate) fn measured(file: &CalibrationFile) -> Vec<ErrorName> {
     names
 }
 
-/// Lines of one error, in the order of the file.
 pub(crate) fn lines_of(file: &CalibrationFile, error: ErrorName) -> impl Iterator<Item = &Line> {
     let lines = file.measurements.iter();
     lines.filter(move |line| line.setup.error == error)

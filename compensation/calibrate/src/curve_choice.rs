@@ -1,5 +1,3 @@
-//! Kind of curve that an error is fitted with.
-
 use volcomp_document::{InputError, Section, Value};
 use volcomp_fit::{Choice, Fit, FitError, FitOptions, Method, choose_and_fit, choose_mls};
 use volcomp_vocabulary::{AxisKind, AxisName};

@@ -181,7 +181,7 @@ pub fn draft_of(
     }
 }
 
-/// Message on a file without the file's name at its beginning, which the caller states before the reason.
+/// Removes the file name at the beginning of a message, because the caller writes it before the reason.
 fn without_file(said: &str, path: &Path) -> String {
     let Some(rest) = said.strip_prefix(&path.display().to_string()) else {
         return said.to_owned();
@@ -268,7 +268,6 @@ fn both_measure(one: &Proposed, other: &Proposed) -> String {
 pub(crate) struct Square {
     pub(crate) error: ErrorName,
     from: [ErrorName; 2],
-    /// Angle of the references, µrad, once it is stated.
     pub(crate) reference_angle_urad: Option<f64>,
 }
 
@@ -282,7 +281,6 @@ impl Square {
     }
 }
 
-/// Squarenesses against X and Y whose two straightnesses are both proposed.
 pub(crate) fn squares_of(proposed: &[Proposed]) -> Vec<Square> {
     const PAIRS: [(&str, [&str; 2]); 3] = [
         ("EC0Y", ["EXY", "EYX"]),

@@ -1,5 +1,3 @@
-//! Errors of a calibration.
-
 use std::path::PathBuf;
 
 use volcomp_document::{InputError, ReadError};
@@ -42,7 +40,6 @@ pub enum CalibrateError {
         file: PathBuf,
         source: Box<MetrologyError>,
     },
-    /// No line of an error has a reading.
     #[error("{error} from {}: found no readings, expected at least one", named(.files))]
     NoReadings {
         error: ErrorName,
@@ -55,7 +52,6 @@ pub enum CalibrateError {
         files: Vec<PathBuf>,
         source: FitError,
     },
-    /// The positioning deviation of an oblique axis determines a second error, which was also measured.
     #[error(
         "{error} from {}: along the oblique axis {axis} it fills {other} too, which was measured separately",
         named(.files)
@@ -66,12 +62,10 @@ pub enum CalibrateError {
         axis: AxisName,
         other: ErrorName,
     },
-    /// The alternation of unknowns and lines corrected for them does not converge.
     #[error(
         "the unknowns did not settle in {rounds} rounds, each with the lines cleared of what was found before: the last moved one by {moved:.2} of its standard uncertainty; expected lines and observations that hold the unknowns apart: measure the other tilt of the rotary axis, too, or leave out the unknown that the lines contain"
     )]
     NotSettled { rounds: usize, moved: f64 },
-    /// Diagonals do not determine a squareness.
     #[error(
         "{error} from {}: the diagonals do not determine it, expected the two face diagonals of its plane or the four body diagonals",
         named(.files)
@@ -80,7 +74,6 @@ pub enum CalibrateError {
         error: ErrorName,
         files: Vec<PathBuf>,
     },
-    /// A squareness is computed from slopes, but one of its straightness errors has no line.
     #[error("{squareness}: {straightness} was not measured, expected its line or `value_urad`")]
     NoSlope {
         squareness: ErrorName,

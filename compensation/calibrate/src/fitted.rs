@@ -16,12 +16,10 @@ use crate::{
 pub(crate) struct Fitted {
     pub(crate) error: ErrorName,
     pub(crate) branches: Branches,
-    /// Readings that the curves were fitted to.
     pub(crate) lines: Vec<FittedLine>,
 }
 
 impl Fitted {
-    /// Sets this error in the machine, in place of the previous one.
     pub(crate) fn set_in(&self, machine: &mut Machine) -> Result<(), ModelError> {
         machine.set_error(self.error, self.branches.clone().into_curve())
     }
@@ -110,7 +108,7 @@ pub struct FittedLine {
     pub error: ErrorName,
     /// Index of the line in [`CalibrationFile::measurements`]; `None` if the error was computed from several other lines.
     pub line: Option<usize>,
-    /// Files of its readings.
+    /// Files of the line's readings.
     pub sources: Vec<Source>,
     /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward. The contributions of tilts
     /// and other axes are removed, and for a straightness its line. The readings are aligned with the first line of the
@@ -121,7 +119,6 @@ pub struct FittedLine {
 }
 
 impl FittedLine {
-    /// Line of a profile, with the factor and the zero of its curve.
     pub(crate) fn new(
         file: &CalibrationFile,
         error: ErrorName,

@@ -17,7 +17,6 @@ use crate::{
 const SETTLED: f64 = 0.01;
 /// Minimum uncertainty for this limit, in the unit of the parameter.
 const LEAST: f64 = 1e-6;
-/// Maximum number of rounds.
 const ROUNDS: usize = 60;
 /// Share of a change carried into the next round above which unknowns and lines are solved together instead of alternately.
 const TOGETHER_ABOVE: f64 = 0.9;
@@ -34,16 +33,12 @@ pub struct Identified {
     pub rounds: usize,
 }
 
-/// Requested results of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scope {
-    /// The machine only.
     Machine,
-    /// The machine and its uncertainties.
     Everything,
 }
 
-/// Identifies the unknowns of a file whose lines were fitted with the errors of `known`; returns the stages as last fitted.
 pub(crate) fn settled(
     file: &CalibrationFile,
     observations: &Observations,
@@ -164,7 +159,6 @@ fn following(
     Ok(followers)
 }
 
-/// Largest change of a determined parameter, in its standard uncertainty.
 fn moved(before: &[Parameter], after: &[Parameter]) -> f64 {
     let pairs = before.iter().zip(after);
     let changes = pairs.filter_map(|(before, after)| {

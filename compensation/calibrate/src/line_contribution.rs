@@ -21,11 +21,9 @@ const ALONE: usize = 60;
 /// Number of joint samples: they determine the standard deviation to about 5 %.
 const DRAWS: u64 = 200;
 
-/// Data for the effect of lines on unknowns.
 pub(crate) struct LineContribution<'a> {
     pub(crate) file: &'a CalibrationFile,
     pub(crate) observations: &'a Observations,
-    /// The machine of the file with the unknowns as identified.
     pub(crate) known: &'a Machine,
     pub(crate) response: &'a Response,
     /// Whether the lines depend on the unknowns, which were identified alternately with them: a change of an unknown
@@ -85,7 +83,6 @@ impl LineContribution<'_> {
         Ok(self.response.to(&self.fitted(file)?.machine)? - base)
     }
 
-    /// Fits the lines of another file, with the unknowns fixed at their identified values.
     pub(crate) fn fitted(&self, file: &CalibrationFile) -> Result<Stages, CalibrateError> {
         let mut known = located(file)?;
         for unknown in &self.observations.unknown {
@@ -212,7 +209,7 @@ pub(crate) fn take(
     Ok(())
 }
 
-/// Variance contributed by the scatters of lines, each of a few runs, and how well all of them together are known.
+/// Variance contributed by the scatters of lines, each of a few runs, and the degrees of freedom of all scatters together.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FewRuns {
     variance: f64,
@@ -222,7 +219,6 @@ pub(crate) struct FewRuns {
 }
 
 impl FewRuns {
-    /// Adds a variance that comes from a scatter with these degrees of freedom.
     pub(crate) fn add(&mut self, variance: f64, degrees: f64) {
         self.variance += variance;
         self.over_degrees += variance * variance / degrees;

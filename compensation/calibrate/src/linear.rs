@@ -105,7 +105,6 @@ mod tests {
     use std::collections::BTreeMap;
     use volcomp_vocabulary::AxisName;
 
-    /// The linear errors with tilts that are known.
     fn with_tilts<'a>(file: &'a CalibrationFile, machine: &Machine) -> Linear<'a> {
         let noise_urad = &BTreeMap::new();
         linear(

@@ -1,5 +1,3 @@
-//! Notes on errors that were not measured.
-
 use volcomp_identify::Observations;
 use volcomp_model::Machine;
 use volcomp_sensitivity::{ErrorTerm, Poses, sensitivity};
@@ -12,13 +10,12 @@ use crate::{
     stages::Stages,
 };
 
-/// Number of nodes on a rotary axis at which the effect of an error is evaluated. On a linear axis the largest effect
-/// is at an end, because a displacement that grows with the coordinate is never longer between two places than at both.
+/// Number of nodes on a rotary axis at which the effect of an error is evaluated. On a linear axis the ends suffice: a displacement that is linear in
+/// the coordinate is largest at one of them.
 const ROTARY_NODES: usize = 8;
 /// Size of the error whose effect is stated, µm or µrad.
 const EXAMPLE: f64 = 10.0;
 
-/// Notes on the errors that a calibration did not measure.
 pub(crate) fn not_measured(file: &CalibrationFile, stages: &Stages) -> Vec<String> {
     let unknown: Vec<ErrorName> = file.observations.iter().flat_map(unknown).collect();
     let is_measured = |name: ErrorName| {

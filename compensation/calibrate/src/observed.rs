@@ -17,7 +17,7 @@ use crate::{
     squareness::square_of,
 };
 
-/// Share of its effect on other error motions below which a location error is treated as not affecting an error motion.
+/// A location error is treated as not affecting an error motion if its effect on it is less than this share of its effect on other error motions.
 const NOTHING: f64 = 1e-6;
 
 /// Errors that a calibration file states directly: lines, squareness and location errors.

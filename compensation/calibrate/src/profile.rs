@@ -1,5 +1,3 @@
-//! Mean readings of one line, during processing into a curve.
-
 use std::{collections::BTreeMap, path::PathBuf};
 
 use volcomp_fit::{Noise, unevenness};
@@ -15,7 +13,6 @@ use crate::{calibration_file::Line, error::CalibrateError, repeated::Repeated, s
 /// (target in mm or deg, mean reading in µm or µrad), targets ascending.
 pub(crate) type Points = Vec<(f64, f64)>;
 
-/// Targets and readings of one run.
 pub(crate) type Run = (Vec<f64>, Vec<f64>);
 
 /// Mean readings of one line, forward and backward; empty in a direction that was not run.
@@ -23,7 +20,6 @@ pub(crate) type Run = (Vec<f64>, Vec<f64>);
 pub(crate) struct Profile<'a> {
     pub(crate) line: &'a Line,
     pub(crate) points: [Points; 2],
-    /// Total slope of all lines removed so far.
     pub(crate) removed: Urad,
 }
 
@@ -178,7 +174,6 @@ impl<'a> Profile<'a> {
     }
 }
 
-/// The measurement files of profiles, for messages.
 pub(crate) fn files_of(profiles: &[Profile<'_>]) -> Vec<PathBuf> {
     let files = profiles.iter().map(|profile| profile.line.file.clone());
     files.collect()

@@ -110,25 +110,22 @@ pub(crate) fn open() -> String {
     format!("\"{OPEN}\"")
 }
 
-/// Facts stated by the header, extension and name of a file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct FileFacts {
-    /// Every axis of the machine, with its position if a name or a text states it.
+    /// Every axis of the machine, with its position if the file name or the header (title, location) states it.
     pub(crate) places: Vec<(AxisName, Option<f64>)>,
     /// Axis that moved, if the error is not known.
     pub(crate) axis: Option<AxisName>,
     pub(crate) quantity: Option<Quantity>,
     pub(crate) format: Option<FileFormat>,
-    /// Unit of the readings, from the file or from an answer.
     pub(crate) unit: Option<DeviationUnit>,
-    /// Whether the unit is an open question.
     pub(crate) asks_unit: bool,
     /// Whether the file is a log whose channels are not assigned yet.
     pub(crate) is_log: bool,
 }
 
 impl Proposed {
-    /// Adds the positions and keys that follow from the current facts; stated or answered ones are kept.
+    /// Adds the positions and keys that follow from the current facts. Stated or answered ones are kept.
     pub(crate) fn follow(&mut self) {
         let own = self.error.map(|error| error.axis).or(self.facts.axis);
         let held = self
@@ -167,7 +164,6 @@ impl Proposed {
     }
 }
 
-/// Keys that exist for some errors only.
 const FOLLOWING: [&str; 6] = [
     "point",
     "rides",
@@ -217,7 +213,6 @@ fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, Strin
     keys
 }
 
-/// Proposal for a log whose channels are not assigned yet.
 pub(crate) fn of_log(name: String, path: &Path, machine: &Machine, channels: &str) -> Proposed {
     let hints = FileHints::of(path, &Metadata::default(), machine);
     let facts = FileFacts {
@@ -230,7 +225,6 @@ pub(crate) fn of_log(name: String, path: &Path, machine: &Machine, channels: &st
     found
 }
 
-/// Proposal for a file with readings, or the reason why it is not used.
 pub(crate) fn of_measurement(
     name: &str,
     path: &Path,
@@ -324,7 +318,6 @@ pub(crate) fn out_of_place(
     said.into_iter().flatten().collect()
 }
 
-/// Positions of the axes according to names and texts.
 fn facts_of_names(hints: &FileHints, machine: &Machine) -> FileFacts {
     let place = |axis: &Axis| {
         let place = hints.places.get(&axis.name).copied();
@@ -351,7 +344,6 @@ fn proposed(file: String, error: Option<ErrorName>, facts: FileFacts) -> Propose
     found
 }
 
-/// Errors of an axis that a kind of file may measure.
 pub(crate) fn candidates(axis: AxisName, quantity: Option<Quantity>) -> Vec<ErrorName> {
     let errors = Component::ALL.map(|component| ErrorName::motion(component, axis));
     let is_own = |error: &ErrorName| error.component.mcs_index() == axis.mcs_index();
@@ -408,7 +400,6 @@ fn axes_that_reach(measurement: &Measurement, machine: &Machine) -> String {
     }
 }
 
-/// Header of a file in one line.
 fn summary(measurement: &Measurement) -> String {
     let mut facts = Vec::new();
     facts.extend(
@@ -433,16 +424,14 @@ fn summary(measurement: &Measurement) -> String {
     facts.join("; ")
 }
 
-/// Error, axis and positions that names and texts state.
+/// Error motions, axis and positions stated by the name of a file and by the title and location in its header.
 #[derive(Debug, Default)]
 pub(crate) struct FileHints {
-    /// Every error motion that is named, each once.
     pub(crate) errors: Vec<ErrorName>,
     /// The only axis that is a separate word of the file's name.
     pub(crate) axis: Option<AxisName>,
     /// Positions of axes: `y-z1050`, `X at Y = 0`.
     pub(crate) places: BTreeMap<AxisName, f64>,
-    /// Contradictory texts.
     pub(crate) contradictions: Vec<String>,
 }
 

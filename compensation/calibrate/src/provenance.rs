@@ -13,7 +13,6 @@ use crate::{
     stages::Stages,
 };
 
-/// Method recorded for values that the user has stated.
 const STATED: &str = "stated in the calibration file";
 
 /// Adds the origin of each error to the fitted machine. Origins of errors that were not measured again are kept from
@@ -89,7 +88,6 @@ fn of_curves(file: &CalibrationFile, stages: &Stages) -> Vec<Origin> {
     origins
 }
 
-/// Rule by which the method of a curve was chosen.
 fn rule(file: &CalibrationFile, curve: &FittedCurve) -> String {
     if let Some(choice) = &curve.choice {
         let follows = choice.chosen().is_none_or(|score| score.follows);
@@ -156,7 +154,6 @@ fn of_square(file: &CalibrationFile, square: &Squareness) -> Result<Origin, Cali
     Ok(plain(error, &method, sources))
 }
 
-/// Origin of an error that is not a curve through readings.
 fn plain(error: ErrorName, method: &str, sources: Vec<Source>) -> Origin {
     Origin {
         error,

@@ -140,7 +140,6 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
     })
 }
 
-/// Rejects a location error that another table states already.
 fn check_once(
     item: &Value<'_>,
     error: ErrorName,
@@ -195,15 +194,12 @@ pub fn decode_holds_location(section: &Section<'_>, error: ErrorName) -> Result<
     section.truth_or(HOLDS_LOCATION, true)
 }
 
-/// Data that all lines of a calibration file share.
 struct CommonKeys<'a> {
     folder: &'a Path,
     serial: Option<&'a str>,
-    /// Columns of its tables.
     columns: Option<Mapping>,
 }
 
-/// Rejects compensation values without a stated sign and unit.
 fn refuse_unstated_export(
     section: &Section<'_>,
     file: &Value<'_>,
@@ -283,7 +279,6 @@ fn decode_line(
     })
 }
 
-/// Provenance of a measurement file.
 fn source_of(
     value: &Value<'_>,
     path: &Path,
@@ -328,7 +323,6 @@ fn decode_reference_line(
     section.one_of("reference_line", &words, ReferenceKind::LeastSquares)
 }
 
-/// Rejects different kinds of curve for lines of one error, because these lines make one curve.
 fn check_same_curve(before: &[Line], line: &Line, section: &Section<'_>) -> Result<(), InputError> {
     let error = line.setup.error;
     let earlier = before

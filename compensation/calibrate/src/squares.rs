@@ -38,7 +38,6 @@ const TIMES_OF_LINE: f64 = 2.0;
 /// Least-squares slope of each measured straightness error, by the coordinate of the machine coordinate system.
 pub(crate) type Slopes = BTreeMap<ErrorName, Urad>;
 
-/// Slope that was removed from a straightness line.
 pub(crate) struct RemovedSlope<'a> {
     pub(crate) line: &'a Line,
     pub(crate) slope: Urad,
@@ -256,7 +255,7 @@ pub(crate) fn squares(
     Ok(found)
 }
 
-/// `None` if it comes from diagonals, which need all other errors.
+/// `None` if the squareness is computed from diagonals, which need all other errors.
 fn square(entry: &Squareness, slopes: &Slopes) -> Result<Option<Urad>, CalibrateError> {
     let reference_angle = match entry.source {
         SquarenessSource::Value(value) => return Ok(Some(value)),
@@ -275,13 +274,9 @@ fn square(entry: &Squareness, slopes: &Slopes) -> Result<Option<Urad>, Calibrate
     Ok(Some(squareness(entry.error, reference_angle, parts)?))
 }
 
-/// Result of diagonals.
 pub(crate) struct Squares {
-    /// Squareness errors and their values.
     pub(crate) errors: Vec<(ErrorName, Urad)>,
-    /// Notes on the quality of the result.
     pub(crate) notes: Vec<String>,
-    /// Squareness errors that the diagonals do not support.
     pub(crate) undecided: BTreeSet<ErrorName>,
 }
 
@@ -323,7 +318,6 @@ impl Diagonals {
         })
     }
 
-    /// Measurement files, for messages.
     fn files(&self) -> impl Iterator<Item = PathBuf> {
         let files = self.observations.observations.iter();
         files.map(|observation| PathBuf::from(&observation.file))

@@ -23,7 +23,6 @@ use crate::{
 /// Maximum number of passes after the first: the contribution of a rotary axis to the lines of another is small.
 const PASSES: usize = 4;
 
-/// Machine and results from the lines of a file.
 pub(crate) struct Stages {
     pub(crate) machine: Machine,
     pub(crate) measured: Vec<ErrorName>,
@@ -33,7 +32,6 @@ pub(crate) struct Stages {
     pub(crate) square_uncertainties: BTreeMap<ErrorName, Urad>,
     pub(crate) notes: Vec<String>,
     pub(crate) contradictions: Vec<(ErrorName, String)>,
-    /// Location errors that diagonals or lines do not support.
     pub(crate) undecided: Vec<ErrorName>,
 }
 
@@ -139,7 +137,6 @@ impl Stages {
         })
     }
 
-    /// Whether the measured errors are exactly those of other stages.
     pub(crate) fn is_as_measured(&self, other: &Self) -> bool {
         let same = |name: &ErrorName| self.machine.error(*name) == other.machine.error(*name);
         let mut filled = self.curves.iter().map(|curve| curve.error);

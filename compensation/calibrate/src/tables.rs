@@ -22,7 +22,6 @@ use crate::{
     squareness::{is_square, partner_of, reference_of, tilt_of},
 };
 
-/// Decodes the location errors of one table.
 pub(crate) fn decode_location(
     section: &Section<'_>,
     machine: &Machine,
@@ -120,8 +119,8 @@ pub fn decode_location_errors(
     }
 }
 
-/// Decodes a standard uncertainty, 0 or more (µm, µrad, µm/m). One that is larger than any error of a machine is
-/// rejected: it carries no information, and a correction with its band would have no value.
+/// Decodes a standard uncertainty, 0 or more (µm, µrad, µm/m). A value larger than any error of a machine is rejected, because a correction with such
+/// a band would be worthless.
 pub(crate) fn standard_uncertainty(value: &Value<'_>) -> Result<f64, InputError> {
     let found = value.number()?;
     if found < 0.0 {
@@ -164,7 +163,6 @@ fn check(
     Ok(())
 }
 
-/// Keys that exclude each other.
 const SOURCES: [&str; 5] = [
     "value_urad",
     "reference_angle_urad",
@@ -325,7 +323,6 @@ fn opposite_beams(section: &Section<'_>, error: ErrorName) -> Result<bool, Input
 /// Maximum distance of targets beyond the ends of a diagonal, as a share of its length, for the overrun.
 const BEYOND: f64 = 0.02;
 
-/// Decodes the diagonals of a `[[squareness]]` with the key `diagonals`.
 pub(crate) fn decode_diagonals(
     value: &Value<'_>,
     errors: Vec<ErrorName>,
@@ -499,7 +496,6 @@ pub(crate) fn read_measurement(
     Ok((file, readings))
 }
 
-/// Provenance of files, with their names relative to the folder of the calibration file.
 pub(crate) fn sources_of(folder: &Path, paths: &[PathBuf]) -> Result<Vec<Source>, CalibrateError> {
     let read = |path: &PathBuf| {
         let name = path.strip_prefix(folder).unwrap_or(path);

@@ -117,9 +117,9 @@ impl CalibrationFile {
 pub struct LineScatter {
     /// Index of the line in [`CalibrationFile::measurements`].
     pub line: usize,
-    /// Numbers of its runs.
+    /// Numbers of the line's runs.
     pub runs: Vec<u32>,
-    /// Degrees of freedom of its standard deviations: number of runs minus one for each mean.
+    /// Degrees of freedom of the standard deviations: number of runs minus one for each mean.
     pub degrees: usize,
 }
 
@@ -146,12 +146,10 @@ impl LineScatter {
     }
 }
 
-/// Source of a shift.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
     /// Scatter of a run, see [`CalibrationFile::scatters`].
     Run,
-    /// A stated uncertainty.
     Stated,
 }
 
@@ -164,7 +162,6 @@ fn most_runs(readings: &Measurement) -> usize {
     runs[0].max(runs[1])
 }
 
-/// Shifts observations by their uncertainties.
 fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() -> f64) {
     // The cross-validation of a sample is not used.
     observations.folds = 0;
@@ -188,7 +185,6 @@ fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() ->
     }
 }
 
-/// Shifts a reading by its uncertainty.
 fn vary_row(row: &mut Row, next: &mut impl FnMut() -> f64) {
     let mut shift = || row.uncertainty_mm * next();
     match &mut row.reading {

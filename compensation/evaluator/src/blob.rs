@@ -23,12 +23,10 @@ use crate::{
 /// which also lacks thermal offsets, can still be read.
 pub const BLOB_VERSION: u32 = 4;
 
-/// Oldest format version that can be read.
 const OLDEST_VERSION: u32 = 2;
 
 const MAGIC: &[u8; 8] = b"VOLCOMPM";
 const HEAD: usize = 8 + 4 + 32;
-/// Maximum number of nodes of a patch along one axis.
 const MAX_NODES: usize = 1 << 16;
 
 impl CompiledMachine {

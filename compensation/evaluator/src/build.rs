@@ -17,7 +17,6 @@ use crate::{
     turn::Along,
 };
 
-/// One axis before it is compiled: travel, modulo, tables and errors over two coordinates.
 pub(crate) struct AxisTables {
     pub(crate) travel: [f64; 2],
     pub(crate) modulo: Option<f64>,
@@ -26,7 +25,6 @@ pub(crate) struct AxisTables {
     pub(crate) patches: Vec<CompiledPatch>,
 }
 
-/// A machine without its tables.
 pub(crate) struct Frame {
     pub(crate) chain: Chain,
     pub(crate) location: PerAxis<ErrorMotion>,

@@ -15,7 +15,6 @@ use crate::{
     walk::Turns,
 };
 
-/// Rotations of the rotary axes, and the levers from their points to the tip.
 struct RotaryLevers([Option<(Turn, Vector3<f64>)>; MAX_AXES]);
 
 impl Turns for RotaryLevers {
@@ -79,8 +78,8 @@ pub struct FirstOrder {
     pub error: Evaluation,
     /// Δq in chain order, mm and rad, to be added to the command.
     pub delta: PerAxis<f64>,
-    /// A direction of the tool axis is corrected only in part or not at all: the pose is within about 1° of a singular one, or fewer than
-    /// two rotary axes may move.
+    /// True if one or both components of the tool's tilt are corrected only in part or not at all, because the pose is within about 1° of a singular
+    /// one or fewer than two rotary axes may move.
     pub tool_axis_partial: bool,
     /// At least two rotary axes may move, and the pose is singular or within about 6° of a singular one: see
     /// [`volcomp_kinematics::NEAR_SINGULAR_BELOW`].
@@ -270,7 +269,6 @@ fn correct_axis(
     [gram.is_singular(), near_singular]
 }
 
-/// Derivatives of the tip with respect to the correcting linear axes.
 #[inline(always)]
 pub(crate) fn linear_columns(
     correctors: &Correctors,

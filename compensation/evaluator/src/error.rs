@@ -1,5 +1,3 @@
-//! Errors of compiling a machine and of reading its binary format.
-
 use alloc::{
     string::{String, ToString},
     vec::Vec,
@@ -13,7 +11,6 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum EvaluatorError {
-    /// The compiled curve is too large.
     #[error(
         "curve {curve} needs more than 1 MiB for a tolerance of {tolerance_nm} nm (nrad), {}", expected(*.fitting_nm)
     )]
@@ -23,7 +20,6 @@ pub enum EvaluatorError {
         /// A tolerance with which the machine fits, nm and nrad; `None` if there are too many breakpoints for any.
         fitting_nm: Option<f64>,
     },
-    /// A curve has a value that is not finite.
     #[error(
         "curve {curve}: found a value that is not finite near {at} (mm or deg), expected finite numbers"
     )]
@@ -32,7 +28,6 @@ pub enum EvaluatorError {
         /// A coordinate near the value, mm or deg.
         at: f64,
     },
-    /// A tolerance that is not positive.
     #[error("found the tolerance {found}, expected a positive finite number")]
     Tolerance { found: f64 },
     /// An invalid part of an axis.
@@ -42,7 +37,6 @@ pub enum EvaluatorError {
         what: &'static str,
         expected: &'static str,
     },
-    /// Coordinates are not in chain order.
     #[error(
         "found coordinates in the order {}, expected the chain order of `{structure}`",
         names(found)
@@ -51,10 +45,8 @@ pub enum EvaluatorError {
         found: Vec<AxisName>,
         structure: Structure,
     },
-    /// An axis of the chain that was not added.
     #[error("axis {axis} of the chain was not added, expected every axis once")]
     MissingAxis { axis: AxisName },
-    /// Not a location error, or a value of the wrong kind.
     #[error(
         "{name}: expected a location error E?0N with a finite length (EX EY EZ) or angle (EA EB EC)"
     )]
@@ -77,25 +69,18 @@ fn names(axes: &[AxisName]) -> String {
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum BlobError {
-    /// The bytes do not begin with the signature of a compiled machine.
     #[error("found no VOLCOMPM at its start")]
     NotABlob,
-    /// The format version cannot be read by this program.
     #[error("found version {found}, expected {expected}")]
     Version { found: u32, expected: u32 },
-    /// The checksum does not match the content.
     #[error("its checksum does not fit: it was changed or cut off")]
     Checksum,
-    /// The bytes are truncated.
     #[error("it ends too early")]
     CutOff,
-    /// The machine is followed by further bytes.
     #[error("it goes on behind its end")]
     TooLong,
-    /// A number is NaN or infinite.
     #[error("found a number that is not finite")]
     NotFinite,
-    /// A count exceeds its limit.
     #[error("found {found} {what}, expected {most} at most")]
     TooMany {
         what: &'static str,
@@ -117,7 +102,6 @@ fn expected(fitting_nm: Option<f64>) -> String {
     }
 }
 
-/// The error for an axis that the chain does not have.
 pub(crate) fn no_axis(chain: &Chain, axis: AxisName) -> EvaluatorError {
     EvaluatorError::Chain(ChainError::NoSuchAxis {
         axis,

@@ -13,7 +13,6 @@ use crate::{
 /// Degree of the Chebyshev interpolant against which a piece is checked, plus 1.
 const NODES: usize = 12;
 
-/// Why no table can be fitted to a function.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FitFailure {
     TooManyPieces,
@@ -63,7 +62,6 @@ fn fit(
     Ok(pieces)
 }
 
-/// The errors of an axis, prepared for its tables.
 pub(crate) struct CurveFit<'a> {
     pub(crate) errors: &'a dyn Fn(f64) -> ErrorMotion,
     /// Range of the table, mm or deg, extended by breakpoints outside of it.
@@ -77,7 +75,6 @@ pub(crate) struct CurveFit<'a> {
 }
 
 impl CurveFit<'_> {
-    /// The fitted table; the error names the curve that exceeds the limit.
     pub(crate) fn fit(&self) -> Result<Vec<Piece>, EvaluatorError> {
         self.pieces(None, self.tolerance)
             .map_err(|failure| self.refused(failure))
@@ -185,7 +182,6 @@ impl Sampled {
         })
     }
 
-    /// Coefficients of the powers of the distance from the start.
     fn powers(&self) -> [[f64; LANES]; 4] {
         let mut powers = [[0.0; LANES]; 4];
         let h = self.length;

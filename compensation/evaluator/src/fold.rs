@@ -16,15 +16,13 @@ pub(crate) struct Folded {
     pub(crate) tool_end: ErrorMotion,
     /// Constant error on the tool side of each joint except the last, unless a table includes it.
     pub(crate) between: PerAxis<ErrorMotion>,
-    /// Between the workpiece and the first joint, if that joint has its errors on its far side.
+    /// Constant error between the workpiece and the first joint, if that joint has its errors on its far side.
     pub(crate) workpiece_end: ErrorMotion,
-    /// Constants of each axis's table.
     pub(crate) constant: PerAxis<ErrorMotion>,
     /// Slope added to the table of a linear axis: displacement per mm of its coordinate.
     pub(crate) slide: PerAxis<Vector3<f64>>,
 }
 
-/// Folds location and assembly errors.
 pub(crate) fn fold(
     chain: &Chain,
     location: &PerAxis<ErrorMotion>,

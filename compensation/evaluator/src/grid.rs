@@ -22,9 +22,8 @@ const BLOCK: usize = 4 * NODE;
 pub struct LinearGrid {
     /// For each grid axis in chain order from the workpiece: its nodes, mm.
     nodes_mm: Vec<Vec<f64>>,
-    /// For each grid axis and node, its contribution with the other axes at 0: ΔP, ρ.
+    /// Contribution of each grid axis at each node with the other axes at 0: ΔP, ρ.
     adds: Vec<Vec<[f64; NODE]>>,
-    /// Direction of each grid axis in workpiece axes.
     directions: Vec<Vector3<f64>>,
     base: [f64; NODE],
     /// Contributions of the innermost axis, node after node, padded to whole blocks.
@@ -180,8 +179,8 @@ struct Rows<'a> {
 impl WithSimd for Rows<'_> {
     type Output = ();
 
-    /// Scalar code, compiled once for each instruction set. Rows are computed in a buffer that stays in the cache, then copied in large
-    /// blocks. Large copies do not read the target first, which halves the memory traffic of single stores.
+    /// Scalar code, compiled once for each instruction set. Rows are computed in a buffer that stays in the cache, then copied in large blocks: large
+    /// copies do not read the target first, which halves the memory traffic of single stores.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let grid = self.grid;

@@ -2,23 +2,18 @@
 
 use alloc::vec::Vec;
 
-/// Maximum number of cells of one index.
 const MAX_CELLS: usize = 1 << 12;
 /// 2⁵²: adding it rounds a number below 2³² to the nearest integer and leaves that in the low bits of the sum.
 const TO_INTEGER: f64 = 4_503_599_627_370_496.0;
 
-/// A cell of an index, with at most one breakpoint if possible.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cell {
-    /// Its first breakpoint: from there on the interval after `first` applies. Infinite without a breakpoint.
+    /// First breakpoint in the cell, from which on the interval after `first` applies; infinite without a breakpoint.
     pub(crate) split: f64,
-    /// The interval at the start of the cell.
     pub(crate) first: u32,
-    /// Number of further breakpoints in the cell.
     pub(crate) more: u32,
 }
 
-/// Maps a coordinate to its cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Uniform {
     low: f64,

@@ -36,7 +36,6 @@ impl Evaluation {
     }
 }
 
-/// One axis, ready to evaluate.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct CompiledAxis {
     pub(crate) joint: Joint,
@@ -55,21 +54,17 @@ pub(crate) struct CompiledAxis {
     pub(crate) thermal: Thermal,
 }
 
-/// The current thermal part of the error motions of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Thermal {
     /// Transformed to the tool tip at machine zero: mm, rad.
     pub(crate) at_tip: [f64; LANES],
-    /// Displacement per mm of the coordinate.
     pub(crate) slope_mm: [f64; 3],
 }
 
-/// The range over which the curve of one component is defined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Range {
     pub(crate) axis: usize,
     pub(crate) component: Component,
-    /// The axis whose coordinate is checked, and its range in mm or deg.
     pub(crate) looked_at: usize,
     pub(crate) domain: [f64; 2],
 }
@@ -99,7 +94,6 @@ pub struct CompiledMachine {
 }
 
 impl CompiledMachine {
-    /// Selects the evaluation path.
     pub(crate) fn choose_path(&mut self) {
         let plain =
             |axis: &CompiledAxis| axis.patches.is_empty() && axis.thermal == Thermal::default();

@@ -14,13 +14,12 @@ pub struct Neglected {
     reach_mm: f64,
 }
 
-/// Contribution of one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Share {
     is_rotary: bool,
     /// Maximum change of the position error per mm or rad of the axis.
     slope_mm: f64,
-    /// Maximum displacement from its errors, mm.
+    /// Maximum displacement by the errors of the axis, mm.
     linear_mm: f64,
 }
 

@@ -65,7 +65,6 @@ pub(crate) fn branch_index(approach: Option<Direction>) -> usize {
     }
 }
 
-/// The range over which the curve of one component is defined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StatedRange {
     pub(crate) component: Component,

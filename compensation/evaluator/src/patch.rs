@@ -19,15 +19,14 @@ pub struct Patch {
     pub component: Component,
     /// Weights for forward travel, backward travel, and an unknown direction.
     pub weights: [f64; 3],
-    /// The two axes whose coordinates it depends on.
+    /// The two axes whose coordinates the error depends on.
     pub axes: [AxisName; 2],
-    /// Nodes along each of them, ascending, mm or deg; at least one.
+    /// Nodes along each of the two axes, ascending, mm or deg; at least one.
     pub nodes: [Vec<f64>; 2],
     /// The values, mm or rad, at all nodes of the second axis for the first node of the first axis, then for its second, and so on.
     pub values: Vec<f64>,
 }
 
-/// A patch with the indices over its nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct CompiledPatch {
     pub(crate) patch: Patch,
@@ -36,7 +35,6 @@ pub(crate) struct CompiledPatch {
     places: [Places; 2],
 }
 
-/// Maps a coordinate to its segment of nodes.
 #[derive(Clone, Debug, PartialEq)]
 struct Places {
     index: Uniform,
@@ -55,7 +53,6 @@ impl CompiledPatch {
         }
     }
 
-    /// The value at the two coordinates.
     pub(crate) fn value(&self, at: [f64; 2]) -> f64 {
         let (i, s) = self.places[0].place(at[0]);
         let (j, t) = self.places[1].place(at[1]);
@@ -79,7 +76,6 @@ impl CompiledPatch {
 }
 
 impl CompiledPatch {
-    /// Checks a patch against the chain.
     pub(crate) fn of(patch: Patch, chain: &Chain) -> Result<Self, EvaluatorError> {
         let [first, second] = patch.axes;
         let place = |axis: AxisName| {

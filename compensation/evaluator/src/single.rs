@@ -46,7 +46,6 @@ impl CompiledMachine {
     }
 }
 
-/// Evaluates one pose with the widest registers of the processor.
 #[cfg(feature = "std")]
 fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
     struct Slides<'a>(&'a CompiledMachine, [&'a CompiledAxis; 3], &'a State);
@@ -98,7 +97,6 @@ fn one_correction(machine: &CompiledMachine, state: &State, correctors: &Correct
     }
 }
 
-/// The parts of the correction of one pose, with the widest registers.
 #[cfg(feature = "std")]
 fn one_in_parts(
     machine: &CompiledMachine,

@@ -83,7 +83,6 @@ impl Slides {
     }
 }
 
-/// The correction of one pose with the widest registers of the processor.
 #[cfg(feature = "std")]
 fn two_steps(machine: &CompiledMachine, state: &State, slides: &Slides) -> PerAxis<f64> {
     struct Two<'a>(&'a CompiledMachine, &'a State, &'a Slides);

@@ -62,7 +62,6 @@ impl Piece {
     }
 }
 
-/// Header of one table in [`Tables`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Head {
     index: Uniform,
@@ -77,19 +76,16 @@ pub(crate) struct Tables {
     pieces: Vec<Piece>,
 }
 
-/// Arithmetic for one register width.
 pub(crate) trait Registers: Copy {
     /// All components of a table at `x`; the two padding lanes are undefined.
     fn value(self, tables: &Tables, head: &Head, x: f64) -> [f64; WIDE];
 
-    /// The component-wise sum.
     fn sum(self, a: &[f64; WIDE], b: &[f64; WIDE]) -> [f64; WIDE];
 
     /// `a`·`b` + `c`, fused if the processor does it fast.
     fn mul_add(self, a: f64, b: f64, c: f64) -> f64;
 }
 
-/// The instructions that every processor of the target supports.
 #[derive(Clone, Copy)]
 pub(crate) struct Baseline;
 
@@ -112,7 +108,6 @@ impl Registers for Baseline {
     }
 }
 
-/// The widest registers of this processor.
 #[cfg(feature = "std")]
 #[derive(Clone, Copy)]
 pub(crate) struct Wide<S>(pub(crate) S);
@@ -179,12 +174,10 @@ impl Tables {
         &self.pieces[head.from_piece as usize..][..head.pieces as usize]
     }
 
-    /// Number of cubic pieces of all tables.
     pub(crate) fn len(&self) -> usize {
         self.pieces.len()
     }
 
-    /// Size of all tables, bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&self.pieces[..]) + size_of_val(&self.cells[..])
     }
@@ -202,7 +195,6 @@ impl Tables {
     }
 }
 
-/// Bounds of the displacement and tilt from the table of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Bounds {
     /// The largest |slope| of each component at the axis's point.

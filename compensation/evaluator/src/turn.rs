@@ -1,5 +1,3 @@
-//! Rotations about the direction of an axis.
-
 use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
 
 use crate::table::Registers;
@@ -24,7 +22,6 @@ impl Along {
     }
 }
 
-/// A rotation about the direction of an axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Turn {
     along: Along,
@@ -77,7 +74,6 @@ impl Turn {
         vectors
     }
 
-    /// The rotation matrix.
     #[inline(always)]
     pub(crate) fn matrix(&self, registers: impl Registers) -> Matrix3<f64> {
         let unit = [Vector3::x(), Vector3::y(), Vector3::z()];

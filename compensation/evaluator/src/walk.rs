@@ -56,7 +56,6 @@ impl<R: Registers> Tip<R> {
         linear.z = r.mul_add(a, p.y, r.mul_add(-b, p.x, linear.z));
     }
 
-    /// Passes a linear axis.
     #[inline(always)]
     fn slide(&mut self, direction: &Vector3<f64>, q_mm: f64) {
         let (p, r) = (&mut self.from_zero, self.registers);
@@ -79,7 +78,6 @@ impl<R: Registers> Tip<R> {
         turned
     }
 
-    /// Displacement and rotation so far.
     #[inline(always)]
     fn motion(&self) -> [Vector3<f64>; 2] {
         let [x, y, z, a, b, c, ..] = self.errors;

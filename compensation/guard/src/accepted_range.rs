@@ -13,7 +13,6 @@ fn longest_visible(limits: &Limits) -> Duration {
     limits.longest_delay().saturating_mul(2)
 }
 
-/// Words sent within an interval.
 #[derive(Clone, Copy, Debug, Default)]
 struct SentRange {
     /// Largest absolute word of each axis, mm or rad.
@@ -29,7 +28,6 @@ struct SentRange {
 /// - Every word that may still be in transit counts in `recent` or `earlier`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct AcceptedRange {
-    /// Largest accepted absolute correction of each axis, mm or rad.
     largest: PerChannel<f64>,
     /// Words sent recently, and in the interval before that.
     recent: SentRange,
@@ -39,7 +37,6 @@ pub(crate) struct AcceptedRange {
 }
 
 impl AcceptedRange {
-    /// Accepts corrections up to the limits; nothing was sent yet.
     pub(crate) fn within(limits: &Limits) -> Self {
         Self {
             largest: limits.of_axes(|axis| axis.limit),
@@ -47,7 +44,6 @@ impl AcceptedRange {
         }
     }
 
-    /// Whether one of these values exceeds the accepted correction.
     pub(crate) fn is_exceeded_by(&self, values: &PerChannel<f64>, limits: &Limits) -> bool {
         let is_beyond =
             |i: usize| values[i].abs() > self.largest[i] + one_step(limits.axes[i].resolution);
@@ -75,7 +71,6 @@ impl AcceptedRange {
         }
     }
 
-    /// Accepts the present corrections after an acknowledgement by the operator.
     pub(crate) fn accept(&mut self, present: &PerChannel<f64>, limits: &Limits) {
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             self.largest[i] = axis.limit.max(self.may_be_applied(i, present));

@@ -44,20 +44,16 @@ pub enum SettingsError {
     /// The axes are invalid.
     #[error(transparent)]
     Layout(#[from] LayoutError),
-    /// The machine number exceeds [`LARGEST_MACHINE`].
     #[error("number of the machine: found {found}, expected 0 to {LARGEST_MACHINE}")]
     Machine { found: u16 },
-    /// The limit or the rate of an axis is zero or negative.
     #[error("axis {axis} (counted from 0): found {found} counts, expected at least 1")]
     Counts {
         /// Index of the axis in the channel.
         axis: usize,
         found: i16,
     },
-    /// The number of scans per step is 0.
     #[error("scans from step to step: found 0, expected at least 1")]
     StepScans,
-    /// The timeout is too short for the maximum age of a frame, or too long.
     #[error(
         "time-out: found {time_out} scans, expected at least twice the age of a frame, which is {hold} scans, and less than 32768"
     )]
@@ -113,7 +109,7 @@ pub const FRAME_WORDS: usize = HEAD_WORDS + MAX_AXES + 2;
 /// The frame of one cycle: the requested correction, and the head that shows that the frame is current.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Frame {
-    /// Identifies the report that it answers and its sender.
+    /// Identifies the report that the frame answers, and the frame's sender.
     pub head: Head,
     /// Requested correction of each axis, counts.
     pub values: [i16; MAX_AXES],

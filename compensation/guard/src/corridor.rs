@@ -14,7 +14,6 @@ use crate::{Limits, step::ROUNDING_STEPS};
 pub(crate) struct Corridor {
     lowest: PerChannel<f64>,
     highest: PerChannel<f64>,
-    /// The last words sent.
     sent: PerChannel<f64>,
 }
 
@@ -69,7 +68,6 @@ impl Corridor {
         }
     }
 
-    /// Widens the range by the slew over `dt_s`.
     pub(crate) fn widen(&mut self, limits: &Limits, dt_s: f64) {
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             self.lowest[i] -= axis.slew_per_s * dt_s;
@@ -77,7 +75,6 @@ impl Corridor {
         }
     }
 
-    /// Whether a word of an axis is in its range.
     pub(crate) fn contains(&self, axis: usize, word: f64, limits: &Limits) -> bool {
         let rounding = ROUNDING_STEPS * limits.axes[axis].resolution;
         (self.lowest[axis] - rounding..=self.highest[axis] + rounding).contains(&word)

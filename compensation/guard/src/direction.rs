@@ -1,5 +1,3 @@
-//! Direction of approach of an axis.
-
 use core::time::Duration;
 
 use volcomp_vocabulary::{AxisKind, Direction, TURNED_AFTER, TURNED_AFTER_ROTARY};
@@ -34,7 +32,6 @@ const READINGS: usize = 5;
 const AGREE: u32 = 3;
 /// Number of whole turns in one direction after which they are subtracted from the positions.
 const MANY_TURNS: f64 = 1000.0;
-/// Bit mask of all these readings.
 const ALL: u8 = (1 << READINGS) - 1;
 
 /// Direction of the last motion of an axis, kept at standstill. It changes only after travel over a threshold from the last extreme, so that

@@ -1,5 +1,3 @@
-//! The guard of a machine: takes the inputs of a cycle and decides which correction is sent.
-
 use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
@@ -55,17 +53,15 @@ pub struct Guard {
     from: PerChannel<f64>,
     /// Range of the next output that keeps the rate within every time window.
     corridor: Corridor,
-    /// The last confirmed correction.
     confirmed: PerChannel<f64>,
     /// The sent corrections, and the corrections accepted when read back.
     accepted: AcceptedRange,
-    /// When a frame was last sent to a barrier.
     sent_to_barrier: Option<Duration>,
-    /// The output was at the confirmed correction; the next move starts a new ramp or line.
+    /// Whether the output was held at or reset to the confirmed correction (start, interlock, change of path). The next motion then begins there with
+    /// a new ramp, or, on the way to zero, with a new straight line.
     at_confirmed: bool,
     /// The correction at which the control holds its axes during an interlock; it is repeated to the barrier.
     held: Option<PerChannel<f64>>,
-    /// Begin of the present interlock.
     stopped_since: Option<Duration>,
     /// The active path has changed: the output starts from the correction known on the new one.
     path_changed: bool,
@@ -74,12 +70,9 @@ pub struct Guard {
     shared_until: Option<Duration>,
     proof: Proof,
     moves: MotionHistory,
-    /// Result of the last proof.
     verdict: Verdict,
     last_cycle: Option<Duration>,
-    /// When positions and correction were last valid.
     inputs_valid_at: Option<Duration>,
-    /// Time from which the control may ramp to zero on its own.
     control_acts_at: Option<Duration>,
     adopted: PerChannel<u32>,
     held_back: u64,
@@ -337,7 +330,7 @@ impl Guard {
         self.held = self.held.filter(present);
     }
 
-    /// Takes the confirmed correction as the output if it differs from the sent one. Returns whether it did, except while idle, during an
+    /// Takes the confirmed correction as the output if it differs from the sent one, and returns whether it did. Does nothing while idle, during an
     /// interlock or after a change of path.
     fn adopt(&mut self, inputs: &Inputs) -> bool {
         let status = &inputs.read_back;
@@ -424,8 +417,8 @@ impl Guard {
         }
     }
 
-    /// Updates the accepted corrections. They exceed the limit only while a correction returns to it, after the limit was lowered or the
-    /// operator acknowledged the excess.
+    /// Updates the accepted corrections. One exceeds its limit only while the correction returns to it, after the limit was lowered or the operator
+    /// acknowledged the excess.
     fn allow(&mut self, inputs: &Inputs, before: State) {
         let Some(present) = self.largest_present() else {
             return;
@@ -450,7 +443,6 @@ impl Guard {
         (!self.path_changed).then(|| PerChannel::from_fn(furthest))
     }
 
-    /// Starts a ramp or a line at the present output.
     fn begin(&mut self) {
         self.from = self.vector.smooth();
         self.proof = Proof::default();
@@ -462,7 +454,6 @@ impl Guard {
         }
     }
 
-    /// Whether the output, changed or repeated, may be sent.
     fn may_send(&self, inputs: &Inputs) -> bool {
         !self.is_idle(inputs) && inputs.read_back.writable
     }
@@ -540,7 +531,6 @@ impl Guard {
         most.map_or(self.limits.hold, |most| most.min(self.limits.hold))
     }
 
-    /// Continues the proof at arming; returns its result once it is complete.
     fn prove(
         &mut self,
         inputs: &Inputs,
@@ -654,7 +644,6 @@ impl Guard {
         })
     }
 
-    /// Moves the vector by the rules of the state. Returns the reasons to report.
     fn move_by(&mut self, inputs: &Inputs, dt_s: f64) -> Reasons {
         let limits = self.limits;
         if !inputs.interlocks.is_empty() {

@@ -1,5 +1,3 @@
-//! The limits of a controller and of its axes, and their validation.
-
 use core::time::Duration;
 
 use volcomp_vocabulary::{AxisKind, Displacement, MAX_AXES, PerChannel};
@@ -22,7 +20,7 @@ pub struct AxisLimits {
     pub accel_per_s2: f64,
     /// Smallest step of the controller.
     pub resolution: f64,
-    /// Whether its reported positions contain the correction.
+    /// Whether the reported positions of the axis contain the correction.
     pub includes_correction: bool,
 }
 
@@ -61,7 +59,7 @@ pub enum Quantity {
     Resolution,
     /// Largest correction of an axis, mm or rad.
     Limit,
-    /// Correction of an axis above which it is reported, mm or rad.
+    /// Correction of an axis above which a warning is reported, mm or rad.
     Warn,
     /// Largest change of the correction of an axis, mm/s or rad/s.
     Slew,

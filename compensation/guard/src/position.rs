@@ -45,7 +45,6 @@ struct AcceptedPosition {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PositionCheck {
     accepted: Option<AcceptedPosition>,
-    /// Timestamp of the first rejected position since.
     rejected_since: Option<Duration>,
 }
 

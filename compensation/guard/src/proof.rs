@@ -123,10 +123,8 @@ impl MotionHistory {
     }
 }
 
-/// Stage of the proof, which determines the correction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Leg {
-    /// The correction is at its initial value.
     #[default]
     Begin,
     /// Shifted in the first direction: towards zero, or up.
@@ -135,7 +133,6 @@ enum Leg {
     Second,
 }
 
-/// Reaction of one axis's position in one leg.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum AxisResponse {
     FollowResult,
@@ -153,7 +150,6 @@ struct Span {
 }
 
 impl Span {
-    /// Adds a reading.
     fn goes_on(&mut self, taken: Duration) {
         match self.from {
             Some(_) => self.readings = self.readings.saturating_add(1),
@@ -346,7 +342,6 @@ impl Proof {
         Some(verdict)
     }
 
-    /// The kind of axes that are being shifted.
     fn kind(&self, limits: &Limits) -> AxisKind {
         if self.rotary.is_none() && of_kind(AxisKind::Rotary, limits).count() > 0 {
             AxisKind::Rotary
@@ -405,7 +400,7 @@ impl Proof {
         begin
     }
 
-    /// Whether the machine is moving an axis: no response to a shift takes that long, or goes that far.
+    /// Whether the machine itself moves an axis: no response to a shift takes that long, or goes that far.
     fn goes_on(&self, taken: Duration, positions: &PerChannel<f64>, limits: &Limits) -> bool {
         let before = match self.leg {
             // Nothing is shifted.
@@ -421,7 +416,6 @@ impl Proof {
         self.reached.lasts(LATEST, taken) || self.reached.lasts(1, taken) && is_far
     }
 
-    /// Returns to the start of the proof, and waits for standstill there.
     fn restart(&mut self, attempts: u8, positions: &PerChannel<f64>) {
         *self = Self {
             attempts,
@@ -465,13 +459,11 @@ fn shift(limits: &Limits, axis: usize) -> f64 {
     (libm::round(limits.test_shift[axis] / step) * step).min(of_axis.reachable())
 }
 
-/// The axes of this kind with a test shift.
 fn of_kind(kind: AxisKind, limits: &Limits) -> impl Iterator<Item = usize> {
     let axes = 0..limits.count.min(MAX_AXES);
     axes.filter(move |&i| limits.axes[i].kind == kind && shift(limits, i) > 0.0)
 }
 
-/// The correction of a leg for an axis that started at `begin`.
 fn at_leg(leg: Leg, axis: usize, begin: f64, limits: &Limits) -> f64 {
     let most = limits.axes[axis].reachable();
     let inwards = if begin > 0.0 { -1.0 } else { 1.0 } * shift(limits, axis);

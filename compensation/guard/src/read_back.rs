@@ -141,7 +141,6 @@ impl ReadBack {
         }
     }
 
-    /// Updates the conclusions for the guard.
     fn update_status(&mut self) {
         self.status.unlanded_since = self.arrivals.unlanded_since();
         let candidates = match &self.kind {

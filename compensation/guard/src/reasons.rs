@@ -1,5 +1,3 @@
-//! The set of reasons for the state of a guard.
-
 use core::{
     fmt,
     ops::{BitOr, BitOrAssign},
@@ -9,7 +7,6 @@ use core::{
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub struct Reasons(u64);
 
-/// The effect of a reason on arming.
 #[derive(Clone, Copy)]
 enum Effect {
     Forbids,
@@ -226,7 +223,6 @@ impl Reasons {
 }
 
 impl fmt::Debug for Reasons {
-    /// The texts of the reasons.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_set().entries(self.texts()).finish()
     }
@@ -250,7 +246,6 @@ impl BitOrAssign for Reasons {
 mod tests {
     use super::Reasons;
 
-    /// The first texts name the cause of a stop, not its consequences.
     #[test]
     fn causes_come_before_their_consequences() {
         let causes = [

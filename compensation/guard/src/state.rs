@@ -1,5 +1,3 @@
-//! The states of a guard and their transitions.
-
 use crate::Reasons;
 
 /// The state of a guard.
@@ -81,7 +79,6 @@ pub enum Request {
     Switched,
 }
 
-/// The facts of one cycle that determine the transition between states.
 #[expect(
     clippy::struct_excessive_bools,
     reason = "each is a fact of one cycle, none is kept"
@@ -101,19 +98,14 @@ pub(crate) struct Facts {
     pub(crate) changed: bool,
     /// The active path has changed, and its applied correction is seen for the first time, or not yet.
     pub(crate) path_changed: bool,
-    /// Whether something forbids arming.
     pub(crate) forbidden: bool,
     /// The applied correction may be another gateway's, or that of a control without read-back is unknown.
     pub(crate) foreign: bool,
-    /// The ramp is complete.
     pub(crate) ramped: bool,
-    /// The correction is confirmed to be zero on every axis.
     pub(crate) zero: bool,
-    /// The proof at arming is configured.
     pub(crate) proves: bool,
     /// Result of the proof at arming; `None`: not finished.
     pub(crate) proven: Option<bool>,
-    /// Several writes in a row did not stick.
     pub(crate) does_not_stick: bool,
     /// The applied correction was not confirmed, or sent corrections did not arrive, for longer than `hold`.
     pub(crate) unconfirmed: bool,
@@ -157,7 +149,6 @@ impl State {
         }
     }
 
-    /// The next state, by the facts of a cycle.
     pub(crate) fn next(self, facts: &Facts) -> Self {
         if self.is_armed() {
             // Takes precedence over a request to disarm: a correction beyond the limit is not removed without the operator.
@@ -265,7 +256,6 @@ impl State {
 }
 
 impl Facts {
-    /// Whether arming is requested and allowed.
     fn may_arm(&self) -> bool {
         let is_requested = matches!(self.request, Some(Request::Arm | Request::TakeOver));
         let is_prevented = self.forbidden || self.interlocked || self.stale;
@@ -282,12 +272,10 @@ impl Facts {
         })
     }
 
-    /// Whether a compensated correction must ramp to a new one.
     pub(crate) fn needs_ramp(&self) -> bool {
         self.changed || self.path_changed || self.request == Some(Request::Switched)
     }
 
-    /// The state after the operator acknowledges a fault: a remaining correction is removed.
     fn acknowledged(&self, fault: State) -> State {
         if self.interlocked || self.unconfirmed || self.other_gateway {
             fault

@@ -20,7 +20,6 @@ pub fn one_step(step: f64) -> f64 {
     ONE_STEP * step
 }
 
-/// Whether a value is a whole number of steps.
 pub(crate) fn is_on_grid(value: f64, step: f64) -> bool {
     let steps = value / step;
     (steps - libm::round(steps)).abs() < ROUNDING_STEPS

@@ -150,7 +150,7 @@ struct AcceptedTemperature {
     followed: f64,
     /// Since when the digits are unchanged.
     same_since: Duration,
-    /// The temperatures of all sensors accepted at the same time, °C; `None` until the end of the cycle in which it was read.
+    /// The temperatures of all sensors accepted at the same time, °C; `None` until the end of the cycle in which this temperature was read.
     neighbours: Option<[f64; MAX_SENSORS]>,
 }
 
@@ -242,7 +242,6 @@ impl SensorCheck {
         flaw
     }
 
-    /// Checks a reading against the previous ones.
     fn change(
         &mut self,
         degc: f64,
@@ -329,7 +328,6 @@ impl SensorCheck {
 
 /// How long a sensor that jumped must agree before it is accepted again.
 const AGREES_FOR: Duration = Duration::from_secs(600);
-/// Maximum difference that is treated as agreement, K.
 const AGREES_WITHIN_K: f64 = 1.0;
 
 /// The data of a sensor from when it was last accepted.
@@ -337,7 +335,6 @@ const AGREES_WITHIN_K: f64 = 1.0;
 struct BeforeJump {
     /// Index of the sensor.
     pub own: usize,
-    /// Temperature, °C.
     pub degc: f64,
     /// When that temperature was measured.
     pub taken: Duration,
@@ -346,7 +343,7 @@ struct BeforeJump {
 }
 
 impl BeforeJump {
-    /// Change of the other sensors since then, K; `None` if fewer than two were accepted at both times.
+    /// Change of the other sensors since the last accepted temperature, K; `None` if fewer than two were accepted at both times.
     fn change(&self, accepted: &[f64; MAX_SENSORS]) -> Option<f64> {
         common_change(&self.neighbours, accepted, self.own)
     }
@@ -358,16 +355,14 @@ struct Readmission {
     before: BeforeJump,
     /// Change of the other sensors since the sensor was accepted, K, as last known; 0 if it was never known.
     change: f64,
-    /// When the last reading since the jump was measured.
     seen: Option<Duration>,
     /// Since when its readings agree with its own temperature from before the jump.
     with_own: Option<Duration>,
-    /// Since when its readings agree with that temperature plus the change of the other sensors.
+    /// Since when its readings agree with its own temperature from before the jump plus the change of the other sensors.
     with_predicted: Option<Duration>,
 }
 
 impl Readmission {
-    /// Starts at a jump.
     fn new(before: &BeforeJump) -> Self {
         Self {
             before: *before,
@@ -409,7 +404,6 @@ impl Readmission {
         own || predicted
     }
 
-    /// Restarts the ten minutes.
     fn interrupt(&mut self) {
         self.with_own = None;
         self.with_predicted = None;

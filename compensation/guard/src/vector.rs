@@ -18,7 +18,6 @@ pub use requested_correction::{FollowResult, RequestedCorrection};
 /// Remaining part of a ramp below which it completes in one cycle.
 const SMALLEST_PART: f64 = 1e-6;
 
-/// The position share in a cycle.
 struct Share {
     /// The requested share plus the remaining offset of the ramp, mm.
     position: PerChannel<f64>,
@@ -28,15 +27,16 @@ struct Share {
     rotary: PerChannel<f64>,
 }
 
-/// The present motion of the vector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Motion {
-    /// None yet: the next cycle with `follow` starts the ramp.
+    /// No motion yet: the next cycle with `follow` starts the ramp.
     #[default]
     Begins,
     /// On the ramp to the requested correction: the remaining fraction, and the fraction that passes per second.
-    Ramps { left: f64, rate: f64 },
-    /// Following the requested correction.
+    Ramps {
+        left: f64,
+        rate: f64,
+    },
     Follows,
     /// On a straight line to a point, with this fraction remaining; before that any other motion comes to rest.
     Line {
@@ -133,7 +133,6 @@ impl Vector {
         };
     }
 
-    /// Whether the output is on a line to this correction, or at its end.
     pub(crate) fn leads_to(&self, end: &PerChannel<f64>) -> bool {
         matches!(&self.motion, Motion::Line { to, .. } if to == end)
     }
@@ -474,8 +473,8 @@ impl Vector {
     }
 
     /// The fraction of the offset of a linear axis for which its position share is within the limit of the axis at any rotary position. It is 1
-    /// unless the request exceeds the limit now, or did at the start of the ramp. The excess has no effect, so that the ramp of the other axes
-    /// continues; it can only shrink, and the error of the tool does not grow.
+    /// unless the request exceeds the limit now, or did at the start of the ramp. The excess has no effect: the ramp of the other axes continues, the
+    /// excess can only shrink, and the error of the tool does not grow.
     fn reachable_offset(&self, axis: usize, requested: &RequestedCorrection, cycle: &Cycle) -> f64 {
         let following = cycle.of_kind(AxisKind::Rotary);
         let following: f64 = following

@@ -17,16 +17,14 @@ use crate::{
     setup_keys::{Ball, BallRow, ObservationHeader, ReadFile, ReadState, point, stated_vector},
 };
 
-/// Keys of a ball row, in addition to those of every observation.
 pub(crate) const KEYS: [&str; 4] = ["row", "origin", "direction", "side1"];
 
-/// Maximum distance of a ball from its nominal place on the bar, mm at usual extents. A larger distance means another ball or another
-/// position of the bar.
+/// Maximum distance of a ball from its nominal place on the bar, mm, for rows with an extent of a usual machine tool. A larger distance means another
+/// ball or another position of the bar.
 const MISPLACED_MM: f64 = 2.0;
 /// Minimum direction cosine along one axis for which sides have a default; a more oblique row must state `side1`.
 const ALONG_AN_AXIS: f64 = 0.9;
 
-/// Stated position of the bar.
 pub(crate) struct Placement<'a> {
     origin: usize,
     /// Value in the file, and the origin that it states, mm.

@@ -3,7 +3,6 @@
 use volcomp_curve::{BSpline, Chebyshev, Curve, CurveError, Fourier};
 use volcomp_kinematics::nalgebra::DMatrix;
 
-/// Degree of the B-splines.
 const DEGREE: usize = 3;
 
 /// Kind of curve of an error.
@@ -52,10 +51,7 @@ pub(crate) struct Modes {
 }
 
 impl Modes {
-    /// Creates the modes of a basis over the range of the observations, mm or deg.
-    ///
-    /// # Errors
-    /// No spline can be built over this range.
+    /// Creates the modes of a basis over the range of the observations, mm or deg. Errors: no spline can be built over this range.
     pub(crate) fn new(basis: Basis, domain: [f64; 2]) -> Result<Self, CurveError> {
         let mut modes = Self {
             basis,
@@ -183,7 +179,6 @@ impl Modes {
         }
     }
 
-    /// The curve with these coefficients, as stored in a machine file.
     pub(crate) fn curve(&self, coefficients: &[f64]) -> Result<Curve, CurveError> {
         let first = coefficients.first().copied().unwrap_or_default();
         Ok(match self.basis {

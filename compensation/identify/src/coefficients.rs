@@ -18,7 +18,6 @@ const PRODUCTS_FROM: usize = 1000;
 pub(crate) struct Coefficient {
     pub(crate) name: String,
     pub(crate) error: ErrorName,
-    /// Index of its curve in [`Unknowns::curves`].
     pub(crate) curve: usize,
     pub(crate) role: Role,
     /// Penalty group, and the weight within the group.
@@ -36,26 +35,21 @@ pub(crate) enum Role {
     Reversal,
 }
 
-/// An unknown error with its modes.
 #[derive(Clone, Debug)]
 pub(crate) struct UnknownCurve {
     pub(crate) error: ErrorName,
     pub(crate) axis: usize,
     pub(crate) modes: Option<Modes>,
-    /// Dependence on a second axis.
     pub(crate) products: Option<Products>,
 }
 
-/// All unknown errors of the machine.
 #[derive(Clone, Debug)]
 pub(crate) struct Unknowns {
     pub(crate) curves: Vec<UnknownCurve>,
-    /// In the order of preference where some cannot be distinguished: location errors, constants, modes by rising
+    /// The unknown coefficients, in the order of preference where some cannot be distinguished: location errors, constants, modes by rising
     /// order, then products by rising order.
     pub(crate) coefficients: Vec<Coefficient>,
-    /// Axis, component and coefficient of every unknown location error.
     pub(crate) locations: Vec<(usize, usize, usize)>,
-    /// Number of groups of coefficients with a penalty each.
     pub(crate) groups: usize,
 }
 
@@ -200,9 +194,7 @@ fn without_reversal(curve: Option<&ErrorCurve>) -> ErrorCurve {
     }
 }
 
-/// Minimum number of parts into which a range is divided for the grid.
 const MIN_PARTS: usize = 8;
-/// Maximum number of parts into which a range is divided for the grid.
 const MAX_PARTS: usize = 128;
 /// Maximum interpolation error of the grid half-way between its nodes, µm or µrad.
 const MISSES: f64 = 0.01;
@@ -218,11 +210,8 @@ pub(crate) struct Products {
 }
 
 impl Products {
-    /// Products of the modes of an error's own curve, up to the order of the second axis's curve, with the modes of
-    /// that curve. `axis` is the index of the second axis and `range` its range, mm or deg.
-    ///
-    /// # Errors
-    /// No spline can be built over this range.
+    /// Products of the modes of an error's own curve, up to the order of the second axis's curve, with the modes of that curve. `axis` is the index
+    /// of the second axis and `range` its range, mm or deg. Errors: no spline can be built over this range.
     pub(crate) fn new(
         own: &Modes,
         axis: usize,
@@ -247,7 +236,6 @@ impl Products {
         self.axis
     }
 
-    /// Own mode and mode of the second axis of each product.
     pub(crate) fn pairs(&self) -> &[(usize, usize)] {
         &self.pairs
     }

@@ -15,7 +15,6 @@ pub(crate) struct Errors {
     pub(crate) assembly: [ErrorMotion; MAX_AXES],
 }
 
-/// Actual tool tip at a state, with its derivatives.
 #[derive(Clone, Debug)]
 pub(crate) struct Tip {
     /// The actual tip in workpiece axes, mm, from the machine zero of the workpiece.

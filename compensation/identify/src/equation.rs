@@ -15,12 +15,10 @@ use crate::{
     system::{PreparedPose, PreparedRow, Rows, System},
 };
 
-/// Writes the equations of one row of a file: one for each direction that it measures.
 struct Writer<'e> {
     residuals: &'e mut DVector<f64>,
     jacobian: &'e mut DMatrix<f64>,
     sides: &'e mut Sides,
-    /// Run that the row belongs to.
     run: Option<usize>,
     /// Assumed size of the reversal value of each coefficient, mm or rad; `None`: 1, for the ideal machine.
     reversals: Option<&'e [f64]>,
@@ -28,16 +26,13 @@ struct Writer<'e> {
     unknowns: &'e Unknowns,
     /// Location errors that follow unknowns: axis, component, coefficient, change per unit.
     following: &'e [(usize, usize, usize, f64)],
-    /// Index of the first equation.
     first: usize,
     /// Reciprocal of the uncertainty, 1/mm.
     weight: f64,
-    /// Legendre polynomials of the row's time.
     polynomials: &'e [f64],
 }
 
 impl Writer<'_> {
-    /// Adds the derivatives by the coefficients of errors, projected on these directions.
     fn coefficients(&mut self, pose: &PreparedPose, tip: &Tip, directions: &[Vector3<f64>]) {
         for &(axis, component, coefficient, value) in &pose.terms {
             let moved = tip.by_motion[axis][component] * value;
@@ -106,7 +101,6 @@ impl Writer<'_> {
         }
     }
 
-    /// Writes the residuals of the measured offsets and returns their directions.
     fn offsets(
         &mut self,
         axes: &Matrix3<f64>,
@@ -135,9 +129,9 @@ impl System {
         self.plain_equations(rows, values, false).without_sides()
     }
 
-    /// Residuals and their derivatives, without this elimination. With `design`, the derivatives are those of the ideal
-    /// machine with readings that fit it exactly; they decide what is distinguishable. Rows before the first move of an
-    /// axis are treated as the mean of both directions.
+    /// Residuals and their derivatives; unknown approach directions are not eliminated. With `design`, the derivatives are those of the ideal machine
+    /// with readings that fit it exactly; they decide what is distinguishable. Rows before the first move of an axis are treated as the mean of both
+    /// directions.
     pub(crate) fn plain_equations(&self, rows: &Rows, values: &Values, design: bool) -> Equations {
         let mut places = Vec::with_capacity(rows.len());
         let mut count = 0;
@@ -203,7 +197,6 @@ impl System {
     /// Residuals of every row, mm: three components, or one or two padded with zeros. Rows before an axis first moved
     /// get the approach direction that fits them best, or a fraction of it.
     pub(crate) fn residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
-        /// Number of reweighting rounds.
         const ROUNDS: usize = 5;
         /// Margin of an approach direction beyond ±1, in uncertainties of a reading, because the reversal value is uncertain as well if a
         /// row hardly depends on it.
@@ -468,18 +461,14 @@ fn frame_motion(place: usize, lever_mm: &Vector3<f64>) -> Vector3<f64> {
 
 /// Residuals (one to three for each row) and their derivatives, both divided by the uncertainty.
 pub(crate) struct Equations {
-    /// Residuals in units of their uncertainty.
     pub(crate) residuals: DVector<f64>,
-    /// Derivatives by every parameter.
     pub(crate) jacobian: DMatrix<f64>,
     /// First equation and number of equations of each row.
     pub(crate) places: Vec<(usize, usize)>,
-    /// Derivatives by the unknown approach directions.
     pub(crate) sides: Sides,
 }
 
 impl Equations {
-    /// Eliminates the approach directions, so that the equations are independent.
     fn without_sides(mut self) -> Self {
         if self.sides.len() > 0 {
             self.sides.eliminate(&mut self.jacobian);
@@ -489,7 +478,6 @@ impl Equations {
     }
 }
 
-/// Residuals of every row, mm.
 fn in_mm(rows: &Rows, equations: &Equations) -> Vec<Vector3<f64>> {
     let places = equations.places.iter().zip(rows.iter());
     places
@@ -506,7 +494,6 @@ fn in_mm(rows: &Rows, equations: &Equations) -> Vec<Vector3<f64>> {
 /// Residuals above this, in uncertainties, get less weight (Huber, Annals of Mathematical Statistics 35, 1964: 95 % efficient).
 pub(crate) const HUBER: f64 = 1.345;
 
-/// Huber weight of a residual, in uncertainties.
 pub(crate) fn weight(residual: f64) -> f64 {
     let size = residual.abs();
     if size > HUBER { HUBER / size } else { 1.0 }

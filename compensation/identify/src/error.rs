@@ -1,5 +1,3 @@
-//! Errors of reading, checking and fitting observations.
-
 use volcomp_curve::CurveError;
 use volcomp_document::{InputError, ReadError};
 use volcomp_model::ModelError;
@@ -38,15 +36,12 @@ pub enum IdentifyError {
     /// No equations can be formed from the observations; does not occur for observations read from a file.
     #[error("{place}: {why}")]
     Unusable { place: String, why: String },
-    /// A value is given for a name that is not an unknown.
     #[error("found a value of `{found}`, which is not an unknown, expected one of {known}")]
     NoSuchUnknown { found: String, known: String },
-    /// The machine with the known errors has another structure.
     #[error(
         "found a machine with the structure `{found}`, expected `{expected}` as in the observations"
     )]
     OtherStructure { found: String, expected: String },
-    /// Fewer readings than unknowns.
     #[error(
         "found {numbers} numbers in {poses} poses for {unknowns} unknowns of the set-up and the machine, of which they determine at most {rank}: expected more poses, or fewer unknowns"
     )]
@@ -56,28 +51,23 @@ pub enum IdentifyError {
         unknowns: usize,
         rank: usize,
     },
-    /// The lever arm of a target at which tilts act is not determined.
     #[error(
         "{target} cannot be distinguished from {with}, and the effect of tilts at the tip depends on it: measure the offset of the target from the tip with a ruler and state it as `target = [x, y, z]` with its standard uncertainty `target_within_mm`, or turn the tool with rotary axes"
     )]
     Target { target: String, with: String },
-    /// All rows have the same pose.
     #[error(
         "found {rows} rows that all have the same pose, expected different poses: a single pose contains no information about the errors of an axis"
     )]
     AllAlike { rows: usize },
-    /// The identification belongs to other observations.
     #[error(
         "the identification has other unknowns than the observations, expected the result of `identify` for these observations"
     )]
     OtherObservations,
-    /// Errors of the machine cannot follow this unknown.
     #[error("errors of the machine cannot follow {parameter}: {why}")]
     NotFollowing {
         parameter: String,
         why: &'static str,
     },
-    /// No rows to fit.
     #[error(
         "found no rows to fit, expected at least one observation with rows and without `judge = true`"
     )]
@@ -85,7 +75,6 @@ pub enum IdentifyError {
     /// Rows are further from the nominal machine than real machines deviate.
     #[error("{}", far_files(files))]
     FarRows { files: Vec<FarFile> },
-    /// After the fit, the residuals of a file are larger than real machines deviate.
     #[error(
         "{}: after the fit the residual of the rows of this file is {typical_mm:.2} mm, largest at this row, expected at most {limit_mm} mm: did a zero, a sphere or the instrument move between two rows, or do the unknowns not describe the machine?",
         at(file, *line)
@@ -96,7 +85,6 @@ pub enum IdentifyError {
         typical_mm: f64,
         limit_mm: f64,
     },
-    /// The frame of a tracker is not determined.
     #[error(
         "{frame}: the frame cannot be determined, {direction} is not fixed by {rows} rows: expected at least three targets that are not on one line"
     )]
@@ -105,7 +93,6 @@ pub enum IdentifyError {
         direction: String,
         rows: usize,
     },
-    /// The search did not converge.
     #[error(
         "the search did not converge in {steps} steps; the last step was {last:.1} standard uncertainties. There are {numbers} numbers for {unknowns} unknowns, of which they determine {rank}: expected more poses if these are few, otherwise observations that the unknowns can explain"
     )]
@@ -145,7 +132,6 @@ pub(crate) fn at(file: &str, line: usize) -> String {
     }
 }
 
-/// Lists the files for a message, up to a limit.
 fn far_files(files: &[FarFile]) -> String {
     const MAX_LISTED: usize = 5;
     let mut words: Vec<String> = files

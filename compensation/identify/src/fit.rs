@@ -76,7 +76,6 @@ pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[us
     rest
 }
 
-/// Result of a fit.
 pub(crate) struct Fitted {
     pub(crate) solution: Solution,
     pub(crate) rank: Rank,
@@ -84,7 +83,6 @@ pub(crate) struct Fitted {
     pub(crate) uncertain: Vec<Uncertain>,
 }
 
-/// Fits rows from start values of the set-ups.
 pub(crate) fn fit(
     system: &System,
     observations: &Observations,
@@ -139,7 +137,6 @@ pub(crate) fn fit(
     })
 }
 
-/// Equations of the ideal experiment.
 pub(crate) fn design(system: &System, rows: &Rows, values: &Values) -> Equations {
     let ideal: Vec<Row> = rows
         .iter()
@@ -189,7 +186,6 @@ pub(crate) fn bring(system: &System, pose: &mut MachinePose, to: Vector3<f64>) -
 /// observations add nothing to prior knowledge: its value would be noise, and harmful if applied.
 pub(crate) const LARGEST: f64 = 1.0;
 
-/// An error coefficient fixed at zero because of its uncertainty.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Uncertain {
     pub(crate) param: usize,
@@ -227,7 +223,6 @@ impl Uncertain {
             .rfind(|of| of.uncertainty >= LEAST_SHARE * most)
     }
 
-    /// Description for messages.
     pub(crate) fn words(self, system: &System) -> String {
         let (symbol, largest) = match system.unit_of(self.param).0 {
             "urad" => ("µrad", "mrad"),

@@ -39,7 +39,6 @@ pub fn machine_with(
     machine_of(&system, &stated)
 }
 
-/// The machine with the errors of these values.
 pub(crate) fn machine_of(system: &System, values: &Values) -> Result<Machine, IdentifyError> {
     let mut machine = system.machine.clone();
     for (place, unknown) in system.unknowns.curves.iter().enumerate() {

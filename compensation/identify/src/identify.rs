@@ -268,8 +268,8 @@ pub(crate) fn figures(residuals: &[Vector3<f64>]) -> Figures {
     }
 }
 
-/// Cross-validation fold of each row. Rows of one pose share a fold; poses are dealt out in an order shuffled with a
-/// fixed seed. `None` if there are fewer poses than folds: a fold without a pose would validate nothing.
+/// Cross-validation fold of each row. Rows of one pose share a fold. Poses are dealt out in an order shuffled with a fixed seed. `None` if there are
+/// fewer poses than folds, because a fold without a pose would validate nothing.
 fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
     if count == 0 {
         return None;
@@ -350,10 +350,8 @@ pub(crate) fn left_out(
     Ok((Some(LeftOut { figures, folds }), None))
 }
 
-/// Warnings about rows that are only predicted.
 #[derive(Default)]
 pub(crate) struct JudgedNotes {
-    /// Files that are far off as a whole.
     pub(crate) files: Vec<Note>,
     /// Single rows that are far off compared with the others.
     pub(crate) rows: Vec<Note>,
@@ -368,7 +366,6 @@ pub(crate) fn judged(
     fitted: Figures,
 ) -> (Option<Figures>, JudgedNotes) {
     const MAX_LISTED: usize = 5;
-    /// The limit for fitted rows relative to their uncertainty.
     const TIMES_FITTED: f64 = 3.0;
     const TIMES_USUAL: f64 = 10.0;
     let mut notes = JudgedNotes::default();

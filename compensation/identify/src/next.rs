@@ -210,7 +210,6 @@ fn most_informative(
     best.map(|(_, place, most)| (place, most))
 }
 
-/// Number of candidate poses over all files.
 const CANDIDATES: usize = 200;
 /// Maximum number of draws per candidate: many are out of reach, most of all on a machine with short travels.
 const TRIES: usize = 10;
@@ -226,7 +225,6 @@ pub(crate) struct Candidate {
     pub(crate) kind: Kind,
 }
 
-/// Candidates of every fitted file, drawn with a fixed seed.
 pub(crate) fn candidates(
     system: &System,
     observations: &Observations,
@@ -321,7 +319,6 @@ fn drawn(
     rows.iter().all(is_new).then_some(row)
 }
 
-/// Moves every axis of these kinds to random whole mm or deg within its travel.
 fn move_axes(
     system: &System,
     row: &mut Row,

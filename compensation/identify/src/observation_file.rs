@@ -143,7 +143,6 @@ fn observations(
     })
 }
 
-/// Note on files whose rows use the tool of `[tool]` although the machine file has several.
 fn missing_tool_column(machine: &Machine, files: &[String]) -> Option<String> {
     let tools: Vec<&str> = machine.tools().keys().map(String::as_str).collect();
     (tools.len() > 1 && !files.is_empty()).then(|| {
@@ -181,7 +180,6 @@ fn refuse_same_file(sections: &[Section<'_>]) -> Result<(), InputError> {
     Ok(())
 }
 
-/// Table of a row file, with a note if another row file has the same content.
 fn read_table(
     file: &Value<'_>,
     path: &Path,
@@ -306,7 +304,6 @@ fn decode_observation(
     })
 }
 
-/// Decodes whether penalties are chosen for unknowns that do not state it.
 pub(crate) fn decode_penalty(section: &Section<'_>, default: bool) -> Result<bool, InputError> {
     section.one_of("penalty", &[("auto", true), ("none", false)], default)
 }
@@ -495,7 +492,6 @@ fn decode_item(
     })
 }
 
-/// Second axis of an error, and the kind of curve along it.
 fn decode_second(
     value: &Value<'_>,
     error: ErrorName,

@@ -72,7 +72,7 @@ impl Unknown {
 pub struct SecondAxis {
     /// The axis.
     pub axis: AxisName,
-    /// Kind of curve along it. Modes of the error's own curve up to the order of this one form products.
+    /// Kind of curve along the second axis. Modes of the error's own curve up to the order of this one form products.
     pub basis: Basis,
 }
 
@@ -85,7 +85,7 @@ pub struct Quantity<T> {
     pub value: Option<T>,
     /// Whether the part is identified.
     pub unknown: bool,
-    /// Order of its drift over the rows; 0: it does not drift.
+    /// Order of the drift over the rows; 0: no drift.
     pub drift: usize,
     /// Standard uncertainty of the value, in its unit, if it is calibrated and identified as well.
     pub known_within: Option<f64>,
@@ -118,7 +118,6 @@ pub struct SetUp {
 }
 
 impl SetUp {
-    /// Adds a point and returns its index.
     pub(crate) fn add_point(&mut self, point: Quantity<[f64; 3]>) -> usize {
         self.points.push(point);
         self.points.len() - 1
@@ -223,7 +222,7 @@ impl MachinePose {
 /// One row: a pose and its reading.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// Line in its file, from 1; 0 if it is from no file.
+    /// Line in the row file, from 1; 0 if the row is from no file.
     pub line: usize,
     /// Pose of the machine.
     pub pose: MachinePose,
@@ -314,7 +313,6 @@ pub enum RowReading {
 }
 
 impl RowReading {
-    /// Number of measured components.
     pub(crate) fn count(&self) -> usize {
         match self {
             Self::Point { .. } | Self::Sphere { .. } => 3,
@@ -323,7 +321,6 @@ impl RowReading {
         }
     }
 
-    /// Parts of the set-up that the reading depends on.
     pub(crate) fn parts(&self) -> Vec<Part> {
         match *self {
             Self::Point { frame, target, .. } => {
@@ -382,7 +379,6 @@ impl Observations {
         }
     }
 
-    /// Fitted files, each with the range of its rows among all fitted rows.
     pub(crate) fn fitted(&self) -> impl Iterator<Item = (&Observation, Range<usize>)> {
         let fitted = self.observations.iter().filter(|o| !o.judge);
         fitted.scan(0, |first, observation| {
@@ -414,7 +410,6 @@ impl Observations {
         gaps.fold(first + 360.0 - last, f64::max)
     }
 
-    /// Messages about Fourier series over a part of a turn.
     pub(crate) fn fourier_gap_notes(&self) -> Vec<String> {
         let series = (self.unknown.iter())
             .filter(|unknown| matches!(unknown.basis, Some(Basis::Fourier { .. })));

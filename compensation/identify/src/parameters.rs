@@ -68,13 +68,11 @@ fn of_frame(param: Param) -> Option<(usize, usize)> {
     }
 }
 
-/// Covariance of the determined parameters, in the products of their units.
 pub(crate) fn covariance_in_units(system: &System, fitted: &Fitted) -> DMatrix<f64> {
     let derivatives = reported_by_searched(system, fitted);
     &derivatives * &fitted.solution.covariance * derivatives.transpose()
 }
 
-/// Every unknown with its result.
 pub(crate) fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
     let covariance = covariance_in_units(system, fitted);
     let values = &fitted.solution.values;
@@ -118,7 +116,6 @@ pub struct UndeterminedError {
     pub moves: Vec<(String, f64)>,
 }
 
-/// Undetermined error coefficients that are not conventions.
 pub(crate) fn undetermined(system: &System, rank: &Rank) -> Vec<UndeterminedError> {
     let is_error = |null: &&Vec<(usize, f64)>| system.is_convention(null[0].0) == Some(false);
     let open = rank.null.iter().filter(is_error).map(|null| {
@@ -190,7 +187,6 @@ pub(crate) fn left_at_zero(
     notes
 }
 
-/// Describes a combination that has no effect on the readings.
 fn null_in_words(null: &[(String, f64)], is_setup: bool) -> String {
     const MAX_LISTED: usize = 4;
     let (left, others) = (&null[0].0, &null[1..]);

@@ -11,22 +11,18 @@ use volcomp_vocabulary::{ErrorName, Um, Urad};
 
 use crate::observations::{Part, Quantity, SetUp};
 
-/// Meaning of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Param {
-    /// A component of a part of a set-up.
     SetUp {
         part: Part,
         /// Index of the component in its part.
         place: usize,
-        /// 0: the component itself; above 0: its coefficient of the Legendre polynomial of this order over time.
+        /// Order of the Legendre polynomial over time of which this is the coefficient; 0 for the component itself.
         order: usize,
     },
-    /// Index of an error coefficient.
     Coefficient(usize),
 }
 
-/// Column of a component of a part among all parameters.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Column {
     pub(crate) param: usize,
@@ -34,7 +30,6 @@ pub(crate) struct Column {
     pub(crate) order: usize,
 }
 
-/// All parameters, and the columns of each part.
 #[derive(Clone, Debug)]
 pub(crate) struct Params {
     all: Vec<Param>,
@@ -115,13 +110,11 @@ impl Params {
         self.all.iter().copied()
     }
 
-    /// Columns of the components of a part.
     pub(crate) fn of(&self, part: Part) -> &[Column] {
         self.columns.get(&part).map_or(&[], Vec::as_slice)
     }
 }
 
-/// Name of a component of a set-up in results.
 pub(crate) fn name_of(setup: &SetUp, part: Part, place: usize, order: usize) -> String {
     const SIX: [&str; 6] = ["x", "y", "z", "a", "b", "c"];
     let name = match part {
@@ -210,7 +203,6 @@ impl Values {
         terms.fold(Vector3::zeros(), |sum, (value, p)| sum + value * *p)
     }
 
-    /// Value of a number at the time of these Legendre polynomials.
     pub(crate) fn number_at(&self, place: usize, polynomials: &[f64]) -> f64 {
         let terms = self.numbers[place].iter().zip(polynomials);
         terms.map(|(value, p)| value * p).sum()
@@ -229,7 +221,6 @@ impl Values {
         }
     }
 
-    /// Values after a step in the parameters.
     pub(crate) fn moved(&self, params: &Params, step: &DVector<f64>) -> Self {
         let mut moved = self.clone();
         let mut turns = vec![[0.0; 6]; moved.frames.len()];
@@ -269,7 +260,6 @@ impl Frame {
     }
 }
 
-/// Converts the angles of a frame from deg to rad.
 fn in_rad([x, y, z, a, b, c]: [f64; 6]) -> [f64; 6] {
     [x, y, z, a.to_radians(), b.to_radians(), c.to_radians()]
 }

@@ -21,21 +21,17 @@ const SIZE_WITHIN: f64 = 4.0;
 const FOUND: f64 = 0.05;
 const MAX_WEAKER_STEPS: usize = 30;
 
-/// The penalties of the kept parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct Penalty {
-    /// Group and weight of each kept parameter.
     pub(crate) members: Vec<Option<(usize, f64)>>,
     /// ln λ of each group, once chosen.
     pub(crate) log_lambda: Option<Vec<f64>>,
-    /// Whether the weights are frozen.
     pub(crate) held: bool,
     /// Whether the step is the last one, whose covariance includes the uncertainty of the weights.
     pub(crate) ends: bool,
     groups: usize,
 }
 
-/// A penalised step.
 pub(crate) struct Chosen {
     pub(crate) step: DVector<f64>,
     /// Scaled by the residual variance; in the last step, with the weakest weights that the observations do not contradict.
@@ -45,7 +41,6 @@ pub(crate) struct Chosen {
 }
 
 impl Penalty {
-    /// Groups of the kept parameters, with weights not chosen yet.
     pub(crate) fn none(system: &System, kept: &[usize]) -> Self {
         Self {
             members: kept.iter().map(|&column| system.group(column)).collect(),
@@ -64,13 +59,11 @@ struct Penalised<'a> {
     now: DVector<f64>,
     weights: Vec<f64>,
     members: &'a [Option<(usize, f64)>],
-    /// Number of coefficients in each group.
     ranks: Vec<f64>,
     equations: f64,
     square: f64,
 }
 
-/// A step with given weights.
 struct At {
     step: DVector<f64>,
     inverse: DMatrix<f64>,

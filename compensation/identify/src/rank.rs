@@ -14,7 +14,6 @@ pub(crate) const LEAST_SHARE: f64 = 0.05;
 /// A share in a combination below this, relative to the largest one, is rounding.
 const ROUNDING: f64 = 1e-7;
 
-/// Which columns of a matrix are independent.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rank {
     /// Kept columns, ascending.
@@ -43,13 +42,12 @@ impl Rank {
         }
     }
 
-    /// Ratio of the smallest to the largest singular value of the kept columns.
     pub(crate) fn score_of_kept(&self) -> f64 {
         self.singular[0] / self.singular[1].max(f64::MIN_POSITIVE)
     }
 }
 
-/// Finds the combinations of columns without effect, and leaves out as many columns: of those with a sufficient share, the last ones.
+/// Finds the combinations of columns without effect. For each of them one column is left out: the last one with a sufficient share.
 pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
     independent_without(matrix, &[])
 }

@@ -134,7 +134,6 @@ impl Response {
         Ok(shares.collect())
     }
 
-    /// Change of the residuals if the known errors are those of this machine.
     fn changed(&self, machine: &Machine) -> Result<DVector<f64>, IdentifyError> {
         let [found, expected] =
             [machine, &self.observations.machine].map(|machine| machine.chain().structure());

@@ -18,7 +18,6 @@ use crate::{
 /// Columns of a table by exact name: `X` is an axis, `x` a coordinate of a target.
 pub(crate) struct Columns<'t> {
     pub(crate) table: &'t CsvTable,
-    /// Names requested so far.
     pub(crate) used: Vec<String>,
 }
 
@@ -78,7 +77,6 @@ impl Columns<'_> {
         self.get(&with_unit)
     }
 
-    /// Columns that were not requested.
     pub(crate) fn unused(&self) -> Vec<&str> {
         let names = self.table.names().map(|(_, name)| name);
         names
@@ -122,7 +120,6 @@ impl Columns<'_> {
         Ok(())
     }
 
-    /// Column of a required name.
     pub(crate) fn require(&mut self, name: &str) -> Result<Column, InputError> {
         let column = self.get(name)?;
         self.found(name, column)
@@ -161,7 +158,6 @@ fn axis_named_first(head: &str) -> Option<AxisName> {
     letter.parse().ok().filter(|_| !is_word)
 }
 
-/// Kind of the rows of a file, with the parts of the set-up that they refer to.
 pub(crate) enum RowKind {
     Points {
         frame: usize,
@@ -172,7 +168,7 @@ pub(crate) enum RowKind {
         drift: usize,
     },
     Distance {
-        /// `None`: the length is between two poses.
+        /// `None` if the length is between two poses.
         point: Option<usize>,
         dead: usize,
     },
@@ -189,7 +185,6 @@ pub(crate) enum RowKind {
     },
 }
 
-/// Rows with the order of each in time.
 pub(crate) struct ReadRows {
     pub(crate) rows: Vec<Row>,
     pub(crate) orders: Vec<f64>,
@@ -199,7 +194,6 @@ pub(crate) struct ReadRows {
 
 /// Maximum distance of a coordinate outside the travel, in travels; beyond it, it is not a pose of this machine.
 const MAX_OVERTRAVEL: f64 = 1.0;
-/// Maximum number of rows outside travel that a message names.
 const MAX_LISTED: usize = 5;
 
 pub(crate) fn read_rows(
@@ -477,7 +471,6 @@ fn tip_of(name: &str, kind: &RowKind, machine: &Machine) -> Result<Vector3<f64>,
 /// Columns of an R-test: tip minus centre of the sphere.
 const OFFSET: [&str; 3] = ["dx_um", "dy_um", "dz_um"];
 
-/// Columns of the readings, and the parts of the set-up that the rows refer to.
 enum ReadingColumns<'k> {
     Points {
         at: [Column; 3],
@@ -508,7 +501,7 @@ enum ReadingColumns<'k> {
     },
     Ball {
         ball: Column,
-        /// Along the row and to the sides; without any of them, the tip was on the centre of the ball.
+        /// Offsets of the tip along the row and to the sides. If the file has no such column, the tip was on the centre of the ball.
         offsets: [Option<Column>; 3],
         balls: usize,
         origin: usize,
@@ -587,7 +580,6 @@ impl<'k> ReadingColumns<'k> {
         })
     }
 
-    /// Whether a row names two poses instead of stating one.
     fn is_pair(
         &self,
         row: &CsvRow<'_>,
@@ -609,7 +601,6 @@ impl<'k> ReadingColumns<'k> {
         Ok(is_pair)
     }
 
-    /// Reading of a row, at a pose or between two named poses.
     fn decode(
         &self,
         row: &CsvRow<'_>,

@@ -1,5 +1,3 @@
-//! Monte Carlo samples of the identified machine, for the uncertainty of everything computed from it.
-
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

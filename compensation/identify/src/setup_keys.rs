@@ -7,40 +7,32 @@ use volcomp_kinematics::nalgebra::Vector3;
 
 use crate::observations::{Kind, NumberKind, Quantity, SetUp};
 
-/// Maximum uncertainty of a known target, mm.
 const MAX_TARGET_UNCERTAINTY_MM: f64 = 1000.0;
 
 /// Returns the text of a file.
 pub type ReadFile<'a> = dyn Fn(&Path) -> Result<String, ReadError> + 'a;
 
-/// State of the set-up while observations are read.
 #[derive(Default)]
 pub(crate) struct ReadState {
     pub(crate) setup: SetUp,
-    /// Named parts of fitted observations: kind, key, name, index of the part.
     named: Vec<(Kind, &'static str, String, usize)>,
-    /// Names of tools and spheres, with the index of their point.
     targets: Vec<(String, usize)>,
     pub(crate) spheres: Vec<(String, usize)>,
     pub(crate) rows_of_balls: Vec<BallRow>,
     pub(crate) notes: Vec<String>,
-    /// Files without a column `tool`.
     pub(crate) without_tool: Vec<String>,
-    /// Names and texts of the row files read so far.
     pub(crate) texts: Vec<(String, String)>,
 }
 
-/// One ball of a row file.
 #[derive(Clone, Debug)]
 pub(crate) struct Ball {
     pub(crate) name: String,
     pub(crate) distance_mm: f64,
     pub(crate) uncertainty_mm: f64,
-    /// Its index among the numbers of the set-up, once a reading refers to it.
+    /// Index of the distance among the numbers of the set-up, once a reading refers to the ball.
     pub(crate) number: Option<usize>,
 }
 
-/// The balls of one row file; several observations may use it.
 #[derive(Clone, Debug)]
 pub(crate) struct BallRow {
     pub(crate) file: String,
@@ -81,14 +73,12 @@ pub(crate) struct ObservationHeader<'a> {
     pub(crate) section: &'a Section<'a>,
     pub(crate) kind: Kind,
     pub(crate) file: &'a str,
-    /// Stated order of drift.
     pub(crate) drift: usize,
-    /// Whether its rows are only predicted; a name then refers to the part of a fitted observation.
+    /// Set if the rows are only predicted. A name then refers to the part of a fitted observation.
     pub(crate) judge: bool,
 }
 
 impl ObservationHeader<'_> {
-    /// Indices of the parts that earlier observations define under a key and a name.
     fn places(&self, key: &str, name: &str, state: &ReadState) -> Vec<usize> {
         let own = state
             .named
@@ -220,7 +210,6 @@ pub(crate) fn targets(
     targets.collect()
 }
 
-/// The point of the target of one tool.
 fn target(
     of: &ObservationHeader<'_>,
     tool: &str,

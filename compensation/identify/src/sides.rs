@@ -14,14 +14,11 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 /// Key of a number: run, axis, and coefficient of an unknown reversal value.
 pub(crate) type Key = (usize, usize, Option<usize>);
 
-/// Effect of each unknown side on the equations.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sides(BTreeMap<Key, BTreeMap<usize, f64>>);
 
-/// Numbers of one run, which affect the same equations.
 struct Run {
     equations: Vec<usize>,
-    /// One column per unknown approach direction.
     columns: DMatrix<f64>,
 }
 
@@ -34,12 +31,10 @@ impl Sides {
         self.0.len()
     }
 
-    /// Whether an unknown reversal value has such rows.
     pub(crate) fn has_unknown(&self) -> bool {
         self.0.keys().any(|(_, _, unknown)| unknown.is_some())
     }
 
-    /// Changes the weight of the equations.
     pub(crate) fn scale(&mut self, by: impl Fn(usize) -> f64) {
         for (equation, value) in self.0.values_mut().flatten() {
             *value *= by(*equation);
@@ -68,7 +63,6 @@ impl Sides {
         }
     }
 
-    /// Adds the effect of these values of the numbers to the residuals.
     pub(crate) fn add_to(&self, residuals: &mut DVector<f64>, values: &DVector<f64>) {
         for (column, value) in self.0.values().zip(values) {
             for (&equation, by) in column {
@@ -125,7 +119,6 @@ impl Sides {
         column.copy_from(&matrix.column(0));
     }
 
-    /// Estimates the numbers from these residuals.
     pub(crate) fn estimate(&self, residuals: &DVector<f64>) -> DVector<f64> {
         let mut found = Vec::with_capacity(self.len());
         for Run { equations, columns } in self.runs() {

@@ -15,9 +15,7 @@ use crate::{
 /// Required accuracy of a search, which defines the step, in standard uncertainties, below which it has converged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Exactness {
-    /// Start of another search.
     Rough,
-    /// Final result.
     Full,
 }
 
@@ -27,7 +25,6 @@ const CONVERGED: f64 = 1e-9;
 const CONVERGED_ROBUST: f64 = 1e-6;
 /// Convergence limit with penalties, whose weights are chosen as well, and for start values.
 const CONVERGED_ROUGH: f64 = 1e-2;
-/// Number of steps in which the weights of penalties are chosen.
 const PENALTY_STEPS: usize = 3;
 /// Number of steps in which the reversal values of axes with unknown approach direction are sized.
 const SIDE_STEPS: usize = 4;
@@ -40,7 +37,6 @@ const MAX_STEP_FACTOR: f64 = 64.0;
 /// Maximum last step, in standard uncertainties, at which a robust search has converged after its last permitted step.
 const SMALL_ROBUST: f64 = 1e-3;
 
-/// Result of a search.
 #[derive(Clone, Debug)]
 pub(crate) struct Solution {
     pub(crate) values: Values,
@@ -61,7 +57,6 @@ pub(crate) struct Solution {
 }
 
 impl Solution {
-    /// The values at convergence, with the statistics of the last step.
     fn at(
         values: Values,
         equations: &Equations,
@@ -242,7 +237,6 @@ fn huber_variance(residuals: &DVector<f64>, degrees: f64) -> f64 {
     (correction * correction * square / (slope * slope)).max(NORMAL)
 }
 
-/// Residuals of the equations with these sides.
 fn left(equations: &Equations, sides: &DVector<f64>) -> DVector<f64> {
     let mut left = equations.residuals.clone();
     equations.sides.add_to(&mut left, sides);
@@ -261,20 +255,16 @@ fn cost(equations: &Equations, sides: &DVector<f64>, robust: bool) -> f64 {
     left(equations, sides).iter().map(of).sum::<f64>() + sides.norm_squared()
 }
 
-/// One Gauss–Newton step and its statistics.
 struct Step {
     by: DVector<f64>,
-    /// Unknown sides after the step.
     sides: DVector<f64>,
     covariance: DMatrix<f64>,
     /// Variance of a reading that the covariance assumes.
     counted: f64,
-    /// Weighted sum of squares before the step.
     square: f64,
     degrees: f64,
 }
 
-/// Inputs that are constant from step to step.
 #[derive(Clone, Copy)]
 struct Search<'a> {
     system: &'a System,
@@ -305,7 +295,6 @@ impl Search<'_> {
         sizes.collect()
     }
 
-    /// Computes the step from these values and their equations.
     fn step(
         self,
         equations: &Equations,
@@ -397,7 +386,6 @@ impl Search<'_> {
 }
 
 impl Step {
-    /// Largest step, in standard uncertainties.
     fn largest(&self) -> f64 {
         let variances = self.covariance.diagonal();
         let steps = self.by.iter().zip(&variances);

@@ -18,7 +18,6 @@ use crate::{
 /// Minimum number of rows that determine targets and a general matrix for the frame.
 const MIN_ROWS_FOR_MATRIX: usize = 6;
 
-/// Set-ups for the nominal machine, and the set-up parameters that the rows determine.
 pub(crate) fn start(
     system: &System,
     observations: &Observations,
@@ -51,7 +50,6 @@ pub(crate) fn start(
     }
 }
 
-/// Fits the set-ups alone, with the errors unchanged.
 fn setup_only(
     system: &System,
     observations: &Observations,
@@ -229,7 +227,6 @@ fn kabsch(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose {
     }
 }
 
-/// Sets the centres of spheres from the tips on them, and the points of bars by trilateration.
 fn points_of_spheres_and_bars(
     system: &System,
     observations: &Observations,

@@ -18,13 +18,11 @@ use crate::{
     params::{self, Param, Parameter, Params, Values},
 };
 
-/// The unknowns, and the machine to which they belong.
 #[derive(Clone, Debug)]
 pub(crate) struct System {
     pub(crate) machine: Machine,
     pub(crate) params: Params,
     pub(crate) unknowns: Unknowns,
-    /// Number of groups of parameters with a penalty each.
     pub(crate) groups: usize,
     pub(crate) setup: SetUp,
     /// Errors that follow unknowns: index of the coefficient, and the follower in mm and rad.
@@ -48,7 +46,6 @@ impl System {
             if self.unknowns.coefficients[place].role == Role::Reversal)
     }
 
-    /// Builds the equations of some observations.
     pub(crate) fn new(observations: &Observations) -> Result<Self, IdentifyError> {
         check(observations)?;
         let mut machine = observations.machine.clone();
@@ -66,7 +63,6 @@ impl System {
         })
     }
 
-    /// Start values as stated in the files.
     pub(crate) fn start(&self) -> Values {
         let stated = |c: &Coefficient| match c.role {
             Role::Location => {
@@ -79,7 +75,6 @@ impl System {
         Values::stated(&self.setup, coefficients.collect())
     }
 
-    /// Penalty group of a parameter, and its weight there.
     pub(crate) fn group(&self, param: usize) -> Option<(usize, f64)> {
         match self.params.at(param) {
             Param::Coefficient(coefficient) => self.unknowns.coefficients[coefficient].group,
@@ -97,7 +92,6 @@ impl System {
         }
     }
 
-    /// Name of a parameter in results.
     pub(crate) fn name(&self, param: usize) -> String {
         match self.params.at(param) {
             Param::Coefficient(coefficient) => self.unknowns.coefficients[coefficient].name.clone(),
@@ -123,7 +117,6 @@ const DRIFT_GROUPS: usize = 10;
 /// Coordinates that differ by less belong to one pose, mm or deg.
 const SAME_POSE: f64 = 1e-6;
 
-/// A pose, with everything that does not depend on the parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedPose {
     pub(crate) pose: MachinePose,
@@ -133,7 +126,6 @@ pub(crate) struct PreparedPose {
     pub(crate) known: Errors,
     /// Axis, component, coefficient, and error per unit of the coefficient.
     pub(crate) terms: Vec<(usize, usize, usize, f64)>,
-    /// Axes whose approach direction is unknown.
     pub(crate) sides: Vec<UnknownSide>,
 }
 
@@ -141,9 +133,8 @@ pub(crate) struct PreparedPose {
 #[derive(Clone, Debug)]
 pub(crate) struct UnknownSide {
     pub(crate) axis: usize,
-    /// Addition to the known errors.
     pub(crate) known: ErrorMotion,
-    /// Component and coefficient of each unknown reversal value; the addition is half of it.
+    /// Component and coefficient of each unknown reversal value, half of which is added.
     pub(crate) unknown: Vec<(usize, usize)>,
 }
 
@@ -185,7 +176,6 @@ pub(crate) struct PreparedRow {
     pub(crate) ideal_mm: Vector3<f64>,
 }
 
-/// The rows of a system, prepared.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rows(pub(crate) Vec<PreparedRow>);
 
@@ -229,7 +219,6 @@ impl Rows {
         (pose_of, poses.len())
     }
 
-    /// The rows whose index satisfies `keep`.
     pub(crate) fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
         let kept = self.0.iter().enumerate().filter(|(place, _)| keep(*place));
         Self(kept.map(|(_, row)| row.clone()).collect())
@@ -237,7 +226,6 @@ impl Rows {
 }
 
 impl System {
-    /// Prepares rows: their known errors and the modes at their coordinates.
     pub(crate) fn prepare<'r>(&self, rows: impl Iterator<Item = &'r Row>) -> Rows {
         let prepared = rows.map(|row| PreparedRow {
             row: row.clone(),
@@ -317,7 +305,6 @@ impl System {
         prepared
     }
 
-    /// Axes of a pose whose approach direction is unknown.
     fn unknown_sides(&self, pose: &MachinePose) -> Vec<UnknownSide> {
         let source = self.machine.source(&Temperatures::default());
         let axes = 0..self.machine.axes().len();
@@ -349,7 +336,6 @@ impl System {
 /// Linear dependence of the other errors of a machine on one unknown, as far as they are known.
 #[derive(Clone, Debug)]
 pub struct Follower {
-    /// Name of the unknown among the parameters.
     parameter: String,
     /// Value of the unknown with which the machine of the observations was built, in the unit of the parameter.
     value: f64,
@@ -417,10 +403,7 @@ impl Follower {
 }
 
 impl System {
-    /// Adds errors that follow the unknowns.
-    ///
-    /// # Errors
-    /// A follower of a name that is not an unknown, or with machines of another structure.
+    /// Adds errors that follow the unknowns. Errors: a follower of a name that is not an unknown, or with machines of another structure.
     pub(crate) fn followed_by(mut self, followers: &[Follower]) -> Result<Self, IdentifyError> {
         let none = Temperatures::default();
         for follower in followers {
@@ -482,7 +465,6 @@ impl System {
         }
     }
 
-    /// Whether an error of an axis is unknown itself.
     fn is_unknown(&self, axis: usize, component: usize, location: bool) -> bool {
         self.unknowns.curves.iter().any(|unknown| {
             unknown.axis == axis

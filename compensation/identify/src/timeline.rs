@@ -6,7 +6,6 @@ use volcomp_vocabulary::{AxisKind, Direction, MAX_AXES, TURNED_AFTER, TURNED_AFT
 
 use crate::observations::{Observation, Row, RowReading};
 
-/// An observation with the order of its rows.
 pub(crate) struct OrderedObservation {
     pub(crate) observation: Observation,
     pub(crate) orders: Vec<f64>,
@@ -14,7 +13,6 @@ pub(crate) struct OrderedObservation {
     pub(crate) has_drift: bool,
 }
 
-/// Frame in which all rows of an observation are measured.
 fn frame_of(observation: &Observation) -> Option<usize> {
     observation.rows.first().and_then(|row| match row.reading {
         RowReading::Point { frame, .. } => Some(frame),

@@ -1,5 +1,3 @@
-//! Axes of a machine file.
-
 use volcomp_document::{split_head, unit_named};
 use volcomp_kinematics::MotionFrame;
 use volcomp_vocabulary::{AxisName, brought_into, is_within};

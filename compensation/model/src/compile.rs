@@ -1,5 +1,3 @@
-//! Compiles a machine.
-
 use volcomp_curve::{ErrorCurve, Field, Grid};
 use volcomp_evaluator::{AxisParts, CompiledMachine, MachineParts, Patch, Tolerance};
 use volcomp_kinematics::ErrorMotion;
@@ -128,7 +126,6 @@ fn weighted_fields(curve: &ErrorCurve) -> Vec<(&Field, [f64; 3])> {
     }
 }
 
-/// The parts of a curve that depend on one coordinate, with its reversal.
 fn one_argument(
     curve: &ErrorCurve,
     own: usize,

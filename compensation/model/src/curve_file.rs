@@ -11,7 +11,6 @@ use volcomp_vocabulary::AxisName;
 
 use crate::axis::Axis;
 
-/// The keys that name the kinds of curve.
 const KINDS: [&str; 7] = [
     "poly",
     "chebyshev",
@@ -22,7 +21,6 @@ const KINDS: [&str; 7] = [
     "grid",
 ];
 
-/// Maximum number of table points listed in a message.
 const SHOWN_POINTS: usize = 4;
 
 /// Context for decoding a curve: the travel of its axis and, for a grid, all axes.
@@ -223,7 +221,6 @@ fn decode_grid(value: &Value<'_>, context: &CurveContext<'_>) -> Result<Grid, In
     Grid::new(axes, nodes, rows?).map_err(|e| value.error(e.to_string()))
 }
 
-/// Writes an error curve as the inline value of a machine file.
 pub(crate) fn write_error_curve(curve: &ErrorCurve, axes: &[Axis]) -> String {
     match curve {
         ErrorCurve::Single(field) => write_field(field, axes),

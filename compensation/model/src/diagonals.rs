@@ -1,5 +1,3 @@
-//! Body diagonals of ISO 230-6, evaluated on the model.
-
 use std::collections::BTreeMap;
 
 use volcomp_kinematics::{ErrorSource, State, actual_pose};
@@ -7,7 +5,6 @@ use volcomp_vocabulary::{AxisKind, AxisName, PerAxis};
 
 use crate::{error::ModelError, machine::Machine};
 
-/// Maximum number of targets on a diagonal.
 const MOST_TARGETS: usize = 1_000_000;
 
 /// One body diagonal of ISO 230-6: the deviation along it.

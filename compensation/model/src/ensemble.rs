@@ -1,5 +1,3 @@
-//! Monte Carlo ensemble of machines, for the uncertainty of the volumetric error.
-
 use volcomp_evaluator::CompiledMachine;
 use volcomp_fit::student_widening;
 use volcomp_kinematics::State;
@@ -130,7 +128,6 @@ mod tests {
     use super::*;
     use crate::Machine;
 
-    /// A machine whose X is off by this amount.
     fn off(um: f64) -> Result<CompiledMachine, crate::ModelError> {
         let text = format!(
             "structure = \"w b X t\"\n[axes]\nX.travel = [0.0, 100.0]\n[errors]\nEXX = {um:?}\n"

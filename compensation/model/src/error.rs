@@ -1,5 +1,3 @@
-//! Errors of reading and evaluating a machine.
-
 use volcomp_document::{InputError, ReadError};
 use volcomp_kinematics::{ChainError, NoEffect};
 use volcomp_vocabulary::{AxisName, ErrorName};
@@ -17,14 +15,12 @@ pub enum ModelError {
     /// The file contains an invalid value.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The machine has no such axis.
     #[error("machine `{machine}` with structure `{structure}` has no axis {axis}")]
     NoSuchAxis {
         machine: String,
         structure: String,
         axis: AxisName,
     },
-    /// The machine file has no such tool.
     #[error(
         "machine `{machine}` has no tool `{tool}`, {}",
         if known.is_empty() {
@@ -38,17 +34,14 @@ pub enum ModelError {
         tool: String,
         known: String,
     },
-    /// A coordinate is not a number, or out of range.
     #[error("axis {axis}: coordinate is {found}, expected a finite number from -1e9 to 1e9 {}", axis.kind().coordinate_unit())]
     Coordinate {
         axis: AxisName,
         /// The rejected value, mm or deg.
         found: f64,
     },
-    /// An invalid tool tip or tool axis.
     #[error("{what} is [{}, {}, {}], expected finite numbers up to 1e9, and of a direction not all zero", found[0], found[1], found[2])]
     Target { what: &'static str, found: [f64; 3] },
-    /// One axis has two coordinates.
     #[error("axis {axis} has two coordinates, expected at most one")]
     AxisTwice { axis: AxisName },
     /// An error motion or a location error is invalid for this machine.
@@ -58,7 +51,6 @@ pub enum ModelError {
         #[source]
         reason: ErrorRefusal,
     },
-    /// An assembly error is not finite.
     #[error("assembly error of axis {axis} is {found}, expected a finite number of µm or µrad")]
     Assembly { axis: AxisName, found: f64 },
     /// Thermal terms that are invalid for this machine.
@@ -79,7 +71,6 @@ pub enum ModelError {
         machine: String,
         source: volcomp_evaluator::EvaluatorError,
     },
-    /// A count exceeds the maximum of one computation.
     #[error("found {found} {what}, expected at most {most}")]
     TooMany {
         what: &'static str,
@@ -122,7 +113,7 @@ pub enum ErrorRefusal {
     Jumps {
         /// Value on the lower side of the roll-over, µm or µrad.
         first: f64,
-        /// Value on its upper side, µm or µrad.
+        /// Value on the upper side of the roll-over, µm or µrad.
         last: f64,
         /// Maximum allowed jump, µm or µrad.
         largest: f64,
@@ -145,7 +136,6 @@ pub enum ThermalRefusal {
     /// A term belongs to an error that is not an error motion of the machine.
     #[error("found \"{found}\", expected an error motion E?N of an axis of `{structure}`")]
     Motion { found: String, structure: String },
-    /// A reference temperature is out of range.
     #[error(
         "reference temperature is {found} °C, expected {} to {} °C",
         volcomp_vocabulary::bounds::PLAUSIBLE_DEGC.start(),
@@ -155,20 +145,16 @@ pub enum ThermalRefusal {
         /// The rejected temperature, °C.
         found: f64,
     },
-    /// An expansion belongs to an error that is not a linear error motion of a linear axis.
     #[error("found expansion of {error}, expected a linear error motion of a linear axis")]
     NotLength { error: ErrorName },
-    /// A drift has no sensor.
     #[error("found a drift of {error} without a sensor, expected at least one")]
     NoSensor { error: ErrorName },
-    /// A time constant is negative or not finite.
     #[error("found a lag_s of {found} s for {error}, expected 0 s or more")]
     Lag {
         error: ErrorName,
         /// The rejected time constant, s.
         found: f64,
     },
-    /// A number is NaN or infinite.
     #[error("{what} is {found}, expected a finite number")]
     NotFinite {
         /// The rejected quantity, with its unit.
@@ -181,7 +167,6 @@ pub enum ThermalRefusal {
         /// The rejected margin, K.
         found: f64,
     },
-    /// The temperature range of a test is invalid.
     #[error(
         "the terms of {error} have seen {sensor} at {low} to {high} °C, expected two different temperatures, the lower one first"
     )]
@@ -193,7 +178,6 @@ pub enum ThermalRefusal {
         /// Upper limit, °C.
         high: f64,
     },
-    /// The range of temperature rates of a test is invalid.
     #[error(
         "the terms of {error} have seen {sensor} change by {fall} to {rise} K/min, expected 0 or less, then 0 or more"
     )]
@@ -205,18 +189,15 @@ pub enum ThermalRefusal {
         /// Upper limit, K/min.
         rise: f64,
     },
-    /// The tested range of a sensor for the terms of an error is stated more than once.
     #[error("the tested range of {sensor} for {error} appears twice, expected it once")]
     SeenTwice { error: ErrorName, sensor: String },
-    /// A tested range is stated for a sensor that no term of the error uses.
     #[error("no thermal term of {error} has the sensor {sensor}, expected one that it has")]
     SeenUnused { error: ErrorName, sensor: String },
-    /// A hold or fade time is negative or not finite.
     #[error("found {hold_s} s of holding and {fade_s} s of fading, expected 0 s or more of each")]
     Fading {
         /// Time for which a term is held without its sensor, s.
         hold_s: f64,
-        /// Time over which it then fades to zero, s.
+        /// Time over which the term then fades to zero, s.
         fade_s: f64,
     },
 }

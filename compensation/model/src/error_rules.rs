@@ -90,8 +90,8 @@ fn not_closed([first, last]: [f64; 2]) -> Option<ErrorRefusal> {
     ((first - last).abs() > CLOSED_WITHIN).then_some(ErrorRefusal::NotClosed { first, last })
 }
 
-/// The error for a curve that jumps at the roll-over of its axis. For a table parked there, the last digit of its position would switch the
-/// correction back and forth.
+/// The error for a curve that jumps at the roll-over of its axis. If a table is parked there, noise in the last digit of its position would switch
+/// the correction back and forth.
 fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     let [low, high] = travel;
     let value = |at: f64| curve.value(brought_into(travel, period, at));

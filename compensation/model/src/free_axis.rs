@@ -130,7 +130,7 @@ fn edge(mut inside: f64, mut outside: f64, beyond: &impl Fn(f64) -> f64) -> f64 
     inside
 }
 
-/// The minimum between two coordinates: its coordinate and its value.
+/// The coordinate and the value of the minimum between two coordinates.
 fn lowest(mut low: f64, mut high: f64, beyond: &impl Fn(f64) -> f64) -> (f64, f64) {
     for _ in 0..SEARCH_STEPS {
         let [left, right] = [low + (high - low) / 3.0, high - (high - low) / 3.0];

@@ -133,7 +133,6 @@ impl Machine {
         Ok(reached)
     }
 
-    /// Adds the linear axes that are dependent at a solution, with their ranges.
     fn add_dependent(&self, state: &State, travel: &PerAxis<[f64; 2]>, reached: &mut Reached) {
         let moves = self.chain().dependent_moves(state);
         for (place, axis) in self.axes().iter().enumerate() {
@@ -167,7 +166,6 @@ impl Machine {
         }
     }
 
-    /// Adds a solution with every combination of whole turns within the travels.
     fn add_turns(&self, state: &State, reached: &mut Reached) -> Result<(), ModelError> {
         let mut all = vec![*state];
         for (place, axis) in self.axes().iter().enumerate() {

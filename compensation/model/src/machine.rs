@@ -51,7 +51,6 @@ pub struct Machine {
     provenance: Provenance,
 }
 
-/// The parts from which a machine is built, as read from the file.
 pub(crate) struct Parts {
     pub(crate) name: String,
     pub(crate) structure: Structure,
@@ -622,7 +621,6 @@ impl Machine {
         Ok(name)
     }
 
-    /// Message for an axis that this machine does not have.
     pub(crate) fn lacks(&self, axis: AxisName) -> String {
         let structure = self.chain().structure();
         format!("the structure `{structure}` has no axis {axis}")

@@ -1,11 +1,8 @@
-//! The volumetric map: the error on a grid over the travels.
-
 use volcomp_kinematics::State;
 use volcomp_vocabulary::AxisName;
 
 use crate::{error::ModelError, machine::Machine};
 
-/// Maximum number of nodes along one axis.
 const MOST_NODES: usize = 1_000_000;
 
 /// A grid over the travels of the machine's axes X, Y and Z; all other axes are at fixed coordinates.

@@ -1,5 +1,3 @@
-//! Provenance of the errors of a machine: the table `[provenance]` of a machine file.
-
 use std::{fmt::Write as _, io::Read, path::Path};
 
 use sha2::{Digest, Sha256};
@@ -93,7 +91,6 @@ impl Provenance {
         self.errors.iter().find(|origin| origin.error == error)
     }
 
-    /// Adds errors that the measurements do not determine.
     pub(crate) fn leave_undecided(&mut self, errors: impl IntoIterator<Item = ErrorName>) {
         self.undecided.extend(errors);
         self.undecided.sort_unstable();
@@ -158,19 +155,15 @@ impl Provenance {
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ProvenanceRefusal {
-    /// An invalid date.
     #[error("date: found `{found}`, expected a day of the calendar such as 2026-11-26")]
     Date { found: String },
     /// An error is listed twice.
     #[error("{error} appears twice")]
     Twice { error: ErrorName },
-    /// The machine does not state the error.
     #[error("found {error}, expected an error of the table [errors]")]
     NotStated { error: ErrorName },
-    /// An invalid residual or leave-one-out error.
     #[error("{error}: found {found}, expected a finite number of 0 or more")]
     Number { error: ErrorName, found: f64 },
-    /// An invalid hash.
     #[error("{error}: found `{found}` as sha256, expected 64 lower-case hexadecimal digits")]
     Hash { error: ErrorName, found: String },
 }

@@ -1,5 +1,3 @@
-//! The range of an error over the travels.
-
 use volcomp_curve::{Curve, Field};
 use volcomp_kinematics::{Correctors, State};
 use volcomp_vocabulary::{AxisName, Direction, Displacement, ErrorName, MAX_AXES, PerAxis};
@@ -80,7 +78,6 @@ impl Machine {
     }
 }
 
-/// Visits every combination of the points.
 fn every(
     points: &[(usize, Vec<f64>)],
     coordinates: &mut [f64; MAX_AXES],
@@ -151,9 +148,7 @@ fn in_order(places: &mut Vec<f64>) {
     places.dedup();
 }
 
-/// Maximum number of grid states for each direction of approach.
 const STATES: usize = 4000;
-/// Maximum number of grid coordinates along an axis.
 const PLACES: usize = 21;
 
 impl Machine {

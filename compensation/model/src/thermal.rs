@@ -29,10 +29,8 @@ pub struct Thermal {
     pub margin_k: f64,
 }
 
-/// Valid range of [`Thermal::margin_k`], K.
 pub(crate) const MARGINS_K: RangeInclusive<f64> = 0.1..=100.0;
 
-/// Default of [`Thermal::margin_k`], K.
 pub(crate) fn default_margin_k() -> f64 {
     5.0
 }
@@ -233,7 +231,6 @@ pub struct Seen {
     pub k_per_min: Option<[f64; 2]>,
 }
 
-/// Distance of a value from a range; 0 within it.
 pub(crate) fn beyond([low, high]: [f64; 2], value: f64) -> f64 {
     (low - value).max(value - high).max(0.0)
 }
@@ -278,7 +275,6 @@ impl Seen {
 }
 
 impl Thermal {
-    /// Whether a term of the error has this sensor.
     fn uses(&self, error: ErrorName, sensor: &str) -> bool {
         let mut expansion = self.expansion.iter();
         let mut drift = self.drift.iter();

@@ -17,7 +17,7 @@ use crate::{
 pub struct Fading {
     /// Time for which the term holds its last value, s.
     pub hold_s: f64,
-    /// Time over which it then fades linearly to zero, s.
+    /// Time over which the term then fades linearly to zero, s.
     pub fade_s: f64,
 }
 
@@ -52,14 +52,13 @@ pub struct ThermalState {
 #[derive(Clone, Debug, PartialEq)]
 struct Term {
     axis: usize,
-    /// Index of the watch over the term's error, if there is one.
+    /// Index of the watch over the tested ranges of the term's error; `None` if no range is stated.
     watch: Option<usize>,
     effect: Effect,
     inputs: Vec<Input>,
     lag_s: f64,
     /// Time since the last input of the lag, s.
     unheard_s: f64,
-    /// Time for which a sensor has been missing, s.
     missing_s: f64,
     /// The active share of the term, 0 to 1: less than 1 while it fades and while it returns.
     share: f64,
@@ -68,7 +67,6 @@ struct Term {
 /// A sensor of a term, with its own lag: the lag of a sum is the sum of the lags.
 #[derive(Clone, Debug, PartialEq)]
 struct Input {
-    /// Index of the sensor.
     sensor: usize,
     /// Weight w in Σ w·(T − T_ref).
     weight: f64,
@@ -333,7 +331,6 @@ impl Term {
         sum.unwrap_or(0.0)
     }
 
-    /// Whether every sensor has delivered a temperature.
     fn has_begun(&self) -> bool {
         self.inputs.iter().all(|input| input.lagged_k.is_some())
     }
@@ -358,13 +355,12 @@ pub(crate) struct Watch {
 
 #[derive(Clone, Debug, PartialEq)]
 struct Watched {
-    /// Index of the sensor.
     sensor: usize,
     /// Lowest and highest tested temperature above the reference, K.
     over_k: [f64; 2],
     k_per_s: Option<[f64; 2]>,
     rate: SmoothedRate,
-    /// Time since its last temperature, s.
+    /// Time since the sensor's last temperature, s.
     unheard_s: f64,
     /// Distance beyond the tested range, K; `None` until the first temperature.
     beyond_k: Option<f64>,
@@ -466,7 +462,6 @@ impl Watch {
         })
     }
 
-    /// The largest distance of any sensor beyond the tested range, K.
     fn beyond_k(&self) -> f64 {
         let beyond = self.sensors.iter().filter_map(|s| s.beyond_k);
         beyond.fold(0.0, f64::max)

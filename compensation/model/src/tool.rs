@@ -1,5 +1,3 @@
-//! Tools of a machine file.
-
 use volcomp_kinematics::nalgebra::Vector3;
 
 /// A tool of the machine file. Keys that are `None` come from `[tool]` or the default.

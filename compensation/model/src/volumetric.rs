@@ -17,7 +17,6 @@ use crate::{Axis, Lengths, Machine, ModelError, RigidMotion, RigidSums, rigid::d
 const HALF_POSES: u32 = 2048;
 /// Number of poses from which the search for the largest error starts.
 const STARTS: usize = 32;
-/// Number of equidistant samples along an axis in the search.
 const SAMPLES: u32 = 33;
 /// Number of groups into which the poses are divided for each direction of the error. The search starts from the worst pose of each group,
 /// because rotary axes rotate the contributions of the axes after them.
@@ -148,7 +147,6 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
     })
 }
 
-/// The starting points of the search for the largest length of a vector.
 struct Search<'a> {
     grounds: Vec<SearchGround<'a>>,
     /// Evenly distributed poses and corners, with the index of their field.
@@ -156,12 +154,10 @@ struct Search<'a> {
     samples: Vec<RotarySample>,
 }
 
-/// A field, and the positions at which it must be sampled.
 struct SearchGround<'a> {
     field: &'a ErrorField<'a>,
     /// Sampling positions of the curves along each axis, as shares of the travel.
     places: Vec<Vec<f64>>,
-    /// Whether the errors depend on the direction of approach, by axis.
     has_directions: Vec<bool>,
     grids: Vec<GridNodes>,
 }
@@ -181,7 +177,6 @@ impl<'a> SearchGround<'a> {
         }
     }
 
-    /// The directions of approach to sample for an axis.
     fn approaches(&self, axis: usize) -> &'static [Direction] {
         let count = if self.has_directions[axis] { 2 } else { 1 };
         &Direction::BOTH[..count]
@@ -246,7 +241,6 @@ impl<'a> Search<'a> {
         }))
     }
 
-    /// An ascent over all samples of a field, from a place.
     fn sampled(
         &'a self,
         field: usize,
@@ -303,7 +297,6 @@ struct RotarySample {
     of_axes: Vec<Vec<LinearSample>>,
 }
 
-/// The error with one linear axis away from its middle.
 struct LinearSample {
     axis: usize,
     share: f64,
@@ -406,7 +399,6 @@ fn shares_of<'a>(axis: &Axis, at: &'a [f64]) -> impl Iterator<Item = f64> + use<
     shares.filter(|share| (0.0..=1.0).contains(share))
 }
 
-/// The sampling positions of the curves of a field along each axis, as shares of the travel.
 fn places_of_curves(field: &ErrorField<'_>) -> Vec<Vec<f64>> {
     let axes = field.machine.axes();
     let mut of_axes = vec![Vec::new(); axes.len()];
@@ -418,7 +410,6 @@ fn places_of_curves(field: &ErrorField<'_>) -> Vec<Vec<f64>> {
     of_axes
 }
 
-/// The nodes of the grids of a field.
 fn nodes_of_grids(field: &ErrorField<'_>) -> Vec<GridNodes> {
     let axes = field.machine.axes();
     let errors = field.curves.iter().flat_map(|machine| machine.errors());
@@ -438,11 +429,9 @@ fn nodes_of_grids(field: &ErrorField<'_>) -> Vec<GridNodes> {
     of_grids
 }
 
-/// Coordinate ascent over the poses of a field.
 struct Ascent<'a> {
     ground: &'a SearchGround<'a>,
     place: Place,
-    /// The quantity at `place`.
     value: f64,
 }
 
@@ -486,7 +475,6 @@ impl<'a> Ascent<'a> {
         self.sample_axes(true, size)
     }
 
-    /// Samples each axis over its whole travel until no axis improves.
     fn sample_axes(
         &mut self,
         at_places: bool,
@@ -535,7 +523,6 @@ impl<'a> Ascent<'a> {
     }
 }
 
-/// The error at a pose, and the data for its alignment.
 struct At {
     tip_mm: Vector3<f64>,
     tool_axis: Vector3<f64>,

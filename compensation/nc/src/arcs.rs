@@ -86,7 +86,6 @@ pub(crate) struct WrittenArc<'a> {
 }
 
 impl WrittenArc<'_> {
-    /// Commanded start and end in the plane.
     fn commanded(&self) -> [[f64; 2]; 2] {
         let places = [self.part.from, self.part.to]
             .map(|share| self.arc.place(self.ends[0], self.ends[1], share));
@@ -99,12 +98,10 @@ pub(crate) struct CircleWords {
     /// New numbers of the program's own line: letter, index of the word, number.
     replaced: Vec<(u8, Option<usize>, Number)>,
     removed: Vec<usize>,
-    /// Words that follow the coordinates of an added line.
     pub(crate) others: Vec<(u8, Number)>,
 }
 
 impl CircleWords {
-    /// Removes and returns the centre coordinates, which go into a separate line.
     fn take_centre(&mut self, letters: [u8; 2]) -> [Option<Number>; 2] {
         let found = letters.map(|letter| {
             let replaced = self.replaced.iter().find(|(of, ..)| *of == letter);
@@ -122,7 +119,6 @@ impl CircleWords {
         in_line || self.others.iter().any(|(letter, _)| *letter == b'R')
     }
 
-    /// True if the program's R word is removed.
     fn drops_radius(&self) -> bool {
         !self.removed.is_empty()
     }
@@ -523,10 +519,7 @@ impl Rewriter {
         }
     }
 
-    /// Splits an arc into the parts to be written.
-    ///
-    /// # Errors
-    /// The arc needs more parts than a motion may have.
+    /// Splits an arc into the parts to be written. Errors: the arc needs more parts than a motion may have.
     fn stretches(
         &mut self,
         arc: &Arc,
@@ -748,7 +741,6 @@ impl Rewriter {
         is_good(centre, OFF_BY_CENTRE).then_some(words)
     }
 
-    /// The words of an arc that is shifted as a whole about this centre, its radius unchanged.
     fn circle_about(
         &self,
         arc: &Arc,
@@ -884,7 +876,6 @@ impl Rewriter {
             && places.iter().all(|at| is_small(&self.delta_in_program(at)))
     }
 
-    /// True if the pole active in the control is that of the program.
     fn has_pole_of_program(&self) -> bool {
         match (self.pole, self.interpreter.modal.pole) {
             (Some(said), Some(pole)) => (0..2).all(|i| (said[i] - pole[i]).abs() < 1e-9),
@@ -903,7 +894,7 @@ impl Rewriter {
         });
     }
 
-    /// How an arc is written, and the HEIDENHAIN pole line that has to precede it (empty: none).
+    /// How an arc is written, and the HEIDENHAIN pole line that must precede it (empty if none).
     fn shape_of_arc(
         &mut self,
         keeps_polar: bool,
@@ -948,7 +939,6 @@ impl Rewriter {
         (Shape::Centre, pole_line([x, y], line))
     }
 
-    /// Restores the pole of the program before an arc that is copied unchanged.
     fn puts_pole_back(&mut self, line: Line<'_>, out: &mut Vec<u8>) {
         let Some(pole) = self.interpreter.modal.pole else {
             return;
@@ -995,7 +985,6 @@ impl Rewriter {
         self.polar_is_off = true;
     }
 
-    /// Adds a note if a HEIDENHAIN arc gets a word of an axis outside X and Y.
     fn note_superposed(&mut self, words: &Axes<Option<Number>>, motion: &Move, line: Line<'_>) {
         // A polar helix becomes an arc in X and Y with a third word; any other arc gets an additional word.
         let is_new = |axis: usize| {
@@ -1016,7 +1005,6 @@ pub(crate) fn in_plane(arc: &Arc, at: &Axes) -> [f64; 2] {
     [at[first], at[second]]
 }
 
-/// Corrected position in the plane of an arc.
 pub(crate) fn shifted(arc: &Arc, at: &Axes, delta: &Axes) -> [f64; 2] {
     let [first, second, _] = arc.axes;
     [at[first] + delta[first], at[second] + delta[second]]

@@ -76,8 +76,8 @@ const REACHED_MM: f64 = 1e-6;
 /// Minimum eigenvalue, relative to the largest, of a direction that counts as measured.
 const NOT_MEASURED: f64 = 1e-6;
 
-/// Least-squares offsets of X, Y and Z against the mean error of the readings, mm, and the maximum and RMS of the readings with and without
-/// them, µm. `None` for a machine with rotary axes.
+/// Offsets of X, Y and Z that compensate the mean error of the readings (least squares), mm, and the maximum and RMS of the readings without and with
+/// these offsets, µm. `None` for a machine with rotary axes.
 fn mean_of(readings: &[Reading], corrector: &Corrector) -> Option<([f64; 3], [[f64; 2]; 2])> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for reading in readings {
@@ -105,7 +105,6 @@ fn mean_of(readings: &[Reading], corrector: &Corrector) -> Option<([f64; 3], [[f
     Some((by, sums))
 }
 
-/// Sums over the positions of one work offset.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     places: u64,
@@ -262,7 +261,7 @@ struct CutPlace {
     from_stated_zero: bool,
 }
 
-/// Executes the program, in parallel with a run under the set-up `moved`, and calls `take` with each position where it cuts and the
+/// Executes the program in parallel with a run under the set-up `moved`. Calls `take` with each position at which the program cuts, and the
 /// correction of the active tool there.
 fn at_places(
     program: &[u8],

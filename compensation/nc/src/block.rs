@@ -20,7 +20,6 @@ pub(crate) struct Word {
     /// Decimals of a plain number; `None` for a computed value.
     pub(crate) decimals: Option<u8>,
     pub(crate) manner: Manner,
-    /// The value is a number of least increments.
     pub(crate) in_increments: bool,
 }
 
@@ -48,7 +47,7 @@ pub(crate) const LAST: u8 = b'&';
 /// Letters of polar coordinates: distance from the pole, and angle.
 pub(crate) const POLAR: [u8; 2] = *b"@^";
 
-/// A parameter; assigned after the other words of its block are read.
+/// A parameter. It is assigned after the other words of its block are read.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Parameter {
     Numbered(u32),
@@ -64,7 +63,6 @@ pub(crate) struct Assignment {
     pub(crate) text: Range<usize>,
 }
 
-/// How a line begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum BlockStart {
     #[default]
@@ -75,7 +73,6 @@ pub(crate) enum BlockStart {
     Percent,
 }
 
-/// A parsed line; one instance is reused for all lines.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Block {
     pub(crate) words: Vec<Word>,
@@ -137,11 +134,9 @@ pub(crate) enum Command {
     /// CYCL DEF 247: the preset number follows in one of the next lines.
     AwaitsPreset,
     Preset(Value),
-    /// The words of the block are machine coordinates.
     InMachine,
     /// Cutting edge whose tool length is active from now on; 0: none.
     Edge(Value),
-    /// Puts the selected tool into the spindle.
     ChangeTool,
     NamedTool,
     /// The rest of the line moves axes in a dialect-specific way and is copied unchanged.
@@ -165,7 +160,6 @@ pub(crate) enum Command {
     Datum,
     /// From now on rotary axes take the shorter way (true, M126), or not (M127).
     Shorter(bool),
-    /// The block continues in the next line.
     GoesOn,
     /// Defines the cycle for later calls; `CallsDefined` calls it.
     Defines(Cycle),
@@ -182,7 +176,6 @@ pub(crate) enum Command {
     },
 }
 
-/// A cycle that is copied unchanged.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Cycle {
     pub(crate) name: String,
@@ -241,7 +234,6 @@ impl<'a> Scanner<'a> {
         None
     }
 
-    /// Consumes the next character and returns it in upper case.
     #[inline]
     pub(crate) fn next(&mut self) -> Option<u8> {
         let byte = self.peek()?;
@@ -304,7 +296,6 @@ impl<'a> Scanner<'a> {
         value.map(|value| (value, digits.decimals()))
     }
 
-    /// Consumes a quoted text if it is next.
     pub(crate) fn takes_text(&mut self) -> Result<bool, Fault> {
         self.peek();
         let column = self.column();

@@ -12,10 +12,9 @@ use crate::{
 /// G codes that move no axis and do not affect coordinates: path mode, spindle speed mode, exact stop.
 const HARMLESS: [Code; 6] = [90, 610, 611, 640, 960, 970];
 
-/// G64, whose Q is the naive CAM tolerance.
+/// G64; its Q is the naive CAM tolerance.
 const PATH_MODE: Code = 640;
 
-/// Codes of a block: at most one per modal group.
 #[expect(clippy::struct_excessive_bools, reason = "each is a separate code")]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Codes {
@@ -48,9 +47,8 @@ pub(crate) struct Codes {
     pub(crate) clamps: Option<bool>,
     /// M6: puts the selected tool into the spindle.
     pub(crate) changes_tool: bool,
-    /// Index of the word with an unknown M code.
     unknown: Option<usize>,
-    /// A code takes, or may take, further words: E, K, Q and R are no errors then.
+    /// Set if a code takes, or may take, further words: E, K, Q and R are then no errors.
     pub(crate) has_words: bool,
     /// M430: switches on user-defined kinematics of LinuxCNC.
     pub(crate) own_kinematics: bool,
@@ -190,7 +188,6 @@ impl Codes {
     }
 }
 
-/// The error for a code whose number is known only at the machine, or invalid.
 fn no_code(word: &Word, line: usize) -> NcError {
     let letter = char::from(word.letter);
     match word.value {
@@ -215,7 +212,6 @@ fn unknown_code(code: Code, control: Option<Control>, line: usize) -> NcError {
 enum MCode {
     /// Takes no words but S.
     Alone,
-    /// Takes further words.
     WithWords,
     Unknown,
 }
@@ -266,11 +262,9 @@ fn code_of(value: f64) -> Option<Code> {
 /// Maximum value: larger numbers are not machine coordinates and would lose decimals.
 pub(crate) const LARGEST: f64 = 1e9;
 
-/// The words of a block during execution.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BlockWords<'a> {
     pub(crate) block: &'a Block,
-    /// Index of each axis word in the block.
     pub(crate) places: Axes<Option<usize>>,
     /// Indices of the distance and the angle, if the block has polar coordinates.
     pub(crate) polar: Option<[Option<usize>; 2]>,
@@ -281,10 +275,7 @@ pub(crate) struct BlockWords<'a> {
 }
 
 impl<'a> BlockWords<'a> {
-    /// Collects the words of a block; with `are_polar` its X and Y words are a distance and an angle.
-    ///
-    /// # Errors
-    /// A letter occurs twice.
+    /// Collects the words of a block; with `are_polar` its X and Y words are a distance and an angle. Errors: a letter occurs twice.
     pub(crate) fn new(block: &'a Block, line: usize, are_polar: bool) -> Result<Self, NcError> {
         let mut places = [None; 9];
         let mut polar = [None; 2];
@@ -333,7 +324,6 @@ impl<'a> BlockWords<'a> {
         self.find(letter).is_some()
     }
 
-    /// Last word of the block with this letter.
     pub(crate) fn find(&self, letter: u8) -> Option<&'a Word> {
         if self.letters & bit_of(letter) == 0 {
             return None;
@@ -395,7 +385,6 @@ impl<'a> BlockWords<'a> {
         Ok(value)
     }
 
-    /// The error for a block that cannot be compensated.
     pub(crate) fn refused(&self, what: &str) -> NcError {
         NcError::NotCompensated {
             line: self.line,
@@ -409,7 +398,6 @@ fn bit_of(letter: u8) -> u32 {
     1 << place
 }
 
-/// True if a centre word is absolute.
 pub(crate) fn centre_is_absolute(manner: Option<Manner>, modal: &Modal) -> bool {
     match manner.unwrap_or_default() {
         Manner::Modal => modal.centre_absolute,
@@ -418,7 +406,6 @@ pub(crate) fn centre_is_absolute(manner: Option<Manner>, modal: &Modal) -> bool 
     }
 }
 
-/// A whole number up to `most`.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

@@ -137,7 +137,6 @@ impl Control {
         }
     }
 
-    /// True if a G code selects a numbered work offset.
     pub(crate) fn has_numbered_offset(self, code: Code) -> bool {
         match self {
             Self::Fanuc | Self::Mazak => code == 541,
@@ -175,7 +174,7 @@ pub(crate) const INCREMENTS: Decimals = Decimals {
 /// State: how the program writes coordinates, on a control where the decimal point is significant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct DecimalPoints {
-    /// A coordinate without a decimal point counts least increments.
+    /// Set if a coordinate without a decimal point counts least increments.
     pub(crate) means_increments: bool,
     /// The set-up file states the meaning, so that the program may mix coordinates with and without a decimal point.
     pub(crate) may_mix: bool,
@@ -183,7 +182,6 @@ pub(crate) struct DecimalPoints {
     pub(crate) last_in_increments: Option<bool>,
 }
 
-/// Reason to reject a G code that is unknown, or known on other controls only.
 pub(crate) fn why_refused(code: Code, control: Option<Control>) -> Option<String> {
     if let Some(why) = control.and_then(|control| control.refuses(code)) {
         return Some(why.to_owned());

@@ -66,7 +66,6 @@ impl AxisPlaces {
         self.places[axis]
     }
 
-    /// Coordinates (mm, deg) as a state of the model.
     #[inline]
     pub(crate) fn state(&self, axes: &Axes) -> State {
         let mut state = State::default();
@@ -105,7 +104,6 @@ impl AxisPlaces {
     }
 }
 
-/// Transformation between program coordinates and those of the machine axes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Frame {
     /// Work offset including programmed shifts; `offset` is without them.
@@ -123,7 +121,6 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// Program coordinates to machine coordinates.
     #[inline]
     pub(crate) fn to_machine(&self, program: &Axes) -> Axes {
         let mut at: Axes = std::array::from_fn(|i| program[i] + self.shift[i]);
@@ -152,7 +149,6 @@ impl Frame {
         }
     }
 
-    /// Machine coordinates to program coordinates.
     #[inline]
     pub(crate) fn to_program(&self, machine: &Axes) -> Axes {
         let control = self.tip.as_ref().map(|tip| tip.of_axes(machine));
@@ -203,7 +199,6 @@ impl Frame {
     }
 }
 
-/// X and Y rotated about Z.
 #[inline]
 pub(crate) fn turned(at: &Axes, angle_deg: f64) -> Axes {
     if angle_deg == 0.0 {
@@ -329,7 +324,6 @@ impl Tip {
         })
     }
 
-    /// Kinematics for the rotary positions in `axes`.
     fn turned_to(&self, axes: &Axes) -> RotaryPose {
         let mut at = *axes;
         at[..3].fill(0.0);

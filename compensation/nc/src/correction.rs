@@ -23,7 +23,6 @@ use crate::{
 /// Maximum share of the tolerance that a one- or two-step correction may neglect; beyond it the exact correction is computed.
 const NEGLECTED: f64 = 0.05;
 
-/// Maximum number of tools whose machines are cached.
 const MAX_TOOLS: usize = 64;
 
 /// Amounts to add to the axes at a position to bring the tool to its nominal position, mm and deg.
@@ -55,7 +54,6 @@ impl Correction {
 /// The correction of a machine. State: the active tool, and the direction from which each axis approaches.
 #[derive(Clone, Debug)]
 pub struct Corrector {
-    /// The machine with the tool of the machine file.
     pub(crate) machine: Arc<Machine>,
     pub(crate) temperatures: Temperatures,
     /// Machines of all tools used so far; `tool` is the active one.
@@ -68,21 +66,17 @@ pub struct Corrector {
     pub(crate) bidirectional: bool,
     /// Direction of approach of each axis; `None` while unknown: then the mean of both directions is corrected.
     pub(crate) approach: Axes<Option<Direction>>,
-    /// Axes whose current motion starts at an unknown position.
     pub(crate) arrives_from_unknown: Axes<bool>,
-    /// Axes with a bidirectional curve.
     pub(crate) has_directions: Axes<bool>,
     pub(crate) play: Arc<Play>,
     /// Reverse travel after which an axis is treated as reversed, mm and deg.
     pub(crate) turned_after: Axes<f64>,
-    /// Furthest position of each axis in its current direction.
     pub(crate) furthest: Axes<f64>,
     pub(crate) split_beyond_mm: f64,
     /// Incremented by every change, except of the position, that affects the correction.
     pub(crate) version: u64,
 }
 
-/// State: cache of the corrections at the last two positions.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CorrectionCache {
     places: [CachedCorrection; 2],
@@ -121,11 +115,9 @@ const COMPILED_TO_NM: f64 = 1.0;
 
 #[derive(Clone, Debug)]
 pub(crate) struct MachineWithTool {
-    /// Tool offset that the control adds to the coordinates.
     pub(crate) offset: Axes,
     pub(crate) machine: Machine,
     compiled: CompiledMachine,
-    /// Fast correction for machines without rotary motion.
     slides: Option<Slides>,
     neglected: Neglected,
     /// Maximum unsplit travel of each axis if it moves alone, mm and deg.
@@ -136,7 +128,6 @@ pub(crate) struct MachineWithTool {
 }
 
 impl MachineWithTool {
-    /// The machine with the tool of this control offset.
     pub(crate) fn new(
         machine: &Machine,
         offset: &Axes,
@@ -233,9 +224,9 @@ struct AxialCurves {
 
 /// Backlash of the axes: when a drive reverses, its carriage does not move at first.
 ///
-/// The reversal value has a sign. If the carriage lags, its position is lower after positive than after negative motion. This is lost
-/// motion: after a reversal the carriage rests until the backlash is crossed. With the opposite sign the carriage leads, as with
-/// overcompensated backlash; the error then has one value for each direction.
+/// The reversal value has a sign. If the carriage lags, its position is lower after positive than after negative motion. This is lost motion: after a
+/// reversal the carriage rests until the backlash is crossed. With the opposite sign the carriage leads, as with overcompensated backlash, and the
+/// error has one value for each direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Play {
     /// `Some` for axes with backlash anywhere in their travel.
@@ -256,7 +247,6 @@ impl Play {
         }
     }
 
-    /// True if the axis has lost motion anywhere in its travel.
     pub(crate) fn has(&self, axis: usize) -> bool {
         self.axes[axis].is_some()
     }
@@ -468,7 +458,6 @@ impl Corrector {
         Ok(true)
     }
 
-    /// True if the machine has the axis.
     #[inline]
     pub(crate) fn has(&self, axis: usize) -> bool {
         self.places.of_axis(axis).is_some()

@@ -1,5 +1,3 @@
-//! Errors of reading and compensating a program.
-
 use std::path::{Path, PathBuf};
 
 use volcomp_model::vocabulary::{AxisName, Coordinate, Displacement};
@@ -51,7 +49,6 @@ pub enum NcError {
 }
 
 impl NcError {
-    /// The error for a line that cannot be compensated, or whose O-words do not match.
     pub(crate) fn not_compensated(line: usize, what: impl Into<String>) -> Self {
         Self::NotCompensated {
             line,
@@ -163,7 +160,6 @@ impl Column {
         }
     }
 
-    /// The fault for a word with unsupported rules.
     pub(crate) fn not_followed(self, found: &str, why: &'static str) -> Fault {
         Fault::NotFollowed {
             column: self.0,

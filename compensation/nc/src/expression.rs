@@ -13,22 +13,18 @@ use crate::{
     parameters::{HAS_RETURNED, MOST, RETURNED, Value},
 };
 
-/// Maximum nesting depth of brackets.
 const MAX_CALL_DEPTH: u32 = 50;
 
 /// Value of a word, and the decimals if it is a plain number (`None`: computed).
 pub(crate) type WordValue = (Value, Option<u8>);
 
-/// Machine state that the values of a block depend on.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Reads {
     /// Axes whose positions were read; the control reads corrected positions.
     pub(crate) axes: Axes<bool>,
-    /// The return value of a subroutine was read.
     pub(crate) returned: bool,
 }
 
-/// Functions common to all languages.
 type Functions = &'static [(&'static str, fn(f64) -> f64)];
 const FUNCTIONS: Functions = &[
     ("ABS", f64::abs),
@@ -41,7 +37,6 @@ const FUNCTIONS: Functions = &[
     ("SQRT", f64::sqrt),
     ("TAN", |x| x.to_radians().tan()),
 ];
-/// Additional functions of RS-274.
 const RS274_FUNCTIONS: Functions = &[
     ("FIX", f64::floor),
     ("FUP", f64::ceil),
@@ -153,7 +148,6 @@ impl<'p> Expressions<'p> {
         }
     }
 
-    /// Reads an expression after its opening bracket.
     fn bracket(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
         let value = self.operation(scanner, 0, depth)?;
         if scanner.takes(b']') {
@@ -198,7 +192,6 @@ impl<'p> Expressions<'p> {
         }
     }
 
-    /// Reads the number or name of a parameter after its `#`, and returns the value.
     fn parameter(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
         if scanner.takes(b'<') {
             let name = scanner.name()?;
@@ -332,13 +325,10 @@ pub(crate) fn operate(operator: Operator, a: f64, b: f64, column: Column) -> Res
     finite(value, column)
 }
 
-/// Operators of equal precedence, by name.
 type Equals = &'static [(&'static str, Operator)];
 
-/// Functions of two arguments, by name.
 type Pairs = &'static [(&'static str, fn(f64, f64) -> f64)];
 
-/// Grammar of a language's formulas.
 pub(crate) trait Formulas {
     /// Operators, the weakest precedence first.
     const OPERATORS: &'static [Equals];
@@ -376,7 +366,6 @@ pub(crate) trait Formulas {
         Ok(value.map(|value| (value, None)))
     }
 
-    /// Consumes one of these operators.
     fn operator(&self, scanner: &mut Scanner<'_>, of: &[Equals]) -> Option<Operator> {
         let mut all = of.iter().flat_map(|equals| equals.iter());
         let found = all.find(|(name, _)| takes_name(scanner, name));
@@ -458,7 +447,6 @@ pub(crate) trait Formulas {
         value.ok_or(column.malformed("expected the argument of the function here"))
     }
 
-    /// Reads two arguments in brackets.
     fn arguments(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<[Value; 2], Fault> {
         let wrong = |column: Column| column.malformed("expected two arguments: (1, 2)");
         if !scanner.takes(b'(') {
@@ -475,7 +463,6 @@ pub(crate) trait Formulas {
         Ok([first, second])
     }
 
-    /// Reads an expression after its opening bracket.
     fn bracket(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
         let value = self.operation(scanner, 0, depth)?;
         match (value, scanner.takes(b')')) {

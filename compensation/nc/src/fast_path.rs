@@ -18,7 +18,6 @@ use crate::{
     straight::{AxisWay, OriginalWord},
 };
 
-/// A word of an axis: its value and byte range.
 #[derive(Clone, Copy, Debug, Default)]
 struct AxisWord {
     value: f64,

@@ -21,7 +21,6 @@ pub(crate) enum Keyword {
     While,
     EndWhile,
     Do,
-    /// End of a `do` loop.
     DoWhile,
     If,
     ElseIf,
@@ -67,13 +66,11 @@ pub(crate) struct Statement {
     pub(crate) rest: usize,
 }
 
-/// A line that begins with an O.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum OLine {
     /// Program number of a FANUC control; `None` if it is not a valid number.
     Program(Option<u32>),
     Statement(Statement),
-    /// Cannot be parsed.
     Wrong(&'static str),
 }
 
@@ -149,7 +146,6 @@ fn is_end(scanner: &mut Scanner<'_>) -> bool {
     matches!(scanner.peek(), None | Some(b'(' | b';'))
 }
 
-/// A program number: whole, with up to eight digits.
 fn program_number(number: f64) -> Option<u32> {
     let is_number = (0.0..1e8).contains(&number) && number.fract() == 0.0;
     is_number
@@ -218,9 +214,7 @@ pub(crate) struct Flow {
     pub(crate) next_branch: HashMap<usize, usize>,
     /// Start of each subroutine, by file (0 is the program) and name.
     subs: HashMap<(usize, String), usize>,
-    /// Start of each numbered program, by file and number.
     programs: HashMap<(usize, u32), usize>,
-    /// Subroutine files: index from 1, path and lines.
     files: Vec<(usize, PathBuf, Range<usize>)>,
 }
 
@@ -340,7 +334,6 @@ impl Flow {
         found.next().copied()
     }
 
-    /// First line of the numbered program called in this file.
     pub(crate) fn program(&self, number: u32, file: usize) -> Option<usize> {
         let numbered = [file, 0].map(|file| self.programs.get(&(file, number)).copied());
         if let Some(begin) = numbered.into_iter().flatten().next() {
@@ -354,7 +347,6 @@ impl Flow {
         Some(begin.map_or(places.start, |begin| begin + 1))
     }
 
-    /// End of the `if` that a branch belongs to.
     pub(crate) fn end_of_if(&self, mut branch: usize) -> usize {
         while let Some(next) = self.next_branch.get(&branch) {
             branch = *next;
@@ -366,7 +358,6 @@ impl Flow {
         Some(self.statements.get(&line)?.keyword)
     }
 
-    /// First `break` after a line in the loop that begins at `begin`.
     fn break_behind(&self, begin: usize, line: usize) -> Option<usize> {
         let name = &self.statements.get(&begin)?.name;
         (line + 1..self.partner(begin)).find(|at| {
@@ -375,7 +366,6 @@ impl Flow {
         })
     }
 
-    /// Start of the loop of this name that contains a line.
     pub(crate) fn loop_around(&self, line: usize, name: &str) -> Option<usize> {
         (0..line).rev().find(|at| {
             self.statements.get(at).is_some_and(|statement| {
@@ -390,19 +380,17 @@ impl Flow {
     }
 }
 
-/// What a loop does next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Next {
     Again,
     Passed,
 }
 
-/// Remaining passes of a loop.
 #[derive(Clone, Copy, Debug)]
 struct Count {
     /// Passes left, including the current one.
     left: u64,
-    /// The loop was left early; LinuxCNC continues with its old count.
+    /// Set if the loop was left early; LinuxCNC then continues with its old count.
     is_old: bool,
 }
 
@@ -415,7 +403,7 @@ pub(crate) struct Loops {
     breaks: Option<usize>,
     /// Line of a `continue` in a `do` … `while` loop that LinuxCNC keeps pending: the next loop skipped to its end is then repeated.
     continues: Option<usize>,
-    /// Some loops are unrolled: the control does not reach their ends, so a `break` or `continue` may stay pending.
+    /// Set if some loops are unrolled: the control does not reach their ends, so a `break` or `continue` may stay pending.
     pub(crate) some_are_written_out: bool,
 }
 
@@ -441,7 +429,6 @@ impl Loops {
         Ok(Next::Again)
     }
 
-    /// What a counted loop does after a pass.
     pub(crate) fn has_repeated(&mut self, flow: &Flow, begin: usize) -> Result<Next, String> {
         match self.counts.get_mut(&begin) {
             Some(count) if count.left > 1 => {
@@ -470,7 +457,6 @@ impl Loops {
         Ok(Next::Passed)
     }
 
-    /// Executes `break` at `line` in the loop that begins at `begin`.
     pub(crate) fn breaks(&mut self, flow: &Flow, line: usize, begin: usize) -> Result<(), String> {
         if flow.keyword(begin) == Some(Keyword::Do) {
             self.ends_break();
@@ -486,7 +472,6 @@ impl Loops {
         Ok(())
     }
 
-    /// Executes `continue` at `line` in the loop that begins at `begin`.
     pub(crate) fn continues(&mut self, flow: &Flow, line: usize, begin: usize) {
         self.passes_breaks(flow, begin, line);
         if flow.keyword(begin) == Some(Keyword::Do) {
@@ -540,13 +525,10 @@ pub(crate) struct SubFile {
 /// The lines of the executed program, followed by those of the files that it calls.
 #[derive(Clone, Debug)]
 pub(crate) struct Listing<'t> {
-    /// Each line and its line end.
     pub(crate) lines: Vec<(&'t [u8], &'t [u8])>,
     /// Number of the first line in its file.
     pub(crate) first: usize,
-    /// Number of lines of the program itself.
     pub(crate) own: usize,
-    /// Subroutine files in order, with the index of their first line.
     files: Vec<(&'t Path, usize)>,
 }
 
@@ -592,7 +574,6 @@ impl<'t> Listing<'t> {
         files.map(|(place, (&(path, begins), end))| (place + 1, path, begins..end))
     }
 
-    /// The error `what` at a line.
     pub(crate) fn wrong(&self, place: usize, what: impl Into<String>) -> NcError {
         self.at(place, NcError::not_compensated(0, what))
     }
@@ -662,7 +643,6 @@ fn file_names(called: &str) -> Vec<String> {
         .collect()
 }
 
-/// True if this file may contain the subroutine.
 fn is_file_of(path: &Path, called: &str) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(|name| file_names(called).contains(&name.to_lowercase()))

@@ -16,7 +16,6 @@ use crate::{
 
 const TILTED: &str = "only shifts of the datum (cycle 7) are supported";
 
-/// Reads a line without its line end.
 pub(crate) fn read_heidenhain(
     block: &mut Block,
     text: &[u8],
@@ -140,7 +139,6 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// Reads a continuation line of a block.
     fn goes_on(&mut self) {
         if self.has_tilde() {
             self.block.commands.push(Command::GoesOn);
@@ -171,7 +169,6 @@ impl Reader<'_, '_> {
         before.trim_ascii_end().ends_with(b"~") || text.trim_ascii_end().ends_with(b"~")
     }
 
-    /// Checks that only a comment is left.
     fn ends(&mut self) -> Result<(), Fault> {
         match self.scanner.peek() {
             None | Some(b';') => Ok(()),
@@ -261,7 +258,6 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// Rejects unsupported words, with the reason.
     fn refuses(&mut self, column: Column) -> Result<(), Fault> {
         const REASONS: [(&str, &[&str]); 11] = [
             (FLOW, &["CALL LBL", "CALL PGM", "PGM CALL", "SEL", "IF"]),
@@ -533,7 +529,6 @@ impl Reader<'_, '_> {
         Ok(false)
     }
 
-    /// Reads the number of a cycle and what follows it.
     fn defines_cycle(&mut self, column: Column) -> Result<(), Fault> {
         let Some(number) = whole_number(&mut self.scanner, 9999) else {
             return Err(column.malformed("expected the number of a cycle after CYCL DEF"));
@@ -599,7 +594,6 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// Skips the rest of the line, which may continue in the next one.
     fn skips(&mut self) {
         self.goes_on();
         self.scanner.go_to(usize::MAX);
@@ -686,7 +680,6 @@ impl Reader<'_, '_> {
         self.block.push(letter, at, text, value, manner, decimals);
     }
 
-    /// Reads the value after the letter of a word and adds a word of this letter.
     fn value_word(&mut self, letter: u8, at: usize, manner: Manner) -> Result<(), Fault> {
         self.scanner.peek();
         let (column, from) = (self.scanner.column(), self.scanner.at());
@@ -721,7 +714,6 @@ impl Reader<'_, '_> {
         Ok(value)
     }
 
-    /// Reads axis words, with a leading I for incremental ones.
     fn axis_word(&mut self) -> Result<bool, Fault> {
         self.scanner.peek();
         let at = self.scanner.at();
@@ -741,7 +733,6 @@ impl Reader<'_, '_> {
         Ok(true)
     }
 
-    /// Reads M codes up to the end of the line.
     fn m_words(&mut self) -> Result<(), Fault> {
         while self.scanner.peek() == Some(b'M') {
             self.m_word()?;
@@ -749,7 +740,6 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// Reads the M code at the cursor.
     fn m_word(&mut self) -> Result<(), Fault> {
         let (at, column) = (self.scanner.at(), self.scanner.column());
         self.scanner.next();

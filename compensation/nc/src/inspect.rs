@@ -17,7 +17,6 @@ use crate::coordinates::{cross, dot};
 /// Maximum number of heights along the tool at which a flank is evaluated.
 const MAX_HEIGHTS: usize = 100;
 
-/// Maximum height above the tip, mm.
 const LARGEST_HEIGHT_MM: f64 = 1e4;
 
 /// Property of a feature that is inspected.
@@ -196,14 +195,12 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
     })
 }
 
-/// Maximum number of stored points per feature, evenly spaced.
 const MAX_POINTS: usize = 2000;
 
 /// One point of a feature, mm from the workpiece origin in workpiece axes: nominal, with the original program, with the compensated
 /// program.
 type Three = [[f64; 3]; 3];
 
-/// State: the points of each feature, collected while it is cut.
 #[derive(Clone, Debug)]
 pub(crate) struct Collector {
     part: Part,

@@ -29,7 +29,7 @@ use crate::{
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Outcome {
     pub(crate) motion: Option<Move>,
-    /// Further holes of a row (L in G91).
+    /// Further holes of a row (L in G91), after the first one.
     pub(crate) row: Vec<Move>,
     /// Axis words that define the current position (G92, G10 L20): their indices.
     pub(crate) presets: Option<Axes<Option<usize>>>,
@@ -39,7 +39,6 @@ pub(crate) struct Outcome {
     pub(crate) calls: Option<Code>,
     /// Stores the position of G28 (0) or G30 (1).
     pub(crate) stores_home: Option<usize>,
-    /// Cutter radius compensation starts or ends here (G40 to G42.1).
     pub(crate) switches_radius: bool,
     /// Starts or ends polar X and Y words (G16, G15).
     pub(crate) switches_polar: bool,
@@ -47,13 +46,11 @@ pub(crate) struct Outcome {
     pub(crate) in_machine: bool,
     /// Sets the pole; true for X and Y if relative to the tool position.
     pub(crate) pole: Option<[bool; 2]>,
-    /// A cycle that is copied unchanged.
     pub(crate) cycle: Option<Cycle>,
     /// Filament of the motion, on a printer.
     pub(crate) extrusion: Option<Extrusion>,
 }
 
-/// State: everything that the program has set, and the axis positions.
 #[derive(Clone, Debug)]
 pub(crate) struct Interpreter {
     pub(crate) modal: Modal,
@@ -66,7 +63,6 @@ pub(crate) struct Interpreter {
     pub(crate) tools: BTreeMap<u32, Axes>,
     pub(crate) notes: Notes,
     pub(crate) dialect: Dialect,
-    /// Control that runs the program, if stated.
     pub(crate) control: Option<Control>,
     /// True if the direction in which a rollover axis turns to a word is known.
     pub(crate) states_rotary_words: bool,
@@ -83,7 +79,6 @@ pub(crate) struct Interpreter {
 /// Minimum decimals of E words, as slicers write them.
 const DECIMALS: u8 = 5;
 
-/// State: position of the extruder, and the mode of its words.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Extruder {
     /// M83 is active, whatever G90 and G91 are.
@@ -100,7 +95,6 @@ pub(crate) struct Extrusion {
     from: Option<f64>,
     to: f64,
     decimals: u8,
-    /// Reason why the extrusion cannot be divided between parts.
     pub(crate) unknown: Option<&'static str>,
 }
 
@@ -135,7 +129,7 @@ impl Extrusion {
     }
 }
 
-/// What the program coordinate of an axis depends on: identifiers of the unstated work offset, tool length and shift; 0 for a stated one.
+/// Identifiers of the unstated work offset, tool length and shift on which the program coordinate of an axis depends; 0 for a stated one.
 pub(crate) type Basis = [u32; 3];
 
 /// Position stated in machine coordinates.
@@ -160,18 +154,16 @@ pub(crate) struct Assumptions {
     shift: Axes<u32>,
     /// Axes whose position the program has named under a stated zero ([`Interpreter::has_stated_zero`]).
     named: Axes<bool>,
-    /// Axes whose G92 shift was set at a position not named like this: that position, not the work offset, defines their zero.
+    /// Axes whose G92 shift was set at a position that was not named under a stated zero: that position, not the work offset, defines their zero.
     from_elsewhere: Axes<bool>,
     /// Work offsets that the program has set (G10).
     set: [bool; SYSTEMS],
     /// For G28 and G30: whether the position of each axis is known, and its basis.
     homes: [Axes<(bool, Basis)>; 2],
-    /// Last identifier issued.
     next: u32,
 }
 
 impl Assumptions {
-    /// State at the start of a program.
     pub(crate) fn new(setup: &SetUp) -> Self {
         let number = |(system, number): (usize, u32)| match setup.offset(system) {
             Some(_) => [0; 9],
@@ -198,17 +190,14 @@ impl Assumptions {
         self.tool = unstated.map_or(0, |tool| tool.saturating_add(1));
     }
 
-    /// The shift of all axes becomes zero, and thus known.
     pub(crate) fn shift_is_zero(&mut self) {
         (self.shift, self.from_elsewhere) = ([0; 9], [false; 9]);
     }
 
-    /// The shift of an axis becomes known.
     pub(crate) fn shift_is_stated(&mut self, axis: usize) {
         (self.shift[axis], self.from_elsewhere[axis]) = (0, false);
     }
 
-    /// A work offset becomes known along an axis.
     pub(crate) fn offset_is_stated(&mut self, system: usize, axis: usize) {
         if let Some(offset) = self.offsets.get_mut(system) {
             offset[axis] = 0;
@@ -216,7 +205,6 @@ impl Assumptions {
         self.is_set(system);
     }
 
-    /// Records that the program sets a work offset (G10).
     fn is_set(&mut self, system: usize) {
         if let Some(set) = self.set.get_mut(system) {
             *set = true;
@@ -230,7 +218,6 @@ impl Assumptions {
 }
 
 impl Interpreter {
-    /// State before the first line of a program.
     pub(crate) fn new(
         setup: &SetUp,
         machine: Arc<Machine>,
@@ -282,17 +269,14 @@ impl Interpreter {
         })
     }
 
-    /// Axis positions in program coordinates.
     pub(crate) fn program_position(&self) -> Axes {
         self.frame.to_program(&self.position)
     }
 
-    /// Transformation between program and machine for this modal state.
     fn frame_of(&self, modal: &Modal) -> Frame {
         modal.frame(self.tip.as_ref())
     }
 
-    /// The frame with another active work offset.
     pub(crate) fn frame_with(&self, system: usize) -> Frame {
         let mut modal = self.modal.clone();
         modal.system = system;
@@ -308,7 +292,6 @@ impl Interpreter {
         self.control.is_some_and(Control::is_printer)
     }
 
-    /// True if the machine has the axis.
     pub(crate) fn machine_has(&self, axis: usize) -> bool {
         self.axis_of_machine(axis).is_some()
     }
@@ -338,7 +321,6 @@ impl Interpreter {
             || self.control.is_some_and(Control::is_fanuc_like)
     }
 
-    /// Puts the tool with the active offset into the spindle.
     pub(crate) fn update_tool(&mut self) -> Result<(), NcError> {
         if self.tip.is_some() {
             let machine = with_tool(&self.machine, &self.modal.tool_offset)?;
@@ -347,7 +329,6 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Switches coordinates to the tool centre point, or back to the axes.
     pub(crate) fn switch_centre_point(
         &mut self,
         to: CentrePoint,
@@ -455,8 +436,7 @@ impl Interpreter {
         true
     }
 
-    /// # Errors
-    /// Words that controls interpret differently.
+    /// Errors: words that controls interpret differently.
     fn check_meaning(&self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         if self.dialect != Dialect::Rs274 {
             return Ok(());
@@ -499,8 +479,8 @@ impl Interpreter {
         Ok(())
     }
 
-    /// The tool length changes while tool centre point control is active. With rotary axes away from zero, controls differ in the new X, Y
-    /// and Z, so these are unknown until the program names them.
+    /// Updates the state if the tool length changes while tool centre point control is active. With rotary axes away from zero, controls differ in
+    /// the new X, Y and Z, so these are unknown until the program names them.
     fn has_other_centre_point(&mut self) {
         let is_off = |axis: usize| {
             self.machine_has(axis) && !(self.known[axis] && self.position[axis] == 0.0)
@@ -510,7 +490,6 @@ impl Interpreter {
         }
     }
 
-    /// Applies the modal codes of a block, except its motion.
     fn switch(&mut self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         let modal = &mut self.modal;
         match codes.feed {
@@ -593,7 +572,6 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Tracks E of a printer block, after its other words are executed.
     fn extrude(
         &mut self,
         codes: &Codes,
@@ -681,7 +659,6 @@ impl Interpreter {
         !is_set && !is_elsewhere
     }
 
-    /// The program has named the position of an axis.
     pub(crate) fn mark_named(&mut self, axis: usize) {
         let basis = self.basis(axis);
         self.assumptions.places[axis] = basis;
@@ -689,7 +666,6 @@ impl Interpreter {
         self.known[axis] = basis.iter().all(|number| number & LOST == 0);
     }
 
-    /// An axis is at a position stated in machine coordinates.
     pub(crate) fn mark_machine_position(&mut self, axis: usize) {
         self.assumptions.places[axis] = OF_MACHINE;
         self.assumptions.named[axis] = false;
@@ -709,7 +685,6 @@ impl Interpreter {
         }
     }
 
-    /// Marks all axes as possibly moved by an unknown code with words of the `named` axes.
     fn mark_possibly_moved(&mut self, named: &Axes<bool>) {
         for (axis, named) in named.iter().enumerate() {
             self.mark_assumed(axis);
@@ -725,7 +700,6 @@ impl Interpreter {
         self.assumptions.places[axis] == UNCLAIMED
     }
 
-    /// Stores the current position as that of G28 or G30.
     pub(crate) fn store_home(&mut self, which: usize) {
         self.modal.homes[which] = self.position;
         self.assumptions.homes[which] =
@@ -869,8 +843,7 @@ impl Interpreter {
         }
     }
 
-    /// # Errors
-    /// A block that may be skipped changes the meaning of later coordinates.
+    /// Errors: a block that may be skipped changes the meaning of later coordinates.
     fn check_skipped(&mut self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         if given.block.begins != BlockStart::Slash {
             return Ok(());
@@ -908,7 +881,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// After a motion that may be skipped, the positions of its axes are unknown.
+    /// After a motion that the operator may skip, the positions of its axes are unknown.
     pub(crate) fn forget_skipped_motion(&mut self, motion: &Move) {
         let takes_along = self.frame.tip.is_some();
         for axis in 0..9 {
@@ -928,7 +901,6 @@ pub(crate) fn axis_of_name(name: &str) -> Option<usize> {
     }
 }
 
-/// The axis of a numbered position parameter.
 pub(crate) fn axis_of_place(number: u32) -> Option<usize> {
     let axis = number.checked_sub(5420)? as usize;
     (axis < 9).then_some(axis)

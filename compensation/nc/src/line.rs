@@ -11,9 +11,7 @@ use crate::{
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Line<'a> {
     pub(crate) block: &'a Block,
-    /// Bytes without the line end.
     pub(crate) text: &'a [u8],
-    /// Line end of added lines.
     pub(crate) more: &'static [u8],
     /// Counted from 1.
     pub(crate) number: usize,
@@ -43,14 +41,12 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// Motion code, G0 to G3.
     pub(crate) fn motion_code(self) -> Option<Number> {
         let mut codes = (self.block.words.iter()).filter(|word| word.letter == b'G');
         let code = codes.find_map(|word| word.value.filter(|code| (0.0..=3.0).contains(code)));
         Number::nearest(code?, 0)
     }
 
-    /// Index of the first word with this letter.
     pub(crate) fn place_of(self, letter: u8) -> Option<usize> {
         let words = &self.block.words;
         words.iter().position(|word| word.letter == letter)
@@ -69,29 +65,22 @@ pub(crate) fn write_comment(line: &[u8], out: &mut Vec<u8>) {
     out.push(b')');
 }
 
-/// Notation of added words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Script {
     pub(crate) dialect: Dialect,
-    /// Numbers have decimal commas.
     pub(crate) comma: bool,
-    /// Every line with coordinates repeats its motion code.
     pub(crate) says_each: bool,
 }
 
-/// How a part of a motion is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Shape {
     Straight,
-    /// Unchanged, with the polar coordinates of its line.
+    /// Unchanged: the line keeps its polar coordinates.
     AsItIs,
-    /// An arc with its centre.
     Centre,
-    /// An arc with its radius.
     Radius,
 }
 
-/// A word to be added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct NewWord {
     pub(crate) letter: u8,
@@ -100,7 +89,6 @@ pub(crate) struct NewWord {
 }
 
 impl NewWord {
-    /// A word in the active mode.
     pub(crate) fn plain((letter, number): (u8, Number)) -> Self {
         Self {
             letter,
@@ -152,7 +140,6 @@ impl Script {
         }
     }
 
-    /// This notation with the decimal sign of the existing number `before`, if it has one.
     fn like(self, before: &[u8]) -> Self {
         let sign = before.iter().find(|byte| matches!(byte, b',' | b'.'));
         Self {
@@ -181,14 +168,10 @@ impl Script {
     }
 }
 
-/// Edits to a line.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Edits {
-    /// New values of words, by index in the block.
     pub(crate) replaced: Vec<(usize, Number)>,
-    /// Indices of removed words.
     pub(crate) removed: Vec<usize>,
-    /// Words added after the last one.
     pub(crate) added: Vec<(u8, Number)>,
     /// Replaced text ranges, with the new number; `None` deletes.
     pub(crate) ranges: Vec<(Range<usize>, Option<Number>)>,
@@ -209,7 +192,6 @@ impl Edits {
             && self.ranges.is_empty()
     }
 
-    /// Sets the value of a word: replaces it, or adds it after the last word.
     pub(crate) fn set(&mut self, letter: u8, place: Option<usize>, number: Number) {
         match place {
             Some(place) => self.replaced.push((place, number)),
@@ -217,7 +199,6 @@ impl Edits {
         }
     }
 
-    /// Writes the line with its edits.
     pub(crate) fn write(&self, line: Line<'_>, out: &mut Vec<u8>) {
         let (text, block) = (line.text, line.block);
         let (mut at, mut added) = (0, false);
@@ -259,7 +240,6 @@ impl Edits {
         out.extend_from_slice(&text[at..]);
     }
 
-    /// Edit of the word at an index of the block.
     fn of_word(
         &self,
         place: usize,

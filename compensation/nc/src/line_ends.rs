@@ -14,14 +14,12 @@ pub(crate) fn goes_on(end: &[u8], byte: u8) -> bool {
     }
 }
 
-/// Length of a line without its end.
 pub(crate) fn length_of(text: &[u8]) -> usize {
     let is_end = |byte: &u8| matches!(byte, b'\r' | b'\n');
     let end = text.iter().rev().take_while(|byte| is_end(byte)).count();
     text.len() - end
 }
 
-/// Splits a text into lines and their ends.
 pub(crate) fn split_lines(text: &[u8]) -> Vec<(&[u8], &[u8])> {
     let mut lines = Vec::new();
     let mut rest = text;
@@ -67,15 +65,13 @@ pub(crate) fn end_of_added(end: &[u8]) -> Option<&'static [u8]> {
     }
 }
 
-/// State: whether the lines of a file end with carriage returns only.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Ends {
     only_returns: Option<bool>,
 }
 
 impl Ends {
-    /// # Errors
-    /// A carriage return only, in a file that has line feeds (or the reverse): controls interpret it differently.
+    /// Errors: a carriage return only, in a file that has line feeds (or the reverse): controls interpret it differently.
     pub(crate) fn check(&mut self, line: &[u8], end: &[u8], number: usize) -> Result<(), NcError> {
         if end.is_empty() {
             return Ok(());

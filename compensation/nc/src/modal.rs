@@ -10,7 +10,6 @@ use crate::{
 /// Number of RS-274 work offsets, G54 to G59.3; SINUMERIK has the first four as well.
 pub(crate) const RS274_SYSTEMS: usize = 9;
 
-/// Codes of the RS-274 work offsets.
 pub(crate) const WORK_OFFSETS: [Code; RS274_SYSTEMS] =
     [540, 550, 560, 570, 580, 590, 591, 592, 593];
 
@@ -22,10 +21,8 @@ pub(crate) const G500: usize = G505 + 95;
 /// Index of the first numbered work offset: `G54.1 P1` of FANUC, `G154 P1` of Haas, the presets of HEIDENHAIN.
 pub(crate) const NUMBERED: usize = G500 + 1;
 
-/// Largest number of a numbered work offset.
 pub(crate) const MAX_NUMBERED_OFFSET: u32 = 300;
 
-/// Total number of work offsets.
 pub(crate) const SYSTEMS: usize = NUMBERED + MAX_NUMBERED_OFFSET as usize;
 
 /// Index of the work offset with a number from 1 to [`MAX_NUMBERED_OFFSET`].
@@ -36,7 +33,6 @@ pub(crate) fn numbered(number: u32) -> usize {
 /// A G or M code in tenths: 431 is G43.1.
 pub(crate) type Code = u16;
 
-/// Plane of arcs and cycles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Plane {
     #[default]
@@ -65,7 +61,6 @@ impl Plane {
     }
 }
 
-/// Meaning of F words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum FeedMode {
     /// Reciprocal of the duration of the motion in minutes.
@@ -75,7 +70,6 @@ pub(crate) enum FeedMode {
     PerRevolution,
 }
 
-/// Tool centre point control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum CentrePoint {
     #[default]
@@ -117,7 +111,7 @@ pub(crate) struct Sticky {
     /// Words of depth and R: absolute in G90; in G91 R counts from the initial position and the depth from R.
     pub(crate) depth: Option<f64>,
     pub(crate) clearance: Option<f64>,
-    /// For depth and R: whether each was given in G91.
+    /// Whether the depth and R were given in G91.
     pub(crate) incremental: [bool; 2],
 }
 
@@ -134,7 +128,7 @@ pub(crate) struct Modal {
     pub(crate) diameter: bool,
     /// Motion code of blocks that have coordinates only.
     pub(crate) motion: Option<Code>,
-    /// Another motion mode may be active, because the block that set this one may be skipped.
+    /// Set if another motion mode may be active, because the block that set this one may be skipped.
     pub(crate) motion_unsure: bool,
     pub(crate) feed_mode: FeedMode,
     pub(crate) feed: Option<f64>,
@@ -149,7 +143,6 @@ pub(crate) struct Modal {
     pub(crate) shifted: bool,
     /// The shift is that of G52.
     pub(crate) shift_is_local: bool,
-    /// The program has set the shift.
     pub(crate) shift_is_said: bool,
     pub(crate) tool_offset: Axes,
     /// Length unit when the tool offset was activated, mm.
@@ -160,9 +153,8 @@ pub(crate) struct Modal {
     pub(crate) centre_point: CentrePoint,
     /// Rotation of G68, deg, and its centre.
     pub(crate) rotation: Option<(f64, [f64; 2])>,
-    /// No position in the plane of the rotation has been named since it was set.
+    /// Set while no position in the plane of the rotation has been named since the rotation was set.
     pub(crate) rotation_is_new: bool,
-    /// Frame programmed by TRANS and ROT.
     pub(crate) programmed: ProgrammedFrame,
     /// Centre of arcs and polar coordinates set by a separate block: a position in X and Y.
     pub(crate) pole: Option<[f64; 2]>,
@@ -170,11 +162,8 @@ pub(crate) struct Modal {
     pub(crate) polar: Option<[Option<f64>; 2]>,
     /// Rotary axes take the shorter way (M126).
     pub(crate) shorter: bool,
-    /// The block continues in the next line.
     pub(crate) goes_on: bool,
-    /// A preset number follows in one of the next lines.
     pub(crate) awaits_preset: bool,
-    /// Cycle executed by cycle calls.
     pub(crate) defined: Option<Cycle>,
     /// Cycle executed after each motion.
     pub(crate) each_motion: Option<Cycle>,
@@ -286,7 +275,6 @@ pub(crate) fn name_of_offset(system: usize) -> String {
     }
 }
 
-/// A G code as usually written.
 pub(crate) fn code_text(code: Code) -> String {
     if code.is_multiple_of(10) {
         format!("G{}", code / 10)

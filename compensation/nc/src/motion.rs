@@ -14,7 +14,7 @@ pub(crate) enum Path {
         /// The axis normal to the plane.
         depth: usize,
     },
-    /// To the position of G28 or G30.
+    /// A motion to the position of G28 or G30.
     Home(usize),
     /// A spline, or one of its control points (G5, G5.1, G5.2). Its other points are relative to its ends, or are in further blocks.
     Spline,
@@ -22,15 +22,13 @@ pub(crate) enum Path {
     Other,
 }
 
-/// An arc or helix, in program coordinates, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Arc {
-    /// The two axes of its plane, and the axis of a helix.
+    /// The two axes of the arc's plane, and the axis of a helix.
     pub(crate) axes: [usize; 3],
     pub(crate) centre: [f64; 2],
     /// Angle, rad, positive counterclockwise.
     pub(crate) turns_by: f64,
-    /// The arc is written with a radius.
     pub(crate) by_radius: bool,
 }
 
@@ -48,9 +46,7 @@ pub(crate) fn at_height(hole: &Axes, depth: usize, height: f64) -> Axes {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Polar {
-    /// Indices of the distance and angle words in the block.
     pub(crate) words: [Option<usize>; 2],
-    /// The coordinates are relative to the tool position.
     pub(crate) from_here: bool,
 }
 
@@ -60,17 +56,12 @@ pub(crate) struct Move {
     /// Machine coordinates before and after, mm and deg.
     pub(crate) from: Axes,
     pub(crate) to: Axes,
-    /// Index of each axis word in the block.
     pub(crate) words: Axes<Option<usize>>,
-    /// Axes whose words are incremental.
     pub(crate) incremental: Axes<bool>,
     /// The words are machine coordinates (G53, G28).
     pub(crate) in_machine: bool,
-    /// Polar coordinates of the end of the motion in the plane.
     pub(crate) polar: Option<Polar>,
-    /// Axes whose start position is known.
     pub(crate) known: Axes<bool>,
-    /// Axes that arrive from an unknown position, so that the motion defines no direction of approach.
     pub(crate) arrives_from_unknown: Axes<bool>,
     /// Whole turns, deg, that were added to the start position of a rotary axis to get `from`.
     pub(crate) wraps: Axes,
@@ -109,19 +100,16 @@ impl Arc {
     }
 }
 
-/// An executed motion of the program.
 #[derive(Clone, Debug)]
 pub(crate) struct ExecutedMotion {
     pub(crate) line: usize,
     pub(crate) motion: Move,
-    /// Frame of its coordinates.
     pub(crate) frame: Frame,
-    /// Tool offset that the control adds.
     pub(crate) tool: Axes,
     pub(crate) system: usize,
-    /// The motion, or the cycle at its end, cuts in a work offset that the set-up file states.
+    /// Set if the motion, or the cycle at its end, cuts in a work offset that the set-up file states.
     pub(crate) cuts_from_stated_zero: bool,
-    /// The positions of X, Y and Z are known, as far as the machine has them.
+    /// Set if the positions of those of X, Y and Z that the machine has are known.
     pub(crate) known: bool,
     pub(crate) in_inches: bool,
 }

@@ -135,8 +135,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// # Errors
-    /// Printer coordinates without a motion code.
+    /// Errors: printer coordinates without a motion code.
     fn check_code(&self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         if self.is_printer() && codes.motion.is_none() && given.names_axes() {
             return Err(given.refused(
@@ -146,8 +145,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// # Errors
-    /// A word that the motion does not use: LinuxCNC rejects it, and another control may interpret it.
+    /// Errors: a word that the motion does not use: LinuxCNC rejects it, and another control may interpret it.
     fn check_words(
         &self,
         codes: &Codes,
@@ -188,8 +186,7 @@ impl Interpreter {
         Err(given.refused(&format!("{letter} with {code}, {why}")))
     }
 
-    /// # Errors
-    /// An arc after an M code with axis words that may have moved the axes: whether its start is corrected is unknown.
+    /// Errors: an arc after an M code with axis words that may have moved the axes: whether its start is corrected is unknown.
     fn check_beginning(&self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let [first, second, _] = self.modal.plane.axes();
         let Some(axis) = [first, second]
@@ -204,8 +201,7 @@ impl Interpreter {
         )))
     }
 
-    /// # Errors
-    /// A rotary axis that the machine file lacks moves while tool centre point control is active.
+    /// Errors: a rotary axis that the machine file lacks moves while tool centre point control is active.
     fn check_axes_of_tip(&self, motion: &Move, given: &BlockWords<'_>) -> Result<(), NcError> {
         if self.modal.centre_point != CentrePoint::Off
             && let Some(axis) = (3..9).find(|axis| {
@@ -249,7 +245,6 @@ impl Interpreter {
         each(|axis| axis < 3 && has_unknown_lever || self.mixed_with(axis).any(|axis| own[axis]))
     }
 
-    /// Updates which positions are known after a motion.
     fn update_known_positions(
         &mut self,
         code: Code,
@@ -308,10 +303,8 @@ impl Interpreter {
             && (way_deg.abs() > 180.0 - HALF_TURN_DEG || !is_noted(LETTERS[axis]))
     }
 
-    /// Controls turn a rollover axis to the same word in three ways: as a linear axis, by the shorter way, or in the direction of the sign.
-    ///
-    /// # Errors
-    /// A word of half a turn or more, if the set-up does not state the direction.
+    /// Controls turn a rollover axis to the same word in three ways: as a linear axis, by the shorter way, or in the direction of the sign. Errors: a
+    /// word of half a turn or more, if the set-up does not state the direction.
     fn check_rotary_word(
         &mut self,
         axis: usize,
@@ -384,7 +377,6 @@ impl Interpreter {
         Ok(())
     }
 
-    /// End position of a motion, in machine coordinates.
     fn end(
         &self,
         given: &BlockWords<'_>,
@@ -655,8 +647,7 @@ impl Interpreter {
         self.modal.polar.is_some() && !codes.in_machine && !says_no_place
     }
 
-    /// # Errors
-    /// Polar coordinates that controls interpret differently.
+    /// Errors: polar coordinates that controls interpret differently.
     fn check_polar(&self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         let under_g16 = self.modal.polar.is_some();
         if given.polar.is_none() && !under_g16 {
@@ -686,7 +677,6 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Polar coordinates of a block, if any.
     fn polar_of(&self, given: &BlockWords<'_>) -> Option<Polar> {
         let words = given.polar?;
         let knows_program_position = |of: usize| {
@@ -699,7 +689,6 @@ impl Interpreter {
         Some(Polar { words, from_here })
     }
 
-    /// True if a polar word is incremental.
     fn is_way(&self, word: Option<&Word>) -> bool {
         word.is_some_and(|word| match word.manner {
             Manner::Incremental => true,
@@ -782,7 +771,7 @@ impl Interpreter {
         Ok([distance, angle])
     }
 
-    /// Updates which positions are known after a polar motion: they are if both words are absolute.
+    /// Updates which positions are known after a polar motion. They are known if both words are absolute.
     fn finish_polar(&mut self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let is_place = |of: usize| {
             given

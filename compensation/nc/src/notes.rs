@@ -1,5 +1,3 @@
-//! Notes for the user about a compensated program: each once, with the first line that it applies to.
-
 use std::collections::BTreeMap;
 
 use crate::modal::name_of_offset;

@@ -9,7 +9,6 @@ const POWERS: [f64; 19] = [
 /// Integers below this are exact in an `f64`.
 const EXACT: u64 = 1 << 53;
 
-/// Maximum number of written decimals.
 pub(crate) const MAX_DECIMALS: u8 = 9;
 
 /// Number of decimal digits that are exact in an `f64`, together with their power of ten.
@@ -57,7 +56,6 @@ pub(crate) fn plain(text: &[u8]) -> Option<(f64, u8, usize)> {
     Some((value, decimals as u8, text.len() - rest.len()))
 }
 
-/// State: a number that is read digit by digit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Digits {
     mantissa: u64,
@@ -151,13 +149,11 @@ pub(crate) fn half_step(decimals: u8) -> f64 {
     0.5 * of_steps(1, decimals)
 }
 
-/// Value of this number of steps of the last decimal.
 #[inline]
 pub(crate) fn of_steps(steps: i64, decimals: u8) -> f64 {
     steps as f64 / POWERS[usize::from(decimals.min(MAX_DECIMALS))]
 }
 
-/// The digit pairs 00 to 99.
 #[expect(clippy::cast_possible_truncation, reason = "digits")]
 const PAIRS: [[u8; 2]; 100] = {
     let mut pairs = [[b'0'; 2]; 100];
@@ -244,7 +240,6 @@ impl Decimals {
     }
 }
 
-/// A number to be written, in steps of its last decimal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Number {
     steps: i64,
@@ -321,7 +316,6 @@ impl Number {
     }
 }
 
-/// Format of the coordinates of a word.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Numerals {
     pub(crate) decimals: u8,

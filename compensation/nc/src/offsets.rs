@@ -99,7 +99,6 @@ impl Interpreter {
         Ok(())
     }
 
-    /// A shift of X or Y is active.
     fn is_shifted_in_plane(&self) -> bool {
         self.modal.shifted && self.modal.shift[..2].iter().any(|by| *by != 0.0)
     }
@@ -166,10 +165,8 @@ impl Interpreter {
         Ok(codes.not_modal != Some(40))
     }
 
-    /// Starts a shift of some axes by G52 (`local`) or G92; shifts that G92.2 has suspended do not return.
-    ///
-    /// # Errors
-    /// G52 and G92 shifts together, on a control that adds them.
+    /// Starts a shift of some axes by G52 (`local`) or G92; shifts that G92.2 has suspended do not return. Errors: G52 and G92 shifts together, on a
+    /// control that adds them.
     fn shifts_by(&mut self, local: bool, given: &BlockWords<'_>) -> Result<(), NcError> {
         let is_shifted = self.modal.shifted && self.modal.shift != [0.0; 9];
         if is_shifted && self.modal.shift_is_local != local && self.has_two_shifts() {
@@ -193,8 +190,7 @@ impl Interpreter {
         self.control.is_some_and(Control::is_fanuc_like)
     }
 
-    /// # Errors
-    /// G92.1 that cancels only some of the active shifts.
+    /// Errors: G92.1 that cancels only some of the active shifts.
     fn check_end_of_shift(&self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let stays = |axis: &usize| {
             self.modal.shifted && self.modal.shift[*axis] != 0.0 && given.word(*axis).is_none()
@@ -298,7 +294,6 @@ impl Interpreter {
         Ok(())
     }
 
-    /// G28 and G30: via the intermediate point in the words to the stored machine position.
     fn go_home(
         &mut self,
         which: usize,
@@ -355,7 +350,6 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Work offset selected by a code of a block.
     pub(crate) fn system_of(
         &self,
         code: Code,
@@ -401,8 +395,7 @@ impl Interpreter {
             && matches!(self.control, Some(Control::Fanuc | Control::Mazak))
     }
 
-    /// # Errors
-    /// U, V or W without such an axis: incremental X, Y or Z on lathes with these controls.
+    /// Errors: U, V or W without such an axis: incremental X, Y or Z on lathes with these controls.
     pub(crate) fn check_incremental_letters(
         &self,
         codes: &Codes,
@@ -432,7 +425,6 @@ impl Interpreter {
         }
     }
 
-    /// Executes the dialect commands of a block before its motion. Returns true if they use the axis words.
     pub(crate) fn commands(
         &mut self,
         given: &BlockWords<'_>,
@@ -538,7 +530,6 @@ impl Interpreter {
         Ok(takes_words)
     }
 
-    /// Selects a tool or changes its length.
     fn tool_command(&mut self, command: &Command, given: &BlockWords<'_>) -> Result<(), NcError> {
         if matches!(
             command,
@@ -621,7 +612,6 @@ impl Interpreter {
         Ok(relative)
     }
 
-    /// Activates the length of the tool in the spindle.
     fn take_length(&mut self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let tool = self.tool_in_spindle();
         let offset = tool.and_then(|tool| self.tools.get(&tool)).copied();

@@ -9,7 +9,6 @@ pub(crate) type Value = Option<f64>;
 /// Number of local numbered parameters (1 to 30).
 const LOCAL: u32 = 30;
 
-/// Number of numbered parameters.
 pub(crate) const MOST: u32 = 100_000;
 
 /// Parameters that the control sets at run time: probed positions and input states.
@@ -26,12 +25,10 @@ struct Values {
     named: HashMap<String, Value>,
 }
 
-/// State: parameters set by the program so far.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Parameters {
     /// Global parameters: numbered from 31 on, and names with a leading underscore.
     shared: Values,
-    /// Local parameters of the main program, and of each active subroutine.
     main: Values,
     subs: Vec<Values>,
 }
@@ -65,8 +62,8 @@ impl Parameters {
         }
     }
 
-    /// Value of a numbered parameter. One that the program has not set is 0 if it is local to a subroutine; otherwise the control keeps it
-    /// from program to program, so its value is unknown.
+    /// Value of a numbered parameter. A parameter that the program has not set is 0 if it is local to a subroutine. Otherwise the control keeps its
+    /// value from program to program, so that it is unknown here.
     pub(crate) fn numbered(&self, number: u32) -> Value {
         if let Some(value) = self.set_number(number) {
             return value;

@@ -4,7 +4,6 @@ use std::fmt::Write as _;
 
 use crate::verify::{Place, Verification};
 
-/// Magnification of deviations.
 const ENLARGED: f64 = 1000.0;
 
 /// Larger side of the drawing and its margin, in SVG units.
@@ -12,7 +11,6 @@ const SIZE: f64 = 720.0;
 
 const MARGIN: f64 = 60.0;
 
-/// Radius of the hole symbol.
 const HOLE: f64 = 3.0;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
@@ -151,7 +149,6 @@ fn plane_of(path: &[Place]) -> [usize; 2] {
     }
 }
 
-/// Largest value of 1, 2 or 5 times a power of ten that does not exceed the length.
 fn round_below(length: f64) -> f64 {
     let power = 10.0_f64.powf(length.log10().floor());
     let digit = [5.0, 2.0, 1.0]

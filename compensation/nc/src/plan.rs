@@ -148,7 +148,6 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
     })
 }
 
-/// A point of the path with the direction of the path there.
 struct Station {
     at: Place,
     along: Place,
@@ -181,7 +180,6 @@ impl Station {
         }
     }
 
-    /// Grid points about a centre along the normals of the path.
     fn grid(&self, middle: Place, step: f64) -> Vec<Place> {
         let mut places = Vec::new();
         for i in -AROUND..=AROUND {
@@ -222,7 +220,6 @@ struct Search<'a, F> {
 }
 
 impl<F: Fn(Place) -> Place> Search<'_, F> {
-    /// The candidates of the shortest path.
     fn best(&mut self, candidates: &[Vec<Place>]) -> Option<Vec<Place>> {
         let counts: Vec<usize> = candidates.iter().map(Vec::len).collect();
         let missed: Vec<Vec<Place>> = candidates

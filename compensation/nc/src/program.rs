@@ -109,7 +109,6 @@ pub fn compensate(
     execute(input, output, rewriter, job.most_blocks, seen)
 }
 
-/// Reads a program and writes the rewritten one.
 pub(crate) fn execute(
     input: &mut impl BufRead,
     output: &mut impl Write,
@@ -181,7 +180,6 @@ pub(crate) fn execute(
     Ok(summary(after, ends || by_percent.is_some()))
 }
 
-/// How the lines after this one are processed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Next {
     Line,
@@ -199,7 +197,6 @@ struct Stream {
     number: usize,
     percents: usize,
     ended: bool,
-    /// Output buffer, written in larger pieces.
     written: Vec<u8>,
 }
 
@@ -286,7 +283,6 @@ fn summary(rewriter: Rewriter, ended: bool) -> Summary {
     }
 }
 
-/// Reads the rest of the input, after `text`.
 fn read_rest(
     input: &mut impl BufRead,
     mut text: Vec<u8>,

@@ -12,7 +12,7 @@ const REVERSAL_TOLERANCE_MM: f64 = 5e-5;
 
 const MAX_STEPS: f64 = 1024.0;
 
-/// A reversal of an axis: from its share on the errors of the other direction apply.
+/// A reversal of an axis. From its share of the motion on, the errors of the other direction apply.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reversal {
     /// Share of the motion, 0 to 1.
@@ -25,11 +25,9 @@ pub(crate) struct Reversal {
     before: f64,
 }
 
-/// Reversals of the axes along a motion.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Reversals {
     pub(crate) turns: Vec<Reversal>,
-    /// Furthest position of each axis in its direction at the end of the motion.
     pub(crate) furthest: Axes,
 }
 
@@ -46,7 +44,6 @@ impl Reversals {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Carriages {
     drive: Axes,
-    /// Axes that arrive from an unknown position.
     arrives_from_unknown: Axes<bool>,
     /// Carriage minus drive position, mm or deg: at most half of the backlash. 0 (the middle) while the direction of approach is
     /// unknown.
@@ -54,7 +51,6 @@ pub(crate) struct Carriages {
 }
 
 impl Carriages {
-    /// Carriages of drives at this position, with unknown directions of approach.
     pub(crate) fn at(drive: &Axes) -> Self {
         Self {
             drive: *drive,
@@ -101,7 +97,6 @@ impl Corrector {
         (self.approach, self.furthest) = (approach, furthest);
     }
 
-    /// Sets the start position, without directions of approach.
     pub(crate) fn start_at(&mut self, at: &Axes) {
         self.approach = [None; MAX_AXES];
         let more = self.without_play(at);
@@ -119,7 +114,6 @@ impl Corrector {
         }
     }
 
-    /// Axes whose correction depends on a direction of approach that is unknown.
     pub(crate) fn axes_with_unknown_approach(&self) -> impl Iterator<Item = usize> + use<> {
         let (has_directions, approach) = (self.has_directions, self.approach);
         (0..MAX_AXES).filter(move |axis| has_directions[*axis] && approach[*axis].is_none())
@@ -130,7 +124,6 @@ impl Corrector {
         self.play.has(axis)
     }
 
-    /// Sets the furthest position of each axis in its direction.
     pub(crate) fn set_furthest(&mut self, furthest: &Axes) {
         for axis in 0..MAX_AXES {
             if self.has(axis) {

@@ -56,19 +56,17 @@ pub(crate) struct Rewriter {
     /// E word of the current motion; `extruded` is the share already written.
     pub(crate) extrusion: Option<Extrusion>,
     pub(crate) extruded: f64,
-    /// Cache of the last corrections.
     pub(crate) seen: CorrectionCache,
     pub(crate) bounds: Bounds,
     pub(crate) decimals: Decimals,
     pub(crate) strategy: Strategy,
-    /// Motions whose numbers differ from those of [`Strategy::Plain`].
+    /// Number of motions whose numbers differ from those of [`Strategy::Plain`].
     pub(crate) rounded_otherwise: u64,
     /// Correction applied at the machine axes, mm and deg.
     pub(crate) carried: Axes,
     pub(crate) applied_correction: AppliedCorrection,
-    /// Work offsets whose error at zero was noted, or needs no note.
+    /// Work offsets whose error at zero was noted or needs no note.
     zeros_noted: [bool; SYSTEMS],
-    /// Axis reversals on the current motion.
     pub(crate) turns: Reversals,
     /// Corrections contained in the modal depth and plane R of a cycle, mm.
     pub(crate) carried_by_cycle: [f64; 2],
@@ -79,7 +77,6 @@ pub(crate) struct Rewriter {
     pub(crate) contour: Contour,
     /// Cutter radius compensation was switched, and no motion in the plane has followed yet.
     pub(crate) switches_radius: bool,
-    /// Modal state before the current block, if the block may be an arc.
     pub(crate) before: Option<Meaning>,
     /// Pole active in the control, in program coordinates, mm.
     pub(crate) pole: Option<[f64; 2]>,
@@ -88,21 +85,17 @@ pub(crate) struct Rewriter {
     comma: bool,
     pub(crate) computed: Computed,
     pub(crate) folders: Arc<[PathBuf]>,
-    /// Line end of added lines.
     more: &'static [u8],
     pub(crate) counts: Counts,
     /// Ends of the parts of each motion (0 to 1), concatenated; `None` if not requested.
     pub(crate) shares: Option<Vec<f64>>,
-    /// Queue to which each motion is sent.
     pub(crate) motion_receiver: Option<SyncSender<ExecutedMotion>>,
     /// The last block; `None` while it is processed.
     block: Option<Box<Block>>,
     pub(crate) edits: Edits,
-    /// Reused buffer of the part ends of a motion.
     parts: Vec<f64>,
 }
 
-/// Modal state that coordinates and F depend on.
 #[derive(Clone, Debug)]
 pub(crate) struct Meaning {
     frame: Frame,
@@ -116,7 +109,6 @@ pub(crate) struct Meaning {
 }
 
 impl Meaning {
-    /// The state before a block that may be an arc.
     pub(crate) fn before(interpreter: &Interpreter, block: &Block) -> Option<Self> {
         let modal = &interpreter.modal;
         let says_arc = (block.words.iter())
@@ -145,7 +137,6 @@ impl Meaning {
         self.polar.is_some() == after.polar.is_some() && !has_other_feed
     }
 
-    /// Exchanges this state with that of the interpreter.
     pub(crate) fn swap(&mut self, interpreter: &mut Interpreter) {
         let modal = &mut interpreter.modal;
         swap(&mut self.frame, &mut interpreter.frame);
@@ -169,19 +160,16 @@ pub(crate) enum Contour {
     Follows,
 }
 
-/// Whether the applied correction is the one of the current position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum AppliedCorrection {
     Current,
     Outdated,
-    /// An axis has reversed.
     OutdatedByReversal,
 }
 
 /// Maximum number of additional decimals of words that define the current position.
 const FINER: u8 = 3;
 
-/// Which computed values are written as numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Computed {
     Kept,
@@ -248,7 +236,6 @@ impl Rewriter {
         })
     }
 
-    /// True if the last line read is a percent sign.
     pub(crate) fn is_percent(&self) -> bool {
         let block = self.block.as_ref();
         block.is_some_and(|block| block.begins == BlockStart::Percent)
@@ -407,7 +394,6 @@ impl Rewriter {
         Ok(outcome.ends)
     }
 
-    /// Sends a motion of the program to the receiver, if any.
     pub(crate) fn send_motion(
         &mut self,
         motion: &Move,
@@ -520,7 +506,6 @@ impl Rewriter {
         frame.moved_in_program(&machine, &self.corrector.at(&machine).delta)
     }
 
-    /// Start and end of a motion in program coordinates.
     pub(crate) fn ends_of(&self, motion: &Move) -> [Axes; 2] {
         let frame = &self.interpreter.frame;
         [&motion.from, &motion.to].map(|at| frame.to_program(at))
@@ -533,7 +518,6 @@ impl Rewriter {
             .bulge_in_frame_mm(&self.interpreter.frame, from, to)
     }
 
-    /// True if a motion moves in the plane of arcs and cutter radius compensation.
     fn moves_in_plane(&self, motion: &Move) -> bool {
         let [from, to] = self.ends_of(motion);
         let [first, second, _] = self.interpreter.modal.plane.axes();
@@ -564,7 +548,6 @@ impl Rewriter {
         (0..9).any(|axis| axes[axis] && carried[axis].abs() > 1e-9)
     }
 
-    /// Updates directions of approach after a motion was written.
     pub(crate) fn finish_motion(&mut self, motion: &Move) {
         let turns = std::mem::take(&mut self.turns);
         if self.corrector.bidirectional {
@@ -610,7 +593,6 @@ impl Rewriter {
         };
     }
 
-    /// Replaces computed values by numbers, with `also_set` also assigned ones.
     fn write_values(&mut self, block: &Block, also_set: bool) {
         for (place, word) in block.words.iter().enumerate() {
             let value = word.value.filter(|_| word.decimals.is_none());
@@ -650,7 +632,6 @@ impl Rewriter {
         }
     }
 
-    /// Adds the applied correction to words that define the current position.
     pub(crate) fn presets(
         &mut self,
         words: &Axes<Option<usize>>,
@@ -735,8 +716,7 @@ impl Rewriter {
         }
     }
 
-    /// # Errors
-    /// A motion that is split has an E word that cannot be divided between its parts.
+    /// Errors: a motion that is split has an E word that cannot be divided between its parts.
     pub(crate) fn check_extrusion(&self, line: Line<'_>) -> Result<(), NcError> {
         match self.extrusion.and_then(|extrusion| extrusion.unknown) {
             None => Ok(()),

@@ -109,7 +109,6 @@ impl Block {
         Ok(())
     }
 
-    /// Last word with this letter.
     pub(crate) fn word(&self, letter: u8) -> Option<&Word> {
         self.words.iter().rev().find(|word| word.letter == letter)
     }
@@ -124,10 +123,8 @@ fn skip_comment(scanner: &mut Scanner<'_>, column: Column) -> Result<(), Fault> 
     Ok(())
 }
 
-/// Checks the end of a block on FANUC and Haas controls, where a semicolon ends the block instead of beginning a comment.
-///
-/// # Errors
-/// Anything but comments after the semicolon in `rest`, the text after the last word, which starts at column `from`.
+/// Checks the end of a block on FANUC and Haas controls, where a semicolon ends the block instead of beginning a comment. Errors: anything but
+/// comments after the semicolon in `rest`, the text after the last word, which starts at column `from`.
 pub(crate) fn check_end_of_block(rest: &[u8], from: usize) -> Result<(), Fault> {
     let (mut in_comment, mut ended) = (false, false);
     for (place, byte) in rest.iter().enumerate() {
@@ -172,7 +169,6 @@ const OTHERS: [(&str, &str); 3] = [
 /// Text that only occurs in SINUMERIK lines.
 const IN_SIEMENS: [&str; 5] = ["=IC(", "=AC(", "=DC(", "CR=", "SUPA"];
 
-/// The fault for a chamfer or rounding, which follows a comma.
 pub(crate) fn corner(text: &[u8], fault: &Fault) -> Option<Fault> {
     let Fault::Character { column, found: ',' } = *fault else {
         return None;
@@ -213,10 +209,8 @@ pub(crate) fn hint(text: &[u8]) -> Option<Fault> {
     Some(Column(1).not_followed(found.trim(), why))
 }
 
-/// Converts coordinates in least increments to program units.
-///
-/// # Errors
-/// Coordinates both with and without a decimal point, if the meaning on the control is not stated.
+/// Converts coordinates in least increments to program units. Errors: coordinates both with and without a decimal point, if the meaning on the
+/// control is not stated.
 pub(crate) fn read_increments(
     block: &mut Block,
     text: &[u8],

@@ -13,7 +13,6 @@ use crate::{
     rewrite::{Computed, Rewriter},
 };
 
-/// Maximum nesting depth of subroutine calls.
 const MAX_CALL_DEPTH: usize = 100;
 
 struct Run<'r, 't> {
@@ -27,7 +26,6 @@ struct Run<'r, 't> {
 
 #[derive(Clone, Copy, Debug)]
 struct Call {
-    /// Line to return to.
     back: usize,
     /// Start of a program called by number, and remaining executions; `None` for an O-word call, which has local parameters.
     program: Option<(usize, u64)>,
@@ -77,7 +75,6 @@ impl<'r, 't> Run<'r, 't> {
         }
     }
 
-    /// Executes all lines. Returns the final state, and whether the program ended there.
     fn move_to(mut self, sink: &mut impl LineSink) -> Result<(Rewriter, bool), NcError> {
         let (mut at, mut executed) = (0, 0_u64);
         let mut text = Vec::new();
@@ -256,7 +253,6 @@ impl<'r, 't> Run<'r, 't> {
         Ok(begin)
     }
 
-    /// The line to continue at when a subroutine ends.
     fn end_sub(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
         let value = self.values(at, statement, line)?.first().copied();
         let Some(Call {
@@ -378,15 +374,12 @@ impl<'r, 't> Run<'r, 't> {
     }
 }
 
-/// Receives lines as they are executed.
 trait LineSink {
-    /// A line was executed; `text` is its replacement.
     fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError>;
     /// The main program reaches this line.
     fn at(&mut self, place: usize) -> Result<(), NcError>;
 }
 
-/// Replacement of each line, and the lines with conflicting replacements.
 struct Replacements<'r, 't> {
     lines: &'r Listing<'t>,
     texts: Vec<Option<Vec<u8>>>,
@@ -402,7 +395,6 @@ impl<'r, 't> Replacements<'r, 't> {
         }
     }
 
-    /// Writes the program with these replacements.
     pub(crate) fn write(&self, output: &mut impl Write) -> Result<(), NcError> {
         for (place, (line, end)) in self.lines.lines[..self.lines.own].iter().enumerate() {
             let text = self.texts[place].as_deref();
@@ -440,7 +432,6 @@ struct UnrollingWriter<'a, W> {
     flow: &'a Flow,
     recorded: &'a Replacements<'a, 'a>,
     output: &'a mut W,
-    /// Next program line to be written.
     next: usize,
     /// First and last line of the call or loop being executed.
     open: Option<[usize; 2]>,
@@ -466,7 +457,6 @@ impl<'a, W: Write> UnrollingWriter<'a, W> {
         }
     }
 
-    /// Writes the program lines up to this one, with their replacements if these are unique.
     fn write_to(&mut self, end: usize) -> Result<(), NcError> {
         while self.next < end.min(self.lines.own) {
             let (line, end_of_line) = self.lines.lines[self.next];

@@ -1,5 +1,3 @@
-//! Set-up of the machine that a program relies on: work offsets, tool lengths, and start position.
-
 use std::{collections::BTreeMap, path::PathBuf};
 
 use volcomp_model::document::{Document, InputError, Section};
@@ -13,12 +11,9 @@ use crate::{
 /// Set-up data that the program does not contain. Lengths in mm, angles in deg; missing values are zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SetUp {
-    /// Modal state at the start of a program.
     pub(crate) modal: Modal,
-    /// Work offsets that the file states.
     stated: [bool; SYSTEMS],
     pub(crate) tools: BTreeMap<u32, Axes>,
-    /// Axes whose G28 and G30 positions the file states.
     pub(crate) states_homes: [Axes<bool>; 2],
     start: Option<(Axes, Axes<bool>)>,
     pub(crate) folders: Vec<PathBuf>,
@@ -170,7 +165,6 @@ impl SetUp {
         is_stated.then(|| self.modal.offsets[system].offset)
     }
 
-    /// A copy with these amounts added to X, Y and Z of its work offsets, mm.
     pub(crate) fn with_offsets_moved(&self, by: &[[f64; 3]]) -> Self {
         let mut moved = self.clone();
         for (offset, by) in moved.modal.offsets.iter_mut().zip(by) {

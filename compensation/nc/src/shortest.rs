@@ -13,7 +13,7 @@ pub enum GraphError {
     NotSquare {
         /// The node, from 0.
         node: usize,
-        /// Number of weights in its row.
+        /// Number of weights in the row of the node.
         found: usize,
         /// Number of nodes.
         expected: usize,

@@ -44,7 +44,6 @@ struct Reader<'a, 'b> {
     block: &'b mut Block,
     scanner: Scanner<'a>,
     interpreter: &'b Interpreter,
-    /// G code groups read so far, and the code of each.
     groups: Vec<(u8, u32)>,
     dwells: bool,
     limits: bool,
@@ -163,7 +162,6 @@ impl Reader<'_, '_> {
         rest.is_some_and(|rest| rest.starts_with(b"=="))
     }
 
-    /// Text of an address, for messages.
     fn found(&self, at: usize) -> String {
         let text = self.scanner.bytes().get(at..self.scanner.at());
         String::from_utf8_lossy(text.unwrap_or_default().trim_ascii()).into_owned()
@@ -234,7 +232,6 @@ impl Reader<'_, '_> {
         from..from + text.unwrap_or_default().trim_ascii_end().len()
     }
 
-    /// Reads a formula, or a number with its decimals.
     fn value(&mut self, what: &'static str) -> Result<WordValue, Fault> {
         let column = self.scanner.column();
         self.read()?.ok_or(column.malformed(what))
@@ -378,7 +375,6 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// Reads the arguments of a cycle after its name.
     pub(crate) fn cycle(&mut self, name: &str, only_drills: bool) -> Result<Cycle, Fault> {
         let mut inside = self.scanner.clone();
         let column = inside.column();
@@ -450,7 +446,6 @@ impl Reader<'_, '_> {
         });
     }
 
-    /// Skips the rest of the line up to its comment.
     fn skip_line(&mut self) {
         let (at, rest) = (self.scanner.at(), self.scanner.rest());
         let mut in_text = false;
@@ -481,7 +476,6 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// Reads a word of one letter, after that letter.
     fn lettered(&mut self, letter: u8, at: usize, column: Column) -> Result<(), Fault> {
         match letter {
             b'G' => self.g_code(at, column),
@@ -666,7 +660,6 @@ type Number = Option<u32>;
 /// Values of a block; parameters have their values from before the block.
 pub(crate) struct Values<'b> {
     pub(crate) interpreter: &'b Interpreter,
-    /// Parameters set by the block so far.
     pub(crate) set: &'b [Assignment],
 }
 
@@ -806,7 +799,7 @@ fn identifier(scanner: &mut Scanner<'_>) -> Option<String> {
     Some(name.map(char::from).collect())
 }
 
-/// Skips brackets with their content, if they are next; strings in them may contain anything. Returns true if it did.
+/// Skips brackets with their content if they are next, and returns true if they were. Strings in them may contain anything.
 fn passes_brackets(scanner: &mut Scanner<'_>, opens: u8, closes: u8) -> bool {
     if scanner.peek() != Some(opens) {
         return false;
@@ -832,10 +825,8 @@ fn passes_brackets(scanner: &mut Scanner<'_>, opens: u8, closes: u8) -> bool {
     false
 }
 
-/// Meaning of a G code or a name.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Meaning {
-    /// The word means this RS-274 code.
     Code(f64),
     Command(Command),
     Nothing,
@@ -917,7 +908,6 @@ const HARMLESS: &str = "ACC ADIS ADISPOS ATOL BRISK BRISKA CDOF CDOF2 CDON CFC C
     MSG NORM ORIAXES ORIMKS OTOL OVR OVRRAP RTLIOF RTLION SAVE SBLOF SBLON SETM SETMS SOFT SOFTA SPATH SPCOF \
     SPCON SPOS SPOSA STARTFIFO STOPFIFO STOPRE UPATH WAITM WAITS WORKPIECE";
 
-/// Unsupported names, by reason.
 const REFUSED: [(&str, &str); 10] = [
     (
         FLOW,

@@ -17,7 +17,6 @@ use crate::{
     shortest::through,
 };
 
-/// Maximum number of parts of a motion.
 pub(crate) const MAX_PARTS: usize = 4096;
 
 /// Sampling interval in the search for axis reversals, mm or deg; `MAX_REVERSAL_SAMPLES` limits the number of samples.
@@ -25,7 +24,6 @@ const REVERSAL_SAMPLING: f64 = 5.0;
 
 const MAX_REVERSAL_SAMPLES: f64 = 64.0;
 
-/// Maximum number of steps in which X, Y and Z follow a part of a purely rotary motion.
 const MAX_FOLLOW_STEPS: f64 = 64.0;
 
 /// Travel, mm or deg, below which an axis rests: rounding of coordinates.
@@ -69,24 +67,20 @@ impl<'a> Part<'a> {
 pub(crate) struct Leg<'a> {
     pub(crate) motion: &'a Move,
     pub(crate) line: Line<'a>,
-    /// Start and end, in program coordinates.
     pub(crate) from: Axes,
     pub(crate) to: Axes,
     /// Machine coordinates at which the correction is evaluated: the end, or half-way down a hole.
     pub(crate) at: Axes,
     pub(crate) writes: Axes<WriteRule>,
-    /// Axes that keep their correction from the start.
     pub(crate) keeps: Axes<bool>,
     /// Correction from joint rounding; `None`: round each number separately.
     pub(crate) rounded: Option<Axes>,
 }
 
-/// When the word of an axis is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum WriteRule {
     /// Never: the word is no coordinate of the end, but the depth of a cycle, or a polar coordinate that stays.
     Never,
-    /// The word is written if its number changes.
     IfChanged,
     /// The word is written if the axis moves: for added lines, which have no words yet.
     IfMoves,
@@ -96,24 +90,20 @@ pub(crate) enum WriteRule {
     Always,
 }
 
-/// One axis on a motion or a part of it, in program coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AxisWay {
     pub(crate) from: f64,
     pub(crate) to: f64,
-    /// Correction required at the end, and the one applied at the start.
+    /// Correction required at the end, and the correction applied at the start.
     pub(crate) delta: f64,
     pub(crate) carried: f64,
     pub(crate) incremental: bool,
     pub(crate) manner: Manner,
-    /// The axis keeps its correction from the start.
     pub(crate) keeps: bool,
-    /// Word of the program, if any.
     pub(crate) written: Option<OriginalWord>,
     pub(crate) numerals: Numerals,
 }
 
-/// A word of the program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct OriginalWord {
     /// Decimals of a plain number.
@@ -165,12 +155,9 @@ impl AxisWay {
 }
 
 impl Rewriter {
-    /// Splits a straight motion into parts within which the correction is linear, and appends the end of each as a share (0 to 1). A first
-    /// part that ends at 0 applies the correction missing at the start; a second part that ends at the same share crosses the backlash of
-    /// an axis that reverses there. `at_ends` are the ends in program coordinates.
-    ///
-    /// # Errors
-    /// More parts than a motion may have, or an unknown F of the parts.
+    /// Splits a straight motion into parts within which the correction is linear, and appends the end of each as a share (0 to 1). A first part that
+    /// ends at 0 applies the correction missing at the start; a second part that ends at the same share crosses the backlash of an axis that reverses
+    /// there. `at_ends` are the ends in program coordinates. Errors: more parts than a motion may have, or an unknown F of the parts.
     pub(crate) fn parts(
         &mut self,
         motion: &Move,
@@ -283,7 +270,6 @@ impl Rewriter {
         frame.to_machine(&between(&from, &to, share))
     }
 
-    /// Appends the parts between two shares of a straight motion.
     fn split(
         &mut self,
         motion: &Move,
@@ -379,7 +365,6 @@ impl Rewriter {
         self.applied_correction = AppliedCorrection::Outdated;
     }
 
-    /// Writes a straight motion in parts, between these ends in program coordinates.
     pub(crate) fn straight(
         &mut self,
         motion: &Move,
@@ -507,8 +492,7 @@ impl Rewriter {
         *parts = shares;
     }
 
-    /// # Errors
-    /// F (in G93) or E of the parts of a motion is unknown.
+    /// Errors: F (in G93) or E of the parts of a motion is unknown.
     pub(crate) fn check_shares(&mut self, line: Line<'_>) -> Result<(), NcError> {
         self.check_extrusion(line)?;
         if self.interpreter.modal.exact_stop {
@@ -628,7 +612,6 @@ impl Rewriter {
         self.counts.added += 1;
     }
 
-    /// Records the end of a part of a motion.
     pub(crate) fn record_part_end(&mut self, share: f64) {
         if let Some(shares) = &mut self.shares {
             shares.push(share);
@@ -678,7 +661,6 @@ impl Rewriter {
         delta
     }
 
-    /// Makes the numbers of some axes for this correction.
     fn numbers(
         &mut self,
         leg: &Leg<'_>,

@@ -124,7 +124,6 @@ fn compare(
     failed.map_or(compared, Err)
 }
 
-/// The error for a result that has other motions than the program.
 fn other_motions(line: usize) -> NcError {
     NcError::not_compensated(
         line,
@@ -132,7 +131,6 @@ fn other_motions(line: usize) -> NcError {
     )
 }
 
-/// Maximum number of stored path positions.
 const MAX_STORED_PLACES: usize = 20_000;
 
 /// Number of evaluated positions per started `LENGTH_MM` of a line or an arc, the last one at its end.
@@ -159,7 +157,6 @@ const RESTING_WITHIN_MM: f64 = 1e-11;
 /// Minimum increase of the deviation, µm, to count a motion as worse than before.
 const WORSE_BY_UM: f64 = 0.01;
 
-/// Positions at equal shares of a motion.
 #[derive(Clone, Copy, Debug)]
 struct Stations {
     /// Index of the first evaluated position: 0 (share 0) for holes, otherwise 1.
@@ -224,7 +221,6 @@ fn length_mm(original: &ExecutedMotion) -> f64 {
     }
 }
 
-/// A motion of the result, with its start and end as shares of a motion of the program.
 #[derive(Debug)]
 struct PartOfMotion {
     made: ExecutedMotion,
@@ -232,13 +228,10 @@ struct PartOfMotion {
     to: f64,
 }
 
-/// State: the virtual machine, and the results so far.
 struct Comparison {
     truth: Corrector,
-    /// Carriages with the original program, and with the result.
     before: Carriages,
     after: Carriages,
-    /// Axis reversals of the current motion that are still ahead.
     turns: Reversals,
     /// Parts of the motion, index of the part that the result has reached, and the completed share of that part.
     parts: Vec<PartOfMotion>,
@@ -248,7 +241,6 @@ struct Comparison {
     cut: Option<Collector>,
     /// Correction of the result, if a part is inspected.
     corrector: Option<Corrector>,
-    /// The mean corrections, if the result has these in its work offsets.
     averages: Option<Vec<Average>>,
     stated: [bool; SYSTEMS],
     /// Deviation of each probed zero from its work offset with the original program, and with the result, whose work offset includes the
@@ -322,7 +314,6 @@ impl Comparison {
         Ok(self.found)
     }
 
-    /// Takes the motions of the result that are parts of the next motion of the program.
     fn take_parts(
         &mut self,
         line: usize,
@@ -511,7 +502,7 @@ impl Comparison {
         way.map(|way| way / length)
     }
 
-    /// Counts the motion just evaluated if its deviation is larger with the result.
+    /// Counts the motion just evaluated if the result deviates more than the program.
     fn count_if_worse(&mut self, line: usize) {
         let [before, after] = &self.of_motion;
         let by_um = (after.rms() - before.rms()).max(after.max() - before.max());
@@ -609,7 +600,6 @@ pub struct Deviation {
     pub form_max_um: f64,
 }
 
-/// State: accumulated deviations of all positions.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sums {
     whole: Lengths,
@@ -617,7 +607,6 @@ pub(crate) struct Sums {
     line: usize,
     tip_mm: [f64; 3],
     form: RigidSums,
-    /// Positions with the largest deviation towards plus and minus X, Y and Z.
     farthest: [Option<Place>; 6],
 }
 
@@ -667,7 +656,6 @@ impl Sums {
 /// Selects a deviation of a position, µm.
 type DeviationOf = fn(&Place) -> [f64; 3];
 
-/// Deviation with the original and with the compensated program.
 const BEFORE_AND_AFTER: [DeviationOf; 2] = [|place| place.before_um, |place| place.after_um];
 
 fn in_mm(place: &Place, of: DeviationOf) -> [Vector3<f64>; 2] {

@@ -116,7 +116,6 @@ impl Report {
         report
     }
 
-    /// The report of the content of a machine file.
     fn of_statements(source: &str, machine: &Machine, stated: &Stated) -> Self {
         Self {
             head: head(source, machine, &std::iter::empty(), stated),
@@ -149,7 +148,6 @@ impl Report {
         }
     }
 
-    /// Whether the report contains any error.
     pub(crate) fn knows_errors(&self) -> bool {
         let mut squares = self.squareness.iter();
         !self.curves.is_empty()
@@ -175,7 +173,6 @@ fn of_square(file: &CalibrationFile, calibration: &Calibration, error: ErrorName
     known.filter(|_| is_alone).map(|(_, known)| known.0)
 }
 
-/// A note if axes have assembly errors.
 fn on_assembly(machine: &Machine) -> Option<String> {
     let axes = machine.axes().iter().enumerate();
     let axes = axes.filter(|(index, _)| machine.assembly(*index).iter().any(|of| *of != 0.0));
@@ -188,7 +185,6 @@ fn on_assembly(machine: &Machine) -> Option<String> {
     })
 }
 
-/// Notes on errors that were measured in one direction only.
 fn one_direction(machine: &Machine) -> Option<String> {
     let names = machine.read_in_one_direction();
     let names: Vec<String> = names.iter().map(ErrorName::to_string).collect();

@@ -9,7 +9,6 @@ use volcomp_vocabulary::{Direction, ErrorName};
 
 use crate::report::{Band, Branch, Curve, CurveLine, FitNumbers, Residual, Run};
 
-/// Number of points at which a curve is drawn over the travel.
 const POINTS: usize = 241;
 
 /// All errors of a machine that have a curve: the fitted ones in the order of the calibration, then those of the machine file.
@@ -41,7 +40,6 @@ pub(crate) fn curves(file: &CalibrationFile, calibration: &Calibration) -> Vec<C
     all
 }
 
-/// The curves of a machine file.
 pub(crate) fn stated_curves(machine: &Machine) -> Vec<Curve> {
     let names = machine.errors().map(|(error, _)| error);
     names.filter_map(|error| bare(machine, error)).collect()
@@ -209,7 +207,7 @@ fn numbers(fit: &FittedCurve) -> FitNumbers {
     }
 }
 
-/// The readings of a line, shifted to its curve like their means.
+/// The readings of a line, shifted like their means to the curve.
 fn of_line(file: &CalibrationFile, fitted: &FittedLine) -> CurveLine {
     let means = fitted.points.clone();
     let Some(line) = fitted.line.and_then(|line| file.measurements.get(line)) else {
@@ -242,7 +240,6 @@ fn of_line(file: &CalibrationFile, fitted: &FittedLine) -> CurveLine {
     }
 }
 
-/// The runs of a measurement, with each reading converted by `value`.
 pub(crate) fn runs_of(
     measurement: &Measurement,
     value: impl Fn(Direction, f64, f64) -> Option<f64>,

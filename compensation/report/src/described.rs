@@ -1,5 +1,3 @@
-//! Descriptions of errors.
-
 use volcomp_metrology::MotionKind;
 use volcomp_vocabulary::{AxisKind, ErrorName};
 

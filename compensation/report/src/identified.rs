@@ -4,7 +4,6 @@ use volcomp_identify::{Identification, Observations, unit_symbol};
 
 use crate::report::{Identified, Left, Parameter, SourceFile, Weighted};
 
-/// Converts an identification for the report.
 pub(crate) fn identified(found: &Identification) -> Identified {
     let parameters = found.parameters.iter().map(|parameter| Parameter {
         name: parameter.name.clone(),
@@ -59,7 +58,6 @@ pub(crate) fn left_open(found: &Identified) -> Option<String> {
     })
 }
 
-/// The files of observations.
 pub(crate) fn files(observations: &Observations) -> impl Iterator<Item = SourceFile> {
     observations.observations.iter().map(|of| SourceFile {
         file: of.file.clone(),

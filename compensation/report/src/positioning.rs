@@ -1,5 +1,3 @@
-//! Positioning tests to ISO 230-2.
-
 use volcomp_calibrate::{CalibrationFile, Line, Method};
 use volcomp_metrology::{
     Edition, MotionKind, UncertaintyInputs, Vdi3441, evaluate, positioning_uncertainty, vdi_3441,
@@ -11,7 +9,6 @@ use crate::{
     report::{FigureUncertainty, Positioning},
 };
 
-/// All lines of a file that are positioning tests, with their raw readings.
 pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Positioning> {
     let lines = file.measurements.iter();
     let tests = lines.filter(|line| {

@@ -603,7 +603,6 @@ pub struct Identified {
 }
 
 impl Identified {
-    /// The coefficients of an error.
     fn of_error<'a>(&'a self, error: &'a str) -> impl Iterator<Item = &'a Parameter> {
         let all = self.parameters.iter();
         all.filter(move |of| of.name.split(' ').next() == Some(error))
@@ -640,7 +639,7 @@ pub struct Left {
     pub rows: usize,
 }
 
-/// An unknown in a combination.
+/// One unknown, with its weight, of a combination of unknowns that does not affect the observations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Weighted {
     /// Name of the unknown.

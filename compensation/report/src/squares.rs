@@ -48,7 +48,6 @@ pub(crate) fn squares(
     pairs.collect()
 }
 
-/// The pair of axes of a squareness error.
 pub(crate) fn pair_of(error: ErrorName) -> Option<[AxisName; 2]> {
     PAIRS.into_iter().find(|pair| {
         pair.contains(&error.axis)

@@ -22,7 +22,6 @@ pub struct Stated {
     pub edition: Edition,
 }
 
-/// The header of the report for a machine and its measurements.
 pub(crate) fn head<'a>(
     source: &str,
     machine: &Machine,
@@ -71,9 +70,7 @@ pub(crate) fn head<'a>(
     }
 }
 
-/// Joins distinct texts in order.
 fn joined(texts: impl Iterator<Item = String>) -> Option<String> {
-    /// Maximum number of listed texts.
     const MOST: usize = 4;
     let mut once: Vec<String> = Vec::new();
     for text in texts {

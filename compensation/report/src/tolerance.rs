@@ -34,7 +34,6 @@ pub fn tolerances(text: &str) -> Result<Vec<Tolerance>, MetrologyError> {
     parse_tolerances_of(text, named, &expected)
 }
 
-/// Splits a name into its qualifier, if any, and the symbol: `C.A`, `EXX.A`, `A`.
 fn parts(name: &str) -> (Option<&str>, &str) {
     match name.split_once('.') {
         Some((of, symbol)) => (Some(of), symbol),
@@ -113,7 +112,6 @@ pub fn refuse_two_units(report: &Report, tolerances: &[Tolerance]) -> Result<(),
     Ok(())
 }
 
-/// The symbols of positioning tests.
 fn symbols() -> Vec<&'static str> {
     [&Edition::symbols()[..], &Vdi3441::symbols()].concat()
 }
@@ -211,7 +209,6 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
     all
 }
 
-/// What a tolerance for the size of an error refers to.
 fn of_error_on(report: &Report, error: ErrorName) -> CheckOf {
     let name = error.to_string();
     // The range of mean readings does not depend on the curve.
@@ -296,7 +293,6 @@ fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
     Some([*low, *high])
 }
 
-/// The standard uncertainty (k = 1) with this key in the calibration file.
 fn stated(report: &Report, key: &str) -> Option<f64> {
     let of = report.uncertainty.as_ref()?;
     let mut stated = of.stated.iter();
@@ -335,7 +331,6 @@ fn of_square(report: &Report, square: &Square, name: &str) -> Option<f64> {
     identified(report, name).or_else(of_lines)
 }
 
-/// The standard uncertainty of an identified unknown.
 fn identified(report: &Report, name: &str) -> Option<f64> {
     let found = report.identified.as_ref()?;
     let mut parameters = found.parameters.iter();

@@ -9,9 +9,7 @@ use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::report::{Drawn, OfState, Size, Slice, Standing, State, Vector, Volume};
 
-/// Number of nodes along each axis of a drawn plane.
 const CELLS: usize = 25;
-/// Number of error vectors along each axis.
 const VECTORS: usize = 5;
 
 /// The error at a pose: position (mm) and rotation (rad) in workpiece axes.
@@ -123,7 +121,6 @@ fn standing_at(machine: &Machine, pose: &Pose) -> Vec<Standing> {
     .collect()
 }
 
-/// The errors of a machine after alignment of the workpiece.
 struct Beside<'a> {
     machine: &'a Machine,
     errors: ErrorAt<'a>,
@@ -165,7 +162,6 @@ fn size(fields: &[ErrorField<'_>]) -> Result<(Size, VolumetricError), ModelError
     Ok((size, found))
 }
 
-/// Planes through the middle of the working space.
 fn slices(
     machine: &Machine,
     others: &[(AxisName, f64)],

@@ -10,7 +10,6 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::report::{Warning, WarningKind};
 
-/// All warnings of a calibration.
 pub(crate) fn of_calibration(
     file: &CalibrationFile,
     calibration: &Calibration,
@@ -105,7 +104,6 @@ pub(crate) fn of_calibration(
     all
 }
 
-/// Converts texts to warnings of this kind.
 pub(crate) fn warnings<T: ToString>(
     kind: WarningKind,
     texts: &[T],
@@ -116,7 +114,6 @@ pub(crate) fn warnings<T: ToString>(
     })
 }
 
-/// Whether a squareness of the calibration file is between these two axes.
 pub(crate) fn is_measured(calibration: &Calibration, pair: [AxisName; 2]) -> bool {
     let named = calibration.squareness.iter().map(|(error, _)| *error);
     let found = calibration

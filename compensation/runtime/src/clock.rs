@@ -17,7 +17,6 @@ pub fn thread_time() -> Duration {
     duration(clock_gettime(TimeClock::ThreadCPUTime))
 }
 
-/// Deadlines one period apart.
 pub(crate) struct Deadlines {
     next: Duration,
     period: Duration,
@@ -32,7 +31,6 @@ impl Deadlines {
         }
     }
 
-    /// Sleeps until the next deadline and returns it.
     pub(crate) fn wait(&self) -> Duration {
         // A signal interrupts the sleep, which is then continued.
         while clock_nanosleep_absolute(ClockId::Monotonic, &timespec(self.next)).is_err() {}

@@ -39,16 +39,13 @@ pub struct CycleDurations {
     pub own: Duration,
 }
 
-/// Time without an answer after which a standby path is reported.
 const STANDBY_SILENT: Duration = Duration::from_secs(2);
 
 /// Outputs are kept for one to two windows, which is longer than three readings of a standby path plus a write in transit.
 const WINDOW: Duration = Duration::from_millis(500);
 
-/// Past outputs, for checking the corrections that standby paths report.
 #[derive(Clone, Copy, Debug, Default)]
 struct StandbyCheck {
-    /// Start of the current window.
     begun: Duration,
     /// Smallest and largest output of each machine axis in this window, then in the previous one.
     ranges: [[PerAxis<f64>; 2]; 2],
@@ -59,13 +56,11 @@ struct StandbyCheck {
 }
 
 impl StandbyCheck {
-    /// Adds an output of a machine axis to the current window.
     fn add(&mut self, axis: usize, output: f64) {
         let [low, high] = &mut self.ranges[0];
         (low[axis], high[axis]) = (low[axis].min(output), high[axis].max(output));
     }
 
-    /// Starts a new window if the current one is over.
     fn advance(&mut self, now: Duration, outputs: &PerAxis<f64>) {
         if now.saturating_sub(self.begun) >= WINDOW {
             self.begun = now;
@@ -351,8 +346,8 @@ impl Cycle {
         self.report.overruns += missed;
     }
 
-    /// Handles an acknowledgement. During an interlock or a fault it confirms these, and the unknown correction left on the active path
-    /// that caused a fault. A further acknowledgement confirms jumped sensors and corrections left on other paths.
+    /// Handles an acknowledgement. During an interlock or a fault it confirms these, and the unknown correction left on the active path that caused a
+    /// fault. Otherwise it confirms jumped sensors and corrections left on any path.
     fn acknowledge(&mut self, since_start: Duration, input: &CycleInput) {
         let is_fault = matches!(self.guard.state(), GuardState::Faulted(_))
             || input.forbids.contains(Reasons::FAULTED_BEFORE);
@@ -413,7 +408,6 @@ impl Cycle {
         }
     }
 
-    /// The present time, by the test's clock if there is one.
     fn instant(&self) -> Instant {
         self.clock.as_ref().map_or_else(Instant::now, Clock::now)
     }
@@ -665,7 +659,6 @@ impl Cycle {
             | Reasons::JUMPED.when(self.report.jumped != 0)
     }
 
-    /// Evaluates the model and runs the guard.
     fn decide(&mut self, now: Duration, input: &CycleInput, mut notes: Reasons) -> Output {
         let active = self.selector.active();
         let place = self.machine_position(active, now);
@@ -717,7 +710,6 @@ impl Cycle {
         output
     }
 
-    /// The share of the correction that is kept at the present age of the positions.
     fn reduction(
         &mut self,
         place: &MachinePosition,
@@ -763,7 +755,6 @@ impl Cycle {
         }
     }
 
-    /// Processes the answers from the threads of the standby paths.
     fn take_standby_answers(&mut self, now: Duration) {
         let active = self.selector.active();
         for (index, path) in self.paths.iter_mut().enumerate() {

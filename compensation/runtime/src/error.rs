@@ -11,7 +11,6 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlanError {
-    /// A controller has an axis that the machine lacks.
     #[error("{device}: axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
     NoSuchAxis {
         device: String,
@@ -19,7 +18,6 @@ pub enum PlanError {
         machine: String,
         axes: Vec<AxisName>,
     },
-    /// A fixed position is configured for an axis that the machine lacks.
     #[error("{device}: fixed: axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
     NoSuchFixedAxis {
         device: String,
@@ -30,10 +28,8 @@ pub enum PlanError {
     /// The axes of the controller are invalid.
     #[error("{device}: {source}")]
     Axes { device: String, source: UnfitAxes },
-    /// A fixed position is not a finite coordinate of its kind.
     #[error("{device}: fixed: axis {axis}: expected a finite {} coordinate", axis.kind())]
     FixedPosition { device: String, axis: AxisName },
-    /// A fixed position is beyond the travel of its axis.
     #[error(
         "{device}: fixed: axis {axis}: found {} {unit}, expected a position within its travel, {} to {} {unit}",
         found.mm_or_deg(), travel[0].mm_or_deg(), travel[1].mm_or_deg(),
@@ -43,20 +39,17 @@ pub enum PlanError {
         device: String,
         axis: AxisName,
         found: Displacement,
-        /// Lower and upper end of its travel.
+        /// Lower and upper end of the axis's travel.
         travel: [Displacement; 2],
     },
-    /// A fixed position is configured for a rotary axis that may be driven.
     #[error(
         "{device}: fixed: axis {axis} turns, and its position is unknown: name it in reads = [\"{axis}\"] of a controller that shows its position, or, if no drive turns it, in not_driven = [\"{axis}\"] beside fixed"
     )]
     FixedRotary { device: String, axis: AxisName },
-    /// An axis is configured as not driven but has no fixed position, or is linear.
     #[error(
         "{device}: not_driven: axis {axis}: expected a rotary axis whose position fixed states"
     )]
     NotDriven { device: String, axis: AxisName },
-    /// A fixed position is configured for an axis that the controller reports.
     #[error(
         "{device}: fixed: axis {axis} is one of the controller's axes, which shows its position"
     )]
@@ -73,7 +66,6 @@ pub enum PlanError {
         axes: Vec<AxisName>,
         machine: String,
     },
-    /// The control has no fail-safe for a stop of the program.
     #[error(
         "{device}: no fail-safe in the control when the gateway stops: configure a barrier (preferred) or a heartbeat that the control watches, or accept the risk with unwatched = true"
     )]
@@ -88,7 +80,6 @@ pub enum PlanError {
         /// Whether the driver uses a barrier.
         has: bool,
     },
-    /// The corrections of controllers with different channels would add up.
     #[error(
         "{device}: found the channel {found:?}, expected {expected:?} like the controllers before: corrections by several channels would add up, and only one controller writes at a time"
     )]
@@ -97,7 +88,6 @@ pub enum PlanError {
         found: String,
         expected: String,
     },
-    /// A controller writes an axis that another one does not, so its correction would remain there after a change.
     #[error(
         "{device}: axis {axis} is not written by {other}, which may take over: a correction of {axis} would stay for good, expected the same axes on both, or a barrier or a time-out on {device} that takes it to zero"
     )]
@@ -106,10 +96,8 @@ pub enum PlanError {
         axis: AxisName,
         other: String,
     },
-    /// A path is configured for thermal terms alone, but the machine has no thermal terms.
     #[error("{device}: carries thermal terms only, and the machine {machine} has none")]
     NoThermalTerms { device: String, machine: String },
-    /// The device cannot keep up with the cycle.
     #[error(
         "{device}: cycle_ms: found {found_ms} ms, expected at least {shortest_ms} ms, the shortest cycle of this device"
     )]
@@ -118,7 +106,6 @@ pub enum PlanError {
         found_ms: f64,
         shortest_ms: f64,
     },
-    /// A rotary axis is to be corrected, but no limits for rotary axes are configured.
     #[error("{device}: axis {axis} is rotary: [guard] limit_urad and slew_urad_per_s are missing")]
     NoRotaryLimits { device: String, axis: AxisName },
     /// A limit is invalid.
@@ -128,10 +115,8 @@ pub enum PlanError {
         axis: Option<AxisName>,
         source: LimitsError,
     },
-    /// The position step of an axis is negative, not a number, or in the wrong unit.
     #[error("{device}: position step of axis {axis}: expected {}", step_of(*.axis))]
     PositionStep { device: String, axis: AxisName },
-    /// The period of the cycle differs from the one for which a path was planned.
     #[error(
         "{device}: period of the cycle: found {found:?}, expected {planned:?}, for which this path was planned"
     )]
@@ -140,7 +125,6 @@ pub enum PlanError {
         found: Duration,
         planned: Duration,
     },
-    /// A limit exceeds the largest correction that the device can carry.
     #[error(
         "{device}: [guard] limit_{} of axis {axis}: found {found}, expected at most {largest}, the largest correction that this device carries", axis.kind().micro_unit()
     )]
@@ -150,10 +134,8 @@ pub enum PlanError {
         found: Displacement,
         largest: Displacement,
     },
-    /// More temperatures than a cycle supports.
     #[error("found {found} temperatures, expected at most {}", crate::MAX_SENSORS)]
     TooManySensors { found: usize },
-    /// No controller, or more than a cycle supports.
     #[error(
         "found {found} controllers, expected 1 to {}",
         volcomp_guard::MAX_PATHS
@@ -227,7 +209,6 @@ fn step_key(unit: &str, default: &str) -> String {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum OrderRefusal {
-    /// The model has other axes, or another order of them, so the paths do not fit it.
     #[error(
         "model: found other axes, or another order of them, expected those of the model that runs"
     )]
@@ -235,7 +216,6 @@ pub enum OrderRefusal {
     /// The cycle has no path with this index.
     #[error("limits of path {}: found no such path, expected 1 to {paths}", path + 1)]
     NoSuchPath { path: usize, paths: usize },
-    /// The limits are for another period.
     #[error(
         "limits of path {}: found a period of {found:?}, expected {expected:?}, that of the cycle",
         path + 1

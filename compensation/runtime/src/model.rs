@@ -77,14 +77,12 @@ pub struct Model {
     nodes: Vec<Vec<f64>>,
     /// The nodes, and positions between them, at which the curves must be sampled to find their maximum.
     places: Vec<Vec<f64>>,
-    /// Nodes of the grids over two axes.
     grids: Vec<nodes::GridNodes>,
     /// Whether errors depend on the direction of approach, by axis.
     reverses: Vec<bool>,
     /// Longest lever from the axis line of each rotary axis to the tool tip over the work space, mm.
     levers_mm: PerAxis<f64>,
     compiled: CompiledMachine,
-    /// The machine with its thermal terms alone.
     only_thermal: CompiledMachine,
     thermal: ThermalState,
 }
@@ -154,7 +152,6 @@ impl Model {
             })
     }
 
-    /// Range and maximum speed of the axis at this index.
     pub(crate) fn position_limits(&self, index: usize, rapid: &Rapid) -> PositionLimits {
         let (kind, range) = (self.axes[index].kind(), self.ranges[index]);
         PositionLimits {

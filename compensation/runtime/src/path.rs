@@ -51,19 +51,14 @@ pub struct ControlPath {
     pub(crate) followers: Option<Correctors>,
     /// Maximum movement of the tip by half a step of a correcting rotary axis.
     rotary_step: Mm,
-    /// Whether the path carries the correction of thermal terms alone.
     pub(crate) only_thermal: bool,
     /// Machine axes at a configured position, mm and rad.
     pub(crate) fixed: PerAxis<Option<f64>>,
-    /// Reasons reported in every cycle, such as a path without monitoring.
     pub(crate) notes: Reasons,
     pub(crate) reading: Option<Snapshot>,
-    /// When the flags of the last reading were valid.
     flags_taken: Duration,
-    /// When the controller was last read, and when it last answered.
     read_at: Option<Duration>,
     answered_at: Option<Duration>,
-    /// Time of the last message to the controller that may have arrived.
     sent: Option<Duration>,
 }
 
@@ -153,17 +148,14 @@ impl ControlPath {
         }
     }
 
-    /// Whether the axis at this channel index corrects.
     pub(crate) fn corrects(&self, place: usize) -> bool {
         place < self.count() && self.correctors.contains(self.reported.machine_axis[place])
     }
 
-    /// Number of written axes.
     pub(crate) fn count(&self) -> usize {
         self.limits.count
     }
 
-    /// The known state of the applied correction.
     pub(crate) fn read_back_status(&self) -> &ReadBackStatus {
         self.read_back.status()
     }
@@ -191,7 +183,6 @@ impl ControlPath {
         machine
     }
 
-    /// Converts machine order to channel order.
     pub(crate) fn in_channel(&self, values: &PerAxis<f64>) -> PerChannel<f64> {
         let mut channel = PerChannel::ZERO;
         for (into, axis) in channel.iter_mut().zip(self.written()) {
@@ -226,12 +217,11 @@ impl ControlPath {
         self.sent
     }
 
-    /// When the controller was last read.
     pub(crate) fn last_read(&self) -> Option<Duration> {
         self.read_at
     }
 
-    /// The interlock of the last reading, by the age that its flags had then; `None`: the controller did not answer.
+    /// The interlock of the last reading at the age of its flags; `None`: the controller did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
         let (reading, answered_at) = (self.reading.as_ref()?, self.answered_at?);
         let age = answered_at.saturating_sub(self.flags_taken);

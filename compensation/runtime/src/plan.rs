@@ -34,7 +34,7 @@ pub struct PathPlan {
     pub machine_axis: PerChannel<usize>,
     /// Travel after which the direction of each of these axes is treated as reversed, mm or rad.
     pub reversal: PerChannel<f64>,
-    /// Resolution of their positions, mm or rad; 0 if none is configured.
+    /// Resolution of the reported positions, mm or rad; 0 if none is configured.
     pub position_steps: PerChannel<f64>,
     /// The correcting axes of the controller; the other axes of the machine are held.
     pub correctors: Correctors,
@@ -178,7 +178,6 @@ impl PathPlan {
         })
     }
 
-    /// Whether the control ramps to zero on its own when writes stop.
     pub(crate) fn goes_to_zero(&self) -> bool {
         self.barrier.is_some() || self.no_read_back && self.time_out.is_some()
     }
@@ -221,7 +220,6 @@ pub(crate) fn left_to(path: &Description, other: &Description) -> Option<AxisNam
     axes.find(|name| other.axes.iter().all(|axis| axis.name != *name))
 }
 
-/// Machine index of an axis of a controller.
 pub(crate) fn place_in(
     model: &Model,
     description: &Description,
@@ -235,12 +233,10 @@ pub(crate) fn place_in(
     })
 }
 
-/// The written axes of a controller, in channel order.
 pub(crate) fn names(description: &Description) -> Vec<AxisName> {
     description.axes.iter().map(|axis| axis.name).collect()
 }
 
-/// The rotary axes that could correct but are not among the correctors, and why.
 fn uncorrected(
     model: &Model,
     written: &[AxisName],
@@ -360,11 +356,9 @@ fn held_limits(axis: &Axis) -> AxisLimits {
     }
 }
 
-/// The limits that the guard of a controller enforces, mm and rad. Non-correcting axes have no test shift and need no configured limits;
-/// configured ones are bounded by the device and, without a barrier, by those of such a path.
-///
-/// # Errors
-/// Correcting rotary axes without limits, limits that a guard rejects or that exceed what the device can carry.
+/// The limits that the guard of a controller enforces, mm and rad. Non-correcting axes have no test shift and need no configured limits; configured
+/// ones are bounded by the device and, without a barrier, by those of such a path. Errors: correcting rotary axes without limits, limits that a guard
+/// rejects or that exceed what the device can carry.
 fn limits(
     description: &Description,
     position_steps: &PerChannel<f64>,
@@ -491,7 +485,6 @@ pub(crate) fn reversals(
     reversal
 }
 
-/// Lowers the limit and the warning threshold of an axis to the limit of a path without a barrier.
 fn without_barrier(limits: &mut AxisLimits, guard: &GuardSettings) {
     let most = match limits.kind {
         AxisKind::Linear => guard.without_barrier.linear.to_mm().0,

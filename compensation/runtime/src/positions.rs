@@ -21,7 +21,6 @@ pub(crate) struct ReportedPositions {
 }
 
 impl ReportedPositions {
-    /// Positions of these axes, none of which is known yet.
     pub(crate) fn without_positions(
         machine_axis: PerChannel<usize>,
         count: usize,
@@ -58,7 +57,6 @@ impl ReportedPositions {
     }
 }
 
-/// The machine position from the point of view of one path.
 #[derive(Default)]
 pub(crate) struct MachinePosition {
     /// Positions without correction, mm and rad.
@@ -74,7 +72,6 @@ pub(crate) struct MachinePosition {
 }
 
 impl MachinePosition {
-    /// Whether the positions of the first `axes` axes are known.
     pub(crate) fn is_complete(&self, axes: usize) -> bool {
         self.known == u16::MAX >> (16 - axes.min(MAX_AXES))
     }

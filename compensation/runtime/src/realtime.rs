@@ -29,7 +29,6 @@ use crate::{
 
 /// Capacity of the ring of cycle times; further times are lost.
 const TIMINGS: usize = 8192;
-/// Time for which overruns are reported after the last one.
 const OVERRUN_REPORTED_FOR: Duration = Duration::from_secs(2);
 /// Time after which a request that the thread has not received expires.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
@@ -37,7 +36,6 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
 /// Size of the stack that is touched before the loop begins, bytes.
 const STACK: usize = 256 * 1024;
 
-/// Degree of the reference polynomial.
 const DEGREE: usize = 511;
 
 /// An order to the control thread.
@@ -50,10 +48,8 @@ pub enum Order {
     Limits(usize, Box<Limits>),
 }
 
-/// A queued order, with the conditions for its execution.
 struct QueuedOrder {
     order: Order,
-    /// Expiry time of a request.
     until: Instant,
     /// Number of disarm orders when the request was made: a request to arm is dropped if another disarm order follows.
     disarms: u64,
@@ -86,7 +82,6 @@ struct Shared {
     forbids: AtomicU64,
     notes: AtomicU64,
     cycles: AtomicU64,
-    /// Number of disarm orders.
     disarms: AtomicU64,
     /// Whether disarming was ordered because the program ends.
     ends: AtomicBool,
@@ -324,7 +319,6 @@ impl ManualCycles {
     }
 }
 
-/// Creates the handle and the control loop, connected by rings.
 fn control(cycle: Cycle, reference: bool) -> (Handle, Control) {
     let (orders_in, orders) = RingBuffer::new(64);
     let (retired_in, retired) = RingBuffer::new(64);
@@ -387,7 +381,6 @@ fn reference_ns() -> u64 {
 /// - `last` is the state and path that were published last.
 struct Control {
     cycle: Cycle,
-    /// Whether to run the reference computation after each cycle.
     reference: bool,
     orders: Consumer<QueuedOrder>,
     retired: Producer<Retired>,
@@ -397,9 +390,7 @@ struct Control {
     reports: triple_buffer::Input<Report>,
     shared: Arc<Shared>,
     clock: Clock,
-    /// Number of executed disarm orders.
     disarms: u64,
-    /// State and active path after the previous cycle.
     last: (State, usize),
 }
 
@@ -432,7 +423,6 @@ impl Control {
         }
     }
 
-    /// Runs one cycle, beginning now, and publishes its results.
     fn run_cycle(&mut self, overruns: bool) -> CycleDurations {
         let input = self.next_input(overruns);
         let spent = self.cycle.run(self.clock.now(), &input, &mut thread_time);
@@ -556,7 +546,6 @@ pub fn schedule(wanted: Realtime) -> Vec<String> {
     lacking
 }
 
-/// Touches the pages of the stack, so that no cycle has a page fault.
 #[inline(never)]
 #[expect(
     clippy::large_stack_arrays,

@@ -1,5 +1,3 @@
-//! A model with its sensor indices, which a cycle replaces as a whole.
-
 use std::{ops::Deref, time::Duration};
 
 use volcomp_guard::{MAX_SENSORS, SensorReport};
@@ -9,7 +7,6 @@ use crate::model::Model;
 /// A model, and the index of each of its sensors among the temperatures of a cycle.
 pub struct Replacement {
     model: Box<Model>,
-    /// Temperature index of each sensor of the model.
     places: Vec<Option<usize>>,
     degc: Vec<Option<f64>>,
 }

@@ -14,7 +14,6 @@ use std::{
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 use volcomp_port::{Controller, Fault, Snapshot};
 
-/// Interval at which a standby path is read.
 pub(crate) const STANDBY_INTERVAL: Duration = Duration::from_millis(100);
 /// Capacity of the ring of answers; further ones are lost.
 const ANSWERS: usize = 8;
@@ -28,22 +27,17 @@ pub(crate) struct ControllerSlot {
     thread: Option<StandbyThread>,
 }
 
-/// The answer of a controller on standby.
 pub(crate) struct StandbyReading {
-    /// When the reading was requested.
     pub(crate) requested: Instant,
-    /// When the reading was received.
     pub(crate) received: Instant,
     pub(crate) read: Result<Snapshot, Fault>,
 }
 
-/// A controller that is passed to the thread, and the timeout of its exchanges.
 struct ReadJob {
     controller: Box<dyn Controller>,
     time_out: Duration,
 }
 
-/// The cycle's end of the rings to and from the thread.
 struct StandbyThread {
     shared: Arc<Shared>,
     jobs: Producer<ReadJob>,
@@ -54,7 +48,6 @@ struct StandbyThread {
 
 #[derive(Default)]
 struct Shared {
-    /// Whether the cycle has requested the controller.
     is_recalled: AtomicBool,
     ends: AtomicBool,
 }
@@ -95,17 +88,14 @@ impl ControllerSlot {
         Ok(())
     }
 
-    /// Whether a thread reads the controller on standby.
     pub(crate) fn has_thread(&self) -> bool {
         self.thread.is_some()
     }
 
-    /// Whether the cycle holds the controller.
     pub(crate) fn is_held(&self) -> bool {
         self.controller.is_some()
     }
 
-    /// The controller, if the cycle holds it.
     pub(crate) fn held_controller(&mut self) -> Option<&mut (dyn Controller + 'static)> {
         self.controller.as_deref_mut()
     }
@@ -159,7 +149,6 @@ impl Drop for StandbyThread {
     }
 }
 
-/// The thread's end of the rings.
 struct StandbyReader {
     shared: Arc<Shared>,
     jobs: Consumer<ReadJob>,
@@ -178,7 +167,6 @@ impl StandbyReader {
         }
     }
 
-    /// Reads the controller periodically, until it is recalled or the thread must end.
     fn read_until_recalled(&mut self, jobs: ReadJob) {
         let ReadJob {
             mut controller,

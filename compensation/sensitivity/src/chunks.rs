@@ -7,7 +7,6 @@ use std::{
 
 use rayon::prelude::*;
 
-/// Number of poses per unit of parallel work.
 const CHUNK: usize = 2048;
 
 /// Results of `work` for each chunk of `count` poses, in the order of the poses, so that joining them gives the same digits in every run.

@@ -32,7 +32,6 @@ pub struct Effect {
     pub share: f64,
 }
 
-/// Maximum number of poses.
 const MAX_POSES: usize = 1 << 28;
 
 /// The number of poses, if it is within the limit and the chain has the axes of all errors.
@@ -69,7 +68,6 @@ pub(crate) struct Squares {
 }
 
 impl Squares {
-    /// Adds displacement and rotation at one pose.
     pub(crate) fn take(&mut self, [position, rotation]: [Vector3<f64>; 2]) {
         let of = |v: Vector3<f64>| [v.norm_squared(); 2];
         self.join(&Self {
@@ -78,7 +76,6 @@ impl Squares {
         });
     }
 
-    /// Adds the sums of other poses.
     pub(crate) fn join(&mut self, other: &Self) {
         let both = |one: [f64; 2], other: [f64; 2]| [one[0] + other[0], one[1].max(other[1])];
         self.position = both(self.position, other.position);

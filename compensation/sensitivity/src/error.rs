@@ -1,5 +1,3 @@
-//! Errors of a sensitivity analysis.
-
 use volcomp_vocabulary::AxisName;
 
 /// Why a sensitivity analysis is not possible.

@@ -49,14 +49,12 @@ impl fmt::Display for Factor {
 pub struct Polynomial(BTreeMap<Vec<Factor>, f64>);
 
 impl Polynomial {
-    /// A constant polynomial.
     pub(crate) fn number(value: f64) -> Self {
         let mut sum = Self::default();
         sum.add_product(&[], value);
         sum
     }
 
-    /// A single factor with a coefficient.
     pub(crate) fn factor(factor: Factor, value: f64) -> Self {
         let mut sum = Self::default();
         sum.add_product(&[factor], value);
@@ -136,7 +134,6 @@ impl Polynomial {
         (self, negative)
     }
 
-    /// Whether the polynomial is the constant 1.
     pub(crate) fn is_one(&self) -> bool {
         *self == Self::number(1.0)
     }

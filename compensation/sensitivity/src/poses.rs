@@ -66,7 +66,6 @@ impl Poses {
         state
     }
 
-    /// Number of nodes of a grid along an axis.
     fn nodes(&self, axis: usize) -> usize {
         match self {
             Self::Grid(nodes) => nodes[axis].len(),

@@ -148,7 +148,6 @@ fn in_micro(mut combination: Vec<(ErrorTerm, f64)>) -> Vec<(ErrorTerm, f64)> {
 
 /// The twists of the gaps without those that are equal at every pose: translations are unchanged across a linear axis.
 struct Basis {
-    /// The basis index of each of the six twists of each gap.
     place: Vec<[usize; 6]>,
     columns: usize,
     /// The lever that makes rotations comparable to displacements, mm.
@@ -187,7 +186,6 @@ impl Basis {
         }
     }
 
-    /// Writes the rows of a pose: displacement divided by the lever, and rotation.
     fn write_rows(&self, gaps: &Gaps, rows: &mut DMatrix<f64>, from: usize) {
         for (gap, place) in self.place.iter().enumerate() {
             let (turned, tip) = (&gaps.turned[gap], gaps.tip_mm[gap] / self.lever_mm);
@@ -205,7 +203,6 @@ impl Basis {
         }
     }
 
-    /// The errors as combinations of the basis, one column each.
     fn combinations(&self, made_of: &[Vec<InGap>]) -> DMatrix<f64> {
         let mut combinations = DMatrix::zeros(self.columns, made_of.len());
         for (column, twists) in made_of.iter().enumerate() {
@@ -221,11 +218,9 @@ impl Basis {
     }
 }
 
-/// The sums over a chunk of poses.
 struct Sums {
     /// The effect of each error per mm or rad.
     effects: Vec<Squares>,
-    /// The triangular factor of the stacked rows.
     triangle: DMatrix<f64>,
 }
 

@@ -1,5 +1,3 @@
-//! Errors of a virtual shop.
-
 use volcomp_document::{InputError, ReadError};
 use volcomp_metrology::MetrologyError;
 use volcomp_model::ModelError;
@@ -47,7 +45,7 @@ pub enum ShopError {
     /// An observation cannot be made.
     #[error("the observation {name}: {source}")]
     Observation {
-        /// The name of its row file.
+        /// The name of the observation's row file.
         name: String,
         /// The reason.
         source: Box<ObservationError>,

@@ -8,7 +8,6 @@ use volcomp_metrology::{
 use crate::shop::{Format, Header, Shop, ShopLine};
 
 impl Format {
-    /// The formats with their names in a shop file.
     pub(crate) const NAMES: [(&'static str, Self); 4] = [
         ("renishaw", Self::Renishaw),
         ("csv", Self::Csv),
@@ -61,7 +60,6 @@ impl Header {
 }
 
 impl ShopLine {
-    /// The name of the measurement file with its extension.
     pub(crate) fn file_name(&self) -> String {
         let straightness = MotionKind::of(self.setup.error) == MotionKind::Straightness;
         let ending = self.format.ending(self.setup.reads_angles(), straightness);
@@ -70,7 +68,6 @@ impl ShopLine {
 }
 
 impl Shop {
-    /// The name and text of a line's measurement file.
     pub(crate) fn measurement_file(
         &self,
         line: &ShopLine,

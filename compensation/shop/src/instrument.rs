@@ -52,10 +52,8 @@ impl Default for Instrument {
     }
 }
 
-/// Maximum number of targets or of runs of one line.
 pub(crate) const MAX_TARGETS: usize = 100_000;
 
-/// Maximum number of readings of one line in one direction.
 pub(crate) const MAX_READINGS: usize = 1_000_000;
 
 impl Instrument {
@@ -124,7 +122,6 @@ impl Instrument {
         Ok(())
     }
 
-    /// The targets over a travel, both ends included.
     pub(crate) fn targets_over(&self, [low, high]: [f64; 2]) -> Vec<f64> {
         let last = self.targets.saturating_sub(1).max(1) as f64;
         (0..self.targets)
@@ -185,7 +182,6 @@ pub(crate) fn bridge_targets([low, high]: [f64; 2], bridge_mm: f64) -> Vec<f64> 
         .collect()
 }
 
-/// Converts the imperfections to plain numbers in the unit of the readings.
 fn plain<U: Copy>(of: &Imperfections<U>, number: fn(U) -> f64) -> Imperfections<f64> {
     Imperfections {
         noise: number(of.noise),

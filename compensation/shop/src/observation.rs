@@ -1,5 +1,3 @@
-//! Volumetric observations: instrument, set-up, poses.
-
 use volcomp_model::BODY_DIAGONALS;
 use volcomp_vocabulary::{AxisName, Um, Urad};
 
@@ -38,11 +36,11 @@ pub enum Setting {
     },
     /// Spheres on the table.
     Sphere {
-        /// The poses: drawn ones for each sphere, or those of a plan.
+        /// The poses: random ones for each sphere, or those of a plan.
         poses: Poses,
         /// Centres of the spheres.
         centres: Vec<[f64; 3]>,
-        /// What is recorded.
+        /// The recorded quantity.
         reads: Reads,
     },
     /// Distances from a point on the table: ballbar or laser tracer.
@@ -62,7 +60,7 @@ pub enum Setting {
     BallRow {
         /// The bar.
         bar: Bar,
-        /// What is recorded.
+        /// The recorded quantity.
         reads: Reads,
     },
     /// A laser along body diagonals, such as `PPP`.
@@ -128,7 +126,6 @@ impl Setting {
 }
 
 impl ShopObservation {
-    /// Checks the instrument, the numbers of poses and marks, and the names of diagonals.
     pub(crate) fn check(&self) -> Result<(), ObservationError> {
         self.instrument.check()?;
         let (what, found, [least, most]) = match &self.setting {
@@ -164,7 +161,6 @@ impl ShopObservation {
         length.noise.0.hypot(rounding).max(LEAST_UNCERTAINTY_UM)
     }
 
-    /// The names of its files without their extensions.
     pub(crate) fn file_names(&self) -> Vec<String> {
         let name = &self.name;
         match &self.setting {
@@ -177,12 +173,10 @@ impl ShopObservation {
         }
     }
 
-    /// Whether the set-up drifts.
     pub(crate) fn drifts(&self) -> bool {
         self.instrument.length.drift != Um(0.0) || self.instrument.angle.drift != Urad(0.0)
     }
 }
-/// Maximum number of marks of a bar.
 pub(crate) const MOST_MARKS: usize = 10_000;
 
 /// Standard uncertainty of an instrument without noise, µm.

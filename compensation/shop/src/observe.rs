@@ -33,14 +33,12 @@ const FIRST_STREAM: u64 = 1 << 32;
 /// First random stream of the approach directions, separate from the streams of readings.
 const FIRST_SIDES: u64 = 1 << 48;
 
-/// The output of one observation: row files, and its tables in the file of observations.
 struct Made {
     files: Vec<(String, String)>,
     tables: String,
 }
 
 impl Shop {
-    /// The row files of all observations, and `observations.toml`. Calls `done` after each observation.
     pub(crate) fn observe(
         &self,
         mut done: impl FnMut(),
@@ -112,11 +110,10 @@ fn sphere_numbers(observations: &[ShopObservation]) -> Vec<Vec<usize>> {
         .collect()
 }
 
-/// An instrument observing the truth machine.
 struct Observer<'a> {
     truth: &'a Machine,
     what: &'a ShopObservation,
-    /// The numbers of its spheres.
+    /// The numbers of the observation's spheres.
     spheres: Vec<usize>,
     tools: Tools<'a>,
     free_axes: FreeAxes,
@@ -203,7 +200,6 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// Poses distributed over the travels, or those of a plan.
     fn everywhere(&mut self, poses: &Poses) -> Vec<State> {
         match poses {
             Poses::Drawn(count) => self.free_axes.everywhere(*count, &mut self.random),
@@ -267,7 +263,6 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// The keys that the tables of all kinds have in common.
     fn table(&self, kind: &str, file: &str, uncertainty_um: f64) -> String {
         let drift = if self.what.drifts() {
             "drift = 1\n"
@@ -294,7 +289,6 @@ impl<'a> Observer<'a> {
         passes
     }
 
-    /// The state of the axes that do not move.
     fn held(&self) -> Result<State, ObservationError> {
         Ok(self.truth.state(&self.what.at)?)
     }
@@ -328,7 +322,6 @@ fn push_row(text: &mut String, cells: &str, numbers: &[f64]) {
     let _ = writeln!(text, "{cells}{}", numbers.join(","));
 }
 
-/// Adds a row with the measured offset, µm, if there is one.
 fn push_offset(text: &mut String, cells: &str, read_mm: Option<Vector3<f64>>) {
     match read_mm {
         Some(offset) => push_row(text, &format!("{cells},"), (offset * 1e3).as_slice()),
@@ -338,7 +331,6 @@ fn push_offset(text: &mut String, cells: &str, read_mm: Option<Vector3<f64>>) {
     }
 }
 
-/// Formats a number with at most six decimals.
 fn number(x: f64) -> String {
     let text = format!("{x:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');

@@ -6,7 +6,6 @@ use volcomp_document::{Column, CsvTable, InputError, Value, quoted, read_text};
 use volcomp_model::{Machine, axis_of_head};
 use volcomp_vocabulary::AxisName;
 
-/// Maximum number of poses of one observation.
 pub(crate) const MOST_POSES: usize = 100_000;
 
 /// Commanded poses, in order.

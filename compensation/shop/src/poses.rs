@@ -12,7 +12,6 @@ const COMMAND_STEP: f64 = 1e-3;
 /// Maximum number of attempts for one pose, each with other rotary coordinates.
 const TRIES: usize = 200;
 
-/// The axes that are free to move, and the coordinates of the others.
 #[derive(Clone, Debug)]
 pub(crate) struct FreeAxes {
     /// Chain index, kind and travel (mm or deg) of each free axis.
@@ -122,7 +121,6 @@ impl FreeAxes {
         Some(state)
     }
 
-    /// Moves the linear axes so that the actual tip is at a point.
     pub(crate) fn actual(
         &self,
         machine: &Machine,
@@ -133,7 +131,6 @@ impl FreeAxes {
         self.to(machine, state, target, tip)
     }
 
-    /// Moves the free linear axes until `tip` is at the target.
     fn to(
         &self,
         machine: &Machine,
@@ -181,7 +178,6 @@ fn spread(travel: [f64; 2], count: usize, random: &mut impl Rng) -> Vec<f64> {
     places
 }
 
-/// Rounds a coordinate like a command, within the travel.
 fn command(q: f64, [low, high]: [f64; 2]) -> f64 {
     ((q / COMMAND_STEP).round() * COMMAND_STEP)
         .max(low)

@@ -164,7 +164,6 @@ fn decode_location(
     Ok(())
 }
 
-/// Decodes `[header]`: header data for every measurement file.
 fn decode_header(section: &Section<'_>) -> Result<Header, InputError> {
     section.allow(&[
         "date",
@@ -193,7 +192,6 @@ fn decode_header(section: &Section<'_>) -> Result<Header, InputError> {
     })
 }
 
-/// Defaults of a `[[measurement]]`.
 struct Usual<'s> {
     instrument: &'s Instrument,
     format: Format,

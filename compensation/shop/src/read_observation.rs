@@ -14,10 +14,8 @@ use crate::{
     shop::{ShopLine, TAKEN, decode_file_name},
 };
 
-/// Default number of poses of an observation.
 const POSES: usize = 30;
 
-/// Decodes every `[[observation]]`, and the key `unknown`.
 pub(crate) fn decode_observations(
     root: &Section<'_>,
     truth: &Machine,

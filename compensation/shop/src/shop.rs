@@ -1,5 +1,3 @@
-//! A truth machine, and the measurements to be made on it.
-
 use std::path::PathBuf;
 
 use volcomp_calibrate::{CurveChoice, Setup};
@@ -98,10 +96,8 @@ pub struct ShopLine {
     pub format: Format,
 }
 
-/// Reserved file names.
 pub(crate) const TAKEN: [&str; 4] = ["machine", "calibration", "observations", "calibrated"];
 
-/// Decodes a file name in the folder of the shop's files.
 pub(crate) fn decode_file_name(value: &Value<'_>) -> Result<String, InputError> {
     let name = value.text()?;
     if name.is_empty() || name.contains(['/', '\\']) {

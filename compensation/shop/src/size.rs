@@ -9,11 +9,9 @@ use crate::{
     shop::{Shop, ShopLine},
 };
 
-/// Maximum number of readings of all lines and observations.
 const MOST_READINGS: usize = 5_000_000;
 
 impl Shop {
-    /// Rejects a shop with more readings than allowed.
     pub(crate) fn check_size(&self) -> Result<(), ShopError> {
         let lines = self.lines.iter().map(|line| self.readings_of(line));
         let observations = self.observations.iter().map(rows_of);
@@ -37,7 +35,6 @@ impl Shop {
     }
 }
 
-/// Number of readings of an instrument over this number of targets or marks.
 fn over(instrument: &Instrument, targets: usize) -> usize {
     let directions = 1 + usize::from(instrument.both_directions);
     targets

@@ -1,5 +1,3 @@
-//! Wear of a machine over months of work.
-
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -12,7 +10,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
 /// Number of evenly spaced positions at which a worn curve is tabulated, in addition to the sampling coordinates of the previous curve,
 /// since these positions alone would alias the wave of a screw.
 const NODES: u32 = 64;
-/// Wear per month at load 1, before a random factor for each error: maximum deflection of a guide, then elongation of a screw, µm.
+/// Wear per month at load 1, before a random factor for each error: maximum deflection of a guide, then elongation of a screw.
 const GUIDE_UM: f64 = 0.06;
 const SCREW_UM: f64 = 0.08;
 /// Growth of the backlash per month, µm and µrad. It reduces the reversal value (forward minus backward), because the carriage lags.
@@ -183,7 +181,6 @@ fn rounded(value: f64) -> f64 {
 
 const LINEAR: [Component; 3] = [Component::EX, Component::EY, Component::EZ];
 const ANGULAR: [Component; 3] = [Component::EA, Component::EB, Component::EC];
-/// The squareness errors of three linear axes, with X as the first reference.
 const SQUARENESSES: [(Component, AxisName); 3] = [
     (Component::EC, AxisName::Y),
     (Component::EA, AxisName::Z),
@@ -248,7 +245,6 @@ impl Worn {
     }
 }
 
-/// The zone in which an axis works most.
 #[derive(Clone, Copy, Debug)]
 struct Zone {
     middle: f64,
@@ -262,7 +258,6 @@ impl Zone {
         0.5 * (1.0 + (std::f64::consts::PI * at).cos())
     }
 
-    /// The derivative of the bump.
     fn slope(self, q: f64) -> f64 {
         let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
         -0.5 * std::f64::consts::PI / self.half * (std::f64::consts::PI * at).sin()
@@ -275,7 +270,6 @@ impl Zone {
     }
 }
 
-/// Random numbers of one error.
 struct Draws(ChaCha8Rng);
 
 impl Draws {
@@ -283,7 +277,6 @@ impl Draws {
         StandardNormal.sample(&mut self.0)
     }
 
-    /// A random factor around 1.
     fn factor(&mut self) -> f64 {
         (SPREAD * self.normal()).exp()
     }

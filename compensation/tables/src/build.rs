@@ -52,7 +52,7 @@ pub struct GridAxis {
 pub struct Output {
     /// Name of the linear axis.
     pub name: AxisName,
-    /// Resolution of its correction, mm.
+    /// Resolution of the axis's correction, mm.
     pub step_mm: f64,
     /// Maximum correction, mm, at most the 2 mm of the guard.
     pub limit_mm: f64,
@@ -104,10 +104,8 @@ pub enum TablesError {
     /// Lines and values do not form a valid map.
     #[error(transparent)]
     Map(#[from] MapError),
-    /// A corrected axis is rotary.
     #[error("axis {axis} is rotary: a map corrects linear axes only")]
     Rotary { axis: AxisName },
-    /// An axis of the grid rolls over.
     #[error(
         "axis {axis} has a modulo: outside its travel of {lower} to {upper} a map holds the value of its end, where the machine \
          has that of the turned position; expected an axis that does not roll over, or a machine file without the modulo where \
@@ -125,7 +123,6 @@ pub enum TablesError {
         found: f64,
         expected: &'static str,
     },
-    /// A correction exceeds the limit of its output.
     #[error("the correction of {axis} is {found_um:.1} µm {at}, expected at most {limit_um} µm")]
     BeyondLimit {
         axis: AxisName,
@@ -133,7 +130,6 @@ pub enum TablesError {
         limit_um: f64,
         at: String,
     },
-    /// The error bound is tighter than any grid can achieve.
     #[error(
         "no grid keeps {within_um} µm: the steps of the values alone leave {rounding_um:.3} µm, and a reversal that is not the same \
          everywhere {reversal_um:.3} µm"
@@ -143,7 +139,6 @@ pub enum TablesError {
         rounding_um: f64,
         reversal_um: f64,
     },
-    /// The error bound needs more memory than available.
     #[error(
         "{within_um} µm need {} ({lines}), expected at most {words}, the available memory{}",
         needed.map_or_else(|| "more words than a map can have, 32767".to_owned(), |needed| format!("{needed} words for a map")),
@@ -244,7 +239,6 @@ fn nearest_i16(number: f64) -> i16 {
 }
 
 impl ScaledRequest {
-    /// Converts the request to whole steps.
     fn new(request: &Request) -> Result<Self, TablesError> {
         let layout = |names: Vec<AxisName>, most: usize| {
             if names.len() > most {
@@ -313,7 +307,6 @@ impl ScaledRequest {
         f64::from(self.output_step_nm[output]) * 1e-6
     }
 
-    /// Whether a correction exceeds the limit of its output, or is NaN.
     fn is_beyond(&self, output: usize, found_mm: f64) -> bool {
         found_mm.is_nan() || found_mm.abs() > self.limits[output]
     }
@@ -350,7 +343,6 @@ impl ScaledRequest {
         Ok(largest)
     }
 
-    /// Converts shares of the travels to coordinates.
     fn place(&self, shares: &[f64; GRID_AXES]) -> [f64; GRID_AXES] {
         core::array::from_fn(|axis| match self.travels.get(axis) {
             Some((_, steps, _)) => self.coordinate(axis, shares[axis] * f64::from(*steps)),
@@ -442,7 +434,6 @@ impl ScaledRequest {
             .saturating_add(HEADER_WORDS)
     }
 
-    /// The map with these lines.
     fn map(
         &self,
         request: &Request,
@@ -590,7 +581,6 @@ fn lines_for(refinements: &[Vec<Refinement>], target_mm: f64) -> Option<Vec<u16>
 }
 
 impl ScaledRequest {
-    /// Errors for increasing numbers of lines along one axis.
     fn refinements(&self, axis: usize, field: &impl Field, within_mm: f64) -> Vec<Refinement> {
         let mut refinements = Vec::new();
         let mut count = 2_u16;
@@ -682,7 +672,6 @@ impl ScaledRequest {
         Ok(best)
     }
 
-    /// The map with these numbers of lines, and its error.
     fn table(
         &self,
         request: &Request,
@@ -729,7 +718,6 @@ impl ScaledRequest {
     }
 }
 
-/// Maximum number of evaluated positions between the lines.
 const MAX_LATTICE_POSITIONS: usize = 400_000;
 /// Number of additional positions distributed over the work space.
 const HALTON_POSITIONS: u32 = 20_000;
@@ -750,7 +738,6 @@ pub struct Misfit {
     pub positions: usize,
 }
 
-/// Sums of errors at positions.
 #[derive(Default)]
 struct MisfitSum {
     found: Misfit,

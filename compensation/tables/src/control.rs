@@ -163,7 +163,7 @@ pub enum Body {
     Swap {
         /// Number of the map.
         counter: u16,
-        /// Checksum of its words.
+        /// Checksum of the map's words.
         check: [u16; 2],
     },
     /// Keep-alive: the active map stays valid.
@@ -402,7 +402,6 @@ impl Travel {
 #[derive(Clone, Debug)]
 pub struct Lookup {
     settings: Settings,
-    /// Words of both buffers.
     buffers: [Box<[u16]>; 2],
     memory: Memory,
 }
@@ -562,7 +561,6 @@ impl Lookup {
         Ok(true)
     }
 
-    /// Executes the content of a frame.
     fn take(&mut self, frame: &MailboxFrame<'_>) -> Result<(), Refusal> {
         let data = frame.data();
         match frame.kind() {
@@ -647,7 +645,6 @@ impl Lookup {
         Ok(())
     }
 
-    /// Whether a map was made for this control.
     fn fits(&self, header: &Header, counter: u16, words: usize) -> bool {
         let settings = &self.settings;
         let axes = settings.grid.count();
@@ -671,7 +668,6 @@ impl Lookup {
             && within
     }
 
-    /// Looks up the target corrections.
     fn aim(&mut self, steps: &[i32; GRID_AXES]) {
         let steps = steps.map(|steps| steps.clamp(-MAX_POSITION_STEPS, MAX_POSITION_STEPS));
         let travel = self.memory.travel.get_or_insert(steps.map(Travel::at));

@@ -66,7 +66,6 @@ pub struct MachineMap {
     pub sensitivities: Vec<Sensitivity>,
 }
 
-/// Corrections of a machine at fixed temperatures.
 struct MachineField<'a> {
     chain: &'a Chain,
     source: MachineErrors<'a>,

@@ -250,37 +250,26 @@ fn long(words: &[u16; HEADER_WORDS], at: usize) -> u32 {
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum MapError {
-    /// Fewer words than a header.
     #[error("a map has at least 69 words, found {found}")]
     Short { found: usize },
-    /// An odd number of bytes.
     #[error("{found} bytes are no whole words")]
     OddBytes { found: usize },
-    /// The first word is not that of a map.
     #[error("the first word is {found:#06x}, expected 0x564d (VM): this is not a volcomp map")]
     Magic { found: u16 },
-    /// The layout version of the words is unknown.
     #[error("layout version {found}, expected 1")]
     Version { found: u16 },
-    /// The axes are invalid.
     #[error("expected one to five different axes of the grid, and one to three that are corrected")]
     Axes,
-    /// The number of the map is 0.
     #[error("the counter of the map is 0, expected 1 to 65535")]
     Counter,
-    /// The scale of the values is out of range.
     #[error("an output step has {found} parts, expected 1 to 64")]
     Scale { found: u16 },
-    /// The lines are out of range.
     #[error("axis {axis}: lines of the grid are out of range")]
     Lines { axis: AxisName },
-    /// More words than a control can count.
     #[error("the map has {found} words, expected at most 32767")]
     Words { found: usize },
-    /// The number of words differs from that in the header.
     #[error("found {found} words, expected {expected}")]
     Count { found: usize, expected: usize },
-    /// The checksum does not match the words.
     #[error("the checksum does not fit: the map is damaged, or for the machine of another number")]
     Checksum,
 }

@@ -122,18 +122,14 @@ pub struct SenderLimits {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum LimitError {
-    /// The map is larger than a buffer.
     #[error("the map has {found} words, expected at most {capacity}, the size of a buffer")]
     Words { found: usize, capacity: usize },
-    /// A value of the map exceeds the limit.
     #[error("the map corrects by up to {found_um:.1} µm, expected at most {limit_um:.1} µm")]
     Value { found_um: f64, limit_um: f64 },
-    /// The control's own limit exceeds that of the sender.
     #[error(
         "the control accepts corrections up to {found_um:.1} µm, expected at most {limit_um:.1} µm"
     )]
     Limit { found_um: f64, limit_um: f64 },
-    /// The control changes corrections faster than allowed.
     #[error(
         "the control moves a correction at {found_um_per_s:.1} µm/s, expected at most {slew_um_per_s:.1} µm/s"
     )]
@@ -141,7 +137,6 @@ pub enum LimitError {
         found_um_per_s: f64,
         slew_um_per_s: f64,
     },
-    /// The timeout of the control is longer than allowed.
     #[error(
         "the control begins to go to zero {found_s:.3} s after the last frame, expected at most {zero_after_s:.3} s"
     )]
@@ -245,7 +240,7 @@ pub enum SendError<E> {
     Held {
         /// Number of the other sender.
         by: u16,
-        /// Sequence number of its last frame; constant if that sender has stopped.
+        /// Sequence number of the other sender's last frame; constant if that sender has stopped.
         sequence: u16,
     },
     /// The control or the map exceeds the limits.

@@ -30,7 +30,7 @@ pub(crate) struct Arrivals {
 }
 
 impl Arrivals {
-    /// No frame is waiting at this time.
+    /// Records that no frame is waiting at this time.
     pub(crate) fn empty_at(empty: Instant, wall: SystemTime) -> Self {
         Self { empty, wall }
     }

@@ -20,16 +20,14 @@ const FRAME_HEADER_WORDS: usize = 4;
 const REPORT_HEADER_WORDS: usize = 8;
 /// Applied, limit, rate.
 const REPORT_WORDS_PER_AXIS: usize = 3;
-/// Number of checksum words at the end of both.
+/// Number of checksum words at the end of frames and reports.
 const CHECKSUM_WORDS: usize = 2;
 
-/// A message to send, and its frame.
 struct OutgoingMessage {
     message: Message,
     frame: Frame,
 }
 
-/// A word of the frame: the index of its message, and its signal.
 struct Word {
     sent: usize,
     signal: Signal,
@@ -45,7 +43,6 @@ pub(crate) struct Barrier {
     counter: u64,
 }
 
-/// Largest count of a value word.
 const LARGEST_COUNT: f64 = 32767.0;
 
 /// The size of one count, and the largest correction, mm or rad.
@@ -55,10 +52,8 @@ pub(crate) struct Count {
 }
 
 impl Barrier {
-    /// The transport for these axes with the signals of a table; `None` if the table has no barrier words.
-    ///
-    /// # Errors
-    /// Words that are missing, too few or too many for the axes, not of 16 bits, or whose units do not match their axes.
+    /// The transport for these axes with the signals of a table; `None` if the table has no barrier words. Errors: words that are missing, too few or
+    /// too many for the axes, not of 16 bits, or whose units do not match their axes.
     pub(crate) fn of(
         table: &SignalTable,
         axes: &[AxisName],
@@ -193,7 +188,6 @@ impl Barrier {
     }
 }
 
-/// Sends a frame before its deadline.
 pub(crate) fn send(port: &mut impl CanPort, frame: &Frame, deadline: Instant) -> Result<(), Fault> {
     if Instant::now() >= deadline {
         return Err(Fault::TimedOut);

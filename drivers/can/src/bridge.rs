@@ -60,13 +60,10 @@ impl BridgeConfig {
     }
 }
 
-/// Transport of the corrections.
 enum Transport {
     /// Words of a frame for the barrier of the control.
     Barrier(Barrier),
-    /// Plain values.
     Plain(PlainCorrections),
-    /// None: positions are only read.
     ReadOnly,
 }
 
@@ -285,7 +282,6 @@ impl<P: CanPort> Controller for CanController<P> {
     }
 }
 
-/// Fault of a correction sent to a read-only bridge.
 const READ_ONLY: Fault = Fault::Unsupported("corrections, where positions are only read");
 
 fn axis_descriptions(config: &BridgeConfig, counts: &[Count]) -> Vec<Axis> {

@@ -1,5 +1,3 @@
-//! Reads DBC files into a table of their signals.
-
 use can_dbc::{ByteOrder, Dbc, MessageId, MultiplexIndicator, SignalExtendedValueType, ValueType};
 
 use crate::{

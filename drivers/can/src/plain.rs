@@ -19,7 +19,6 @@ struct AxisSignal {
     to_internal: f64,
 }
 
-/// Corrections as plain values.
 pub(crate) struct PlainCorrections {
     axes: Vec<AxisSignal>,
     sent: Vec<(Message, Frame)>,
@@ -28,10 +27,7 @@ pub(crate) struct PlainCorrections {
 }
 
 impl PlainCorrections {
-    /// Plain corrections for these axes, and the size of their steps.
-    ///
-    /// # Errors
-    /// An axis without its signal, a unit that does not match it.
+    /// Plain corrections for these axes, and the size of their steps. Errors: an axis without its signal, a unit that does not match it.
     pub(crate) fn of(
         table: &SignalTable,
         names: &[AxisName],
@@ -82,7 +78,6 @@ impl PlainCorrections {
         self.saturated
     }
 
-    /// Sends corrections, mm and rad.
     pub(crate) fn apply(
         &mut self,
         port: &mut impl CanPort,

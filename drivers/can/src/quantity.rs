@@ -5,18 +5,14 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 /// The state signals of a control: whether every axis is referenced, an alarm is active, the emergency stop is pressed.
 pub(crate) const STATES: [&str; 3] = ["REFERENCED", "ALARM", "EMERGENCY_STOP"];
 
-/// The quantity of a signal that the drivers use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Quantity {
-    /// A position or correction of an axis.
     Of(AxisName),
-    /// A temperature in °C.
     Temperature,
     /// A state of the control: on unless the value is 0.
     State,
 }
 
-/// A unit that does not match the quantity of a signal.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("found {found}, expected {expected}")]
 pub(crate) struct WrongUnit {
@@ -59,10 +55,7 @@ impl Quantity {
         }
     }
 
-    /// The factor from a unit to mm, rad or °C.
-    ///
-    /// # Errors
-    /// The unit does not match this quantity.
+    /// The factor from a unit to mm, rad or °C. Errors: the unit does not match this quantity.
     pub(crate) fn factor(self, unit: &str) -> Result<f64, WrongUnit> {
         let known = self.units().iter().find(|(name, _)| *name == unit);
         known.map(|(_, factor)| *factor).ok_or_else(|| WrongUnit {
@@ -74,7 +67,6 @@ impl Quantity {
         })
     }
 
-    /// The accepted units, for messages.
     fn expected(self) -> &'static str {
         match self {
             Self::Of(name) => match name.kind() {
@@ -87,10 +79,7 @@ impl Quantity {
     }
 }
 
-/// The factor from the unit of a signal to mm, rad or °C; 1 for a signal without a known quantity.
-///
-/// # Errors
-/// A unit that does not match the quantity.
+/// The factor from the unit of a signal to mm, rad or °C; 1 for a signal without a known quantity. Errors: a unit that does not match the quantity.
 pub(crate) fn to_internal(name: &str, unit: &str) -> Result<f64, WrongUnit> {
     Quantity::of_signal(name).map_or(Ok(1.0), |quantity| quantity.factor(unit))
 }

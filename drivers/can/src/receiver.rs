@@ -33,7 +33,6 @@ const MIN_STEPS_BEHIND: u64 = 8;
 /// wrapped. It does not limit the age of data.
 const MAX_OVERTAKE_DELAY: Duration = Duration::from_millis(100);
 
-/// A received message and its last valid data.
 pub(crate) struct ReceivedMessage {
     message: Message,
     data: [u8; 64],
@@ -56,7 +55,6 @@ impl ReceivedMessage {
         &self.data[..self.message.length]
     }
 
-    /// The counter of the last valid frame, if the message has one.
     pub(crate) fn counter(&self) -> Option<u64> {
         self.counter
     }
@@ -97,7 +95,6 @@ impl ReceivedMessage {
     }
 }
 
-/// The messages received from one port.
 pub(crate) struct Receiver<P> {
     pub(crate) port: P,
     messages: Vec<ReceivedMessage>,
@@ -105,7 +102,6 @@ pub(crate) struct Receiver<P> {
 }
 
 impl<P: CanPort> Receiver<P> {
-    /// Receives these messages.
     pub(crate) fn new(port: P, messages: Vec<ReceivedMessage>) -> Self {
         Self {
             port,
@@ -114,7 +110,6 @@ impl<P: CanPort> Receiver<P> {
         }
     }
 
-    /// The message that contains a signal.
     pub(crate) fn message(&self, signal: &ReceivedSignal) -> &ReceivedMessage {
         &self.messages[signal.message]
     }
@@ -157,7 +152,6 @@ impl<P: CanPort> Receiver<P> {
     }
 }
 
-/// A signal, and the index of its received message.
 #[derive(Clone)]
 pub(crate) struct ReceivedSignal {
     pub(crate) message: usize,
@@ -166,10 +160,8 @@ pub(crate) struct ReceivedSignal {
     pub(crate) to_internal: f64,
 }
 
-/// Adds the message of a signal to the received ones, if it is missing.
-///
-/// # Errors
-/// A unit that does not match the quantity of the signal. [`SignalTable::parse`] checks this too, but a table may be built otherwise.
+/// Adds the message of a signal to the received ones, if it is missing. Errors: a unit that does not match the quantity of the signal.
+/// [`SignalTable::parse`] checks this too, but a table may be built otherwise.
 pub(crate) fn subscribe(
     table: &SignalTable,
     messages: &mut Vec<ReceivedMessage>,

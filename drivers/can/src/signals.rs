@@ -32,7 +32,7 @@ pub struct Signal {
 pub struct Message {
     /// The name of the message in the file.
     pub name: String,
-    /// Identifier of its frames.
+    /// Identifier of the message's frames.
     pub id: u32,
     /// Whether `id` has 29 bits.
     pub extended: bool,
@@ -186,7 +186,6 @@ impl Signal {
         Some((name, self.value(data) * self.to_internal()?))
     }
 
-    /// Lowest and highest raw value.
     #[inline]
     #[expect(clippy::cast_precision_loss, reason = "as precise as a number can be")]
     fn raw_range(&self) -> [f64; 2] {

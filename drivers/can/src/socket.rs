@@ -1,5 +1,3 @@
-//! CAN interfaces of Linux, through SocketCAN.
-
 use std::{
     io::{Error, ErrorKind},
     time::Instant,

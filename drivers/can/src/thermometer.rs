@@ -1,5 +1,3 @@
-//! Temperatures in plain frames.
-
 use std::time::Instant;
 
 use volcomp_port::{DeviceError, Reason, Temperature, Thermometer};

@@ -8,16 +8,13 @@ use std::{
 use url::Url;
 use volcomp_port::DeviceError;
 
-/// The scheme of a device URL.
 #[derive(Clone, Copy)]
 pub(crate) struct Scheme {
-    /// The part of the URL before `://`.
     pub(crate) name: &'static str,
-    /// The form of its URLs, for messages.
+    /// The form of the scheme's URLs, for messages.
     pub(crate) form: &'static str,
     /// The cargo feature of this crate that enables the driver.
     pub(crate) feature: &'static str,
-    /// The query keys, separated by blanks.
     pub(crate) keys: &'static str,
 }
 
@@ -52,7 +49,6 @@ pub(crate) const SCHEMES: [Scheme; 7] = [
 ];
 
 impl Scheme {
-    /// Finds a scheme by name.
     pub(crate) fn named(name: &str) -> Option<Self> {
         SCHEMES.into_iter().find(|scheme| scheme.name == name)
     }
@@ -141,7 +137,6 @@ impl Address {
         DeviceError::unsupported(&*self.text, found, expected)
     }
 
-    /// Error for a device that does not answer.
     #[cfg(any(feature = "modbus", feature = "can"))]
     pub(crate) fn no_answer(
         &self,
@@ -151,7 +146,6 @@ impl Address {
         DeviceError::no_answer(&*self.text, found, expected)
     }
 
-    /// Error for a failed exchange.
     #[cfg(any(feature = "can", feature = "gpio"))]
     pub(crate) fn failed(
         &self,

@@ -12,7 +12,6 @@ use crate::{
     probe::Probe,
 };
 
-/// Keys common to all controllers.
 const KEYS: [&str; 4] = ["url", "axes", "reads", "unseen"];
 
 /// Keys common to all controllers with written axes.
@@ -47,7 +46,7 @@ impl Scheme {
 }
 
 impl Address {
-    /// The driver of its bus.
+    /// The driver of the address's bus.
     ///
     /// # Errors
     /// A bus that is not in this build.
@@ -225,7 +224,6 @@ pub fn check_keys(
     Some(driver)
 }
 
-/// The address of a device and its driver; an invalid URL is reported as a mistake.
 fn address(at: &str, url: &str, found: &mut Mistakes<'_>) -> Option<(Address, &'static Driver)> {
     let key = format!("{at}.url");
     if !found.states(&key) {
@@ -263,7 +261,7 @@ mod tests {
         (driver.devices)(&address)
     }
 
-    /// Each pair of spellings used to get separate locks.
+    /// Different spellings of an address must name one device, so that they share one lock.
     #[test]
     fn every_spelling_of_an_address_is_one_device() {
         let one = of("focas://127.0.0.1");

@@ -54,7 +54,6 @@ fn thermometer(
     })
 }
 
-/// Configuration of a bridge on an interface.
 struct Bridge {
     interface: String,
     config: BridgeConfig,
@@ -115,10 +114,7 @@ fn interface(name: &str) -> String {
     )
 }
 
-/// The signals of a URL: those of the DBC file in the URL, by default the shipped file.
-///
-/// # Errors
-/// A file that cannot be read or is not a DBC file.
+/// The signals of a URL: those of the DBC file in the URL, by default the shipped file. Errors: a file that cannot be read or is not a DBC file.
 fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
     let text = match address.get("dbc") {
         None => SHIPPED_DBC.to_owned(),

@@ -247,7 +247,7 @@ pub(crate) type OpenThermometer =
 /// A configured thermometer, not opened.
 pub struct ThermometerDevice {
     pub(crate) address: Address,
-    /// The names of its sensors, in the order of the device.
+    /// The names of the sensors, in the order of the device.
     pub names: Vec<String>,
     pub(crate) open: OpenThermometer,
 }
@@ -262,7 +262,6 @@ impl ThermometerDevice {
     }
 }
 
-/// Connects to a control that accepts a map.
 pub(crate) type OpenMap = Box<dyn Fn() -> Result<Box<dyn MapWords>, MapError>>;
 
 /// A control that accepts a map, not connected.

@@ -252,7 +252,6 @@ impl From<volcomp_focas::Block> for Block {
     }
 }
 
-/// The control of a `[[controller]]`.
 fn configured(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, DeviceError> {
     let mut focas = FocasConfig::new(&*address.host, &config.axes);
     focas.port = address.port.unwrap_or(PORT);

@@ -26,10 +26,8 @@ fn chip(lines: &str) -> String {
     format!("gpio {chip}")
 }
 
-/// Opens the lines of a URL. The keys are named from the control: `position` are its outputs, `correction` its inputs.
-///
-/// # Errors
-/// Missing keys, or lines that cannot be requested.
+/// Opens the lines of a URL. The keys are named from the control: `position` are its outputs, `correction` its inputs. Errors: missing keys, or lines
+/// that cannot be requested.
 fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
     let [position, correction] = line_sets(address)?;
     GpioPort::open(&position, &correction)

@@ -205,7 +205,6 @@ impl ControllerConfig {
         micro.map(|micro| Displacement::from_micro(kind, micro))
     }
 
-    /// The axes whose positions the controller reports.
     pub(crate) fn shown(&self) -> impl Iterator<Item = AxisName> {
         self.axes.iter().chain(&self.reads).copied()
     }

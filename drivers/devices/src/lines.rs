@@ -126,7 +126,6 @@ impl ControllerConfig {
     }
 }
 
-/// Configuration of one axis on the lines of a port.
 struct Lines<D> {
     address: Address,
     open: fn(&Address) -> Result<D, DeviceError>,
@@ -138,10 +137,7 @@ struct Lines<D> {
     time_out: Option<Duration>,
 }
 
-/// One axis on the lines of a port.
-///
-/// # Errors
-/// More than one axis, a missing key.
+/// One axis on the lines of a port. Errors: more than one axis, a missing key.
 pub(crate) fn controller<D: DigitalIo + 'static>(
     address: Address,
     config: &ControllerConfig,

@@ -20,7 +20,6 @@ use crate::{
     probe::Probe,
 };
 
-/// Response timeout of a bridge.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
 
 /// Time between two reports, from which the scans of a bridge are counted.
@@ -42,7 +41,6 @@ pub(crate) const DRIVER: Driver = Driver {
     ..USUAL
 };
 
-/// Configuration of a control and its bridge.
 struct Control {
     url: String,
     config: LinuxCncConfig,
@@ -100,7 +98,6 @@ impl ControllerDevice for Control {
         }))
     }
 
-    /// Fails with every wrong or missing setting in the INI file of the control.
     fn check_file(&self, needs: Option<&GuardRequirements>) -> Result<(), DeviceError> {
         let Some(file) = &self.ini else { return Ok(()) };
         let shown = file.display();
@@ -135,10 +132,7 @@ fn least(needs: &GuardRequirements) -> GuardMinimum {
     }
 }
 
-/// The control of a `[[controller]]`.
-///
-/// # Errors
-/// A missing table of the barrier, steps that are not whole numbers, no key.
+/// The control of a `[[controller]]`. Errors: a missing table of the barrier, steps that are not whole numbers, no key.
 fn control(address: &Address, config: &ControllerConfig) -> Result<Control, DeviceError> {
     let machine = match &config.barrier {
         Some(barrier) => barrier.machine,
@@ -172,7 +166,6 @@ fn control(address: &Address, config: &ControllerConfig) -> Result<Control, Devi
     })
 }
 
-/// The key shared with the bridge.
 fn key(address: &Address, config: &ControllerConfig) -> Result<Key, DeviceError> {
     if address.get("key_file").is_some() {
         return Err(address.wrong("found key_file in the URL", "state it as linuxcnc.key_file"));
@@ -189,10 +182,7 @@ fn key(address: &Address, config: &ControllerConfig) -> Result<Key, DeviceError>
     })
 }
 
-/// Whether the URL allows the bridge to run on another computer.
-///
-/// # Errors
-/// A value other than `true` or `false`.
+/// Whether the URL allows the bridge to run on another computer. Errors: a value other than `true` or `false`.
 fn allows_remote_bridge(address: &Address) -> Result<bool, DeviceError> {
     match address.get("remote") {
         None | Some("false") => Ok(false),

@@ -96,7 +96,6 @@ pub(crate) fn serial_ports() -> Vec<SerialPort> {
     Vec::new()
 }
 
-/// The network interfaces of the kernel with CAN hardware.
 fn can_interfaces(folder: &Path) -> Vec<CanInterface> {
     /// Hardware type of CAN (ARPHRD_CAN).
     const CAN: u32 = 280;

@@ -26,7 +26,6 @@ use crate::{
 /// The scheme of a serial line.
 const RTU: &str = "modbus-rtu";
 
-/// The port of Modbus TCP.
 const PORT: u16 = 502;
 
 pub(crate) const DRIVER: Driver = Driver {
@@ -97,7 +96,6 @@ fn profile(address: &Address) -> Result<Profile, DeviceError> {
     Ok(found)
 }
 
-/// Response timeout of the module.
 fn answer_within(address: &Address) -> Result<Duration, DeviceError> {
     let usual = u32::try_from(ANSWER_WITHIN.as_millis()).unwrap_or(u32::MAX);
     let ms = address.number("answer_ms", [10, 10_000], usual)?;
@@ -155,16 +153,12 @@ fn thermometer_config(
     })
 }
 
-/// The digital lines of a URL.
-///
-/// # Errors
-/// Invalid keys, a profile without digital lines.
+/// The digital lines of a URL. Errors: invalid keys, a profile without digital lines.
 fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> {
     let (bus, module) = module(address)?;
     ModbusDigital::new(bus, &[module], answer_within(address)?, Backoff::default())
 }
 
-/// Describes the port of [`digital_modules`] without connecting.
 fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
     let (bus, module) = module(address)?;
     ModbusDigital::describe(&bus, &[module])

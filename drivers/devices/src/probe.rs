@@ -1,5 +1,3 @@
-//! The values and properties of a device from a single reading.
-
 use std::collections::BTreeMap;
 
 use serde::Serialize;
@@ -53,7 +51,6 @@ pub struct ProbedTemperature {
     feature = "sinumerik"
 ))]
 impl Probe {
-    /// An empty result for the device at this URL.
     pub(crate) fn of(device: &str) -> Self {
         Self {
             device: device.to_owned(),

@@ -174,10 +174,7 @@ impl MapWords for volcomp_sinumerik::MapWords {
     }
 }
 
-/// The control of a `[[controller]]`.
-///
-/// # Errors
-/// A password file that is readable by others or cannot be read.
+/// The control of a `[[controller]]`. Errors: a password file that is readable by others or cannot be read.
 fn control(address: &Address, config: &ControllerConfig) -> Result<SinumerikConfig, DeviceError> {
     let table = config.sinumerik.clone().unwrap_or_default();
     let mut control = SinumerikConfig::new(server(address, &table)?, &config.axes);
@@ -196,10 +193,7 @@ fn control(address: &Address, config: &ControllerConfig) -> Result<SinumerikConf
     Ok(control)
 }
 
-/// The connection settings of a control's server.
-///
-/// # Errors
-/// A password file that is readable by others or cannot be read.
+/// The connection settings of a control's server. Errors: a password file that is readable by others or cannot be read.
 pub(crate) fn server(address: &Address, config: &SinumerikTable) -> Result<Server, DeviceError> {
     let mut server = Server::new(&*address.text);
     server.namespace.clone_from(&config.namespace);
@@ -295,7 +289,6 @@ fn thermal_path(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<
     }
 }
 
-/// Checks the keys of a thermometer; `at` is the key of its table.
 pub(crate) fn validate_thermometer(
     own: &ThermometerConfig,
     scheme: &str,

@@ -1,5 +1,3 @@
-//! Coherent reading of lines that do not switch at the same instant.
-
 use std::time::Instant;
 
 use volcomp_port::{DigitalIo, Fault, InputLevels};

@@ -1,5 +1,3 @@
-//! A control without a bus, corrected through digital lines.
-
 use std::time::{Duration, Instant};
 
 use volcomp_port::{
@@ -35,7 +33,6 @@ pub struct DigitalController<D> {
     /// Index of the axis that was selected last.
     selected: usize,
     outputs: Outputs,
-    /// Whether a correction was written since the start.
     wrote: bool,
     saturated: u32,
 }
@@ -124,7 +121,6 @@ impl<D: DigitalIo> DigitalController<D> {
         self.saturated
     }
 
-    /// Whether every axis has its requested correction.
     fn has_all(&self, corrections: &PerChannel<f64>) -> bool {
         let requested = self.axes.iter().zip(corrections);
         requested
@@ -141,7 +137,6 @@ impl<D: DigitalIo> DigitalController<D> {
             .note(&self.io, &self.wiring, &self.axes, self.wrote);
     }
 
-    /// Reads the selected axis.
     fn look(&mut self, deadline: Instant) -> Result<(), Fault> {
         let InputLevels { levels, taken } =
             read_coherent(&mut self.io, &self.wiring, self.coherence, deadline)?;

@@ -7,7 +7,6 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{axis::DigitalAxis, wiring::Wiring};
 
-/// State of a correction over lines with a latch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Latching {
     /// The control has received the last correction, and the latch is unchanged since.
@@ -18,7 +17,6 @@ enum Latching {
     Turned(u64),
 }
 
-/// The outputs of a controller on lines.
 pub(crate) struct Outputs {
     latching: Latching,
     /// The last written level of the latch, as a bit.
@@ -49,11 +47,9 @@ impl Outputs {
         self.carried
     }
 
-    /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed, the latch alone.
-    ///
-    /// # Errors
-    /// See [`DigitalIo::write`]; the sequence does not advance then. While the levels of unused outputs are unknown nothing is written,
-    /// unless the device cannot report them.
+    /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed, the latch alone. Errors: see
+    /// [`DigitalIo::write`]; the sequence does not advance then. While the levels of unused outputs are unknown nothing is written, unless the device
+    /// cannot report them.
     pub(crate) fn write(
         &mut self,
         io: &mut impl DigitalIo,

@@ -31,7 +31,6 @@ struct PanelState {
     axes: Vec<DigitalAxis>,
     /// Positions of the axes, mm or rad.
     positions: Vec<f64>,
-    /// Index of the selected axis.
     selected: usize,
     outputs: u64,
     takes: Box<dyn FnMut(PanelWord) + Send>,

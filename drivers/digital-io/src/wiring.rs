@@ -42,12 +42,10 @@ pub struct WiringError {
     pub expected: String,
 }
 
-/// The position word and the selected axis on the inputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct PositionInput {
     pub(crate) word: u32,
     pub(crate) axis: u32,
-    /// Whether the parity is correct and the word is stable.
     pub(crate) valid: bool,
 }
 
@@ -109,20 +107,17 @@ impl Wiring {
         Ok(())
     }
 
-    /// Our used inputs.
     fn inputs(&self) -> impl Iterator<Item = u32> {
         let single = self.parity.iter().chain(&self.strobe);
         let words = self.position.iter().chain(&self.select);
         words.chain(single).copied()
     }
 
-    /// Our used outputs.
     fn outputs(&self) -> impl Iterator<Item = u32> {
         let words = self.correction.iter().chain(&self.echo);
         words.chain(&self.latch).copied()
     }
 
-    /// Bit mask of the used outputs.
     pub(crate) fn used_outputs(&self) -> u64 {
         self.outputs().fold(0, |used, line| used | 1 << line)
     }
@@ -143,7 +138,6 @@ impl Wiring {
         self.inputs().fold(0, |used, line| used | 1 << line)
     }
 
-    /// Decodes the position word and the selected axis from the input levels.
     #[inline]
     pub(crate) fn position_input(&self, levels: u64) -> PositionInput {
         let levels = levels ^ self.inverted_inputs;

@@ -99,7 +99,6 @@ pub(crate) fn mask(bits: u32) -> u32 {
     u32::MAX.checked_shr(32 - bits.min(32)).unwrap_or(0)
 }
 
-/// The highest bit of a word.
 fn sign_bit(bits: u32) -> u32 {
     1_u32.checked_shl(bits.saturating_sub(1)).unwrap_or(0)
 }

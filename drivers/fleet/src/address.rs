@@ -1,12 +1,9 @@
-//! Server addresses in configurations.
-
 use std::net::{IpAddr, Ipv6Addr};
 
 /// Expected form of an address, for messages.
 pub const ADDRESSES: &str =
     "nats://HOST:PORT or tls://HOST:PORT, several of them separated by commas";
 
-/// Port of a server whose address has none.
 const DEFAULT_PORT: u16 = 4222;
 
 /// Splits a comma-separated list of addresses.

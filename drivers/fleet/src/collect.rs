@@ -14,15 +14,11 @@ use crate::{Identity, Kind, LinkError, link::nats_error};
 
 /// Name of the centre's durable consumer in each stream.
 const CONSUMER: &str = "centre";
-/// Redelivery interval for messages that are not acknowledged.
 const REDELIVERY_INTERVAL: Duration = Duration::from_secs(30);
-/// Maximum number of unacknowledged messages in flight.
 const MAX_UNACKNOWLEDGED: i64 = 20_000;
-/// Maximum number of messages in a batch.
 const MAX_BATCH: usize = 2_000;
 /// Time a batch waits for more messages after its first one; each batch costs one disk write.
 const GATHER_TIME: Duration = Duration::from_millis(20);
-/// Retry interval after a failure.
 const RETRY_INTERVAL: Duration = Duration::from_millis(500);
 
 /// A machine message as stored in the stream.
@@ -39,7 +35,6 @@ pub struct Received {
 
 /// Messages received together.
 pub struct Batch {
-    /// The messages in the order of the stream.
     pub messages: Vec<Received>,
     unacknowledged: Vec<Message>,
 }

@@ -23,7 +23,6 @@ use crate::{
 pub struct Hub {
     client: Client,
     context: Context,
-    /// Notified on every (re)connection.
     reconnected: Arc<Notify>,
 }
 

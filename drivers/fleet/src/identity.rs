@@ -4,7 +4,6 @@ use std::{fmt, str::FromStr};
 
 use serde::{Deserialize, Serialize};
 
-/// Maximum length of a name, bytes.
 const MAX_ID_BYTES: usize = 64;
 
 /// A name that is invalid in a subject.

@@ -22,11 +22,8 @@ use crate::{
 
 /// Interval at which the value is requested, in case a notification was lost.
 const REQUEST_INTERVAL: Duration = Duration::from_secs(60);
-/// Request timeout.
 pub(crate) const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
-/// Maximum size of a fetched model, bytes.
 const MAX_MODEL_BYTES: u64 = 4 << 20;
-/// Maximum delay between two connection attempts.
 const MAX_RECONNECT_DELAY: Duration = Duration::from_secs(10);
 /// Maximum number of queued values; if more arrive, the latest value is requested again.
 const MAX_QUEUED_VALUES: usize = 8;
@@ -97,7 +94,6 @@ impl LinkSettings {
         }
     }
 
-    /// Connection options with unlimited reconnection attempts.
     pub(crate) fn options(&self, reconnected: &Arc<Notify>) -> Result<ConnectOptions, LinkError> {
         self.public_key()?;
         let reconnected = Arc::clone(reconnected);
@@ -137,7 +133,6 @@ pub struct MachineSender {
     subjects: Subjects,
     /// Subject to request the latest value of the machine's key.
     latest_desired: String,
-    /// Name of the machine's object store.
     models: String,
 }
 
@@ -147,7 +142,6 @@ pub struct MachineLink {
     desired: Subscriber,
     /// Notified on every (re)connection: values published while disconnected were not received.
     reconnected: Arc<Notify>,
-    /// Timer of the periodic request of the value.
     request_timer: tokio::time::Interval,
     /// Whether the value must be requested, or the last request was not answered.
     due: bool,
@@ -326,7 +320,6 @@ impl MachineSender {
     }
 }
 
-/// True if the client is connected.
 pub(crate) fn is_connected(client: &Client) -> bool {
     client.connection_state() == async_nats::connection::State::Connected
 }
@@ -351,7 +344,6 @@ pub(crate) async fn stored(
     timeout(RESPONSE_TIMEOUT, stored).await.unwrap_or(Err(late))
 }
 
-/// Metadata of an object in the object store, reduced to the fields used here.
 #[derive(Deserialize)]
 struct ObjectMeta {
     nuid: String,

@@ -160,7 +160,6 @@ pub fn trusted_key(text: &str) -> Result<VerifyingKey, DesiredError> {
 /// Identity and trusted keys of a machine.
 #[derive(Clone, Debug)]
 pub struct Trust {
-    /// Keys whose signatures are accepted.
     pub keys: Vec<VerifyingKey>,
     pub machine: MachineId,
     pub serial: String,
@@ -180,12 +179,10 @@ pub struct Accepted {
 /// Why a manifest is rejected. A rejected manifest changes nothing.
 #[derive(Debug, thiserror::Error)]
 pub enum ManifestRejection {
-    /// The value is malformed.
     #[error(transparent)]
     Document(#[from] DesiredError),
     #[error("the signature does not match the manifest")]
     Signature,
-    /// The signing key is not trusted.
     #[error("signed by an untrusted key: {key}")]
     Key { key: String },
     #[error("it is meant for the machine {found}, this is {expected}")]

@@ -61,7 +61,7 @@ impl Permissions {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MachineUser {
     pub identity: Identity,
-    /// Public nkey of its user, `U…`.
+    /// Public nkey of the machine's user, `U…`.
     pub nkey: String,
 }
 
@@ -77,7 +77,6 @@ pub struct ServerTls {
 pub struct ServerSettings {
     /// Name of the server, unique in its cluster.
     pub name: String,
-    /// Address for clients.
     pub listen: String,
     pub store: PathBuf,
     /// TLS for clients; `None`: unencrypted, acceptable only on a single computer.
@@ -90,7 +89,6 @@ pub struct ServerSettings {
 /// Why a configuration cannot be written.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ServerConfigError {
-    /// The text cannot be quoted safely.
     #[error(
         "{what}: found {found:?}, expected a text without quotation marks, backslashes and control characters"
     )]
@@ -98,7 +96,6 @@ pub enum ServerConfigError {
     /// The address of a cluster server is invalid or contains a password.
     #[error("routes: found {found}, expected nats://HOST:PORT without a user")]
     Route { found: String },
-    /// The key is not the public nkey of a user.
     #[error(
         "found the key {found:?}, expected the public nkey of a user: U and 55 letters and digits"
     )]
@@ -227,7 +224,6 @@ impl RoutePassword {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cluster {
     pub name: String,
-    /// Address for the other servers.
     pub listen: String,
     /// Addresses of the cluster servers, `nats://HOST:PORT`.
     pub routes: Vec<String>,

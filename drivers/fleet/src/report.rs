@@ -27,9 +27,7 @@ pub struct Envelope<T> {
 /// Short condition of a machine, sent once a second by default.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Condition {
-    /// State of the guard, as in `/api/state`.
     pub state: String,
-    /// Reasons of the state, and further notes.
     pub reasons: Vec<String>,
     /// Whether the machine corrects, or will resume automatically.
     pub armed: bool,
@@ -42,7 +40,6 @@ pub struct Condition {
     pub residual_um: Option<f64>,
     /// Temperatures by name, °C; `None` if the sensor is broken.
     pub temperatures_degc: BTreeMap<String, Option<f64>>,
-    /// p99 of the cycle time, µs.
     pub cycle_p99_us: f64,
     /// Number of cycles since the start that exceeded their duration.
     pub overruns: u64,

@@ -12,9 +12,7 @@ use std::{
 
 use crate::{ServerConfigError, ServerSettings};
 
-/// Path of the server on Debian, which is not in every user's `PATH`.
 const DEBIAN_PATH: &str = "/usr/sbin/nats-server";
-/// Start timeout.
 const START_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Why a server does not run.

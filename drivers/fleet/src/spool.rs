@@ -176,7 +176,6 @@ impl Stored {
 struct Queue {
     folder: PathBuf,
     limit: u64,
-    /// Files that have not been read yet, the oldest first.
     files: VecDeque<Stored>,
     /// The file whose messages are being sent, until all are done.
     open: Option<Stored>,
@@ -187,7 +186,6 @@ struct Queue {
     given: Option<(Waiting, bool)>,
     /// The newest messages.
     memory: VecDeque<Waiting>,
-    /// Number of the next file.
     next_file: u64,
     dropped: u64,
     trouble: Option<String>,
@@ -345,7 +343,6 @@ impl Queue {
         }
     }
 
-    /// Removes the completed file.
     fn close(&mut self) {
         if let Some(file) = self.open.take() {
             let _ = std::fs::remove_file(self.path(file));
@@ -357,7 +354,6 @@ impl Queue {
 /// detected.
 const HEADER: usize = 1 + 2 + 4 + 8;
 
-/// One message in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Record<'a> {
     kind: &'a str,

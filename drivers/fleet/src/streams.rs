@@ -17,7 +17,6 @@ use crate::{
 const TELEMETRY_PREFIX: &str = "telemetry-";
 /// Prefix of the name of a site's stream of audit records and acknowledgements.
 const AUDIT_PREFIX: &str = "audit-";
-/// Number of values kept for each key.
 const HISTORY: i64 = 8;
 /// Deduplication window: messages with the same id within it are stored once.
 const DUPLICATE_WINDOW: Duration = Duration::from_secs(120);
@@ -27,11 +26,9 @@ const DUPLICATE_WINDOW: Duration = Duration::from_secs(120);
 pub struct StreamRetention {
     /// Number of servers of the cluster that store each stream: 1, 3 or 5.
     pub replicas: usize,
-    /// Retention time of conditions and telemetry.
     pub telemetry: Duration,
     /// Maximum size of a site's conditions and telemetry, bytes; the oldest are removed first.
     pub telemetry_bytes: i64,
-    /// Retention time of audit records and acknowledgements.
     pub audit: Duration,
 }
 

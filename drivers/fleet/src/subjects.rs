@@ -60,7 +60,6 @@ pub struct Subjects {
     pub telemetry: String,
     pub audit: String,
     pub ack: String,
-    /// Subject of new manifests for this machine.
     pub desired: String,
     /// Prefix of the machine's reply inboxes.
     pub inbox: String,

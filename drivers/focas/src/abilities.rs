@@ -63,7 +63,6 @@ struct FormProbe<'a> {
 }
 
 impl FormProbe<'_> {
-    /// Whether the control answers every frame of a read completely.
     fn accepts_all(&mut self, abilities: Abilities) -> Result<bool, FocasError> {
         let exchanges = plan::reads(self.config, self.axes, abilities)?;
         let request = "reading all that a cycle needs";
@@ -76,7 +75,6 @@ impl FormProbe<'_> {
         self.refusal_of(item).map(|refused| refused.is_none())
     }
 
-    /// Sends a command that must be answered.
     fn require(&mut self, item: ReadItem) -> Result<(), FocasError> {
         self.refusal_of(item)?.map_or(Ok(()), Err)
     }

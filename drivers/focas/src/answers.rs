@@ -2,7 +2,6 @@
 
 use crate::frame::{FrameError, number};
 
-/// Function codes of the control.
 pub(crate) mod function {
     pub(crate) const SYSTEM: u16 = 0x18;
     pub(crate) const STATUS: u16 = 0x19;

@@ -51,7 +51,6 @@ impl Client {
         self.session.version()
     }
 
-    /// Sends one command and returns the data of its response.
     fn request(
         &mut self,
         function: u16,
@@ -252,10 +251,8 @@ impl Client {
         slot(values, axis.unwrap_or(0)).map_err(|e| broken("reading a parameter", e))
     }
 
-    /// Reads an integer parameter of the control. The inner error is the control's reason for not reporting it.
-    ///
-    /// # Errors
-    /// See [`FocasError`]: no response.
+    /// Reads an integer parameter of the control. The inner error is the control's reason for not reporting it. Errors: see [`FocasError`]: no
+    /// response.
     pub(crate) fn integer_parameter(
         &mut self,
         number: i32,
@@ -334,7 +331,6 @@ fn whole(value: f64) -> Option<u32> {
     is_whole.then_some(value as u32)
 }
 
-/// Error for an unreadable response.
 fn broken(request: &str, broken: FrameError) -> FocasError {
     FocasError::in_request(request, Fault::from(broken))
 }

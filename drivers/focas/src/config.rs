@@ -1,5 +1,3 @@
-//! Configuration of a control: connection and correction.
-
 use std::time::Duration;
 
 use volcomp_port::{Axis, Backoff, Description, Heartbeat, ShownStates};
@@ -20,11 +18,8 @@ const POSITION_STEP: f64 = 0.001;
 pub struct Shift {
     /// Word of the control's first axis; the words of its other axes follow.
     pub first: PmcAddress,
-    /// Size of each word.
     pub width: Width,
-    /// Displacement of a linear axis by one count.
     pub count_linear: Mm,
-    /// Displacement of a rotary axis by one count.
     pub count_rotary: Rad,
 }
 
@@ -55,19 +50,16 @@ impl Shift {
 /// Configuration of a control: connection and correction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FocasConfig {
-    /// Host name or address of the control.
     pub host: String,
     /// TCP port of the control, 8193 by default.
     pub port: u16,
     /// Path of the control whose axes are corrected, from 1.
     pub path: u16,
-    /// Name of the channel that carries the corrections.
     pub channel: String,
     /// The axes to correct, in channel order.
     pub axes: Vec<AxisName>,
     /// Axes whose positions are only read. Without `axes`, the only PMC memory that the driver accesses is `referenced`.
     pub reads: Vec<AxisName>,
-    /// Where corrections are written.
     pub shift: Shift,
     /// Byte that every correction increments and the ladder monitors; `None` without monitoring.
     pub heartbeat: Option<PmcAddress>,
@@ -198,7 +190,6 @@ impl FocasConfig {
 #[derive(Clone, Copy)]
 struct MemoryUse {
     block: Block,
-    /// Whether this driver writes the block.
     written: bool,
 }
 
@@ -269,7 +260,6 @@ pub(crate) fn check(config: &FocasConfig, slots: usize) -> Result<(), FocasError
     }
 }
 
-/// The first two overlapping blocks of a configuration.
 fn overlap_within(config: &FocasConfig) -> Option<[Block; 2]> {
     overlap(&used(config, config.axes.len()).ok()?)
 }
@@ -281,7 +271,6 @@ fn overlap(blocks: &[MemoryUse]) -> Option<[Block; 2]> {
     pairs.find(|[one, other]| one.shared(other).is_some())
 }
 
-/// Fails if two blocks overlap.
 pub(crate) fn check_disjoint(one: &Block, other: &Block) -> Result<(), FocasError> {
     one.shared(other).map_or(Ok(()), |_| {
         Err(FocasError::Overlap {

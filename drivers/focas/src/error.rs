@@ -1,5 +1,3 @@
-//! Errors of configuration and communication.
-
 use std::{io, net::SocketAddr};
 
 use volcomp_port::{DeviceError, Fault, UnfitAxes};
@@ -15,7 +13,6 @@ use crate::{
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FocasError {
-    /// The host name cannot be resolved.
     #[error("the name {host} cannot be resolved: {source}")]
     Resolve { host: String, source: io::Error },
     #[error("the name {0} has no address")]
@@ -25,13 +22,11 @@ pub enum FocasError {
         address: SocketAddr,
         source: io::Error,
     },
-    /// The control's maximum number of sessions is reached.
     #[error("the session was refused")]
     SessionRefused,
     /// The TCP connection was made, but no session could be opened on it.
     #[error("no session: {0}")]
     NoSession(#[source] Fault),
-    /// The control rejected a request.
     #[error("{request} was refused with {code}")]
     Refused { request: String, code: ReturnCode },
     /// A request timed out, or its response is unreadable.
@@ -43,7 +38,6 @@ pub enum FocasError {
         .0.bytes()
     )]
     Width(Width),
-    /// The control lacks an axis of the configuration.
     #[error("the control has no axis {name}, found {found}")]
     NoAxis { name: AxisName, found: String },
     /// Several axes of the control begin with the letter of an axis of the configuration.
@@ -88,16 +82,13 @@ pub enum FocasError {
         /// The value that matches the configuration, in words.
         expected: String,
     },
-    /// The axes of the configuration, or their counts, are invalid.
     #[error(transparent)]
     Axes(#[from] UnfitAxes),
-    /// The requests of a cycle do not fit into a frame.
     #[error("the request of a cycle cannot be built: {0}")]
     Request(#[from] FrameError),
 }
 
 impl FocasError {
-    /// Converts a fault of an exchange to an error that names the request.
     pub(crate) fn in_request(request: impl Into<String>, fault: Fault) -> Self {
         let request = request.into();
         match fault {

@@ -5,7 +5,6 @@
 pub const HEAD: usize = 10;
 /// The four bytes at the start of every frame.
 const SYNC: [u8; 4] = [0xa0; 4];
-/// Protocol version in every request.
 const REQUEST_VERSION: u16 = 1;
 /// Length of a command without data, bytes.
 const COMMAND: usize = 0x1c;
@@ -15,19 +14,13 @@ const BLOCK: usize = 16;
 /// Type of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Request to open a session.
     Open,
-    /// Response: the session is open.
     Opened,
     /// Response: the session is rejected because there are too many.
     Refused,
-    /// Request to close the session.
     Close,
-    /// Response: the session is closed.
     Closed,
-    /// Request with one or more commands.
     Command,
-    /// Response to the commands of a request.
     Answer,
     /// Response: the whole request is rejected.
     Negative,
@@ -128,7 +121,6 @@ pub enum Target {
 /// One command of a request. For a write, the fifth argument is the length of `data`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command<'a> {
-    /// The addressed part of the control.
     pub target: Target,
     /// Path of the control, from 1.
     pub path: u16,
@@ -145,7 +137,6 @@ pub struct Request {
     commands: Vec<Sent>,
 }
 
-/// Fields of a command that its response must repeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Sent {
     target: u16,

@@ -29,20 +29,17 @@ const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_millis(250);
 pub struct Inspection {
     /// Protocol version of the control's responses: 2, 3 or 4 by its generation.
     pub version: u16,
-    /// Axis letters of the control.
     pub axes: Vec<char>,
     /// The words from which the control takes the shifts of the axes.
     pub shift_source: ShiftSource,
     /// Request forms that the control accepts in a cycle.
     pub abilities: Abilities,
-    /// Remarks that are not errors.
     pub notes: Vec<String>,
     /// Two reports of the control's barrier with their reading times, one second apart: their ticks give the scan time. Empty without a
     /// barrier in the configuration, or if the control did not report them.
     pub reports: Vec<(Instant, Words)>,
 }
 
-/// An open session with the requests of a cycle.
 pub(crate) struct Link {
     session: Session,
     found: Inspection,
@@ -110,7 +107,6 @@ impl Link {
         })
     }
 
-    /// Properties that the control reported when the session was opened.
     pub(crate) fn found(&self) -> &Inspection {
         &self.found
     }
@@ -119,7 +115,6 @@ impl Link {
         self.found.abilities
     }
 
-    /// Whether a new session is needed.
     pub(crate) fn is_dead(&self) -> bool {
         self.session.is_dead()
     }
@@ -136,7 +131,6 @@ impl Link {
         }
     }
 
-    /// Writes the words of a frame for the barrier, in one command if the control accepts ranges.
     pub(crate) fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
         let words = frame.as_slice();
         if !self.has_barrier {
@@ -161,7 +155,6 @@ impl Link {
         Ok(())
     }
 
-    /// Writes the shift words, and increments heartbeat and sequence.
     pub(crate) fn apply(
         &mut self,
         corrections: &PerChannel<f64>,
@@ -237,10 +230,8 @@ impl Link {
     }
 }
 
-/// Timeout of the reading in [`inspect`].
 const READ_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Time between two reports of a barrier.
 const REPORT_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Connects, makes all checks that precede the first correction, reads once, and disconnects. Nothing is written.
@@ -263,7 +254,6 @@ pub fn inspect(config: &FocasConfig) -> Result<Inspection, FocasError> {
     Ok(found)
 }
 
-/// Finds the axes of the configuration among those of the control.
 fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, FocasError> {
     let planned = |name: &volcomp_vocabulary::AxisName| {
         let mut slots = (0..names.len()).filter(|slot| names[*slot] == name.letter());

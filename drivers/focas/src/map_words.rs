@@ -4,19 +4,15 @@ use std::time::Duration;
 
 use crate::{Client, FocasError, PmcAddress};
 
-/// Maximum number of bytes read by one command.
 const MAX_READ_BYTES: usize = 128;
 
 /// PMC addresses of a control that looks up corrections in a map. All words have two bytes, low byte first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapPlaces {
-    /// First byte of the mailbox for frames.
     pub mailbox: PmcAddress,
-    /// First byte of the report.
     pub report: PmcAddress,
     /// First byte of the first buffer; the second one follows it.
     pub buffers: PmcAddress,
-    /// Number of words in one buffer.
     pub capacity: usize,
 }
 

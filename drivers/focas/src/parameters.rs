@@ -20,7 +20,6 @@ pub(crate) const SHIFT_FIRST: i32 = 1280;
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ShiftSource {
-    /// Reported by the control.
     #[cfg_attr(feature = "serde", serde(rename = "Told"))]
     Reported {
         /// Whether the extended external machine zero point shift is in use (parameter 1203#0).
@@ -37,11 +36,8 @@ pub enum ShiftSource {
 }
 
 impl ShiftSource {
-    /// Compares the reported source with a configuration. Returns remarks if there is no conflict.
-    ///
-    /// # Errors
-    /// The parameter by which the control takes the shift from other words than configured; or source words that overlap the configured
-    /// ones although a ladder must copy them.
+    /// Compares the reported source with a configuration. Returns remarks if there is no conflict. Errors: the parameter by which the control takes
+    /// the shift from other words than configured; or source words that overlap the configured ones although a ladder must copy them.
     pub(crate) fn check(
         &self,
         config: &FocasConfig,
@@ -124,10 +120,8 @@ impl ShiftSource {
 /// Parameters of which one bit determines the unit of reported positions.
 pub(crate) const UNIT_NUMBERS: [i32; 3] = [1001, 3104, 0];
 
-/// Checks the reported values of [`UNIT_NUMBERS`]: positions must be in mm. Returns remarks if there is no conflict.
-///
-/// # Errors
-/// The parameter by which positions are, or may become, in inches.
+/// Checks the reported values of [`UNIT_NUMBERS`]: positions must be in mm. Returns remarks if there is no conflict. Errors: the parameter by which
+/// positions are, or may become, in inches.
 pub(crate) fn check_units(reported: &[Result<u32, String>; 3]) -> Result<Vec<String>, FocasError> {
     let [inch_machine, in_unit_of_program, program] = reported;
     let is_set =

@@ -23,7 +23,6 @@ pub enum Packing {
 /// Request forms that a control accepts in a cycle; determined at every connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Abilities {
-    /// How commands may be packed into frames.
     pub packing: Packing,
     /// Whether a command may address a range of PMC memory, not only one point.
     pub ranges: bool,
@@ -66,10 +65,8 @@ impl Run {
     }
 }
 
-/// The value that a read command requests.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum ReadItem {
-    /// Positions of all axes.
     Positions,
     /// Position of the axis in this slot.
     PositionOf(usize),
@@ -77,21 +74,17 @@ pub(crate) enum ReadItem {
     Shifts(Run),
     Heartbeat(PmcAddress),
     Referenced(PmcAddress),
-    /// Words of the barrier's report.
     Report(Run),
 }
 
-/// The content of a write command.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum WriteItem {
     Shifts(Run),
     Heartbeat(PmcAddress),
     Sequence(PmcAddress),
-    /// Words of the frame for the barrier.
     Frame(Run),
 }
 
-/// A frame of a cycle, and the meaning of each of its commands in order.
 #[derive(Debug)]
 pub(crate) struct Exchange<T> {
     pub(crate) request: Request,
@@ -112,7 +105,6 @@ impl ReadItem {
         }
     }
 
-    /// Description of the request, for messages.
     pub(crate) fn words(self, config: &FocasConfig) -> String {
         match self {
             Self::Positions => "reading the positions of all axes".to_owned(),
@@ -210,7 +202,6 @@ fn in_runs(words: usize, ranges: bool) -> Vec<Run> {
     }
 }
 
-/// Reads of further bytes of PMC memory.
 pub(crate) fn bytes(config: &FocasConfig) -> Vec<ReadItem> {
     // The heartbeat is read only if this driver writes it.
     let writes = config.barrier.is_none() && !config.axes.is_empty();
@@ -241,7 +232,6 @@ pub(crate) fn reads(
         .collect()
 }
 
-/// Builds one frame that requests these values.
 pub(crate) fn read(
     config: &FocasConfig,
     items: &[ReadItem],

@@ -79,9 +79,7 @@ impl PmcArea {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Width {
-    /// One byte, signed.
     Byte,
-    /// Two bytes, signed.
     #[default]
     Word,
     /// Four bytes, signed.
@@ -120,7 +118,6 @@ impl Width {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PmcAddress {
     pub area: PmcArea,
-    /// Byte number in the area.
     pub at: u16,
 }
 
@@ -156,7 +153,7 @@ impl BarrierArea {
 /// A block of PMC memory and its purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// Configuration key of its address: `area.first`, `heartbeat`, `sequence`, `referenced`, `barrier.frame` or `barrier.report`. Empty if
+    /// Configuration key of the block's address: `area.first`, `heartbeat`, `sequence`, `referenced`, `barrier.frame` or `barrier.report`. Empty if
     /// the control determines the address.
     pub key: &'static str,
     /// Purpose of the bytes, in words.
@@ -186,7 +183,6 @@ impl fmt::Display for Block {
     }
 }
 
-/// Decodes the count at the start of `bytes`; `None` if there are too few bytes.
 pub(crate) fn count(bytes: &[u8], width: Width) -> Option<f64> {
     match width {
         Width::Byte => bytes.first().map(|b| f64::from(b.cast_signed())),

@@ -15,7 +15,6 @@ use crate::{
     session::Session,
 };
 
-/// The values of one read of the control.
 pub(crate) struct Reading {
     pub(crate) snapshot: Snapshot,
     /// The heartbeat at the control, if it is read.
@@ -157,7 +156,6 @@ fn take(
     Ok(())
 }
 
-/// Decodes report words from a response.
 fn decode_words(data: &[u8], words: &mut [u16]) -> Result<(), FrameError> {
     if data.len() != 2 * words.len() {
         return Err(FrameError("another number of report words than requested"));
@@ -168,7 +166,6 @@ fn decode_words(data: &[u8], words: &mut [u16]) -> Result<(), FrameError> {
     Ok(())
 }
 
-/// Decodes the shifts of the axes in a run, mm and rad, from the counts in `data`.
 fn shifts(
     data: &[u8],
     width: Width,

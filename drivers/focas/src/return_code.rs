@@ -1,5 +1,3 @@
-//! Return codes of the FOCAS library, and their meanings.
-
 use std::fmt;
 
 /// A return code of the control: 0 for success, otherwise the reason for the rejection. Names and numbers are those of the manufacturer's library.

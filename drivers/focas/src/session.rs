@@ -19,7 +19,6 @@ use crate::{
     return_code::ReturnCode,
 };
 
-/// Maximum length of a response, bytes.
 const MAX_RESPONSE_BYTES: usize = 65_536;
 
 /// An open session. After any fault except a rejection it is dead, because a delayed response could be taken for the next one.
@@ -201,7 +200,6 @@ impl Session {
         }
     }
 
-    /// Reads one complete frame into `answer`.
     fn receive(&mut self, deadline: Instant) -> Result<Head, Fault> {
         let mut have = 0;
         let mut head: Option<Head> = None;

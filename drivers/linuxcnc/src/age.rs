@@ -9,7 +9,7 @@ const COMPARISON_WINDOW: Duration = Duration::from_secs(10);
 /// the network or in our queue, and adds to its age.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Clocks {
-    /// The smallest offset, as our time at the zero of the bridge's clock, in this window and in the previous one.
+    /// The smallest offset in the current and in the previous window. An offset is the local time at which the bridge's clock was zero.
     least: [Option<Instant>; 2],
     begun: Option<Instant>,
 }

@@ -1,5 +1,3 @@
-//! The datagram sent by a gateway.
-
 use volcomp_port::{MOST_WORDS, Words};
 
 use crate::{
@@ -8,9 +6,7 @@ use crate::{
     key::MAC,
 };
 
-/// Magic bytes: `VCLF`.
 const MAGIC: [u8; 4] = *b"VCLF";
-/// Number of bytes before the words.
 const HEADER_BYTES: usize = 20;
 
 /// Maximum size of a command, bytes.

@@ -30,7 +30,6 @@ const LISTEN_INTERVAL: Duration = Duration::from_millis(200);
 /// Time without states of the current run after which states of another run are accepted.
 const RUN_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Maximum number of datagrams processed per read.
 const MAX_DATAGRAMS_PER_READ: usize = 256;
 
 /// Configuration of a LinuxCNC control and its bridge.
@@ -168,7 +167,6 @@ pub struct LinuxCncController {
     /// When the last command was sent, and the run of the state to which it responded.
     last_sent: Option<(Instant, u32)>,
     last: Option<(State, Instant)>,
-    /// When the last state was read.
     last_received: Option<Instant>,
     mismatch: Option<&'static str>,
     clocks: Clocks,
@@ -242,7 +240,6 @@ impl LinuxCncController {
             .is_none_or(|(at, answered)| answered != run || at.elapsed() >= LISTEN_INTERVAL)
     }
 
-    /// Processes all waiting datagrams.
     fn drain(&mut self) {
         let mut bytes = [0; STATE_BYTES + 1];
         for _ in 0..MAX_DATAGRAMS_PER_READ {

@@ -92,7 +92,6 @@ pub(crate) fn opened<'a>(
     Ok(body)
 }
 
-/// Appends bytes to a datagram of fixed capacity.
 pub(crate) struct Writer<'a> {
     bytes: &'a mut [u8],
     length: usize,
@@ -120,7 +119,6 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// Reads bytes from a datagram whose length was checked.
 pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
 
 impl Reader<'_> {

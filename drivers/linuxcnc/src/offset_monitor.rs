@@ -15,13 +15,11 @@ const TOLERANCE_COUNTS: f64 = 3.0;
 const TOLERANCE_NANO: f64 = 10.0;
 /// Maximum lag of the control's planner; time constant with which recent movement decays.
 const MAX_PLANNER_LAG: Duration = Duration::from_millis(250);
-/// Minimum time out of tolerance.
 const LOST_AFTER: Duration = Duration::from_millis(500);
 /// Number of report words before those of the axes, and number of words per axis.
 const HEADER_WORDS: usize = 8;
 const WORDS_PER_AXIS: usize = 3;
 
-/// Applied values and their recent movement, updated with each state.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct OffsetMonitor {
     last: Option<Duration>,
@@ -107,7 +105,6 @@ mod tests {
         state
     }
 
-    /// Time at which the offset is reported as lost, ms.
     fn lost(of: impl Fn(u32) -> (i16, i64)) -> Option<u32> {
         let mut offset_monitor = OffsetMonitor::default();
         (1..20_000).find(|ms| {
@@ -167,7 +164,6 @@ mod tests {
         );
     }
 
-    /// Offsets are not checked while the machine is off.
     #[test]
     fn offsets_are_ignored_while_the_machine_is_off() {
         let mut offset_monitor = OffsetMonitor::default();

@@ -9,15 +9,12 @@ use volcomp_port::DeviceError;
 
 use crate::{COMMAND_BYTES, Command, Content, Key, STATE_BYTES, State};
 
-/// Retry interval of requests to a bridge that does not answer.
 const REQUEST_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Device name used in messages.
 pub(crate) fn device(host: &str, port: u16) -> String {
     format!("linuxcnc://{host}:{port}")
 }
 
-/// Opens a non-blocking socket that receives from the bridge only.
 pub(crate) fn open(host: &str, port: u16, remote: bool) -> Result<UdpSocket, DeviceError> {
     let bridge = resolve(host, port, remote)?;
     let own: IpAddr = match (bridge.ip(), bridge.ip().is_loopback()) {

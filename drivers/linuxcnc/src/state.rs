@@ -11,11 +11,8 @@ use crate::{
     key::MAC,
 };
 
-/// Magic bytes: `VCLS`.
 const MAGIC: [u8; 4] = *b"VCLS";
-/// Number of bytes before the axes.
 const HEADER_BYTES: usize = 36;
-/// Number of bytes per axis.
 const BYTES_PER_AXIS: usize = 32;
 
 /// Maximum size of a state, bytes.

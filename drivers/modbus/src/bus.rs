@@ -137,14 +137,12 @@ impl Bus {
     }
 }
 
-/// Error for a device whose thread cannot be started.
 pub(crate) fn thread_error(device: &str, error: io::Error) -> DeviceError {
     let found = format!("no thread for its exchanges: {error}");
     let remedy = "check the limits on threads and memory of this process";
     DeviceError::open(device, found, remedy).caused_by(error)
 }
 
-/// Why a request did not return data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RequestError {
     /// Timeout. The line was drained, so a late answer has been discarded.
@@ -153,12 +151,10 @@ pub(crate) enum RequestError {
     EchoOnly,
     /// The module rejected the request with this exception code; 0: the answer was to another request.
     Refused(u8),
-    /// The connection is broken.
     Disconnected,
 }
 
 impl RequestError {
-    /// Reason for a missing temperature that corresponds to this error.
     pub(crate) fn reason(self) -> Reason {
         match self {
             Self::NoAnswer | Self::Disconnected | Self::Refused(0) => Reason::NoAnswer,
@@ -167,7 +163,6 @@ impl RequestError {
         }
     }
 
-    /// Fault of a write that corresponds to this error.
     pub(crate) fn fault(self) -> Fault {
         match self {
             Self::NoAnswer | Self::EchoOnly => Fault::TimedOut,
@@ -180,7 +175,6 @@ impl RequestError {
     }
 }
 
-/// An open line to the modules, by TCP or serial.
 pub(crate) struct Line {
     context: Context,
     serial: Option<SharedPort>,
@@ -299,7 +293,6 @@ impl Port {
     }
 }
 
-/// A serial port shared by a context and the code that drains it.
 #[derive(Clone)]
 struct SharedPort(Arc<Mutex<Port>>);
 

@@ -38,13 +38,10 @@ pub struct ModbusDigital {
     exchange: Duration,
     images: Output<Image>,
     requested: Input<OutputRequest>,
-    /// Number of the last requested write.
     number: u64,
     /// Number of the last write known to have succeeded or failed.
     settled: u64,
-    /// Deadline of the oldest unanswered write.
     oldest_deadline: Option<Instant>,
-    /// Number of the last write whose failure was reported.
     reported: u64,
     stop: Arc<AtomicBool>,
 }
@@ -138,7 +135,6 @@ fn refused(bus: &Bus, what: String) -> DeviceError {
     DeviceError::option(bus.device(), what, "correct the configuration")
 }
 
-/// The address and digital lines of each module.
 fn lines(bus: &Bus, modules: &[DigitalModule]) -> Result<Vec<(u8, Digital)>, DeviceError> {
     let line = |module: &DigitalModule| {
         let profile = &module.profile;

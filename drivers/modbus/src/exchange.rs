@@ -27,7 +27,6 @@ const MAX_READ_BACKS: u8 = 3;
 /// Exception codes of a module that lacks the function, or lacks it for these outputs.
 const UNSUPPORTED_CODES: [u8; 2] = [1, 2];
 
-/// Requested output levels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct OutputRequest {
     pub(crate) levels: u64,
@@ -37,10 +36,8 @@ pub(crate) struct OutputRequest {
     pub(crate) until: Instant,
 }
 
-/// The results of the exchanges so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Image {
-    /// Whether a connection is open.
     pub(crate) connected: bool,
     /// The inputs, and when the oldest part of them arrived.
     pub(crate) inputs: Option<InputLevels>,
@@ -48,7 +45,7 @@ pub(crate) struct Image {
     pub(crate) refused: Option<u8>,
     /// Last confirmed output levels: those of the last write accepted by all modules or, before the first write, those read back.
     pub(crate) outputs: Option<u64>,
-    /// A module has reported that it cannot read back its outputs.
+    /// Set if a module has reported that it cannot read back its outputs.
     pub(crate) lacks_read_back: bool,
     /// Sequence number of the last write that all modules accepted.
     pub(crate) taken: u64,
@@ -56,7 +53,6 @@ pub(crate) struct Image {
     pub(crate) failed: Option<(u64, Fault)>,
 }
 
-/// The state of the exchange thread.
 pub(crate) struct Exchanger {
     pub(crate) bus: Bus,
     pub(crate) lines: Vec<(u8, Digital)>,
@@ -66,7 +62,6 @@ pub(crate) struct Exchanger {
     pub(crate) images: Input<Image>,
     pub(crate) stop: Arc<AtomicBool>,
     pub(crate) image: Image,
-    /// Consecutive read-backs of the outputs that timed out or broke the connection.
     pub(crate) failed_read_backs: u8,
     /// Whether the outputs are not read back over this connection.
     pub(crate) skips_read_back: bool,
@@ -154,7 +149,6 @@ impl Exchanger {
         Ok(())
     }
 
-    /// Reads the output levels of all modules.
     async fn outputs(&self, line: &mut Line) -> Result<u64, RequestError> {
         let (mut levels, mut first) = (0, 0_u32);
         for (unit, digital) in self.lines.iter().filter(|(_, d)| d.outputs > 0) {
@@ -170,7 +164,6 @@ impl Exchanger {
         Ok(levels)
     }
 
-    /// Reads all inputs, and writes all outputs if a write was requested since.
     async fn exchange(&mut self, line: &mut Line) -> Result<(), RequestError> {
         let read = self.inputs(line).await;
         self.image.refused = match read {

@@ -30,7 +30,7 @@ pub struct ThermometerUnit {
     pub unit: u8,
     /// The profile of the module: its registers and the scaling of its channels.
     pub profile: Profile,
-    /// Names of its channels, starting with the first; channels without a name are not used.
+    /// Names of the module's channels, starting with the first; channels without a name are not used.
     pub names: Vec<String>,
 }
 
@@ -199,7 +199,6 @@ impl Poller {
         }
     }
 
-    /// Polls all modules in rounds until the line breaks.
     async fn rounds(&mut self, line: &mut Line) {
         while !self.stopped() {
             let begun = Instant::now();

@@ -26,7 +26,7 @@ impl Clock {
         Self::Manual(Instant::now(), Arc::default())
     }
 
-    /// Time since the start.
+    /// Time since the clock started.
     pub fn elapsed(&self) -> Duration {
         match self {
             Self::System(start) => start.elapsed(),

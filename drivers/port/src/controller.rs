@@ -154,13 +154,10 @@ impl Description {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum UnfitAxes {
-    /// There is no axis, or more than [`MAX_AXES`].
     #[error("found {0} axes, expected 1 to {MAX_AXES}")]
     Count(usize),
-    /// An axis is named more than once.
     #[error("axis {0}: found twice, expected once")]
     Twice(AxisName),
-    /// The resolution is a length for a rotary axis, or an angle for a linear one.
     #[error("axis {name}: found a resolution of {resolution}, expected {}", match name.kind() {
         AxisKind::Linear => "a length, since the axis is linear",
         AxisKind::Rotary => "an angle, since the axis is rotary",
@@ -169,13 +166,11 @@ pub enum UnfitAxes {
         name: AxisName,
         resolution: Displacement,
     },
-    /// The resolution is not a positive finite number.
     #[error("axis {name}: found a resolution of {resolution}, expected a positive one")]
     Resolution {
         name: AxisName,
         resolution: Displacement,
     },
-    /// The largest correction is less than one step, or has the wrong unit for the axis.
     #[error(
         "axis {name}: found a largest correction of {largest}, expected at least one step in either direction"
     )]

@@ -1,5 +1,3 @@
-//! Errors of setting up, opening and querying a device, by kinds that a caller can match.
-
 use std::{error::Error, fmt, sync::Arc};
 
 use crate::Fault;

@@ -1,5 +1,3 @@
-//! The interface to digital inputs and outputs.
-
 use std::time::{Duration, Instant};
 
 use crate::Fault;

@@ -1,5 +1,3 @@
-//! Why a call of a real-time cycle failed.
-
 /// Why a call of a real-time cycle failed. Creating one does not allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]

@@ -46,7 +46,6 @@ impl Backoff {
     }
 }
 
-/// Interval at which [`Supply::wait`] polls for a connection.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
 
 #[derive(Default)]
@@ -61,7 +60,6 @@ struct Shared {
 /// waits.
 pub struct Supply<T> {
     current: Option<T>,
-    /// A failed connection, kept because the ring was full.
     kept: Option<T>,
     open: Consumer<T>,
     dead: Producer<T>,

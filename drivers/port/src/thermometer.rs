@@ -118,7 +118,7 @@ pub trait Thermometer: Send {
     /// The device as the configuration names it.
     fn device(&self) -> &str;
 
-    /// The names of its sensors.
+    /// The names of the thermometer's sensors.
     fn names(&self) -> &[String];
 
     /// The latest temperature of each sensor in the order of the names, regardless of its age. Never blocks or

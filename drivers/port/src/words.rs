@@ -1,5 +1,3 @@
-//! A block of 16-bit words, exchanged with the program of a control.
-
 /// Maximum number of words of a block.
 pub const MOST_WORDS: usize = 40;
 

@@ -1,5 +1,3 @@
-//! Errors of the connection to a control.
-
 use std::{path::PathBuf, time::Duration};
 
 use volcomp_port::{DeviceError, UnfitAxes};

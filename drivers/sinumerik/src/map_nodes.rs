@@ -1,5 +1,3 @@
-//! Node ids of a correction map in the PLC: mailbox, report and buffers.
-
 /// The node ids (the string after `s=`) of the words of a map in the PLC. **None was tried on a real control.** The array notation follows
 /// the one that the manuals show for other types (`/Plc/DB2.DBD0:REAL[10]`): browse the server and compare.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -203,7 +203,6 @@ pub fn is_switched_on(axis: AxisName, md32750: f64) -> Result<(), SinumerikError
     Err(SinumerikError::SwitchedOff { axis, found: whole })
 }
 
-/// Converts the control's mm and deg to mm and rad.
 fn from_control(axis: AxisName, value: f64) -> f64 {
     if axis.is_rotary() {
         Deg(value).to_rad().0
@@ -212,7 +211,6 @@ fn from_control(axis: AxisName, value: f64) -> f64 {
     }
 }
 
-/// Converts mm and rad to the control's mm and deg.
 fn to_control(axis: AxisName, value: f64) -> f64 {
     if axis.is_rotary() {
         value.to_degrees()

@@ -1,5 +1,3 @@
-//! Connection settings of a control's OPC UA server.
-
 use std::{fmt, path::PathBuf, time::Duration};
 
 use volcomp_port::Backoff;
@@ -16,7 +14,7 @@ pub const PORT: u16 = 4840;
 pub struct Server {
     /// URL of the server, `opc.tcp://HOST:4840`.
     pub url: String,
-    /// Namespace of its nodes. Its index is looked up in the server's NamespaceArray at every connection.
+    /// Namespace of the server's nodes. Its index is looked up in the server's NamespaceArray at every connection.
     pub namespace: String,
     /// User to log in; `None`: anonymous.
     pub user: Option<User>,

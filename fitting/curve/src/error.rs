@@ -7,26 +7,22 @@ use thiserror::Error;
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum CurveError {
-    /// A number is NaN or infinite.
     #[error("{what} {index} is {value}: expected a finite number")]
     NotFinite {
         what: &'static str,
         index: usize,
         value: f64,
     },
-    /// There are too few coefficients, nodes or values.
     #[error("found {found} {what}: expected at least {expected}")]
     TooFew {
         what: &'static str,
         found: usize,
         expected: usize,
     },
-    /// The domain is empty, reversed, or too wide for an `f64`.
     #[error(
         "domain [{lower}, {upper}]: expected a lower end below the upper end, a finite distance apart"
     )]
     Domain { lower: f64, upper: f64 },
-    /// Abscissae do not increase strictly.
     #[error("{what} {index} is {value}, after {previous}: expected strictly increasing values")]
     NotIncreasing {
         what: &'static str,
@@ -34,14 +30,12 @@ pub enum CurveError {
         previous: f64,
         value: f64,
     },
-    /// Knots of a spline decrease.
     #[error("knot {index} is {value}, after {previous}: expected non-decreasing knots")]
     KnotsDecrease {
         index: usize,
         previous: f64,
         value: f64,
     },
-    /// The number of knots does not fit the number of coefficients.
     #[error(
         "found {found} knots for {coefficients} coefficients of degree {degree}: expected coefficients + degree + 1 = {expected}"
     )]
@@ -54,7 +48,6 @@ pub enum CurveError {
         /// Expected number of knots.
         expected: usize,
     },
-    /// A knot inside the domain has a multiplicity at which the spline would jump.
     #[error(
         "knot {value} stands {found} times inside the domain, from index {index}: expected at most {degree} times for degree {degree}"
     )]
@@ -72,7 +65,6 @@ pub enum CurveError {
         lowest: usize,
         highest: usize,
     },
-    /// A Fourier series has a cosine coefficient without its sine coefficient.
     #[error(
         "found {found} Fourier coefficients: expected an odd number, a0 and then pairs of cosine and sine"
     )]
@@ -87,7 +79,6 @@ pub enum CurveError {
         value: f64,
         expected: &'static str,
     },
-    /// The weights of a moving least-squares curve leave too few nodes somewhere.
     #[error(
         "support {support} gives fewer than {needed} of {nodes} nodes a positive weight at {at}: expected more than {required_support} for order {order}, or a lower order"
     )]
@@ -99,7 +90,6 @@ pub enum CurveError {
         at: f64,
         required_support: f64,
     },
-    /// The number of rows of a grid differs from its number of nodes along the first axis.
     #[error(
         "found {found} rows of values: expected {expected}, one for each node of the first axis"
     )]
@@ -108,7 +98,6 @@ pub enum CurveError {
         found: usize,
         expected: usize,
     },
-    /// The number of values in a row of a grid differs from the number of nodes along the second axis.
     #[error(
         "found {found} values in row {row}: expected {expected}, one for each node of the second axis"
     )]
@@ -119,7 +108,6 @@ pub enum CurveError {
         found: usize,
         expected: usize,
     },
-    /// Both arguments of a grid are the same axis.
     #[error("both grid axes are coordinate {axis}: expected two different axes")]
     GridAxes { axis: usize },
 }

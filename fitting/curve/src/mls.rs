@@ -355,7 +355,6 @@ impl<const N: usize> Rotated<N> {
     }
 }
 
-/// Complete triangle, with all rows.
 struct Triangle {
     size: usize,
     r: [[f64; SIZE]; SIZE],

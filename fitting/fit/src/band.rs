@@ -180,13 +180,11 @@ pub fn band_places(targets: &[f64]) -> Vec<f64> {
     places
 }
 
-/// Fit of all readings, with what is needed to smooth other values at the same targets.
 struct Whole {
     method: Method,
     targets: Vec<readings::Target>,
     curve: Curve,
     candidate: Candidate,
-    /// Problem and fixed smoothing parameter of a spline.
     spline: Option<(Problem, f64)>,
 }
 

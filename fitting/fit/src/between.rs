@@ -42,7 +42,6 @@ pub(crate) fn band_of(means: &[f64]) -> [f64; 2] {
     [low - more, high + more]
 }
 
-/// Targets and the band of their mean readings.
 pub(crate) struct Band {
     targets: Vec<f64>,
     low: f64,
@@ -60,14 +59,13 @@ impl Band {
         }
     }
 
-    /// Whether the curve stays in the band between targets.
     pub(crate) fn holds(&self, curve: &Curve) -> bool {
         let beyond = |value: f64, _| (self.low - value).max(value - self.high);
         self.worst(curve, PIECES, beyond).is_none()
     }
 
-    /// Neighbouring targets between which the curve departs most from its own chord; `None` where it nowhere departs by more than the limit. A wave
-    /// of four gaps departs by a fifth of the height of the readings, one of three by a third.
+    /// Neighbouring targets between which the curve departs most from its own chord; `None` if it departs nowhere by more than the limit. A wave of
+    /// four gaps departs by a fifth of the height of the readings, a wave of three gaps by a third.
     fn swings(&self, curve: &Curve, scatter: f64) -> Option<[f64; 2]> {
         let most = (LEFT_BY * self.height()).max(MORE_THAN_REPEATS * scatter);
         self.worst(curve, FINE_PIECES, |value, straight| {

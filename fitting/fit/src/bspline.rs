@@ -52,7 +52,6 @@ pub(crate) struct Problem {
     band: [f64; 2],
 }
 
-/// Spline for one smoothing parameter, with its residual at each target.
 pub(crate) struct Smoothed {
     pub(crate) coefficients: Vec<f64>,
     pub(crate) residuals: Vec<f64>,
@@ -92,7 +91,6 @@ impl Problem {
         Ok(BSpline::new(self.knots.clone(), coefficients, DEGREE)?)
     }
 
-    /// This problem with other mean readings of the same targets.
     pub(crate) fn with(&self, means: &[f64]) -> Self {
         let mut triangle = Triangle::new(self.triangle.size());
         for ((first, row), &mean) in self.rows.iter().zip(means) {
@@ -135,7 +133,6 @@ impl Problem {
         Ok(best.1)
     }
 
-    /// Solves for one smoothing parameter.
     pub(crate) fn smoothed(&self, log_lambda: f64) -> Result<Smoothed, FitError> {
         let triangle = self
             .penalised(log_lambda)

@@ -26,7 +26,6 @@ const MAX_EVALUATIONS: f64 = 400_000.0;
 /// Minimum share of the period that the targets must cover to determine a Fourier series.
 const SHARE_OF_PERIOD: f64 = 0.5;
 
-/// Candidate with its errors over the targets of one or more sets.
 pub(crate) struct Candidate {
     pub(crate) method: Method,
     /// Trace of the hat matrix, summed over the sets.

@@ -1,5 +1,3 @@
-//! Input and result of the automatic choice of a curve.
-
 use std::fmt;
 
 use crate::{Fit, Method, Noise};

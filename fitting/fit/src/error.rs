@@ -6,7 +6,6 @@ use volcomp_curve::CurveError;
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum FitError {
-    /// There are not as many readings as abscissae.
     #[error("found {readings} readings for {abscissae} abscissae: expected one for each")]
     Lengths {
         /// The number of abscissae that was found.
@@ -14,21 +13,18 @@ pub enum FitError {
         /// The number of readings that was found.
         readings: usize,
     },
-    /// A number is NaN or infinite.
     #[error("{what} {index} is {value}: expected a finite number")]
     NotFinite {
         what: &'static str,
         index: usize,
         value: f64,
     },
-    /// There are too few different targets.
     #[error("found {found} different targets: {purpose} needs at least {needed}")]
     TooFewTargets {
         purpose: &'static str,
         found: usize,
         needed: usize,
     },
-    /// A thermal record has too few rows, or there are too few runs.
     #[error("found {found} {what}: {purpose} needs at least {needed}")]
     TooFew {
         what: &'static str,
@@ -36,7 +32,6 @@ pub enum FitError {
         found: usize,
         needed: usize,
     },
-    /// A target lies outside the requested domain.
     #[error("target {index} is {value}: expected it in the domain [{lower}, {upper}]")]
     OutsideDomain {
         index: usize,
@@ -44,12 +39,10 @@ pub enum FitError {
         lower: f64,
         upper: f64,
     },
-    /// The targets do not determine the coefficients.
     #[error(
         "the targets do not determine {coefficients} coefficients: expected a lower order, or targets spread over the domain"
     )]
     Undetermined { coefficients: usize },
-    /// Written in powers of the argument, the polynomial would lose too many digits.
     #[error(
         "in powers of the argument the polynomial of order {order} over [{lower}, {upper}] is wrong by {error:e}: expected a lower order, a domain nearer to 0, or a Chebyshev series"
     )]
@@ -60,7 +53,6 @@ pub enum FitError {
         /// Largest deviation, in units of the readings.
         error: f64,
     },
-    /// No order and support of moving least squares has enough nodes with a weight everywhere.
     #[error(
         "{targets} targets leave no order and support with enough nodes within the support everywhere: expected more, or more evenly spread, targets, or a smaller shape than {shape}"
     )]

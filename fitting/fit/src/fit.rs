@@ -26,7 +26,7 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// `missed` holds the leave-one-out errors of the mean readings, each with the index of its target; empty if nothing can be left out.
+    /// `missed` holds the leave-one-out errors of the mean readings, each with the index of its target; empty if no target can be left out.
     pub(crate) fn new(
         curve: Curve,
         x: &[f64],
@@ -67,7 +67,6 @@ impl Fit {
         }
     }
 
-    /// Fit of a curve with least-squares coefficients.
     pub(crate) fn least_squares(curve: Curve, x: &[f64], u: &[f64], solution: &Solution) -> Self {
         let errors = solution.residuals.iter().zip(&solution.leverages);
         let missed = errors.map(|(&e, &h)| left_out(e, h)).enumerate();

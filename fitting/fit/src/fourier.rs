@@ -36,7 +36,6 @@ pub fn fit_fourier(
     Ok(Fit::least_squares(curve.into(), x, u, &solution))
 }
 
-/// Least-squares solutions of all series up to this number of harmonics.
 pub(crate) fn nested(targets: &[Target], order: usize, period: f64) -> Nested {
     let matrix = DMatrix::from_fn(targets.len(), 2 * order + 1, |i, k| {
         let angle = TAU * (targets[i].x / period) * k.div_ceil(2) as f64;

@@ -1,5 +1,3 @@
-//! Kinds of curves with their settings.
-
 use std::fmt;
 
 use crate::{

@@ -186,7 +186,7 @@ struct PooledErrors {
 }
 
 impl PooledErrors {
-    /// Targets at the ends are not left out: the curve is never evaluated beyond them, and the error of a high order there would decide alone.
+    /// Targets at the ends are not left out: the curve is never evaluated beyond them, and the error of a high order there would dominate.
     fn of(candidate: &Candidate) -> Self {
         let curve = &candidate.curve;
         let inner = 1..curve.nodes().len().saturating_sub(1);
@@ -242,7 +242,6 @@ fn candidates(targets: &[[f64; 2]], shape: f64) -> impl Iterator<Item = Candidat
     })
 }
 
-/// Curve with its errors at the targets.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     curve: MovingLeastSquares,

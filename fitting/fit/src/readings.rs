@@ -42,18 +42,15 @@ pub(crate) fn check_domain(x: &[f64], [lower, upper]: [f64; 2]) -> Result<(), Fi
     }
 }
 
-/// Target with the mean of its readings.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Target {
     pub(crate) x: f64,
     pub(crate) mean: f64,
-    /// Number of readings.
     pub(crate) count: f64,
     /// Sum of squared deviations of the readings from their mean.
     pub(crate) squares: f64,
 }
 
-/// Targets by ascending abscissa.
 pub(crate) fn counted(x: &[f64], u: &[f64]) -> Vec<Target> {
     let mut pairs: Vec<[f64; 2]> = x.iter().zip(u).map(|(&x, &u)| [x, u]).collect();
     pairs.sort_by(|a, b| a[0].total_cmp(&b[0]));

@@ -120,7 +120,6 @@ pub fn parse_camonitor(bytes: &[u8], name: &str) -> Result<ChannelLog, Metrology
     })
 }
 
-/// Values of one channel, in the order of the file.
 #[derive(Default)]
 struct RawValue {
     /// Time in µs, and value.

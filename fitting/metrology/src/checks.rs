@@ -189,7 +189,6 @@ pub fn outlier_hints(measurement: &Measurement) -> Vec<OutlierHint> {
     hints
 }
 
-/// A reading minus the median of its target and direction.
 struct Residual {
     target: f64,
     run: u32,

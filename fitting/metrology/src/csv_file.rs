@@ -100,14 +100,11 @@ pub fn write_csv(measurement: &Measurement) -> String {
     text
 }
 
-/// Columns of the quantities of a reading.
 struct Columns {
     target: Column,
-    /// Unit in the head of the targets; inches are converted to mm.
     target_unit: Option<TargetUnit>,
     targets_in_inches: bool,
     deviation: Column,
-    /// Unit in the head of the deviations.
     unit: Option<ReadingUnit>,
     run_and_direction: Option<(Column, Column)>,
 }
@@ -170,7 +167,6 @@ impl Columns {
     }
 }
 
-/// Readings of the rows so far.
 #[derive(Default)]
 struct Rows {
     readings: Vec<Reading>,

@@ -36,13 +36,11 @@ pub(crate) fn one_column<'t>(
     Ok(first)
 }
 
-/// All column heads as written in the file, for messages.
 pub(crate) fn heads(table: &CsvTable) -> String {
     let heads: Vec<&str> = table.names().map(|(_, name)| name).collect();
     quoted(&heads.join(&table.separator().to_string()))
 }
 
-/// Note on the ignored columns.
 pub(crate) fn not_read(names: &[&str]) -> Option<String> {
     (!names.is_empty()).then(|| format!("columns that are not read: {}", names.join(", ")))
 }

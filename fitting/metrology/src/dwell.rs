@@ -109,7 +109,6 @@ pub fn readings_at_dwells(
     })
 }
 
-/// Readings at the standstills of an axis.
 #[derive(Default)]
 struct DwellReadings {
     readings: Vec<Reading>,
@@ -269,7 +268,6 @@ fn reach(channels: &Channels) -> f64 {
     10.0 * channels.within
 }
 
-/// Samples of a channel between the end of one standstill and the start of another.
 fn between<'c>(channel: &'c Channel, from: &Standstill, to: &Standstill) -> &'c [(f64, f64)] {
     let place = |at: f64| channel.samples.partition_point(|(time, _)| *time < at);
     let samples = channel.samples.get(place(from.to_s)..place(to.from_s));

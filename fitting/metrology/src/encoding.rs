@@ -46,7 +46,6 @@ fn looks_like_gbk(bytes: &[u8]) -> bool {
     all_pairs && 2 * common > leads.len()
 }
 
-/// Rejects a text file without content.
 pub(crate) fn refuse_empty(text: &str, file: &str, expected: &str) -> Result<(), MetrologyError> {
     if text.trim().is_empty() {
         return Err(MetrologyError::Empty {

@@ -1,5 +1,3 @@
-//! Errors of reading and evaluating measurement files.
-
 use volcomp_document::InputError;
 
 use crate::Direction;
@@ -47,19 +45,16 @@ pub enum MetrologyError {
         file: String,
         source: std::io::Error,
     },
-    /// The path is a directory.
     #[error(
         "{file}: found a directory, expected a measurement file ({})",
         crate::READ_EXTENSIONS
     )]
     Directory { file: String },
-    /// The extension is unknown.
     #[error(
         "{file}: found {found}, expected one that is read: {}",
         crate::READ_EXTENSIONS
     )]
     Extension { file: String, found: String },
-    /// The file exceeds the size limit of measurement files.
     #[error(
         "{file}: found more than {limit_mib} MiB, expected a measurement file of at most that size"
     )]
@@ -68,7 +63,6 @@ pub enum MetrologyError {
         /// Size limit, MiB.
         limit_mib: u64,
     },
-    /// The file holds no data.
     #[error("{file}: found nothing in the file, expected {expected}")]
     Empty { file: String, expected: String },
     /// The bytes are not text in a known encoding.
@@ -92,7 +86,6 @@ pub enum MetrologyError {
     /// The file ends before it is complete.
     #[error("{0}")]
     Truncated(Finding),
-    /// A target was measured in one direction only, though the other direction was run.
     #[error(
         "{name}: target {target}: found no reading in direction {direction}, expected every target in each direction that was run"
     )]
@@ -120,7 +113,6 @@ pub enum MetrologyError {
         found: String,
         expected: String,
     },
-    /// The spacing of the targets is not the bridge length.
     #[error(
         "straightness by the angular method, targets {from} and {to}: found a spacing of {found} mm, expected the bridge length {bridge_mm} mm within 1 %"
     )]
@@ -134,7 +126,6 @@ pub enum MetrologyError {
         /// Foot spacing of the bridge, mm.
         bridge_mm: f64,
     },
-    /// The file holds data, but no readings at targets.
     #[error("{file}: found {found}, expected readings at targets: {how}")]
     NoTargets {
         file: String,

@@ -1,5 +1,3 @@
-//! Kinds of measurement files: name, sign convention and how far it is verified.
-
 /// A kind of measurement file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

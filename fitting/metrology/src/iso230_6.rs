@@ -50,12 +50,10 @@ impl Diagonal {
         self.0
     }
 
-    /// Which of the axes X, Y and Z move.
     fn moving(self) -> [bool; 3] {
         self.0.map(|sign| sign != 0)
     }
 
-    /// Diagonals that are measured together with this one.
     fn set(self) -> Vec<Self> {
         let all = DIAGONAL_NAMES.iter().filter_map(|name| Self::named(name));
         all.filter(|other| other.moving() == self.moving())

@@ -14,10 +14,8 @@ use crate::{
 };
 
 const EXPECTED: &str = "a report with rows of target, forward, reverse and system mean, 2σ forward, 2σ reverse and dead zone";
-/// Number of columns of a row in the published report.
 const COLUMNS: usize = 7;
 
-/// Whether a text contains the words of such a report.
 pub(crate) fn is_report(text: &str) -> bool {
     let lower = text.to_ascii_lowercase();
     lower.contains("dead zone")

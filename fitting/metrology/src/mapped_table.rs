@@ -115,7 +115,6 @@ fn rows(
     Ok(rows)
 }
 
-/// Counts the lines of a text incrementally.
 struct Lines<'t> {
     text: &'t str,
     at: usize,
@@ -140,7 +139,6 @@ impl Lines<'_> {
     }
 }
 
-/// Indices of the columns, from 0.
 struct ColumnIndices {
     target: usize,
     reading: usize,
@@ -260,7 +258,6 @@ impl ColumnIndices {
         Ok(columns)
     }
 
-    /// Note on the heads of the ignored columns.
     fn columns_not_read(&self, header: Option<&(usize, Vec<String>)>) -> Option<String> {
         let read = [
             Some(self.target),

@@ -199,7 +199,6 @@ impl Columns {
         )))
     }
 
-    /// Every column that is named, with its role.
     pub(crate) fn names(&self) -> impl Iterator<Item = (&'static str, &ColumnName)> {
         [
             ("target", Some(&self.target)),

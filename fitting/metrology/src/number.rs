@@ -7,7 +7,6 @@ use crate::{Finding, MetrologyError};
 /// Maximum magnitude of a target or deviation; keeps sums and squares of readings finite.
 pub(crate) const LARGEST: f64 = 1e12;
 
-/// Location in a file, for messages.
 #[derive(Clone, Copy)]
 pub(crate) struct Place<'a> {
     pub(crate) file: &'a str,
@@ -112,14 +111,12 @@ pub(crate) fn with_point(text: &str) -> Option<String> {
     (is_decimal(&number) && !whole.contains(['e', 'E'])).then_some(number)
 }
 
-/// Minimum and maximum of the values.
 pub(crate) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
         [low.min(x), high.max(x)]
     })
 }
 
-/// Number of digits after the decimal point.
 pub(crate) fn decimals(text: &str) -> usize {
     text.split_once('.')
         .map_or(0, |(_, fraction)| fraction.len())

@@ -193,7 +193,6 @@ fn check(inputs: &UncertaintyInputs, length_m: f64, runs: usize) -> Result<(), M
     Ok(())
 }
 
-/// Unknown contributions, with the missing inputs.
 fn left_out(inputs: &UncertaintyInputs, contributions: &[Contribution]) -> Vec<String> {
     let lacking = |symbol: &str| -> Vec<&str> {
         let pairs: Vec<(&str, bool)> = match symbol {

@@ -169,7 +169,6 @@ impl Measurement {
     }
 }
 
-/// Notes for the user if the runs are aligned for a curve, or cannot be aligned.
 pub(crate) fn alignment_notes(readings: &[Reading]) -> Vec<String> {
     let alignment = Alignment::of(readings, RunAlignment::Offset);
     let mut notes = Vec::new();

@@ -4,7 +4,6 @@ use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
 
 use crate::{MetrologyError, SlopeUncertainty};
 
-/// Error names that [`squareness`] supports, for messages.
 const KNOWN: &str = "EC0Y, EA0Z or EB0Z";
 
 /// Effect of a location error on the angle between the + directions of its axis and of the axis perpendicular to both that axis and the axis of

@@ -23,7 +23,8 @@ pub struct SeparatedAngles {
     pub angles_urad: [f64; 2],
 }
 
-/// Separates by least squares at each target. A point at (b, c) across the axis moves along it by ε_second c − ε_third b.
+/// Separates linear and angular errors by least squares at each target. On a line at the offset (b, c), along the second and the third axis, the
+/// deviation is the linear error + ε_second·c − ε_third·b.
 ///
 /// # Errors
 /// Fewer than three lines, lines in one plane, different numbers of deviations, numbers that are not finite.

@@ -18,7 +18,6 @@ pub struct CsvTable {
     file: String,
     text: Arc<str>,
     separator: char,
-    /// Line of the first number with a decimal comma, if the table has one.
     decimal_comma_line: Option<usize>,
     header: Record,
     rows: Vec<Record>,

@@ -1,5 +1,3 @@
-//! An error in a file, with its location.
-
 use core::ops::Range;
 
 /// Location in a TOML or CSV file, with the error there.

@@ -29,7 +29,6 @@ impl FileKind {
         Self::Profile,
     ];
 
-    /// Name in messages.
     fn name(self) -> &'static str {
         match self {
             Self::Machine => "a machine file",
@@ -41,7 +40,6 @@ impl FileKind {
         }
     }
 
-    /// Root keys that are specific to this kind of file.
     fn own_keys(self) -> &'static [&'static str] {
         match self {
             Self::Machine => &["structure", "type", "axes", "errors", "assembly", "thermal"],

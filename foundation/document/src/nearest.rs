@@ -1,5 +1,3 @@
-//! Suggestions for misspelled words.
-
 /// The known word closest to `found`, if the edit distance is small enough for a typing error; case is ignored.
 pub fn nearest<'k>(found: &str, known: &[&'k str]) -> Option<&'k str> {
     near(found, known).first().copied()

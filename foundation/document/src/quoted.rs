@@ -1,5 +1,3 @@
-//! Excerpts of a file in messages.
-
 /// Formats an excerpt of a file for a message: in back quotes, control characters escaped, truncated to 60 characters.
 pub fn quoted(text: &str) -> String {
     const LONGEST: usize = 60;

@@ -137,7 +137,6 @@ impl Document {
     }
 }
 
-/// Maximum number of suggestions for a misspelled word.
 const MEANT: usize = 4;
 
 /// Suggestions for an unknown word: similar expected words, or all expected words if none is similar.

@@ -1,5 +1,3 @@
-//! Formats texts for output files.
-
 use std::fmt::Write;
 
 /// A text as a TOML string on one line, in quotes; also valid as a key.

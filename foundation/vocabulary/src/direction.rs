@@ -1,5 +1,3 @@
-//! The direction of travel of an axis.
-
 use core::{fmt, ops::Neg, str::FromStr};
 
 use crate::units::{Deg, Mm};

@@ -13,7 +13,6 @@ use crate::{
     PerAxis, PerChannel, Rad, Um, Urad,
 };
 
-/// Deserialises a text by its `FromStr`.
 struct Text<T>(PhantomData<T>, &'static str);
 
 impl<T: FromStr<Err: fmt::Display>> Visitor<'_> for Text<T> {
@@ -93,7 +92,6 @@ impl Serialize for Displacement {
 /// Reads `{"mm": …}` or `{"rad": …}`.
 struct LengthOrAngle;
 
-/// The key of a [`Displacement`].
 struct UnitKey(AxisKind);
 
 impl FromStr for UnitKey {

@@ -14,7 +14,6 @@ use tokio_rustls::rustls::{
 
 use crate::CertificateError;
 
-/// Maximum size of a response, bytes.
 const MAX_RESPONSE_BYTES: u64 = 4 * 1024 * 1024;
 
 /// Sends a request, which must contain `Connection: close`, and reads the response to its end. The caller sets the timeouts of the stream.

@@ -1,6 +1,5 @@
 //! Names of files sent by a browser.
 
-/// Maximum length of a name, bytes.
 const MAX_NAME_BYTES: usize = 120;
 
 /// Converts a file name from a browser to a safe path component: its last part, reduced to letters, digits, blanks and `-_.+`, at most 120

@@ -30,7 +30,6 @@ const MAX_TOTAL_CONNECTIONS: usize = 256;
 static ALL_CONNECTIONS: Mutex<VecDeque<AbortHandle>> = Mutex::new(VecDeque::new());
 /// Timeout for receiving the complete header of a request, and idle timeout between requests.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(5);
-/// Timeout for the TLS handshake.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Serves until the runtime ends. Every request has the client's address as an `Extension<SocketAddr>`.

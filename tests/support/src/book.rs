@@ -8,7 +8,6 @@ use std::{
 
 use crate::root;
 
-/// A key that is unknown to every decoder.
 const UNKNOWN: &str = "zzz_unknown";
 
 /// A fenced block of a page.
@@ -325,7 +324,6 @@ fn with_ends(page: &str) -> String {
     text
 }
 
-/// Removes the empty line before the end of a block.
 fn without_ends(page: &str) -> String {
     let (mut lines, mut in_console) = (Vec::new(), false);
     for line in page.lines() {

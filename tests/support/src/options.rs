@@ -80,7 +80,6 @@ fn rendered(page: &str, program: &Command) -> String {
     text
 }
 
-/// The names and the options of a title.
 fn words(title: &str) -> (Vec<String>, Vec<String>) {
     let words = title.split_whitespace().map(str::to_owned);
     words.partition(|word| !word.starts_with('-'))

@@ -1,5 +1,3 @@
-//! Free TCP ports.
-
 use std::{
     net::TcpListener,
     sync::atomic::{AtomicU32, Ordering},

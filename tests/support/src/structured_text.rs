@@ -73,7 +73,6 @@ enum Statement {
 #[derive(Clone, Debug)]
 struct Variable {
     name: String,
-    /// Range of valid values.
     range: RangeInclusive<i64>,
     places: Vec<i64>,
 }
@@ -215,7 +214,6 @@ impl Parser {
         }
     }
 
-    /// Slot of a declared variable.
     fn declared(&self, name: &str) -> Result<usize, String> {
         let slot = self.named.get(name).copied();
         slot.ok_or(format!("{name} is not declared"))
@@ -313,7 +311,6 @@ impl Parser {
         Ok(Some(at))
     }
 
-    /// Parses operators by precedence: OR, AND, comparisons, sums, products.
     fn expression(&mut self, level: usize) -> Result<Expression, String> {
         const LEVELS: [&[&str]; 5] = [
             &["OR"],

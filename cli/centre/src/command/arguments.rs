@@ -1,5 +1,3 @@
-//! Command-line arguments.
-
 use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};

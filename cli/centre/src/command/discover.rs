@@ -1,5 +1,3 @@
-//! The network search on the command line.
-
 use std::io::{IsTerminal, Write};
 
 use super::{arguments::DiscoverArguments, print, print_json};

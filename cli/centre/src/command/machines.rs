@@ -1,5 +1,3 @@
-//! Machine commands.
-
 use std::{collections::BTreeMap, fmt::Write};
 
 use volcomp_fleet::{Identity, MachineId};

@@ -1,5 +1,3 @@
-//! The command line of `volcomp-centre`.
-
 mod arguments;
 mod discover;
 mod machines;
@@ -19,7 +17,6 @@ use crate::{Error, config::Config, keys::Key, store::Store};
 use self::arguments::{Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand};
 
 impl Arguments {
-    /// Runs the command.
     pub fn act(self) -> Result<(), Error> {
         let config = || Config::read(&self.config);
         let by = self.by.clone().unwrap_or_else(os_user);
@@ -92,12 +89,10 @@ fn os_user() -> String {
         .unwrap_or_else(|| "command line".to_owned())
 }
 
-/// Opens the store of a configuration.
 pub fn open(config: &Config) -> Result<Arc<Store>, Error> {
     Ok(Arc::new(Store::open(&config.store.file)?))
 }
 
-/// The key that signs manifests.
 pub fn signing_key(config: &Config) -> Result<Key, Error> {
     Key::read(&config.keys.folder, &config.keys.sign_with)
 }
@@ -115,7 +110,6 @@ fn print_json<T: serde::Serialize>(document: &T) -> Result<(), Error> {
     print(&format!("{text}\n"))
 }
 
-/// Parses a machine name from the command line.
 fn machine_named(text: &str) -> Result<volcomp_fleet::MachineId, Error> {
     text.parse()
         .map_err(|e| Error::Wrong(format!("the name of a machine: {e}")))

@@ -1,5 +1,3 @@
-//! Model commands.
-
 use std::{fmt::Write as _, io::Write as _, path::Path};
 
 use super::{arguments::AddModel, machine_named, open, print, print_json, text};

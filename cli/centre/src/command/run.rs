@@ -89,7 +89,6 @@ async fn page_ended(page: Option<&mut [JoinHandle<()>; 2]>) {
     }
 }
 
-/// Serves the web interface on the runtime of the caller.
 async fn serve_page(
     config: &PageConfig,
     rules: Rules,
@@ -137,7 +136,6 @@ async fn serve_page(
     ])
 }
 
-/// Waits for a termination signal.
 async fn terminated() -> std::io::Result<()> {
     use tokio::signal::unix::{SignalKind, signal};
     let mut terminate = signal(SignalKind::terminate())?;

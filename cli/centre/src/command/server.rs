@@ -38,7 +38,6 @@ pub(super) fn list_keys(config: &Config) -> Result<(), Error> {
     print(&text)
 }
 
-/// Generates an nkey, writes its seed to a new file and returns the public nkey.
 pub(super) fn generate_nkey(file: &Path) -> Result<String, Error> {
     let pair = KeyPair::new_user();
     let seed = pair
@@ -65,7 +64,6 @@ pub(super) fn link(config: &Config) -> Result<(LinkSettings, String), Error> {
     Ok((link, nkey))
 }
 
-/// Server settings with every machine that has an nkey.
 pub(super) fn settings(config: &Config) -> Result<ServerSettings, Error> {
     let (link, centre) = link(config)?;
     let machines = open(config)?.machines()?;
@@ -129,7 +127,6 @@ pub(super) fn audit(config: &Config, count: u32, json: bool) -> Result<(), Error
     check_audit_chain(&store)
 }
 
-/// Fails if a record of the audit log was changed or removed.
 pub(super) fn check_audit_chain(store: &Store) -> Result<(), Error> {
     match store.broken_audit()? {
         None => Ok(()),

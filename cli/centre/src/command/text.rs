@@ -1,5 +1,3 @@
-//! Text output of the commands.
-
 use std::{collections::BTreeSet, fmt::Write};
 
 use serde::Serialize;
@@ -13,15 +11,13 @@ use crate::{
     rollout::{Phase, Rollout, Step, Target},
 };
 
-/// A machine with its current state.
 #[derive(Serialize)]
 pub(super) struct MachineView {
     #[serde(flatten)]
     pub(super) machine: Machine,
     pub(super) live: Option<Live>,
-    /// Age of its last condition by the clocks of this computer and of the server, s.
+    /// Age of the machine's last condition by the clocks of this computer and of the server, s.
     pub(super) age_s: Option<f64>,
-    /// The newest version issued to the machine.
     pub(super) version: Option<Version>,
     pub(super) wanted: Option<MachineModel>,
     /// The active model; `None` if the machine has none or never reported one.
@@ -51,7 +47,6 @@ pub(super) fn counted(machines: usize) -> String {
     format!("{machines} machine{end}")
 }
 
-/// Formats an age in one unit.
 fn age(age_s: f64) -> String {
     const UNITS: [(f64, &str); 4] = [(1.0, "s"), (60.0, "min"), (3600.0, "h"), (86_400.0, "d")];
     let mut units = UNITS.iter().rev();
@@ -138,7 +133,6 @@ pub(super) fn models(models: &[Model]) -> String {
     columns(&rows)
 }
 
-/// Everything stored of a model except its text.
 pub(super) fn model(model: &Model) -> String {
     let letters: Vec<String> = model.axes.iter().map(ToString::to_string).collect();
     let origin = match &model.origin {
@@ -313,7 +307,6 @@ pub(super) fn drift(stages: &[Stage]) -> String {
 mod tests {
     use super::*;
 
-    /// The active and the desired model differ; each is listed with its version.
     #[test]
     fn a_machine_is_listed_with_its_active_and_desired_model() {
         let identity = volcomp_fleet::Identity {

@@ -21,7 +21,6 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerAxis};
 
 use crate::{clock::now_s, records::Machine};
 
-/// Ramp time from one correction to another, s.
 const RAMP_S: f64 = 5.0;
 /// Change of the correction of a linear axis above which confirmation is required, µm: `confirm_um` of its gateway.
 const CONFIRM_UM: f64 = 10.0;
@@ -34,7 +33,6 @@ const ERROR_FACTOR: f64 = 1.08;
 
 pub(super) struct SimulatedMachine {
     machine: Machine,
-    /// The real machine, whose errors are slightly larger.
     truth: Model,
     trust: Trust,
     instance: String,
@@ -45,7 +43,6 @@ pub(super) struct SimulatedMachine {
     from: Option<Model>,
     to: Option<Model>,
     since: Instant,
-    /// The centre has disabled correction.
     disabled: bool,
     cycles: u64,
 }
@@ -118,7 +115,6 @@ impl SimulatedMachine {
         }
     }
 
-    /// Accepts a manifest, requests its confirmation, or rejects it.
     fn desired(&mut self, value: &[u8]) -> serde_json::Result<serde_json::Value> {
         let parsed = Desired::parse(value).map_err(|e| e.to_string());
         let taken = parsed.and_then(|desired| {
@@ -169,7 +165,6 @@ impl SimulatedMachine {
         Outcome::Activated
     }
 
-    /// Starts the ramp to the correction of a model.
     fn ramp(&mut self, to: Option<Model>) {
         self.from = std::mem::replace(&mut self.to, to);
         self.since = Instant::now();
@@ -208,7 +203,6 @@ impl SimulatedMachine {
         worst
     }
 
-    /// Current axis positions: each axis oscillates with its own period.
     fn place(&self) -> State {
         let at_s = self.begun.elapsed().as_secs_f64();
         let coordinates: Vec<(AxisName, f64)> = (self.truth.axes().iter().enumerate())
@@ -249,7 +243,7 @@ impl SimulatedMachine {
         quantised(&self.truth, &applied, 1e-3, 1e-6)
     }
 
-    /// Tool-tip error that remains by the active model with the applied correction, µm: what a gateway can compute.
+    /// Tool-tip error that the active model predicts with the applied correction, µm: what a gateway can compute.
     fn residual_um(&self, state: &State, applied: &PerAxis<f64>) -> Option<f64> {
         let (model, _) = self.active.as_ref()?;
         Some(length(left_um(model, 1.0, state, applied)))
@@ -297,7 +291,7 @@ impl SimulatedMachine {
         }
     }
 
-    /// The full telemetry, as far as the web interface shows it.
+    /// The part of the full telemetry that the web interface shows.
     fn state(&self) -> serde_json::Value {
         let state = self.place();
         let mut positions_mm = BTreeMap::new();

@@ -19,12 +19,9 @@ use tokio_rustls::{
 
 use super::{Device, Kind, RateLimiter, clean};
 
-/// Maximum size of a response, bytes.
 const MAX_RESPONSE_BYTES: u64 = 256 * 1024;
-/// Title of a gateway's web page.
 const TITLE: &str = "<title>volcomp gateway</title>";
 
-/// The fields of a gateway's state that are used here.
 #[derive(Deserialize)]
 struct State {
     #[serde(rename = "state")]
@@ -89,7 +86,6 @@ pub(super) async fn probe(
     device
 }
 
-/// How to repeat a request to the gateway.
 struct Connector<'a> {
     at: SocketAddr,
     pace: &'a RateLimiter,

@@ -27,16 +27,12 @@ pub use modbus::{Identification, parse_identification};
 pub use propose::{Proposal, proposals};
 pub use targets::{Subnet, SubnetError};
 
-/// Maximum number of addresses probed at one time.
 const MAX_CONCURRENT: usize = 64;
 
-/// Kind of a device, by its protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// A volcomp gateway.
     Gateway,
-    /// A FANUC control (FOCAS).
     Focas,
     /// An OPC UA server, such as a SINUMERIK control. Only its open port is detected; no request is sent.
     OpcUa,
@@ -57,7 +53,6 @@ impl Kind {
     }
 }
 
-/// A device that was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Device {
     pub address: IpAddr,
@@ -75,9 +70,8 @@ pub struct Device {
     /// Structure code if reported, as gateways do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub structure: Option<String>,
-    /// Other information, or an error in its responses.
     pub note: String,
-    /// Possible structures for its axes, the most common first.
+    /// Possible structures for the axes of the device, the most common first.
     #[serde(default, skip_deserializing)]
     pub proposals: Vec<Proposal>,
 }
@@ -98,7 +92,6 @@ impl Device {
         }
     }
 
-    /// Another service listens on the port.
     fn other(address: SocketAddr, kind: Kind, why: impl AsRef<str>) -> Self {
         Self {
             answers: false,
@@ -108,16 +101,13 @@ impl Device {
     }
 }
 
-/// Settings of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Search {
     /// The subnets; each must have passed [`Subnet::check`].
     pub subnets: Vec<Subnet>,
     /// Ports to probe, with the protocol expected on each.
     pub ports: Vec<(Kind, u16)>,
-    /// New connections per second, over all addresses.
     pub per_second: f64,
-    /// Connection timeout.
     pub connect_within: Duration,
     /// Timeout for all responses of a device together.
     pub answer_within: Duration,
@@ -132,9 +122,7 @@ pub const PORTS: [(Kind, u16); 5] = [
     (Kind::Modbus, 502),
 ];
 
-/// Default number of new connections per second.
 pub const PER_SECOND: f64 = 50.0;
-/// Maximum number of new connections per second.
 pub const MAX_PER_SECOND: f64 = 1000.0;
 
 impl Search {
@@ -149,7 +137,6 @@ impl Search {
         }
     }
 
-    /// Number of addresses to probe.
     pub fn addresses(&self) -> usize {
         self.subnets.iter().map(|one| one.addresses().count()).sum()
     }
@@ -193,7 +180,6 @@ impl Search {
         found
     }
 
-    /// Probes every port of one address.
     async fn one(&self, address: IpAddr, pace: &RateLimiter) -> Vec<Device> {
         let mut found = Vec::new();
         for &(kind, port) in &self.ports {
@@ -277,7 +263,6 @@ impl RateLimiter {
     }
 }
 
-/// Maximum length of a stored text, characters.
 const MAX_TEXT: usize = 100;
 
 /// Sanitizes a text for display: one line of at most 100 characters, without control characters (which move a terminal's cursor) and without

@@ -11,12 +11,11 @@ use super::{Device, Kind, clean};
 
 /// Unit identifiers to query: a module with its own network port, then the first unit on a serial converter.
 const UNIT_IDS: [u8; 2] = [255, 1];
-/// Function 43 and its MEI type 14.
+/// Function code 43 (encapsulated interface) and MEI type 14 (device identification).
 const FUNCTION: [u8; 2] = [0x2b, 0x0e];
 /// Maximum length of a Modbus TCP frame after its length field, bytes.
 const MAX_FRAME_BYTES: usize = 254;
 
-/// Response to an identification request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Identification {
     /// Vendor, product and revision, as far as reported.

@@ -7,7 +7,6 @@ use serde::Serialize;
 use volcomp_kinematics::Structure;
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-/// A possible structure for the axes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Proposal {
     /// The structure code, such as `w X' b Y Z t`.
@@ -18,7 +17,6 @@ pub struct Proposal {
     pub rotary: u8,
     /// Rotary axes from the workpiece to the tool.
     pub rotary_axes: Vec<AxisName>,
-    /// Description of the design.
     pub design: String,
 }
 

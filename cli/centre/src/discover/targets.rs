@@ -16,10 +16,8 @@ pub struct Subnet {
     prefix: u8,
 }
 
-/// Why a subnet is not searched.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SubnetError {
-    /// The text cannot be parsed.
     #[error(
         "found {found:?}, expected an address or a subnet of IPv4, such as 192.0.2.17 or 192.0.2.0/24"
     )]
@@ -31,13 +29,12 @@ pub enum SubnetError {
         /// The subnet that contains the address.
         expected: Subnet,
     },
-    /// The subnet has more addresses than one search covers.
     #[error(
         "found {found} with {addresses} addresses, expected at most 65536 (/{SHORTEST_PREFIX}): state the subnets of the machines"
     )]
     TooLarge {
         found: Subnet,
-        /// Number of its addresses.
+        /// Number of addresses in the subnet.
         addresses: u64,
     },
     /// The range is public and may belong to others.

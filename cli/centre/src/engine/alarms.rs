@@ -27,7 +27,6 @@ const ACTIVATION_TIMEOUT_S: f64 = 600.0;
 
 type Key = (Option<MachineId>, AlarmKind);
 
-/// State kept between passes.
 #[derive(Default)]
 pub(super) struct State {
     /// Time of the last text change of each open alarm, by alarm number, s.
@@ -36,7 +35,6 @@ pub(super) struct State {
     done: BTreeSet<u64>,
 }
 
-/// Raises, closes and updates alarms.
 pub(super) fn update(
     engine: &Engine,
     state: &mut State,
@@ -192,7 +190,7 @@ fn machine_causes(
     Ok(found)
 }
 
-/// Adds the centre's own failures and what its roll-outs wait for; returns the kinds of failures that are over.
+/// Adds the centre's own failures, and the confirmations and machines for which roll-outs wait. Returns the kinds of failures that are over.
 fn add_centre_causes(
     engine: &Engine,
     causes: &mut BTreeMap<Key, String>,
@@ -258,15 +256,14 @@ fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
 struct MachineState<'a> {
     machine: &'a Machine,
     reception: Option<&'a Reception>,
-    /// Time since its last condition by a monotonic clock, s.
+    /// Time since the last condition of the machine by a monotonic clock, s.
     silence_s: f64,
     version: Option<&'a Version>,
     model: Option<&'a Model>,
     /// The roll-out of the active version, if it stopped or was aborted.
     suspect: Option<&'a Suspect>,
-    /// Time since a foreign value was found under its key, s.
+    /// Time since a foreign value was found under the key of the machine, s.
     clobbered_s: Option<f64>,
-    /// Days since a calibration became due.
     due_days: Option<f64>,
     now_s: f64,
 }
@@ -278,12 +275,10 @@ struct Suspect {
     what: String,
     /// True if the roll-out can still be resumed: its machines are in no other roll-out.
     can_resume: bool,
-    /// True if there is an earlier model to return to.
     has_way_back: bool,
 }
 
 impl Suspect {
-    /// Alarm text for a machine, with the available remedies.
     fn text(&self, name: &MachineId) -> String {
         let Self { rollout, what, .. } = self;
         let stop = if self.can_resume {
@@ -339,7 +334,6 @@ fn causes_of(known: &MachineState<'_>) -> BTreeMap<AlarmKind, String> {
     causes
 }
 
-/// Alarm text for a change that the operator must confirm.
 fn needs_confirmation(version: u64, worst_um: &str, worst_urad: &str) -> String {
     format!(
         "Version {version} moves the axes by up to {}: a user must confirm it.",

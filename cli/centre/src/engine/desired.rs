@@ -9,11 +9,9 @@ use volcomp_fleet::{Desired, DesiredEvent, DesiredValue, DesiredWatch, MachineId
 use super::{Engine, blocking, lock};
 use crate::{Error, records::AlarmKind, store::SignedValue};
 
-/// Maximum number of concurrent puts.
 const MAX_CONCURRENT: usize = 64;
 /// Delay before a foreign value is checked again: it may already have been replaced by the next one.
 const RECHECK_DELAY: Duration = Duration::from_millis(200);
-/// Retry interval after a connection failure.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Puts every value that was issued but not yet put. Failures are retried at the next pass; the last one is returned.
@@ -40,7 +38,7 @@ pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
     result
 }
 
-/// Values issued here or by another program that are not yet known to be under their key.
+/// Values, issued here or by another program, that have not been put under their key yet.
 fn due(engine: &Engine) -> Result<Vec<SignedValue>, Error> {
     let wanted = engine.store.desired_versions()?;
     let put = lock(&engine.put).clone();
@@ -119,7 +117,6 @@ async fn put(engine: &Arc<Engine>, issued: SignedValue) -> Result<(), volcomp_fl
     Ok(())
 }
 
-/// Watches the keys until the runtime ends.
 pub(super) async fn watch(engine: Arc<Engine>) {
     loop {
         match engine.hub.watch_desired().await {
@@ -150,7 +147,7 @@ async fn restore_on_change(engine: &Engine, mut watch: DesiredWatch) {
     }
 }
 
-/// True if a value differs from the one this centre has put. False if it has put none: then there is nothing to restore.
+/// True if a value differs from the one this centre has put. False if this centre has put none, because then there is nothing to restore.
 fn is_other(engine: &Engine, machine: &MachineId, value: Option<&Bytes>) -> bool {
     let put = lock(&engine.put);
     let own: &BTreeMap<MachineId, (u64, Bytes)> = &put;
@@ -178,7 +175,6 @@ async fn restore(engine: &Engine, machine: &MachineId) {
     }
 }
 
-/// Logs that a foreign value is being replaced.
 fn report_foreign_value(engine: &Engine, machine: &MachineId) {
     tracing::error!("{machine}: a foreign value under its key is replaced");
     lock(&engine.clobbered).insert(machine.clone(), Instant::now());
@@ -198,7 +194,7 @@ async fn was_issued(engine: &Arc<Engine>, machine: &MachineId, value: &[u8]) -> 
     }
 }
 
-/// True if one of this centre's keys has signed the value: it is an older value of ours still in transit.
+/// True if one of this centre's keys has signed the value, which is then an older value of this centre still in transit.
 fn is_own(engine: &Engine, value: &[u8]) -> bool {
     let signer = Desired::parse(value).and_then(|desired| desired.signer());
     let Ok(Some(signer)) = signer else {

@@ -29,31 +29,24 @@ use crate::{
     store::{Retention, Store},
 };
 
-/// Interval between passes.
 const PASS_INTERVAL: Duration = Duration::from_secs(1);
-/// Maximum number of batches queued for the writer thread.
 const MAX_QUEUED_BATCHES: usize = 64;
-/// Maximum number of messages in a transaction.
 const MAX_MESSAGES_PER_WRITE: usize = 8_000;
 /// Retry interval if the database rejects a write. Until then the messages stay at the server.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 pub struct Settings {
     pub link: LinkSettings,
-    /// Retention limits of the server, by age and size.
     pub stream_retention: StreamRetention,
-    /// Retention limits of the store.
     pub keep: Retention,
-    /// The key that signs manifests.
     pub key: Key,
     /// Every key of this centre: values signed by any of them are its own.
     pub own: Vec<Key>,
 }
 
-/// A failure of the centre itself.
 struct Failure {
     text: String,
-    /// The failure is over. The entry is kept until its alarm is stored, because a database that rejects writes cannot store an alarm either.
+    /// Set if the failure is over. The entry is kept until its alarm is stored, because a database that rejects writes cannot store an alarm either.
     over: bool,
 }
 
@@ -64,18 +57,14 @@ pub struct Engine {
     ingest: Mutex<Ingest>,
     /// Values that this centre has put under the keys: version and bytes.
     put: Mutex<BTreeMap<MachineId, (u64, bytes::Bytes)>>,
-    /// When a foreign value was last found under each key.
     clobbered: Mutex<BTreeMap<MachineId, Instant>>,
-    /// Current failures of the centre itself.
     failures: Mutex<BTreeMap<AlarmKind, Failure>>,
     ending: AtomicBool,
 }
 
-/// A running engine and the means to stop it.
 pub struct Running {
     engine: Arc<Engine>,
     tasks: tokio::task::JoinHandle<()>,
-    /// Closed when the writer thread ends.
     writer: oneshot::Receiver<()>,
 }
 
@@ -138,7 +127,6 @@ impl Engine {
         &self.store
     }
 
-    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         self.hub.is_connected()
     }
@@ -168,7 +156,6 @@ impl Engine {
     }
 }
 
-/// Runs blocking work on a blocking thread.
 async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
     match tokio::task::spawn_blocking(work).await {
         Ok(done) => done,
@@ -273,7 +260,6 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
     }
 }
 
-/// Messages to store, and the task that waits for completion.
 struct WriteJob {
     messages: Vec<Received>,
     stored: oneshot::Sender<()>,

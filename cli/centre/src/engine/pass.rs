@@ -24,7 +24,6 @@ const CLOSED_AFTER_S: f64 = 30.0;
 /// Interval at which expired data are deleted.
 const HOUR: Duration = Duration::from_secs(3600);
 
-/// State kept between passes.
 pub(super) struct State {
     last: Instant,
     minute: Instant,
@@ -50,7 +49,6 @@ impl State {
     }
 }
 
-/// Sites of the registered machines.
 pub(super) async fn sites(engine: &Arc<Engine>) -> BTreeSet<SiteId> {
     let engine_clone = Arc::clone(engine);
     let machines = blocking(move || engine_clone.store.machines()).await;
@@ -129,7 +127,6 @@ fn run_pass(engine: &Engine, state: &mut State) -> Result<(), Error> {
 /// Maximum number of machines that are sent changed settings in one pass.
 const MAX_SETTLED_PER_PASS: usize = 200;
 
-/// Sends every machine its registered settings, regardless of who changed them and how.
 fn settle_all(
     engine: &Engine,
     unsettled: &mut BTreeMap<MachineId, String>,

@@ -82,13 +82,10 @@ pub(super) fn advance_all(
     Ok(blocked)
 }
 
-/// Inputs of every roll-out in one pass.
 struct PassInput<'a> {
     elapsed_s: f64,
     seen: BTreeMap<MachineId, Observation>,
-    /// Last known residual, µm.
     residual_um: &'a BTreeMap<MachineId, f64>,
-    /// Newest version of each machine.
     versions: BTreeMap<MachineId, Version>,
 }
 
@@ -96,7 +93,6 @@ fn machines_of(rollout: Rollout) -> impl Iterator<Item = MachineId> {
     rollout.targets.into_iter().map(|target| target.machine)
 }
 
-/// Advances one roll-out and issues its manifests.
 fn advance(
     engine: &Engine,
     id: u64,
@@ -153,7 +149,6 @@ fn answers(rollout: &Rollout, versions: &BTreeMap<MachineId, Version>) -> Vec<Ev
     answered.collect()
 }
 
-/// Inputs for the manifests of a roll-out.
 struct ManifestSource<'a> {
     engine: &'a Engine,
     model: Option<(&'a Model, &'a str)>,

@@ -36,7 +36,6 @@ pub(super) fn cookie(secure: bool, token: &str) -> String {
     format!("{name}={token}; Path=/; HttpOnly; SameSite=Strict{only}{end}")
 }
 
-/// The session token of the cookie.
 pub(super) fn token(headers: &HeaderMap, secure: bool) -> Option<Token> {
     let name = cookie_name(secure);
     let cookies = headers.get_all(header::COOKIE).iter();

@@ -15,7 +15,6 @@ use crate::{
     users::User,
 };
 
-/// Maximum number of subnets of one search.
 const MAX_SUBNETS: usize = 32;
 
 pub(super) async fn latest(State(page): Shared) -> ApiResult {

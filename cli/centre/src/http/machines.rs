@@ -25,7 +25,6 @@ use crate::{
 const MAX_POINTS: usize = 2000;
 /// Maximum number of history points read, the newest: more than two hours of conditions and a week of minutes.
 const MAX_POINTS_READ: u32 = 20_000;
-/// Maximum number of alarms and of audit records in the details of a machine.
 const MAX_RECORDS: u32 = 50;
 
 pub(super) async fn overview(State(page): Shared) -> ApiResult {
@@ -100,7 +99,6 @@ pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> Ap
 #[derive(Deserialize)]
 pub(super) struct HistoryQuery {
     resolution: Resolution,
-    /// Length of the history, hours back from now.
     hours: f64,
 }
 
@@ -159,14 +157,11 @@ pub(super) async fn remove_machine(
     }
 }
 
-/// Maximum number of alarms in an answer.
 const MAX_ALARMS: u32 = 500;
-/// Maximum number of records of the audit log in an answer.
 const MAX_AUDIT: u32 = 200;
 
 #[derive(Deserialize)]
 pub(super) struct AlarmQuery {
-    /// Include closed alarms.
     #[serde(default)]
     all: bool,
 }

@@ -1,5 +1,3 @@
-//! Models: their texts, formulas and error maps.
-
 use std::sync::Arc;
 
 use axum::{
@@ -27,7 +25,6 @@ pub(super) async fn models(State(page): Shared) -> ApiResult {
     document(&page.query(Store::models).await?)
 }
 
-/// Finds a model with its text by its checksum or the beginning of it.
 pub(super) async fn found(
     page: &Arc<PageState>,
     checksum: String,
@@ -72,12 +69,10 @@ pub(super) async fn map(State(page): Shared, Path(checksum): Path<String>) -> Ap
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct NewModelRequest {
-    /// The text of a machine file.
     text: String,
     /// Day of the measurements, `2026-11-25`; empty if unknown.
     #[serde(default)]
     measured: String,
-    /// Name of the uploaded file.
     #[serde(default)]
     file: String,
 }

@@ -1,5 +1,3 @@
-//! The shop overview: one row for each machine.
-
 use std::{
     collections::{BTreeMap, HashMap},
     time::{Duration, Instant},
@@ -39,11 +37,9 @@ struct Row<'a> {
     control: &'a str,
     /// State of the guard; `unknown` if the machine is silent, `never heard` if it has never sent a message.
     state: &'a str,
-    /// Last state of a silent machine.
     #[serde(skip_serializing_if = "Option::is_none")]
     was: Option<&'a str>,
     reasons: &'a [String],
-    /// Seconds since its last condition was created.
     age_s: Option<f64>,
     silent: bool,
     armed: Option<bool>,
@@ -51,7 +47,6 @@ struct Row<'a> {
     version: Option<u64>,
     wanted: Option<u64>,
     model: Option<&'a str>,
-    /// Largest linear correction, µm.
     correction_um: Option<f64>,
     residual_um: Option<f64>,
     /// Lowest and highest sensor temperature, °C, and the number of broken sensors.
@@ -60,7 +55,6 @@ struct Row<'a> {
     broken_sensors: usize,
     alarms: usize,
     worst: Option<Severity>,
-    /// Days until the next calibration is due.
     due_in_days: Option<f64>,
 }
 
@@ -70,7 +64,6 @@ struct Document<'a> {
     made_s: f64,
     notice: &'a str,
     machines: Vec<Row<'a>>,
-    /// Open alarms of the centre itself.
     centre: Vec<&'a Alarm>,
 }
 
@@ -164,15 +157,13 @@ impl Overview {
         })
     }
 
-    /// Age of the overview if it is too old to be presented as current. It is rebuilt every second; with many machines this takes
-    /// longer.
+    /// Age of the overview if it is too old to be presented as current. It is rebuilt every second, or more slowly with many machines.
     pub(super) fn too_old(&self) -> Option<Duration> {
         let (at, took) = self.made?;
         let age = at.elapsed();
         (age > MAX_AGE + (3 * took).min(MAX_BUILD_MARGIN)).then_some(age)
     }
 
-    /// Current age of a machine's last condition, s.
     pub(super) fn age_s(&self, machine: &MachineId) -> Option<f64> {
         let (at, _) = self.made?;
         Some(self.ages_s.get(machine)? + at.elapsed().as_secs_f64())
@@ -200,8 +191,8 @@ fn largest<K>(values: &BTreeMap<K, f64>) -> Option<f64> {
     values.values().map(|value| value.abs()).reduce(f64::max)
 }
 
-/// Age of each machine's last condition by this program's monotonic clock: a difference between two wall clocks neither makes a machine silent nor
-/// keeps a silent one alive. The time a condition waited at the gateway counts.
+/// Age of each machine's last condition by this program's monotonic clock. Two wall clocks are never compared, because their difference could make a
+/// machine appear silent, or hide that it is. The time for which a condition waited at the gateway is included.
 ///
 /// State: when the last condition of each machine was first seen.
 #[derive(Default)]
@@ -210,7 +201,6 @@ pub(super) struct Ages(HashMap<MachineId, LastCondition>);
 struct LastCondition {
     made: CreationTime,
     at: Instant,
-    /// Age of the condition when it was first seen, s.
     then_s: f64,
 }
 

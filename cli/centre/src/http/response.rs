@@ -1,5 +1,3 @@
-//! Responses: JSON documents and error messages.
-
 use crate::Error;
 use axum::{
     Json,
@@ -9,7 +7,6 @@ use axum::{
 use serde::Serialize;
 use serde_json::json;
 
-/// A rejected request.
 #[derive(Debug)]
 pub(super) struct ApiError {
     status: StatusCode,
@@ -22,17 +19,14 @@ impl ApiError {
         Self { status, why }
     }
 
-    /// The request is invalid.
     pub(super) fn wrong(why: impl Into<String>) -> Self {
         Self::new(StatusCode::BAD_REQUEST, why)
     }
 
-    /// The resource does not exist.
     pub(super) fn missing(why: impl Into<String>) -> Self {
         Self::new(StatusCode::NOT_FOUND, why)
     }
 
-    /// The request conflicts with the stored state.
     pub(super) fn conflict(why: impl Into<String>) -> Self {
         Self::new(StatusCode::CONFLICT, why)
     }
@@ -73,7 +67,6 @@ pub(super) fn document(document: &impl Serialize) -> ApiResult {
     Ok(json_bytes(bytes))
 }
 
-/// A document that is already serialized.
 pub(super) fn json_bytes(bytes: impl Into<axum::body::Body>) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], bytes.into()).into_response()
 }
@@ -82,7 +75,6 @@ pub(super) fn done() -> ApiResult {
     document(&json!({ "done": true }))
 }
 
-/// Parses the JSON body of a request.
 pub(super) fn read<T: serde::de::DeserializeOwned>(body: &[u8]) -> Result<T, ApiError> {
     serde_json::from_slice(body).map_err(|error| ApiError::wrong(format!("request body: {error}")))
 }

@@ -24,10 +24,8 @@ use crate::{
     versions::{load_active_version, start_way_back},
 };
 
-/// Maximum number of roll-outs in a response.
 const MAX_ROLLOUTS: u32 = 20;
 
-/// A roll-out as sent to the web interface.
 #[derive(Serialize)]
 struct RolloutView {
     #[serde(flatten)]
@@ -84,7 +82,6 @@ fn rollouts_in_force(
 struct StartRequest {
     /// Checksum of the model, or the beginning of it.
     model: String,
-    /// The machines that receive the model.
     machines: Vec<MachineId>,
     /// Canary machines, in addition to those registered as canaries.
     #[serde(default)]
@@ -94,7 +91,6 @@ struct StartRequest {
     rules: Option<Rules>,
 }
 
-/// The default roll-out rules.
 pub(super) async fn rules(State(page): Shared) -> ApiResult {
     document(&page.settings.rules)
 }
@@ -192,8 +188,8 @@ mod tests {
         rollout::{Phase, Step},
     };
 
-    /// A machine activated the model of a roll-out, and its acknowledgement was lost: the roll-out lists it as waiting. The version that
-    /// the machine reports counts, so that the user can decide.
+    /// A machine activated the model of a roll-out, and its acknowledgement was lost. The roll-out lists it as waiting, but the version that the
+    /// machine reports is shown, so that the user can decide.
     #[test]
     fn a_machine_that_reports_the_model_is_listed_as_having_it() {
         let fixture = Fixture::new();

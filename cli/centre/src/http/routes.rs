@@ -22,7 +22,6 @@ use crate::users::Role;
 const MAX_BODY: usize = 2 * 1024 * 1024;
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// A route: method, path and required role.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Route {
     /// `GET` or `POST`.
@@ -125,7 +124,6 @@ const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 
-/// Router for the web interface and the API.
 pub fn router(page: &Arc<PageState>) -> Router {
     let mut router = Router::new();
     for (route, handler) in ROUTES.iter().zip(HANDLERS) {
@@ -152,7 +150,6 @@ async fn nothing() -> ApiError {
     ApiError::missing("there is no such page")
 }
 
-/// Host check, timeout and response headers of every request.
 async fn every_request(
     State(page): State<Arc<PageState>>,
     request: Request,

@@ -27,19 +27,15 @@ use crate::{
     users::{REFUSAL_WINDOW, Refusal, Refusals, Throttle},
 };
 
-/// Interval at which the overview is rebuilt.
 const REFRESH_INTERVAL: Duration = Duration::from_secs(1);
-/// Maximum number of cached error maps.
 const MAX_MAPS: usize = 64;
 
-/// Settings of the web interface.
 #[derive(Clone, Debug, Default)]
 pub struct PageSettings {
     /// Host names accepted in requests, in addition to addresses.
     pub hosts: Vec<String>,
     /// True if connections use TLS: cookies are then sent over TLS only.
     pub secure: bool,
-    /// Default roll-out rules.
     pub rules: Rules,
     /// Notice above the web interface, for example that this is a demonstration.
     pub notice: String,
@@ -47,7 +43,6 @@ pub struct PageSettings {
     pub ports: Option<Vec<(Kind, u16)>>,
 }
 
-/// The last search of the network.
 #[derive(Clone, Default, Serialize)]
 pub(super) struct NetworkSearch {
     pub(super) running: bool,
@@ -61,7 +56,6 @@ pub(super) struct NetworkSearch {
 
 pub(super) type Shared = State<Arc<PageState>>;
 
-/// State shared by the routes.
 pub struct PageState {
     pub(super) store: Arc<Store>,
     pub(super) settings: PageSettings,
@@ -77,7 +71,6 @@ pub struct PageState {
 }
 
 impl PageState {
-    /// The web interface of a store.
     pub fn new(store: Arc<Store>, settings: PageSettings) -> Arc<Self> {
         Arc::new(Self {
             store,
@@ -135,7 +128,6 @@ impl PageState {
         Arc::clone(&place)
     }
 
-    /// Queries the store on a blocking thread.
     pub(super) async fn query<T: Send + 'static>(
         self: &Arc<Self>,
         work: impl FnOnce(&Store) -> Result<T, Error> + Send + 'static,
@@ -166,7 +158,6 @@ impl PageState {
         });
     }
 
-    /// Writes an action or a rejection to the audit log.
     pub(super) async fn record(
         self: &Arc<Self>,
         by: &str,

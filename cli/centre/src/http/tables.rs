@@ -26,25 +26,20 @@ use crate::records::Model;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TableQuery {
-    /// Name of the format, as in `volcomp export`.
     #[serde(default)]
     format: String,
-    /// Spacing of positions along a linear axis, mm.
     #[serde(default)]
     step_mm: Option<f64>,
-    /// Spacing of positions along a rotary axis, deg.
     #[serde(default)]
     step_deg: Option<f64>,
 }
 
-/// The available table formats.
 pub(super) async fn formats() -> ApiResult {
     let formats =
         Format::ALL.map(|format| json!({ "format": format.name(), "trust": format.trust() }));
     document(&formats.as_slice())
 }
 
-/// The machine file as it is signed and sent.
 pub(super) async fn file(State(page): Shared, Path(checksum): Path<String>) -> ApiResult {
     let (model, text) = found(&page, checksum).await?;
     attachment(&file_name(&model), "application/toml", text)

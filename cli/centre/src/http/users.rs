@@ -137,7 +137,6 @@ struct NewPassword {
     new: String,
 }
 
-/// The hash of a new password.
 async fn hashed(page: &Arc<PageState>, password: String) -> Result<String, ApiError> {
     let password = Password::chosen(password).map_err(|e| ApiError::wrong(e.to_string()))?;
     let place = page.passwords.acquire().await;
@@ -197,7 +196,6 @@ pub(super) async fn add_user(
 struct ChangedUser {
     role: Role,
     disabled: bool,
-    /// New password, if the user has forgotten the old one.
     #[serde(default)]
     password: Option<String>,
 }

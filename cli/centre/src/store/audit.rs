@@ -55,7 +55,6 @@ fn record(row: &Row<'_>) -> Result<AuditRecord, Error> {
 }
 
 impl Store {
-    /// Records an action that changes nothing else in the store.
     pub fn audit(&self, by: &str, action: &str, object: &str, details: Json) -> Result<(), Error> {
         self.write(|database| append(database, by, action, object, details))
     }

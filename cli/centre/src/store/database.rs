@@ -19,7 +19,6 @@ const LOCK_TIMEOUT: Duration = Duration::from_secs(30);
 const RETRY_INTERVAL: Duration = Duration::from_millis(10);
 const MAX_PREPARED: usize = 128;
 
-/// Executes a statement and returns the number of changed rows.
 pub(crate) fn execute(
     database: &Connection,
     sql: &str,
@@ -28,7 +27,6 @@ pub(crate) fn execute(
     Ok(database.prepare_cached(sql)?.execute(values)?)
 }
 
-/// Rows of a query, each converted by `read`.
 pub(crate) fn rows<T>(
     database: &Connection,
     sql: &str,
@@ -68,7 +66,6 @@ pub(crate) fn document<T: DeserializeOwned>(
     first(database, sql, values, |row| json(row, 0))
 }
 
-/// Result of a query for a single number, such as a count.
 pub(crate) fn number(database: &Connection, sql: &str, values: impl Params) -> Result<u64, Error> {
     let found = first(database, sql, values, |row| Ok(row.get(0)?))?;
     Ok(found.unwrap_or_default())
@@ -124,7 +121,6 @@ pub(super) fn open(path: &Path) -> Result<Connection, Error> {
     Ok(connection)
 }
 
-/// Restricts the permissions of the database files to the owner.
 fn make_private(path: &Path) -> std::io::Result<()> {
     for suffix in ["", "-wal", "-shm"] {
         let mut name = path.as_os_str().to_owned();
@@ -229,7 +225,6 @@ const UNIQUE_RECORDS: &[&str] = &[
     "CREATE UNIQUE INDEX records_once ON records (machine, record)",
 ];
 
-/// Migrates a database to the newest schema in one transaction.
 pub(super) fn migrate(database: &mut Connection) -> Result<(), Error> {
     let database = database.transaction_with_behavior(TransactionBehavior::Immediate)?;
     database.execute_batch("CREATE TABLE IF NOT EXISTS schema (steps BIGINT NOT NULL)")?;

@@ -46,7 +46,6 @@ impl Default for Retention {
     }
 }
 
-/// Maximum number of machines whose minutes are closed in one transaction.
 const MAX_MACHINES_PER_WRITE: usize = 32;
 
 /// Index of the minute or hour that contains a time.
@@ -125,7 +124,6 @@ impl Store {
         })
     }
 
-    /// The last full telemetry of a machine, with its time.
     pub fn telemetry(
         &self,
         machine: &MachineId,
@@ -218,7 +216,6 @@ fn close_oldest(database: &Connection, machine: &str, end: i64) -> Result<u64, E
     Ok(execute(database, sql, range)? as u64)
 }
 
-/// Closes one minute of a machine, or merges late conditions into it.
 fn close_one(
     database: &Connection,
     machine: &str,
@@ -258,7 +255,6 @@ fn close_one(
     Ok(())
 }
 
-/// Stored document of a machine for a minute or an hour.
 fn kept<T: DeserializeOwned>(
     database: &Connection,
     table: &str,

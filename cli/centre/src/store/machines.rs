@@ -1,5 +1,3 @@
-//! Machines in the store, with their last states.
-
 use std::collections::BTreeMap;
 
 use rusqlite::Connection;
@@ -16,7 +14,6 @@ use crate::{
     rollout::Rollout,
 };
 
-/// A machine, read in a transaction.
 pub(crate) fn machine_named(
     database: &Connection,
     machine: &MachineId,
@@ -45,10 +42,8 @@ pub(super) fn refuse_in_open_rollout<'a>(
     Ok(())
 }
 
-/// Registers a machine or changes its record.
-///
-/// # Errors
-/// The serial number changes while the name has a pending target in a roll-out: the model was not measured on the other machine.
+/// Registers a machine or changes its record. Errors: the serial number changes while the name has a pending target in a roll-out: the model was not
+/// measured on the other machine.
 fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), Error> {
     let id = &machine.identity.machine;
     let before = machine_named(database, id)?;
@@ -66,7 +61,6 @@ fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), Error> 
     audit::append(database, by, "machine.put", name, json!(machine))
 }
 
-/// Last state of a machine, read in a transaction.
 pub(crate) fn live_of(database: &Connection, machine: &MachineId) -> Result<Option<Live>, Error> {
     let sql = "SELECT document FROM live WHERE machine = ?1";
     document(database, sql, [machine.as_str()])
@@ -83,7 +77,6 @@ pub(crate) fn put_live(database: &Connection, live: &Live) -> Result<(), Error> 
 }
 
 impl Store {
-    /// Registers a machine or changes its record.
     pub fn put_machine(&self, machine: &Machine, by: &str) -> Result<(), Error> {
         self.write(|database| put(database, machine, by))
     }
@@ -125,7 +118,6 @@ impl Store {
         })
     }
 
-    /// Last state of every machine from which a message was ever received.
     pub fn live(&self) -> Result<BTreeMap<MachineId, Live>, Error> {
         let lives: Vec<Live> =
             self.read(|database| documents(database, "SELECT document FROM live", []))?;

@@ -30,11 +30,9 @@ pub use models::SignedValue;
 /// Time after which a change is treated as hanging: a commit waits only for the disk.
 const HANG_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Persistent data of the centre.
 pub struct Store {
     writer: Mutex<Connection>,
     reader: Mutex<Connection>,
-    /// Start of the change being written.
     writing: Mutex<Option<Instant>>,
     /// If set, every use panics.
     #[cfg(test)]
@@ -51,7 +49,6 @@ impl Drop for Writes<'_> {
 }
 
 impl Store {
-    /// Opens a SQLite file, creating it if it does not exist.
     pub fn open(path: &Path) -> Result<Self, Error> {
         let mut writer = database::open(path)?;
         database::migrate(&mut writer)?;

@@ -21,14 +21,11 @@ const NEWEST_VERSIONS: &str = "SELECT versions.document FROM desired JOIN versio
     ON versions.machine = desired.machine AND versions.version = desired.version
     WHERE desired.value <> ''";
 
-/// The newest signed value of a machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SignedValue {
     pub machine: MachineId,
     pub version: u64,
-    /// Checksum of its model.
     pub model: String,
-    /// The value under the machine's key.
     pub value: String,
 }
 
@@ -79,7 +76,6 @@ impl Store {
         self.read(|database| model_of(database, sha256))
     }
 
-    /// Models of the newest versions, by checksum.
     pub(crate) fn newest_models(&self) -> Result<BTreeMap<String, Model>, Error> {
         let sql = "SELECT document FROM models WHERE sha256 IN (SELECT model FROM desired)";
         let models: Vec<Model> = self.read(|database| documents(database, sql, []))?;
@@ -89,7 +85,6 @@ impl Store {
         Ok(by_checksum.collect())
     }
 
-    /// The text of the model with this checksum.
     pub fn model_text(&self, sha256: &str) -> Result<Option<String>, Error> {
         self.read(|database| text_of(database, sha256))
     }
@@ -107,7 +102,6 @@ impl Store {
         self.read(|database| versions_of(database, machine))
     }
 
-    /// Newest version of every machine that has one, with its outcome.
     pub fn newest_versions(&self) -> Result<BTreeMap<MachineId, Version>, Error> {
         let versions: Vec<Version> =
             self.read(|database| documents(database, NEWEST_VERSIONS, []))?;
@@ -132,19 +126,16 @@ impl Store {
     }
 }
 
-/// Text of a model, read in a transaction.
 pub(crate) fn text_of(database: &Connection, sha256: &str) -> Result<Option<String>, Error> {
     let sql = "SELECT text FROM models WHERE sha256 = ?1";
     first(database, sql, [sha256], |row| Ok(row.get(0)?))
 }
 
-/// A model by its full checksum, read in a transaction.
 pub(crate) fn model_of(database: &Connection, sha256: &str) -> Result<Option<Model>, Error> {
     let sql = "SELECT document FROM models WHERE sha256 = ?1";
     document(database, sql, [sha256])
 }
 
-/// Every version of a machine, the newest first, read in a transaction.
 pub(crate) fn versions_of(
     database: &Connection,
     machine: &MachineId,
@@ -153,7 +144,6 @@ pub(crate) fn versions_of(
     documents(database, sql, [machine.as_str()])
 }
 
-/// Newest version of a machine, read in a transaction.
 pub(crate) fn newest_version(
     database: &Connection,
     machine: &MachineId,
@@ -162,7 +152,6 @@ pub(crate) fn newest_version(
     document(database, &sql, [machine.as_str()])
 }
 
-/// Desired state of a machine, read in a transaction.
 pub(crate) fn newest(database: &Connection, of: &MachineId) -> Result<Option<SignedValue>, Error> {
     let sql =
         "SELECT machine, version, model, value FROM desired WHERE machine = ?1 AND value <> ''";
@@ -200,7 +189,6 @@ pub(crate) fn next_version(database: &Connection, machine: &MachineId) -> Result
     Ok(issued.max(reported.unwrap_or_default()) + 1)
 }
 
-/// Adds a version with its signed value, which replaces the previous value.
 pub(crate) fn add_version(
     database: &Connection,
     version: &Version,
@@ -268,7 +256,6 @@ pub(crate) fn answer(
     change_version(database, &answered)
 }
 
-/// Stores the outcome of a version.
 pub(crate) fn change_version(database: &Connection, version: &Version) -> Result<(), Error> {
     let document = serde_json::to_string(version)?;
     execute(

@@ -60,7 +60,6 @@ impl Store {
         self.read(|database| documents(database, sql, [count]))
     }
 
-    /// Numbers of the open roll-outs.
     pub fn open_rollouts(&self) -> Result<Vec<u64>, Error> {
         let sql = "SELECT id FROM rollouts WHERE finished = 0 ORDER BY id";
         self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))
@@ -142,7 +141,6 @@ fn rollout(database: &Connection, id: u64) -> Result<Option<Rollout>, Error> {
     document(database, "SELECT state FROM rollouts WHERE id = ?1", [id])
 }
 
-/// A request and its author.
 type RequestBy = (UserRequest, String);
 
 /// Pending requests of a roll-out, in order.

@@ -1,5 +1,3 @@
-//! Users and their sessions in the store.
-
 use rusqlite::{Connection, Row, params};
 use serde_json::{Value as Json, json};
 
@@ -161,7 +159,6 @@ impl Store {
         self.read(|database| rows(database, &sql, [], user))
     }
 
-    /// A user and the password hash.
     pub fn user(&self, name: &UserName) -> Result<Option<(User, String)>, Error> {
         let sql = format!("SELECT {COLUMNS} FROM users WHERE name = ?1");
         self.read(|database| {

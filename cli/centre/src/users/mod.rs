@@ -19,7 +19,6 @@ pub(crate) use throttle::{REFUSAL_WINDOW, Refusal, Refusals};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
-    /// Read only.
     Viewer,
     /// May register machines, add models, roll them out, acknowledge alarms and search the network.
     Engineer,
@@ -30,7 +29,6 @@ pub enum Role {
 impl Role {
     pub const ALL: [Self; 3] = [Self::Viewer, Self::Engineer, Self::Admin];
 
-    /// Name in JSON and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Viewer => "viewer",
@@ -110,7 +108,6 @@ impl fmt::Display for UserName {
     }
 }
 
-/// A user, without the password.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct User {
     pub name: UserName,
@@ -120,7 +117,6 @@ pub struct User {
     pub added_by: String,
 }
 
-/// Minimum length of a password, characters.
 const MIN_CHARACTERS: usize = 12;
 /// Maximum length of a password, bytes: a longer one only costs time.
 const MAX_BYTES: usize = 1024;
@@ -130,7 +126,6 @@ const MAX_BYTES: usize = 1024;
 pub struct Password(String);
 
 impl Password {
-    /// Validates a newly chosen password.
     pub fn chosen(text: String) -> Result<Self, Error> {
         let found = text.chars().count();
         if found < MIN_CHARACTERS {
@@ -141,7 +136,6 @@ impl Password {
         Self::entered(text)
     }
 
-    /// Wraps a password entered at login.
     pub fn entered(text: String) -> Result<Self, Error> {
         if text.len() > MAX_BYTES {
             return Err(Error::Wrong(format!(
@@ -178,10 +172,8 @@ pub fn is_right(password: &Password, stored: Option<&str>) -> bool {
     equal.is_ok() && stored.is_some()
 }
 
-/// A time within one boot of the computer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BootTime {
-    /// Boot id of the kernel.
     pub boot: String,
     /// Seconds since boot, standby included.
     pub since_boot_s: f64,
@@ -198,7 +190,6 @@ impl BootTime {
         }
     }
 
-    /// A later time of the same boot.
     #[must_use]
     pub fn later(&self, by: Duration) -> Self {
         Self {
@@ -214,23 +205,19 @@ impl BootTime {
     }
 }
 
-/// A session of a user.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Session {
     pub user: UserName,
     pub since: BootTime,
     /// Last use, to the minute.
     pub used: BootTime,
-    /// Address from which the user logged in, for display.
     pub from: String,
 }
 
 impl Session {
-    /// Idle timeout.
     pub const IDLE_TIMEOUT: Duration = Duration::from_secs(30 * 60);
     /// Maximum duration of a session: a working day.
     pub const MAX_DURATION: Duration = Duration::from_secs(12 * 3600);
-    /// Minimum interval between two stored times of last use of a session.
     pub const LAST_USE_INTERVAL: Duration = Duration::from_secs(60);
 
     /// True until a timeout has passed.
@@ -242,7 +229,6 @@ impl Session {
         within(&self.since, Self::MAX_DURATION) && within(&self.used, Self::IDLE_TIMEOUT)
     }
 
-    /// True if the time of its last use must be stored again.
     pub fn needs_last_use_update(&self, now: &BootTime) -> bool {
         now.since(&self.used)
             .is_some_and(|seconds| seconds >= Self::LAST_USE_INTERVAL.as_secs_f64())
@@ -254,7 +240,6 @@ impl Session {
 pub struct Token(String);
 
 impl Token {
-    /// Generates a token from the random generator of the operating system.
     pub fn generate() -> Result<Self, getrandom::Error> {
         let mut bytes = [0; 32];
         getrandom::fill(&mut bytes)?;

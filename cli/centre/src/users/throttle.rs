@@ -19,9 +19,7 @@ const MAX_WRONG_OF_PAIR: u32 = 5;
 const MAX_WRONG_OF_ONE: u32 = 50;
 const WINDOW: Duration = Duration::from_secs(60);
 const DELAY: Duration = Duration::from_secs(2);
-/// Maximum number of delayed attempts for one account from one address.
 const MAX_WAITING: u32 = 2;
-/// Maximum number of counts that are kept.
 const MAX_COUNTS: usize = 4096;
 
 #[derive(Clone, PartialEq, Eq, Hash)]
@@ -68,7 +66,6 @@ pub struct Attempt<'a> {
 }
 
 impl Attempt<'_> {
-    /// Delay before the password is compared.
     pub fn delay(&self) -> Duration {
         if self.waiting.is_some() {
             DELAY
@@ -162,15 +159,12 @@ fn network(address: IpAddr) -> IpAddr {
 
 /// Time over which rejections of a kind from one address are combined.
 pub(crate) const REFUSAL_WINDOW: Duration = Duration::from_secs(60);
-/// Maximum number of different objects named in a record.
 const MAX_OBJECTS: usize = 8;
 /// Maximum number of counted addresses and kinds; beyond it, all addresses are counted together.
 const MAX_KEYS: usize = 1024;
 
-/// Kind of a rejection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Refusal {
-    /// Wrong name or password.
     Login,
     /// Too many wrong passwords before.
     Throttled,
@@ -179,7 +173,6 @@ pub(crate) enum Refusal {
 }
 
 impl Refusal {
-    /// Action name in the audit log.
     pub(crate) fn action(self) -> &'static str {
         match self {
             Self::Login => "login.refused",
@@ -193,9 +186,7 @@ impl Refusal {
 /// with their number.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct SuppressedRefusals {
-    /// Number of rejections.
     pub(crate) count: u64,
-    /// Some of the names or paths that were tried.
     pub(crate) tried: BTreeSet<String>,
 }
 

@@ -24,7 +24,6 @@ pub(crate) struct Slots {
     open: Option<Open>,
 }
 
-/// The allocated file and the counter of the last text written.
 struct Open {
     file: File,
     count: u64,
@@ -35,10 +34,8 @@ impl Slots {
         Self { path, open: None }
     }
 
-    /// Writes a text and syncs it to disk. The first call allocates the file.
-    ///
-    /// # Errors
-    /// The text is too long, the disk fails, or the disk is full before the file is allocated.
+    /// Writes a text and syncs it to disk. The first call allocates the file. Errors: the text is too long, the disk fails, or the disk is full
+    /// before the file is allocated.
     pub(crate) fn keep(&mut self, text: &str) -> io::Result<()> {
         let mut open = match self.open.take() {
             // The file may have been removed or replaced.
@@ -83,7 +80,6 @@ impl Slots {
     }
 }
 
-/// Formats a slot: checksum, counter and text on one line, padded with blanks.
 fn slot(count: u64, text: &str) -> io::Result<String> {
     let content = format!("{count} {text}");
     let line = format!("{} {content}", checksum(&content));

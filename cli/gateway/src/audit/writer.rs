@@ -17,15 +17,12 @@ use volcomp_port::Clock;
 
 use super::{AuditLog, Entry, replace_file, slots::Slots};
 
-/// Maximum number of queued records and files.
 const MAX_QUEUED: usize = 256;
 /// The disk is treated as not responding when one record or file takes longer than this.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Interval at which a failed log is retried.
 pub(crate) const RETRY_INTERVAL: Duration = Duration::from_millis(100);
 
-/// One piece of work for the disk.
 enum Task {
     Record(Box<Entry>, SyncSender<bool>),
     Again(Box<Entry>),
@@ -41,15 +38,10 @@ pub struct AuditWriter {
     retried: Duration,
 }
 
-/// State of the writer, shared between both threads.
 struct Health {
-    /// Clock for the deadline of a task.
     clock: Clock,
-    /// True if the last write to the log failed.
     fails: AtomicBool,
-    /// Number of records lost since the last successful write.
     lost: AtomicU64,
-    /// Number of unfinished tasks.
     open: AtomicU64,
     /// Start time of the current task, ns of the clock; 0 if idle.
     begun_ns: AtomicU64,
@@ -179,7 +171,6 @@ impl AuditWriter {
     }
 }
 
-/// The state of the writer thread.
 struct WriterThread {
     log: AuditLog,
     standing: Slots,
@@ -223,7 +214,7 @@ impl WriterThread {
         }
     }
 
-    /// Writes a record; on failure adds `loss` to the number of lost records.
+    /// On failure, `loss` is added to the number of lost records.
     fn write(&mut self, entry: &Entry, loss: u64) -> bool {
         let lost = self.health.lost.swap(0, Ordering::Relaxed);
         let written = self.log.write(entry, lost);

@@ -1,5 +1,3 @@
-//! The table `[guard]`: the limits that apply to every controller.
-
 use serde::{Deserialize, Serialize};
 use volcomp_document::Mistakes;
 use volcomp_model::Fading;
@@ -86,7 +84,7 @@ impl Default for GuardTable {
     }
 }
 
-/// The default test shift is capped at the limit.
+/// The default test shift of an axis is capped at its limit.
 fn axes(
     limit: f64,
     slew_per_s: f64,
@@ -160,7 +158,6 @@ impl GuardTable {
         }
     }
 
-    /// Fills in the defaults that follow from other keys.
     pub(crate) fn complete(&mut self) {
         let settings = self.settings();
         let linear = settings.linear;

@@ -1,5 +1,3 @@
-//! The configuration of a map sender: the map, the target control and the limits.
-
 use std::path::Path;
 
 use volcomp_devices::{config, map::MapKeys};
@@ -68,7 +66,6 @@ impl MapSender {
     }
 }
 
-/// Reports every invalid key.
 fn validate(keys: &MapKeys, found: &mut Mistakes<'_>) {
     for key in [
         "map",

@@ -28,7 +28,6 @@ pub use volcomp_devices::{
     map::AuditConfig,
 };
 
-/// The keys of the root table.
 const ROOT_KEYS: [&str; 12] = [
     "machine",
     "cycle_ms",
@@ -247,7 +246,6 @@ impl Config {
         Ok(config)
     }
 
-    /// Resolves every path against the folder of the file.
     fn join(&mut self, folder: &Path) {
         let paths = [&mut self.configured_machine, &mut self.audit.dir];
         let of_fleet = self.fleet.iter_mut();
@@ -284,13 +282,12 @@ impl Config {
         self.guard.as_ref().map(GuardTable::settings)
     }
 
-    /// Wraps an invalid device configuration with the file name.
     pub(crate) fn device_error(&self, source: DeviceError) -> GatewayError {
         let file = self.file.clone();
         GatewayError::DeviceConfig { file, source }
     }
 
-    /// Wraps a plan error (controllers, machine and limits do not match) with the file name.
+    /// Adds the file name to an error of the plan (controllers, machine and limits do not match).
     pub(crate) fn plan_error(&self, source: PlanError) -> GatewayError {
         let file = self.file.clone();
         GatewayError::Plan { file, source }
@@ -321,7 +318,6 @@ impl Config {
         self
     }
 
-    /// Origin of the active machine file.
     pub(crate) fn machine_from(&self) -> ModelSource {
         if self.is_machine_of_centre() {
             ModelSource::Centre
@@ -332,7 +328,6 @@ impl Config {
         }
     }
 
-    /// Whether the active machine file was activated by the centre.
     pub(crate) fn is_machine_of_centre(&self) -> bool {
         let fleet = self.fleet.as_ref();
         let is_of_person = Store::new(self.audit_dir()).holds(&self.machine);
@@ -365,7 +360,6 @@ impl Default for DashboardConfig {
     }
 }
 
-/// The table `[realtime]`.
 #[derive(Serialize, Deserialize)]
 #[serde(remote = "Realtime", deny_unknown_fields, default = "realtime")]
 struct RealtimeKeys {
@@ -374,7 +368,6 @@ struct RealtimeKeys {
     reference: bool,
 }
 
-/// Default scheduling of the control thread.
 pub(crate) fn realtime() -> Realtime {
     Realtime {
         priority: 60,

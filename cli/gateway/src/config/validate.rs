@@ -87,7 +87,6 @@ fn open_address(key: &str, listen: SocketAddr, anyone: bool, found: &mut Mistake
     }
 }
 
-/// Axis letters must not repeat.
 fn letters(key: &str, axes: &[AxisName], found: &mut Mistakes<'_>) {
     for (index, name) in axes.iter().enumerate() {
         if axes[..index].contains(name) {
@@ -160,7 +159,6 @@ fn controller(own: &ControllerConfig, cycle_ms: f64, rules: &Rules<'_>, found: &
     }
 }
 
-/// Checks the axes that a controller writes and those that it only reads.
 fn axes(own: &ControllerConfig, at: &str, found: &mut Mistakes<'_>) {
     found.require(at, "axes");
     let (axes, reads) = (format!("{at}.axes"), format!("{at}.reads"));

@@ -58,7 +58,6 @@ pub struct ModelEntry {
 }
 
 impl ModelEntry {
-    /// An entry for a model that is refused, with the current time.
     pub(crate) fn refused(
         who: &str,
         hash: String,

@@ -1,5 +1,3 @@
-//! Records of the audit log, and the file with the last output.
-
 use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
@@ -168,7 +166,6 @@ pub struct LastOutput {
 }
 
 impl LastOutput {
-    /// Names of the axes and controllers that identify an output of this machine.
     pub(crate) fn belongs_to(model: &Model, controllers: &[Description]) -> (String, Vec<String>) {
         let axes = model.axes.iter().map(|name| name.letter()).collect();
         let devices = controllers.iter().map(|one| one.device.clone());

@@ -23,14 +23,13 @@ struct Cursor {
     checksum: String,
 }
 
-/// A position in the log: inode of the file and offset, bytes.
 #[derive(Clone, Copy)]
 struct LogPosition {
     inode: u64,
     offset: u64,
 }
 
-/// Follows the log while another thread writes it. State: how far the log has been read and sent.
+/// Follows the log while another thread writes it, and remembers how far it has been read and sent.
 pub(super) struct AuditTail {
     folder: PathBuf,
     cursor_file: PathBuf,
@@ -83,7 +82,6 @@ impl AuditTail {
         }
     }
 
-    /// Reads the next records, across file boundaries.
     fn read(&mut self) {
         let files: Vec<(PathBuf, u64)> = log_files(&self.folder)
             .into_iter()

@@ -34,14 +34,12 @@ use crate::{
     request::{CentreOperation, Operation, Reply, RequestSender, ServiceRequest},
 };
 
-/// Retry interval after a failure.
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 /// Maximum number of queued values that change nothing; further ones are not answered.
 const MAX_OTHER_VALUES: usize = 4;
-/// Pause after a value that changes nothing, to limit the load if many of them arrive.
+/// Pause after a value that changes nothing, to limit the load of a flood of them.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Access to the service.
 #[derive(Clone)]
 pub(super) struct Service {
     pub(super) requests: RequestSender,
@@ -60,12 +58,10 @@ impl Service {
     }
 }
 
-/// A received value, judged.
 enum JudgedValue {
     New(Box<AcceptedManifest>),
-    /// The last accepted manifest, received again.
+    /// The same manifest as the last accepted one.
     Again(Box<AcceptedManifest>),
-    /// A value that is not accepted.
     Refused {
         /// Version of the manifest, as far as it can be parsed.
         version: u64,
@@ -76,16 +72,14 @@ enum JudgedValue {
     },
 }
 
-/// A manifest that a trusted key has signed for this machine.
 #[derive(Clone)]
 struct AcceptedManifest {
     held: StoredManifest,
-    /// Its machine file, if it was included; the checksum matches.
+    /// The machine file, if the manifest included it; its checksum matches.
     model: Option<String>,
     value_sha256: String,
 }
 
-/// Receives and judges values.
 pub(super) struct ManifestReceiver {
     trust: Trust,
     newest: Option<StoredManifest>,
@@ -98,12 +92,11 @@ const UNKNOWN: &str = "unknown";
 /// Maximum length of a reported reason, characters: some reasons quote received text of any length.
 const MAX_REASON_CHARS: usize = 300;
 
-/// Requester for the audit log: the centre, with the first digits of its key.
 fn who(key: &str) -> String {
     format!("centre {}", key.get(..8).unwrap_or(UNKNOWN))
 }
 
-/// The signer of a rejected value, as far as it is known.
+/// The signer of a rejected value; [`UNKNOWN`] if no trusted key signed it.
 fn signer(error: &ManifestRejection, key: &str) -> String {
     match error {
         ManifestRejection::Document(_)
@@ -141,7 +134,6 @@ impl ManifestReceiver {
         }
     }
 
-    /// Classifies a value.
     fn judge(&mut self, value: &[u8]) -> JudgedValue {
         let value_sha256 = crate::hex(&Sha256::digest(value));
         let parsed = Desired::parse(value);
@@ -216,7 +208,6 @@ impl ManifestReceiver {
     }
 }
 
-/// Describes the outcome of a manifest.
 pub(super) fn in_words(outcome: &Outcome) -> String {
     match outcome {
         Outcome::Activated => "in force".to_owned(),
@@ -232,10 +223,9 @@ pub(super) fn in_words(outcome: &Outcome) -> String {
     }
 }
 
-/// A failure that is retried, with its reason.
 struct RetryReason(String);
 
-/// Activates manifests. State: the content of the folder, and the current manifest.
+/// Activates manifests, one at a time. `standing` and `active` are also in the folder.
 pub(super) struct ManifestActivator {
     store: Store,
     service: Service,
@@ -243,11 +233,10 @@ pub(super) struct ManifestActivator {
     acknowledge: UnboundedSender<Acknowledgement>,
     standing: Standing,
     active: Option<StoredManifest>,
-    /// The current manifest, until its outcome is known and on disk.
+    /// The manifest whose outcome is not known or not on disk yet.
     current: Option<AcceptedManifest>,
-    /// Whether the current manifest is on disk.
+    /// Set if `current` is on disk.
     is_kept: bool,
-    /// Time of the next attempt.
     again: Instant,
     /// Damage found at start-up, until it is reported.
     damage: Option<String>,
@@ -292,7 +281,6 @@ impl ManifestActivator {
         }
     }
 
-    /// Runs until it is dropped.
     async fn run(
         mut self,
         sender: MachineSender,
@@ -317,7 +305,6 @@ impl ManifestActivator {
         }
     }
 
-    /// Replaces the current manifest with a new one.
     fn begin(&mut self, new: AcceptedManifest) {
         let manifest = &new.held.manifest;
         tracing::info!(version = manifest.version, "fleet: manifest accepted");
@@ -332,7 +319,7 @@ impl ManifestActivator {
         self.show(None);
     }
 
-    /// Answers a value that changes nothing.
+    /// Answers a value that changes nothing: a repeated or a refused one.
     fn answer(&mut self, other: JudgedValue) {
         match other {
             JudgedValue::New(new) => self.begin(*new),
@@ -369,7 +356,6 @@ impl ManifestActivator {
         }
     }
 
-    /// Tries once to activate the current manifest.
     async fn advance(&mut self, sender: &MachineSender) {
         let Some(current) = self.current.clone() else {
             return;
@@ -475,7 +461,7 @@ impl ManifestActivator {
         Ok(None)
     }
 
-    /// Requests the service to correct with the machine file.
+    /// Asks the service to activate the machine file and to correct with it.
     async fn take(&self, held: &StoredManifest) -> Result<Outcome, RetryReason> {
         let operation = CentreOperation::Take {
             machine: self.store.machine(&held.manifest),
@@ -517,7 +503,6 @@ impl ManifestActivator {
         }
     }
 
-    /// Runs disk work on a blocking thread.
     async fn on_disk(
         &self,
         held: &StoredManifest,
@@ -553,7 +538,6 @@ impl ManifestActivator {
         let _ = self.acknowledge.send(acknowledgement);
     }
 
-    /// Publishes the current state.
     fn show(&self, trouble: Option<String>) {
         let standing = &self.standing;
         self.shared.published.update_fleet(|state| {

@@ -37,9 +37,7 @@ use reporter::Reporter;
 use shared::Shared;
 use store::{Store, StoredFleet};
 
-/// Retry interval after a connection could not be set up.
 const RETRY_INTERVAL: Duration = Duration::from_secs(10);
-/// Timeout for the last messages at shutdown.
 const END_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Path of the machine file activated by the centre; `None`: missing or damaged.
@@ -48,18 +46,16 @@ pub(crate) fn machine_in_force(config: &FleetConfig) -> Option<std::path::PathBu
     Some(Store::new(config).machine(&active.manifest))
 }
 
-/// The content of the folder, left by earlier runs.
 pub(crate) fn stored(config: &FleetConfig) -> StoredFleet {
     Store::new(config).read(config)
 }
 
-/// Whether the centre's last order forbids correcting.
 pub(crate) fn forbids(config: &Config) -> Reasons {
     let disabled = |fleet| stored(fleet).standing.disabled;
     Reasons::DISABLED_BY_CENTRE.when(config.fleet.as_ref().is_some_and(disabled))
 }
 
-/// The two threads; they end when this is dropped.
+/// The threads that receive manifests and send messages. Dropping it ends them.
 pub struct Fleet {
     stop: watch::Sender<bool>,
     threads: Vec<JoinHandle<()>>,
@@ -158,10 +154,7 @@ pub fn start(
     }))
 }
 
-/// Connection settings, with the seed from its file.
-///
-/// # Errors
-/// The file is readable by other users, or does not contain a seed.
+/// Connection settings, with the seed from its file. Errors: the file is readable by other users, or does not contain a seed.
 pub(crate) fn settings(config: &FleetConfig) -> Result<LinkSettings, GatewayError> {
     let file = &config.nkey_file;
     let seed = volcomp_document::private::read(file)?;
@@ -178,7 +171,6 @@ pub(crate) fn settings(config: &FleetConfig) -> Result<LinkSettings, GatewayErro
     Ok(settings)
 }
 
-/// Connects, retrying after failures, and passes the connection to the sending thread.
 async fn connected(
     settings: &LinkSettings,
     identity: &volcomp_fleet::Identity,
@@ -212,7 +204,6 @@ async fn connected(
     }
 }
 
-/// Spawns a thread with a separate runtime for one task.
 fn spawn(
     name: &str,
     work: impl Future<Output = ()> + Send + 'static,
@@ -228,7 +219,6 @@ fn spawn(
     })
 }
 
-/// Runs until the gateway stops.
 async fn until_stopped(mut stopped: watch::Receiver<bool>, work: impl Future<Output = ()>) {
     tokio::select! {
         // A dropped sender also means the end.

@@ -22,18 +22,13 @@ use volcomp_fleet::{
 use super::{audit_tail::AuditTail, shared::Shared, store::Store};
 use crate::{documents::Status, interop::quantities::length};
 
-/// Polling interval of the log and the connection.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
-/// Pause after a failed message.
 const PAUSE: Duration = Duration::from_secs(1);
 /// Interval at which the cursor of the log is saved and a folder that could not be opened is retried.
 const SAVE_INTERVAL: Duration = Duration::from_secs(5);
-/// Maximum number of acknowledgements queued while the folder cannot be opened.
 const MAX_WITHOUT_FOLDER: usize = 64;
-/// Timeout for the last messages at shutdown.
 const END_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Origin of the message being sent.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Source {
     Spool,
@@ -42,17 +37,17 @@ enum Source {
 
 type Sending = Pin<Box<dyn Future<Output = (Source, Result<(), LinkError>)> + Send>>;
 
-/// Sends messages to the centre. State: the number of the last message, and the queued messages.
+/// Sends messages to the centre: acknowledgements, records of the log, and states.
 pub(super) struct Reporter {
     store: Store,
     shared: Arc<Shared>,
     link: watch::Receiver<Option<MachineSender>>,
     log: AuditTail,
     spool: Option<Spool>,
-    /// Queue used while there is no folder.
+    /// Queued messages while the folder cannot be opened.
     without_folder: Vec<Waiting>,
     dropped: u64,
-    /// The record being sent, with its envelope: a retry sends the same message.
+    /// The record being sent, in its envelope, so that a retry sends the same message.
     record: Option<Waiting>,
     instance: String,
     number: u64,
@@ -90,7 +85,6 @@ impl Reporter {
         }
     }
 
-    /// Sends messages until it is stopped.
     pub(super) async fn run(
         mut self,
         mut acknowledged: UnboundedReceiver<Acknowledgement>,
@@ -118,7 +112,6 @@ impl Reporter {
         self.end(sending, acknowledged).await;
     }
 
-    /// Sends the last messages and saves the rest to disk.
     async fn end(
         mut self,
         mut sending: Option<Sending>,
@@ -153,7 +146,6 @@ impl Reporter {
         }
     }
 
-    /// Opens the folder of queued messages.
     fn open(&mut self) {
         match Spool::open(&self.store.spool(), SpoolLimits::default()) {
             Ok(spool) => {
@@ -180,7 +172,6 @@ impl Reporter {
         }
     }
 
-    /// Builds a message, numbered within this run of the gateway.
     fn message<T: Serialize>(&mut self, kind: Kind, body: T) -> Option<Waiting> {
         let model = self.shared.published.model().hash.clone();
         self.number += 1;
@@ -207,7 +198,6 @@ impl Reporter {
         }
     }
 
-    /// Sends the condition and the complete state when they are due.
     fn send_due_states(&mut self) {
         let now = Instant::now();
         let pace = self.shared.pace();
@@ -328,7 +318,6 @@ async fn pending_send(sending: &mut Option<Sending>) -> (Source, Result<(), Link
     }
 }
 
-/// Random identifier of this run.
 fn instance() -> String {
     let mut bytes = [0; 8];
     match rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty()) {
@@ -342,7 +331,6 @@ fn instance() -> String {
     }
 }
 
-/// Summary of the state.
 fn condition(status: &Status) -> Condition {
     let temperatures = status.temperatures.iter();
     Condition {

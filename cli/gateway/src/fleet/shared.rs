@@ -12,15 +12,12 @@ use std::{
 
 use crate::published::Published;
 
-/// Default interval between two conditions, s.
 const CONDITION_S: u64 = 1;
 /// Default interval between two complete states, s.
 const TELEMETRY_S: u64 = 10;
-/// Waiting time after which the disk is reported as hanging.
 const DISK_TIMEOUT: Duration = Duration::from_secs(3);
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
-/// State shared by both threads.
 pub(super) struct Shared {
     pub(super) published: Published,
     /// Version of the active manifest; 0: none.
@@ -29,14 +26,12 @@ pub(super) struct Shared {
     forbidding: AtomicU64,
     condition_s: AtomicU64,
     telemetry_s: AtomicU64,
-    /// Disk wait of the activating thread.
     pub(super) activating: Arc<DiskMonitor>,
-    /// Disk wait of the sending thread.
     pub(super) reporting: Arc<DiskMonitor>,
 }
 
 impl Shared {
-    /// Initial state, with the version of the active manifest; 0: none.
+    /// `version` is that of the active manifest; 0 if none is active.
     pub(super) fn new(published: Published, version: u64) -> Self {
         Self {
             published,
@@ -53,12 +48,10 @@ impl Shared {
         self.version.load(Ordering::Relaxed)
     }
 
-    /// Records that a version forbids correcting.
     pub(super) fn forbid(&self, version: u64) {
         self.forbidding.fetch_max(version, Ordering::Relaxed);
     }
 
-    /// Whether a newer version than this one forbids correcting.
     pub(super) fn is_forbidden_after(&self, version: u64) -> bool {
         self.forbidding.load(Ordering::Relaxed) > version
     }
@@ -78,15 +71,13 @@ impl Shared {
     }
 }
 
-/// Start of the current wait for the disk.
+/// When the current wait for the disk started; `None`: no wait.
 #[derive(Default)]
 pub(super) struct DiskMonitor(Mutex<Option<Instant>>);
 
-/// Ends the wait when it is dropped.
 pub(super) struct DiskWait(Arc<DiskMonitor>);
 
 impl DiskMonitor {
-    /// Starts a wait.
     pub(super) fn wait(self: &Arc<Self>) -> DiskWait {
         *self.since() = Some(Instant::now());
         DiskWait(Arc::clone(self))

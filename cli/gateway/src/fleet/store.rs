@@ -21,38 +21,29 @@ const STANDING: &str = "standing.json";
 /// State that survives a restart, besides the manifests.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Standing {
-    /// Version of the highest accepted manifest; 0: none.
+    /// Highest accepted version of a manifest; 0: none.
     pub(crate) highest: u64,
     /// Version of the active manifest; `None`: the configured machine file is active.
     pub(crate) active: Option<u64>,
-    /// Whether the centre forbids correcting.
     pub(crate) disabled: bool,
     /// Outcome of the highest manifest; `None`: not known yet.
     pub(crate) outcome: Option<Outcome>,
 }
 
-/// A manifest that a trusted key signed for this machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct StoredManifest {
-    /// The signed document, without its machine file.
     pub(crate) desired: Desired,
-    /// The decoded content of the document.
     pub(crate) manifest: Manifest,
 }
 
-/// The content of the folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct StoredFleet {
     pub(crate) standing: Standing,
-    /// The highest accepted manifest.
     pub(crate) newest: Option<StoredManifest>,
-    /// The active manifest; its machine file is present and intact.
     pub(crate) active: Option<StoredManifest>,
-    /// Description of the damage, if any.
     pub(crate) damage: Option<String>,
 }
 
-/// Access to the folder.
 #[derive(Clone, Debug)]
 pub(crate) struct Store {
     dir: PathBuf,
@@ -65,17 +56,14 @@ impl Store {
         }
     }
 
-    /// Folder of messages queued for the server.
     pub(crate) fn spool(&self) -> PathBuf {
         self.dir.join("waiting")
     }
 
-    /// File with the position up to which the audit log has been sent.
     pub(crate) fn audit_cursor(&self) -> PathBuf {
         self.dir.join("audit-sent.json")
     }
 
-    /// Path of the machine file of a manifest.
     pub(crate) fn machine(&self, manifest: &Manifest) -> PathBuf {
         self.dir
             .join(format!("machine-{}.toml", manifest.model.sha256))
@@ -85,7 +73,6 @@ impl Store {
         self.dir.join(format!("manifest-{version}.json"))
     }
 
-    /// Creates the folder, accessible to this user only.
     pub(crate) fn make(&self) -> io::Result<()> {
         let mut builder = fs::DirBuilder::new();
         builder.recursive(true).mode(0o700).create(&self.dir)
@@ -144,7 +131,6 @@ impl Store {
         kept
     }
 
-    /// The stored manifests signed by a trusted key for this machine.
     fn manifests(&self, config: &FleetConfig) -> Vec<StoredManifest> {
         let Ok(entries) = fs::read_dir(&self.dir) else {
             return Vec::new();
@@ -158,7 +144,6 @@ impl Store {
         named.filter_map(|path| verified(&path, config)).collect()
     }
 
-    /// Whether the machine file of a manifest is present and intact.
     pub(crate) fn has_machine(&self, manifest: &Manifest) -> bool {
         fs::read(self.machine(manifest)).is_ok_and(|text| manifest.model.is(&text))
     }
@@ -171,7 +156,6 @@ impl Store {
         self.keep_standing(standing)
     }
 
-    /// Saves the machine file of a manifest.
     pub(crate) fn keep_machine(&self, manifest: &Manifest, text: &str) -> io::Result<()> {
         replace_file(&self.machine(manifest), text)
     }
@@ -180,7 +164,6 @@ impl Store {
         replace_file(&self.dir.join(STANDING), &serde_json::to_string(standing)?)
     }
 
-    /// Removes files that belong to none of these manifests.
     pub(crate) fn tidy(&self, held: &[&StoredManifest]) {
         let needed: BTreeSet<PathBuf> = held
             .iter()

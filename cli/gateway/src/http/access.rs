@@ -1,5 +1,3 @@
-//! Access control of the dashboard: host names, tokens, timeouts and response headers.
-
 use std::{
     collections::HashMap,
     net::{IpAddr, SocketAddr},
@@ -28,7 +26,7 @@ use crate::{
     request::Reply,
 };
 
-/// Timeout of a request, including the response of the service.
+/// Timeout of a request, including the time in which the service responds.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 /// Path for uploads of machine files, which may be slow.
 pub(super) const UPLOAD_PATH: &str = "/api/model/upload";
@@ -123,13 +121,11 @@ pub(super) async fn token(
     }
 }
 
-/// Converts a reply of the service or of the models.
 pub(super) fn answer(reply: Reply) -> Response {
     let status = StatusCode::from_u16(reply.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     (status, Json(reply.answer)).into_response()
 }
 
-/// The bearer token of a request.
 pub(super) fn bearer(headers: &HeaderMap) -> Option<&str> {
     let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
     let (scheme, token) = value.split_once(' ')?;
@@ -138,12 +134,11 @@ pub(super) fn bearer(headers: &HeaderMap) -> Option<&str> {
         .then_some(token.trim())
 }
 
-/// A refusal with its reason.
 pub(super) fn refuse(status: StatusCode, why: &str) -> Response {
     (status, Json(Refusal::new(why))).into_response()
 }
 
-/// A static file of the web interface.
+/// A file of the web interface that is compiled in.
 pub(super) fn page(kind: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
@@ -170,7 +165,6 @@ impl IntoResponse for Denied {
 const WRONG: u32 = 5;
 /// Period over which wrong tokens are counted and an address stays blocked.
 const WRONG_IN: Duration = Duration::from_secs(60);
-/// Maximum number of addresses whose wrong tokens are counted.
 const ADDRESSES: usize = 1024;
 
 /// Role of a token: the set of requests it allows.
@@ -210,7 +204,6 @@ pub struct Tokens {
     holders: Vec<(Holder, [u8; 32])>,
     /// Number of wrong tokens by address, and the time of the first one.
     wrong: Mutex<HashMap<IpAddr, (u32, Duration)>>,
-    /// Clock for blocking an address.
     clock: Clock,
 }
 

@@ -24,7 +24,6 @@ pub fn listen(address: SocketAddr) -> Result<std::net::TcpListener, GatewayError
         .map_err(|e| GatewayError::system(format!("dashboard {address}"), e))
 }
 
-/// Creates a runtime with one worker thread that serves a socket.
 pub(crate) fn runtime<F>(
     listener: std::net::TcpListener,
     serve: impl FnOnce(TcpListener) -> F,

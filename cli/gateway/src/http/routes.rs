@@ -1,5 +1,3 @@
-//! The routes of the dashboard.
-
 use std::{
     convert::Infallible,
     net::{IpAddr, SocketAddr},
@@ -45,10 +43,8 @@ use crate::{
 
 /// Maximum size of a request body, bytes.
 const MAX_BODY: usize = 64 * 1024;
-/// Interval between two events of a stream.
 const EVENT_EVERY: Duration = Duration::from_millis(100);
 
-/// Maximum number of concurrent event streams.
 const MAX_STREAMS: usize = 16;
 
 const HTML: &str = "text/html; charset=utf-8";
@@ -56,7 +52,6 @@ const JS: &str = "text/javascript; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const SVG: &str = "image/svg+xml";
 
-/// Static files of the web interface: path, content type and content.
 const PAGES: [(&str, &str, &str); 9] = [
     ("/", HTML, include_str!("../../web/index.html")),
     ("/app.js", JS, include_str!("../../web/app.js")),
@@ -87,10 +82,8 @@ pub struct Dashboard {
     pub streams: AtomicUsize,
 }
 
-/// The state passed to every handler.
 pub(super) type Shared = Arc<Dashboard>;
 
-/// A slot among the event streams, released on drop.
 struct StreamSlot(Arc<Dashboard>);
 
 impl StreamSlot {
@@ -109,10 +102,10 @@ impl Drop for StreamSlot {
     }
 }
 
-/// Extracts the name of a token that may operate; other requests are refused.
+/// Extracts the name of a token with the role of an operator; other requests are refused.
 struct Operator(String);
 
-/// Extracts the name of a token that may upload and activate models; other requests are refused.
+/// Extracts the name of a token with the role of an engineer, who may upload and activate models; other requests are refused.
 struct Engineer(String);
 
 impl FromRequestParts<Shared> for Operator {
@@ -185,7 +178,6 @@ async fn state(State(dashboard): State<Shared>) -> Response {
     Json(latest(&dashboard)).into_response()
 }
 
-/// The current state, with the token information of the dashboard.
 fn latest(dashboard: &Dashboard) -> Status {
     let mut status = dashboard.published.latest();
     let mut holders = dashboard.access.tokens.holders();
@@ -208,7 +200,6 @@ async fn error_map(State(dashboard): State<Shared>) -> Response {
     Json(error_map_of(&published.model(), &published.latest())).into_response()
 }
 
-/// Streams the state.
 async fn events(State(dashboard): State<Shared>) -> Response {
     let Some(slot) = StreamSlot::take(&dashboard) else {
         return refuse(
@@ -253,7 +244,7 @@ async fn reload(dashboard: State<Shared>, operator: Operator, body: Bytes) -> Re
     operate(dashboard, operator, &body, Operation::Reload).await
 }
 
-/// Forwards a request of an operator to the service; the body may confirm a model.
+/// Forwards a request of an operator to the service. The body may contain the hash that confirms a model.
 async fn operate(
     State(dashboard): State<Shared>,
     Operator(who): Operator,
@@ -272,7 +263,6 @@ async fn operate(
     request(&dashboard, who, operation(confirm)).await
 }
 
-/// Sends a request to the service and waits for the response.
 async fn request(dashboard: &Dashboard, who: String, operation: Operation) -> Response {
     let (reply_to, wait) = oneshot::channel();
     // Creating the request already orders the disarm, even if the queue is full.
@@ -297,7 +287,6 @@ const MAX_MODEL_BODY: usize = 16 * 1024;
 /// Timeout between two parts of a file.
 const PART_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Routes for engineers.
 fn model_routes() -> Router<Shared> {
     Router::new()
         .route(UPLOAD_PATH, post(upload))
@@ -333,14 +322,13 @@ fn decoded<T: DeserializeOwned>(body: &Bytes) -> Result<T, Box<Response>> {
     })
 }
 
-/// Query parameters of an upload.
 #[derive(Deserialize)]
 struct Upload {
     kind: String,
     name: String,
 }
 
-/// Receives a machine file, which is the body of the request.
+/// The body of the request is the machine file.
 async fn upload(
     State(dashboard): State<Shared>,
     Engineer(who): Engineer,
@@ -372,7 +360,6 @@ async fn upload(
     }
 }
 
-/// Reads the complete body.
 async fn received(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Box<Response>> {
     let refused = |status, why: &str| Err(Box::new(refuse(status, why)));
     let large = || {
@@ -439,7 +426,6 @@ async fn answer_of(query: Result<PendingReply, Reply>) -> Response {
     })
 }
 
-/// Number of nodes along each of the two axes.
 const NODES: usize = 25;
 
 /// Magnitude of the error over the travels of the first two linear axes, with the other axes at their current

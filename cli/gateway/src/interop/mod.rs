@@ -75,7 +75,7 @@ pub struct RunningInterfaces {
     _opc_ua: Option<InterfaceThread>,
 }
 
-/// A thread that serves one interface. It ends and closes its sockets when this is dropped.
+/// A thread that serves one interface. Dropping it ends the thread and closes its sockets.
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
 struct InterfaceThread {
     stop: Option<oneshot::Sender<()>>,
@@ -93,8 +93,6 @@ impl Drop for InterfaceThread {
     }
 }
 
-/// Runs a task on a separate thread until the returned value is dropped. The task is created on that thread and stays
-/// there.
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
 fn start<F: Future<Output = ()>>(
     name: &'static str,

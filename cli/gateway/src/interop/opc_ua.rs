@@ -45,18 +45,13 @@ use crate::{
     published::Published,
 };
 
-/// Namespace of the nodes.
 const NAMESPACE: &str = "urn:volcomp:gateway";
-/// Timeout for a client's hello message, s.
 const HELLO_TIMEOUT_S: u32 = 5;
 /// Polling interval of the proxy until the server is ready.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
 
-/// The bound sockets; they do not serve clients yet.
 pub(super) struct Bound {
-    /// Socket for clients.
     outer: std::net::TcpListener,
-    /// Socket of the library's server.
     inner: std::net::TcpListener,
     listen: SocketAddr,
 }
@@ -98,7 +93,7 @@ impl Bound {
         })
     }
 
-    /// Serves until it is dropped or an error occurs.
+    /// Serves until this future is dropped or an error occurs.
     async fn run(self, shape: &Shape, published: &Published) -> Result<(), String> {
         // The server spawns tasks, so it is created on the runtime that executes them.
         let (server, handle) = server(self.listen, shape)?;
@@ -164,7 +159,6 @@ fn server(listen: SocketAddr, shape: &Shape) -> Result<(Server, ServerHandle), S
     builder.build()
 }
 
-/// Host in the addresses given to clients.
 fn host(listen: SocketAddr) -> String {
     match listen {
         listen if listen.ip().is_unspecified() => {
@@ -239,10 +233,7 @@ async fn pass(mut client: TcpStream, inner: SocketAddr) -> io::Result<()> {
 /// The root folder and prefix of folder identifiers.
 const ROOT: &str = "volcomp";
 
-/// Creates the nodes. Each reads the latest state on access.
-///
-/// # Errors
-/// The server was built without the node manager for them.
+/// Creates the nodes. Each reads the latest state on access. Errors: the server was built without the node manager for them.
 fn fill(handle: &ServerHandle, shape: &Shape, published: &Published) -> Result<(), String> {
     let managers = handle.node_managers();
     let manager = managers.get_of_type::<SimpleNodeManager>();
@@ -278,14 +269,12 @@ fn fill(handle: &ServerHandle, shape: &Shape, published: &Published) -> Result<(
     Ok(())
 }
 
-/// The folders created so far.
 struct Folders {
     namespace: u16,
     made: BTreeSet<String>,
 }
 
 impl Folders {
-    /// The folder of this path; created if it is missing.
     fn of(&mut self, space: &mut AddressSpace, path: &[&str]) -> NodeId {
         let mut above = NodeId::from(ObjectId::ObjectsFolder);
         let mut whole = String::new();
@@ -318,7 +307,6 @@ fn data_type(kind: Kind) -> DataTypeId {
     }
 }
 
-/// Description of a quantity, with its unit.
 fn description(quantity: &Quantity) -> String {
     match quantity.kind {
         Kind::Number(unit) => format!("{}, {}", quantity.help, unit.symbol()),
@@ -329,7 +317,6 @@ fn description(quantity: &Quantity) -> String {
 /// Offset between the epochs of OPC UA (1601) and Unix (1970), in steps of 100 ns.
 const UNIX_EPOCH_TICKS: i64 = 116_444_736_000_000_000;
 
-/// A reading with the requested timestamps.
 fn value(reading: Reading, now: SystemTime, stamps: TimestampsToReturn) -> DataValue {
     let age = Duration::try_from_secs_f64(reading.age_ms * 1e-3).unwrap_or_default();
     let source = now.checked_sub(age).unwrap_or(now);

@@ -134,7 +134,7 @@ pub struct Reading {
 pub struct Quantity {
     /// The part of the gateway to which the quantity belongs.
     pub part: Part,
-    /// Name within its part: lower-case letters and `_`.
+    /// Name of the quantity within its part: lower-case letters and `_`.
     pub row: &'static str,
     /// Unique name within the gateway: lower-case letters, digits and `_`, starting with a letter.
     pub key: String,
@@ -306,7 +306,7 @@ impl Quantity {
         }
     }
 
-    /// Name within its folder in CamelCase, such as `PositionsAge`.
+    /// Name of the quantity within its folder, in CamelCase, such as `PositionsAge`.
     pub fn name(&self) -> String {
         let words = self.row.split('_').map(|word| {
             let (first, rest) = word.split_at(1);
@@ -325,7 +325,7 @@ pub(super) fn key_of(name: &str) -> String {
     name.chars().map(key).collect()
 }
 
-/// Appends a number to sensor keys that would otherwise be equal, because the names differ only in other characters.
+/// Appends a number to each of several equal sensor keys, as of names that differ only in characters replaced by `_`.
 fn number_twins(list: &mut [Quantity]) {
     let mut taken = BTreeSet::new();
     for quantity in list {
@@ -371,7 +371,7 @@ fn while_cycling(status: &Status, value: Option<Value>) -> Reading {
     good(status, value.filter(|_| status.state != StateName::Unknown))
 }
 
-/// Non-finite numbers are treated as unknown.
+/// Non-finite numbers are unknown.
 fn number(value: Option<f64>) -> Option<Value> {
     value.filter(|value| value.is_finite()).map(Value::Number)
 }
@@ -388,12 +388,11 @@ fn of_path(status: &Status, place: usize, value: impl Fn(&PathState) -> Option<V
     good(status, status.controllers.get(place).and_then(value))
 }
 
-/// The path that applies the correction.
 fn active(status: &Status) -> Option<&PathState> {
     status.controllers.iter().find(|path| path.active)
 }
 
-/// Reading of a value computed from the positions, with their quality and age.
+/// The reading of a value that depends on the positions: it has their quality and age.
 fn by_position(status: &Status, value: Option<f64>) -> Reading {
     let old = Reasons::POSITIONS_STALE | Reasons::POSITIONS_LOST;
     let is_old = (old.texts()).any(|old| status.reasons.iter().any(|reason| reason == old));

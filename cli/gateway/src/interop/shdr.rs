@@ -29,7 +29,7 @@ use crate::{
     published::Published,
 };
 
-/// The bound socket; clients are served once the service runs.
+/// The bound socket. Clients are accepted once the service runs.
 pub(super) struct Bound(std::net::TcpListener);
 
 impl Bound {
@@ -59,7 +59,6 @@ impl Bound {
     }
 }
 
-/// Value of an unknown item.
 const UNAVAILABLE: &str = "UNAVAILABLE";
 /// Key of the item that reports whether the gateway is available.
 const AVAILABILITY: &str = "avail";
@@ -105,7 +104,6 @@ pub struct SentState {
     conditions: Vec<Condition>,
 }
 
-/// The last sent state of one condition.
 #[derive(Clone, PartialEq)]
 enum Condition {
     Nothing,
@@ -157,8 +155,7 @@ impl SentState {
     }
 }
 
-/// The lines for the change of a condition: ended alarms become normal by their code; new ones and those with a changed
-/// level are sent.
+/// The lines that report a changed condition. Ended alarms become normal by their code; new ones, and those with a changed level, are sent.
 fn condition(
     text: &mut String,
     now: SystemTime,
@@ -193,7 +190,6 @@ fn condition(
     }
 }
 
-/// Formats a value in the unit used by MTConnect.
 fn shown(quantity: &Quantity, value: &Value) -> String {
     match (value, quantity.kind) {
         (Value::Number(value), Kind::Number(unit)) => in_unit(*value, unit),
@@ -255,7 +251,6 @@ pub fn escaped(text: &str) -> String {
     quoted
 }
 
-/// Interval at which changes are sent.
 const SEND_INTERVAL: Duration = Duration::from_millis(100);
 /// Clients that do not read for this long are disconnected.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(5);
@@ -423,7 +418,6 @@ pub fn device(shape: &Shape, name: &str) -> String {
     xml.text
 }
 
-/// XML text and the current nesting depth.
 #[derive(Default)]
 struct Xml {
     text: String,
@@ -512,7 +506,6 @@ fn own_type(quantity: &Quantity) -> String {
     format!("x:COMPENSATION_{}", quantity.row.to_ascii_uppercase())
 }
 
-/// Escapes text for XML. Characters that XML cannot represent are dropped.
 fn xml_escaped(text: &str) -> String {
     let mut xml = String::new();
     for c in text.chars().filter(|c| !c.is_control()) {

@@ -33,10 +33,8 @@ use crate::{
 
 /// Maximum size of a machine file, bytes. Parsing needs about fifty times as much memory, in the process that corrects.
 pub(crate) const MAX_FILE_BYTES: usize = 4 * 1024 * 1024;
-/// Maximum number of concurrent uploads.
 const MAX_UPLOADS: usize = 4;
 
-/// An upload slot, released on drop.
 pub(crate) struct UploadSlot(Arc<Shared>);
 
 impl Drop for UploadSlot {
@@ -45,7 +43,6 @@ impl Drop for UploadSlot {
     }
 }
 
-/// Reserves an upload slot.
 pub(super) fn place(shared: &Arc<Shared>) -> Result<UploadSlot, Reply> {
     if shared.is_built_in {
         return Err(refused(422, BUILT_IN));
@@ -61,7 +58,6 @@ pub(super) fn place(shared: &Arc<Shared>) -> Result<UploadSlot, Reply> {
     }
 }
 
-/// Stores a machine file uploaded by `who` and starts the comparison.
 pub(super) fn take(
     shared: &Arc<Shared>,
     who: &str,
@@ -124,7 +120,6 @@ pub(super) fn take(
 }
 
 impl Shared {
-    /// Stores the result of a comparison; the result of a discarded candidate is dropped.
     fn done(&self, id: &str, done: Result<(String, CandidateResult), String>) {
         let mut candidate = locked(&self.candidate);
         let Some(held) = candidate.as_mut().filter(|held| held.is(id)) else {
@@ -161,7 +156,6 @@ impl HeldCandidate {
         self.document.brief.id == id
     }
 
-    /// The refusal for a second upload.
     fn occupied(&self) -> Reply {
         let CandidateBrief { who, since, .. } = &self.document.brief;
         refused(
@@ -229,7 +223,6 @@ fn compared(
     Ok((machine.to_toml(), result))
 }
 
-/// Number of equal steps per diagonal.
 const STEPS: usize = 40;
 
 /// The errors along the diagonals of the linear axes: four diagonals of three axes, two of two. Rotary axes are at zero
@@ -323,7 +316,6 @@ fn diagonal(
     })
 }
 
-/// Nice value of background work.
 const NICE: i32 = 15;
 
 /// Spawns a low-priority thread. `cycle_cpu` is the processor reserved for the cycle, if any.

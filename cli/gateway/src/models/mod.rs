@@ -56,7 +56,6 @@ impl ModelReports {
         }
     }
 
-    /// Reports a new machine file in the configuration.
     pub(crate) fn configured(&self, machine: PathBuf) {
         if let Some(jobs) = &self.0 {
             let _ = jobs.send(Job::Configured(machine));
@@ -130,12 +129,10 @@ impl Models {
         }
     }
 
-    /// Reserves an upload slot.
     pub(crate) fn place(&self) -> Result<UploadSlot, Reply> {
         candidate::place(&self.shared)
     }
 
-    /// Stores a machine file uploaded by `who` and starts the comparison.
     pub(crate) fn take(&self, who: &str, name: &str, bytes: Vec<u8>) -> Result<Candidate, Reply> {
         candidate::take(&self.shared, who, name, bytes)
     }
@@ -150,7 +147,6 @@ impl Models {
         Ok(self.state())
     }
 
-    /// Requests activation of the candidate. `hash` is that of the result shown to `who`.
     pub(crate) fn activate(
         &self,
         who: &str,
@@ -162,7 +158,6 @@ impl Models {
         Ok(self.request_activation(who, what, confirm))
     }
 
-    /// Requests activation of a stored model or of the configured machine file.
     pub(crate) fn back(
         &self,
         who: &str,
@@ -196,7 +191,6 @@ impl Models {
     }
 }
 
-/// A pending response of the worker.
 pub(crate) struct PendingReply {
     answered: oneshot::Receiver<Reply>,
     deadline: RequestDeadline,

@@ -1,5 +1,3 @@
-//! State shared by the threads of the models.
-
 use std::{
     path::PathBuf,
     sync::{
@@ -35,37 +33,28 @@ pub(super) struct Shared {
     pub(super) is_comparing: AtomicBool,
 }
 
-/// State of the worker shown on the dashboard.
 #[derive(Default)]
 pub(super) struct ShownModels {
     pub(super) kept: ModelsKept,
-    /// Hashes of the models on disk.
     pub(super) stored: Vec<String>,
-    /// Origin of the active model.
     pub(super) from: ModelSource,
     pub(super) configured: ConfiguredModel,
     pub(super) trouble: Option<String>,
 }
 
-/// The model to activate.
 pub(super) enum Activate {
-    /// The uploaded candidate.
     Candidate {
         id: String,
         hash: String,
         text: String,
         file: String,
     },
-    /// A stored model, by its hash.
     Kept(String),
-    /// The machine file named in the configuration, as it is on disk.
     Configured,
 }
 
 pub(super) enum Job {
-    /// The outcome of a model, with its machine file if it was activated.
     Record(Box<ModelEntry>, Option<String>),
-    /// The configuration now names this machine file.
     Configured(PathBuf),
     Activate {
         who: String,
@@ -76,7 +65,6 @@ pub(super) enum Job {
     },
 }
 
-/// The candidate and its machine file.
 pub(super) struct HeldCandidate {
     pub(super) document: Candidate,
     /// The text to be stored; `None` until the file was parsed.
@@ -95,7 +83,6 @@ pub(super) struct RequestDeadline {
 }
 
 impl RequestDeadline {
-    /// Starts the timeout.
     pub(super) fn start() -> Self {
         Self {
             until: Instant::now() + ACTIVATION_TIMEOUT,
@@ -107,12 +94,12 @@ impl RequestDeadline {
         self.until.saturating_duration_since(Instant::now())
     }
 
-    /// Claims the request for the service; `false` if it has timed out or was given up.
+    /// Claims the request for the service; `false` if the request was withdrawn or has timed out.
     pub(super) fn claim(&self) -> bool {
         !self.left().is_zero() && !self.is_decided.swap(true, Ordering::AcqRel)
     }
 
-    /// Gives the request up; `false` if it has already been passed to the service.
+    /// Withdraws the request; `false` if the service already has it.
     pub(super) fn withdraw(&self) -> bool {
         !self.is_decided.swap(true, Ordering::AcqRel)
     }
@@ -120,10 +107,8 @@ impl RequestDeadline {
 
 pub(super) const BUILT_IN: &str = "the machine file of the built-in simulation cannot be replaced; start the gateway with a configuration, which may name a simulated control";
 
-/// The refusal after a timeout of the disk.
 pub(super) const GIVEN_UP: &str = "the disk with the models has not answered in time: the model was not activated, and will not be later. Try again once it answers";
 
-/// The refusal of a request for a candidate that no longer exists.
 pub(super) fn candidate_gone() -> Reply {
     refused(
         409,

@@ -25,21 +25,18 @@ pub(crate) const MAX_HISTORY: usize = 100;
 /// Disk space that must remain free, bytes: the audit log needs it, and without the log nothing is armed.
 const RESERVE: u64 = 64 * 1024 * 1024;
 
-/// Access to the folder.
 #[derive(Clone, Debug)]
 pub(crate) struct Store {
     dir: PathBuf,
 }
 
 impl Store {
-    /// The folder of an audit log.
     pub(crate) fn new(audit_dir: &Path) -> Self {
         Self {
             dir: audit_dir.join("models"),
         }
     }
 
-    /// Path of the machine file with this hash.
     pub(crate) fn machine(&self, hash: &str) -> PathBuf {
         // The hash comes from a client and must not act as a path.
         let hash = hash.strip_prefix("sha256:").unwrap_or(hash);
@@ -47,7 +44,6 @@ impl Store {
         self.dir.join(format!("machine-{digits}.toml"))
     }
 
-    /// Whether a file is a stored model.
     pub(crate) fn holds(&self, machine: &Path) -> bool {
         machine.parent() == Some(&self.dir)
     }
@@ -101,7 +97,6 @@ impl Store {
         }
     }
 
-    /// Creates the folder, accessible to this user only.
     fn make(&self) -> io::Result<()> {
         let mut builder = fs::DirBuilder::new();
         builder.recursive(true).mode(0o700).create(&self.dir)
@@ -140,7 +135,7 @@ impl Store {
         }
     }
 
-    /// Hashes of the models on disk, without duplicates, newest first.
+    /// Newest first, without duplicates.
     pub(crate) fn stored_hashes(&self, kept: &ModelsKept) -> Vec<String> {
         let mut seen = BTreeSet::new();
         let all = hashes(kept).filter(|hash| seen.insert(hash.to_owned()));
@@ -151,7 +146,7 @@ impl Store {
     }
 }
 
-/// Hashes of all models that were active, and of the active one.
+/// Hashes of all models that were active, and of the active one; with duplicates.
 fn hashes(kept: &ModelsKept) -> impl Iterator<Item = &str> {
     let was = |entry: &&ModelEntry| entry.outcome == ModelOutcome::InForce;
     let history = kept.history.iter().filter(was);

@@ -40,16 +40,13 @@ struct UnsavedModel {
     error: String,
 }
 
-/// The state of the thread.
 pub(crate) struct ModelWorker {
     shared: Arc<Shared>,
-    /// Machine file named in the configuration.
     configured: PathBuf,
     kept: ModelsKept,
     /// Why the model activated by an operator was not loaded; cleared by the next activation.
     damage: Option<String>,
     unsaved: Option<UnsavedModel>,
-    /// Why the state of the models is not on disk.
     unwritten: Option<String>,
 }
 
@@ -65,7 +62,6 @@ impl ModelWorker {
         }
     }
 
-    /// Runs until all senders are dropped.
     pub(crate) fn run(mut self, work: &Receiver<Job>) {
         (self.kept, _) = self.shared.store.read();
         if !self.shared.is_built_in {
@@ -104,7 +100,6 @@ impl ModelWorker {
         }
     }
 
-    /// Publishes the current state.
     fn publish(&self) {
         let path = &self.configured;
         let mut configured = ConfiguredModel {
@@ -131,7 +126,6 @@ impl ModelWorker {
         shown.trouble = (!trouble.is_empty()).then(|| trouble.join("; "));
     }
 
-    /// Stores the machine file of the active model.
     fn keep(&mut self, hash: String, text: String) {
         self.unsaved = match self.shared.store.keep(&hash, &text) {
             Ok(()) => None,
@@ -143,7 +137,6 @@ impl ModelWorker {
         };
     }
 
-    /// Adds an entry to the history.
     fn note(&mut self, entry: ModelEntry, text: Option<String>) {
         if entry.outcome == ModelOutcome::InForce {
             locked(&self.shared.shown).from = entry.from;
@@ -181,7 +174,6 @@ impl ModelWorker {
         self.write();
     }
 
-    /// Saves the state of the models.
     fn write(&mut self) {
         match self.shared.store.keep_standing(&self.kept) {
             Ok(()) => self.unwritten = None,

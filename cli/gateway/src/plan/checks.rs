@@ -68,7 +68,6 @@ pub(super) fn audit_folder(dir: &Path) -> Result<(), GatewayError> {
     }
 }
 
-/// Whether the path does not exist, or a parent is not a folder.
 fn is_missing(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -86,7 +85,6 @@ fn can_write_in(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Rejects a device that is listed in two tables.
 pub(super) fn device_twice(config: &Config, table: &str, url: &str) -> GatewayError {
     GatewayError::invalid_in(
         &config.file,
@@ -136,7 +134,7 @@ pub(super) fn overlap(
     Ok(())
 }
 
-/// The error at the key of one block, or at that of the other if the driver defines the place of the first.
+/// The error at the key of the block `one`, or at that of `other` if the driver defines the place of `one`.
 fn overlapping(config: &Config, one: (usize, Block), other: (usize, Block)) -> GatewayError {
     let source = &config.source;
     let key = |(index, block): &(usize, Block)| format!("controller[{index}].{}", block.key);
@@ -246,7 +244,6 @@ fn unknown_positions(axes: &[AxisName], machine: &Path) -> String {
     )
 }
 
-/// The states of a control by their names in `unseen`.
 pub(super) fn by_name(states: ShownStates) -> [(&'static str, bool); 3] {
     [
         ("referenced", states.referenced),
@@ -255,8 +252,8 @@ pub(super) fn by_name(states: ShownStates) -> [(&'static str, bool); 3] {
     ]
 }
 
-/// Rejects a controller that does not show a state which is not listed in `unseen`, an `unseen` that lists a state
-/// which is shown, and a travel beyond the range of the position word.
+/// Rejects a controller that neither shows a state nor lists it in `unseen`, an `unseen` that lists a shown state, and a travel beyond the range of
+/// the position word.
 pub(super) fn shown<'a>(
     config: &Config,
     model: &Model,
@@ -289,7 +286,6 @@ pub(super) fn shown<'a>(
     Ok(())
 }
 
-/// Rejects a table whose feature is not part of this build.
 pub(super) fn built(config: &Config) -> Result<(), GatewayError> {
     for (is_configured, is_built, table, feature) in [
         (

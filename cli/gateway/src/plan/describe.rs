@@ -75,7 +75,6 @@ fn of_driver(description: &Description) -> ControllerPlan {
     }
 }
 
-/// Describes a controller that is only read.
 fn of_reader(reader: &ReaderPlan) -> ControllerPlan {
     ControllerPlan {
         sees_other_gateways: false,
@@ -113,7 +112,6 @@ fn of_controller(plan: &Plan, path: &PathPlan, needs: &Needs) -> ControllerPlan 
     }
 }
 
-/// The configured barrier of a path.
 fn barrier(path: &PathPlan) -> Option<BarrierPlan> {
     let settings = path.barrier?;
     let names = path.description.axes.iter().map(|axis| axis.name);
@@ -167,7 +165,6 @@ struct Needs {
     per_k: ByAxis,
 }
 
-/// Required corrections of all paths.
 fn needs(plan: &Plan) -> Result<Vec<Needs>, ModelError> {
     let kelvin = plan.machine.each_kelvin()?;
     let largest = |path: &PathPlan, of: &dyn Fn(&State) -> PerAxis<f64>| -> ByAxis {
@@ -198,7 +195,6 @@ fn micro((name, most): (AxisName, Displacement)) -> (AxisName, f64) {
     (name, round((most.um_or_urad() * 10.0).ceil() / 10.0))
 }
 
-/// All notes of a plan, in whole sentences.
 fn notes(plan: &Plan, controllers: &[ControllerPlan], sensors: &[SensorPlan]) -> Vec<String> {
     let mut notes = plan.machine.notes();
     notes.extend(of_fleet(plan));
@@ -289,7 +285,6 @@ fn of_fleet(plan: &Plan) -> Vec<String> {
     clear.into_iter().chain(damage).collect()
 }
 
-/// A rotary axis that could correct but does not.
 fn of_uncorrected(path: &PathPlan, UncorrectedAxis { axis, why }: UncorrectedAxis) -> String {
     let device = &path.description.device;
     match why {
@@ -304,7 +299,7 @@ fn of_uncorrected(path: &PathPlan, UncorrectedAxis { axis, why }: UncorrectedAxi
     }
 }
 
-/// Linear axes that rotary axes turn into nearly the same direction at some pose.
+/// Note about linear axes that rotary axes turn into nearly the same direction at some pose.
 fn linear_near_singular(plan: &Plan, path: &PathPlan) -> Option<String> {
     let pose = plan.model.linear_near_singular(&path.correctors)?;
     let axes = plan.model.axes.iter().zip(&pose);
@@ -322,7 +317,6 @@ fn linear_near_singular(plan: &Plan, path: &PathPlan) -> Option<String> {
     ))
 }
 
-/// A ramp that takes longer than configured.
 fn ramp(plan: &Plan) -> Option<String> {
     let configured = plan.guard.ramp;
     let taken = plan.paths.iter().map(|path| path.limits.ramp_taken());
@@ -335,7 +329,6 @@ fn ramp(plan: &Plan) -> Option<String> {
     ))
 }
 
-/// Merges equal notes about the axes of a controller.
 fn by_axes(
     controller: &ControllerPlan,
     of_axis: impl Fn(&AxisPlan) -> Option<String>,
@@ -355,7 +348,7 @@ fn by_axes(
     })
 }
 
-/// A limit that is reduced because there is no barrier, or that is not a whole number of steps.
+/// Note about a limit that is reduced because there is no barrier, or that is not a whole number of steps.
 fn limit(plan: &Plan, axis: &AxisPlan) -> Option<String> {
     let configured = round(plan.guard.of(axis.name)?.limit.um_or_urad());
     // An axis limited to 0 does not correct; another note covers it.
@@ -378,7 +371,6 @@ fn limit(plan: &Plan, axis: &AxisPlan) -> Option<String> {
     ))
 }
 
-/// A limit below the largest correction of the machine file.
 fn beyond_limit(controller: &ControllerPlan, axis: &AxisPlan) -> Option<String> {
     let (needs, unit) = (*controller.needs.get(&axis.name)?, &axis.unit);
     (needs > axis.limit + axis.resolution).then(|| {
@@ -389,7 +381,6 @@ fn beyond_limit(controller: &ControllerPlan, axis: &AxisPlan) -> Option<String> 
     })
 }
 
-/// A test shift that is larger than configured, or cannot be made.
 fn test_shift(plan: &Plan, index: usize, axis: &AxisPlan) -> Option<String> {
     let device = plan.devices.controllers.get(index);
     let is_coarse = device.is_some_and(|device| device.settings().is_coarse);

@@ -46,13 +46,11 @@ pub struct Plan {
     devices: Devices,
 }
 
-/// The last activation of the centre, and a description of any damage in the fleet folder.
 struct Fleet {
     document: FleetPlan,
     damage: Option<String>,
 }
 
-/// The devices to open: those of the configuration, or the built-in simulation.
 #[derive(Default)]
 struct Devices {
     controllers: Vec<Box<dyn ControllerDevice>>,
@@ -158,7 +156,6 @@ impl Plan {
         paths.chain(readers)
     }
 
-    /// Limits and times that apply to every controller.
     pub(crate) fn guard(&self) -> &GuardSettings {
         &self.guard
     }
@@ -218,7 +215,6 @@ impl Plan {
         Ok(OpenedPlan { truth, ..opened })
     }
 
-    /// Combines the plan with a cycle that was built from it.
     pub(crate) fn opened(self, cycle: Cycle) -> OpenedPlan {
         OpenedPlan {
             controllers: self.descriptions().cloned().collect(),
@@ -269,7 +265,6 @@ impl Devices {
         names.cloned().collect()
     }
 
-    /// Checks the files of the controls that the configuration refers to.
     fn check_files(&self, config: &Config, paths: &[PathPlan]) -> Result<(), GatewayError> {
         let needs = paths.iter().map(|path| Some(needs(&path.limits)));
         let needs = needs.chain(std::iter::repeat_with(|| None));

@@ -11,22 +11,17 @@ pub struct Fault {
     pub name: &'static str,
     /// Description of the fault.
     pub meaning: &'static str,
-    /// The action that causes the fault.
     pub(super) act: FaultAction,
-    /// The fault causes a step that cannot be detected without a barrier; only the limit bounds it.
+    /// Set if the fault causes a step that cannot be detected without a barrier; only the limit bounds it.
     pub(super) is_unseen_without_barrier: bool,
-    /// The fault reports to the gateway that the machine may be moved while it may not; only a barrier can hold then.
+    /// Set if the fault reports to the gateway that the machine may be moved although it may not; only a barrier can hold then.
     pub(super) hides_interlock: bool,
 }
 
-/// Action taken for the duration of a fault.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum FaultAction {
-    /// No action: normal correction.
     Nothing,
-    /// Random faults.
     Chance(Faults),
-    /// One fault, injected periodically.
     Directed(Injection),
     /// Every `every` cycles, `readings` readings show the position of the first axis mirrored between the ends of its
     /// travel.
@@ -48,7 +43,6 @@ pub(super) enum FaultAction {
     /// The control is power-cycled; its words are cleared.
     PowerUp,
     ProgramStopped,
-    /// Another sender writes random words.
     Garbage,
     /// The gateway is killed without ramping out, then restarted.
     Restart,
@@ -56,7 +50,6 @@ pub(super) enum FaultAction {
     PositionsLost,
     /// A temperature jumps by 15 K.
     SensorJump,
-    /// Temperatures are randomly NaN or wrong.
     SensorCorrupt,
 }
 
@@ -84,12 +77,11 @@ const NONE: Faults = Faults {
     lag: 0,
 };
 
-/// Probability per call of a random fault.
+/// Probability of a random fault, per call.
 const CHANCE: f64 = 0.1;
-/// Probability per call of a random fault that lasts or stops everything.
+/// Probability of a random fault that lasts or stops everything, per call.
 const SELDOM: f64 = 0.02;
 
-/// All random faults combined.
 const ALL: Faults = Faults {
     drop: SELDOM,
     corrupt: SELDOM,

@@ -19,12 +19,9 @@ use crate::documents::{Excursion, RehearsedAxis, RehearsedFault, round};
 /// Tolerance for the rounding of summed steps, in steps.
 const ROUNDING: f64 = 1e-6;
 
-/// Phase in which a fault starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Phase {
-    /// The correction follows the model.
     Compensating,
-    /// The correction is ramping in.
     Ramping,
 }
 
@@ -37,18 +34,13 @@ impl Phase {
     }
 }
 
-/// Behaviour of the gateway under a fault.
 pub(super) struct Findings {
-    /// Whether the gateway was armed before the fault.
     pub(super) ready: bool,
-    /// Time from the fault until the gateway compensated again.
+    /// Time from the fault until the gateway compensated again; `None` if it did not.
     pub(super) again: Option<Duration>,
-    /// Operator actions needed for that.
     pub(super) needed: Vec<&'static str>,
-    /// Reasons of the last state.
     pub(super) reasons: Reasons,
     pub(super) worst: State,
-    /// Whether a position was rejected.
     pub(super) rejected_position: bool,
 }
 
@@ -63,7 +55,7 @@ fn is_bounded_by_limit(fault: &Fault, path: &PathPlan) -> bool {
     path.barrier.is_none() && (fault.is_unseen_without_barrier || is_unknown)
 }
 
-/// Whether the gateway can detect that the machine must not be moved. With a barrier the control itself holds.
+/// Whether the gateway can detect that the machine must not be moved. With a barrier the control itself holds the correction.
 fn can_hold(fault: &Fault, path: &PathPlan) -> bool {
     let shown = path.description.shown;
     let is_shown = match fault.act {
@@ -177,7 +169,6 @@ pub(super) fn judge(
     }
 }
 
-/// Factor from mm to µm, or from rad to µrad.
 pub(super) fn in_shown_unit(kind: AxisKind) -> f64 {
     match kind {
         AxisKind::Linear => 1e3,
@@ -185,7 +176,6 @@ pub(super) fn in_shown_unit(kind: AxisKind) -> f64 {
     }
 }
 
-/// Unit for display.
 pub(super) fn unit(kind: AxisKind) -> &'static str {
     match kind {
         AxisKind::Linear => "µm",

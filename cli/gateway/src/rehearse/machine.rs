@@ -32,10 +32,8 @@ use crate::{
 
 /// Duration of one move through the working volume, s.
 const MOVE_S: f64 = 4.0;
-/// Duration of the acceleration from standstill to feed, s.
 const ACCELERATING_S: f64 = 0.4;
 
-/// Connection to a simulated machine, shared by the runs of a gateway and the rehearsal.
 type SharedWire = Arc<Mutex<Faulty<Wire>>>;
 
 /// A simulated machine in place of a configured one, with everything needed to disturb it. Its clock is advanced
@@ -47,20 +45,16 @@ pub struct Rig {
     pub(super) thermometer: Option<ThermometerLink>,
     /// Switches of the machine and the record of its axis motion.
     pub controls: Arc<Controls>,
-    /// True while the control's program is stopped.
     pub(super) stopped: Arc<AtomicBool>,
-    /// The barrier in the control, if there is one.
     pub(super) barrier: Option<Settings>,
 }
 
-/// A simulated control with the description of the configured one.
 pub(super) struct Wire {
     pub(super) control: SimulatedController,
     description: Description,
     stopped: Arc<AtomicBool>,
 }
 
-/// The controller used by a cycle; the rehearsal shares its connection.
 struct SharedController {
     description: Description,
     wire: SharedWire,
@@ -159,11 +153,8 @@ impl Rig {
         Self::new(plan, path, 1, 1)
     }
 
-    /// Creates a machine in its initial state, with its thermometer. The barrier in its control is `rate` times as fast
-    /// as configured: 1, except for tests of the rehearsal itself.
-    ///
-    /// # Errors
-    /// No barrier can be set to the limits.
+    /// Creates a machine in its initial state, with its thermometer. The barrier in its control is `rate` times as fast as configured: 1, except for
+    /// tests of the rehearsal itself. Errors: no barrier can be set to the limits.
     pub(super) fn new(
         plan: &Plan,
         path: &PathPlan,
@@ -232,10 +223,7 @@ impl Rig {
         })
     }
 
-    /// Builds the cycle of a gateway for this machine, with its owner number.
-    ///
-    /// # Errors
-    /// Plan and machine do not match.
+    /// Builds the cycle of a gateway for this machine, with its owner number. Errors: plan and machine do not match.
     pub(super) fn cycle(&self, plan: &Plan, owner: u16) -> Result<Cycle, GatewayError> {
         let wrong = |source| plan.config.plan_error(source);
         let held = SharedController::new(&self.wire);
@@ -294,7 +282,6 @@ impl Rig {
 /// The thermometer with its faults, shared by the runs of a gateway and the rehearsal; it survives a restart.
 type ThermometerLink = Arc<Mutex<Faulty<SimulatedThermometer>>>;
 
-/// The thermometer used by a cycle.
 struct SharedThermometer {
     device: String,
     names: Vec<String>,
@@ -333,7 +320,7 @@ impl Thermometer for SharedThermometer {
     }
 }
 
-/// The axes of a simulated machine: those that are written, then those that are only read.
+/// The written axes come first, then those that are only read.
 fn axes(description: &Description) -> Vec<Axis> {
     let only_read = |&name: &AxisName| Axis {
         name,
@@ -399,10 +386,7 @@ fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
     (program.to_vec(), feed_per_s / ACCELERATING_S)
 }
 
-/// The barrier in the control of a path; `None`: it has none.
-///
-/// # Errors
-/// No barrier can be set to the limits.
+/// The barrier in the control of a path; `None`: it has none. Errors: no barrier can be set to the limits.
 pub(super) fn barrier(plan: &PathPlan) -> Result<Option<Settings>, GatewayError> {
     let wrong = |source| GatewayError::Barrier {
         device: plan.description.device.clone(),

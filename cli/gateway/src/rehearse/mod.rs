@@ -40,7 +40,6 @@ pub use text::{COLUMNS, text};
 
 /// Timeout for reaching compensation after the start, and again after a fault.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// Duration of compensation before a fault, and of observation after it.
 const CALM: Duration = Duration::from_millis(400);
 
 /// Parameters of a rehearsal.
@@ -217,7 +216,6 @@ impl Rehearsal {
     }
 }
 
-/// The parts that a rehearsal of this plan cannot cover.
 fn not_rehearsed(plan: &Plan) -> Vec<String> {
     let mut texts = vec![
         "the devices themselves, their wiring and the network: a simulated machine took their place".to_owned(),
@@ -278,7 +276,6 @@ impl RehearsalDocument {
     }
 }
 
-/// Time, place, user and configuration of a rehearsal.
 struct Head {
     pub(super) time: String,
     pub(super) user: String,
@@ -287,10 +284,7 @@ struct Head {
 }
 
 impl Head {
-    /// Collects the data of a rehearsal that starts now.
-    ///
-    /// # Errors
-    /// The configuration cannot be read any more.
+    /// Collects the data of a rehearsal that starts now. Errors: the configuration cannot be read any more.
     fn of(config: &str) -> Result<Self, GatewayError> {
         let text = fs::read(config).map_err(|source| GatewayError::Read {
             file: config.to_owned(),
@@ -312,7 +306,6 @@ fn ms(time: Duration) -> f64 {
     round(time.as_secs_f64() * 1e3)
 }
 
-/// The barrier in the control, for the document.
 fn barrier_document(path: &PathPlan, settings: Option<&Settings>) -> Option<RehearsedBarrier> {
     let (settings, scan) = (settings?, path.barrier?.scan);
     Some(RehearsedBarrier {
@@ -323,7 +316,7 @@ fn barrier_document(path: &PathPlan, settings: Option<&Settings>) -> Option<Rehe
     })
 }
 
-/// The limits that apply, in display units.
+/// The active limits, in display units.
 fn limits(path: &PathPlan, barrier: Option<&Settings>) -> Vec<RehearsedLimits> {
     let step_s = |settings: &Settings| {
         let scan = path.barrier.map(|barrier| barrier.scan);

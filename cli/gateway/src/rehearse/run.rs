@@ -21,7 +21,6 @@ use volcomp_vocabulary::{Displacement, PerAxis, PerChannel};
 use super::{faults::FaultAction, machine::Rig};
 use crate::{error::GatewayError, locked, plan::Plan};
 
-/// Number of cycles between two injections of a fault.
 const CYCLES_BETWEEN: u64 = 100;
 /// Maximum time for which the machine is stopped for the test shift; then it moves to show that it is alive.
 const STANDING: Duration = Duration::from_secs(8);
@@ -29,10 +28,8 @@ const STANDING: Duration = Duration::from_secs(8);
 pub(super) const GARBAGE: f64 = 1.5;
 /// Maximum number of operator actions (acknowledging, arming) after a fault.
 pub(super) const MAX_ACTIONS: usize = 6;
-/// Size of a temperature jump, K.
 const JUMP_K: f64 = 15.0;
 
-/// A gateway and its machine.
 pub(super) struct Run<'a> {
     plan: &'a Plan,
     pub(super) rig: Rig,
@@ -41,13 +38,11 @@ pub(super) struct Run<'a> {
     foreign: Option<SimulatedController>,
     random: ChaCha8Rng,
     cycles: u64,
-    /// Worst state so far, updated after each cycle.
     worst: State,
-    /// Whether a position has been rejected so far.
     rejected_position: bool,
 }
 
-/// Severity of a state, to find the worst one.
+/// Severity, to find the worst state.
 fn rank(state: State) -> u8 {
     match state {
         State::Compensating => 0,
@@ -97,22 +92,18 @@ impl<'a> Run<'a> {
         self.worst
     }
 
-    /// Whether a position has been rejected so far.
     pub(super) fn rejected_position(&self) -> bool {
         self.rejected_position
     }
 
-    /// Restarts the observation of the axis motion.
     pub(super) fn reset_axis_log(&self) {
         self.rig.controls.axes.forget();
     }
 
-    /// Restarts the observation of the worst state.
     pub(super) fn reset_worst_state(&mut self) {
         self.worst = self.state();
     }
 
-    /// Runs one cycle.
     pub(super) fn step(&mut self, request: Option<Request>) {
         self.rig.clock.advance(self.plan.config.cycle());
         let asked = CycleInput {
@@ -222,7 +213,7 @@ impl<'a> Run<'a> {
         (None, needed)
     }
 
-    /// Sets or clears the switches of the machine for a fault.
+    /// Sets (`on`) or clears the switches of the machine for a fault.
     fn switch(&self, act: FaultAction, on: bool) {
         locked(&self.rig.wire).device.control.plant().pass();
         let controls = &self.rig.controls;
@@ -241,7 +232,6 @@ impl<'a> Run<'a> {
         switch.store(on, Ordering::Relaxed);
     }
 
-    /// Applies a fault for its duration, then removes it.
     pub(super) fn disturb(&mut self, act: FaultAction) -> Result<(), GatewayError> {
         self.switch(act, true);
         let mut lasts = Duration::from_secs(2);
@@ -297,7 +287,7 @@ impl<'a> Run<'a> {
         self.restore(act)
     }
 
-    /// Shows the position of the first axis mirrored between the ends of its travel, for this number of readings.
+    /// The next `readings` readings show the position of the first axis mirrored between the ends of its travel.
     fn inject_other_end(&self, readings: u32) {
         let model = &self.plan.model;
         let axes = self.rig.path.description.axes.first();
@@ -312,7 +302,6 @@ impl<'a> Run<'a> {
         });
     }
 
-    /// Removes a fault.
     fn restore(&mut self, act: FaultAction) -> Result<(), GatewayError> {
         self.switch(act, false);
         for injection in [

@@ -11,7 +11,7 @@ use crate::documents::{
 
 /// Maximum line length of a filed protocol, columns.
 pub const COLUMNS: usize = 60;
-/// Minimum line length, columns.
+/// Minimum line width, columns.
 const NARROWEST: usize = 40;
 
 const PREAMBLE: &str = "No device was opened and nothing was sent: a simulated machine took the place of the configured \
@@ -41,7 +41,6 @@ const HIDDEN: (&str, &str) = (
     "the gateway is not shown that the machine must stand; without a barrier the axes may move then",
 );
 
-/// The text so far and its maximum width.
 struct Page {
     text: String,
     columns: usize,
@@ -113,7 +112,6 @@ impl Page {
         }
     }
 
-    /// The conditions and limits of a controller's rehearsal and the result of each fault.
     fn controller(&mut self, path: &RehearsedPath) {
         let scheme = match path.scheme.as_str() {
             "barrier" => "with the reference barrier in its control",
@@ -181,7 +179,6 @@ impl Page {
         self.wrapped(&format!("  {}: ", limits.axis), &words);
     }
 
-    /// The result of a fault in each phase, with the larger values of the axis motion.
     fn fault(&mut self, phases: &[RehearsedFault]) {
         let Some(first) = phases.first() else {
             return;
@@ -244,7 +241,6 @@ impl Page {
         self.columns_of(&label, numbers.map(|number| format!("{number:.2}")));
     }
 
-    /// A row of the axis table.
     fn columns_of(&mut self, label: &str, [a, b, c, d]: [impl AsRef<str>; 4]) {
         let [a, b, c, d] = [a.as_ref(), b.as_ref(), c.as_ref(), d.as_ref()];
         if self.is_narrow() {

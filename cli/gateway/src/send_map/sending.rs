@@ -36,14 +36,13 @@ use crate::{
     signals::{Signal, SignalReceiver},
 };
 
-/// Retry interval if a control is unreachable.
+/// Retry interval while a control is unreachable.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
-/// Polling interval if the control has not scanned yet.
+/// Polling interval while the control has not scanned yet.
 const SCAN_POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Time added to the control's timeout when waiting for its effect, s.
 const PATIENCE_S: f64 = 2.0;
 
-/// An open session to a control.
 struct Words(Box<dyn MapWords>);
 
 impl Exchange for Words {
@@ -62,7 +61,6 @@ impl Exchange for Words {
     }
 }
 
-/// The last observation of another sender.
 struct OtherSender {
     sequence: u16,
     since: Instant,
@@ -76,22 +74,19 @@ struct Recording {
 }
 
 struct Sending {
-    /// Clock for the timeouts of records, other senders and a stopped control.
+    /// Used for the timeouts of records, other senders and a stopped control.
     clock: Clock,
     checked: Checked,
     place: MapDevice,
     sender: Sender,
-    /// Replacement maps confirmed while this sender runs.
     replacements: Receiver<NewMap>,
     recording: Option<Recording>,
-    /// The map in use while its replacement is being loaded.
     before: Option<Checked>,
     words: Option<Words>,
     log: Log,
     /// Number of the map in use; while a replacement is loaded, that of the previous map.
     in_use: Option<u16>,
     other: Option<OtherSender>,
-    /// The last warning, which is logged once.
     last_warning: String,
 }
 
@@ -148,7 +143,6 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
 }
 
 impl Checked {
-    /// Timeout for a control in which nothing changes.
     fn patience(&self) -> Duration {
         Duration::from_secs_f64(PATIENCE_S + self.config.allowed.zero_after_s)
     }
@@ -159,12 +153,10 @@ fn ended(checked: &Checked, what: &str) -> GatewayError {
 }
 
 impl Sending {
-    /// Queues a record about the map being sent.
     fn record(&self, what: &str) {
         let _ = self.log.record(&self.checked, what);
     }
 
-    /// Runs until a signal or a permanent error.
     fn keep(&mut self, signals: &SignalReceiver) -> Result<(), GatewayError> {
         loop {
             if let Ok(another) = self.replacements.try_recv() {
@@ -179,7 +171,6 @@ impl Sending {
         }
     }
 
-    /// Starts recording that a confirmed replacement map will be sent.
     fn begin_replacement(&mut self, another: NewMap) {
         let made = another.and_then(|another| {
             if self.in_use.is_none() || self.before.is_some() || self.recording.is_some() {
@@ -334,7 +325,6 @@ impl Sending {
         other.sequence == sequence && now - other.since <= self.checked.patience()
     }
 
-    /// Logs a warning if its text differs from that of the last warning.
     fn warn_once(&mut self, what: String) {
         if self.last_warning != what {
             tracing::warn!("{}: {what}", self.checked.config.keys.url);
@@ -386,7 +376,7 @@ impl Sending {
     }
 }
 
-/// Whether the map that was in use is no longer, without having been replaced by the map being sent.
+/// Whether the control has lost the map in use: it uses none, or another one that is not the map being sent.
 fn is_lost(was: Option<u16>, sent: u16, is: Option<u16>) -> bool {
     was.is_some() && is != was && is != Some(sent)
 }
@@ -404,7 +394,6 @@ fn print_line(text: &str) -> Result<(), GatewayError> {
 
 /// Timeout for the record of a new map, which is then not sent.
 const RECORD_TIMEOUT: Duration = Duration::from_secs(5);
-/// Polling interval for the first record, before anything is sent.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 /// Timeout for the last records at shutdown; then they are lost.
 const END_TIMEOUT: Duration = Duration::from_secs(1);
@@ -418,10 +407,7 @@ struct Log {
 }
 
 impl Log {
-    /// Opens the log in a folder.
-    ///
-    /// # Errors
-    /// The folder cannot be written, or the operating system cannot create a thread.
+    /// Opens the log in a folder. Errors: the folder cannot be written, or the operating system cannot create a thread.
     fn begin(folder: &Path, clock: Clock) -> io::Result<Self> {
         let (audit, _) = AuditLog::open(folder)?;
         Ok(Self {
@@ -431,15 +417,12 @@ impl Log {
         })
     }
 
-    /// Queues a record about a map.
     fn record(&self, checked: &Checked, what: &str) -> Receipt {
         self.writer.record(entry(checked, what))
     }
 
-    /// Waits until the first record is written; nothing is sent before. Returns `false` if a signal ends the wait.
-    ///
-    /// # Errors
-    /// The record cannot be written, or the disk does not respond.
+    /// Waits until the first record is written; nothing is sent before. Returns `false` if a signal ends the wait. Errors: the record cannot be
+    /// written, or the disk does not respond.
     fn wait_for_first(&self, checked: &Checked, signals: &SignalReceiver) -> io::Result<bool> {
         let receipt = self.record(checked, "a map is going to be sent");
         let until = self.clock.now() + RECORD_TIMEOUT;
@@ -493,7 +476,6 @@ impl Log {
     }
 }
 
-/// A record about a map, with the current time.
 fn entry(checked: &Checked, what: &str) -> Entry {
     let details = Details {
         model: format!("map {}", checked.hash),
@@ -506,7 +488,6 @@ fn entry(checked: &Checked, what: &str) -> Entry {
 
 const CONFIRMATION_POLL_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Path of the confirmation.
 fn confirmation(audit_dir: &Path) -> PathBuf {
     audit_dir.join("confirmed-map")
 }
@@ -533,12 +514,9 @@ pub fn request_replacement(checked: &Checked) -> Result<(), GatewayError> {
 /// A replacement map, or why it is refused.
 type NewMap = Result<Box<Checked>, String>;
 
-/// Polls for confirmations of a replacement map until the receiver is dropped. A confirmation is a file in the folder of
-/// the audit log. This thread does the disk work, because the map in use must be kept valid meanwhile; the replacement is
-/// activated without ramping the corrections to zero.
-///
-/// # Errors
-/// The operating system cannot create a thread.
+/// Polls for confirmations of a replacement map until the receiver is dropped. A confirmation is a file in the folder of the audit log. This thread
+/// does the disk work, because the map in use must be kept valid meanwhile; the replacement is activated without ramping the corrections to zero.
+/// Errors: the operating system cannot create a thread.
 fn watch(running: &Checked) -> std::io::Result<Receiver<NewMap>> {
     let (sender, receiver) = channel();
     let (path, config) = (running.path.clone(), running.config.clone());
@@ -586,7 +564,7 @@ fn take_confirmation(file: &Path) -> io::Result<Option<String>> {
     }
 }
 
-/// The confirmed map, provided that nothing else in the sender's configuration has changed.
+/// Reads the confirmed map and checks that nothing else in the sender's configuration has changed.
 fn read_replacement(path: &Path, running: &MapSender, hash: &str) -> NewMap {
     let checked = check(path).map_err(|e| e.to_string())?;
     checked.confirmed(hash).map_err(|e| e.to_string())?;

@@ -31,16 +31,15 @@ use crate::{
     request::{Reply, refused},
 };
 
-/// Timeout for the record of an arming.
 const RECORD_TIMEOUT: Duration = Duration::from_secs(2);
 impl Service {
-    /// Paths of the machine file and the limits at the last arming.
+    /// Paths of the stored machine file and limits of the last arming.
     pub(super) fn confirmed_paths(&self) -> [PathBuf; 2] {
         let dir = self.parts.config.audit_dir();
         ["confirmed-machine.toml", "confirmed-limits.json"].map(|name| dir.join(name))
     }
 
-    /// The facts needed to judge a change; `None` without limits.
+    /// The facts for judging a change; `None` if no limits are configured.
     pub(super) fn judge(&mut self, confirmed: Option<String>) -> Option<Judge> {
         let report = *self.parts.handle.report();
         let guard = self.parts.config.guard_settings()?;
@@ -59,13 +58,12 @@ impl Service {
         })
     }
 
-    /// The current limits by configuration key.
     pub(super) fn limits(&self) -> ConfirmedLimits {
         let guard = self.parts.config.guard.as_ref();
         guard.map(identity::limits).unwrap_or_default()
     }
 
-    /// Starts comparing the current model and limits with those armed last.
+    /// Starts the comparison with the model and limits armed last; `None` if the worker is still busy.
     fn comparison(&mut self, confirm: Option<String>) -> Option<Receiver<ComparisonResult>> {
         let judge = self.judge(confirm);
         let fading = self.parts.config.guard_settings().map(|guard| guard.fading);
@@ -83,7 +81,6 @@ impl Service {
         self.unconfirmed = result.map(|result| Comparison { result, until });
     }
 
-    /// Shows that a confirmation is needed, as soon as the check is complete.
     pub(super) fn show_confirmation_need(&mut self) {
         let Some(comparing) = &self.unconfirmed else {
             return;
@@ -106,7 +103,6 @@ impl Service {
         self.update_reasons();
     }
 
-    /// Starts arming.
     pub(super) fn compare(&mut self, confirm: Option<String>) -> Result<Step, Reply> {
         let report = *self.parts.handle.report();
         if self.is_faulted_from_before() || matches!(report.state, State::Faulted(_)) {
@@ -167,7 +163,6 @@ impl Service {
         }
     }
 
-    /// Saves a model as confirmed, and the current limits.
     pub(super) fn save_confirmed(&mut self, confirmed: Arc<Model>) -> [Receipt; 2] {
         let limits = serde_json::to_string(&self.limits()).unwrap_or_default();
         let [machine_file, limits_file] = self.confirmed_paths();

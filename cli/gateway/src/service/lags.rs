@@ -9,7 +9,6 @@ use volcomp_runtime::{Model, Report};
 /// temperatures.
 const MAX_REPORT_GAP: Duration = Duration::from_secs(1);
 
-/// A copy of the cycle's model with the same lags.
 pub(super) struct Lags {
     model: Model,
     /// Index of each sensor of the model among the temperatures; `None` if it is not measured.
@@ -18,7 +17,6 @@ pub(super) struct Lags {
 }
 
 impl Lags {
-    /// Copies a model; `names` are the names of all temperatures.
     pub(super) fn new(model: &Model, names: &[String]) -> Self {
         let place = |wanted: &String| names.iter().position(|name| name == wanted);
         Self {
@@ -28,7 +26,6 @@ impl Lags {
         }
     }
 
-    /// Changes to another model, carrying the lags over as the cycle does.
     pub(super) fn replace(&mut self, model: &Model, names: &[String]) {
         let mut next = Self::new(model, names);
         next.model.carry_over(&self.model);
@@ -36,7 +33,6 @@ impl Lags {
         *self = next;
     }
 
-    /// Advances the lags to a report of the cycle.
     pub(super) fn follow(&mut self, report: &Report) {
         let passed = report.now.saturating_sub(self.at);
         self.at = report.now;
@@ -47,7 +43,6 @@ impl Lags {
         self.model.step(seen.as_secs_f64(), &degc);
     }
 
-    /// The model with its current lags.
     pub(super) fn model(&self) -> &Model {
         &self.model
     }

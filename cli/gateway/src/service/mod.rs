@@ -51,9 +51,7 @@ pub use watchdog::Life;
 
 /// Interval at which states are published and changes recorded.
 const TICK: Duration = Duration::from_millis(50);
-/// Polling interval of pending requests.
 const STEP: Duration = Duration::from_millis(2);
-/// Interval at which the last output is saved.
 const OUTPUT_EVERY: Duration = Duration::from_secs(10);
 /// Timeout at shutdown for a control thread that hangs, and again for the disk.
 const END_TIMEOUT: Duration = Duration::from_secs(1);
@@ -88,14 +86,12 @@ pub struct ServiceParts {
 
 /// The service. State: the active parts, the pending requests, and the health of its log.
 pub struct Service {
-    /// Clock of the cycle, used for all timeouts here.
     clock: Clock,
     parts: ServiceParts,
     writer: AuditWriter,
     worker: Worker,
-    /// The check at start-up whether the model or limits need confirmation.
+    /// The running check, after a start or a change, whether the model or limits need confirmation.
     unconfirmed: Option<Comparison>,
-    /// The model armed or confirmed last.
     confirmed_model: Option<Arc<Model>>,
     switch: DisarmSwitch,
     publisher: Publisher,
@@ -107,18 +103,17 @@ pub struct Service {
     published_at: Instant,
     last_state: State,
     standing: Standing,
-    /// Receipt of the last write of the standing state; the fields below record its failure and the last retry.
+    /// Receipt of the last write of the standing state. The fields below hold whether it failed and when it was last retried.
     standing_receipt: Option<Receipt>,
     standing_lost: bool,
     standing_tried: Instant,
-    /// Why audit records may be missing.
     trouble: Option<&'static str>,
     /// Reasons of the service itself, shown with those of the guards: the last reload was refused, or the service is
     /// stopping.
     shown_reasons: Reasons,
-    /// Whether auto-arm is finished: the gateway armed once, or an operator took over.
+    /// Set once the gateway has armed, or an operator has taken over.
     auto_arm_done: bool,
-    /// Whether an operator has armed, disarmed or acknowledged; from then on auto-arm is off.
+    /// Set once an operator has armed, disarmed or acknowledged; from then on auto-arm is off.
     person_decides: bool,
     auto_arm_after: Instant,
     output: LatestOutput,
@@ -126,7 +121,6 @@ pub struct Service {
     watchdog: Watchdog,
 }
 
-/// The last output queued for writing.
 struct LatestOutput {
     at: Instant,
     correction: PerAxis<f64>,
@@ -292,7 +286,6 @@ impl Service {
         self.parts.handle.has_ended()
     }
 
-    /// Waits until the output is zero, at most the configured time or until `hurry`, then ends the control thread.
     fn ramp_out(
         &mut self,
         hurry: &mut dyn FnMut() -> bool,
@@ -324,7 +317,6 @@ impl Service {
         has_ended
     }
 
-    /// Records the final state.
     fn write_end(&mut self, who: &str, what: &str) {
         let report = *self.parts.handle.report();
         self.write_output(&report, true);
@@ -381,7 +373,6 @@ impl Service {
         handle.note(audit | self.shown_reasons | standing);
     }
 
-    /// Checks the health of the log and retries it after a failure.
     fn check_log(&mut self) {
         let lost = "the standing state cannot be written";
         let is_lost = self.check_standing();
@@ -447,7 +438,6 @@ impl Service {
         }
     }
 
-    /// The published state for a report.
     fn status(&self, report: &Report) -> Status {
         let parts = &self.parts;
         let facts = Facts {

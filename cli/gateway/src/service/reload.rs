@@ -34,7 +34,6 @@ use crate::{
 };
 
 impl Service {
-    /// Starts reading all files again.
     pub(super) fn begin_reload(&mut self, confirm: Option<String>) -> Result<Step, Reply> {
         let judge = self.judge(confirm);
         let old = self.parts.config.clone();
@@ -50,7 +49,6 @@ impl Service {
         }))
     }
 
-    /// Checks whether the files have been read; if the result may be applied, starts writing its record.
     pub(super) fn check_plan(&mut self, step: FileReading, who: &str) -> Progress {
         let origin = step.origin.clone();
         let planned = match step.result.try_recv() {
@@ -122,7 +120,6 @@ impl Service {
         })))
     }
 
-    /// Checks whether the record is written; then applies the plan.
     pub(super) fn check_reload_record(&mut self, mut step: ReloadRecord) -> Progress {
         let origin = step.origin.clone();
         while let Some(receipt) = step.receipts.last() {
@@ -222,7 +219,6 @@ impl Service {
         self.reject(origin, Reply { status, answer })
     }
 
-    /// Reports the outcome of a model for its history.
     fn record_model(
         &self,
         origin: &ModelOrigin,
@@ -248,7 +244,6 @@ impl Service {
         self.parts.notes.report(entry, Some(text));
     }
 
-    /// The response for invalid files; it is recorded.
     fn reject_files(&mut self, origin: &ModelOrigin, who: &str, what: String) -> Reply {
         let title = match origin {
             ModelOrigin::Operator(activation) => {
@@ -274,7 +269,7 @@ impl Service {
         reply
     }
 
-    /// Executes a request of the centre that does not wait.
+    /// Executes a request of the centre that does not change the model.
     pub(super) fn execute_centre_operation(&mut self, request: ServiceRequest) {
         match &request.operation {
             Operation::Centre(CentreOperation::Disable) => {
@@ -318,7 +313,6 @@ impl Service {
         self.auto_arm_done &= self.person_decides;
     }
 
-    /// Starts reading a machine file of the centre.
     pub(super) fn begin_centre_model(
         &mut self,
         machine: PathBuf,
@@ -382,7 +376,6 @@ impl Service {
         }))
     }
 
-    /// Completes the activation of another machine file than the configured one.
     pub(super) fn finish_activation(&mut self) {
         if self.last_state.is_armed() {
             self.must_confirm(false);
@@ -395,7 +388,7 @@ impl Service {
         }
     }
 
-    /// Applies limits and model of a plan. Only a confirmed model becomes the one from which the next change is measured.
+    /// Applies limits and model of a plan. A model that is not confirmed does not become the reference of the next comparison.
     fn apply(&mut self, plan: Plan, is_confirmed: bool) {
         for (index, limits) in plan.limits().into_iter().enumerate() {
             // The queue has room for all of them: this is the only sending thread.
@@ -451,7 +444,6 @@ fn plan_again(
     plan_with(config, opened, model, limits, judge)
 }
 
-/// Plans a new configuration for the open devices.
 fn plan_with(
     config: Config,
     opened: &[Description],

@@ -18,11 +18,10 @@ use crate::{
     request::{CentreOperation, Operation, Reply, ServiceRequest, refused},
 };
 
-/// Time within which a request must take effect.
 const EFFECT_TIMEOUT: Duration = Duration::from_millis(300);
 
 impl Service {
-    /// Receives a request. A disarm was already ordered when the request was created.
+    /// Receives a request. A request to disarm has already been passed to the control when it was created.
     pub(super) fn receive(&mut self, request: ServiceRequest) {
         // An operator's request ends auto-arm.
         let decides = !matches!(
@@ -96,7 +95,7 @@ impl Service {
         }
     }
 
-    /// Records a request with the state at that time, without waiting.
+    /// Writes a request to the log, with the state at that time, without waiting.
     pub(super) fn record_request(&mut self, who: &str, what: &str) {
         let state = self.parts.handle.report().state.into();
         let _ = self.log(who, what, Event::Request { state });
@@ -111,7 +110,6 @@ impl Service {
         });
     }
 
-    /// An order given now, whose effect shows within the next cycles.
     pub(super) fn ordered(&mut self, request: Request) -> Effect {
         Effect {
             request,
@@ -130,7 +128,6 @@ impl Service {
         self.parts.handle.send_by(order, until, disarms)
     }
 
-    /// Advances all pending requests and starts the next queued one.
     pub(super) fn advance(&mut self) {
         for mut pending in std::mem::take(&mut self.pending) {
             let mut step = pending.step;
@@ -183,7 +180,7 @@ impl Service {
         }
     }
 
-    /// Effects of a response on the service.
+    /// Logs a refusal of automatic arming, and stops it if the operator must confirm.
     fn handle_reply(&mut self, who: &str, reply: &Reply) {
         if who == AUTO_ARM && reply.status != 200 {
             tracing::warn!("auto_arm: {}", describe(&reply.answer));
@@ -192,7 +189,6 @@ impl Service {
         }
     }
 
-    /// Checks whether a request has taken effect.
     fn check_effect(&mut self, effect: Effect, who: &str, disarms: u64) -> Progress {
         let report = *self.parts.handle.report();
         // Two cycles, because the order may have arrived in the middle of one.
@@ -257,7 +253,7 @@ impl Service {
     }
 }
 
-/// Whether anything needs to be acknowledged. An interlock that a controller shows now does not.
+/// An interlock that a controller shows now needs no acknowledgement.
 fn needs_acknowledgement(report: &Report) -> bool {
     let jumped = |flaw: Option<SensorFlaw>| flaw == Some(SensorFlaw::Jumped);
     let has = |reason| report.reasons.contains(reason);
@@ -267,7 +263,6 @@ fn needs_acknowledgement(report: &Report) -> bool {
         || report.sensors.iter().any(|sensor| jumped(sensor.flaw))
 }
 
-/// Whether a responding controller shows an interlock.
 fn shows_interlock(report: &Report) -> bool {
     report.paths.iter().any(|path| {
         let mut stops = Interlock::REASONS.into_iter();

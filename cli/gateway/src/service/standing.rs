@@ -14,7 +14,7 @@ use crate::{
     documents::Standing,
 };
 
-/// Name used if the file does not record who disarmed.
+/// Used if the file does not record who disarmed.
 const UNKNOWN_REQUESTER: &str = "somebody";
 
 /// Reads the state from before the start. If the file is unreadable, auto-arm stays off, as after a disarm by an
@@ -41,8 +41,8 @@ pub(crate) fn read(dir: &Path) -> Standing {
     with_jumps(standing)
 }
 
-/// After a start, the value before a jump is unknown and the first reading would be accepted. An operator must
-/// therefore confirm it first.
+/// After a start, the temperature before a jump is unknown and the first reading would be accepted. The operator must therefore confirm the sensor
+/// first.
 fn with_jumps(mut standing: Standing) -> Standing {
     let jumped = std::mem::take(&mut standing.jumped);
     if !jumped.is_empty() {
@@ -56,7 +56,6 @@ fn with_jumps(mut standing: Standing) -> Standing {
 }
 
 impl Service {
-    /// Changes the persistent state and saves it.
     pub(super) fn change_standing(&mut self, change: impl FnOnce(&mut Standing)) {
         let before = self.standing.clone();
         change(&mut self.standing);
@@ -67,14 +66,12 @@ impl Service {
         self.update_reasons();
     }
 
-    /// Saves the standing state. A failed write is retried and reported.
     pub(super) fn write_standing(&mut self) {
         if let Ok(text) = serde_json::to_string(&self.standing) {
             self.standing_receipt = Some(self.writer.keep_standing(text));
         }
     }
 
-    /// Whether the last save failed; it is then retried.
     pub(super) fn check_standing(&mut self) -> bool {
         match self.standing_receipt.as_ref().map(Receipt::written) {
             Some(Some(true)) => {
@@ -116,7 +113,6 @@ impl Service {
         self.standing.faulted.is_some() && !matches!(self.last_state, State::Faulted(_))
     }
 
-    /// Reasons from the standing state that prevent arming or are shown.
     pub(super) fn standing_reasons(&self) -> Reasons {
         Reasons::FAULTED_BEFORE.when(self.is_faulted_from_before())
             | Reasons::DISARMED_BY_PERSON

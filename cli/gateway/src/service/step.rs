@@ -19,63 +19,47 @@ use crate::{
     request::{ModelActivation, Reply, refused},
 };
 
-/// Timeout for reading and comparing files.
 pub(super) const FILES_TIMEOUT: Duration = Duration::from_secs(8);
 
-/// Requester of automatic arming.
 pub(super) const AUTO_ARM: &str = "auto_arm";
 
 pub(super) struct PendingRequest {
     pub(super) who: String,
     pub(super) answer: Option<oneshot::Sender<Reply>>,
-    /// Number of disarm orders at the time of the request.
     pub(super) disarms: u64,
     pub(super) step: Step,
 }
 
-/// The current step of a request.
 pub(super) enum Step {
     /// Arming: the model armed last is read and compared.
     Comparison(Comparison),
-    /// Arming: the record is being written.
     ArmingRecord(ArmingRecord),
-    /// Reload: the files are read and compared.
     FileReading(FileReading),
-    /// Reload: the record is being written.
     ReloadRecord(Box<ReloadRecord>),
-    /// The order was given; its effect is awaited.
     Effect(Effect),
 }
 
-/// An order whose effect is awaited.
 #[derive(Clone, Copy)]
 pub(super) struct Effect {
     pub(super) request: Request,
-    /// Number of the last cycle before the order.
+    /// Last cycle before the order.
     pub(super) cycle: u64,
     /// Deadline for the effect; requests other than disarming are not executed later.
     pub(super) until: Instant,
 }
 
-/// Result of advancing a request.
 pub(super) enum Progress {
-    /// No change.
     Waits(Step),
-    /// The next step, to be executed immediately.
     Next(Step),
-    /// Complete, with the response.
     Done(Reply),
 }
 
-/// Comparison of the current model and limits with those armed or confirmed last.
 pub(super) struct Compared {
-    /// What a person must confirm, if anything.
     pub(super) question: Option<Question>,
-    /// The model armed or confirmed last.
     pub(super) last: Option<Model>,
 }
 
-/// Result of a comparison, or why it failed.
+/// `Err` states why the comparison failed.
 pub(super) type ComparisonResult = Result<Compared, String>;
 
 pub(super) struct Comparison {
@@ -83,7 +67,6 @@ pub(super) struct Comparison {
     pub(super) until: Instant,
 }
 
-/// The record of an arming, and the files with the armed model and limits.
 pub(super) struct ArmingRecord {
     pub(super) receipts: [Receipt; 3],
     pub(super) written: [bool; 3],
@@ -93,12 +76,11 @@ pub(super) struct ArmingRecord {
 /// Result of planning a reload: the plan, its effect on the correction, and the question to confirm first.
 pub(super) type PlanResult = Result<(Box<Plan>, Judgement), GatewayError>;
 
-/// Origin of the machine file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum ModelOrigin {
     /// The configuration, which is reread as well.
     Configured,
-    /// The fleet's centre, with the hash confirmed there; nothing else changes.
+    /// The fleet's centre, with the hash confirmed there. Only the machine file changes.
     Centre(Option<String>),
     /// Selected by an operator; nothing else changes.
     Operator(Box<ModelActivation>),
@@ -115,25 +97,22 @@ impl ModelOrigin {
     }
 }
 
-/// Files being read.
 pub(super) struct FileReading {
     pub(super) origin: ModelOrigin,
     pub(super) result: Receiver<PlanResult>,
     pub(super) until: Instant,
 }
 
-/// A plan that is applied once its record and the other receipts are complete.
 pub(super) struct ReloadRecord {
     pub(super) who: String,
     pub(super) origin: ModelOrigin,
     pub(super) plan: Box<Plan>,
-    /// Change of the correction, with no question left.
+    /// The change of the correction; no question is open.
     pub(super) judged: Judgement,
     pub(super) receipts: Vec<Receipt>,
     pub(super) until: Instant,
 }
 
-/// Whether a state is the goal of a request.
 pub(super) fn is_reached(request: Request, state: State) -> bool {
     match request {
         Request::Arm | Request::TakeOver | Request::Switched => state.is_armed(),
@@ -157,7 +136,6 @@ pub(super) fn refusal(request: Request, state: State) -> &'static str {
     }
 }
 
-/// Sends the response to the requester.
 pub(super) fn finish(who: &str, answer: Option<oneshot::Sender<Reply>>, reply: Reply) {
     match answer {
         // The receiver may have been dropped.
@@ -167,12 +145,10 @@ pub(super) fn finish(who: &str, answer: Option<oneshot::Sender<Reply>>, reply: R
     }
 }
 
-/// The response if the control thread accepts no orders.
 pub(super) fn control_unavailable() -> Reply {
     refused(503, "the control thread accepts no orders")
 }
 
-/// The response if the audit log cannot be written.
 pub(super) fn log_unavailable(state: State, why: Option<&str>) -> Reply {
     let why = why.unwrap_or("the audit log cannot be written");
     settled(409, state, Reasons::AUDIT, Some(why))
@@ -189,7 +165,6 @@ pub(super) fn settled(status: u16, state: State, reasons: Reasons, error: Option
     }
 }
 
-/// Formats a response for the log.
 pub(super) fn describe(answer: &Answer) -> String {
     match answer {
         Answer::Question(question) => {
@@ -242,7 +217,6 @@ pub(super) fn describe(answer: &Answer) -> String {
     }
 }
 
-/// The response if the disk does not respond.
 pub(super) fn disk_timeout() -> Reply {
     refused(503, "the disk with the files does not answer: try again")
 }
@@ -252,7 +226,6 @@ mod tests {
     use super::is_reached;
     use volcomp_guard::{Cause, End, Hold, Phase, Request, State};
 
-    /// Every state with every request: whether the request takes effect.
     #[test]
     fn every_state_and_every_request() {
         let [arm, disarm, acknowledge] = [Request::Arm, Request::Disarm, Request::Acknowledge];

@@ -20,7 +20,6 @@ impl Life {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Increments the counter.
     pub(super) fn prove(&self) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
@@ -29,18 +28,15 @@ impl Life {
 /// Checks that cycles are on time: no gap longer than `timeout`, and at least a third of the number that the period
 /// requires.
 pub(super) struct Watchdog {
-    /// Interval between two proofs.
     interval: Duration,
     period: Duration,
     timeout: Duration,
-    /// Start of the current interval.
     since: Instant,
-    /// Number of cycles in the current interval.
     cycles: u64,
 }
 
 impl Watchdog {
-    /// A watchdog for the timeout `time`.
+    /// `time` is the watchdog timeout of the service manager; `timeout` the longest gap between cycles.
     pub(super) fn new(time: Duration, period: Duration, timeout: Duration, now: Instant) -> Self {
         Self {
             // A late interval costs another one of equal length, and the proof after it must still be in time.

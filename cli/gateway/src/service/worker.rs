@@ -10,7 +10,6 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// True while a task is running.
 #[derive(Default)]
 pub(super) struct Worker(Arc<AtomicBool>);
 

@@ -1,5 +1,3 @@
-//! `volcomp age`: simulate the wear of a machine over months of work.
-
 use std::{fmt::Write as _, path::PathBuf};
 
 use schemars::JsonSchema;
@@ -112,7 +110,6 @@ pub(crate) fn run(arguments: &AgeArguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes.collect())
 }
 
-/// The increases as text.
 fn text(document: &Age) -> String {
     let Age { file, months, .. } = document;
     if document.errors.is_empty() {
@@ -138,7 +135,6 @@ fn text(document: &Age) -> String {
     text
 }
 
-/// The changes over the travels, of the mean of both directions.
 fn changes(before: &Machine, after: &Machine) -> Vec<Aged> {
     let mut changes = Vec::new();
     for (name, curve) in after.errors() {

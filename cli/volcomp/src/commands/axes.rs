@@ -1,5 +1,3 @@
-//! `volcomp axes`: axis coordinates for a tip and a tool direction.
-
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_kinematics::State;
@@ -151,7 +149,7 @@ fn text(machine: &Machine, document: &Axes) -> String {
     text
 }
 
-/// The linear axes that are dependent at this pose: their common move, and its limits.
+/// Describes the linear axes that are dependent at this pose, with the limits of their common move.
 fn dependent(document: &Axes) -> String {
     let mut text = String::new();
     for moves in &document.dependent_moves {

@@ -1,5 +1,3 @@
-//! `volcomp calibrate`: measurement files to a machine file.
-
 use std::{collections::BTreeMap, fmt::Write as _, path::PathBuf};
 
 use schemars::JsonSchema;
@@ -124,7 +122,7 @@ struct Residual {
 }
 
 impl Calibrate {
-    /// The document of a calibration whose machine was written to `file`.
+    /// `file` is the name of the written machine file.
     fn new(file: String, calibration: &Calibration) -> Self {
         let squareness = calibration.squareness.iter();
         Self {
@@ -209,7 +207,6 @@ pub(crate) fn run(arguments: &CalibrateArguments) -> Result<Answer, Failure> {
     Answer::new(&document, text(&document), calibration.warnings)
 }
 
-/// Calibrates with a progress bar.
 pub(super) fn fit(file: &CalibrationFile) -> Result<Calibration, Failure> {
     let work = |told: &mut dyn FnMut(usize, usize)| calibrate(file, told);
     Ok(progress::with_bar("errors fitted", work)?)

@@ -1,5 +1,3 @@
-//! `volcomp calibrate --draft`: a calibration file from a folder of measurement files, with open questions.
-
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -11,11 +9,9 @@ use volcomp_model::Machine;
 use super::{Answer, refuse_overwriting, table, table_text};
 use crate::{failure::Failure, output::OutputFile, table::folded};
 
-/// Options of a draft.
 pub(super) struct Wanted<'a> {
     /// Answers to groups of questions: `[OF:]KEY=VALUE`.
     pub(super) answers: &'a [String],
-    /// Overwrite a file with different text.
     pub(super) replace: bool,
 }
 
@@ -64,8 +60,8 @@ pub(crate) struct Drafted {
     found: Draft,
 }
 
-/// The draft with the answers applied, and notes on answers that match no question. The most specific answer wins (error, then axis, then
-/// all); of equals, the first.
+/// Applies answers to a draft. Also returns notes on answers that match no question. The most specific answer wins (error, then axis, then all); of
+/// equals, the first.
 fn answered(draft: &Draft, answers: &[String]) -> Result<(Draft, Vec<String>), Failure> {
     let (mut all, mut notes) = (Vec::new(), Vec::new());
     let mut decided = draft.clone();
@@ -206,7 +202,7 @@ fn text(file: &str, draft: &Draft) -> String {
     text + &kinds_of_questions(draft)
 }
 
-/// The open keys with their counts and questions; most questions repeat.
+/// The open keys with their counts and questions; equal questions are listed once.
 fn kinds_of_questions(draft: &Draft) -> String {
     let mut kinds: Vec<(&str, &str, usize)> = Vec::new();
     for asked in &draft.questions {

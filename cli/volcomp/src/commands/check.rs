@@ -1,5 +1,3 @@
-//! `volcomp check`: show the parsed machine.
-
 use std::{
     fmt::Write,
     path::{Path, PathBuf},
@@ -270,7 +268,6 @@ fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<Str
     Ok(notes)
 }
 
-/// The folder in which measurement files are searched.
 fn folder(arguments: &CheckArguments) -> PathBuf {
     match (&arguments.files, arguments.machine.parent()) {
         (Some(folder), _) => folder.clone(),
@@ -390,14 +387,12 @@ fn place(machine: &Machine, temperatures: &Temperatures, state: &State) -> Place
     }
 }
 
-/// The errors of a machine, grouped by what is known of them.
 struct Sizes {
     there: Vec<Size>,
     zero: Vec<ErrorName>,
     not_stated: Vec<ErrorName>,
 }
 
-/// Every error motion of every axis and the location errors of ISO 230-1, axis by axis.
 fn sizes(machine: &Machine, axes: &[AxisName]) -> Sizes {
     let mut sizes = Sizes {
         there: Vec::new(),
@@ -521,7 +516,6 @@ impl Provenance {
         })
     }
 
-    /// A note for each file that differs from the one from which the errors were identified.
     fn notes(&self) -> Vec<String> {
         let changed = self.files.iter().filter(|file| file.state == "different");
         let note = |file: &FileState| {
@@ -537,7 +531,6 @@ impl Provenance {
         changed.map(note).collect()
     }
 
-    /// The provenance as text.
     fn text(&self) -> String {
         let stated = &self.stated;
         let mut said = Vec::new();
@@ -580,7 +573,6 @@ impl Provenance {
     }
 }
 
-/// The document as text.
 fn text(check: &Check) -> String {
     let name = if check.name.is_empty() {
         "machine without a name"
@@ -758,7 +750,7 @@ fn places(check: &Check) -> String {
     text
 }
 
-/// `X- Y+ Z-`: the end of travel of each axis.
+/// The end of travel of each axis, such as `X- Y+ Z-`.
 fn corner(check: &Check, place: &Place) -> String {
     let ends = check.axes.iter().filter_map(|axis| {
         let at = *place.at.get(&axis.name)?;
@@ -810,8 +802,8 @@ fn motion(joint: &Joint) -> String {
     }
 }
 
-/// A warning about the signs of the errors of an axis whose direction differs from that of its letter: errors are along and about the axes
-/// of MCS regardless of the direction of the axis. `None` if both agree.
+/// A warning about the signs of errors, for an axis whose direction differs from that of its letter: errors are along and about the axes of MCS,
+/// regardless of the direction of the axis. `None` if both directions agree.
 fn signs(joint: &Joint) -> Option<String> {
     let (name, along) = (joint.name, joint.name.mcs_index());
     let found = along_machine_axis(&joint.direction);
@@ -840,8 +832,8 @@ fn signs(joint: &Joint) -> Option<String> {
     })
 }
 
-/// The standard term for an error: `straightness deviation of X in Y`, `pitch of X`. Pitch and yaw are those of a horizontal axis; a
-/// vertical one has tilts.
+/// The standard term for an error, such as `straightness deviation of X in Y` or `pitch of X`. Pitch and yaw are defined for a horizontal axis; the
+/// rotations of a vertical one are called tilts.
 fn meaning(error: ErrorName) -> String {
     let axis = error.axis;
     let along = LETTERS[error.component.mcs_index()];

@@ -1,5 +1,3 @@
-//! `volcomp compile`: write the compiled machine to a file.
-
 use std::path::PathBuf;
 
 use schemars::JsonSchema;

@@ -1,5 +1,3 @@
-//! `volcomp completions`: shell completion scripts.
-
 use clap::Command;
 use clap_complete::{Shell, generate};
 use schemars::JsonSchema;

@@ -1,5 +1,3 @@
-//! `volcomp correct`: the correction to add to a command.
-
 use std::{collections::BTreeSet, fmt::Write, path::PathBuf};
 
 use csv::WriterBuilder;
@@ -207,7 +205,6 @@ fn one_rotary_note(machine: &Machine, options: &CorrectionOptions) -> Option<Str
     })
 }
 
-/// Notes the positions at which the solver did not converge.
 fn not_converged_note(rows: &[CorrectionAt]) -> Option<String> {
     let open = rows.iter().filter(|row| !row.converged).count();
     (open > 0).then(|| {
@@ -218,7 +215,6 @@ fn not_converged_note(rows: &[CorrectionAt]) -> Option<String> {
     })
 }
 
-/// Number of rotary axes that may move to correct.
 fn movable_rotary(machine: &Machine, options: &CorrectionOptions) -> usize {
     options.correctors(machine.chain()).rotary().len()
 }
@@ -227,7 +223,6 @@ fn norm(v: &[f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// The corrections as text. `rotary` is the number of rotary axes that may move.
 fn text(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
     match rows {
         [row] => one(row, rotary),
@@ -330,7 +325,6 @@ fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
     text
 }
 
-/// The errors not included in the uncertainties, each at the position of its largest effect on the tool.
 fn worst(rows: &[CorrectionAt]) -> Vec<NotCounted> {
     let mut all: Vec<NotCounted> = rows
         .iter()
@@ -348,20 +342,15 @@ fn is_singular(row: &CorrectionAt, rotary: usize) -> bool {
     row.singular && rotary >= 2
 }
 
-/// The columns of the output file. Separator and decimal mark are those of the input table.
 struct Columns<'t> {
     table: Option<&'t CsvTable>,
-    /// Columns of the input table that are copied.
     carried: Vec<(Column, &'t str)>,
-    /// Names of input columns that are replaced by computed ones.
     replaced: Vec<&'t str>,
     axes: Vec<AxisName>,
-    /// True if uncertainties are written.
     uncertain: bool,
 }
 
 impl<'t> Columns<'t> {
-    /// The columns for a machine, with those of the input table.
     fn new(machine: &Machine, table: Option<&'t CsvTable>, uncertain: bool) -> Self {
         let mut axes: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
         axes.sort_unstable();
@@ -386,7 +375,6 @@ impl<'t> Columns<'t> {
         })
     }
 
-    /// The output file: one row per correction.
     fn csv(&self, corrections: &[CorrectionAt]) -> Result<Vec<u8>, Failure> {
         // `,`, `;` and the tab are one byte each.
         let separator = self.table.map_or(',', CsvTable::separator);
@@ -470,7 +458,6 @@ impl<'t> Columns<'t> {
     }
 }
 
-/// The names of the computed columns.
 fn written(axes: &[AxisName], uncertain: bool) -> Vec<String> {
     let corrected = axes
         .iter()

@@ -61,7 +61,6 @@ enum CurveKind {
 }
 
 impl CurveKind {
-    /// The curve requested in the calibration file.
     fn choice(self) -> CurveChoice {
         match self {
             Self::Auto => CurveChoice::Auto,
@@ -249,7 +248,6 @@ pub(crate) fn run(arguments: &DemoArguments) -> Result<Answer, Failure> {
     Answer::new(&found, text, Vec::new())
 }
 
-/// Writes laser files of the truth machine, and calibrates a machine from them.
 fn measure_and_calibrate(
     shop: &Shop,
     texts: &[(&str, &str)],
@@ -351,7 +349,6 @@ fn reduction(before: f64, after: f64) -> f64 {
     100.0 * (after / before - 1.0)
 }
 
-/// Mean reduction in percent over lines of one kind.
 fn mean_reduction(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (sum, count) = pairs.fold((0.0, 0.0_f64), |(sum, count), (before, after)| {
         (sum + reduction(before, after), count + 1.0)
@@ -454,10 +451,9 @@ fn travel_mm(machine: &Machine, letter: &str) -> f64 {
 const OUTPUT_STEP_MM: f64 = 1e-3;
 const POINTS: usize = 61;
 const TRIALS: u64 = 100;
-/// Maximum number of bridge steps of a line.
 const MAX_STEPS: usize = 100_000;
 
-/// Every linear line of the shop on the truth machine, without correction and with `command` applied to the target.
+/// Compares every linear line of the shop on the truth machine, without correction and with `command` applied to the targets.
 fn compare_lines(
     shop: &Shop,
     command: &impl Fn(&State) -> State,
@@ -590,7 +586,7 @@ fn floor(seed: u64, line: &ShopLine, truth: &[(f64, f64)], is_straightness: bool
     sum / TRIALS as f64
 }
 
-/// Linear interpolation between equally spaced values, `share` from 0 to 1.
+/// Interpolates linearly between equally spaced values; `share` is 0 at the first and 1 at the last value.
 fn between(values: &[f64], share: f64) -> f64 {
     let place = share * (values.len() - 1) as f64;
     let pairs = values.windows(2).enumerate();
@@ -601,7 +597,6 @@ fn between(values: &[f64], share: f64) -> f64 {
     pair[0] * (1.0 - part) + pair[1] * part
 }
 
-/// The squareness errors of the shop, computed from the slopes of its lines.
 fn squareness(shop: &Shop, lines: &[Line]) -> Vec<Squareness> {
     let value = |error: ErrorName, which: usize| {
         let slope = |part: ErrorName| {
@@ -665,7 +660,6 @@ const PAPER_LINES: [(&str, &str, f64, Option<f64>); 9] = [
     ("EZY", "", 50.0, Some(6.8)),
 ];
 
-/// The positioning files of X, Y and Z.
 const FILES: [(&str, &str); 3] = [("EXX", "exx.rtl"), ("EYY", "eyy.rtl"), ("EZZ", "ezz.rtl")];
 
 /// Residuals printed in the paper for a method at the targets, µm.
@@ -681,7 +675,6 @@ fn printed(error: &str, method: &str) -> Option<[f64; 2]> {
 
 const MLS: &str = "moving least squares";
 
-/// Our results compared with those of the paper. `folder` contains the measurement files.
 fn published(lines: &[Line], folder: &Path) -> Result<Published, Failure> {
     let row = |&(error, at, paper_before_um, paper_after_um): &(&'static str, &str, f64, _)| {
         let own = |line: &&Line| line.error.to_string() == error && line.line.contains(at);
@@ -706,7 +699,6 @@ fn published(lines: &[Line], folder: &Path) -> Result<Published, Failure> {
     })
 }
 
-/// The residual of each method at the targets of the mean readings.
 fn left_at_targets(error: &'static str, file: &Path) -> Result<Vec<PublishedResidual>, Failure> {
     let means = read_file(file).map_err(Failure::input)?.mean_curve();
     let (x, u): (Vec<f64>, Vec<f64>) = means.into_iter().unzip();
@@ -737,7 +729,6 @@ fn left_at_targets(error: &'static str, file: &Path) -> Result<Vec<PublishedResi
     fits.into_iter().map(row).collect()
 }
 
-/// Both tables as text.
 fn published_text(published: &Published) -> String {
     let mut lines = table(&["", "before", "paper", "after", "paper"]);
     for line in &published.lines {

@@ -1,5 +1,3 @@
-//! `volcomp dh`: the Denavit–Hartenberg table of a machine.
-
 use clap::ValueEnum;
 use schemars::JsonSchema;
 use serde::Serialize;

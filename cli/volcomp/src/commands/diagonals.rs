@@ -1,5 +1,3 @@
-//! `volcomp diagonals`: the body diagonals of ISO 230-6 on the model.
-
 use std::{
     fmt::Write as _,
     path::{Path, PathBuf},

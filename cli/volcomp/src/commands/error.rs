@@ -1,5 +1,3 @@
-//! `volcomp error`: the volumetric error at positions.
-
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_kinematics::{Form, State};

@@ -47,7 +47,7 @@ impl Judgement {
     }
 }
 
-/// The tolerances of the command line; only symbols in `known` are allowed.
+/// Parses the tolerances of the command line; only symbols in `known` are allowed.
 pub(crate) fn tolerances(text: Option<&str>, known: &[&str]) -> Result<Vec<Tolerance>, Failure> {
     let Some(text) = text else {
         return Ok(Vec::new());
@@ -153,7 +153,6 @@ pub(crate) fn quantities_text(quantities: &[JudgedQuantity], with_names: bool) -
     table_text(&rows)
 }
 
-/// The decision as a sentence.
 pub(crate) fn decision_text(judgement: &Judgement) -> String {
     let Some(decision) = judgement.decision else {
         return String::new();
@@ -186,15 +185,12 @@ pub(crate) fn decision_text(judgement: &Judgement) -> String {
     folded(&format!("{verdict}: {}. {rule}.", parts.join("; ")), "")
 }
 
-/// The result of one file.
 pub(crate) struct Row {
-    /// The file as named on the command line.
     pub(crate) file: String,
-    /// Quantities of the file, or why it was rejected.
+    /// `Err` states why the file was rejected.
     pub(crate) found: Result<Judgement, String>,
 }
 
-/// Opens an output that must not be one of the input files.
 pub(crate) fn open_rows(path: &Path, files: &[PathBuf]) -> Result<OutputFile, Failure> {
     let inputs: Vec<(&Path, &str)> = files
         .iter()
@@ -260,13 +256,10 @@ fn head(quantity: &JudgedQuantity) -> String {
     }
 }
 
-/// The evaluation of one file.
 pub(crate) struct Evaluated<D> {
     pub(crate) document: D,
     pub(crate) text: String,
-    /// The metadata stated in the file.
     pub(crate) metadata: Metadata,
-    /// The quantities and the verdict, for the row of the CSV file.
     pub(crate) judgement: Judgement,
 }
 
@@ -294,8 +287,8 @@ pub(crate) struct RefusedFile {
     pub(crate) error: String,
 }
 
-/// Evaluates the files, and writes the CSV file with one row per file. The error of a single file is the result; with several files the
-/// others are still evaluated. An invalid call or a failed operation stops in either case.
+/// Evaluates the files and writes the CSV file with one row per file. If the only file is refused, its error is returned; of several files the
+/// refused ones are listed and the others evaluated. An invalid call or a failed operation is always returned as the error.
 pub(crate) fn evaluated<D: Serialize>(
     files: &[PathBuf],
     csv: Option<&Path>,

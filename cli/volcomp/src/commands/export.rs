@@ -1,5 +1,3 @@
-//! `volcomp export`: a machine to the compensation tables of a control.
-
 use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
@@ -73,7 +71,6 @@ pub(crate) struct ControlArguments {
 }
 
 impl ControlArguments {
-    /// The axis numbers, if stated.
     pub(crate) fn numbers(&self) -> Result<Option<AxisNumbers>, Failure> {
         self.axis_numbers.as_deref().map(axis_numbers).transpose()
     }
@@ -174,7 +171,7 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes)
 }
 
-/// Notes that the coordinates of the other axes were not stated, and the middle of their travel, which suits most tables better.
+/// Note for a table whose other axes have no stated coordinates. It names the middle of their travel, which suits most tables better.
 fn not_at(machine: &Machine, reference: &[(AxisName, f64)]) -> Option<String> {
     let places = |at: &dyn Fn(&Axis) -> f64| {
         let axes = machine.axes().iter();
@@ -198,7 +195,6 @@ fn rounded(at: f64) -> f64 {
     (at * 1e3).round() / 1e3 + 0.0
 }
 
-/// Notes an axis whose error is larger with the tables than without.
 fn worse_than_none(axis: &AxisLoss) -> Option<String> {
     (axis.largest > axis.correction).then(|| {
         let unit = unit_symbol(axis.unit);
@@ -213,7 +209,6 @@ fn worse_than_none(axis: &AxisLoss) -> Option<String> {
     })
 }
 
-/// Where the files are written.
 enum Place {
     File(Box<OutputFile>),
     Folder(PathBuf),
@@ -291,8 +286,8 @@ fn beside_machine(path: &Path, arguments: &ExportArguments) -> Result<OutputFile
     )
 }
 
-/// Notes on tables of earlier exports in the output folder. A control may still load them: tables of another format, or of an axis that
-/// no longer has an error.
+/// Notes on tables of earlier exports in the output folder, which a control may still load: tables of another format, or of an axis that no longer
+/// has an error.
 fn other_tables(arguments: &ExportArguments, written: &[String]) -> Vec<String> {
     /// Maximum size of a control's table, bytes.
     const MOST_BYTES: u64 = 64 << 20;
@@ -357,7 +352,6 @@ fn is_named_by(format: Format, name: &str) -> bool {
     axis.is_some_and(|axis| axis.parse::<AxisName>().is_ok())
 }
 
-/// The tables in the files.
 fn made(content: &Content, left_out: &[(AxisName, AxisName)]) -> Vec<Made> {
     let mut made = Vec::new();
     for table in content.listed() {
@@ -382,7 +376,7 @@ fn made(content: &Content, left_out: &[(AxisName, AxisName)]) -> Vec<Made> {
     made
 }
 
-/// `X=100 Y=0 +`.
+/// Position and direction of approach at which the difference between tables and model is largest, such as `X=100 Y=0 +`.
 fn place_of(axis: &AxisLoss) -> String {
     let at = axis.at.iter();
     let mut words: Vec<String> = at

@@ -1,5 +1,3 @@
-//! `volcomp expression`: the first-order volumetric error as a formula.
-
 use std::collections::BTreeMap;
 
 use schemars::JsonSchema;

@@ -1,5 +1,3 @@
-//! `volcomp fit`: readings to a curve of a machine file.
-
 use std::{fmt::Write as _, path::PathBuf};
 
 use clap::ValueEnum;
@@ -258,7 +256,7 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes)
 }
 
-/// Table entry for a target that cannot be predicted from the others.
+/// Shown in the table for a target that cannot be predicted from the others.
 const NOT_PREDICTED: &str = "x";
 
 /// Two tables, of the largest residual and of the leave-one-out error, with one row per support and one column per order.
@@ -336,10 +334,9 @@ fn outside_note(curve: &Curve, at: &[f64]) -> Option<String> {
     })
 }
 
-/// The choice of a curve, and its confidence band.
 type Chosen = (Choice, Option<Band>);
 
-/// The curve through the means `u` at `x`, and, if it was chosen automatically, the choice.
+/// The curve through the means `u` at `x`. If the method was chosen automatically, also the choice.
 fn fit(
     arguments: &FitArguments,
     measurement: &Measurement,
@@ -398,7 +395,6 @@ fn document(fit: &Fit, at: &[f64], unit: DeviationUnit) -> Result<FittedCurve, F
     })
 }
 
-/// The curve in JSON as in a machine file: parsed from its machine-file form.
 fn curve_json(curve: &Curve) -> Result<Value, Failure> {
     let text = format!("curve = {}", write_curve(curve));
     let table: toml::Table = text
@@ -432,7 +428,6 @@ fn text(fit: &Fit, at: &[f64], unit: DeviationUnit) -> String {
     text
 }
 
-/// Targets and readings of a run.
 type Run = (Vec<f64>, Vec<f64>);
 
 /// Chooses a curve from all runs, by the same rule as `calibrate`; fits the means `u` at the targets `x`.
@@ -548,7 +543,6 @@ fn noise_of_mean(measurement: &Measurement) -> Option<Noise> {
     })
 }
 
-/// The choice, the best candidate of each kind and the band as text.
 fn choice_text(choice: &Choice, band: Option<&Band>, unit: DeviationUnit) -> String {
     let symbol = unit.to_string();
     let mut text = format!("\nchosen: {} ({})\n", choice.method, choice.reason);

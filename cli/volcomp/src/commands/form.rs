@@ -1,5 +1,3 @@
-//! `volcomp form`: form, position and coaxiality of a feature measured by points.
-
 use std::{fmt::Write as _, path::PathBuf};
 
 use clap::ValueEnum;
@@ -65,7 +63,6 @@ impl From<PlaneName> for CoordinatePlane {
 }
 
 impl FormArguments {
-    /// The feature with its plane.
     fn feature(&self) -> Result<Feature, Failure> {
         let plane = self.plane.map(CoordinatePlane::from);
         let feature = match self.feature {
@@ -161,7 +158,7 @@ struct Zone {
 }
 
 impl EvaluatedForm {
-    /// The document of an evaluation; `lines` are the line numbers of the points in the file.
+    /// `lines` are the line numbers of the points in the file.
     fn new(form: &Form, lines: &[usize], coaxiality_mm: Option<f64>, notes: Vec<String>) -> Self {
         const UM_PER_MM: f64 = 1e3;
         let zone = form.minimum_zone.as_ref();
@@ -217,7 +214,6 @@ pub(crate) fn run(arguments: &FormArguments) -> Result<Answer, Failure> {
 /// A form deviation above this share of the size of the feature and above `DOUBTFUL_MM` is implausible for a machined part.
 const DOUBTFUL_PART: f64 = 0.01;
 const DOUBTFUL_MM: f64 = 0.1;
-/// Maximum size of a feature, mm.
 const LARGEST_MM: f64 = 50e3;
 
 /// Notes on points that are probably not of this kind of feature, or not in mm.

@@ -1,5 +1,3 @@
-//! `volcomp identify`: volumetric observations to a machine file.
-
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -50,7 +48,6 @@ pub(crate) fn run(arguments: &IdentifyArguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes)
 }
 
-/// Identifies with a progress bar.
 pub(super) fn find(observations: &Observations) -> Result<Identification, Failure> {
     let work = |told: &mut dyn FnMut(usize, usize)| identify(observations, told);
     Ok(progress::with_bar("fits", work)?)
@@ -62,7 +59,6 @@ fn text(found: &Identification, output: &Path) -> String {
     text + EXPLAINED
 }
 
-/// Explanation of the table columns.
 pub(super) const EXPLAINED: &str = "
 Uncertainty: standard (k = 1). Rows left out: predicted from the others, pose by
 pose. Score: 1 is best; an unknown may be 1/score times as uncertain as it would
@@ -73,7 +69,6 @@ many unknowns are determined, of how many that are counted.
 /// Minimum factor by which a pose must reduce the uncertainty of the least certain unknown to be worth recommending.
 const LITTLE: f64 = 1.05;
 
-/// The pose that would help most, and its effect.
 fn next_text(next: &Next) -> String {
     let pose: Vec<String> = next
         .pose
@@ -107,7 +102,6 @@ fn next_text(next: &Next) -> String {
     text + &folded(&what, "  ")
 }
 
-/// The results as text tables.
 pub(super) fn found_text(document: &Identification) -> String {
     let mut found = table(&["unknown", "value", "uncertainty", ""]);
     let mut given_zero: Vec<&str> = Vec::new();
@@ -201,7 +195,6 @@ mod tests {
 
     use super::*;
 
-    /// Whatever the files and targets are called.
     #[test]
     fn another_sphere_is_advised_where_spheres_are_observed() {
         let text = |kind: Kind, target: &str| {

@@ -1,5 +1,3 @@
-//! `volcomp import`: compensation tables of a control to curves of a machine file.
-
 use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
@@ -123,7 +121,7 @@ fn is_facts(path: &Path) -> bool {
     name.is_some_and(is_facts_file)
 }
 
-/// The files; those of folders sorted by name.
+/// Files in the folders of `given` are sorted by name.
 fn paths(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut paths = Vec::new();
     for path in given {

@@ -1,5 +1,3 @@
-//! `volcomp inspect`: the content of measurement files.
-
 use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
@@ -142,7 +140,6 @@ pub(crate) struct MeasurementSummary {
 }
 
 impl CaptureSummary {
-    /// The document of a capture.
     fn new(file: String, capture: &Capture) -> Self {
         let samples = || capture.samples.iter().copied();
         Self {
@@ -160,7 +157,6 @@ impl CaptureSummary {
 }
 
 impl LogSummary {
-    /// The document of a log.
     fn new(file: String, log: &ChannelLog) -> Self {
         let mut warnings = vec![
             "which channel is the target and which the reading is not known: state it in `channels`".to_owned(),
@@ -187,7 +183,6 @@ impl LogSummary {
 }
 
 impl MeasurementSummary {
-    /// The document of a measurement file.
     fn new(file: String, measurement: &Measurement) -> Self {
         let deviations = || measurement.readings.iter().map(|reading| reading.deviation);
         let [runs_forward, runs_backward] =
@@ -291,7 +286,6 @@ fn paths(named: &[PathBuf]) -> Result<Vec<(PathBuf, bool)>, Failure> {
     Ok(all)
 }
 
-/// Overview of several files, one row each.
 #[derive(Default)]
 struct Overview {
     rows: Vec<[String; 7]>,
@@ -378,7 +372,6 @@ fn error_of(path: &Path, measurement: &Measurement) -> String {
     }
 }
 
-/// Data of the previous files.
 #[derive(Default)]
 struct Others {
     readings: KnownReadings<String>,
@@ -386,7 +379,6 @@ struct Others {
 }
 
 impl Others {
-    /// Warnings that follow from a comparison with the other files.
     fn compare(&mut self, file: &str, measurement: &Measurement) -> Vec<String> {
         let mut warnings = Vec::new();
         if let Some(other) = self.readings.before(measurement, file.to_owned()) {
@@ -494,7 +486,7 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
     text
 }
 
-/// mm or deg if the file determines the kind of the axis, otherwise both.
+/// The unit of the targets: mm or deg if the file determines the kind of the axis, otherwise both.
 fn target_unit(measurement: &Measurement) -> &'static str {
     match axis_kind(measurement) {
         Some(AxisKind::Rotary) => " deg",
@@ -508,7 +500,6 @@ fn short_unit(measurement: &Measurement) -> &'static str {
     axis_kind(measurement).map_or("", |_| target_unit(measurement))
 }
 
-/// The unit of an environmental quantity, as in the document.
 fn surroundings_unit(name: &str) -> &'static str {
     match name {
         "air_temperature" | "material_temperature" => " °C",

@@ -1,5 +1,3 @@
-//! `volcomp map-table`: the corrections of a machine as a lookup map for a control.
-
 use std::{collections::BTreeMap, path::PathBuf};
 
 use schemars::JsonSchema;
@@ -269,7 +267,6 @@ fn document(
     }
 }
 
-/// The corrected axes, each with its largest correction on the lines.
 fn outputs(map: &Map) -> Vec<Output> {
     let header = map.header();
     let count = header.outputs.count();

@@ -56,22 +56,16 @@ use crate::{failure::Failure, finite::first_not_finite, output::OutputFile};
 /// Values by axis letter, in the order X Y Z A B C U V W.
 pub(crate) type ByAxis = BTreeMap<AxisName, f64>;
 
-/// The result of a command.
 pub(crate) struct Answer {
-    /// The document of `--json`.
     pub(crate) json: Value,
-    /// The result as text.
     pub(crate) text: String,
-    /// Notes to show in addition to the text.
     pub(crate) notes: Vec<String>,
-    /// A failure reported after the result.
     pub(crate) failed: Option<Failure>,
-    /// True if all stated tolerances are met; otherwise the exit status is 3.
+    /// Set if all tolerances are met; otherwise the exit status is 3.
     pub(crate) tolerances_met: bool,
 }
 
 impl Answer {
-    /// An answer from its document.
     pub(crate) fn new(
         document: &impl Serialize,
         text: String,
@@ -92,7 +86,6 @@ impl Answer {
         })
     }
 
-    /// Adds the decision over the stated tolerances.
     pub(crate) fn decided(self, decision: Option<Decision>) -> Self {
         let met = decision.is_none_or(|decision| decision.pass);
         Self {
@@ -136,12 +129,10 @@ fn range(values: impl IntoIterator<Item = f64>) -> f64 {
     high - low
 }
 
-/// Converts a vector from mm to µm.
 fn micrometres(v: &Vector3<f64>) -> [f64; 3] {
     (v * 1e3).into()
 }
 
-/// Converts a vector from rad to µrad.
 fn microradians(v: &Vector3<f64>) -> [f64; 3] {
     (v * 1e6).into()
 }
@@ -156,7 +147,6 @@ fn in_degrees(kind: AxisKind, value: f64) -> f64 {
     Displacement::new(kind, value).mm_or_deg()
 }
 
-/// Notes on a machine file, its temperatures and its thermal terms.
 fn machine_notes(machine: &Machine, temperatures: &Temperatures) -> Vec<String> {
     let thermal = [
         thermal_note(machine, temperatures),
@@ -167,7 +157,7 @@ fn machine_notes(machine: &Machine, temperatures: &Temperatures) -> Vec<String> 
     notes
 }
 
-/// Notes what a figure over X, Y and Z with fixed rotary axes does not cover.
+/// Note on the errors that a figure over X, Y and Z with fixed rotary axes does not cover.
 fn rotary_note(machine: &Machine) -> Option<String> {
     let rotary = machine.axes().iter().filter(|axis| axis.name.is_rotary());
     let names: Vec<String> = rotary.map(|axis| axis.name.to_string()).collect();
@@ -179,7 +169,6 @@ fn rotary_note(machine: &Machine) -> Option<String> {
     })
 }
 
-/// Notes the temperatures beyond the tested ranges of thermal terms.
 fn seen_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
     let beyond = machine.thermal().beyond_seen(temperatures);
     let said = |seen: &&volcomp_model::Seen| {
@@ -196,7 +185,6 @@ fn seen_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
     })
 }
 
-/// Notes the sensors without a temperature, whose thermal terms are left out.
 pub(crate) fn thermal_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
     let mut missing = machine.thermal().sensors();
     missing.retain(|name| !temperatures.contains_key(*name));

@@ -1,5 +1,3 @@
-//! `volcomp nc`: compensate an NC program.
-
 use std::{
     fmt::Write as _,
     fs::File,
@@ -223,10 +221,10 @@ enum Rounding {
     Floyd,
 }
 
-/// Maximum size of a program whose mean correction is requested, bytes: it is read twice, from memory.
+/// Maximum size of a program whose mean correction is requested, bytes. Such a program is read twice, from memory.
 const MOST_IN_MEMORY: u64 = 256 << 20;
 
-/// `3,4,3`.
+/// Parses `3,4,3`.
 fn decimals(text: &str) -> Result<Decimals, String> {
     let numbers: Option<Vec<u8>> = text
         .split(',')
@@ -370,7 +368,7 @@ fn refuse_read_once(arguments: &NcArguments, program: &File) -> Result<(), Failu
     ))
 }
 
-/// Opens the file of the picture before the work starts; it becomes visible when the result is stored.
+/// Creates the file of the picture before the work starts. It becomes visible when the result is stored.
 fn picture_file(arguments: &NcArguments) -> Result<Option<OutputFile>, Failure> {
     let Some(path) = &arguments.picture else {
         return Ok(None);
@@ -394,7 +392,6 @@ fn picture_file(arguments: &NcArguments) -> Result<Option<OutputFile>, Failure> 
     OutputFile::open_beside(path, &inputs).map(Some)
 }
 
-/// What was written.
 enum Written {
     Compensated(Summary),
     Averaged(Vec<Average>),
@@ -475,7 +472,7 @@ fn answer(
     Answer::new(&document, text, notes)
 }
 
-/// The mean corrections, now contained in the work offsets.
+/// Mean corrections that are now part of the work offsets.
 fn averaged(
     output: &Path,
     found: Vec<Average>,
@@ -510,7 +507,6 @@ fn averaged(
     Answer::new(&document, text, notes)
 }
 
-/// Verification of a program on a virtual machine.
 struct OnTruth<'a> {
     arguments: &'a NcArguments,
     model: (&'a Machine, &'a Temperatures),
@@ -739,10 +735,8 @@ fn inspected(features: &[Inspected], part: &Path) -> Vec<NcFeature> {
     features.iter().enumerate().map(feature).collect()
 }
 
-/// Selects one quantity of a feature.
 type Take = fn(&Found) -> Option<f64>;
 
-/// Each quantity of each feature, before and after.
 fn part_text(features: &[NcFeature], best_fit: bool) -> String {
     const NUMBERS: [(&str, Take, &str); 6] = [
         ("form", |f| f.form_um, "µm"),
@@ -785,10 +779,8 @@ fn part_text(features: &[NcFeature], best_fit: bool) -> String {
     format!("\nThe part as a measuring machine would find it{aligned}:\n{part}{reasons}")
 }
 
-/// The readings of all ball rows of a file: the distance of the tip from each ball, along each measured direction.
-///
-/// # Errors
-/// The file cannot be read; it has no ball rows; a row without a stated position, since its readings do not determine where the machine is.
+/// The readings of all ball rows of a file: the distance of the tip from each ball, along each measured direction. Errors: the file cannot be read;
+/// it has no ball rows; a row without a stated position, since its readings do not determine where the machine is.
 fn readings(path: &Path) -> Result<Vec<Reading>, Failure> {
     let observations = Observations::read(path)?;
     let mut readings = Vec::new();

@@ -30,7 +30,7 @@ const EXAMPLE: f64 = 10.0;
 /// Minimum effect on the tool that is reported in text, µm.
 const NOTHING_UM: f64 = 5e-4;
 
-/// The errors that observations leave open, each with the machine in which it is [`EXAMPLE`] larger and the others are adjusted so that the
+/// The errors that observations leave open. Each has a machine in which it is [`EXAMPLE`] larger, while the others are adjusted so that the
 /// observations stay the same.
 pub(crate) struct Open {
     found: Machine,
@@ -38,7 +38,6 @@ pub(crate) struct Open {
 }
 
 impl Open {
-    /// No error is left open.
     pub(crate) fn nothing(found: Machine) -> Self {
         Self {
             found,
@@ -46,7 +45,6 @@ impl Open {
         }
     }
 
-    /// The errors left open by an identification, with the tool of `machine`.
     pub(crate) fn new(
         observations: &Observations,
         found: &Identification,
@@ -131,7 +129,7 @@ pub(crate) fn all_over(machine: &Machine, grid: &MapGrid) -> Result<Vec<State>, 
     states.collect()
 }
 
-/// Describes what is not included; empty if everything is.
+/// Describes the errors that are not included; empty if all are.
 pub(crate) fn words(not_counted: &[NotCounted], place: &str) -> String {
     const SHOWN: usize = 6;
     let moving: Vec<&NotCounted> = not_counted
@@ -155,7 +153,7 @@ pub(crate) fn words(not_counted: &[NotCounted], place: &str) -> String {
 }
 
 impl NotCounted {
-    /// `ECZ legendre 1 2.70 µm per 10 µrad`.
+    /// Text such as `ECZ legendre 1 2.70 µm per 10 µrad`.
     pub(crate) fn words(&self) -> String {
         let symbol = if self.unit == "urad" { "µrad" } else { "µm" };
         format!(

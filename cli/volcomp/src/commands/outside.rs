@@ -17,7 +17,6 @@ pub(crate) struct Outside {
     pub(crate) outside_travel: Vec<AxisName>,
 }
 
-/// The error motions and axes that are outside the range of the model at a state.
 pub(super) fn outside(machine: &Machine, state: &State) -> Outside {
     let mut outside_travel = machine.outside_travel(state);
     outside_travel.sort_unstable();
@@ -28,7 +27,7 @@ pub(super) fn outside(machine: &Machine, state: &State) -> Outside {
 }
 
 impl Outside {
-    /// `outside travel Z, range EZY EZZ`; empty if everything is within range.
+    /// Text such as `outside travel Z, range EZY EZZ`; empty if everything is within range.
     pub(super) fn words(&self) -> String {
         let parts = [
             ("travel", joined(&self.outside_travel)),
@@ -43,7 +42,6 @@ impl Outside {
     }
 }
 
-/// Notes that some positions are outside the range of the model.
 pub(super) fn outside_note<'a>(outside: impl Iterator<Item = &'a Outside>) -> Option<String> {
     let count = outside.filter(|o| !o.words().is_empty()).count();
     let positions = match count {
@@ -56,7 +54,6 @@ pub(super) fn outside_note<'a>(outside: impl Iterator<Item = &'a Outside>) -> Op
     ))
 }
 
-/// Joins names with blanks.
 pub(crate) fn joined<T: ToString>(names: &[T]) -> String {
     let names: Vec<String> = names.iter().map(ToString::to_string).collect();
     names.join(" ")
@@ -83,7 +80,7 @@ pub(super) fn remarks(rows: impl Iterator<Item = String>) -> String {
     format!("\n{lines}")
 }
 
-/// Ascending numbers with consecutive ones joined: `1, 3-7`.
+/// Ascending numbers with consecutive ones joined, such as `1, 3-7`.
 fn ranges(rows: &[usize]) -> String {
     let mut runs: Vec<(usize, usize)> = Vec::new();
     for &row in rows {

@@ -1,5 +1,3 @@
-//! `volcomp probe`: current values of a device, and the interfaces of this computer.
-
 use std::{fmt::Write, time::Duration};
 
 use comfy_table::CellAlignment;
@@ -139,7 +137,6 @@ fn text(found: &Probe) -> String {
     text
 }
 
-/// Further properties of a device, one per line.
 fn told(facts: &Facts) -> String {
     match facts {
         Facts::Control(facts) => format!(

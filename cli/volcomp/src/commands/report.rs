@@ -1,5 +1,3 @@
-//! `volcomp report`: one HTML file from a calibration, an identification or a machine file.
-
 use std::{
     collections::BTreeMap,
     fmt::Write as _,
@@ -180,7 +178,6 @@ impl From<&Check> for ReportCheck {
     }
 }
 
-/// The parsed source of the report.
 enum Source {
     Calibration(Box<CalibrationFile>),
     Observations(Box<Observations>),
@@ -253,7 +250,6 @@ impl Source {
         })
     }
 
-    /// The machine of the source file.
     fn machine(&self) -> &Machine {
         match self {
             Self::Calibration(file) => &file.machine,
@@ -271,7 +267,6 @@ impl Source {
         }
     }
 
-    /// The machine with the identified errors, and its report without the working space.
     fn report(&self, arguments: &ReportArguments) -> Result<(Machine, Report), Failure> {
         let stated = Stated {
             machine: arguments.name.clone().or_else(|| name_of(self.machine())),
@@ -303,7 +298,6 @@ impl Source {
     }
 }
 
-/// The machine name in a machine file, if stated.
 fn name_of(machine: &Machine) -> Option<String> {
     let name = &machine.name;
     (!name.is_empty()).then(|| name.clone())
@@ -408,7 +402,7 @@ fn working_space(
     Ok(report.leave_out_temperatures(reference_degc, machines.into_iter().flatten()))
 }
 
-/// A tool by name with its machine, the correction of that machine on the truth, and the machine before.
+/// The name of a tool; the machine with this tool; the correction of that machine on the truth; and the machine before calibration.
 type Case<'a> = (&'a str, &'a Machine, Compensation<'a>, Option<Machine>);
 
 fn fields<'a, F: Fn(&Pose) -> [f64; 6]>(

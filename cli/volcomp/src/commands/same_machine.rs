@@ -9,10 +9,8 @@ use volcomp_vocabulary::{Component, Direction, ErrorName, MAX_AXES};
 const NO_MATTER: f64 = 0.05;
 /// Number of positions along each axis at which curves are compared, in addition to those of the curves.
 const PLACES: u32 = 41;
-/// Maximum number of errors listed in a note.
 const MOST_NAMED: usize = 6;
 
-/// Notes on differences of `found`, the machine that the measurements in a file give, from the machine in use.
 pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<String> {
     let mut notes = Vec::new();
     if found.name != machine.name {
@@ -66,7 +64,6 @@ fn other_places(file: &Path, found: &Machine, machine: &Machine) -> Option<Strin
     })
 }
 
-/// A note if the assembly errors differ, with the largest difference.
 fn other_assembly(file: &Path, found: &Machine, machine: &Machine) -> Option<String> {
     let axes = machine.axes().iter().enumerate();
     let differences = axes.flat_map(|(index, axis)| {
@@ -84,7 +81,7 @@ fn other_assembly(file: &Path, found: &Machine, machine: &Machine) -> Option<Str
     ))
 }
 
-/// A note if the thermal terms differ: their effect is then not that included in the measurements.
+/// A note if the thermal terms differ: the measurements then contain another thermal effect.
 fn other_thermal(file: &Path, found: &Machine, machine: &Machine) -> Option<String> {
     let terms = |of: &Machine| {
         let thermal = of.thermal();
@@ -123,8 +120,8 @@ fn differences(found: &Machine, machine: &Machine) -> Vec<(ErrorName, f64)> {
     names.into_iter().map(by).filter(matters).collect()
 }
 
-/// The largest difference of two curves over the travel, with approach from both directions and the other axes, on which a grid may depend,
-/// at their ends and in the middle. `places`: those of each machine ([`Machine::places`]).
+/// The largest difference of two curves over the travel, for approach from both directions. The other axes, on which a grid may depend, are at their
+/// ends and in the middle. `places` are those of each machine ([`Machine::places`]).
 fn of_curves(name: ErrorName, machines: [&Machine; 2], places: &[Vec<Vec<f64>>; 2]) -> f64 {
     let [_, machine] = machines;
     let Ok(own) = machine.index_of(name.axis) else {

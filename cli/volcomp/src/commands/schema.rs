@@ -59,7 +59,7 @@ pub(crate) fn run(arguments: &SchemaArguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, Vec::new())
 }
 
-/// The name of a command and the schema of its document.
+/// Name of a command, and the schema of its document.
 type Named = (&'static str, fn() -> Schema);
 
 /// The documents by command name; the file of a schema is `volcomp-NAME.json`. Variants of a command have separate names: `probe-list`

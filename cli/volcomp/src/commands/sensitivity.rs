@@ -1,5 +1,3 @@
-//! `volcomp sensitivity`: the effect of each error, errors that cause the same motion, and errors that cannot be separated.
-
 use std::{fmt::Write, path::PathBuf};
 
 use schemars::JsonSchema;

@@ -1,5 +1,3 @@
-//! `volcomp simulate`: measurement files of a virtual shop.
-
 use std::{
     collections::BTreeMap,
     fmt::Write as _,
@@ -128,14 +126,11 @@ impl From<ShopError> for Failure {
     }
 }
 
-/// Files written into a folder.
 pub(crate) struct Written {
     names: Vec<String>,
-    /// Written files that replaced existing files.
     replaced: Vec<String>,
 }
 
-/// Writes every file of a shop into a folder.
 pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
     refuse_inputs(shop, folder)?;
     make(folder)?;
@@ -170,7 +165,6 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
     Ok(written)
 }
 
-/// Creates a folder if it does not exist.
 pub(crate) fn make(folder: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(folder).map_err(|e| {
         Failure::Input(format!(
@@ -180,7 +174,6 @@ pub(crate) fn make(folder: &Path) -> Result<(), Failure> {
     })
 }
 
-/// Refuses a folder in which an output would overwrite an input of the shop.
 fn refuse_inputs(shop: &Shop, folder: &Path) -> Result<(), Failure> {
     let mut names = shop.file_names();
     let writes = |wanted: &str| names.iter().any(|name| name == wanted);
@@ -209,7 +202,6 @@ const FIRST_LINE: &str = "# Written by volcomp simulate, which writes over these
 struct WrittenFiles(BTreeMap<String, String>);
 
 impl WrittenFiles {
-    /// Reads the list in a folder; empty if it does not exist.
     fn read(folder: &Path) -> Result<Self, Failure> {
         let path = folder.join(LIST);
         let Some(bytes) = content(&path)? else {
@@ -240,7 +232,6 @@ impl WrittenFiles {
         Err(not_mine(&path))
     }
 
-    /// Adds a written file.
     fn add(&mut self, name: &str, text: &str) {
         self.0
             .insert(name.to_owned(), hexadecimal(&Sha256::digest(text)));
@@ -255,7 +246,6 @@ impl WrittenFiles {
     }
 }
 
-/// Writes files into an existing folder and into its list, unless one of them would overwrite a foreign file.
 pub(super) fn write_listed(folder: &Path, files: &[(&str, &str)]) -> Result<(), Failure> {
     let mut list = WrittenFiles::read(folder)?;
     for (name, text) in files {

@@ -1,5 +1,3 @@
-//! `volcomp squareness`: the squareness of two axes from two straightness files.
-
 use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
@@ -153,7 +151,6 @@ pub(crate) fn run(arguments: &SquarenessArguments) -> Result<Answer, Failure> {
     Ok(Answer::new(&document, text, judgement.notes)?.decided(judgement.decision))
 }
 
-/// The data of a straightness line that the squareness needs.
 struct Line {
     part: SquarenessPart,
     slope: Urad,
@@ -211,7 +208,6 @@ fn line(
     })
 }
 
-/// Notes on contributions missing in the uncertainty, and on an implausible squareness.
 fn notes_on(
     arguments: &SquarenessArguments,
     value: f64,

@@ -1,5 +1,3 @@
-//! `volcomp straightness`: the straightness of a motion about the reference lines of ISO 230-1.
-
 use std::{
     fmt::Write as _,
     path::{Path, PathBuf},
@@ -98,7 +96,6 @@ impl Reference {
     }
 }
 
-/// The key of a reference line in documents and tolerances.
 pub(crate) fn key(kind: ReferenceKind) -> &'static str {
     match kind {
         ReferenceKind::LeastSquares => SYMBOLS[0],
@@ -203,7 +200,8 @@ fn one(
     Ok(document(path, arguments, tolerances, &found, method, notes))
 }
 
-/// A note if a straightness is implausible for a machine tool. The slope of the optics' alignment is excluded, as it may be steep.
+/// A note if a straightness is implausible for a machine tool. The slope is ignored, because it depends on the alignment of the optics and may be
+/// steep.
 pub(crate) fn odd(found: &Straightness) -> Option<String> {
     // Two targets leave no residual.
     let error_um = found.of(ReferenceKind::LeastSquares).error_um;
@@ -213,7 +211,7 @@ pub(crate) fn odd(found: &Straightness) -> Option<String> {
         .map(|text| format!("about the line of least squares {text}"))
 }
 
-/// Any straightness error for which slopes keep their sign; the choice has no effect on the result.
+/// Any straightness error for which slopes keep their sign: the choice does not affect the result.
 fn rising() -> ErrorName {
     use volcomp_vocabulary::Component;
     ErrorName::motion(Component::EZ, AxisName::X)

@@ -1,5 +1,3 @@
-//! `volcomp studio`: local web application for a folder of measurement files.
-
 use std::{
     net::SocketAddr,
     path::PathBuf,

@@ -29,14 +29,12 @@ pub(crate) struct UncertaintyArguments {
     pub(crate) seed: u64,
 }
 
-/// The parsed measurements from which an uncertainty is computed.
 pub(crate) enum Measured {
     Calibration(Box<CalibrationFile>),
     Observations(Box<Observations>),
 }
 
 impl UncertaintyArguments {
-    /// Reads the file; it must have the structure of the machine.
     pub(crate) fn read(
         &self,
         machine: &Machine,
@@ -127,7 +125,6 @@ impl UncertaintyArguments {
         Ok((ensemble.ok_or_else(differ)?, open))
     }
 
-    /// Adds notes if the machine that the measurements give differs from the one in use.
     fn is_of(&self, found: &Machine, machine: &Machine, notes: &mut Vec<String>) {
         if let Some(file) = &self.uncertainty {
             notes.extend(same_machine::notes(file, found, machine));

@@ -9,22 +9,20 @@ use volcomp_vocabulary::{Component, Direction, ErrorName};
 
 use crate::{abbe::Lever, profile::Profile};
 
-/// Lines contradict each other if they differ by more than this multiple of their noise.
 const TIMES_NOISE: f64 = 3.0;
 /// Differences up to this are irrelevant for any machine tool, µm or µrad.
 const NEVER_BELOW: f64 = 0.5;
 /// Minimum noise of an instrument, µm or µrad.
 const LEAST_NOISE: f64 = 0.01;
 
-/// Tilts that were removed from lines.
 pub(crate) struct Tilts<'a> {
     pub(crate) machine: &'a Machine,
     /// Standard deviation of each tilt at a target, µrad; a tilt without one is treated as known.
     pub(crate) noise_urad: &'a BTreeMap<ErrorName, f64>,
 }
 
-/// Notes on the lines of an error that disagree beyond their noise, without the contributions of tilts and locations;
-/// `tilts` is `None` if no tilt acts on the error.
+/// Notes on the lines of an error that disagree beyond their noise, after the contributions of tilts and locations are removed. `tilts` is `None` if
+/// no tilt acts on the error.
 pub(crate) fn contradictions(
     error: ErrorName,
     cleared: &[Profile<'_>],
@@ -143,7 +141,6 @@ pub(crate) struct ParallelReadings {
     pub(crate) places: Vec<(Direction, f64)>,
     /// Values of each line, by place, µm or µrad.
     pub(crate) lines: Vec<Vec<f64>>,
-    /// Whether a line was interpolated because its targets differ.
     pub(crate) is_interpolated: bool,
 }
 

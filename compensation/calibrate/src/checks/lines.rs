@@ -195,7 +195,6 @@ fn is_same_name(one: &str, other: &str) -> bool {
     one.trim().eq_ignore_ascii_case(other.trim())
 }
 
-/// Message on a file that states another machine name than the machine file.
 pub(crate) fn other_machine(readings: &Measurement, machine: &Machine) -> Option<String> {
     let known = machine.name.trim();
     let stated = readings.metadata.machine.as_deref()?.trim();
@@ -237,7 +236,6 @@ pub fn different_machines(files: &[(String, &Metadata)]) -> Vec<String> {
     notes
 }
 
-/// Files of lines with their metadata.
 pub(crate) fn files_of(lines: &[Line]) -> Vec<(String, &Metadata)> {
     let file = |line: &Line| line.file.display().to_string();
     let lines = lines.iter();
@@ -288,7 +286,6 @@ const SHORT_BELOW: f64 = 0.5;
 /// Distance of a target beyond the end of the travel, in travels, above which it is noted: targets may be slightly outside for the overrun.
 const BEYOND_ABOVE: f64 = 0.02;
 
-/// The smallest and the largest target.
 pub(crate) fn ends(readings: &Measurement) -> Option<[f64; 2]> {
     let targets = readings.readings.iter().map(|reading| reading.target);
     targets.fold(None, |ends, target| {
@@ -317,7 +314,6 @@ pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
     values.chain(unsure).collect()
 }
 
-/// Message on targets beyond the travel of their axis.
 pub(crate) fn beyond_travel(readings: &Measurement, axis: &Axis) -> Option<String> {
     let [first, last] = ends(readings)?;
     let [low, high] = axis.travel;
@@ -484,7 +480,6 @@ impl Stated {
         locations.chain(squareness).collect()
     }
 
-    /// The file with this value changed by `step`.
     pub(crate) fn changed(&self, file: &CalibrationFile, step: f64) -> CalibrationFile {
         let mut other = file.clone();
         if self.table == "location" {

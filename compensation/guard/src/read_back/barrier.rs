@@ -202,12 +202,10 @@ impl BarrierLink {
         Some(frame.encode(&settings, words))
     }
 
-    /// Epoch and sequence of the last frame.
     pub(super) fn last_frame(&self) -> Option<(u16, u16)> {
         self.session.sent
     }
 
-    /// Records a frame that this gateway sent on another path.
     pub(super) fn also_sent(&mut self, (epoch, sequence): (u16, u16)) {
         self.session.sends(epoch, sequence);
     }
@@ -228,7 +226,6 @@ impl BarrierLink {
     }
 }
 
-/// Converts counts of each axis to mm and rad.
 fn values_of(counts: &Counts, limits: &Limits) -> PerChannel<f64> {
     PerChannel::from_fn(|i| {
         if i < limits.count {
@@ -319,7 +316,6 @@ pub fn barrier_misfits(
     late.into_iter().chain(axes)
 }
 
-/// Longest scan period that is treated as the configured one.
 fn longest_scan(scan: Duration) -> Duration {
     Duration::try_from_secs_f64(scan.as_secs_f64() / SCAN_WITHIN.start()).unwrap_or(Duration::MAX)
 }

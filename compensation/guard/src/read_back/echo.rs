@@ -15,7 +15,6 @@ use crate::{Limits, Reasons, limits::MOST_READ_BACK_CYCLES};
 
 /// Number of equal readings that confirm a value that was not written.
 const EQUAL_READINGS: u32 = 3;
-/// How long another gateway is reported after it was detected.
 const OTHER_REPORTED_FOR: Duration = Duration::from_secs(5);
 /// Capacity: the confirmed value, and one write for each cycle of the maximum read-back lag.
 const MOST: usize = MOST_READ_BACK_CYCLES + 4;
@@ -27,7 +26,6 @@ struct Candidate {
     values: PerChannel<f64>,
 }
 
-/// Consecutive equal readings.
 #[derive(Clone, Copy, Debug)]
 struct Equal {
     values: PerChannel<f64>,
@@ -55,7 +53,7 @@ pub(super) struct Echo {
     equal: Option<Equal>,
     /// When something was last sent, on any path.
     sent: Option<Duration>,
-    /// Something was sent after the confirmed value.
+    /// Whether this path has sent a value, since the start or since a value of another origin was last confirmed.
     has_sent: bool,
     /// Since when only this gateway has changed the values.
     alone_since: Option<Duration>,
@@ -152,7 +150,6 @@ impl Echo {
         Some(same.is_some())
     }
 
-    /// Resets the values that may be applied to these.
     fn begin(&mut self, values: &PerChannel<f64>, now: Duration) {
         self.candidates[0] = Candidate {
             since: now,
@@ -217,7 +214,7 @@ impl Echo {
         self.count += 1;
     }
 
-    /// Values sent on another path may be applied and are not known here: the applied correction is unknown.
+    /// Makes this path the active one. The applied correction becomes unknown, because values sent on the previous path may be applied.
     pub(super) fn take_over(&mut self, now: Duration, status: &mut ReadBackStatus) {
         self.sent = self.sent.max(Some(now));
         (self.count, self.equal, status.writable) = (0, None, false);

@@ -21,7 +21,6 @@ pub struct ControlTimeOut {
 }
 
 impl ControlTimeOut {
-    /// Time without a write after which the correction is at zero.
     fn all(&self) -> Duration {
         self.after.saturating_add(self.to_zero)
     }
@@ -39,18 +38,13 @@ pub(super) struct NoReadBack {
     control: Option<ControlTimeOut>,
     /// Times from which, without another write, the control may start its ramp, and is at zero.
     acts: Option<[Duration; 2]>,
-    /// When the control was last read.
     last_received: Option<Duration>,
-    /// Whether an unknown correction may remain.
     unknown: bool,
-    /// The device's reports of its outputs.
     echo: Echo,
     /// Whether the device has ever reported its output levels, and whether it did in this cycle.
     has_reported: bool,
     reports_now: bool,
-    /// Something was written.
     has_written: bool,
-    /// The operator has acknowledged before anything was written.
     acknowledged: bool,
 }
 
@@ -74,7 +68,6 @@ impl NoReadBack {
         self.has_reported
     }
 
-    /// Whether the outputs show the written correction.
     pub(super) fn reports_now(&self) -> bool {
         self.reports_now
     }
@@ -213,8 +206,8 @@ impl NoReadBack {
         status.confirmed = found.map(|values| Confirmed { values, at: now });
     }
 
-    /// No correction of another path remains. The earlier correction of this path remains, unless the control has dropped it (`released`), as a
-    /// barrier does, or has timed out since the last write.
+    /// Takes over from another path, whose correction is removed. The earlier correction of this path remains, unless the control has dropped it
+    /// (`released`), as a barrier does, or has timed out since the last write.
     pub(super) fn take_over(&mut self, now: Duration, released: bool, status: &mut ReadBackStatus) {
         if self.has_reported {
             // The outputs keep their levels: they are read before the first write.
@@ -242,7 +235,6 @@ impl NoReadBack {
         }
     }
 
-    /// Sets the confirmed correction to zero.
     fn set_zero(&mut self, now: Duration, status: &mut ReadBackStatus) {
         self.unknown = false;
         status.confirmed = Some(Confirmed {

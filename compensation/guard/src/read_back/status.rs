@@ -23,7 +23,7 @@ pub enum CorrectionReport<'a> {
     Missing,
     /// Plain values of each axis, mm or rad.
     Values(PerChannel<f64>),
-    /// The words of its barrier's report.
+    /// The words of the report of the control's barrier.
     Barrier(&'a [u16]),
 }
 
@@ -80,10 +80,9 @@ impl ReadBackStatus {
     }
 }
 
-/// The conclusion of a reading for the sent corrections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Arrival {
-    /// Nothing, or nothing new.
+    /// Nothing is known, or nothing new.
     Unknown,
     /// All have arrived, or are obsolete.
     All,
@@ -119,7 +118,6 @@ impl ArrivalMonitor {
         };
     }
 
-    /// Processes a reading of the control, with its conclusion.
     pub(super) fn receive(
         &mut self,
         now: Duration,

@@ -10,7 +10,6 @@ use crate::{
 /// An axis closer than this number of steps has reached its goal.
 pub(super) const ARRIVED_STEPS: f64 = ROUNDING_STEPS;
 
-/// The motion limits in a cycle.
 pub(super) struct Cycle<'a> {
     pub(super) limits: &'a Limits,
     pub(super) dt_s: f64,
@@ -37,7 +36,6 @@ impl Cycle<'_> {
         0..self.limits.count.min(MAX_AXES)
     }
 
-    /// Indices of the axes of this kind.
     pub(super) fn of_kind(&self, kind: AxisKind) -> impl Iterator<Item = usize> + use<'_> {
         let places = self.places();
         places.filter(move |i| self.limits.axes[*i].kind == kind)
@@ -152,7 +150,6 @@ pub(super) fn span(at: f64, rate: f64, slew: f64, accel: f64, limit: f64, dt_s: 
     [lowest * dt_s, highest * dt_s]
 }
 
-/// Clamps a value to a range.
 pub(super) fn within([lowest, highest]: [f64; 2], value: f64) -> f64 {
     value.max(lowest).min(highest)
 }

@@ -85,7 +85,6 @@ impl RequestedCorrection {
         following
     }
 
-    /// Whether every number is finite.
     pub(crate) fn is_finite(&self) -> bool {
         let finite = |values: &PerChannel<f64>| values.iter().all(|x| x.is_finite());
         finite(&self.position) && finite(&self.rotary) && self.follow.iter().all(finite)

@@ -12,15 +12,12 @@ use crate::{
     observations::{MachinePose, Observations, Part, Quantity, Row, RowReading, SetUp, Unknown},
 };
 
-/// Maximum order of a drift.
 pub(crate) const MAX_DRIFT_ORDER: usize = 12;
-/// Maximum number of cross-validation folds.
 pub(crate) const MAX_FOLDS: usize = 100;
 /// Maximum number of coefficients of one curve; more do not describe an error of an axis.
 pub(crate) const MAX_COEFFICIENTS: usize = 60;
 /// Maximum order along a second axis, and maximum number of spline coefficients along it.
 pub(crate) const MAX_SECOND_ORDER: usize = 8;
-/// Minimum number of coefficients of a cubic spline.
 pub(crate) const MIN_SPLINE_COEFFICIENTS: usize = 4;
 
 /// Returns a standard uncertainty, µm, if it is usable as a weight: 1e-6 to 1e6.
@@ -191,7 +188,6 @@ fn check_row(file: &str, row: &Row, setup: &SetUp) -> Result<(), IdentifyError> 
     Ok(())
 }
 
-/// Rejects the rows of one file if their lengths cannot be in mm.
 pub(crate) fn refuse_units(
     table: &CsvTable,
     machine: &Machine,
@@ -200,9 +196,9 @@ pub(crate) fn refuse_units(
 ) -> Result<(), InputError> {
     /// Ratio between the spread of targets and that of the tool, either way, that indicates another unit: an inch is 25 times a mm.
     const OTHER_UNIT: f64 = 15.0;
-    /// Minimum motion of the tool for a check of the unit, mm.
     const MIN_MOTION_MM: f64 = 1.0;
-    /// Largest difference between a measured and the nominal length between two poses, mm at usual extents, and per mm of length.
+    /// Largest difference between a measured and the nominal length between two poses, mm and per mm of length, for rows with an extent of a usual
+    /// machine tool; [`limit_mm`] scales it to other extents.
     const MAX_APART_MM: f64 = 5.0;
     const MAX_APART_SHARE: f64 = 2e-3;
     /// Maximum length in diagonals of the travels: no ballbar or tracer is longer.
@@ -256,8 +252,8 @@ pub(crate) fn refuse_units(
     Ok(())
 }
 
-/// Reason to reject a line of sight that runs neither along its rows (positioning) nor across them (straightness): its
-/// readings would count in a wrong direction.
+/// Why a line of sight is rejected: it runs neither along its rows (positioning) nor across them (straightness), so its readings would act in a wrong
+/// direction.
 pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine) -> Option<String> {
     const ALIGNED_DEG: f64 = 1.0;
     /// Largest spread across the line as a share of the spread along it.

@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
 use crate::observations::Row;
 
-/// Extents of rows for which limits are stated, mm: those of nearly all machine tools.
+/// Minimum and maximum extent of rows to which limits apply without scaling, mm: those of nearly all machine tools.
 const USUAL_EXTENT_MM: [f64; 2] = [300.0, 2000.0];
 
 /// Minimum factor on a limit, for rows in a corner of a machine.

@@ -18,9 +18,10 @@ use crate::{
     system::{Rows, System},
 };
 
-/// Maximum distance of a row from the nominal machine, mm at usual extents: a newly assembled machine deviates by a few mm.
+/// Maximum distance of a row from the nominal machine, mm, for rows with an extent of a usual machine tool; [`limit_mm`] scales it to other extents.
+/// A newly assembled machine deviates by a few mm.
 const MAX_FROM_NOMINAL_MM: f64 = 10.0;
-/// Maximum RMS residual of a file after the fit, mm at usual extents.
+/// Maximum RMS residual of a file after the fit, mm, for rows with an extent of a usual machine tool; [`limit_mm`] scales it to other extents.
 const MAX_RESIDUAL_MM: f64 = 0.5;
 /// RMS residuals below this multiple of the stated uncertainty are attributed to the instrument.
 const WITHIN_UNCERTAINTY: f64 = 6.0;
@@ -28,10 +29,8 @@ const WITHIN_UNCERTAINTY: f64 = 6.0;
 const INVERTED_LEAVES: f64 = 0.25;
 /// Minimum number of readings per unknown; with fewer, almost no redundancy remains to check the unknowns.
 const MIN_NUMBERS_PER_UNKNOWN: f64 = 1.5;
-/// Maximum number of rows or names that one check lists.
 const MAX_LISTED: usize = 5;
 
-/// Rejects an empty set of rows, and a single pose if errors are unknown.
 pub(crate) fn refuse_rows(system: &System, rows: &Rows) -> Result<(), IdentifyError> {
     if rows.len() == 0 {
         return Err(IdentifyError::NothingToFit);
@@ -299,7 +298,6 @@ pub(crate) fn small_travel(machine: &Machine, rows: &Rows) -> Option<Note> {
     Some(Note::warning("", what))
 }
 
-/// Warning if there are hardly more readings than unknowns.
 pub(crate) fn few(rows: &Rows, fitted: &Fitted) -> Option<Note> {
     let numbers: usize = rows.iter().map(|row| row.reading.count()).sum();
     let found = fitted.rank.kept.len();
@@ -314,7 +312,6 @@ pub(crate) fn few(rows: &Rows, fitted: &Fitted) -> Option<Note> {
     })
 }
 
-/// Warnings for errors significantly larger than those of real machines.
 pub(crate) fn large(system: &System, fitted: &Fitted) -> Vec<Note> {
     let values = &fitted.solution.values;
     let mut large: Vec<(f64, usize)> = Vec::new();
@@ -346,7 +343,6 @@ pub(crate) fn large(system: &System, fitted: &Fitted) -> Vec<Note> {
     notes
 }
 
-/// Warnings for rows that fit far worse than the others of their file.
 pub(crate) fn outliers(
     observations: &Observations,
     rows: &Rows,

@@ -80,7 +80,6 @@ fn rounded(vector: &Vector3<f64>, below: f64) -> [f64; 3] {
     vector.map(|x| if x.abs() < below { 0.0 } else { x }).into()
 }
 
-/// Decodes a frame from its origin and two of its axes.
 fn decode_base(section: &Section<'_>) -> Result<Pose, InputError> {
     section.allow(&["point", "x", "z"])?;
     let vector = |key: &str, default: [f64; 3]| {
@@ -110,7 +109,6 @@ fn decode_base(section: &Section<'_>) -> Result<Pose, InputError> {
     })
 }
 
-/// Decodes one row for each axis, in chain order.
 fn decode_rows(value: &Value<'_>, structure: &Structure) -> Result<Vec<DhRow>, InputError> {
     let axes = structure.axes();
     let items = value.items()?;

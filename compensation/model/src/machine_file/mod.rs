@@ -339,7 +339,6 @@ fn decode_direction(value: &Value<'_>) -> Result<[f64; 3], InputError> {
     Ok(direction)
 }
 
-/// Decodes the key `correct`; errors locate the single names.
 fn decode_correct(root: &Section<'_>, machine: &mut Machine) -> Result<(), InputError> {
     let Some(value) = root.get("correct") else {
         return Ok(());
@@ -391,10 +390,8 @@ fn decode_seen(seen: &Section<'_>, structure: &Structure) -> Result<Seen, InputE
     })
 }
 
-/// The range of any finite number.
 const ANY_NUMBER: core::ops::RangeInclusive<f64> = f64::NEG_INFINITY..=f64::INFINITY;
 
-/// The error motion to which a thermal term is added.
 fn decode_motion(term: &Section<'_>, structure: &Structure) -> Result<ErrorName, InputError> {
     let value = term.require("error")?;
     let found = value.text()?;
@@ -457,7 +454,6 @@ fn decode_tool(section: &Section<'_>) -> Result<Tool, InputError> {
     })
 }
 
-/// Rejects `length` and `offset` without a gauge point.
 fn check_gauge_keys(
     root: &Section<'_>,
     tool: &Tool,

@@ -11,7 +11,6 @@ use crate::{
     provenance::{Origin, Provenance, Source},
 };
 
-/// Maximum number of runs and of targets.
 const MAX_RUNS_OR_TARGETS: usize = 100_000_000;
 
 pub(super) fn decode_provenance(

@@ -1,5 +1,3 @@
-//! Writes a machine file in a fixed order and spelling.
-
 use core::fmt::Write;
 
 use volcomp_document::toml_string;
@@ -8,7 +6,7 @@ use volcomp_kinematics::MotionFrame;
 use super::provenance::write_provenance;
 use crate::{curve_file::write_error_curve, machine::Machine, thermal::Thermal, tool::Tool};
 
-/// The machine file without its checksum, in a fixed order and spelling.
+/// Writes the machine file, without its checksum, in a fixed order and spelling.
 pub(super) fn canonical(machine: &Machine) -> String {
     let mut text = format!("name = {}\n", toml_string(&machine.name));
     let mut line = |content: String| {

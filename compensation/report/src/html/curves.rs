@@ -128,7 +128,6 @@ pub(super) fn direction_word(direction: Option<Direction>) -> &'static str {
     }
 }
 
-/// Line style and marker of a direction, for its readings, means and curves.
 pub(super) fn look(direction: Option<Direction>) -> (Look, Mark) {
     match direction {
         Some(Direction::Positive) => (Look::Forward, Mark::Up),
@@ -137,7 +136,6 @@ pub(super) fn look(direction: Option<Direction>) -> (Look, Mark) {
     }
 }
 
-/// The runs of a line as thin series.
 pub(super) fn run_series(runs: &[crate::report::Run], line: bool) -> Vec<Series> {
     let series = runs.iter().map(|run| Series {
         name: format!(
@@ -227,12 +225,10 @@ fn main_plot(curve: &Curve) -> XyPlot {
     }
 }
 
-/// The label of the coordinate with its unit.
 fn coordinate(curve: &Curve) -> String {
     format!("{}, {}", curve.axis, curve.x_unit)
 }
 
-/// One legend entry per direction: its readings and, if it has one, its curve.
 fn legend(curve: &Curve) -> Vec<(Look, Mark, String)> {
     let mut entries = Vec::new();
     for direction in Direction::BOTH {

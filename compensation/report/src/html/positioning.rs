@@ -13,7 +13,6 @@ use crate::{
     report::{Positioning, Report},
 };
 
-/// Maximum number of targets in a table.
 const MOST_ROWS: usize = 48;
 
 pub(super) fn positioning(page: &mut Page, report: &Report) {

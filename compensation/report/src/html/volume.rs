@@ -115,7 +115,6 @@ fn state_words(state: State, has_before: bool) -> &'static str {
     }
 }
 
-/// Writes which errors the states before and after have.
 fn states(page: &mut Page, before: State, after: Option<State>) {
     let line = |name: &str, words: &str| format!("<b>{}</b>: {}", escaped(name), escaped(words));
     let mut all = Vec::new();
@@ -320,7 +319,6 @@ fn maps(page: &mut Page, volume: &Volume) {
     page.put(&format!("<div class=\"colours\">{}</div>", colours(most)));
 }
 
-/// The colour scale.
 fn colours(most: f64) -> String {
     let (left, width) = (4.0, 400.0);
     let mut svg = Svg::new("plot", (420.0, 54.0), "length of the error, µm", "");

@@ -6,7 +6,6 @@ use crate::{
     report::{Report, Weighted, place},
 };
 
-/// Maximum number of listed combinations of the null space.
 const MOST_COMBINATIONS: usize = 40;
 /// Smallest listed weight in a combination, relative to its largest.
 const LEAST_WEIGHT: f64 = 0.02;

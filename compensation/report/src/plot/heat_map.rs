@@ -1,5 +1,3 @@
-//! Heat map of a field on a plane.
-
 use super::{
     colour::colour_at,
     scale::{Scale, short, ticks},

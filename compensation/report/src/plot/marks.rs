@@ -17,7 +17,6 @@ pub enum Mark {
     Cross,
 }
 
-/// Appends the outline of a marker at a position to SVG path data.
 pub(crate) fn outline(path: &mut String, mark: Mark, [x, y]: [f64; 2], size: f64) {
     use std::fmt::Write as _;
     if !(x.is_finite() && y.is_finite()) {

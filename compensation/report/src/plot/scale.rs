@@ -1,5 +1,3 @@
-//! Linear scales of plots, and round values for their labels.
-
 /// A linear scale from values to picture positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {

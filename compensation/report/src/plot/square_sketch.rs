@@ -1,5 +1,3 @@
-//! Exaggerated sketch of the angle between two axes.
-
 use super::{
     scale::short,
     svg::{Anchor, Svg},

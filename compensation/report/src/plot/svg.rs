@@ -7,7 +7,6 @@ pub struct Svg {
     text: String,
 }
 
-/// Alignment of a text relative to its point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Anchor {
     Start,

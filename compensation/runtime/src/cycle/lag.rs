@@ -16,7 +16,6 @@ use crate::{
 const BASE: Duration = Duration::from_millis(20);
 /// Time for which a reduction is reported, since at speed the reduction changes with every position.
 const REPORTED_FOR: Duration = Duration::from_secs(2);
-/// Maximum time of a prediction.
 const MAX_AHEAD: Duration = Duration::from_secs(10);
 
 /// Interval at which past corrections are stored, and their number.
@@ -41,28 +40,23 @@ pub(super) struct Lag {
     wanted: [Option<(CoupledCorrection, Duration)>; REMEMBERED],
     /// Speed of each axis, mm/s and rad/s.
     speed: PerAxis<f64>,
-    /// When the correction was last reduced.
     last: Option<Duration>,
     /// Whether the correction ramps out until positions are fresh again.
     goes_out: bool,
 }
 
-/// The inputs of a prediction.
 pub(super) struct PredictionInputs<'a> {
     pub(super) model: &'a Model,
     pub(super) correctors: &'a Correctors,
-    /// Whether the path carries thermal terms alone.
     pub(super) only_thermal: bool,
     pub(super) limits: &'a Limits,
     pub(super) state: &'a State,
     pub(super) wanted: &'a CoupledCorrection,
     /// The applied correction, in machine order.
     pub(super) applied: &'a PerAxis<f64>,
-    /// Duration of a ramp of the applied correction to zero.
     pub(super) way_out: Duration,
 }
 
-/// The result of a prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reduction {
     /// Largest factor of the correction that is still better than no correction, 0 to 1.
@@ -73,7 +67,6 @@ pub(super) struct Reduction {
 }
 
 impl Lag {
-    /// Updates the speeds from the positions.
     pub(super) fn update(&mut self, place: &MachinePosition, model: &Model) {
         let Some(taken) = place.oldest else { return };
         let Some((before, at)) = self.before else {
@@ -187,7 +180,6 @@ impl PredictionInputs<'_> {
         half.min(self.part_after(speed, ahead))
     }
 
-    /// The share that is better than none after `time` at this speed.
     fn part_after(&self, speed: &PerAxis<f64>, time: Duration) -> f64 {
         let mut ahead_state = *self.state;
         for (q, speed) in ahead_state.q.iter_mut().zip(speed) {
@@ -204,7 +196,7 @@ impl PredictionInputs<'_> {
         linear.min(rotary)
     }
 
-    /// Compares the present correction with `then`, the one required ahead: linear axes, rotary axes.
+    /// Compares the present correction with `then`, the one required ahead; for linear axes, then for rotary axes.
     fn compare(&self, then: &CoupledCorrection) -> [Comparison; 2] {
         let now = self.wanted;
         // The effect of the present linear corrections at the pose ahead, where the levers of the rotary corrections differ.
@@ -221,7 +213,6 @@ impl PredictionInputs<'_> {
         ]
     }
 
-    /// Coarsest resolution among the axes of this kind.
     fn step(&self, kind: AxisKind) -> f64 {
         let axes = self.limits.axes.iter().take(self.limits.count);
         let of_kind = axes.filter(|axis| axis.kind == kind);
@@ -246,7 +237,6 @@ impl Comparison {
         }
     }
 
-    /// The share of the correction that is better than none.
     fn part(&self) -> f64 {
         let differs = self.differs - self.step;
         if differs <= 0.5 * self.size {

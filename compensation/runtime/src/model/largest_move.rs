@@ -14,7 +14,6 @@ const MAX_NODE_STATES: usize = 100_000;
 const PLACES: usize = 25;
 /// Maximum number of states in the coordinate ascent, or those of one pass (at most `MAX_NODE_STATES`) if these are more.
 const MAX_CLIMB_STATES: usize = 40_000;
-/// Maximum number of coordinate-ascent passes.
 const MAX_PASSES: usize = 2;
 /// Number of points with the largest changes that are also sampled with the other axes at their ends.
 const MAX_BEST_NODES: usize = 20;
@@ -45,12 +44,10 @@ impl LargestMove {
     }
 }
 
-/// Two models, and the correcting axes of each.
 struct Pair<'a> {
     models: [&'a Model; 2],
     correctors: [Correctors; 2],
     worst: LargestMove,
-    /// Number of states that may still be sampled.
     left: usize,
     /// For each axis, the largest change of its correction in either direction (mm or rad) and the state with it.
     most: PerAxis<[(f64, State); 2]>,
@@ -100,7 +97,6 @@ impl<'a> Pair<'a> {
         moved
     }
 
-    /// A measure of the largest change at a position over these directions of approach.
     fn sample_from(&mut self, q: &PerAxis<f64>, directions: &[PerAxis<Option<Direction>>]) -> f64 {
         let moves = directions.iter().map(|approach| {
             let state = State {
@@ -156,9 +152,7 @@ impl Model {
 
 /// The sampling positions in the work space of two models, mm and rad.
 struct Space {
-    /// Ends of travel in both models, by axis.
     ends: Vec<Vec<f64>>,
-    /// Centre of the travel in the new model, by axis.
     middle: PerAxis<f64>,
     /// Sampling positions of the curves, and equidistant positions, by axis.
     places: Vec<Vec<f64>>,
@@ -404,7 +398,6 @@ impl Space {
     }
 }
 
-/// The directions of approach in which the two models may differ.
 fn directions(old: &Model, new: &Model) -> Vec<PerAxis<Option<Direction>>> {
     let all = |direction| PerAxis::from_fn(|_| Some(direction));
     let mut directions = vec![all(Direction::Positive)];
@@ -424,7 +417,6 @@ fn directions(old: &Model, new: &Model) -> Vec<PerAxis<Option<Direction>>> {
     directions
 }
 
-/// At most `at_most` of the positions, evenly spread.
 fn thinned(places: &[f64], at_most: usize) -> impl Iterator<Item = f64> + '_ {
     let step = places.len().div_ceil(at_most.max(1)).max(1);
     places.iter().copied().step_by(step)

@@ -28,7 +28,6 @@ pub(super) struct GridNodes {
     pub(super) nodes: [Vec<f64>; 2],
 }
 
-/// The grids of a machine, with their two axes.
 pub(super) fn grids(machine: &Machine) -> Vec<GridNodes> {
     let mut grids: Vec<GridNodes> = Vec::new();
     for (_, curve) in machine.errors() {
@@ -45,7 +44,6 @@ pub(super) fn grids(machine: &Machine) -> Vec<GridNodes> {
     grids
 }
 
-/// Whether errors depend on the direction of approach, by axis.
 pub(super) fn reverses(machine: &Machine) -> Vec<bool> {
     let axes = machine.axes().iter();
     axes.map(|axis| machine.has_directions(axis.name)).collect()

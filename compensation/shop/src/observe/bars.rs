@@ -14,7 +14,6 @@ use crate::{
     observation::{Bar, Reads},
 };
 
-/// The actual geometry of a bar.
 struct TrueBar {
     origin: Vector3<f64>,
     /// Nominal directions along and across the bar, as columns.
@@ -23,7 +22,6 @@ struct TrueBar {
     distances: Vec<f64>,
 }
 
-/// The record at one mark in one pass.
 struct AtMark {
     pass: usize,
     mark: usize,

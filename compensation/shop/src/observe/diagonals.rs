@@ -33,7 +33,6 @@ impl Observer<'_> {
         Ok(made)
     }
 
-    /// One body diagonal: its file and its direction.
     fn diagonal(&mut self, name: &str) -> Result<(String, String, Vector3<f64>), ObservationError> {
         let targets = self.what.instrument.targets;
         let mut ends = [self.what.at.clone(), self.what.at.clone()];

@@ -71,7 +71,6 @@ impl Observer<'_> {
         })
     }
 
-    /// Random poses around a sphere.
     fn around(
         &mut self,
         sphere: usize,
@@ -125,7 +124,6 @@ impl Observer<'_> {
         Ok(state)
     }
 
-    /// The row for a sphere at a pose.
     fn at_sphere(
         &mut self,
         pose: usize,

@@ -62,7 +62,6 @@ impl Format {
 }
 
 impl Content {
-    /// Rejects values that are implausible for a machine tool.
     fn check_plausible(&self, files: &[&TextFile]) -> Result<(), ExchangeError> {
         self.first_refused(is_plausible_error)
             .map_or(Ok(()), |entry| {

@@ -16,7 +16,6 @@ use super::{
 /// First parameter of the data: N10000 + point (from memory).
 const DATA: u32 = 10_000;
 
-/// Records of a file, by parameter and axis, and by point.
 #[derive(Default)]
 struct Records {
     axes: BTreeMap<u16, BTreeMap<u32, (String, usize)>>,
@@ -110,7 +109,6 @@ fn record(here: FilePosition<'_>, text: &str, found: &mut Records) -> Result<(),
     Ok(())
 }
 
-/// The compensation points of an axis, and their spacing.
 struct Extent {
     first: u32,
     last: u32,
@@ -267,17 +265,14 @@ struct Points {
     negative: Option<(u32, i64)>,
 }
 
-/// Data to be written.
 #[derive(Default)]
 struct PitchData {
     axes: Vec<Points>,
     /// Increments by point.
     data: Vec<(u32, i64)>,
-    /// Next free point.
     next: u32,
     /// Axes with increments that not every control accepts.
     wide: Vec<AxisName>,
-    /// Deviations at reference positions, as text.
     offsets: Vec<String>,
 }
 

@@ -1,5 +1,3 @@
-//! The table formats and their properties.
-
 use core::{fmt, str::FromStr};
 
 /// A format of compensation tables.
@@ -55,17 +53,16 @@ impl Format {
         }
     }
 
-    /// Whether the format contains component errors instead of axis tables.
     pub(crate) fn holds_errors(self) -> bool {
         self == Self::IsgCsv
     }
 
-    /// Whether its files can contain comments; otherwise the facts are written to a separate file.
+    /// Whether files of the format can contain comments; otherwise the facts are written to a separate file.
     pub fn has_comments(self) -> bool {
         matches!(self, Self::Csv | Self::Siemens840d | Self::IsgCsv)
     }
 
-    /// Sign convention of its numbers.
+    /// Sign convention of the numbers in files of the format.
     pub fn sign(self) -> &'static str {
         match self {
             Self::Csv => {

@@ -13,7 +13,6 @@ use super::{
     text::{ExchangeError, TextFile, Warning, number, signed},
 };
 
-/// Maximum number of lines of a table.
 const MAX_LINES: usize = 256;
 /// Decimals of mm and deg, as in known files.
 const DECIMALS: usize = 4;
@@ -32,7 +31,6 @@ fn axis_in(name: &str) -> Option<AxisName> {
     stem.rsplit(['_', '-']).next()?.parse().ok()
 }
 
-/// The word after BEGIN.
 fn begin<'a>(
     file: &'a TextFile,
     line: Option<&(usize, &'a str)>,
@@ -232,7 +230,6 @@ fn columns_of(
     })
 }
 
-/// Values of a file, by column.
 #[derive(Default)]
 struct Rows {
     positions: Vec<f64>,
@@ -288,13 +285,11 @@ fn rows_of(
 /// Tolerance for equal angles, rad.
 const SAME_RAD: f64 = 1e-8;
 
-/// Why tables with other positions are rejected by every HEIDENHAIN control.
 const WITHIN_A_TURN: &str = "a table over a rotary axis holds 0 to 360 deg";
 
 /// Why full-turn tables that do not begin at 0 deg are changed.
 const IN_TWO: &str = "a table over a rotary axis holds 0 to 360 deg, and its two ends, which are one position there, deviate differently";
 
-/// Tables in a form that HEIDENHAIN controls accept.
 #[derive(Default)]
 struct AcceptedTables<'a> {
     tables: Vec<Cow<'a, AxisTable>>,
@@ -305,7 +300,6 @@ struct AcceptedTables<'a> {
 }
 
 impl<'a> AcceptedTables<'a> {
-    /// Converts all tables over an axis, or none of them.
     fn new(tables: impl IntoIterator<Item = &'a AxisTable>) -> Self {
         let all: Vec<&AxisTable> = tables.into_iter().collect();
         let over = |input: AxisName| all.iter().copied().filter(move |of| of.input == input);
@@ -328,7 +322,6 @@ impl<'a> AcceptedTables<'a> {
         accepted
     }
 
-    /// Adds notes about differences from the original tables.
     fn add_notes(&self, written: &mut Written) {
         written.leave_out(WITHIN_A_TURN, &self.beyond);
         written.leave_out(IN_TWO, &self.in_two);

@@ -17,7 +17,6 @@ const MM: usize = 7;
 const RAD: usize = 10;
 const POSITION: usize = 9;
 
-/// Formats an error value with the decimals of its unit.
 fn value(name: ErrorName, value: f64) -> String {
     short(value, if name.component.is_angular() { RAD } else { MM })
 }

@@ -11,7 +11,6 @@ use super::{
     text::{ExchangeError, TextFile, Warning, short},
 };
 
-/// Maximum number of lines of a LinuxCNC table.
 const MAX_LINES: usize = 256;
 /// Decimals of mm (1 nm); `DECIMALS_ROTARY`: of deg.
 const DECIMALS: usize = 6;
@@ -209,7 +208,6 @@ fn scanned(line: &str) -> Option<[f64; 3]> {
     Some(found)
 }
 
-/// Length in bytes of the leading number.
 fn prefix(bytes: &[u8]) -> Option<usize> {
     let digits = |from: usize| {
         bytes

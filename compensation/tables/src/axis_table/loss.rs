@@ -117,9 +117,7 @@ pub(crate) fn with_only(
     Ok((!is_empty).then_some(found))
 }
 
-/// Maximum number of poses, each evaluated in both directions.
 const MAX_POSES: usize = 3000;
-/// Maximum number of positions along an axis.
 const MAX_POSITIONS_PER_AXIS: usize = 13;
 /// Maximum number of poses per line, separately for midpoints between table positions and for nodes of the machine's curves.
 const MAX_POSES_PER_LINE: usize = 400;
@@ -168,7 +166,6 @@ pub struct Loss {
     pub categories: Vec<CategoryLoss>,
 }
 
-/// The correction applied by a control with such tables.
 enum ControlModel {
     Content(Content),
     /// The control evaluates component errors like the model.
@@ -183,7 +180,6 @@ struct Comparison<'a> {
     format: Format,
     correction: CorrectionOptions,
     outputs: Vec<usize>,
-    /// Poses over the travel of all axes.
     spread: Vec<State>,
     /// Poses at which the residual error of a table is probably largest.
     likely: Vec<State>,
@@ -374,7 +370,7 @@ fn has_reversal(machine: &Machine) -> bool {
         .any(|(_, curve)| !matches!(curve, ErrorCurve::Single(_)))
 }
 
-/// Every sensor warmer by 1 K; `None` without thermal terms.
+/// Temperatures with every sensor warmer by 1 K; `None` without thermal terms.
 fn warmer(machine: &Machine, temperatures: &Temperatures) -> Option<Temperatures> {
     let thermal = machine.thermal();
     let sensors = thermal.sensors();

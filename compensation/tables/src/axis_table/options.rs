@@ -103,7 +103,6 @@ impl Facts {
         }
     }
 
-    /// Adds the deviations of the tables at the reference position to these facts.
     pub(crate) fn with_tables(&self, content: &Content) -> Self {
         let Content::Axes(tables) = content else {
             return self.clone();
@@ -143,7 +142,6 @@ impl Facts {
         ))
     }
 
-    /// Header lines, without the comment mark.
     pub(crate) fn lines(&self, format: Format, axes: &AxisNumbers) -> Vec<String> {
         let mut at = String::new();
         for (name, place) in &self.at {
@@ -206,7 +204,6 @@ pub(crate) fn numbers_in(line: &str) -> Option<Vec<(AxisName, u16)>> {
     Some(stated.split_whitespace().filter_map(number).collect())
 }
 
-/// Format stated in a facts file.
 pub(crate) fn stated_format(file: &TextFile) -> Option<Format> {
     let is_head = |format: &Format| file.text.contains(&format!("{},", title(*format)));
     Format::ALL.into_iter().find(is_head)
@@ -237,7 +234,6 @@ fn one_line(text: &str) -> String {
         .collect()
 }
 
-/// The facts file of these tables.
 pub(crate) fn facts_with(format: Format, options: &WriteOptions, written: &Written) -> TextFile {
     let mut text = String::new();
     let names = written.files.iter().map(|file| file.name.as_str());
@@ -311,7 +307,6 @@ pub struct Written {
 }
 
 impl Written {
-    /// Omits tables, and adds a note with the reason.
     pub(crate) fn leave_out(&mut self, why: &str, tables: &[&AxisTable]) {
         if tables.is_empty() {
             return;

@@ -1,5 +1,3 @@
-//! Computes tables from a machine.
-
 use volcomp_kinematics::{ErrorSource, State};
 use volcomp_model::{Axis, Machine, Temperatures};
 use volcomp_vocabulary::{
@@ -12,7 +10,6 @@ use super::{
     text::ExchangeError,
 };
 
-/// Maximum number of nodes along an axis.
 const MAX_NODES: f64 = 10_000.0;
 
 /// Options for computing tables from a machine.
@@ -129,7 +126,6 @@ pub(super) fn positions(
     machine.axes().iter().enumerate().map(along).collect()
 }
 
-/// A node of a table, and how its value is computed.
 enum Node {
     Within(f64),
     /// Outside the travel: extrapolated from the previous node through the end of travel, so that interpolation yields the model's value at

@@ -34,7 +34,6 @@ pub(crate) fn read(
     Ok(tables)
 }
 
-/// Axis names in the files.
 struct AxisNames<'a> {
     options: &'a AxisNumbers,
     stated: AxisNumbers,
@@ -173,7 +172,6 @@ fn joined(halves: [Option<AxisTable>; 2]) -> Option<AxisTable> {
     })
 }
 
-/// A line of a file.
 enum Statement {
     Metric,
     Inch,
@@ -181,7 +179,6 @@ enum Statement {
     Nothing,
     /// Another variable of the control.
     Other(String),
-    /// An element or parameter of a compensation table.
     Set {
         name: String,
         index: Vec<String>,
@@ -190,7 +187,6 @@ enum Statement {
     },
 }
 
-/// The value after the `=`.
 enum Value {
     Number(f64),
     Axis(String),
@@ -198,7 +194,6 @@ enum Value {
 
 const EXPECTED: &str = "a statement such as $AN_CEC[0,1]=0.005 or $AA_ENC_COMP[0,1,AX1]=0.005";
 
-/// Reads a line without its comment.
 fn statement(line: &str) -> Result<Statement, &'static str> {
     let upper = without_number(line.trim()).to_ascii_uppercase();
     match upper.as_str() {
@@ -262,13 +257,11 @@ fn without_number(text: &str) -> &str {
     }
 }
 
-/// Parameters of one table, of either kind.
 struct Parameters<'a> {
-    /// File of the first statement about the table, and the last line about it.
+    /// File of the first statement about the table, with the line of the last one.
     last: FilePosition<'a>,
     values: BTreeMap<u32, f64>,
     numbers: BTreeMap<String, f64>,
-    /// Axis names with their lines.
     axes: BTreeMap<String, (String, usize)>,
 }
 
@@ -314,7 +307,6 @@ impl<'a> Parameters<'a> {
     }
 }
 
-/// Content of all files.
 #[derive(Default)]
 struct Statements<'a> {
     cec: BTreeMap<u32, Parameters<'a>>,
@@ -324,7 +316,6 @@ struct Statements<'a> {
 }
 
 impl<'a> Statements<'a> {
-    /// Adds the axis numbers in a comment.
     fn stated_in(&mut self, comment: &str) {
         for pair in numbers_in(comment).unwrap_or_default() {
             if !self.stated.contains(&pair) {
@@ -375,7 +366,6 @@ impl<'a> Statements<'a> {
         Ok(())
     }
 
-    /// Adds a value to its table.
     fn set(
         &mut self,
         here: FilePosition<'a>,
@@ -423,7 +413,6 @@ impl<'a> Statements<'a> {
     }
 }
 
-/// Maximum number of points of a table.
 const MAX_POINTS: f64 = 100_000.0;
 
 /// Points of a table: positions in mm or deg, values as in the file; `None` if undefined.
@@ -581,7 +570,6 @@ fn all_from_file_unit(axis: AxisName, values: &[f64]) -> Vec<f64> {
 }
 
 const FORMAT: Format = Format::Siemens840d;
-/// Decimals of positions and steps.
 const DECIMALS: usize = 9;
 
 pub(crate) fn write(

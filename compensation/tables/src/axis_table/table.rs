@@ -24,7 +24,7 @@ pub struct AxisTable {
     pub forward: Vec<f64>,
     /// Deviation after negative motion; `None`: as `forward`.
     pub backward: Option<Vec<f64>>,
-    /// Whether the table repeats with its length.
+    /// Whether the table repeats after its length, as for an axis that turns round.
     pub modulo: bool,
 }
 
@@ -129,7 +129,6 @@ impl AxisTable {
         self.positions.iter().map(|at| self.input_in_file_unit(*at))
     }
 
-    /// Name of the table in messages.
     pub(crate) fn title(&self) -> String {
         format!("table {} over {}", self.output, self.input)
     }
@@ -190,7 +189,7 @@ pub(crate) fn from_file_unit(axis: AxisName, mm_or_deg: f64) -> f64 {
 pub struct ErrorTable {
     /// Error motion.
     pub name: ErrorName,
-    /// Positions of its axis, ascending, mm or rad.
+    /// Positions of the error's axis, ascending, mm or rad.
     pub positions: Vec<f64>,
     /// Error at each position, mm or rad.
     pub values: Vec<f64>,
@@ -287,7 +286,6 @@ fn micro(kind: AxisKind, values: &[f64]) -> Vec<f64> {
     values.iter().map(of).collect()
 }
 
-/// Unit of a deviation in documents.
 pub(crate) fn micro_unit(kind: AxisKind) -> &'static str {
     match kind {
         AxisKind::Linear => "um",
@@ -295,7 +293,6 @@ pub(crate) fn micro_unit(kind: AxisKind) -> &'static str {
     }
 }
 
-/// A table value and its location.
 pub(crate) struct TableValue {
     pub(crate) what: String,
     pub(crate) value: Displacement,

@@ -113,7 +113,6 @@ pub(crate) fn short(value: f64, decimals: usize) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// A number with its sign and this many decimals.
 pub(crate) fn signed(value: f64, decimals: usize) -> String {
     let text = fixed(value, decimals);
     if text.starts_with('-') {
@@ -165,7 +164,6 @@ pub enum ExchangeError {
         found: String,
         expected: String,
     },
-    /// A correction or an error exceeds the limit of the options.
     #[error("{what} is {found:.1}, expected at most {limit}: check the units in the machine file")]
     BeyondLimit {
         what: String,
@@ -209,7 +207,6 @@ impl ExchangeError {
         }
     }
 
-    /// The error for an invalid option.
     pub(crate) fn option(
         what: impl Into<String>,
         found: &impl ToString,

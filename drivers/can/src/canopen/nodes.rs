@@ -10,7 +10,6 @@ use volcomp_port::{Fault, Reason};
 use super::telegrams::{NmtCommand, NodeState, Telegram, nmt, telegram};
 use crate::frame::{CanPort, Frame, MAX_FRAMES_PER_READ, Received};
 
-/// A monitored node.
 #[derive(Clone, Copy, Debug)]
 struct MonitoredNode {
     state: Option<NodeState>,
@@ -41,10 +40,7 @@ impl Nodes {
         }
     }
 
-    /// Processes the waiting frames without blocking: passes process data on (node, number, frame, arrival), and starts a node that is
-    /// ready.
-    ///
-    /// # Errors
+    /// Processes the waiting frames without blocking: passes process data on (node, number, frame, arrival), and starts a node that is ready. Errors:
     /// [`Fault::Disconnected`] if the interface is down or bus-off.
     pub(super) fn listen(
         &mut self,
@@ -75,7 +71,6 @@ impl Nodes {
         Ok(())
     }
 
-    /// Processes a telegram that concerns a monitored node.
     fn process(&mut self, telegram: Telegram, taken: Instant) {
         let (Telegram::Heartbeat { node, .. }
         | Telegram::Emergency { node, .. }

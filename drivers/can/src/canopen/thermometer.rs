@@ -112,7 +112,6 @@ impl<P: CanPort> CanopenThermometer<P> {
     }
 }
 
-/// Stores the temperatures of received process data.
 fn take(
     channels: &[Channel],
     latest: &mut [Temperature],

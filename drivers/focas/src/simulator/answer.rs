@@ -25,7 +25,6 @@ pub(super) fn opened(options: &Options) -> Vec<u8> {
     payload
 }
 
-/// Response to a request.
 pub(super) fn answer(payload: &[u8], options: &Options, world: &mut World) -> (Kind, Vec<u8>) {
     let negative = |code: i16| {
         (

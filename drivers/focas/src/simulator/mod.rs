@@ -26,7 +26,7 @@ use crate::frame::{HEAD, Head, Kind, frame};
     reason = "independent properties of a control"
 )]
 pub struct Options {
-    /// Protocol version of its responses: 2 (16i), 3 (0i), 4 (31i).
+    /// Protocol version of the control's responses: 2 (16i), 3 (0i), 4 (31i).
     pub version: u16,
     /// Number of slots in responses about all axes: 8 or 32.
     pub slots: usize,
@@ -40,13 +40,10 @@ pub struct Options {
     pub refuses_mix: bool,
     /// Whether a request with more than one command is rejected as a whole.
     pub one_command: bool,
-    /// Whether PMC memory is write-protected.
     pub write_protected: bool,
-    /// Maximum number of concurrent sessions.
     pub sessions: usize,
     /// Size of the pieces in which responses are sent, bytes; 0: whole.
     pub fragment: usize,
-    /// Delay of a response.
     pub latency: Duration,
 }
 
@@ -129,7 +126,7 @@ impl Simulator {
         Ok(())
     }
 
-    /// The address on which it listens.
+    /// The address on which the simulator listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -262,7 +259,6 @@ fn answer_all(stream: &mut TcpStream, shared: &Shared) -> std::io::Result<()> {
     }
 }
 
-/// Waits while the control is paused.
 fn wait_out_silence(shared: &Shared) {
     while !shared.stop.load(Ordering::SeqCst) {
         let Some(left) = shared.world().silence() else {

@@ -21,11 +21,9 @@ const AREA: usize = 10_000;
 /// PMC words of the machine zero point shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShiftArea {
-    /// The area of PMC memory.
     pub area: PmcArea,
     /// First byte of the word of the first axis.
     pub first: usize,
-    /// Size of each word.
     pub width: Width,
     /// Displacement of an axis by one count, mm or deg.
     pub count: f64,
@@ -52,15 +50,12 @@ pub type ScanLog = Box<dyn FnMut(Scan<'_>) + Send>;
 pub struct World {
     /// Axis letters, in the control's order.
     pub axes: Vec<char>,
-    /// Positions of the axes over motion time.
     pub motion: Motion,
-    /// The words from which the shifts are read.
     pub shift: ShiftArea,
     /// Delay after which a write to PMC memory can be read back and takes effect.
     pub readback_delay: Duration,
     /// The program that runs in the control; `None`: the axes take the shift words directly.
     pub ladder: Option<Ladder>,
-    /// Scan period of the control.
     pub scan: Duration,
     /// Delay of a response, in addition to that of the options.
     pub latency: Duration,
@@ -68,9 +63,7 @@ pub struct World {
     pub reports_shift_source: bool,
     /// Active alarms: number and text.
     pub alarms: Vec<(i32, String)>,
-    /// Callback for every scan.
     pub scan_log: Option<ScanLog>,
-    /// Macro variables by number.
     pub macros: BTreeMap<i32, f64>,
     /// Parameters by number and slot.
     pub parameters: BTreeMap<(i32, usize), f64>,
@@ -185,7 +178,6 @@ impl World {
         self.lines = Some((latch, axis, value));
     }
 
-    /// State of the digital lines.
     pub(super) fn lines(&self) -> Option<(bool, usize, i16)> {
         self.lines
     }
@@ -433,7 +425,6 @@ impl World {
 pub enum Ladder {
     /// A barrier: it validates frames, moves the shifts at its own rate, and reports.
     Barrier(BarrierLadder),
-    /// Another program.
     Own(Box<dyn LadderProgram>),
 }
 
@@ -448,7 +439,6 @@ pub trait LadderProgram: Send {
 
 /// A barrier in the control, with its memory addresses.
 pub struct BarrierLadder {
-    /// The barrier.
     pub program: Box<dyn ControlProgram>,
     /// First byte of each mailbox for frames.
     pub frames: Vec<PmcAddress>,

@@ -11,7 +11,6 @@ use super::{Ini, Problem, below, is_bridge};
 /// Directory in which LinuxCNC searches for HAL files that are not next to the INI file.
 const HAL_LIBRARY: &str = "/usr/share/linuxcnc/hallib";
 
-/// Path of a HAL file named in an INI file in `folder`; arguments may follow the name.
 fn path_of(folder: &Path, value: &str) -> PathBuf {
     let name = value.split_whitespace().next().unwrap_or_default();
     if let Some(name) = name.strip_prefix("LIB:") {

@@ -38,7 +38,6 @@ pub struct Expected<'a> {
     pub least: Option<GuardMinimum>,
 }
 
-/// The HAL file of the bridge.
 const BRIDGE: &str = "volcomp.tcl";
 
 /// The keys of the bridge's section, as in `volcomp.tcl`.
@@ -60,7 +59,6 @@ const KEYS: [&str; 15] = [
     "KEY_FILE",
 ];
 
-/// Maximum number of joints in LinuxCNC.
 const MAX_JOINTS: f64 = 16.0;
 
 /// Units that the bridge accepts: key, accepted words in any case, and the same words for messages. LinuxCNC also accepts numbers, and text
@@ -270,7 +268,6 @@ impl Ini {
         }
     }
 
-    /// Checks units, kinematics and servo period.
     fn control(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         for (key, known, words) in UNITS {
             match self.get("TRAJ", key) {
@@ -316,7 +313,6 @@ impl Ini {
         }
     }
 
-    /// Checks the section of the bridge.
     fn bridge(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let mut compare = |key: &'static str, default: Option<String>, required: String| match self
             .bridge_value(key)

@@ -10,14 +10,14 @@ const MAX_WORD: f64 = i16::MAX as f64;
 /// LinuxCNC's default for the maximum velocity of an axis, mm/s or deg/s.
 const DEFAULT_MAX_VELOCITY: f64 = 1.0;
 
-/// Minimum values that the guard requires of the bridge, for linear axes and for rotary axes.
+/// Limits that the guard requires of the bridge, for linear axes and for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuardMinimum {
     /// Largest correction: µm, and millidegrees for rotary axes.
     pub limit: [f64; 2],
     /// Minimum rate of the barrier, twice the slew: µm/s, and millidegrees per second for rotary axes.
     pub rate: [f64; 2],
-    /// Time after which the guard ramps out, ms.
+    /// Age of the positions from which the guard ramps the correction to zero, ms: the maximum for the bridge's `TIME_OUT_MS`.
     pub zero_after_ms: f64,
 }
 

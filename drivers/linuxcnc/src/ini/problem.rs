@@ -1,5 +1,3 @@
-//! Problems of an INI file.
-
 use std::path::PathBuf;
 
 use volcomp_vocabulary::AxisName;

@@ -7,7 +7,6 @@ use std::path::Path;
 use volcomp_document::{Document, InputError, ReadError};
 use volcomp_port::Reason;
 
-/// Profiles that ship with the crate.
 const SHIPPED: [&str; 14] = [
     include_str!("../../profiles/pta8c04.toml"),
     include_str!("../../profiles/pt21a01.toml"),
@@ -118,7 +117,7 @@ pub enum Unit {
 pub struct Fault {
     /// The lowest and highest raw number that report this fault.
     pub raw: [f64; 2],
-    /// The fault that they encode.
+    /// The fault that these numbers encode.
     pub reason: Reason,
 }
 

@@ -1,5 +1,3 @@
-//! Queue of delayed writes.
-
 use volcomp_vocabulary::PerChannel;
 
 use crate::Words;
@@ -109,7 +107,6 @@ impl DelayedWrites {
         }
     }
 
-    /// Makes all writes due.
     pub(super) fn release(&mut self) {
         for (_, due) in self.0.iter_mut().flatten() {
             *due = Due::After(0);

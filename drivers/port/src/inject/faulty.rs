@@ -21,11 +21,8 @@ use crate::{
 
 /// Maximum error of a wrong read-back, steps.
 const MAX_ERROR_STEPS: f64 = 5000.0;
-/// Maximum number of injections queued for the next call.
 const MAX_QUEUED_INJECTIONS: usize = 64;
-/// Number of readings whose positions are kept, for the fault `lag`.
 const MAX_LAG: usize = 64;
-/// Deadline of a delayed write.
 const LATE_WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Function that waits instead of the clock.
@@ -50,7 +47,6 @@ pub struct Faulty<D> {
     pause: Option<Pause>,
     injections: Arc<Mutex<Vec<Injection>>>,
     last_snapshot: Option<Snapshot>,
-    /// The last reading without faults.
     last_true: Option<Snapshot>,
     positions: [PerChannel<f64>; MAX_LAG],
     readings: usize,
@@ -62,7 +58,7 @@ pub struct Faulty<D> {
 struct PendingFaults {
     lie: Option<(Lie, u32)>,
     constant: u32,
-    /// The reading whose read-back or report is repeated.
+    /// The reading whose read-back or report further readings repeat.
     constant_of: Option<Snapshot>,
     late_write: Option<u32>,
     double_write: Option<u32>,
@@ -71,7 +67,7 @@ struct PendingFaults {
     late_answer: Option<Duration>,
     frozen_positions: u32,
     frozen_at: Option<PerChannel<f64>>,
-    /// Axis, factor, offset, and number of readings left.
+    /// Axis, factor, offset, and number of remaining readings with a wrong position.
     wrong_position: Option<(usize, f64, f64, u32)>,
     stop_after_read: Option<Duration>,
     stop_before_write: Option<Duration>,
@@ -247,7 +243,6 @@ impl<D> Faulty<D> {
         Ok(())
     }
 
-    /// Whether this answer repeats the last one.
     fn is_frozen(&mut self) -> bool {
         if self.frozen == 0 && self.occurs(self.faults.freeze) {
             self.frozen = self.faults.calls;
@@ -314,7 +309,6 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Delivers due writes; called with an open connection.
     fn deliver_due(&mut self, deliver: Deliver<D>) {
         self.delayed.pass();
         self.deliver_delayed(deliver, false);
@@ -331,7 +325,6 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Sends a write subject to the drawn faults.
     fn send(&mut self, write: Write, deadline: Instant, deliver: Deliver<D>) -> Result<(), Fault> {
         self.before(deadline)?;
         if self.occurs(self.faults.stop_before_write) {

@@ -1,5 +1,3 @@
-//! A controller whose readings block.
-
 use std::{
     sync::{
         Arc,

@@ -1,5 +1,3 @@
-//! Record of the corrections applied to the axes of a simulated machine, independent of any bus.
-
 use std::{
     array,
     sync::{
@@ -98,7 +96,6 @@ impl AxisLog {
         self.recorded.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Appends one scan.
     pub(super) fn push(&self, given: &Given) {
         let before = self.applied();
         let changes: [f64; MAX_AXES] = array::from_fn(|i| (given.applied[i] - before[i]).abs());
@@ -119,7 +116,6 @@ impl AxisLog {
         }
     }
 
-    /// Sets the initial corrections without counting a change.
     pub(super) fn start_at(&self, applied: &PerChannel<f64>) {
         for (bits, value) in self.applied.iter().zip(applied) {
             bits.store(value.to_bits(), Ordering::Relaxed);

@@ -1,5 +1,3 @@
-//! Switches of a simulated machine.
-
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::AxisLog;

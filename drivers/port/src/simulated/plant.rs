@@ -88,7 +88,6 @@ struct Inner {
 struct Control {
     program: Box<dyn ControlProgram>,
     scan: Duration,
-    /// When the next scan is due.
     due: Duration,
     report: Option<Words>,
     mailboxes: [Words; MOST_WAYS],
@@ -123,7 +122,6 @@ impl Plant {
         })))
     }
 
-    /// Runs the due scans, and returns the machine.
     fn now(&self) -> MutexGuard<'_, Inner> {
         let mut inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         inner.pass();
@@ -179,7 +177,6 @@ impl Plant {
         })
     }
 
-    /// The axes, and the scan period if the control runs a program.
     fn shape(&self) -> (Vec<Axis>, Option<Duration>) {
         let inner = self.now();
         let scan = inner.control.as_ref().map(|control| control.scan);
@@ -308,7 +305,6 @@ impl Inner {
 pub struct SimulatedController {
     description: Description,
     plant: Plant,
-    /// Index of the mailbox for its frames.
     way: usize,
     barrier: bool,
 }

@@ -1,5 +1,3 @@
-//! The sensors of a simulated machine.
-
 use std::time::Duration;
 
 use crate::{Clock, Temperature, Thermometer};

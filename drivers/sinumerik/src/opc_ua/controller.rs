@@ -145,7 +145,6 @@ impl Drop for SinumerikController {
     }
 }
 
-/// Runs the connection to a control on a separate thread.
 pub(super) fn start(
     device: &str,
     work: impl Future<Output = ()> + Send + 'static,

@@ -6,7 +6,6 @@ use std::time::Duration;
 /// failure.
 const RECOVERED: Duration = Duration::from_secs(10);
 
-/// The reason logged last.
 #[derive(Debug, Default)]
 pub(super) struct FailureLog(Option<String>);
 

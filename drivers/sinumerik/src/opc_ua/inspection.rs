@@ -59,7 +59,6 @@ pub fn list_axes(server: &Server, nodes: &Nodes) -> Result<Vec<(String, f64)>, S
     })
 }
 
-/// The axes and their positions, on an open session.
 async fn axis_positions(link: &Link, nodes: &Nodes) -> Result<Vec<(String, f64)>, SinumerikError> {
     let mut found = Vec::new();
     let count = u16::try_from(MAX_AXES).unwrap_or(u16::MAX);
@@ -83,7 +82,6 @@ fn block_on<T>(work: impl Future<Output = Result<T, SinumerikError>>) -> Result<
     runtime.block_on(work)
 }
 
-/// The properties of the control, read on an open session.
 pub(super) async fn opened(
     link: &Link,
     config: &SinumerikConfig,

@@ -38,13 +38,11 @@ const REFUSALS: [StatusCode; 6] = [
 /// An open session. Dropping it resets the connection and discards undelivered data.
 pub(super) struct Link {
     session: Arc<Session>,
-    /// The task that transports the messages.
     events: JoinHandle<StatusCode>,
     namespace: u16,
     time_out: Duration,
 }
 
-/// The response to a read request.
 pub(super) struct Answer {
     pub(super) values: Vec<DataValue>,
     /// The server's time of the response, in ticks of 100 ns.
@@ -247,7 +245,6 @@ impl Drop for Link {
 }
 
 impl Answer {
-    /// The values as numbers, with their ages.
     pub(super) fn numbers(&self) -> Vec<Value> {
         self.values.iter().map(|value| self.number(value)).collect()
     }
@@ -327,7 +324,6 @@ fn client(server: &Server) -> Result<Client, SinumerikError> {
         .map_err(|errors| SinumerikError::Client(errors.join("; ")))
 }
 
-/// Host and port of a URL.
 fn address(url: &str) -> Result<String, SinumerikError> {
     let rest = url.strip_prefix("opc.tcp://").unwrap_or(url);
     let authority = rest.split('/').next().unwrap_or_default();

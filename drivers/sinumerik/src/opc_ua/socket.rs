@@ -21,15 +21,12 @@ use tokio::{
 };
 use tokio_util::codec::FramedRead;
 
-/// Opens connections that are reset on closing.
 pub(super) struct ResetOnClose {
-    /// Host and port.
     pub(super) address: String,
     /// The connection ends if data stays unacknowledged for this long.
     pub(super) time_out: Duration,
 }
 
-/// A connector of one URL.
 pub(super) struct ResetOnCloseConnector {
     address: String,
     time_out: Duration,

@@ -80,7 +80,6 @@ struct SensorPoller {
     latest: Vec<Temperature>,
     publisher: Publisher,
     ends: Arc<AtomicBool>,
-    /// Start of the present session.
     opened: Option<Instant>,
 }
 

@@ -39,10 +39,7 @@ fn unreadable(file: &Path, error: &io::Error, expected: &str) -> SinumerikError 
     wrong(file, found, expected)
 }
 
-/// Checks the client's own certificate and key.
-///
-/// # Errors
-/// One of them is missing, invalid, expired, or readable by others.
+/// Checks the client's own certificate and key. Errors: one of them is missing, invalid, expired, or readable by others.
 pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
     let key = folder.join(OWN_KEY);
     let expected = "the client's private key, PEM, mode 600";
@@ -86,10 +83,7 @@ pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
     check_validity(&file, &certificate, "a new one of the client")
 }
 
-/// Selects the endpoint with this message security.
-///
-/// # Errors
-/// The server does not offer it.
+/// Selects the endpoint with this message security. Errors: the server does not offer it.
 pub(super) fn endpoint(
     endpoints: &[EndpointDescription],
     policy: SecurityPolicy,
@@ -127,11 +121,8 @@ fn words(policy: SecurityPolicy, mode: MessageSecurityMode) -> String {
     format!("{} {mode}", policy.to_str())
 }
 
-/// Checks that a server's certificate is among the trusted ones, under any file name, and valid today. An untrusted certificate is saved as
-/// rejected, for the operator to compare.
-///
-/// # Errors
-/// The certificate is not trusted or has expired, or the folder cannot be used.
+/// Checks that a server's certificate is among the trusted ones, under any file name, and valid today. An untrusted certificate is saved as rejected,
+/// for the operator to compare. Errors: the certificate is not trusted or has expired, or the folder cannot be used.
 pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(), SinumerikError> {
     let certificate = &X509::from_byte_string(&endpoint.server_certificate).map_err(|_| {
         wrong(
@@ -174,7 +165,6 @@ pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(),
     )
 }
 
-/// The file with this certificate in a folder.
 fn same(folder: &Path, der: &[u8]) -> Option<PathBuf> {
     let files = fs::read_dir(folder).ok()?;
     let files = files.filter_map(|file| Some(file.ok()?.path()));

@@ -5,7 +5,6 @@ use opcua::types::{DataValue, Variant};
 use super::link::Link;
 use crate::{error::SinumerikError, map_nodes::MapNodes, server::Server};
 
-/// Maximum number of arrays per read request.
 const MAX_ARRAYS_PER_READ: usize = 16;
 
 /// An open session that transfers a map to the PLC. Every exchange ends within the server's timeout. After a failed exchange the state of
@@ -97,7 +96,6 @@ impl MapWords {
     }
 }
 
-/// The elements of an array of words, signed or unsigned.
 fn words_of(value: &DataValue) -> Option<Vec<u16>> {
     if value.status.is_some_and(|status| !status.is_good()) {
         return None;

@@ -23,26 +23,21 @@ use crate::{config::SinumerikConfig, error::SinumerikError, reading::Reading};
 /// Polling interval for queued writes: the lock-free queue cannot wake this thread.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
-/// Corrections to write, mm and rad.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct WriteRequest {
     /// Increasing sequence number; 0: no write was requested yet.
     pub(super) number: u64,
     pub(super) corrections: PerChannel<f64>,
-    /// Time after which the request is not sent.
     pub(super) deadline: Option<Instant>,
 }
 
-/// The latest state of the control.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Latest {
-    /// Whether a session is open.
     pub(super) connected: bool,
     /// The last reading; it is kept, and ages, while later readings fail.
     pub(super) snapshot: Option<Snapshot>,
 }
 
-/// State shared between the thread and the controller.
 #[derive(Default)]
 pub(super) struct Shared {
     pub(super) ends: AtomicBool,
@@ -94,14 +89,12 @@ pub(super) struct Worker {
     pub(super) requests: Output<WriteRequest>,
     pub(super) latest: Input<Latest>,
     pub(super) shared: Arc<Shared>,
-    /// Start of the present session.
     pub(super) opened: Option<Instant>,
     /// The notes of the last session start; notes are logged only if they differ from these.
     pub(super) noted: Vec<String>,
 }
 
 impl Worker {
-    /// Connects, reads and writes until the controller is dropped.
     pub(super) async fn run(mut self) {
         let mut pause = Duration::ZERO;
         let mut failures = FailureLog::default();
@@ -133,7 +126,6 @@ impl Worker {
         }
     }
 
-    /// Runs one session, from its opening to its end.
     async fn session(&mut self) -> Result<(), SinumerikError> {
         let link = Link::open(&self.config.server).await?;
         let opened = inspection::opened(&link, &self.config).await?;

@@ -25,9 +25,9 @@ pub struct ThermalChoice {
     pub lags: Vec<usize>,
     /// Indices of the sensors of this choice in [`ThermalRecord::degc`](crate::ThermalRecord::degc).
     pub sensors: Vec<usize>,
-    /// Penalty of its ridge regression, as a share of the variance of a feature.
+    /// Penalty of the ridge regression, as a share of the variance of a feature.
     pub penalty: f64,
-    /// Root mean square over the blocks of its forward validation, µm or µrad.
+    /// Root mean square over the blocks of the forward validation, µm or µrad.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub forward_rms: f64,
 }
@@ -65,7 +65,6 @@ pub(super) fn best_choices(
     Ok(choices)
 }
 
-/// Every choice of lags and penalty for the given sensors that can be validated, the best first.
 fn every_choice(
     features: &Features,
     blocks: &[DMatrix<f64>],
@@ -98,14 +97,12 @@ fn every_choice(
 }
 
 impl ThermalChoice {
-    /// Indices of the columns of this choice in the moments.
     pub(super) fn columns(&self, features: &Features) -> Vec<usize> {
         let column = |lag: &usize, sensor: &usize| BEFORE + lag * features.sensors + sensor;
         let of_lag = |lag| self.sensors.iter().map(move |sensor| column(lag, sensor));
         self.lags.iter().flat_map(of_lag).collect()
     }
 
-    /// Removes sensors one by one while the forward validation does not get worse.
     fn without_needless(mut self, features: &Features, blocks: &[DMatrix<f64>]) -> Self {
         while self.sensors.len() > 1 {
             let without = |place: usize| {

@@ -94,7 +94,6 @@ pub(super) struct Column {
 /// Assumed course of a temperature between two rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Between {
-    /// Linear.
     Straight,
     /// Curved, following the change of slope from interval to interval.
     Bent,

@@ -75,7 +75,7 @@ pub enum ThermalVerdict {
 pub struct CoarseRows {
     /// Index of the run with the largest effect.
     pub run: usize,
-    /// Median interval between its rows, s.
+    /// Median interval between rows, s.
     pub interval_s: f64,
     /// Shortest non-zero time constant of the terms, s.
     pub shortest_lag_s: f64,
@@ -229,7 +229,6 @@ impl ThermalPrediction {
         Self::new(terms, rms, worst, parts)
     }
 
-    /// Errors in whole runs that were left out, weighted by their number of rows.
     fn by_runs(terms: &ThermalTerms, runs: &[ThermalRun], left_out: &[f64]) -> Self {
         let parts = left_out.iter().map(|rms| rms * rms).collect();
         Self::new(terms, mean_of_runs(runs, left_out), None, parts)

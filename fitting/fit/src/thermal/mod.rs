@@ -63,7 +63,6 @@ fn checked(
     Ok(known)
 }
 
-/// Rejects rows that are not in the record, and too few rows.
 fn enough_rows(
     record: &ThermalRecord,
     requested: &Range<usize>,
@@ -85,7 +84,6 @@ fn enough_rows(
     })
 }
 
-/// Mean of the regressions of some choices, over the rows `train`.
 fn fit_choices(
     record: &ThermalRecord,
     features: &Features,

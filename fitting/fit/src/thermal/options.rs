@@ -1,5 +1,3 @@
-//! Options of the fit of thermal terms.
-
 use crate::FitError;
 
 /// Options of the fit of thermal terms: time constants, penalties and sensors.

@@ -167,7 +167,6 @@ impl ThermalRun {
         rms(from_start)
     }
 
-    /// The part of the run before this row.
     pub(super) fn until(&self, row: usize) -> Self {
         let first = |values: &Vec<f64>| values.iter().copied().take(row).collect();
         Self {

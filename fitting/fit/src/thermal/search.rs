@@ -18,9 +18,7 @@ use crate::FitError;
 const STRETCHES: usize = 10;
 /// Penalty that only keeps the equations solvable.
 const MIN_PENALTY: f64 = 1e-9;
-/// Minimum number of stretches over all runs, for the uncertainties.
 const MIN_STRETCHES: usize = 8;
-/// Minimum number of rows of a stretch.
 const MIN_ROWS: usize = 20;
 
 /// Limits of a search for thermal terms.
@@ -172,14 +170,12 @@ fn search_rows(
 struct Space {
     /// Time constants to choose from, s, ascending.
     lags_s: Vec<f64>,
-    /// Whether there are columns of expansions.
     expands: bool,
     columns: Vec<Column>,
     stretches: Vec<Stretch>,
     folds: Vec<Fold>,
 }
 
-/// Training sums, and the stretches to predict.
 struct Fold {
     learnt: Sums,
     judged: Vec<usize>,
@@ -198,7 +194,6 @@ impl Choice {
         self.errors.iter().sum::<f64>() / self.errors.len().max(1) as f64
     }
 
-    /// Standard error of the mean over the folds.
     fn standard_error(&self) -> f64 {
         let (mean, count) = (self.mean(), self.errors.len() as f64);
         let squares: f64 = self.errors.iter().map(|e| (e - mean).powi(2)).sum();

@@ -333,7 +333,6 @@ impl ThermalTerms {
     }
 }
 
-/// Range of a sensor over some rows of some runs.
 fn seen(known: &[(&ThermalRun, Range<usize>)], sensor: usize) -> TestedRange {
     let mut degc = [f64::INFINITY, f64::NEG_INFINITY];
     let mut k_per_min = [0.0_f64; 2];

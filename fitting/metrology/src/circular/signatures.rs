@@ -96,7 +96,6 @@ pub struct Signatures {
     pub rms_left_um: f64,
 }
 
-/// Spike widths tried, deg.
 const WIDTHS_DEG: [f64; 8] = [0.7, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0, 9.0];
 /// Maximum condition number: columns above it are not separable.
 const WORST_CONDITION: f64 = 1e4;
@@ -217,7 +216,6 @@ fn design(points: &[TracePoint], both: bool, width_rad: f64) -> DMatrix<f64> {
 }
 
 struct Fit {
-    /// Fitted coefficients; 0 for spikes at places that are not passed.
     found: DVector<f64>,
     /// Variance of each coefficient; 0 for the same spikes.
     variances: Vec<f64>,

@@ -9,7 +9,6 @@ use crate::encoding::{decode, refuse_empty};
 use crate::number::Place;
 use crate::{MetrologyError, ReadingUnit};
 
-/// Minimum number of points of a circle.
 const FEWEST_POINTS: usize = 16;
 
 /// Reads a trace from CSV text; `name` is used in messages.
@@ -168,7 +167,6 @@ fn refuse(name: &str, what: &str, found: String, expected: &str) -> MetrologyErr
     MetrologyError::readings(name, what, found, expected)
 }
 
-/// Columns of the quantities of a trace.
 struct TraceColumns {
     kind: Kind,
     direction: Option<Column>,

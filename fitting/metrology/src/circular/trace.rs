@@ -108,7 +108,6 @@ impl CircularTrace {
         self.points.iter().any(|p| p.sense == sense)
     }
 
-    /// Points in this sense.
     pub(super) fn of(&self, sense: Sense) -> Vec<TracePoint> {
         let here = self.points.iter().filter(|p| p.sense == sense);
         here.copied().collect()
@@ -207,7 +206,6 @@ pub(super) fn senses(angles_rad: &[f64]) -> Vec<Sense> {
     found
 }
 
-/// Points of each sense that make one turn, and notes on the others.
 pub(super) struct OneTurn {
     pub(super) keeps: Vec<bool>,
     pub(super) notes: Vec<String>,
@@ -259,9 +257,7 @@ pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
     found
 }
 
-/// Consecutive points in one sense.
 struct Run {
-    /// Index of the first point.
     first: usize,
     /// Angle of each point from the first one in the sense of motion, rad; it may exceed one turn.
     angles: Vec<f64>,

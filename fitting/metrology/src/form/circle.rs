@@ -68,7 +68,6 @@ impl Shape<3> for FlatCircle {
     }
 }
 
-/// Evaluates a circle, in a plane parallel to two coordinate axes or in the least-squares plane.
 pub(super) fn circle(
     points_mm: &[[f64; 3]],
     plane: Option<CoordinatePlane>,

@@ -77,7 +77,6 @@ impl Cloud {
         })
     }
 
-    /// Rejects coplanar points.
     pub(super) fn refuse_plane(
         &self,
         feature: FeatureKind,
@@ -122,7 +121,6 @@ pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|x| x * x).sum::<f64>() / n).sqrt()
 }
 
-/// Number of different points.
 fn different(points_mm: &[[f64; 3]]) -> usize {
     let mut sorted = points_mm.to_vec();
     sorted.sort_by(|a, b| {

@@ -154,13 +154,11 @@ fn best<const N: usize>(
 const FAR: f64 = 1e5;
 
 impl<const N: usize> Refined<Conical<N>, N> {
-    /// Whether the points determine the surface.
     fn is_determined(&self) -> bool {
         self.determined > 1e-8
     }
 }
 
-/// Evaluates a cylinder.
 pub(super) fn cylinder(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     const FEATURE: FeatureKind = FeatureKind::Cylinder;
     const EXPECTED: &str = "points around the axis and along it";
@@ -188,7 +186,6 @@ pub(super) fn cylinder(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     })
 }
 
-/// Evaluates a cone.
 pub(super) fn cone(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     const FEATURE: FeatureKind = FeatureKind::Cone;
     const EXPECTED: &str = "points around the axis and along it, on one side of the apex";
@@ -244,7 +241,6 @@ fn on_one_side(cone: &Conical<6>, points: &[Vector3<f64>]) -> bool {
     })
 }
 
-/// Builds the part of the result that is common to both.
 fn form<const N: usize>(
     cloud: &Cloud,
     feature: FeatureKind,

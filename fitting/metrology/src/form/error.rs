@@ -1,5 +1,3 @@
-//! Errors of the evaluation of features.
-
 use super::FeatureKind;
 
 /// Reason why a feature cannot be evaluated.
@@ -7,7 +5,6 @@ use super::FeatureKind;
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum FormError {
-    /// There are no more points than the feature has parameters, so its form deviation would always be zero.
     #[error(
         "{feature}: found {found} different points, expected at least {expected}: with fewer every form deviation is zero"
     )]
@@ -17,7 +14,6 @@ pub enum FormError {
         found: usize,
         expected: usize,
     },
-    /// A coordinate is not finite, or larger than [`LARGEST_MM`](super::LARGEST_MM).
     #[error(
         "{feature}: point {number}: found {found} mm, expected finite coordinates of at most {} mm",
         super::LARGEST_MM
@@ -35,7 +31,6 @@ pub enum FormError {
         found: String,
         expected: &'static str,
     },
-    /// The direction has no length.
     #[error(
         "datum axis: found the direction {i},{j},{k}, expected finite numbers that are not all zero"
     )]

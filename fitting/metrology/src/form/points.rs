@@ -75,7 +75,6 @@ pub fn parse_points(text: &str, name: &str) -> Result<FormPoints, MetrologyError
     Ok(read)
 }
 
-/// Column of a coordinate.
 fn column(table: &CsvTable, wanted: &str) -> Result<Column, MetrologyError> {
     let mut named = table
         .names()

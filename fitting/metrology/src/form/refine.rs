@@ -6,23 +6,19 @@ use nalgebra::{SMatrix, SVector, Vector3};
 pub(super) trait Shape<const N: usize>: Clone {
     /// Signed distance of a point, and its derivatives by the parameters of [`moved`](Self::moved) at zero.
     fn distance(&self, point: &Vector3<f64>) -> (f64, SVector<f64, N>);
-    /// The shape with its parameters changed.
     fn moved(&self, by: &SVector<f64, N>) -> Self;
 }
 
-/// Shape with the sum of its squared distances.
 pub(super) struct Refined<S, const N: usize> {
     pub(super) shape: S,
     pub(super) squares: f64,
     /// Square root of the ratio of the smallest to the largest eigenvalue of the normal equations, each parameter scaled separately: 0 if the points
     /// do not determine the parameters.
     pub(super) determined: f64,
-    /// Length of the last step.
     step: f64,
 }
 
 impl<S, const N: usize> Refined<S, N> {
-    /// Whether the last step was small enough for convergence.
     pub(super) fn has_settled(&self) -> bool {
         self.step < 1e-6
     }
@@ -74,7 +70,6 @@ impl<const N: usize> Normal<N> {
     }
 }
 
-/// Minimises the sum of squared distances, starting from a shape. Points are about 1 apart.
 pub(super) fn refine<S: Shape<N>, const N: usize>(
     start: S,
     points: &[Vector3<f64>],

@@ -160,7 +160,6 @@ fn narrowest_strip(points: &[(f64, f64)]) -> Option<Strip> {
     })
 }
 
-/// Evaluates a plane.
 pub(super) fn plane(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     let cloud = Cloud::of(points_mm, FeatureKind::Plane)?;
     cloud.refuse_line(FeatureKind::Plane, "points that spread over a plane")?;

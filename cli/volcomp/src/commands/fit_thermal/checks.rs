@@ -13,7 +13,6 @@ const CHANGE_K: f64 = 5.0;
 const LEAST_MOTION: f64 = 0.5;
 const SHORTEST_S: f64 = 1800.0;
 
-/// Notes on times and displacements that are too small for the temperature change.
 pub(super) fn too_small(files: &[Columns]) -> Vec<String> {
     let largest = |of: &dyn Fn(&Columns) -> f64| files.iter().map(of).fold(0.0, f64::max);
     // clap requires at least one file.
@@ -47,12 +46,10 @@ pub(super) fn too_small(files: &[Columns]) -> Vec<String> {
     notes
 }
 
-/// Maximum minus minimum; 0 for no values.
 fn spread(values: &[f64]) -> f64 {
     range(values.iter().copied()).max(0.0)
 }
 
-/// The sensors whose temperature is constant in all rows of all files.
 pub(super) fn still_sensors(files: &[Columns]) -> Vec<String> {
     // clap requires at least one file.
     let sensors = files.first().map_or(&[][..], |file| &file.sensors[..]);
@@ -61,7 +58,6 @@ pub(super) fn still_sensors(files: &[Columns]) -> Vec<String> {
     still.map(|(_, name)| format!("{name}_degc")).collect()
 }
 
-/// A note on sensors that are constant throughout one file but not in others.
 pub(super) fn still_in(path: &Path, file: &Columns, files: &[Columns]) -> Option<String> {
     let still = file.sensors.iter().enumerate().filter(|(sensor, _)| {
         let all = files.iter().flat_map(|file| &file.degc[*sensor]);

@@ -10,25 +10,22 @@ use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 use super::temperatures::{implausible, never_cold};
 use crate::failure::Failure;
 
-/// Time, temperatures and displacements; all columns have one entry per row.
+/// The columns of a thermal test; all have one entry per row.
 pub(super) struct Columns {
     pub(super) time_s: Vec<f64>,
     /// Names of the temperature columns, without `_degc`.
     pub(super) sensors: Vec<String>,
-    /// One column per sensor, °C.
     pub(super) degc: Vec<Vec<f64>>,
     /// Name of the column with its unit, and its values.
     pub(super) displacements: Vec<(String, Vec<f64>)>,
     /// The axis moved during the test, if named by the column, and its position in each row, mm.
     pub(super) position: Option<(Option<AxisName>, Vec<f64>)>,
-    /// Notes on how the file was interpreted.
     pub(super) notes: Vec<String>,
 }
 
-/// A displacement and its fitted terms.
 pub(super) struct Channel {
     pub(super) name: String,
-    /// The measured error; `None` if the call does not state it.
+    /// The error that the displacement measures; `None` if the call does not state it.
     pub(super) error: Option<ErrorName>,
     pub(super) judged: JudgedThermal,
 }
@@ -39,7 +36,6 @@ impl Channel {
         is_angular(&self.name)
     }
 
-    /// The unit symbol.
     pub(super) fn symbol(&self) -> &'static str {
         if self.is_angular() { "µrad" } else { "µm" }
     }
@@ -50,14 +46,10 @@ pub(super) fn is_angular(column: &str) -> bool {
     column.ends_with("_urad")
 }
 
-/// The content of a column, from its header.
 enum Head {
     Time,
-    /// Temperatures of the named sensor.
     Sensor(String),
-    /// A displacement, under its name in results and options.
     Displacement(String),
-    /// Positions of an axis, if the header names one.
     Position(Option<AxisName>),
     NotRead,
 }
@@ -197,8 +189,8 @@ impl Columns {
     }
 }
 
-/// Spreads rows with equal times evenly up to the next time: some loggers write too few digits. Returns the number of such rows, or the row
-/// at which time decreases.
+/// Spreads rows with equal times evenly up to the next time, because some loggers write too few digits. Returns the number of such rows. `Err`: the
+/// row at which the time decreases.
 fn spread_repeated(time_s: &mut [f64]) -> Result<usize, usize> {
     if let Some(row) = (1..time_s.len()).find(|&row| time_s[row] < time_s[row - 1]) {
         return Err(row);
@@ -224,7 +216,7 @@ fn spread_repeated(time_s: &mut [f64]) -> Result<usize, usize> {
 /// Default error of a single displacement: most thermal tests are of a spindle along Z.
 const OF_ONE: &str = "EZZ";
 
-/// The option `--error`: `EZZ` for every displacement, or `dz_um=EZZ` for one.
+/// Parsed `--error`: `EZZ` for every displacement, or `dz_um=EZZ` for one.
 pub(super) struct Errors {
     of_all: Option<ErrorName>,
     of_one: Vec<(String, ErrorName)>,

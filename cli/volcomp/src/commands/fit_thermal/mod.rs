@@ -1,5 +1,3 @@
-//! `volcomp fit-thermal`: temperatures and displacements over time to thermal terms of a machine file.
-
 mod checks;
 mod columns;
 mod temperatures;
@@ -175,7 +173,6 @@ pub(crate) fn run(arguments: &FitThermalArguments) -> Result<Answer, Failure> {
 }
 
 impl FitThermalArguments {
-    /// The candidates of the search.
     fn search(&self, expansions: bool) -> ThermalSearch {
         ThermalSearch {
             lags_s: if self.lags.is_empty() {
@@ -190,7 +187,7 @@ impl FitThermalArguments {
         }
     }
 
-    /// The named errors, after validation of the other options.
+    /// Checks all options; returns the named errors.
     fn checked_errors(&self) -> Result<Errors, Failure> {
         if !(0.05..=0.95).contains(&self.train) {
             let message = format!("--train: found {}, expected 0.05 to 0.95", self.train);
@@ -208,7 +205,6 @@ impl FitThermalArguments {
     }
 }
 
-/// Reads all files, with sensors and displacements in the order of the first.
 fn read(arguments: &FitThermalArguments) -> Result<Vec<Columns>, Failure> {
     let mut files: Vec<Columns> = Vec::new();
     for path in &arguments.data {
@@ -236,7 +232,6 @@ fn read(arguments: &FitThermalArguments) -> Result<Vec<Columns>, Failure> {
     Ok(files)
 }
 
-/// The test of a file for one displacement.
 fn run_of(columns: &Columns, name: &str) -> ThermalRun {
     let mut displacements = columns.displacements.iter();
     let displacement = displacements.find(|(known, _)| known == name);
@@ -618,7 +613,6 @@ fn outwards([low, high]: [f64; 2], parts: f64) -> [f64; 2] {
     [low / parts, high.max(low + 1.0) / parts]
 }
 
-/// The prediction errors, the coefficients, and the text for the machine file.
 fn text(
     channels: &[Channel],
     document: &FitThermal<'_>,
@@ -641,7 +635,6 @@ fn text(
     text
 }
 
-/// Why no terms are printed.
 fn worse(channel: &Channel, verdict: ThermalVerdict) -> String {
     let unit = channel.symbol();
     let judged = &channel.judged;
@@ -681,7 +674,6 @@ fn worse(channel: &Channel, verdict: ThermalVerdict) -> String {
     folded(&format!("No terms are printed: {why}"), "")
 }
 
-/// RMS prediction errors, without and with time constants.
 fn comparison(channels: &[Channel], arguments: &FitThermalArguments) -> String {
     let mut lines = table(&[
         "RMS of prediction",
@@ -722,7 +714,6 @@ fn comparison(channels: &[Channel], arguments: &FitThermalArguments) -> String {
     table_text(&lines) + "\n" + &folded(&of_what, "")
 }
 
-/// All coefficients with their uncertainties.
 fn numbers(numbers: &[Number]) -> String {
     let mut lines = table(&["sensor", "lag s", "value", "+/-", "unit"]);
     for number in numbers {
@@ -744,7 +735,6 @@ fn numbers(numbers: &[Number]) -> String {
     table_text(&lines)
 }
 
-/// The validation error as a function of the number of coefficients.
 fn sizes(channel: &Channel) -> String {
     let mut lines = table(&["numbers", "RMS of validation", "+/-"]);
     let terms = &channel.judged.terms;

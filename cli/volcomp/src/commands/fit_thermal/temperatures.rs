@@ -4,7 +4,6 @@ use std::ops::RangeInclusive;
 
 /// Plausible temperatures of a machine, °C. Kelvin values and the fault codes of loggers are outside.
 const PLAUSIBLE: RangeInclusive<f64> = -60.0..=200.0;
-/// Maximum temperature of a workshop, °C.
 const WARMEST_SHOP: f64 = 60.0;
 /// Minimum step between rows that is treated as an outlier, K.
 const LEAST_JUMP_K: f64 = 5.0;
@@ -40,7 +39,6 @@ pub(super) fn implausible(degc: &[f64]) -> Option<(usize, String)> {
     Some((from, why))
 }
 
-/// A note on a sensor whose lowest temperature is too high for any workshop.
 pub(super) fn never_cold(sensor: &str, degc: &[f64]) -> Option<String> {
     let coldest = degc.iter().copied().reduce(f64::min)?;
     (coldest > WARMEST_SHOP).then(|| {

@@ -87,7 +87,6 @@ struct NamedSignature {
 }
 
 impl CircleOptions {
-    /// The first of these options that is given.
     pub(super) fn given(&self) -> Option<&'static str> {
         match (self.plane, self.radius_mm, self.feed) {
             (Some(_), ..) => Some("--plane"),
@@ -205,7 +204,6 @@ fn one(
     })
 }
 
-/// The signatures, named after the axes of the plane.
 fn named(signatures: &Signatures, plane: CircularPlane, feed: Option<f64>) -> Vec<NamedSignature> {
     use SignatureKind as Kind;
     let [first, second] = plane.axes();

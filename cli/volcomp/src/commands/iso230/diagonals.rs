@@ -38,7 +38,6 @@ pub(super) struct DiagonalOptions {
 }
 
 impl DiagonalOptions {
-    /// The first of these options that is given.
     pub(super) fn given(&self) -> Option<&'static str> {
         match (&self.diagonals, &self.box_mm) {
             (Some(_), _) => Some("--diagonals"),
@@ -188,7 +187,6 @@ fn read(
     Ok((diagonal, measurement))
 }
 
-/// One row per file: the values of its diagonal.
 fn rows_of(found: &Iso230Part6, refused: &[RefusedFile]) -> Vec<Row> {
     let good = found.diagonals.iter().map(|m| {
         let values = [

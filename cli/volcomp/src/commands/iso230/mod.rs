@@ -1,5 +1,3 @@
-//! `volcomp iso230`: tests to parts 2, 4 and 6 of ISO 230, and to standards related to part 2.
-
 pub(crate) mod circle;
 pub(crate) mod diagonals;
 pub(crate) mod positioning;
@@ -98,7 +96,6 @@ pub(crate) fn parse_edition(text: &str) -> Result<u16, String> {
 }
 
 impl Iso230Arguments {
-    /// The axis stated on the command line, directly or by its error.
     fn axis(&self) -> Option<AxisName> {
         self.axis.or(self.error.map(|error| error.axis))
     }
@@ -193,12 +190,11 @@ pub(crate) struct UncertaintyOptions {
 }
 
 impl UncertaintyOptions {
-    /// True if any of them is given.
     pub(crate) fn stated(&self) -> bool {
         *self != Self::default()
     }
 
-    /// The inputs, with the environment recorded in the file.
+    /// The inputs of the uncertainty, with the environment recorded in the file.
     pub(crate) fn inputs(&self, environment: &Environment) -> UncertaintyInputs {
         let sensors = environment.material_temperature.iter().flatten();
         let farthest = sensors

@@ -235,7 +235,6 @@ fn refuse_title(
     Err(Failure::in_file(path, what))
 }
 
-/// Checks that the axis of the file is that of the call.
 fn same_axis(path: &Path, measurement: &Measurement, axis: AxisName) -> Result<(), Failure> {
     let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
     match stated {
@@ -247,7 +246,6 @@ fn same_axis(path: &Path, measurement: &Measurement, axis: AxisName) -> Result<(
     }
 }
 
-/// The uncertainty, if any of its options is given.
 fn uncertainty(
     path: &Path,
     arguments: &Iso230Arguments,
@@ -364,7 +362,6 @@ fn targets_text(result: &Iso230Part2) -> String {
     table_text(&targets)
 }
 
-/// A summary of the quantities of ISO 230-2, with the terms of the edition.
 fn summary(result: &Iso230Part2, edition: Edition) -> String {
     let [systematic, mean, reversal, mean_reversal] = if edition == Edition::Iso2014 {
         [

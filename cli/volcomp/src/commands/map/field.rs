@@ -7,7 +7,7 @@ use volcomp_model::MapGrid;
 
 use crate::{failure::Failure, output::OutputFile};
 
-/// Names of the arrays stored per node beside its position: errors (µm, µrad), then their standard uncertainties. Each has two vectors of
+/// Names of the arrays stored per node besides its position: errors (µm, µrad), then their standard uncertainties. Each group has two vectors of
 /// three columns.
 const VECTORS: [[&str; 2]; 2] = [
     ["position_um", "rotation_urad"],
@@ -42,7 +42,7 @@ pub(super) struct Node {
     pub(super) tip_mm: Vector3<f64>,
     /// Position (mm) and rotation (rad) error.
     pub(super) error: [f64; 6],
-    /// Standard uncertainty of the six values, if requested.
+    /// Standard uncertainty of the six values; `None` if not requested.
     pub(super) uncertainty: Option<[f64; 6]>,
 }
 
@@ -64,7 +64,6 @@ fn in_file_units(six: &[f64; 6]) -> [f64; 6] {
     [x * 1e3, y * 1e3, z * 1e3, a * 1e6, b * 1e6, c * 1e6]
 }
 
-/// A field being written.
 pub(super) enum Field {
     None,
     Text(TextField),
@@ -75,7 +74,7 @@ pub(super) enum Field {
 pub(super) struct TextField {
     file: OutputFile,
     format: TextFormat,
-    /// 1 if errors are written, 2 with their uncertainties.
+    /// Number of column groups: 1 for errors, 2 for errors and their uncertainties.
     groups: usize,
 }
 
@@ -132,7 +131,6 @@ impl Field {
         }
     }
 
-    /// Number of passes over the nodes.
     pub(super) fn passes(&self) -> usize {
         match self.text_format() {
             Some((TextFormat::Vtk(_), groups)) => 2 * groups,
@@ -196,7 +194,6 @@ impl Field {
 }
 
 impl TextFormat {
-    /// The lines of a chunk of nodes.
     pub(super) fn lines(self, pass: usize, axes: usize, nodes: &[Node]) -> String {
         let mut text = String::new();
         for node in nodes {
@@ -255,7 +252,7 @@ fn vti_head(grid: &MapGrid) -> String {
     )
 }
 
-/// The coordinates of the nodes, before the data.
+/// The lines with the coordinates of the nodes, before the data.
 fn vtr_head(grid: &MapGrid) -> String {
     let (mut extent, mut coordinates) = (String::new(), String::new());
     for place in 0..3 {

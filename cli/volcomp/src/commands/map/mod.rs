@@ -1,5 +1,3 @@
-//! `volcomp map`: the error on a grid over the travels, and its uncertainty.
-
 mod field;
 #[cfg(feature = "parquet")]
 mod parquet;
@@ -364,7 +362,6 @@ fn parse_grid(text: &str) -> Result<[usize; 3], Failure> {
         })
 }
 
-/// The form of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Model {
     /// The chain with the curves of the machine file.
@@ -388,7 +385,6 @@ impl FromStr for Model {
 }
 
 impl Model {
-    /// The name on the command line.
     fn name(self) -> String {
         match self {
             Self::Form(form) => form.to_string(),
@@ -430,7 +426,6 @@ const CHUNK: usize = 4096;
 /// Computes position (mm) and rotation (rad) at a state.
 type ErrorAt<'a> = Box<dyn Fn(&State) -> [f64; 6] + Sync + 'a>;
 
-/// The inputs of the computation of a node.
 struct Work<'a> {
     machine: &'a Machine,
     errors: ErrorAt<'a>,
@@ -543,16 +538,14 @@ struct Chunk {
     lengths: Lengths,
 }
 
-/// Statistics over all nodes.
 #[derive(Default)]
 struct Found {
     largest: Largest,
-    /// Sums over the position errors, for the alignment.
     sums: RigidSums,
     lengths: Lengths,
 }
 
-/// The nodes with the largest position error and with its largest uncertainty; of equals the first.
+/// The node with the largest position error, and the node with the largest uncertainty of this error; of equals, the first.
 #[derive(Clone, Copy, Default)]
 struct Largest {
     error: Option<(f64, Node)>,
@@ -585,7 +578,6 @@ fn keep(most: &mut Option<(f64, Node)>, length: f64, node: &Node) {
     }
 }
 
-/// Length of the position error, mm.
 fn length([x, y, z, ..]: &[f64; 6]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
@@ -646,7 +638,7 @@ struct Beside {
     left: Lengths,
 }
 
-/// Rotations: total, across the tool axis (tilt), and about it, which a rotating tool does not show.
+/// Lengths of rotations: total, across the tool axis (tilt), and about the tool axis. The last has no effect on a rotating tool.
 #[derive(Clone, Copy, Default)]
 struct Turns {
     whole: Lengths,
@@ -663,12 +655,11 @@ impl Turns {
     }
 }
 
-/// The position part of an error.
 fn position([x, y, z, ..]: &[f64; 6]) -> Vector3<f64> {
     Vector3::new(*x, *y, *z)
 }
 
-/// The errors, of these machines' curves, over poses of all axes, and with an ensemble their uncertainty.
+/// The errors of the machine's curves over poses of all axes, and their uncertainty if there is an ensemble.
 fn all_axes(
     machine: &Machine,
     curves: Vec<&Machine>,
@@ -721,7 +712,6 @@ fn all_axes(
     })
 }
 
-/// The uncertainty of the errors over poses of all axes.
 fn uncertainty(machine: &Machine, ensemble: &Ensemble, poses: &[State]) -> AllAxesUncertainty {
     let bar = progress::bar(poses.len(), "poses");
     let of = |pose: &State| {

@@ -1,5 +1,3 @@
-//! Tests of the prediction, and of the conditions under which it is skipped.
-
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::AxisLimits;
