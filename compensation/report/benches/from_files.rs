@@ -110,8 +110,11 @@ fn large_test(criterion: &mut Criterion) {
     }
 }
 
-/// How often the steps are taken in turn.
-const ROUNDS: usize = 15;
+/// How often the steps are taken in turn; once without `cargo bench`, to see that they run.
+fn rounds() -> usize {
+    let is_measured = std::env::args().any(|argument| argument == "--bench");
+    if is_measured { 15 } else { 1 }
+}
 
 /// Reads, evaluates, fits both directions, and reads and calibrates, in turn: prints for each the least and the middle time and its
 /// ratio to reading, the middle of the ratios within each round.
@@ -127,7 +130,8 @@ fn in_turn(_: &mut Criterion) {
     );
     let path = folder.path().join("calibration.toml");
     let mut times: [Vec<f64>; 5] = Default::default();
-    for _ in 0..ROUNDS {
+    let rounds = rounds();
+    for _ in 0..rounds {
         let start = Instant::now();
         let measurement = parse_csv(black_box(text.as_bytes()), "x.csv").expect("a test");
         let read = start.elapsed();
@@ -163,7 +167,7 @@ fn in_turn(_: &mut Criterion) {
         "read, evaluate, fit",
         "read and calibrate",
     ];
-    println!("10000 targets x 10 runs, {ROUNDS} rounds in turn: least and middle, ms; by reading");
+    println!("10000 targets x 10 runs, {rounds} rounds in turn: least and middle, ms; by reading");
     for (name, own) in names.iter().zip(&times) {
         let least = own.iter().copied().fold(f64::INFINITY, f64::min);
         let ratios = own.iter().zip(&times[0]).map(|(own, read)| own / read);
