@@ -121,7 +121,7 @@ pub fn correct<S: ErrorSource>(
     let mut iterations = 0;
     loop {
         let mut miss = goal.miss(chain, &actual_pose(chain, source, &corrected));
-        let columns = Columns::at(chain, &corrected, &goal, &correctors);
+        let mut columns = Columns::at(chain, &corrected, &goal, &correctors);
         let axis = goal.normal_components(&miss.axis);
         // The uncorrected part stays as it is at the command.
         let left_out = *left_out.get_or_insert_with(|| axis - nominal.gram.corrected(&axis));
@@ -149,8 +149,10 @@ pub fn correct<S: ErrorSource>(
         for &(index, column) in &columns.rotary {
             corrected.q[index] -= column.dot(&weighted);
         }
-        let miss = goal.miss(chain, &actual_pose(chain, source, &corrected));
-        let columns = Columns::at(chain, &corrected, &goal, &correctors);
+        if !columns.rotary.is_empty() {
+            miss = goal.miss(chain, &actual_pose(chain, source, &corrected));
+            columns = Columns::at(chain, &corrected, &goal, &correctors);
+        }
         let shares = linear.at(columns.linear).shares(&miss.position_mm);
         for (&index, share) in correctors.linear().iter().zip(shares) {
             corrected.q[index] -= share;

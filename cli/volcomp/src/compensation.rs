@@ -1,18 +1,46 @@
 //! Correction applied to a command before the error is computed: on the model itself, or on another machine file used as the truth;
 //! optionally rounded to the resolution of a control.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, sync::OnceLock};
 
 use clap::Args;
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_kinematics::{
-    CorrectionOptions, MotionFrame, State, actual_pose, vector_from_rotation,
+    CorrectionOptions, ErrorSource, Form, MotionFrame, State, actual_pose, correct,
+    vector_from_rotation, volumetric_error,
 };
-use volcomp_model::{Machine, Temperatures, corrected, quantised};
+use volcomp_model::{CompiledMachine, Machine, Temperatures, Tolerance, corrected, quantised};
 use volcomp_vocabulary::AxisKind;
 
 use crate::{commands::thermal_note, failure::Failure, table::folded};
+
+/// Maximum deviation of a compiled curve from its source where many residuals are computed, nm and nrad: far below the last printed digit.
+const CURVES_NM: f64 = 0.01;
+
+/// Position (mm) and rotation (rad) of the error at a state, in workpiece axes.
+pub(crate) type ErrorAt<'a> = Box<dyn Fn(&State) -> [f64; 6] + Sync + 'a>;
+
+/// The error to all orders at many states, with curves within [`CURVES_NM`], or those of the machine file if they cannot be compiled.
+pub(crate) fn errors<'a>(machine: &'a Machine, temperatures: &Temperatures) -> ErrorAt<'a> {
+    match machine.compile_at(Tolerance::from_nm(CURVES_NM), temperatures) {
+        Ok(compiled) => errors_by(machine, compiled, Form::Exact),
+        Err(_) => errors_by(machine, machine.source(temperatures), Form::Exact),
+    }
+}
+
+/// The error of a form of the model, with the curves of `source`.
+pub(crate) fn errors_by<'a>(
+    machine: &'a Machine,
+    source: impl ErrorSource + Sync + 'a,
+    form: Form,
+) -> ErrorAt<'a> {
+    Box::new(move |state| {
+        let found = volumetric_error(machine.chain(), &source, state, form);
+        let (p, r) = (found.position_mm, found.rotation_rad);
+        [p.x, p.y, p.z, r.x, r.y, r.z]
+    })
+}
 
 /// How the correction is applied.
 #[derive(Args)]
@@ -52,6 +80,8 @@ pub(crate) struct Compensation<'a> {
     options: CorrectionOptions,
     truth: Option<Machine>,
     document: Option<Compensated>,
+    /// The curves of the machine and of the one whose errors apply, made when first needed; `None` if they cannot be compiled.
+    compiled: OnceLock<Option<[CompiledMachine; 2]>>,
 }
 
 impl<'a> Compensation<'a> {
@@ -82,6 +112,7 @@ impl<'a> Compensation<'a> {
             options: machine.correction_options(),
             truth,
             document,
+            compiled: OnceLock::new(),
         })
     }
 
@@ -99,12 +130,14 @@ impl<'a> Compensation<'a> {
 
     /// The command for a target: the target itself, or with the correction added.
     pub(crate) fn command(&self, target: &State) -> State {
+        self.command_by(&self.machine.source(self.temperatures), target)
+    }
+
+    fn command_by(&self, model: &impl ErrorSource, target: &State) -> State {
         let Some(asked) = &self.document else {
             return *target;
         };
-        let found = self
-            .machine
-            .correction_at(target, self.temperatures, &self.options);
+        let found = correct(self.machine.chain(), model, target, &self.options);
         let delta = match (asked.resolution_um, asked.resolution_urad) {
             (Some(um), Some(urad)) => quantised(self.machine, &found.delta, um * 1e-3, urad * 1e-6),
             _ => found.delta,
@@ -112,13 +145,30 @@ impl<'a> Compensation<'a> {
         corrected(target, &delta)
     }
 
-    /// Position (mm) and rotation (rad) of the tool at the corrected command relative to the ideal machine at the target, in workpiece axes.
+    /// Position (mm) and rotation (rad) of the tool at the corrected command relative to the ideal machine at the target, in workpiece axes: to all
+    /// orders, with curves within [`CURVES_NM`].
     pub(crate) fn residual(&self, target: &State) -> [f64; 6] {
-        let actual = self.actual();
-        let chain = actual.chain();
-        let source = actual.source(self.temperatures);
+        let compiled = self.compiled.get_or_init(|| {
+            let tolerance = Tolerance::from_nm(CURVES_NM);
+            let compiled = |of: &Machine| of.compile_at(tolerance, self.temperatures).ok();
+            Some([compiled(self.machine)?, compiled(self.actual())?])
+        });
+        match compiled {
+            Some([model, actual]) => self.residual_by(model, actual, target),
+            None => self.exact_residual(target),
+        }
+    }
+
+    /// The same with the curves of the machine files.
+    pub(crate) fn exact_residual(&self, target: &State) -> [f64; 6] {
+        let [model, actual] = [self.machine, self.actual()].map(|of| of.source(self.temperatures));
+        self.residual_by(&model, &actual, target)
+    }
+
+    fn residual_by<S: ErrorSource>(&self, model: &S, actual: &S, target: &State) -> [f64; 6] {
+        let chain = self.actual().chain();
         let [found, ideal] = [
-            actual_pose(chain, &source, &self.command(target)),
+            actual_pose(chain, actual, &self.command_by(model, target)),
             chain.ideal_pose(target),
         ];
         let tip = chain.tool_tip_mm();

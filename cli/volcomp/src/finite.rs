@@ -3,10 +3,19 @@
 use ciborium::Value;
 use serde::Serialize;
 
+use crate::failure::Failure;
+
 /// The key of the first number that is NaN or infinite; `None` if all are finite.
 pub(crate) fn first_not_finite(document: &impl Serialize) -> Option<String> {
     // Unlike JSON, CBOR represents these numbers. Values that CBOR cannot write are rejected by JSON later.
     below(&Value::serialized(document).ok()?)
+}
+
+/// The failure of a result with such a number.
+pub(crate) fn not_finite(key: &str) -> Failure {
+    Failure::Input(format!(
+        "the result `{key}` is not a finite number: check the numbers in the input files, which are too large or do not determine it"
+    ))
 }
 
 fn below(value: &Value) -> Option<String> {

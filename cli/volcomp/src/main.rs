@@ -7,6 +7,7 @@ mod compensation;
 mod failure;
 mod finite;
 mod limit;
+mod listing;
 mod output;
 mod points;
 mod progress;
@@ -105,8 +106,8 @@ fn main() -> ExitCode {
     output::clean_up_when_interrupted();
     let answer = match &arguments.command {
         Command::Check(a) => commands::check::run(a),
-        Command::Error(a) => commands::error::run(a),
-        Command::Correct(a) => commands::correct::run(a),
+        Command::Error(a) => commands::error::run(a, arguments.json),
+        Command::Correct(a) => commands::correct::run(a, arguments.json),
         Command::Diagonals(a) => commands::diagonals::run(a),
         Command::Map(a) => commands::map::run(a),
         Command::MapTable(a) => commands::map_table::run(a),
@@ -136,8 +137,8 @@ fn main() -> ExitCode {
         Command::Completions(a) => commands::completions::run(a, &mut Cli::command()),
         Command::Schema(a) => commands::schema::run(a),
     };
-    let answered = answer.and_then(|answer| {
-        print(&answer, arguments.json)?;
+    let answered = answer.and_then(|mut answer| {
+        print(&mut answer, arguments.json)?;
         answer.failed.map_or(Ok(answer.tolerances_met), Err)
     });
     match answered {
@@ -188,18 +189,19 @@ fn not_parsed(error: &clap::Error) -> ExitCode {
     ExitCode::from(failure.status())
 }
 
-fn print(answer: &Answer, json: bool) -> Result<(), Failure> {
+fn print(answer: &mut Answer, json: bool) -> Result<(), Failure> {
     for note in &answer.notes {
         let text = folded(&format!("note: {note}"), "");
         let text = text.trim_start_matches("note:");
         anstream::eprint!("{NOTE}note:{NOTE:#}{text}");
     }
-    let text = if json {
-        format!("{}\n", answer.json)
-    } else {
-        answer.text.clone()
-    };
-    output::print(&text)
+    if let Some(listing) = &mut answer.listing {
+        return listing.print(&answer.text);
+    }
+    if json {
+        return output::print(&format!("{}\n", answer.json));
+    }
+    output::print(&answer.text)
 }
 
 #[cfg(test)]

@@ -11,10 +11,32 @@ use tempfile::{NamedTempFile, TempDir};
 
 use crate::failure::Failure;
 
-/// Writes to standard output; a closed pipe is not an error. Bold headers are used on a terminal only, unless `NO_COLOR` is set.
+/// Writes a text to standard output.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
-    let mut out = anstream::AutoStream::auto(io::stdout().lock());
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+    print_by(|out| out.write_all(text.as_bytes()))
+}
+
+/// Writes text to standard output. Bold headers are used on a terminal only, unless `NO_COLOR` is set.
+pub(crate) fn print_by(
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), Failure> {
+    let out = anstream::AutoStream::auto(io::stdout().lock());
+    written(BufWriter::new(out), write)
+}
+
+/// Writes text without styles to standard output.
+pub(crate) fn print_plain(
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), Failure> {
+    written(io::stdout().lock(), write)
+}
+
+/// Writes to standard output; a closed pipe is not an error.
+fn written(
+    mut out: impl Write,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), Failure> {
+    match write(&mut out).and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => {
             Err(Failure::Work(format!("standard output: {e}")))
         }

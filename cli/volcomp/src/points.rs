@@ -1,6 +1,6 @@
 use std::{
-    fs::File,
-    io::Read,
+    fs::{self, File},
+    io::{BufReader, Read, Seek, Write},
     path::{Path, PathBuf},
 };
 
@@ -8,7 +8,7 @@ use clap::Args;
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_document::{
-    Column, CsvTable, InputError, ReadError, read_text, split_head, unit_named,
+    Column, CsvBatches, CsvRow, CsvTable, InputError, ReadError, read_text, split_head, unit_named,
 };
 use volcomp_kinematics::State;
 use volcomp_model::{Machine, ModelError, Temperatures, axis_of_head};
@@ -114,6 +114,7 @@ pub(crate) struct ApproachArguments {
 /// One position asked for with `--at`, or many with `--points`.
 #[derive(Debug, Serialize, JsonSchema)]
 #[serde(untagged)]
+#[expect(dead_code, reason = "describes what `Listing` writes row by row")]
 pub(crate) enum OneOrMany<T> {
     /// The answer at the one position.
     One(T),
@@ -124,41 +125,67 @@ pub(crate) enum OneOrMany<T> {
     },
 }
 
-pub(crate) struct States {
-    positions: Vec<State>,
-    /// The file with the positions; `None` for a single position from the command line.
-    file: Option<PointFile>,
-    /// Axes of the machine that are at 0 because they were not named, in the order of [`AxisName::ALL`].
+/// Largest number of positions in a [`Batch`].
+pub(crate) const BATCH: usize = 4096;
+
+/// The requested positions, in the order of the rows: a single one, or those of a file.
+pub(crate) struct Positions {
+    source: Source,
+    approach: Vec<(usize, Option<Direction>)>,
+    /// The axes of the machine that are at 0 because they are not named, in the order of [`AxisName::ALL`].
     unnamed: Vec<AxisName>,
 }
 
-impl States {
-    pub(crate) fn states(&self) -> &[State] {
-        &self.positions
+enum Source {
+    /// The position of the command line, until it is taken.
+    One(Option<State>),
+    File(PointFile),
+}
+
+/// Positions in the order of the rows.
+#[derive(Default)]
+pub(crate) struct Batch {
+    pub(crate) states: Vec<State>,
+    /// Their rows; `None` for a position from the command line.
+    pub(crate) table: Option<CsvTable>,
+}
+
+impl Positions {
+    /// The next positions; none at the end.
+    pub(crate) fn next_batch(&mut self, machine: &Machine) -> Result<Batch, Failure> {
+        let mut batch = match &mut self.source {
+            Source::One(state) => Batch {
+                states: state.take().into_iter().collect(),
+                table: None,
+            },
+            Source::File(file) => file.next_batch(machine)?,
+        };
+        for state in &mut batch.states {
+            for &(index, direction) in &self.approach {
+                state.approach[index] = direction;
+            }
+        }
+        Ok(batch)
     }
 
-    pub(crate) fn table(&self) -> Option<&CsvTable> {
-        self.file.as_ref().map(|file| &file.table)
-    }
-
-    /// The document: the single result, or a list under `points`.
-    pub(crate) fn document<T>(&self, mut answers: Vec<T>) -> OneOrMany<T> {
-        match (&self.file, answers.len()) {
-            (None, 1) => OneOrMany::One(answers.swap_remove(0)),
-            _ => OneOrMany::Many { points: answers },
+    /// The table of the positions, without its rows; `None` for a single position from the command line.
+    pub(crate) fn head(&self) -> Option<&CsvTable> {
+        match &self.source {
+            Source::One(_) => None,
+            Source::File(file) => Some(file.batches.head()),
         }
     }
 
-    /// Notes which axes of the machine are at 0 because they are not named, or that there is no position.
-    pub(crate) fn note(&self) -> Option<String> {
-        if self.positions.is_empty() {
+    /// Notes which axes of the machine are at 0 because they are not named, or that there is none of the `count` positions.
+    pub(crate) fn note(&self, count: usize) -> Option<String> {
+        if count == 0 {
             return Some("--points has no row under its header".to_owned());
         }
         let names: Vec<String> = self.unnamed.iter().map(ToString::to_string).collect();
         let names = (!names.is_empty()).then(|| names.join(", "))?;
-        Some(match &self.file {
-            None => format!("at 0, as --at does not name them: {names}"),
-            Some(_) => format!("at 0, as no column is headed by their letters: {names}"),
+        Some(match &self.source {
+            Source::One(_) => format!("at 0, as --at does not name them: {names}"),
+            Source::File(_) => format!("at 0, as no column is headed by their letters: {names}"),
         })
     }
 }
@@ -222,12 +249,25 @@ impl SpindleArguments {
     }
 }
 
-pub(crate) fn states_of(machine: &Machine, path: &Path) -> Result<States, Failure> {
+/// The positions in the rows of a CSV file, with the note on them; the approach is unknown.
+pub(crate) fn states_of(
+    machine: &Machine,
+    path: &Path,
+) -> Result<(Vec<State>, Option<String>), Failure> {
     let arguments = PointArguments {
         at: None,
         points: Some(path.to_owned()),
     };
-    arguments.states(machine, &ApproachArguments { approach: None })
+    let mut positions = arguments.positions(machine, &ApproachArguments { approach: None })?;
+    let mut states = Vec::new();
+    loop {
+        let batch = positions.next_batch(machine)?;
+        if batch.states.is_empty() {
+            let note = positions.note(states.len());
+            return Ok((states, note));
+        }
+        states.extend(batch.states);
+    }
 }
 
 /// Parses the three numbers of an option such as `--tip 100,-20,35.5`.
@@ -272,33 +312,28 @@ pub(crate) fn axis_numbers(text: &str) -> Result<AxisNumbers, Failure> {
 }
 
 impl PointArguments {
-    pub(crate) fn states(
+    pub(crate) fn positions(
         &self,
         machine: &Machine,
         approach: &ApproachArguments,
-    ) -> Result<States, Failure> {
+    ) -> Result<Positions, Failure> {
         let approach = approach.directions(machine)?;
-        let (mut states, file, named) = match (&self.at, &self.points) {
+        let (source, named) = match (&self.at, &self.points) {
             (_, Some(path)) => {
-                let mut file = PointFile::read(machine, path)?;
-                let (states, axes) = (std::mem::take(&mut file.states), file.axes.clone());
-                (states, Some(file), axes)
+                let file = PointFile::open(machine, path)?;
+                let named = file.columns.iter().map(|&(name, _)| name).collect();
+                (Source::File(file), named)
             }
             (at, None) => {
                 let coordinates = parse_at(at.as_deref().unwrap_or_default())?;
-                let axes = coordinates.iter().map(|&(name, _)| name).collect();
-                (vec![machine.state(&coordinates)?], None, axes)
+                let named: Vec<_> = coordinates.iter().map(|&(name, _)| name).collect();
+                (Source::One(Some(machine.state(&coordinates)?)), named)
             }
         };
-        for state in &mut states {
-            for &(index, direction) in &approach {
-                state.approach[index] = direction;
-            }
-        }
         let has = |name: &AxisName| machine.axis(*name).is_some() && !named.contains(name);
-        Ok(States {
-            positions: states,
-            file,
+        Ok(Positions {
+            source,
+            approach,
             unnamed: AxisName::ALL.into_iter().filter(has).collect(),
         })
     }
@@ -434,10 +469,14 @@ fn number(option: &str, name: &str, text: &str, unit: &str) -> Result<f64, Failu
     })
 }
 
-pub(crate) struct PointFile {
-    pub(crate) table: CsvTable,
-    states: Vec<State>,
-    axes: Vec<AxisName>,
+/// A table of positions, one state per row, read in batches: a file may have any number of rows.
+struct PointFile {
+    path: PathBuf,
+    /// The text, for messages.
+    text: File,
+    batches: CsvBatches<BufReader<File>>,
+    /// The axes with a column of coordinates.
+    columns: Vec<(AxisName, Column)>,
 }
 
 /// Suffixes of the axis letter in the columns that `volcomp correct` adds.
@@ -460,28 +499,95 @@ enum Head<'a> {
 }
 
 impl PointFile {
-    fn read(machine: &Machine, path: &Path) -> Result<Self, Failure> {
-        let table = CsvTable::parse(&path.display().to_string(), &read_text(path)?)?;
-        let columns = coordinates(&table, machine)?;
-        for &(name, _) in &columns {
-            machine
-                .index_of(name)
-                .map_err(|e| table.header_error(e.to_string()))?;
-        }
-        let mut states = Vec::new();
-        for row in table.rows() {
-            let mut coordinates = Vec::new();
-            for &(name, column) in &columns {
-                coordinates.push((name, row.cell(column).number()?));
-            }
-            states.push(machine.state(&coordinates)?);
-        }
+    /// Opens a file whose header has axis letters, with one position per row.
+    fn open(machine: &Machine, path: &Path) -> Result<Self, Failure> {
+        let name = path.display().to_string();
+        let text = rewindable(path)?;
+        let opened = text
+            .try_clone()
+            .and_then(|text| CsvBatches::open(&name, BufReader::new(text)));
+        let batches =
+            opened.map_err(|e| refused(machine, path, &text, Failure::in_file(path, e)))?;
+        let columns = columns(batches.head(), machine)
+            .map_err(|e| refused(machine, path, &text, e.into()))?;
         Ok(Self {
-            axes: columns.into_iter().map(|(name, _)| name).collect(),
-            states,
-            table,
+            path: path.to_owned(),
+            text,
+            batches,
+            columns,
         })
     }
+
+    fn next_batch(&mut self, machine: &Machine) -> Result<Batch, Failure> {
+        let refused = |failure| refused(machine, &self.path, &self.text, failure);
+        let table = self.batches.next_rows(BATCH);
+        let table = table.map_err(|e| refused(Failure::in_file(&self.path, e)))?;
+        Ok(Batch {
+            states: states(&table, &self.columns, machine).map_err(refused)?,
+            table: Some(table),
+        })
+    }
+}
+
+/// Opens a file that can be read several times; what comes through a pipe is copied.
+fn rewindable(path: &Path) -> Result<File, Failure> {
+    if fs::metadata(path).is_ok_and(|of| of.is_file())
+        && let Ok(file) = File::open(path)
+    {
+        return Ok(file);
+    }
+    let text = read_text(path)?;
+    let copied = tempfile::tempfile().and_then(|mut file| {
+        file.write_all(text.as_bytes())?;
+        file.rewind()?;
+        Ok(file)
+    });
+    copied.map_err(|error| Failure::Work(format!("temporary file: {error}")))
+}
+
+/// The failure of a file of positions, with its line, which is known only from the whole text; `failure` without it.
+fn refused(machine: &Machine, path: &Path, mut text: &File, failure: Failure) -> Failure {
+    let mut bytes = Vec::new();
+    let read = text.rewind().and_then(|()| text.read_to_end(&mut bytes));
+    let whole = || -> Result<(), Failure> {
+        read.map_err(|error| Failure::work_on(path, &error))?;
+        let text = match String::from_utf8(bytes) {
+            Ok(text) => text,
+            // A pipe has been read as text before.
+            Err(_) => read_text(path)?,
+        };
+        let table = CsvTable::parse(&path.display().to_string(), &text)?;
+        states(&table, &columns(&table, machine)?, machine)?;
+        Ok(())
+    };
+    whole().err().unwrap_or(failure)
+}
+
+/// The columns of coordinates; each axis is one of the machine.
+fn columns(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Column)>, InputError> {
+    let columns = coordinates(table, machine)?;
+    for &(name, _) in &columns {
+        machine
+            .index_of(name)
+            .map_err(|e| table.header_error(e.to_string()))?;
+    }
+    Ok(columns)
+}
+
+/// The states in the rows of a table.
+fn states(
+    table: &CsvTable,
+    columns: &[(AxisName, Column)],
+    machine: &Machine,
+) -> Result<Vec<State>, Failure> {
+    let state = |row: CsvRow<'_>| {
+        let mut coordinates = Vec::new();
+        for &(name, column) in columns {
+            coordinates.push((name, row.cell(column).number()?));
+        }
+        Ok(machine.state(&coordinates)?)
+    };
+    table.rows().map(state).collect()
 }
 
 /// The column of each axis that the header names. If there is a column `X`, a column `x` is another quantity, as in files of targets. A letter of an

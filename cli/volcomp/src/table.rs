@@ -1,6 +1,11 @@
 //! Text tables: numbers right-aligned, headers bold on a terminal, at most 80 columns or the width of a narrower terminal.
 
-use std::{fmt::Write, io::IsTerminal as _, sync::OnceLock};
+use std::{
+    fmt::Write,
+    io::{self, BufRead, BufReader, IsTerminal as _, Read, Seek},
+    ops::Range,
+    sync::OnceLock,
+};
 
 use anstyle::Style;
 use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, presets};
@@ -78,6 +83,128 @@ fn table_within(table: &Table, most: usize) -> String {
             return parts.join("\n");
         }
         from = to;
+    }
+}
+
+/// A table of numbered rows in the layout of [`table_text`], whose cells are in a file: [`Table`] holds several hundred bytes for each of them.
+pub(crate) struct RowTable {
+    header: Vec<String>,
+    /// Characters of the widest cell of each column, as far as it is known.
+    widths: Vec<usize>,
+}
+
+impl RowTable {
+    /// Without rows; `header` are the heads behind the number of the row.
+    pub(crate) fn new(header: Vec<String>) -> Self {
+        let first = std::iter::once(String::new());
+        let header: Vec<String> = first.chain(header).collect();
+        Self {
+            // `Table` gives an empty column a blank.
+            widths: header
+                .iter()
+                .map(|head| head.chars().count().max(1))
+                .collect(),
+            header,
+        }
+    }
+
+    /// Appends a row to the text of a file of rows, and widens columns for it.
+    pub(crate) fn write_row(
+        number: usize,
+        cells: &[String],
+        widths: &mut Vec<usize>,
+        rows: &mut Vec<u8>,
+    ) {
+        let first = number.to_string();
+        let own = std::iter::once(&first).chain(cells);
+        for (column, cell) in own.enumerate() {
+            if column > 0 {
+                rows.push(b'\t');
+            }
+            rows.extend_from_slice(cell.as_bytes());
+            let width = cell.chars().count();
+            match widths.get_mut(column) {
+                Some(widest) => *widest = width.max(*widest),
+                None => widths.push(width),
+            }
+        }
+        rows.push(b'\n');
+    }
+
+    /// Widens the columns for these widths of cells.
+    pub(crate) fn widen(&mut self, widths: &[usize]) {
+        for (widest, width) in self.widths.iter_mut().zip(widths) {
+            *widest = (*widest).max(*width);
+        }
+    }
+
+    /// Writes the table of the rows in a file.
+    pub(crate) fn write(
+        &self,
+        rows: &mut (impl Read + Seek),
+        out: &mut dyn io::Write,
+    ) -> io::Result<()> {
+        self.write_within(rows, out, most())
+    }
+
+    fn write_within(
+        &self,
+        rows: &mut (impl Read + Seek),
+        out: &mut dyn io::Write,
+        most: usize,
+    ) -> io::Result<()> {
+        let columns = self.header.len();
+        let mut from = 1;
+        loop {
+            let mut to = (from + 1).min(columns);
+            while to < columns && self.width(from..to + 1) <= most {
+                to += 1;
+            }
+            let mut line = String::new();
+            self.lay_out(
+                &mut line,
+                self.header.iter().map(String::as_str),
+                &(from..to),
+            );
+            writeln!(out, "{HEAD}{line}{HEAD:#}")?;
+            rows.rewind()?;
+            let mut rows = BufReader::new(&mut *rows);
+            let mut row = String::new();
+            while rows.read_line(&mut row)? > 0 {
+                self.lay_out(&mut line, row.trim_end().split('\t'), &(from..to));
+                writeln!(out, "{line}")?;
+                row.clear();
+            }
+            if to >= columns {
+                return Ok(());
+            }
+            writeln!(out)?;
+            from = to;
+        }
+    }
+
+    /// Width of a line with the first column and a range of the others: a blank on both sides of each cell, none at the end.
+    fn width(&self, shown: Range<usize>) -> usize {
+        let widths = self.widths.get(shown).unwrap_or_default();
+        1 + self.widths[0] + widths.iter().map(|width| width + 2).sum::<usize>()
+    }
+
+    /// Lays out a line with the first column and a range of the others.
+    fn lay_out<'c>(
+        &self,
+        line: &mut String,
+        cells: impl Iterator<Item = &'c str>,
+        shown: &Range<usize>,
+    ) {
+        line.clear();
+        for (column, (cell, &width)) in cells.zip(&self.widths).enumerate() {
+            let _ = match column {
+                0 => write!(line, " {cell:<width$} "),
+                _ if shown.contains(&column) => write!(line, " {cell:>width$} "),
+                _ => continue,
+            };
+        }
+        line.truncate(line.trim_end().len());
     }
 }
 
@@ -177,6 +304,33 @@ pub(crate) fn folded_behind(key: &str, text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rows_in_a_file_are_laid_out_like_a_table() {
+        let header = ["X µm", "a wide head", "C", "residual µm", "axis µrad", "Y"];
+        for count in [0, 1, 9, 10, 120] {
+            let mut plain = table(&[&[""], &header[..]].concat());
+            let mut streamed = RowTable::new(header.map(str::to_owned).to_vec());
+            let mut file = io::Cursor::new(Vec::new());
+            for row in 1..=count {
+                let wide = 10_f64.powi(row % 14) * (-1_f64).powi(row);
+                let values = [wide, 0.5, -wide, f64::from(row), wide / 3.0, 1e-9];
+                let cells = values.map(|value| fixed(value, 3)).to_vec();
+                let number = usize::try_from(row).expect("a row");
+                let mut widths = Vec::new();
+                RowTable::write_row(number, &cells, &mut widths, file.get_mut());
+                streamed.widen(&widths);
+                plain.add_row([vec![number.to_string()], cells].concat());
+            }
+            for most in [80, 50, 36] {
+                let mut out = Vec::new();
+                let written = streamed.write_within(&mut file, &mut out, most);
+                written.expect("memory");
+                let out = String::from_utf8(out).expect("text");
+                assert_eq!(out, table_within(&plain, most), "{count} {most}");
+            }
+        }
+    }
 
     #[test]
     fn what_rounds_to_zero_has_no_sign() {

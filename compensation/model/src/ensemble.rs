@@ -57,6 +57,16 @@ impl Ensemble {
         self.uncertainty_of(|machine| machine.evaluate(state).into_six())
     }
 
+    /// The standard uncertainty at each of many states. Several times faster than one state after another, because the tables of a machine
+    /// stay in the cache.
+    pub fn standard_uncertainties(&self, states: &[State]) -> Vec<[f64; 6]> {
+        self.uncertainties_of(states.len(), |machine, found| {
+            for (state, found) in states.iter().zip(found) {
+                *found = machine.evaluate(state).into_six();
+            }
+        })
+    }
+
     /// Standard uncertainty (k = 1) of quantities computed from a machine: their standard deviation over the samples, summed in sample
     /// order so that the result does not depend on the number of cores.
     ///
@@ -67,44 +77,69 @@ impl Ensemble {
         &self,
         number: impl Fn(&CompiledMachine) -> [f64; N],
     ) -> [f64; N] {
-        let (mut mean, mut squares) = ([0.0; N], [0.0; N]);
+        let of_one = self.uncertainties_of(1, |machine, found| found.fill(number(machine)));
+        of_one.into_iter().next().unwrap_or([f64::NAN; N])
+    }
+
+    /// The same for the quantities of several places, which `numbers` computes for a machine.
+    fn uncertainties_of<const N: usize>(
+        &self,
+        places: usize,
+        numbers: impl Fn(&CompiledMachine, &mut [[f64; N]]),
+    ) -> Vec<[f64; N]> {
+        let none = vec![[0.0; N]; places];
+        let (mut mean, mut squares, mut numbers_of) = (none.clone(), none.clone(), none.clone());
         for (before, machine) in self.drawn.iter().enumerate() {
-            let found = number(machine);
-            for ((found, mean), squares) in found.iter().zip(&mut mean).zip(&mut squares) {
+            numbers(machine, &mut numbers_of);
+            let all = numbers_of.as_flattened().iter();
+            let sums = mean.as_flattened_mut().iter_mut();
+            for ((found, mean), squares) in all.zip(sums).zip(squares.as_flattened_mut()) {
                 // Welford's update.
                 let away = found - *mean;
                 *mean += away / (before + 1) as f64;
                 *squares += away * (found - *mean);
             }
         }
-        let variance = squares.map(|sum| sum / (self.drawn.len() - 1) as f64);
+        let mut variance = squares;
+        for sum in variance.as_flattened_mut() {
+            *sum /= (self.drawn.len() - 1) as f64;
+        }
         // The standard deviation of few samples is itself uncertain.
         let of_few = student_widening((self.drawn.len() - 1) as f64);
-        let mut widened = variance.map(|variance| of_few * variance.sqrt());
-        let Some(found) = self.found.as_ref().map(&number) else {
+        let mut widened = variance.clone();
+        for variance in widened.as_flattened_mut() {
+            *variance = of_few * variance.sqrt();
+        }
+        let Some(machine) = &self.found else {
             return widened;
         };
-        let (mut of_scatters, mut fourth_powers) = ([0.0; N], [0.0; N]);
+        let mut found = none.clone();
+        numbers(machine, &mut found);
+        let (mut of_scatters, mut fourth_powers) = (none.clone(), none.clone());
         for scatter in &self.scatters {
-            let mut of_scatter = [0.0; N];
+            let mut of_scatter = none.clone();
             for machine in &scatter.shifted {
-                let shifted = number(machine);
-                for ((sum, shifted), found) in of_scatter.iter_mut().zip(&shifted).zip(&found) {
+                numbers(machine, &mut numbers_of);
+                let shifted = numbers_of.as_flattened().iter();
+                let sums = of_scatter.as_flattened_mut().iter_mut();
+                for ((sum, shifted), found) in sums.zip(shifted).zip(found.as_flattened()) {
                     *sum += (shifted - found).powi(2);
                 }
             }
-            for ((sum, powers), of_scatter) in of_scatters
-                .iter_mut()
-                .zip(&mut fourth_powers)
-                .zip(&of_scatter)
+            let sums = of_scatters.as_flattened_mut().iter_mut();
+            for ((sum, powers), of_scatter) in sums
+                .zip(fourth_powers.as_flattened_mut())
+                .zip(of_scatter.as_flattened())
             {
                 *sum += of_scatter;
                 *powers += of_scatter * of_scatter / scatter.degrees;
             }
         }
-        let of_scatters = of_scatters.iter().zip(&fourth_powers);
-        for ((widened, variance), (of_scatters, powers)) in
-            widened.iter_mut().zip(&variance).zip(of_scatters)
+        let of_scatters = of_scatters.as_flattened().iter();
+        let of_scatters = of_scatters.zip(fourth_powers.as_flattened());
+        for ((widened, variance), (of_scatters, powers)) in (widened.as_flattened_mut().iter_mut())
+            .zip(variance.as_flattened())
+            .zip(of_scatters)
         {
             if *powers > 0.0 {
                 // The variance of the samples can by chance be less than the contribution of the scatters alone. The larger one keeps the
@@ -155,6 +190,39 @@ mod tests {
         let scatters = scatters.iter().map(scatter).collect::<Result<_, _>>()?;
         let with = drawn.clone().with_scatters(off(3.0)?, scatters);
         Ok(of_x(&with.expect("of one structure")) / of_x(&drawn))
+    }
+
+    #[test]
+    fn many_states_have_the_uncertainty_of_each() -> Result<(), crate::ModelError> {
+        let machine = |slope: f64| {
+            let text = format!(
+                "structure = \"w b X t\"\n[axes]\nX.travel = [0.0, 100.0]\n[errors]\nEXX = {{ poly = [1.0, {slope:?}] }}\nEAX = {slope:?}\n"
+            );
+            Machine::parse(&text, "m")?.compile(Tolerance::default())
+        };
+        let drawn = [0.1, 0.13, 0.08].map(machine).into_iter();
+        let ensemble = Ensemble::new(drawn.collect::<Result<_, _>>()?).expect("three machines");
+        let scatter = |degrees| -> Result<Scatter, crate::ModelError> {
+            let shifted = vec![machine(0.12)?, machine(0.07)?];
+            Ok(Scatter { degrees, shifted })
+        };
+        let scatters = vec![scatter(2.0)?, scatter(1.0)?];
+        let with = ensemble.clone().with_scatters(machine(0.1)?, scatters);
+        let states: Vec<State> = [0.0, 31.0, 100.0, 120.0]
+            .map(|x| State {
+                q: volcomp_vocabulary::PerAxis::leading([x]),
+                ..State::default()
+            })
+            .to_vec();
+        for ensemble in [ensemble, with.expect("of one structure")] {
+            let found = ensemble.standard_uncertainties(&states);
+            let each = states
+                .iter()
+                .map(|state| ensemble.standard_uncertainty(state));
+            assert_eq!(found, each.collect::<Vec<_>>());
+            assert!(found[2][0] > 10.0 * found[0][0] && found[0][3] > 0.0);
+        }
+        Ok(())
     }
 
     /// Welch–Satterthwaite degrees of freedom computed by hand, with the factors of table G.2 of JCGM 100.

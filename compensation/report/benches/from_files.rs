@@ -109,7 +109,11 @@ fn large_test(criterion: &mut Criterion) {
     }
 }
 
-const ROUNDS: usize = 15;
+/// How often the steps are taken in turn; once without `cargo bench`, to see that they run.
+fn rounds() -> usize {
+    let is_measured = std::env::args().any(|argument| argument == "--bench");
+    if is_measured { 15 } else { 1 }
+}
 
 /// Reads, evaluates, fits both directions, and reads and calibrates, in turn. Prints for each step the minimum and median duration, and
 /// the median ratio to reading in the same round.
@@ -125,7 +129,8 @@ fn in_turn(_: &mut Criterion) {
     );
     let path = folder.path().join("calibration.toml");
     let mut times: [Vec<f64>; 5] = Default::default();
-    for _ in 0..ROUNDS {
+    let rounds = rounds();
+    for _ in 0..rounds {
         let start = Instant::now();
         let measurement = parse_csv(black_box(text.as_bytes()), "x.csv").expect("a test");
         let read = start.elapsed();
@@ -161,7 +166,7 @@ fn in_turn(_: &mut Criterion) {
         "read, evaluate, fit",
         "read and calibrate",
     ];
-    println!("10000 targets x 10 runs, {ROUNDS} rounds in turn: least and middle, ms; by reading");
+    println!("10000 targets x 10 runs, {rounds} rounds in turn: least and middle, ms; by reading");
     for (name, own) in names.iter().zip(&times) {
         let least = own.iter().copied().fold(f64::INFINITY, f64::min);
         let ratios = own.iter().zip(&times[0]).map(|(own, read)| own / read);

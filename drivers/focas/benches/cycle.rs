@@ -15,16 +15,26 @@ use volcomp_port::Controller;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 const CYCLES: usize = 20_000;
+/// Cycles without `cargo bench`, where the bench is only started to see that it runs.
+const CYCLES_OF_A_TEST: usize = 200;
+/// Cycles before those that are measured.
+const WARM_UP: usize = 1000;
 /// Bytes sent and received in the two exchanges of a cycle: positions, status, shifts, heartbeat, referenced; then shifts, heartbeat.
 const EXCHANGES: [(usize, usize); 2] = [(152, 370), (75, 44)];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let is_measured = std::env::args().any(|argument| argument == "--bench");
+    let count = if is_measured {
+        CYCLES
+    } else {
+        CYCLES_OF_A_TEST
+    };
     println!("us                    focas     echo    ratio   goal");
     for (cores, servers_on) in [("one core", 0), ("two cores", 1)] {
         // Pinned, because a scheduler that moves the servers between cores would determine the ratio.
         pin_to(servers_on)?;
-        let [cycles, bare] = measure(servers_on)?;
-        for (what, place, goal) in [("median", CYCLES / 2, 1.5), ("p99", CYCLES / 100 * 99, 2.0)] {
+        let [cycles, bare] = measure(servers_on, count)?;
+        for (what, place, goal) in [("median", count / 2, 1.5), ("p99", count / 100 * 99, 2.0)] {
             let [ours, theirs] = [&cycles, &bare].map(|all| all[place].as_secs_f64() * 1e6);
             let ratio = ours / theirs;
             println!("{cores:10} {what:6} {ours:8.1} {theirs:8.1} {ratio:8.2} <= {goal}");
@@ -39,8 +49,11 @@ fn pin_to(core: usize) -> Result<(), rustix::io::Errno> {
     rustix::thread::sched_setaffinity(None, &set)
 }
 
-/// Durations of the cycles and of the bare exchanges, sorted.
-fn measure(servers_on: usize) -> Result<[Vec<Duration>; 2], Box<dyn std::error::Error>> {
+/// Times of this number of cycles and of bare exchanges, rising.
+fn measure(
+    servers_on: usize,
+    count: usize,
+) -> Result<[Vec<Duration>; 2], Box<dyn std::error::Error>> {
     let mut world = World::new(&['X', 'Y', 'Z']);
     world.motion = std::sync::Arc::new(|_| vec![1.0, 2.0, 3.0]);
     let simulator = Simulator::start("127.0.0.1:0", Options::default(), world)?;
@@ -53,7 +66,7 @@ fn measure(servers_on: usize) -> Result<[Vec<Duration>; 2], Box<dyn std::error::
     pin_to(0)?;
     let (mut cycles, mut bare) = (Vec::new(), Vec::new());
     let mut corrections = PerChannel::ZERO;
-    for cycle in 0..CYCLES + 1000 {
+    for cycle in 0..WARM_UP + count {
         let begun = Instant::now();
         let deadline = begun + Duration::from_millis(100);
         controller.read(deadline)?;
@@ -62,8 +75,7 @@ fn measure(servers_on: usize) -> Result<[Vec<Duration>; 2], Box<dyn std::error::
         let took = begun.elapsed();
         let begun = Instant::now();
         exchange_twice(&mut echo)?;
-        // The first thousand cycles are warm-up.
-        if cycle >= 1000 {
+        if cycle >= WARM_UP {
             cycles.push(took);
             bare.push(begun.elapsed());
         }

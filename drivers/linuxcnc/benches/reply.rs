@@ -23,7 +23,9 @@ const EVERY: Duration = Duration::from_millis(1);
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let wanted = std::env::args().find_map(|text| text.parse().ok());
-    let rounds: usize = wanted.unwrap_or(5000);
+    // Without `cargo bench` it is only started to see that it runs.
+    let is_measured = std::env::args().any(|argument| argument == "--bench");
+    let rounds: usize = wanted.unwrap_or(if is_measured { 5000 } else { 50 });
     let settings = Settings {
         axes: Layout::of(AXES)?,
         machine: 1,

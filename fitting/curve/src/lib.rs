@@ -27,7 +27,7 @@ pub use error_curve::{ErrorCurve, Field};
 pub use fourier::Fourier;
 pub use grid::Grid;
 pub use lag::{SmoothedRate, first_order_lag, first_order_lag_of_ramp};
-pub use mls::MovingLeastSquares;
+pub use mls::{MovingLeastSquares, NestedSolutions};
 pub use polynomial::Polynomial;
 pub use table::{Interpolation, Table};
 

@@ -197,6 +197,46 @@ impl MovingLeastSquares {
         weighted.map(row).collect()
     }
 
+    /// The curves of this order and of all lower ones at `x` within the range, from one factorisation.
+    pub fn nested(&self, x: f64) -> NestedSolutions {
+        let Triangle { size, r, y } = self.triangle(x);
+        let is_node = self.nodes.binary_search_by(|n| n[0].total_cmp(&x)).is_ok();
+        // The weight of a node at its own place, where it is the nearest one.
+        let own = if is_node {
+            -libm::expm1(-self.shape * self.shape)
+        } else {
+            0.0
+        };
+        let mut found = NestedSolutions {
+            values: [0.0; SIZE],
+            influences: [0.0; SIZE],
+            conditions: [0.0; SIZE],
+        };
+        // The curve of a lower order has the leading block of R; its inverse is the leading block of the inverse.
+        let mut inverse = [[0.0; SIZE]; SIZE];
+        let [mut value, mut leverage, mut norm, mut norm_of_inverse] = [0.0; 4];
+        for column in 0..size {
+            inverse[column][column] = 1.0 / r[column][column];
+            for row in (0..column).rev() {
+                let known: f64 = (row + 1..=column)
+                    .map(|k| r[row][k] * inverse[k][column])
+                    .sum();
+                inverse[row][column] = -known / r[row][row];
+            }
+            for row in 0..=column {
+                norm += r[row][column] * r[row][column];
+                norm_of_inverse += inverse[row][column] * inverse[row][column];
+            }
+            // The powers are 1, 0, 0, … at `x`: the first row of the inverse gives value and leverage.
+            value += inverse[0][column] * y[column];
+            leverage += inverse[0][column] * inverse[0][column];
+            found.values[column] = value;
+            found.influences[column] = own * leverage;
+            found.conditions[column] = 1.0 / libm::sqrt(norm * norm_of_inverse);
+        }
+        found
+    }
+
     fn range(&self) -> f64 {
         let [lower, upper] = self.domain();
         upper - lower
@@ -293,6 +333,18 @@ impl MovingLeastSquares {
         affine_nodes(&mut self.nodes, scale, c);
         self
     }
+}
+
+/// Curves of all orders up to that of [`MovingLeastSquares::nested`] at one place, by order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NestedSolutions {
+    /// Value of the curve.
+    pub values: [f64; 9],
+    /// [`influence`](MovingLeastSquares::influence) of the node at this place; 0 if there is none.
+    pub influences: [f64; 9],
+    /// Lower bound of the reciprocal condition number of [`design`](MovingLeastSquares::design), at most that number over order + 1; not a
+    /// number if the design is singular.
+    pub conditions: [f64; 9],
 }
 
 struct Active {

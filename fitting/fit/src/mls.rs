@@ -66,13 +66,15 @@ pub struct MlsTrial {
 /// Same as [`fit_mls_auto`].
 pub fn scan_mls(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<MlsTrial>, FitError> {
     let targets = scanned(x, u, shape)?;
-    let trial = |candidate: Candidate| MlsTrial {
-        order: candidate.curve.order(),
-        support: candidate.curve.support(),
-        max_residual: candidate.max_residual,
-        leave_one_out_rms: candidate.leave_one_out_rms,
-    };
-    let trials: Vec<MlsTrial> = candidates(&targets, shape).map(trial).collect();
+    let trials: Vec<MlsTrial> = settings(&targets, shape, targets.len())
+        .iter()
+        .map(|setting| MlsTrial {
+            order: setting.order,
+            support: setting.support,
+            max_residual: setting.max_residual,
+            leave_one_out_rms: setting.leave_one_out_rms(),
+        })
+        .collect();
     if trials.is_empty() {
         return Err(FitError::NoCandidate {
             targets: targets.len(),
@@ -92,6 +94,9 @@ pub fn scan_mls(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<MlsTrial>, FitEr
 /// RMS is taken, ties to the lower order, then to the wider support. When none meets it,
 /// [`Fit::meets_required`] is false and the smallest leave-one-out RMS of all decides.
 ///
+/// Of more than 100 targets these errors are computed at every second, third … one, so that they are at most 100, and supports are shares of the
+/// range of 400 targets if there are more.
+///
 /// # Errors
 /// Same as [`fit_mls`], a required residual that is not positive, and [`FitError::NoCandidate`] when the targets are
 /// too few or too uneven for any candidate.
@@ -103,27 +108,37 @@ pub fn fit_mls_auto(
 ) -> Result<Fit, FitError> {
     readings::check_required(required_residual)?;
     let targets = scanned(x, u, shape)?;
-    let judged = |c: &Candidate| Judged {
-        meets: required_residual.is_none_or(|r| c.max_residual <= r),
-        leave_one_out_rms: c.leave_one_out_rms,
-    };
     let magnitude = readings::magnitude(targets.iter().map(|t| t[1]));
-    let mut best: Option<Candidate> = None;
-    for candidate in candidates(&targets, shape) {
-        let better = judged(&candidate).beats(best.as_ref().map(judged), magnitude);
-        if better {
-            best = Some(candidate);
+    let mut settings = settings(&targets, shape, targets.len());
+    loop {
+        let mut best: Option<usize> = None;
+        let judged = |place: usize| Judged {
+            meets: required_residual.is_none_or(|r| settings[place].max_residual <= r),
+            leave_one_out_rms: settings[place].leave_one_out_rms(),
+        };
+        for place in 0..settings.len() {
+            if judged(place).beats(best.map(judged), magnitude) {
+                best = Some(place);
+            }
         }
+        let place = best.ok_or(FitError::NoCandidate {
+            targets: targets.len(),
+            shape,
+        })?;
+        let expected = judged(place).meets;
+        let setting = &mut settings[place];
+        let made = Candidate::new(targets.clone(), setting.order, setting.support, shape)?;
+        let meets = required_residual.is_none_or(|r| made.max_residual <= r);
+        // A target that was left out of the choice may be farther from the curve.
+        if expected && !meets {
+            setting.max_residual = made.max_residual;
+            continue;
+        }
+        return Ok(Fit {
+            meets_required: required_residual.map(|_| meets),
+            ..made.fit(x, u)
+        });
     }
-    let best = best.ok_or(FitError::NoCandidate {
-        targets: targets.len(),
-        shape,
-    })?;
-    let met = required_residual.map(|_| judged(&best).meets);
-    Ok(Fit {
-        meets_required: met,
-        ..best.fit(x, u)
-    })
 }
 
 /// Order and support with which moving least squares follow several sets of readings best, such as both directions of a measured line. The settings
@@ -141,79 +156,75 @@ pub fn choose_mls(
     required_residual: Option<f64>,
 ) -> Result<(usize, f64), FitError> {
     readings::check_required(required_residual)?;
-    let mut tried: Option<Vec<PooledErrors>> = None;
-    let mut magnitude = 0.0_f64;
-    for (x, u) in sets {
-        let targets = scanned(x, u, shape)?;
-        magnitude = magnitude.max(readings::magnitude(targets.iter().map(|t| t[1])));
-        let own = candidates(&targets, shape).map(|candidate| PooledErrors::of(&candidate));
+    let targets: Result<Vec<_>, FitError> =
+        sets.iter().map(|(x, u)| scanned(x, u, shape)).collect();
+    let targets = targets?;
+    let most = targets.iter().map(Vec::len).max().unwrap_or_default();
+    let magnitude = readings::magnitude(targets.iter().flatten().map(|t| t[1]));
+    let mut tried: Option<Vec<Setting>> = None;
+    for targets in &targets {
+        let own = settings(targets, shape, most);
         tried = Some(match tried {
-            None => own.collect(),
+            None => own,
             Some(before) => {
-                let own: Vec<PooledErrors> = own.collect();
-                let with = |all: PooledErrors| all.with(&own);
+                let with = |all: Setting| all.with(&own);
                 before.into_iter().filter_map(with).collect()
             }
         });
     }
-    let mut best: Option<(PooledErrors, Judged)> = None;
-    for trial in tried.unwrap_or_default() {
+    let mut best: Option<(&Setting, Judged)> = None;
+    let tried = tried.unwrap_or_default();
+    for setting in &tried {
+        let inner: Vec<f64> = setting.inner().collect();
         let judged = Judged {
-            meets: required_residual.is_none_or(|r| trial.max_residual <= r),
-            leave_one_out_rms: (trial.squares / trial.targets).sqrt(),
+            meets: required_residual.is_none_or(|r| setting.max_residual <= r),
+            leave_one_out_rms: rms(inner.into_iter()),
         };
         if judged.beats(best.map(|(_, judged)| judged), magnitude) {
-            best = Some((trial, judged));
+            best = Some((setting, judged));
         }
     }
     let none = FitError::NoCandidate {
         targets: sets.iter().map(|(x, _)| x.len()).min().unwrap_or_default(),
         shape,
     };
-    best.map(|(trial, _)| (trial.order, trial.support))
+    best.map(|(setting, _)| (setting.order, setting.support))
         .ok_or(none)
 }
 
-/// Setting with its errors over several sets of readings.
-#[derive(Clone, Copy)]
-struct PooledErrors {
+/// An order and a support with its errors at targets of one or more sets.
+struct Setting {
     order: usize,
     support: f64,
+    /// Largest residual of these targets.
     max_residual: f64,
-    /// Sum of squared leave-one-out errors, and the number of targets left out.
-    squares: f64,
-    targets: f64,
+    /// Leave-one-out errors of the targets of each set, the first and the last included.
+    missed: Vec<Vec<f64>>,
 }
 
-impl PooledErrors {
-    /// Targets at the ends are not left out: the curve is never evaluated beyond them, and the error of a high order there would dominate.
-    fn of(candidate: &Candidate) -> Self {
-        let curve = &candidate.curve;
-        let inner = 1..curve.nodes().len().saturating_sub(1);
-        let missed = inner
-            .clone()
-            .map(|i| left_out(candidate.residuals[i], candidate.influences[i]));
-        Self {
-            order: curve.order(),
-            support: curve.support(),
-            max_residual: candidate.max_residual,
-            squares: missed.map(|missed| missed * missed).sum(),
-            targets: inner.len() as f64,
-        }
+impl Setting {
+    fn leave_one_out_rms(&self) -> f64 {
+        rms(self.missed.iter().flatten().copied())
+    }
+
+    /// Errors without those at the ends: the curve is never evaluated beyond them, and the error of a high order there would decide alone.
+    fn inner(&self) -> impl Iterator<Item = f64> {
+        let inner = self.missed.iter().flat_map(|of| {
+            let inner = 1..of.len().saturating_sub(1);
+            of.get(inner).unwrap_or_default()
+        });
+        inner.copied()
     }
 
     /// Combines this setting with the same one for another set; `None` if that set has none.
-    fn with(self, others: &[Self]) -> Option<Self> {
+    fn with(mut self, others: &[Self]) -> Option<Self> {
         let mut others = others.iter();
         let same = others.find(|other| {
             other.order == self.order && (other.support - self.support).abs() < 1e-9
         })?;
-        Some(Self {
-            max_residual: self.max_residual.max(same.max_residual),
-            squares: self.squares + same.squares,
-            targets: self.targets + same.targets,
-            ..self
-        })
+        self.max_residual = self.max_residual.max(same.max_residual);
+        self.missed.extend(same.missed.iter().cloned());
+        Some(self)
     }
 }
 
@@ -225,21 +236,91 @@ fn scanned(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<[f64; 2]>, FitError> 
     Ok(targets)
 }
 
-/// All candidates that the targets can carry, by ascending order, then by descending support.
-fn candidates(targets: &[[f64; 2]], shape: f64) -> impl Iterator<Item = Candidate> {
-    MLS_ORDERS.flat_map(move |order| {
-        let supports = SUPPORTS.rev().map(|step| f64::from(step) / 20.0);
-        let mut supports: Vec<f64> = supports.collect();
-        let (published_order, published_support) = PUBLISHED;
-        if order == published_order {
-            supports.push(published_support);
-            supports.sort_by(|a, b| b.total_cmp(a));
+/// Most targets at which a setting is tried.
+const MAX_TRIED: usize = 100;
+/// Number of targets whose range supports are shares of: a place costs as much as it has targets near it.
+const MAX_IN_RANGE: f64 = 400.0;
+
+/// All settings that the targets can carry, by ascending order, then by descending support, with their errors. `most` is the largest number of targets
+/// of the sets that get the same setting.
+fn settings(targets: &[[f64; 2]], shape: f64, most: usize) -> Vec<Setting> {
+    let share = (MAX_IN_RANGE / most as f64).min(1.0);
+    let (published_order, published_support) = PUBLISHED;
+    let supports = SUPPORTS.map(|step| (MLS_ORDERS, f64::from(step) / 20.0));
+    let published = (published_order..=published_order, published_support);
+    let mut settings: Vec<Setting> = supports
+        .chain([published])
+        .flat_map(|(orders, support)| of_support(targets, orders, support * share, shape))
+        .collect();
+    settings.sort_by(|a, b| {
+        let by_support = b.support.total_cmp(&a.support);
+        a.order.cmp(&b.order).then(by_support)
+    });
+    settings
+}
+
+/// The settings with one support that the targets can carry. Everywhere in the range there must be enough nodes with a positive weight that one more
+/// than the number of coefficients remains when one is left out, and the least-squares problem must not be nearly singular. It is checked in the worst
+/// places: at the ends, at nodes, half-way between them, and where a node enters the support.
+fn of_support(
+    targets: &[[f64; 2]],
+    orders: std::ops::RangeInclusive<usize>,
+    support: f64,
+    shape: f64,
+) -> Vec<Setting> {
+    let curve_of = |order: usize| {
+        let curve = MovingLeastSquares::new(targets.to_vec(), order, support, shape).ok()?;
+        curve.has_nodes_everywhere(order + 2).then_some(curve)
+    };
+    // Fewer coefficients need fewer nodes. The curve of the highest order has all lower ones in it.
+    let Some(curve) = orders.clone().rev().find_map(curve_of) else {
+        return Vec::new();
+    };
+    let none = |order| Setting {
+        order,
+        support,
+        max_residual: 0.0,
+        missed: vec![Vec::new()],
+    };
+    let mut settings: Vec<Setting> = (*orders.start()..=curve.order()).map(none).collect();
+    let ([lower, upper], h) = (curve.domain(), curve.half_width());
+    let carry = |settings: &mut Vec<Setting>, x: f64| {
+        let found = curve.nested(x);
+        settings.retain(|setting| {
+            found.conditions[setting.order] >= MIN_CONDITION
+                || reciprocal_condition(&curve.design(x), setting.order + 1) >= MIN_CONDITION
+        });
+        found
+    };
+    let step = targets.len().div_ceil(MAX_TRIED);
+    let last = targets.len() - 1;
+    let tried = (0..last).step_by(step).chain([last]);
+    for place in tried {
+        let [x, u] = targets[place];
+        let found = carry(&mut settings, x);
+        for setting in &mut settings {
+            let residual = u - found.values[setting.order];
+            setting.max_residual = setting.max_residual.max(residual.abs());
+            setting.missed[0].push(left_out(residual, found.influences[setting.order]));
         }
-        supports.into_iter().filter_map(move |support| {
-            let curve = MovingLeastSquares::new(targets.to_vec(), order, support, shape).ok()?;
-            carries(&curve).then(|| Candidate::of(curve))
-        })
-    })
+        let middle = targets.get(place + 1).map(|next| f64::midpoint(x, next[0]));
+        let places = [x - h, x + h].into_iter().chain(middle);
+        for x in places.filter(|x| (lower..=upper).contains(x)) {
+            carry(&mut settings, x);
+        }
+    }
+    settings
+}
+
+/// Ratio of the smallest to the largest singular value of the first columns of a matrix given by rows; 0 if it is singular.
+fn reciprocal_condition(rows: &[Vec<f64>], columns: usize) -> f64 {
+    if rows.len() < columns || columns == 0 {
+        return 0.0;
+    }
+    let matrix = DMatrix::from_fn(rows.len(), columns, |row, column| rows[row][column]);
+    let values = matrix.singular_values();
+    // The largest is positive: the nearest node has the weight 1 in the first column, up to a factor.
+    values.min() / values.max()
 }
 
 #[derive(Clone)]
@@ -250,7 +331,6 @@ pub(crate) struct Candidate {
     /// Residual of each target, and its leverage: the weight of the reading in the curve there.
     pub(crate) residuals: Vec<f64>,
     pub(crate) influences: Vec<f64>,
-    leave_one_out_rms: f64,
     /// Largest deviation of a target's mean reading from the curve.
     max_residual: f64,
 }
@@ -275,15 +355,12 @@ impl Candidate {
         let (values, influences): (Vec<[f64; 2]>, Vec<f64>) = found.unzip();
         let read = curve.nodes().iter().zip(&values);
         let residuals: Vec<f64> = read.map(|([_, u], [_, value])| u - value).collect();
-        let errors = residuals.iter().zip(&influences);
-        let leave_one_out_rms = rms(errors.map(|(&e, &influence)| left_out(e, influence)));
         let max_residual = readings::magnitude(residuals.iter().copied());
         Self {
             curve,
             values,
             residuals,
             influences,
-            leave_one_out_rms,
             max_residual,
         }
     }
@@ -294,34 +371,4 @@ impl Candidate {
         let missed = errors.map(|(&e, &influence)| left_out(e, influence));
         Fit::of_values(self.curve.into(), &self.values, x, u, missed.enumerate())
     }
-}
-
-/// Whether the targets can carry the curve. Everywhere in the range there must be enough nodes with a positive weight that one more than the number
-/// of coefficients remains when one is left out, and the least-squares problem must not be nearly singular. It is checked in the worst places: at the
-/// ends, at nodes, half-way between them, and where a node enters the support.
-fn carries(curve: &MovingLeastSquares) -> bool {
-    if !curve.has_nodes_everywhere(curve.order() + 2) {
-        return false;
-    }
-    let ([lower, upper], h) = (curve.domain(), curve.half_width());
-    let nodes = curve.nodes();
-    let middles = nodes.windows(2).map(|n| f64::midpoint(n[0][0], n[1][0]));
-    let mut places = [lower, upper]
-        .into_iter()
-        .chain(nodes.iter().flat_map(|n| [n[0], n[0] - h, n[0] + h]))
-        .chain(middles)
-        .filter(|x| (lower..=upper).contains(x));
-    places.all(|x| reciprocal_condition(&curve.design(x)) >= MIN_CONDITION)
-}
-
-/// Ratio of the smallest to the largest singular value of a matrix given by rows; 0 if it is singular.
-fn reciprocal_condition(rows: &[Vec<f64>]) -> f64 {
-    let columns = rows.first().map_or(0, Vec::len);
-    let matrix = DMatrix::from_fn(rows.len(), columns, |row, column| rows[row][column]);
-    if matrix.nrows() < columns || columns == 0 {
-        return 0.0;
-    }
-    let values = matrix.singular_values();
-    // The largest is positive: the nearest node has the weight 1 in the first column, up to a factor.
-    values.min() / values.max()
 }

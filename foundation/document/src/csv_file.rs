@@ -1,7 +1,10 @@
 //! CSV table with a header, whose rows and cells record their location.
 
 use core::ops::Range;
-use std::sync::Arc;
+use std::{
+    io::{self, BufRead, Seek, SeekFrom},
+    sync::Arc,
+};
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
@@ -80,10 +83,7 @@ impl CsvTable {
                 continue;
             }
             let columns = header.cells.len();
-            if record.cells.iter().skip(columns).all(str::is_empty) {
-                record.cells.truncate(columns);
-            }
-            if record.cells.len() != columns {
+            if !is_as_wide(&mut record.cells, columns) {
                 let row = record.cells.iter().collect::<Vec<_>>();
                 let mut message = format!(
                     "found {} in {}, expected {} as in the header",
@@ -202,6 +202,110 @@ impl CsvTable {
     }
 }
 
+/// Rows of a CSV file of any length, as one [`CsvTable`] after another with the same header.
+///
+/// The rows and their cells are those that [`CsvTable::parse`] finds in the whole text, but without their location: after an
+/// error, parse the whole text to report it.
+#[derive(Debug)]
+pub struct CsvBatches<R> {
+    reader: csv::Reader<R>,
+    head: CsvTable,
+    cells: StringRecord,
+}
+
+impl<R: BufRead + Seek> CsvBatches<R> {
+    /// Reads the header. A text whose separator is not a comma is read through once, for decimal commas.
+    ///
+    /// # Errors
+    /// The text cannot be read, has no header, or, where it is read through, has a row with more or fewer cells than the header.
+    pub fn open(file: &str, mut text: R) -> io::Result<Self> {
+        // Up to the first line that is neither blank nor a remark.
+        let mut top = String::new();
+        loop {
+            let from = top.len();
+            let length = text.read_line(&mut top)?;
+            let line = top.get(from..).unwrap_or_default();
+            if length == 0 || remarks(line.trim_start_matches('\u{feff}')) == 0 {
+                break;
+            }
+        }
+        let (start, separator) = start_and_separator(&top);
+        let start = text.seek(SeekFrom::Start(start as u64))?;
+        let mut reader = builder(separator).from_reader(text);
+        let mut header = StringRecord::new();
+        while is_blank(&header) {
+            if !reader.read_record(&mut header)? {
+                return Err(io::Error::other("found no rows, expected a header"));
+            }
+        }
+        let mut batches = Self {
+            reader,
+            head: CsvTable {
+                file: file.to_owned(),
+                text: Arc::default(),
+                separator,
+                decimal_comma_line: None,
+                header: Record::nowhere(header),
+                rows: Vec::new(),
+            },
+            cells: StringRecord::new(),
+        };
+        if separator != ',' {
+            let first = batches.reader.position().clone();
+            let mut has_comma = false;
+            while batches.read()? {
+                has_comma |= batches.cells.iter().any(is_number_with_comma);
+            }
+            batches.head.decimal_comma_line = has_comma.then_some(0);
+            let at = SeekFrom::Start(start + first.byte());
+            batches.reader.seek_raw(at, first)?;
+        }
+        Ok(batches)
+    }
+
+    /// The table without rows.
+    pub fn head(&self) -> &CsvTable {
+        &self.head
+    }
+
+    /// The next rows, at most this number; without rows at the end of the text.
+    ///
+    /// # Errors
+    /// The text cannot be read, or a row has more or fewer cells than the header.
+    pub fn next_rows(&mut self, most: usize) -> io::Result<CsvTable> {
+        let mut table = self.head.clone();
+        while table.rows.len() < most && self.read()? {
+            table.rows.push(Record::nowhere(self.cells.clone()));
+        }
+        Ok(table)
+    }
+
+    /// Reads the next row that is not blank into `cells`; false at the end of the text.
+    fn read(&mut self) -> io::Result<bool> {
+        while self.reader.read_record(&mut self.cells)? {
+            if self.cells.iter().all(str::is_empty) {
+                continue;
+            }
+            if !is_as_wide(&mut self.cells, self.head.header.cells.len()) {
+                return Err(io::Error::other("a row is not as wide as the header"));
+            }
+            return Ok(true);
+        }
+        Ok(false)
+    }
+}
+
+impl Record {
+    /// A record without its location.
+    fn nowhere(cells: StringRecord) -> Self {
+        Self {
+            line: 0,
+            span: 0..0,
+            cells,
+        }
+    }
+}
+
 impl<'t> CsvRow<'t> {
     /// Line of the row in the file, from 1.
     pub fn line(&self) -> usize {
@@ -315,15 +419,34 @@ fn separator_of(header: &str) -> char {
         .map_or(',', |(separator, _)| separator)
 }
 
-/// All records from `start` on with their line and byte range, or the line and message of a syntax error.
-fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (usize, String)> {
-    let mut reader = ReaderBuilder::new()
+/// Whether a record is a line without text.
+fn is_blank(cells: &StringRecord) -> bool {
+    cells.len() <= 1 && cells.get(0).is_none_or(str::is_empty)
+}
+
+fn builder(separator: char) -> ReaderBuilder {
+    let mut builder = ReaderBuilder::new();
+    builder
         .has_headers(false)
         .flexible(true)
         .trim(Trim::All)
         // `,`, `;` and the tab are one byte each.
-        .delimiter(u8::try_from(separator).unwrap_or(b','))
-        .from_reader(text.get(start..).unwrap_or_default().as_bytes());
+        .delimiter(u8::try_from(separator).unwrap_or(b','));
+    builder
+}
+
+/// Removes empty cells beyond the columns of the header; true if the row then has as many cells as the header.
+fn is_as_wide(cells: &mut StringRecord, columns: usize) -> bool {
+    if cells.iter().skip(columns).all(str::is_empty) {
+        cells.truncate(columns);
+    }
+    cells.len() == columns
+}
+
+/// All records from `start` on with their line and byte range, or the line and message of a syntax error.
+fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (usize, String)> {
+    let mut reader =
+        builder(separator).from_reader(text.get(start..).unwrap_or_default().as_bytes());
     let bytes = text.as_bytes();
     let mut records = Vec::new();
     let mut cells = StringRecord::new();
@@ -345,7 +468,7 @@ fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (us
         let passed = bytes.get(counted..from).unwrap_or_default();
         line += passed.split(|&byte| byte == b'\n').count() - 1;
         counted = from;
-        if cells.len() == 1 && cells.get(0).is_none_or(str::is_empty) {
+        if is_blank(&cells) {
             continue;
         }
         records.push(Record {

@@ -17,7 +17,7 @@ mod toml_file;
 mod written;
 
 pub use bound::LARGEST_NUMBER;
-pub use csv_file::{Cell, Column, CsvRow, CsvTable};
+pub use csv_file::{Cell, Column, CsvBatches, CsvRow, CsvTable};
 pub use error::InputError;
 pub use file_kind::FileKind;
 pub use head::{split_head, split_unit, unit_named};

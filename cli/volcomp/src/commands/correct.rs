@@ -1,21 +1,23 @@
 use std::{collections::BTreeSet, fmt::Write, path::PathBuf};
 
 use csv::WriterBuilder;
+use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_document::{Column, CsvTable};
 use volcomp_kinematics::{CorrectionOptions, State, correct};
-use volcomp_model::{Ensemble, Machine, Temperatures};
+use volcomp_model::{Ensemble, Machine, MachineErrors};
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use super::{
     Answer, ByAxis, in_degrees, machine_notes, micro, micrometres, microradians,
     not_counted::{NotCounted, words},
-    outside::{Outside, joined, outside, outside_note, remarks},
+    outside::{Outside, joined, outside, outside_note},
     uncertainty::UncertaintyArguments,
 };
 use crate::{
     failure::Failure,
+    listing::{Listing, Row},
     output::OutputFile,
     points::{ApproachArguments, MachineArguments, PointArguments, axis},
     table::{fixed, folded, table, table_text},
@@ -82,11 +84,11 @@ pub(crate) struct CorrectionAt {
     outside: Outside,
 }
 
-pub(crate) fn run(arguments: &CorrectArguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &CorrectArguments, json: bool) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
-    let states = arguments.points.states(&machine, &arguments.approach)?;
+    let mut positions = arguments.points.positions(&machine, &arguments.approach)?;
     let options = options(&machine, &arguments.axes)?;
-    let file = match &arguments.output {
+    let mut file = match &arguments.output {
         Some(path) => {
             let mut inputs = vec![(arguments.machine.machine.as_path(), "--machine")];
             inputs.extend(arguments.points.points.as_deref().map(|p| (p, "--points")));
@@ -103,31 +105,62 @@ pub(crate) fn run(arguments: &CorrectArguments) -> Result<Answer, Failure> {
         None => None,
     };
     let (ensemble, open) = ensemble.unzip();
-    let columns = Columns::new(&machine, states.table(), ensemble.is_some());
+    let head = positions.head().cloned();
+    let columns = Columns::new(&machine, head.as_ref(), ensemble.is_some());
+    if let Some(file) = &mut file {
+        file.append(&columns.csv([columns.header()])?)?;
+    }
+    let source = machine.source(&temperatures);
     let row = |state: &State| CorrectionAt {
         uncertainty: ensemble
             .as_ref()
             .map(|ensemble| uncertainty(ensemble, &machine, state, &options)),
         not_counted: open.as_ref().map(|open| open.at(&[*state])),
-        ..evaluate(&machine, state, &temperatures, &options)
+        ..evaluate(&machine, &source, state, &options)
     };
-    let rows: Vec<CorrectionAt> = states.states().iter().map(row).collect();
-    if let Some(file) = file {
-        file.write_whole(&columns.csv(&rows)?)?;
-    }
     let rotary = movable_rotary(&machine, &options);
-    let text = text(&machine, &rows, rotary);
+    let is_list = head.is_some();
+    let mut listing = Listing::new(json, is_list, header(&machine, ensemble.is_some()));
+    let (mut only, mut not_converged, mut worst) = (None, 0, Vec::new());
+    loop {
+        let batch = positions.next_batch(&machine)?;
+        if batch.states.is_empty() {
+            break;
+        }
+        let rows: Vec<CorrectionAt> = batch.states.par_iter().map(row).collect();
+        if let Some(file) = &mut file {
+            file.append(&columns.csv(columns.records(batch.table.as_ref(), &rows))?)?;
+        }
+        listing.extend(&rows, |row| remark(row, rotary))?;
+        not_converged += rows.iter().filter(|row| !row.converged).count();
+        keep_worst(&mut worst, &rows);
+        only = rows.into_iter().next();
+    }
+    if let Some(file) = file {
+        file.finish()?;
+    }
+    let count = listing.rows();
     let notes = [
-        states.note(),
-        outside_note(rows.iter().map(|row| &row.outside)),
+        positions.note(count),
+        outside_note(listing.outside()),
         one_rotary_note(&machine, &options),
-        not_converged_note(&rows),
+        not_converged_note(not_converged, count),
         arguments.output.as_ref().and(columns.replaced_note()),
     ];
     let mut notes: Vec<String> = notes.into_iter().flatten().collect();
     notes.extend(machine_notes(&machine, &temperatures));
     notes.extend(uncertain);
-    Answer::new(&states.document(rows), text, notes)
+    if let Some(row) = only.filter(|_| count == 1 && !json) {
+        return Ok(Answer::of_text(one(&row, rotary), notes));
+    }
+    if count == 0 {
+        listing = Listing::new(json, is_list, header(&machine, false));
+    }
+    let mut text = words(&worst, "at one of these positions");
+    if !text.is_empty() {
+        text = folded(&text, "");
+    }
+    Ok(Answer::listed(listing, text, notes))
 }
 
 fn options(machine: &Machine, letters: &[String]) -> Result<CorrectionOptions, Failure> {
@@ -153,11 +186,11 @@ fn options(machine: &Machine, letters: &[String]) -> Result<CorrectionOptions, F
 
 fn evaluate(
     machine: &Machine,
+    source: &MachineErrors<'_>,
     state: &State,
-    temperatures: &Temperatures,
     options: &CorrectionOptions,
 ) -> CorrectionAt {
-    let found = machine.correction_at(state, temperatures, options);
+    let found = correct(machine.chain(), source, state, options);
     let joints = machine.chain().joints().iter().enumerate();
     let by_axis = |value: &dyn Fn(usize, AxisKind) -> f64| {
         let values = joints
@@ -205,12 +238,11 @@ fn one_rotary_note(machine: &Machine, options: &CorrectionOptions) -> Option<Str
     })
 }
 
-fn not_converged_note(rows: &[CorrectionAt]) -> Option<String> {
-    let open = rows.iter().filter(|row| !row.converged).count();
+/// Notes the number of positions at which the solver did not converge.
+fn not_converged_note(open: usize, count: usize) -> Option<String> {
     (open > 0).then(|| {
         format!(
-            "{open} of {} corrections did not converge: what they leave is in the residual; check the errors of the machine file near these positions",
-            rows.len()
+            "{open} of {count} corrections did not converge: what they leave is in the residual; check the errors of the machine file near these positions"
         )
     })
 }
@@ -223,13 +255,7 @@ fn norm(v: &[f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-fn text(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
-    match rows {
-        [row] => one(row, rotary),
-        _ => many(machine, rows, rotary),
-    }
-}
-
+/// A single correction as text. `rotary` is the number of rotary axes that may move.
 fn one(row: &CorrectionAt, rotary: usize) -> String {
     let mut header = vec!["axis", "command", "correction", "corrected", ""];
     if row.uncertainty.is_some() {
@@ -279,62 +305,59 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
     text
 }
 
-fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
+/// The heads of the table of many corrections.
+fn header(machine: &Machine, is_uncertain: bool) -> Vec<String> {
     let mut names: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
     names.sort_unstable();
-    let mut header = vec![String::new()];
-    header.extend(
-        names
-            .iter()
-            .map(|name| format!("{name} {}", name.kind().micro_symbol())),
-    );
-    if rows.iter().any(|row| row.uncertainty.is_some()) {
-        let uncertain = names.iter();
-        header.extend(uncertain.map(|name| format!("u {name} {}", name.kind().micro_symbol())));
+    let head = |name: &AxisName| format!("{name} {}", name.kind().micro_symbol());
+    let mut header: Vec<String> = names.iter().map(head).collect();
+    if is_uncertain {
+        header.extend(names.iter().map(|name| format!("u {}", head(name))));
     }
     header.extend(["residual µm", "axis µrad"].map(str::to_owned));
-    let mut table = table(&header.iter().map(String::as_str).collect::<Vec<_>>());
-    for (index, row) in rows.iter().enumerate() {
-        let mut cells = vec![(index + 1).to_string()];
-        cells.extend(row.correction.values().map(|value| fixed(*value, 3)));
-        if let Some(uncertainty) = &row.uncertainty {
-            cells.extend(uncertainty.values().map(|value| fixed(*value, 3)));
-        }
-        cells.push(fixed(norm(&row.residual_um), 3));
-        cells.push(fixed(norm(&row.residual_axis_urad), 3));
-        table.add_row(cells);
-    }
-    let said = rows.iter().map(|row| {
-        let singular = if is_singular(row, rotary) {
-            Some("singular, the tool axis is not fully correctable")
-        } else {
-            row.near_singular
-                .then_some("near singular, rotary corrections are large")
-        };
-        let singular = singular.map(str::to_owned);
-        let parts = singular.into_iter().chain([row.outside.words()]);
-        let parts: Vec<String> = parts.filter(|part| !part.is_empty()).collect();
-        parts.join("; ")
-    });
-    let not_counted = worst(rows);
-    let not_counted = words(&not_counted, "at one of these positions");
-    let mut text = table_text(&table) + &remarks(said);
-    if !not_counted.is_empty() {
-        text += &folded(&not_counted, "");
-    }
-    text
+    header
 }
 
-fn worst(rows: &[CorrectionAt]) -> Vec<NotCounted> {
-    let mut all: Vec<NotCounted> = rows
-        .iter()
-        .filter_map(|row| row.not_counted.clone())
-        .flatten()
-        .collect();
-    all.sort_by(|a, b| b.moves_um.total_cmp(&a.moves_um));
+impl Row for CorrectionAt {
+    fn cells(&self) -> Vec<String> {
+        let uncertainty = self.uncertainty.iter().flat_map(ByAxis::values);
+        let numbers = self.correction.values().chain(uncertainty).copied();
+        let residuals = [norm(&self.residual_um), norm(&self.residual_axis_urad)];
+        numbers
+            .chain(residuals)
+            .map(|value| fixed(value, 3))
+            .collect()
+    }
+
+    fn outside(&self) -> &Outside {
+        &self.outside
+    }
+}
+
+/// The remark on a row of the table of many corrections.
+fn remark(row: &CorrectionAt, rotary: usize) -> String {
+    let singular = if is_singular(row, rotary) {
+        "singular, the tool axis is not fully correctable"
+    } else if row.near_singular {
+        "near singular, rotary corrections are large"
+    } else {
+        ""
+    };
+    let mut parts = vec![singular.to_owned(), row.outside.words()];
+    parts.retain(|part| !part.is_empty());
+    parts.join("; ")
+}
+
+/// Keeps the errors not included in the uncertainties, each at the position of its largest effect on the tool.
+fn keep_worst(worst: &mut Vec<NotCounted>, rows: &[CorrectionAt]) {
+    worst.extend(
+        rows.iter()
+            .filter_map(|row| row.not_counted.clone())
+            .flatten(),
+    );
+    worst.sort_by(|a, b| b.moves_um.total_cmp(&a.moves_um));
     let mut seen = BTreeSet::new();
-    all.retain(|of| seen.insert(of.unknown.clone()));
-    all
+    worst.retain(|of| seen.insert(of.unknown.clone()));
 }
 
 /// True if the tool axis cannot be corrected at this pose but can at others.
@@ -375,16 +398,29 @@ impl<'t> Columns<'t> {
         })
     }
 
-    fn csv(&self, corrections: &[CorrectionAt]) -> Result<Vec<u8>, Failure> {
+    /// Rows of the output file as text.
+    fn csv(&self, rows: impl IntoIterator<Item = Vec<String>>) -> Result<Vec<u8>, Failure> {
         // `,`, `;` and the tab are one byte each.
         let separator = self.table.map_or(',', CsvTable::separator);
         let mut writer = WriterBuilder::new()
             .delimiter(u8::try_from(separator).unwrap_or(b','))
             .from_writer(Vec::new());
         let failed = |e: csv::Error| Failure::Work(format!("the CSV file: {e}"));
-        writer.write_record(self.header()).map_err(failed)?;
-        let mut read = self.table.map(CsvTable::rows);
-        for correction in corrections {
+        for row in rows {
+            writer.write_record(row).map_err(failed)?;
+        }
+        let written = writer.into_inner();
+        written.map_err(|e| Failure::Work(format!("the CSV file: {}", e.error())))
+    }
+
+    /// One row per correction, with the cells that are copied from its row of the table.
+    fn records(
+        &self,
+        table: Option<&CsvTable>,
+        corrections: &[CorrectionAt],
+    ) -> impl Iterator<Item = Vec<String>> {
+        let mut read = table.map(CsvTable::rows);
+        corrections.iter().map(move |correction| {
             let row = read.as_mut().and_then(Iterator::next);
             let mut cells: Vec<String> = match row {
                 Some(row) => {
@@ -409,10 +445,8 @@ impl<'t> Columns<'t> {
             cells.push(correction.singular.to_string());
             cells.push(joined(&correction.outside.outside_range));
             cells.push(joined(&correction.outside.outside_travel));
-            writer.write_record(cells).map_err(failed)?;
-        }
-        let written = writer.into_inner();
-        written.map_err(|e| Failure::Work(format!("the CSV file: {}", e.error())))
+            cells
+        })
     }
 
     fn header(&self) -> Vec<String> {

@@ -1,15 +1,18 @@
+//! `volcomp error`: the volumetric error at positions.
+
+use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::Serialize;
-use volcomp_kinematics::{Form, State};
-use volcomp_model::{Machine, Temperatures};
+use volcomp_kinematics::{Form, State, volumetric_error};
+use volcomp_model::{Machine, MachineErrors};
 
 use super::{
     Answer, ByAxis, fixed, machine_notes, micrometres, microradians,
-    outside::{Outside, outside, outside_note, remarks},
-    table, table_text,
+    outside::{Outside, outside, outside_note},
 };
 use crate::{
     failure::Failure,
+    listing::{Listing, Row},
     points::{ApproachArguments, MachineArguments, PointArguments},
 };
 
@@ -44,23 +47,33 @@ pub(crate) struct ErrorAt {
     outside: Outside,
 }
 
-pub(crate) fn run(arguments: &ErrorArguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &ErrorArguments, json: bool) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
-    let states = arguments.points.states(&machine, &arguments.approach)?;
-    let row = |state: &State| evaluate(&machine, state, arguments.model, &temperatures);
-    let rows: Vec<ErrorAt> = states.states().iter().map(row).collect();
-    let text = text(&rows);
+    let mut positions = arguments.points.positions(&machine, &arguments.approach)?;
+    let source = machine.source(&temperatures);
+    let row = |state: &State| evaluate(&machine, &source, state, arguments.model);
+    let header = ["X µm", "Y µm", "Z µm", "A µrad", "B µrad", "C µrad"];
+    let header = header.map(str::to_owned).to_vec();
+    let mut listing = Listing::new(json, positions.head().is_some(), header);
+    loop {
+        let states = positions.next_batch(&machine)?.states;
+        if states.is_empty() {
+            break;
+        }
+        let rows: Vec<ErrorAt> = states.par_iter().map(row).collect();
+        listing.extend(&rows, |row| row.outside.words())?;
+    }
     let notes = [
-        states.note(),
-        outside_note(rows.iter().map(|row| &row.outside)),
+        positions.note(listing.rows()),
+        outside_note(listing.outside()),
     ];
     let mut notes: Vec<String> = notes.into_iter().flatten().collect();
     notes.extend(machine_notes(&machine, &temperatures));
-    Answer::new(&states.document(rows), text, notes)
+    Ok(Answer::listed(listing, String::new(), notes))
 }
 
-fn evaluate(machine: &Machine, state: &State, form: Form, temperatures: &Temperatures) -> ErrorAt {
-    let error = machine.error_at(state, form, temperatures);
+fn evaluate(machine: &Machine, source: &MachineErrors<'_>, state: &State, form: Form) -> ErrorAt {
+    let error = volumetric_error(machine.chain(), source, state, form);
     ErrorAt {
         at: machine.coordinates(state),
         position_um: micrometres(&error.position_mm),
@@ -69,13 +82,13 @@ fn evaluate(machine: &Machine, state: &State, form: Form, temperatures: &Tempera
     }
 }
 
-fn text(rows: &[ErrorAt]) -> String {
-    let mut table = table(&["", "X µm", "Y µm", "Z µm", "A µrad", "B µrad", "C µrad"]);
-    for (index, row) in rows.iter().enumerate() {
-        let mut cells = vec![(index + 1).to_string()];
-        let numbers = row.position_um.iter().chain(&row.rotation_urad);
-        cells.extend(numbers.map(|value| fixed(*value, 3)));
-        table.add_row(cells);
+impl Row for ErrorAt {
+    fn cells(&self) -> Vec<String> {
+        let numbers = self.position_um.iter().chain(&self.rotation_urad);
+        numbers.map(|value| fixed(*value, 3)).collect()
     }
-    table_text(&table) + &remarks(rows.iter().map(|row| row.outside.words()))
+
+    fn outside(&self) -> &Outside {
+        &self.outside
+    }
 }

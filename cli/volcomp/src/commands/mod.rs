@@ -51,7 +51,12 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 pub(crate) use crate::table::{fixed, table, table_text};
-use crate::{failure::Failure, finite::first_not_finite, output::OutputFile};
+use crate::{
+    failure::Failure,
+    finite::{first_not_finite, not_finite},
+    listing::Listing,
+    output::OutputFile,
+};
 
 /// Values by axis letter, in the order X Y Z A B C U V W.
 pub(crate) type ByAxis = BTreeMap<AxisName, f64>;
@@ -59,6 +64,8 @@ pub(crate) type ByAxis = BTreeMap<AxisName, f64>;
 pub(crate) struct Answer {
     pub(crate) json: Value,
     pub(crate) text: String,
+    /// The rows of a result for many positions, printed instead of the document, or before the text.
+    pub(crate) listing: Option<Listing>,
     pub(crate) notes: Vec<String>,
     pub(crate) failed: Option<Failure>,
     /// Set if all tolerances are met; otherwise the exit status is 3.
@@ -72,18 +79,37 @@ impl Answer {
         notes: Vec<String>,
     ) -> Result<Self, Failure> {
         if let Some(key) = first_not_finite(document) {
-            return Err(Failure::Input(format!(
-                "the result `{key}` is not a finite number: check the numbers in the input files, which are too large or do not determine it"
-            )));
+            return Err(not_finite(&key));
         }
         Ok(Self {
             json: serde_json::to_value(document)
                 .map_err(|e| Failure::Work(format!("the JSON document: {e}")))?,
             text,
+            listing: None,
             notes,
             failed: None,
             tolerances_met: true,
         })
+    }
+
+    /// An answer without a document.
+    pub(crate) fn of_text(text: String, notes: Vec<String>) -> Self {
+        Self {
+            json: Value::Null,
+            text,
+            listing: None,
+            notes,
+            failed: None,
+            tolerances_met: true,
+        }
+    }
+
+    /// An answer of many rows; `text` follows their table.
+    pub(crate) fn listed(listing: Listing, text: String, notes: Vec<String>) -> Self {
+        Self {
+            listing: Some(listing),
+            ..Self::of_text(text, notes)
+        }
     }
 
     pub(crate) fn decided(self, decision: Option<Decision>) -> Self {

@@ -27,8 +27,13 @@ pub(super) fn outside(machine: &Machine, state: &State) -> Outside {
 }
 
 impl Outside {
-    /// Text such as `outside travel Z, range EZY EZZ`; empty if everything is within range.
-    pub(super) fn words(&self) -> String {
+    /// True if everything is within range.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.outside_range.is_empty() && self.outside_travel.is_empty()
+    }
+
+    /// `outside travel Z, range EZY EZZ`; empty if everything is within range.
+    pub(crate) fn words(&self) -> String {
         let parts = [
             ("travel", joined(&self.outside_travel)),
             ("range", joined(&self.outside_range)),
@@ -42,8 +47,8 @@ impl Outside {
     }
 }
 
-pub(super) fn outside_note<'a>(outside: impl Iterator<Item = &'a Outside>) -> Option<String> {
-    let count = outside.filter(|o| !o.words().is_empty()).count();
+/// Notes that this number of positions is outside the range of the model.
+pub(super) fn outside_note(count: usize) -> Option<String> {
     let positions = match count {
         0 => return None,
         1 => "one position lies".to_owned(),
@@ -59,37 +64,46 @@ pub(crate) fn joined<T: ToString>(names: &[T]) -> String {
     names.join(" ")
 }
 
-/// The remarks on the rows of a table, printed below it: rows with the same remark are grouped, in the order of first occurrence. Empty
-/// without remarks.
-pub(super) fn remarks(rows: impl Iterator<Item = String>) -> String {
-    let mut by_remark: Vec<(String, Vec<usize>)> = Vec::new();
-    for (row, remark) in (1..).zip(rows).filter(|(_, remark)| !remark.is_empty()) {
-        match by_remark.iter_mut().find(|(known, _)| *known == remark) {
-            Some((_, rows)) => rows.push(row),
-            None => by_remark.push((remark, vec![row])),
+/// The remarks on the rows of a table, printed below it: rows with the same remark are grouped, in the order of first occurrence.
+#[derive(Default)]
+pub(crate) struct Remarks(Vec<(String, Vec<[usize; 2]>)>);
+
+impl Remarks {
+    /// Adds the remark on a row after all others; an empty one is none.
+    pub(crate) fn add(&mut self, row: usize, remark: String) {
+        if remark.is_empty() {
+            return;
+        }
+        match self.0.iter_mut().find(|(known, _)| *known == remark) {
+            Some((_, runs)) => match runs.last_mut() {
+                Some([_, last]) if *last + 1 == row => *last = row,
+                _ => runs.push([row, row]),
+            },
+            None => self.0.push((remark, vec![[row, row]])),
         }
     }
-    let lines = by_remark.iter().map(|(remark, rows)| {
-        let plural = if rows.len() == 1 { "" } else { "s" };
-        folded(&format!("row{plural} {}: {remark}", ranges(rows)), " ")
-    });
-    let lines: String = lines.collect();
-    if lines.is_empty() {
-        return lines;
+
+    /// The lines below the table; empty without remarks.
+    pub(crate) fn text(&self) -> String {
+        let lines = self.0.iter().map(|(remark, runs)| {
+            let plural = if matches!(runs[..], [[first, last]] if first == last) {
+                ""
+            } else {
+                "s"
+            };
+            folded(&format!("row{plural} {}: {remark}", ranges(runs)), " ")
+        });
+        let lines: String = lines.collect();
+        if lines.is_empty() {
+            return lines;
+        }
+        format!("\n{lines}")
     }
-    format!("\n{lines}")
 }
 
-/// Ascending numbers with consecutive ones joined, such as `1, 3-7`.
-fn ranges(rows: &[usize]) -> String {
-    let mut runs: Vec<(usize, usize)> = Vec::new();
-    for &row in rows {
-        match runs.last_mut() {
-            Some((_, last)) if *last + 1 == row => *last = row,
-            _ => runs.push((row, row)),
-        }
-    }
-    let runs = runs.iter().map(|(first, last)| match last - first {
+/// Runs of consecutive numbers by their first and last: `1, 3-7`.
+fn ranges(runs: &[[usize; 2]]) -> String {
+    let runs = runs.iter().map(|[first, last]| match last - first {
         0 => first.to_string(),
         1 => format!("{first}, {last}"),
         _ => format!("{first}-{last}"),
@@ -103,15 +117,18 @@ mod tests {
 
     #[test]
     fn rows_with_one_remark_stand_together() {
-        let rows = ["", "a", "a", "a", "b", "", "a", "b", "b"];
+        let text = |rows: &[&str]| {
+            let mut remarks = Remarks::default();
+            for (row, remark) in (1..).zip(rows) {
+                remarks.add(row, (*remark).to_owned());
+            }
+            remarks.text()
+        };
         assert_eq!(
-            remarks(rows.into_iter().map(str::to_owned)),
+            text(&["", "a", "a", "a", "b", "", "a", "b", "b"]),
             "\n rows 2-4, 7: a\n rows 5, 8, 9: b\n"
         );
-        assert_eq!(
-            remarks(["", "", "c"].into_iter().map(str::to_owned)),
-            "\n row 3: c\n"
-        );
-        assert_eq!(remarks(["", ""].into_iter().map(str::to_owned)), "");
+        assert_eq!(text(&["", "", "c"]), "\n row 3: c\n");
+        assert_eq!(text(&["", ""]), "");
     }
 }

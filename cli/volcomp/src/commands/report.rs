@@ -9,7 +9,7 @@ use serde::Serialize;
 use volcomp_calibrate::{CalibrationFile, not_observed};
 use volcomp_document::Document as Toml;
 use volcomp_identify::Observations;
-use volcomp_kinematics::{Form, State as Pose, volumetric_error};
+use volcomp_kinematics::State as Pose;
 use volcomp_model::{ErrorField, Machine, Temperatures};
 use volcomp_report::{
     Check, Diagonals, Edition, OfState, Report, Size, State, Stated, Tolerance, Verdict as Outcome,
@@ -27,7 +27,7 @@ use super::{
     uncertainty::{Measured, UncertaintyArguments},
 };
 use crate::{
-    compensation::{Compensation, CompensationArguments, refuse_other_geometry},
+    compensation::{Compensation, CompensationArguments, ErrorAt, errors, refuse_other_geometry},
     failure::Failure,
     output::OutputFile,
     points::OthersArguments,
@@ -369,22 +369,8 @@ fn working_space(
         }
         cases.push((*name, with_tool, truth, before));
     }
-    let at = |state: State, (_, with_tool, truth, before): &Case<'_>, pose: &Pose| {
-        let actual = match state {
-            State::TruthCorrected => return truth.residual(pose),
-            State::Truth => truth.actual(),
-            State::GivenBefore => before.as_ref().unwrap_or(with_tool),
-            State::Found => with_tool,
-        };
-        let source = actual.source(&none);
-        let found = volumetric_error(actual.chain(), &source, pose, Form::Exact);
-        let (p, r) = (found.position_mm, found.rotation_rad);
-        [p.x, p.y, p.z, r.x, r.y, r.z]
-    };
     let errors_of = |state: State| {
-        let errors = cases
-            .iter()
-            .map(|case| move |pose: &Pose| at(state, case, pose));
+        let errors = cases.iter().map(|case| errors_of(case, state, &none));
         errors.collect::<Vec<_>>()
     };
     let (errors_before, errors_after) = (
@@ -405,10 +391,22 @@ fn working_space(
 /// The name of a tool; the machine with this tool; the correction of that machine on the truth; and the machine before calibration.
 type Case<'a> = (&'a str, &'a Machine, Compensation<'a>, Option<Machine>);
 
-fn fields<'a, F: Fn(&Pose) -> [f64; 6]>(
-    cases: &'a [Case<'a>],
-    errors: &'a [F],
-) -> Vec<ErrorField<'a>> {
+/// The errors of a machine of a case.
+fn errors_of<'a>(
+    (_, with_tool, truth, before): &'a Case<'a>,
+    state: State,
+    temperatures: &Temperatures,
+) -> ErrorAt<'a> {
+    let actual = match state {
+        State::TruthCorrected => return Box::new(|pose| truth.residual(pose)),
+        State::Truth => truth.actual(),
+        State::GivenBefore => before.as_ref().unwrap_or(with_tool),
+        State::Found => with_tool,
+    };
+    errors(actual, temperatures)
+}
+
+fn fields<'a>(cases: &'a [Case<'a>], errors: &'a [ErrorAt<'a>]) -> Vec<ErrorField<'a>> {
     let all = cases.iter().zip(errors);
     all.map(|((tool, machine, truth, before), errors)| ErrorField {
         tool,

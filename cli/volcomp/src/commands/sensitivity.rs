@@ -64,8 +64,8 @@ pub(super) fn errors_of(machine: &Machine, assembly: bool) -> Vec<ErrorTerm> {
 pub(crate) fn run(arguments: &SensitivityArguments) -> Result<Answer, Failure> {
     let machine = arguments.machine.read()?;
     let (poses, note) = if let Some(path) = &arguments.points {
-        let states = states_of(&machine, path)?;
-        (Poses::List(states.states().to_vec()), states.note())
+        let (states, note) = states_of(&machine, path)?;
+        (Poses::List(states), note)
     } else {
         let count = usize::from(arguments.grid);
         let poses = grid(&machine, count).map_err(Failure::input)?;

@@ -400,3 +400,24 @@ fn the_tilt_of_the_tool_is_told_apart_from_the_rotation_about_it() {
     );
     contains(&shown, "  rotation about it 200.000 µrad, after alignment ");
 }
+
+/// A correction is computed with compiled curves, far below the last digit that is printed; --exact evaluates those of the file.
+#[test]
+fn a_corrected_map_is_that_of_the_curves_of_the_file() {
+    let folder = Folder::new();
+    let machine = folder.write(
+        "m.toml",
+        "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 500]\nY.travel = [0, 400]\nZ.travel = [0, 300]\n[tool]\ntip = [0, 0, -150]\n[errors]\n\
+         EXX = { mls = { nodes = [[0, 0], [120, 5], [260, 2], [400, -4], [500, 3]], order = 2, support = 0.8, shape = 3.0 } }\n\
+         EBY = { forward = { poly = [1, 0.1] }, backward = { poly = [9, 0.08] } }\nECZ = { poly = [0, 0.3, -2e-4] }\nEA0Z = 40\n",
+    );
+    for more in [&["--compensated"][..], &["--resolution", "1"]] {
+        let map = |exact: &[&str]| {
+            json(&[&["map", "-m", &machine, "--grid", "4x4x4"], more, exact].concat())
+        };
+        let [fast, exact] = [map(&[]), map(&["--exact"])];
+        for key in ["largest_um", "rms_um", "form_rms_um", "form_max_um"] {
+            crate::close(&fast[key], float(&exact[key]), 2e-4);
+        }
+    }
+}

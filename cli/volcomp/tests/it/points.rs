@@ -159,3 +159,54 @@ fn slips_of_the_hand_are_told_with_what_was_meant() {
         "expected a decimal point: scale_x=20.5",
     );
 }
+
+/// More rows than are computed at a time: numbered through, each as if it stood alone, with an error far down found before anything is printed.
+#[test]
+fn any_number_of_rows_is_one_list() {
+    let folder = Folder::new();
+    let place = |row: usize| (row * 37 % 9001, row % 4000);
+    let rows = (1..=9000).map(|row| (place(row).0, place(row).1));
+    let table: Vec<String> = rows.map(|(x, y)| format!("{x};{y},5;n{x}\n")).collect();
+    let points = folder.write("p.csv", format!("X;Y;note\n{}", table.concat()));
+    let output = folder.path().join("o.csv").display().to_string();
+    let errors = json(&["error", "-m", GANTRY, "--points", &points]);
+    let corrections = json(&["correct", "-m", GANTRY, "--points", &points, "-o", &output]);
+    let file = fs::read_to_string(&output).expect("written");
+    let lines: Vec<&str> = file.lines().collect();
+    assert_eq!(lines.len(), 9001);
+    let shown = crate::text(&["error", "-m", GANTRY, "--points", &points]);
+    let shown: Vec<&str> = shown.lines().collect();
+    for row in [1, 255, 256, 257, 4096, 4097, 8192, 8193, 9000] {
+        let (x, y) = place(row);
+        let at = format!("X={x},Y={y}.5");
+        let alone = json(&["error", "-m", GANTRY, "--at", &at]);
+        assert_eq!(errors["points"][row - 1], alone, "{row}");
+        let cells: Vec<&str> = shown[row].split_whitespace().collect();
+        assert_eq!(cells[0], row.to_string());
+        assert_eq!(
+            cells[1],
+            format!("{:.3}", alone["position_um"][0].as_f64().expect("a number"))
+        );
+        let alone = json(&["correct", "-m", GANTRY, "--at", &at]);
+        assert_eq!(corrections["points"][row - 1], alone, "{row}");
+        assert!(
+            lines[row].starts_with(&format!("{x};{y},5;n{x};")),
+            "{}",
+            lines[row]
+        );
+    }
+    // X beyond its travel of 8 m.
+    let said = notes(&["error", "-m", GANTRY, "--points", &points]);
+    let beyond = (1..=9000).filter(|row| place(*row).0 > 8000).count();
+    contains(&said, &format!("note: {beyond} positions lie beyond"));
+    for (row, expected) in [
+        ("5;x;6", ":8001: Y: found `x`"),
+        ("5;6", ":8001: row: found 2"),
+    ] {
+        let mut wrong = table.clone();
+        wrong[7999] = format!("{row}\n");
+        let points = folder.write("wrong.csv", format!("X;Y;note\n{}", wrong.concat()));
+        let message = refused(&["error", "-m", GANTRY, "--points", &points]);
+        assert!(message.contains(expected), "{message}");
+    }
+}

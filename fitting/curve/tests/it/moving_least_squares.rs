@@ -85,6 +85,30 @@ fn as_many_positive_weights_as_coefficients_interpolate() {
     }
 }
 
+/// The curve of order 6 has those of all lower orders in it, with a bound of their condition.
+#[test]
+fn lower_orders_are_nested() {
+    let nodes = wavy(21);
+    let curve = |order| MovingLeastSquares::new(nodes.clone(), order, 0.5, 3.0).unwrap();
+    let between = nodes.windows(2).map(|n| 0.3 * n[0][0] + 0.7 * n[1][0]);
+    let places = nodes.iter().map(|n| n[0]).enumerate();
+    for (place, x) in places.chain(between.map(|x| (usize::MAX, x))) {
+        let found = curve(6).nested(x);
+        for order in 0..=6 {
+            let (value, influence) = curve(order).value_and_influence(x, place);
+            assert!((found.values[order] - value).abs() < 1e-9, "{order} {x}");
+            assert!((found.influences[order] - influence).abs() < 1e-9);
+            let rows = curve(order).design(x);
+            let matrix = DMatrix::from_fn(rows.len(), order + 1, |row, column| rows[row][column]);
+            let values = matrix.singular_values();
+            let condition = values.min() / values.max();
+            let bound = found.conditions[order] * (1.0 - 1e-6);
+            assert!(bound <= condition, "{order} {x}: {bound} {condition}");
+            assert!(bound * (order + 1) as f64 >= 0.9 * condition);
+        }
+    }
+}
+
 #[test]
 fn influences_make_the_value() {
     let nodes = wavy(21);

@@ -107,6 +107,33 @@ fn says_when_the_required_residual_is_not_met() {
     assert_eq!(fit.curve, fit_mls_auto(&x, &u, 3.0, None).unwrap().curve);
 }
 
+/// Of many targets some are tried, over supports that have at most as many targets in them as those of 400.
+#[test]
+fn many_targets_are_followed_like_few() {
+    let wave = |x: f64| 10.0 * (x / 500.0).sin();
+    for count in [101, 400, 1000, 3000] {
+        let x = targets(count);
+        let u = noisy(&x, 1.0, 27, wave);
+        let fit = fit_mls_auto(&x, &u, 3.0, Some(20.0)).unwrap();
+        assert_eq!(fit.meets_required, Some(true));
+        assert!(mls(&fit).half_width() * f64::from(count) <= 400.0 * 8000.0 * 1.01);
+        let misses = x.iter().map(|&x| (fit.curve.value(x) - wave(x)).powi(2));
+        let rms = (misses.sum::<f64>() / f64::from(count)).sqrt();
+        // A fit of ten to twenty coefficients leaves this of a scatter of 1.
+        assert!(rms < 0.6, "{count}: {rms}");
+        // A single reading that no curve follows is noticed though it may not be one of those that are tried.
+        let mut u = u;
+        u[usize::try_from(count / 2).unwrap() + 1] += 200.0;
+        let fit = fit_mls_auto(&x, &u, 3.0, Some(20.0)).unwrap();
+        assert_eq!(fit.meets_required, Some(false), "{count}");
+    }
+    // Both directions of a line get one setting, even if one has a target more.
+    let [x, more] = [targets(800), targets(801)];
+    let sets = [(&x[..], at(&x, wave)), (&more[..], at(&more, wave))];
+    let both = sets.each_ref().map(|(x, u)| (*x, &u[..]));
+    assert!(volcomp_fit::choose_mls(&both, 3.0, None).is_ok());
+}
+
 #[test]
 fn ties_go_to_the_lower_order_and_the_wider_support() {
     let x = targets(21);

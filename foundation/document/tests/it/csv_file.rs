@@ -1,7 +1,7 @@
 //! CSV tables: separators, decimal commas, positions.
 
 use proptest::prelude::*;
-use volcomp_document::{CsvTable, InputError};
+use volcomp_document::{CsvBatches, CsvTable, InputError};
 
 fn columns_x_y(text: &str) -> Result<Vec<[f64; 2]>, InputError> {
     let table = CsvTable::parse("p.csv", text)?;
@@ -9,6 +9,42 @@ fn columns_x_y(text: &str) -> Result<Vec<[f64; 2]>, InputError> {
     let row =
         |row: volcomp_document::CsvRow<'_>| Ok([row.cell(x).number()?, row.cell(y).number()?]);
     table.rows().map(row).collect()
+}
+
+/// Separator, whether numbers have decimal commas, names of the columns, cells of the rows.
+type Content = (char, bool, Vec<String>, Vec<Vec<String>>);
+
+fn at_once(text: &str) -> Result<Content, InputError> {
+    let table = CsvTable::parse("p.csv", text)?;
+    let columns: Vec<_> = table.columns().collect();
+    let cells = |row: volcomp_document::CsvRow<'_>| {
+        let cells = columns.iter().map(|(column, _)| row.cell(*column).text());
+        cells.map(str::to_owned).collect()
+    };
+    let names = columns.iter().map(|(_, name)| (*name).to_owned()).collect();
+    let rows = table.rows().map(cells).collect();
+    Ok((table.separator(), table.has_decimal_comma(), names, rows))
+}
+
+/// The same read in batches of at most so many rows.
+fn in_batches(text: &str, most: usize) -> std::io::Result<Content> {
+    let mut batches = CsvBatches::open("p.csv", std::io::Cursor::new(text))?;
+    let head = batches.head();
+    let columns: Vec<_> = head.columns().map(|(column, _)| column).collect();
+    let names = head.columns().map(|(_, name)| name.to_owned()).collect();
+    let (separator, has_comma) = (head.separator(), head.has_decimal_comma());
+    let mut rows = Vec::new();
+    loop {
+        let batch = batches.next_rows(most)?;
+        if batch.rows().len() == 0 {
+            return Ok((separator, has_comma, names, rows));
+        }
+        assert!(batch.rows().len() <= most && batch.has_decimal_comma() == has_comma);
+        for row in batch.rows() {
+            let cells = columns.iter().map(|column| row.cell(*column).text());
+            rows.push(cells.map(str::to_owned).collect());
+        }
+    }
 }
 
 #[test]
@@ -77,6 +113,14 @@ proptest! {
             prop_assert!(error.line >= 1 && error.line <= text.matches('\n').count() + 1);
             prop_assert!(error.text.get(error.span.clone()).is_some(), "{:?}", error.span);
         }
+    }
+
+    #[test]
+    fn batches_have_the_rows_of_the_whole_text(
+        text in "(\u{feff}|sep=[,;\t]\r?\n|#,;\r?\n|\n){0,3}([X,;\t\"]{0,5}\r?\n)?[X05,;\t\"\r\n.é ]{0,40}",
+        most in 1_usize..4,
+    ) {
+        prop_assert_eq!(in_batches(&text, most).ok(), at_once(&text).ok());
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::{fmt::Write, path::PathBuf, str::FromStr};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::Serialize;
-use volcomp_kinematics::{Form, State, nalgebra::Vector3, volumetric_error};
+use volcomp_kinematics::{Form, State, nalgebra::Vector3};
 use volcomp_model::{
     Ensemble, ErrorField, Lengths, Machine, MapGrid, RigidSums, Temperatures, Tolerance,
     UNCERTAINTY_POSES, poses_of_all_axes, volumetric,
@@ -20,7 +20,7 @@ use super::{
     uncertainty::UncertaintyArguments,
 };
 use crate::{
-    compensation::{Compensated, Compensation, CompensationArguments},
+    compensation::{Compensated, Compensation, CompensationArguments, ErrorAt, errors, errors_by},
     failure::Failure,
     points::{MachineArguments, OthersArguments},
     progress,
@@ -54,7 +54,7 @@ pub(crate) struct MapArguments {
     #[arg(long, short)]
     output: Option<PathBuf>,
     /// Form of the model: compiled (curves within 1 nm and 1 nrad, errors to first order), or as for `error` [default:
-    /// compiled; exact with a correction]
+    /// compiled; with a correction exact, curves within 0.01 nm]
     #[arg(long)]
     model: Option<Model>,
     /// As --model exact
@@ -174,7 +174,11 @@ pub(crate) fn run(arguments: &MapArguments) -> Result<Answer, Failure> {
     let work = Work {
         machine: &machine,
         errors: if arguments.compensation.is_asked_for() {
-            Box::new(|state| compensation.residual(state))
+            if arguments.model.is_some() || arguments.exact {
+                Box::new(|state| compensation.exact_residual(state))
+            } else {
+                Box::new(|state| compensation.residual(state))
+            }
         } else {
             model.errors(&machine, &temperatures)?
         },
@@ -187,11 +191,8 @@ pub(crate) fn run(arguments: &MapArguments) -> Result<Answer, Failure> {
         work.go_through(pass, &mut field, &mut found)?;
     }
     let beside = work.beside(&found);
-    // Exact even for a compiled map, so that the figure equals that of the report to the last digit.
-    let exact = match model {
-        Model::Compiled => Some(Model::Form(Form::Exact).errors(&machine, &temperatures)?),
-        Model::Form(_) => None,
-    };
+    // To all orders even for a compiled map, so that the figure equals that of the report to the last digit.
+    let exact = (model == Model::Compiled).then(|| errors(&machine, &temperatures));
     let errors = exact.as_ref().unwrap_or(&work.errors);
     let curves = vec![&machine, compensation.actual()];
     let all_axes = all_axes(&machine, curves, errors, ensemble.as_ref())?;
@@ -404,14 +405,7 @@ impl Model {
         temperatures: &Temperatures,
     ) -> Result<ErrorAt<'a>, Failure> {
         match self {
-            Self::Form(form) => {
-                let source = machine.source(temperatures);
-                Ok(Box::new(move |state| {
-                    let found = volumetric_error(machine.chain(), &source, state, form);
-                    let (p, r) = (found.position_mm, found.rotation_rad);
-                    [p.x, p.y, p.z, r.x, r.y, r.z]
-                }))
-            }
+            Self::Form(form) => Ok(errors_by(machine, machine.source(temperatures), form)),
             Self::Compiled => {
                 let compiled = machine.compile_at(Tolerance::default(), temperatures)?;
                 Ok(Box::new(move |state| compiled.evaluate(state).into_six()))
@@ -423,9 +417,7 @@ impl Model {
 /// Number of nodes per unit of parallel work.
 const CHUNK: usize = 4096;
 
-/// Computes position (mm) and rotation (rad) at a state.
-type ErrorAt<'a> = Box<dyn Fn(&State) -> [f64; 6] + Sync + 'a>;
-
+/// The inputs of the computation of a node.
 struct Work<'a> {
     machine: &'a Machine,
     errors: ErrorAt<'a>,
@@ -500,7 +492,20 @@ impl Work<'_> {
         pass: usize,
         format: Option<TextFormat>,
     ) -> Chunk {
-        let nodes: Vec<Node> = nodes.map(|index| self.node(index)).collect();
+        let states: Vec<([f64; 3], State)> = nodes
+            .map(|index| self.grid.node(self.machine, index))
+            .collect();
+        let uncertainties = self.ensemble.map(|ensemble| {
+            let states: Vec<State> = states.iter().map(|(_, state)| *state).collect();
+            ensemble.standard_uncertainties(&states)
+        });
+        let node = |(index, (at_mm, state)): (usize, ([f64; 3], State))| Node {
+            at_mm,
+            tip_mm: self.machine.chain().ideal_tip_mm(&state),
+            error: (self.errors)(&state),
+            uncertainty: uncertainties.as_ref().map(|all| all[index]),
+        };
+        let nodes: Vec<Node> = states.into_iter().enumerate().map(node).collect();
         let mut largest = Largest::default();
         let (mut sums, mut lengths) = (RigidSums::default(), Lengths::default());
         for node in &nodes {
@@ -516,16 +521,6 @@ impl Work<'_> {
             sums,
             lengths,
             nodes,
-        }
-    }
-
-    fn node(&self, index: usize) -> Node {
-        let (at_mm, state) = self.grid.node(self.machine, index);
-        Node {
-            at_mm,
-            tip_mm: self.machine.chain().ideal_tip_mm(&state),
-            error: (self.errors)(&state),
-            uncertainty: self.ensemble.map(|e| e.standard_uncertainty(&state)),
         }
     }
 }
@@ -714,12 +709,12 @@ fn all_axes(
 
 fn uncertainty(machine: &Machine, ensemble: &Ensemble, poses: &[State]) -> AllAxesUncertainty {
     let bar = progress::bar(poses.len(), "poses");
-    let of = |pose: &State| {
-        let six = ensemble.standard_uncertainty(pose);
-        bar.inc(1);
-        six
+    let of = |poses: &[State]| {
+        let found = ensemble.standard_uncertainties(poses);
+        bar.inc(poses.len() as u64);
+        found
     };
-    let found: Vec<[f64; 6]> = poses.par_iter().map(of).collect();
+    let found: Vec<[f64; 6]> = poses.par_chunks(CHUNK / 64).flat_map(of).collect();
     bar.finish_and_clear();
     let [mut lengths, mut turns] = [Lengths::default(); 2];
     let mut most: Option<(f64, &State)> = None;
