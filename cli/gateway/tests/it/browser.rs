@@ -14,7 +14,8 @@ use volcomp_vocabulary::AxisName;
 
 use crate::{
     controlled::control,
-    models::{ENGINEER, engineers, examples, measured_control, measured_rig_in, model},
+    manual::{Served, served_configuration},
+    models::{ENGINEER, engineers, examples, model},
     paths::{nobody, two_ways},
     program::{OPERATE, Program, change, path, token_file},
 };
@@ -49,32 +50,23 @@ fn run(script: &str, arguments: &[&str], screenshot: &str, then: impl FnOnce()) 
     assert!(output.status.success(), "{message}");
 }
 
+/// The built-in simulation, which takes no model; then the page while the program ends.
 #[test]
 fn a_person_sees_and_operates_it() {
     let dir = tempfile::tempdir().expect("writable");
-    let mut program = Program::simulated(dir.path());
+    token_file(dir.path());
+    engineers(dir.path());
+    let tokens = dir.path().join("tokens");
+    let audit = dir.path().join("audit");
+    let arguments = ["--simulate", "--token-file", path(&tokens), "--audit-dir"];
+    let mut program = Program::start(dir.path(), &[&arguments[..], &[path(&audit)]].concat());
     let url = format!("http://{}/", program.address);
+    let page = "gateway-built-in.png";
+    run("browser_built_in.py", &[&url, ENGINEER], page, || {});
     run("browser.py", &[&url, OPERATE], "gateway.png", || {
         program.signal("TERM");
         assert_eq!(program.end(), Some(0), "{}", program.log());
     });
-}
-
-#[test]
-fn a_person_sees_that_the_built_in_simulation_takes_no_model() {
-    let dir = tempfile::tempdir().expect("writable");
-    let tokens = token_file(dir.path());
-    engineers(dir.path());
-    let audit = dir.path().join("audit");
-    let arguments = ["--simulate", "--token-file", path(&tokens), "--audit-dir"];
-    let program = Program::start(dir.path(), &[&arguments[..], &[path(&audit)]].concat());
-    let url = format!("http://{}/", program.address);
-    run(
-        "browser_built_in.py",
-        &[&url, ENGINEER],
-        "gateway-built-in.png",
-        || {},
-    );
 }
 
 #[test]
@@ -95,11 +87,13 @@ fn a_person_sees_what_is_missing_and_what_is_not_known() {
 #[test]
 fn an_engineer_brings_measurements_from_the_studio_into_force() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = measured_control();
-    let config = measured_rig_in(dir.path(), &control);
-    // A threshold so low that the model of the example needs a confirmation.
+    let config = served_configuration(dir.path(), "auto_arm = true");
+    let machine = std::fs::read_to_string(examples().join("machine.toml")).expect("there");
+    std::fs::write(dir.path().join("machine.toml"), machine).expect("writable");
+    engineers(dir.path());
+    // Small enough that the model of the example is to be confirmed.
     change(&config, "confirm_um = 10.0", "confirm_um = 1.0");
-    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let program = Served::start(&config);
     program.wait_for("compensating");
     let gateway = format!("http://{}/", program.address);
     let measured = tempfile::tempdir().expect("writable");

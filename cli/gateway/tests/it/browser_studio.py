@@ -7,7 +7,7 @@ sent to the gateway, and put in force on the gateway's page.
 import pathlib
 import sys
 
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import Error, sync_playwright
 
 studio, gateway, token, folder, screenshot = sys.argv[1:6]
 chromium = "/usr/bin/chromium"
@@ -17,10 +17,15 @@ files = [str(pathlib.Path(folder) / name) for name in names]
 
 def hold(page, selector, hold_ms=1300):
     button = page.locator(selector).first
-    # The page may be drawn anew between looking for the button and pressing: then the press is beside it.
+    # The page may be drawn anew between looking for the button and pressing: then it is gone, or the press is beside it.
     for _ in range(10):
-        button.scroll_into_view_if_needed()
+        try:
+            button.scroll_into_view_if_needed()
+        except Error:
+            continue
         box = button.bounding_box()
+        if box is None:
+            continue
         page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
         page.mouse.down()
         if "holding" in (button.get_attribute("class") or ""):

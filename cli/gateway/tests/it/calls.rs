@@ -10,45 +10,17 @@ use serde_json::Value;
 use volcomp_test_support::{Running, free_port};
 
 use crate::{
-    controlled::{configuration, control},
+    manual::served_configuration,
     online::check,
-    program::{Program, change, path},
+    program::{change, path},
 };
 
 #[test]
-fn status_and_check_speak_for_themselves() {
+fn check_names_the_wrong_key() {
     let dir = tempfile::tempdir().expect("writable");
-    let program = Program::simulated(dir.path());
-    program.wait_for("compensating");
-    let call = |arguments: &[&str]| {
-        let output = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-            .args(arguments)
-            .output()
-            .expect("built");
-        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-        (
-            output.status.code(),
-            text(&output.stdout),
-            text(&output.stderr),
-        )
-    };
-    let address = program.address.to_string();
-    let (status, text, _) = call(&["status", "--listen", &address]);
-    assert_eq!(status, Some(0));
-    assert!(
-        text.contains("compensating") && text.contains("spindle"),
-        "{text}"
-    );
-    let (_, json, _) = call(&["status", "--json", "--listen", &address]);
-    assert_eq!(
-        serde_json::from_str::<Value>(&json).expect("JSON")["state"],
-        "compensating"
-    );
-    assert_eq!(call(&["status", "--listen", "127.0.0.1:1"]).0, Some(1));
-    let control = control();
-    let config = configuration(dir.path(), &control, "");
-    let (status, text, _) = call(&["check", path(&config)]);
-    assert_eq!(status, Some(0), "{text}");
+    let config = served_configuration(dir.path(), "");
+    let (text, message, status) = check(&config, &[]);
+    assert_eq!(status, 0, "{message}");
     assert!(text.contains("axes = [\"X\", \"Y\", \"Z\"]"), "{text}");
     for (from, to, expected) in [
         ("limit_um = 150.0", "limit_um = \"much\"", "guard.limit_um"),
@@ -119,8 +91,7 @@ fn elsewhere_only_with_tls_and_a_token() {
     let again = call(&["tls-init", "localhost", "-o", path(dir.path())]);
     assert_eq!(again.status.code(), Some(2), "keys are not overwritten");
     assert!(String::from_utf8_lossy(&again.stderr).contains("exists and is not replaced"));
-    let control = control();
-    let config = configuration(dir.path(), &control, "");
+    let config = served_configuration(dir.path(), "");
     let free = free_port();
     let tls = "tls_certificate = \"certificate.pem\"\ntls_key = \"key.pem\"";
     let dashboard = format!("[dashboard]\nlisten = \"0.0.0.0:{free}\"\n{tls}");
@@ -144,20 +115,18 @@ fn elsewhere_only_with_tls_and_a_token() {
     };
     let log = std::fs::read_to_string(&log_path).expect("readable");
     assert!(without.contains("answers 401"), "{without}\n{log}");
-    let with_token = || {
-        let viewer = viewer(dir.path());
-        call(&[
-            "status",
-            "--config",
-            path(&config),
-            "--token-file",
-            path(&viewer),
-        ])
-    };
-    // The dashboard must respond before the first cycle.
+    let viewer = viewer(dir.path());
+    let with_token = [
+        "status",
+        "--config",
+        path(&config),
+        "--token-file",
+        path(&viewer),
+    ];
+    // The page answers before the first cycle.
     let end = Instant::now() + Duration::from_secs(60);
     loop {
-        let with = with_token();
+        let with = call(&with_token);
         let message = String::from_utf8_lossy(&with.stderr).into_owned();
         assert_eq!(with.status.code(), Some(0), "{message}");
         let reported = String::from_utf8_lossy(&with.stdout).into_owned();
@@ -167,9 +136,14 @@ fn elsewhere_only_with_tls_and_a_token() {
         assert!(Instant::now() < end, "{reported}");
         std::thread::sleep(Duration::from_millis(50));
     }
+    let json = call(&[&with_token[..], &["--json"]].concat());
+    let state: Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    assert_eq!(state["state"], "disarmed");
+    let nobody = call(&["status", "--listen", "127.0.0.1:1"]);
+    assert_eq!(nobody.status.code(), Some(1));
     // `status` finds the address although another key is invalid, because the file may be being edited.
     change(&config, "slew_um_per_s = 500.0", "slew_um_per_s = \"fast\"");
-    let changed = with_token();
+    let changed = call(&with_token);
     assert_eq!(changed.status.code(), Some(0), "{changed:?}");
     // A file that is not TOML has no address: the message states how to request the state without the file.
     change(&config, "slew_um_per_s = \"fast\"", "slew_um_per_s");

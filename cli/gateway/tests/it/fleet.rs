@@ -1,28 +1,22 @@
 //! A machine of a fleet with a real `nats-server` and a simulated control: manifests are accepted or rejected, and no axis steps.
 
 use base64::{Engine, engine::general_purpose::STANDARD};
+use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    controlled::control,
     fleet_bench::{Centre, compensating, corrects_y, machine_with, wait},
-    process::{no_step, watched},
-    program::path,
+    manual::{Served, no_step, says},
 };
 
-fn says(state: &serde_json::Value, words: &str) -> bool {
-    state["reasons"].to_string().contains(words)
-}
-
-/// The centre's order to disable arrives while an older version is being activated: the machine stays disabled.
+/// The centre forbids correcting while an older version is being activated: correcting stays forbidden, whenever the order arrives.
 #[test]
 fn an_order_to_disable_outlives_the_activation_of_an_older_version() {
     let Some(centre) = Centre::start() else {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
-    let program = compensating(dir.path(), &config);
+    let config = centre.configuration(dir.path());
+    let program = compensating(&config);
     let mut version = 0;
     for delay_ms in [0_u8, 2, 5, 10, 20, 50, 100] {
         let model = machine_with(22.0 + f64::from(delay_ms % 3));
@@ -55,47 +49,41 @@ fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
-    let trace = watched(&control, || {
-        let mut program = compensating(dir.path(), &config);
-        corrects_y(&program, -20.0);
-        centre.roll_out(1, &machine_with(25.0));
-        centre.acknowledged(1, "activated");
-        corrects_y(&program, -25.0);
-        assert_eq!(program.state()["fleet"]["version"], 1);
-        // A change of 75 µm, not confirmed yet.
-        let large = machine_with(100.0);
-        centre.roll_out(2, &large);
-        let asked = centre.acknowledged(2, "needs-confirmation");
-        assert_eq!(asked["worst_um"], "75.0");
-        corrects_y(&program, -25.0);
-        let state = program.state();
-        assert_eq!(state["fleet"]["version"], 1);
-        assert_eq!(state["fleet"]["accepted"], 2);
-        let mut confirmed = centre.manifest(3, &large);
-        confirmed.confirm = asked["hash"].as_str().map(str::to_owned);
-        centre.send(&confirmed, &large);
-        centre.acknowledged(3, "activated");
-        corrects_y(&program, -100.0);
-        let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
-        let key = STANDARD.encode(centre.key.verifying_key().to_bytes());
-        let who = format!("\"who\":\"centre {}\",\"what\":\"reload\"", &key[..8]);
-        assert_eq!(audit.matches(&who).count(), 2, "{who} in {audit}");
-        // The centre stops for good: the machine needs neither the centre nor the configured machine file.
-        centre.stop();
-        program.signal("TERM");
-        assert_eq!(program.end(), Some(0));
-        drop(program);
-        std::fs::remove_file(dir.path().join("machine.toml")).expect("there");
-        let program = compensating(dir.path(), &config);
-        corrects_y(&program, -100.0);
-        let fleet = program.state()["fleet"].clone();
-        assert_eq!(fleet["connected"], false, "{fleet}");
-        assert_eq!(fleet["version"], 3, "{fleet}");
-    });
-    assert!(trace.len() > 500);
-    no_step(&trace);
+    let config = centre.configuration(dir.path());
+    let program = compensating(&config);
+    corrects_y(&program, -20.0);
+    centre.roll_out(1, &machine_with(25.0));
+    centre.acknowledged(1, "activated");
+    corrects_y(&program, -25.0);
+    assert_eq!(program.state()["fleet"]["version"], 1);
+    // 75 µm more, not confirmed.
+    let large = machine_with(100.0);
+    centre.roll_out(2, &large);
+    let asked = centre.acknowledged(2, "needs-confirmation");
+    assert_eq!(asked["worst_um"], "75.0");
+    corrects_y(&program, -25.0);
+    let state = program.state();
+    assert_eq!(state["fleet"]["version"], 1);
+    assert_eq!(state["fleet"]["accepted"], 2);
+    let mut confirmed = centre.manifest(3, &large);
+    confirmed.confirm = asked["hash"].as_str().map(str::to_owned);
+    centre.send(&confirmed, &large);
+    centre.acknowledged(3, "activated");
+    corrects_y(&program, -100.0);
+    let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+    let key = STANDARD.encode(centre.key.verifying_key().to_bytes());
+    let who = format!("\"who\":\"centre {}\",\"what\":\"reload\"", &key[..8]);
+    assert_eq!(audit.matches(&who).count(), 2, "{who} in {audit}");
+    // The centre is gone for good; the machine needs neither it nor the configured machine file.
+    centre.stop();
+    let rig = program.stop();
+    std::fs::remove_file(dir.path().join("machine.toml")).expect("there");
+    let program = Served::again(rig, &config);
+    corrects_y(&program, -100.0);
+    let fleet = program.state()["fleet"].clone();
+    assert_eq!(fleet["connected"], false, "{fleet}");
+    assert_eq!(fleet["version"], 3, "{fleet}");
+    no_step(&program.stop());
 }
 
 /// An order of the centre to disable ramps the correction out. The machine cannot be armed, also not after a restart, until the centre
@@ -106,29 +94,26 @@ fn what_the_centre_disables_stays_disarmed_until_it_enables() {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    let config = centre.configuration(dir.path());
     let model = machine_with(25.0);
-    {
-        let program = compensating(dir.path(), &config);
-        let mut manifest = centre.manifest(1, &model);
-        manifest.enable = false;
-        centre.send(&manifest, &model);
-        let state = program.wait_for("disarmed");
-        assert!(says(&state, "disabled by the centre"), "{state}");
-        centre.acknowledged(1, "activated");
-        let refused = program.arm();
-        assert_eq!(refused.status, 409, "{}", refused.body);
-        assert!(says(&refused.json(), "disabled by the centre"));
-        assert_eq!(program.state()["state"], "disarmed");
-    }
-    let program = crate::program::Program::start(dir.path(), &["--config", path(&config)]);
+    let program = compensating(&config);
+    let mut manifest = centre.manifest(1, &model);
+    manifest.enable = false;
+    centre.send(&manifest, &model);
+    let state = program.wait_for("disarmed");
+    assert!(says(&state, "disabled by the centre"), "{state}");
+    centre.acknowledged(1, "activated");
+    let refused = program.arm();
+    assert_eq!(refused.status, 409, "{}", refused.body);
+    assert!(says(&refused.json(), "disabled by the centre"));
+    assert_eq!(program.state()["state"], "disarmed");
+    let program = program.killed_and_started(&config);
     program.watch();
     let state = wait(&program, "it says so after the restart", |state| {
         says(state, "disabled by the centre") && state["error_um"].is_array()
     });
     assert_eq!(state["state"], "disarmed");
-    assert_eq!(control.world().shifts(), [0.0; 3]);
+    assert_eq!(program.gateway().shifts(), PerChannel::ZERO);
     centre.roll_out(2, &model);
     // Auto-arm resumes, since only the order prevented arming.
     program.wait_for("compensating");
@@ -143,9 +128,8 @@ fn rogue_values_change_nothing() {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
-    let program = compensating(dir.path(), &config);
+    let config = centre.configuration(dir.path());
+    let program = compensating(&config);
     let first = centre.roll_out(5, &machine_with(22.0));
     centre.acknowledged(5, "activated");
     centre.roll_out(6, &machine_with(25.0));
@@ -218,27 +202,28 @@ fn a_restart_between_acceptance_and_activation_continues() {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    let config = centre.configuration(dir.path());
     let model = machine_with(25.0);
     let large = format!("{model}#{}\n", "-".repeat(volcomp_fleet::INLINE_LIMIT));
     let manifest = centre.manifest(1, &large);
-    {
-        let mut program = compensating(dir.path(), &config);
-        // Without its machine file the manifest is accepted but not activated.
-        centre.send(&manifest, &large);
-        wait(&program, "it is accepted", |state| {
-            state["fleet"]["accepted"] == 1 && state["fleet"]["trouble"].is_string()
-        });
-        assert_eq!(program.state()["correction_um"]["Y"], -20.0);
-        program.running.kill();
-    }
+    let program = compensating(&config);
+    // Its machine file is not there yet: it is accepted, and waits.
+    centre.send(&manifest, &large);
+    wait(&program, "it is accepted", |state| {
+        state["fleet"]["accepted"] == 1 && state["fleet"]["trouble"].is_string()
+    });
+    assert_eq!(program.state()["correction_um"]["Y"], -20.0);
+    let rig = program.killed();
     centre.store(&manifest.model.sha256, &large);
-    let program = compensating(dir.path(), &config);
+    let program = Served::again(rig, &config);
     centre.acknowledged(1, "activated");
     corrects_y(&program, -25.0);
-    // After a restart of the server the same value changes nothing.
-    let arming = program.log().matches("state=\"arming\"").count();
+    // The server is killed and comes back: the same value again is no news.
+    let ramps = || {
+        let audit = program.gateway().audit();
+        audit.matches("\"state\":\"arming\"").count()
+    };
+    let before = ramps();
     centre.stop();
     wait(&program, "it notices", |state| {
         state["fleet"]["connected"] == false
@@ -251,10 +236,5 @@ fn a_restart_between_acceptance_and_activation_continues() {
     centre.roll_out(2, &machine_with(26.0));
     centre.acknowledged(2, "activated");
     corrects_y(&program, -26.0);
-    assert_eq!(
-        program.log().matches("state=\"arming\"").count(),
-        arming + 1,
-        "one ramp for one change: {}",
-        program.log()
-    );
+    assert_eq!(ramps(), before + 1, "one ramp for one change");
 }

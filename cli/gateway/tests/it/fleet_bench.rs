@@ -11,12 +11,11 @@ use volcomp_fleet::{
     StreamRetention,
     server::{Server, program},
 };
-use volcomp_focas::simulator::Simulator;
 use volcomp_vocabulary::AxisName;
 
 use crate::{
-    controlled::configuration,
-    program::{MACHINE, Program, path},
+    manual::{Served, served_configuration},
+    program::{Client, MACHINE},
 };
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -219,9 +218,10 @@ impl Centre {
         }
     }
 
-    pub(crate) fn configuration(&self, dir: &Path, control: &Simulator, more: &str) -> PathBuf {
+    /// The configuration of the machine, with `[fleet]`, in a folder.
+    pub(crate) fn configuration(&self, dir: &Path) -> PathBuf {
         use base64::{Engine, engine::general_purpose::STANDARD};
-        let config = configuration(dir, control, more);
+        let config = served_configuration(dir, "auto_arm = true");
         let member = Member {
             url: &format!("nats://{}", self.settings.listen),
             machine: "mill-1",
@@ -276,38 +276,28 @@ dir = "fleet"
     }
 }
 
-pub(crate) fn compensating(dir: &Path, config: &Path) -> Program {
-    let program = Program::start(dir, &["--config", path(config)]);
-    program.wait_for("compensating");
-    program
+/// A gateway of the fleet that compensates.
+pub(crate) fn compensating(config: &Path) -> Served {
+    let gateway = Served::start(config);
+    gateway.wait_for("compensating");
+    gateway
 }
 
-/// Waits until the state satisfies the condition; fails with `what` at the timeout.
-pub(crate) fn wait(program: &Program, what: &str, done: impl Fn(&Value) -> bool) -> Value {
-    let end = Instant::now() + PATIENCE;
-    loop {
-        let state = program.state();
-        if done(&state) {
-            return state;
-        }
-        assert!(Instant::now() < end, "{what}: {state}\n{}", program.log());
-        std::thread::sleep(Duration::from_millis(30));
-    }
+/// Waits until a state is as wanted, and fails with `what` otherwise.
+pub(crate) fn wait(gateway: &Client, what: &str, done: impl Fn(&Value) -> bool) -> Value {
+    let state = gateway.wait(done);
+    state.unwrap_or_else(|state| panic!("{what}: {state}\n{}", gateway.log()))
 }
 
-/// Checks that the machine still corrects Y by this, µm. A busy computer may delay cycles so that the gateway holds and arms again.
-pub(crate) fn goes_on(state: &Value, um: f64) {
-    let is_late = matches!(
-        state["state"].as_str(),
-        Some("unknown" | "holding" | "arming")
-    );
-    let is_so = state["state"] == "compensating" && state["correction_um"]["Y"] == um;
-    assert!(is_late || is_so, "{state}");
-}
-
-/// Waits until the control applies this correction to Y, µm.
-pub(crate) fn corrects_y(program: &Program, um: f64) {
-    wait(program, &format!("Y is corrected by {um} µm"), |state| {
+/// Waits until the correction of Y that the control applies is this, µm.
+pub(crate) fn corrects_y(gateway: &Client, um: f64) {
+    wait(gateway, &format!("Y is corrected by {um} µm"), |state| {
         state["correction_um"]["Y"] == um
     });
+}
+
+/// A machine goes on correcting Y by this, µm.
+pub(crate) fn goes_on(state: &Value, um: f64) {
+    let is_so = state["state"] == "compensating" && state["correction_um"]["Y"] == um;
+    assert!(is_so, "{state}");
 }

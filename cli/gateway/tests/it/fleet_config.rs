@@ -76,8 +76,7 @@ fn each_wrong_key_is_named() {
 #[test]
 fn a_build_without_the_fleet_refuses_it() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = crate::controlled::control();
-    let config = crate::controlled::configuration(dir.path(), &control, "");
+    let config = crate::manual::served_configuration(dir.path(), "");
     let text = std::fs::read_to_string(&config).expect("readable");
     let fleet = format!(
         "[fleet]\nurl = \"nats://127.0.0.1:4222\"\nsite = \"berlin\"\nmachine = \"mill-1\"\nserial = \"4711\"\nnkey_file = \"nkey\"\ntrusted_keys = [\"{KEY}\"]\n"
@@ -97,8 +96,7 @@ fn check_says_who_the_machine_is() {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    let control = crate::controlled::control();
-    let config = centre.configuration(dir.path(), &control, "");
+    let config = centre.configuration(dir.path());
     let check = |options: &[&str]| crate::online::check(&config, options);
     let (text, ..) = check(&[]);
     for words in [

@@ -12,13 +12,13 @@ use std::{
 
 use serde_json::Value;
 use volcomp_test_support::{Running, peers, until};
+use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    controlled::control,
     fleet_bench::{compensating, corrects_y, goes_on, wait},
     fleet_whole_bench::{LONG, Place, Whole, machine_text},
-    process::{no_step, watched_axis},
-    program::{MACHINE, Program},
+    manual::{no_step, says},
+    program::{Client, MACHINE},
 };
 
 /// Set if this program runs inside the namespace of the site.
@@ -29,7 +29,6 @@ const CENTRE: &str = "10.77.0.1";
 const NOBODY: &str = "02:00:00:00:00:99";
 /// Server settings: a gateway that is silent for three seconds is disconnected. The gateway drops a dead connection within 30 s.
 const SHORT: &str = "ping_interval: \"1s\"\nping_max: 2\nwrite_deadline: \"2s\"\n";
-const Y: usize = 1;
 
 /// The direction in which frames are lost.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -194,46 +193,37 @@ fn partition(lost: Lost) {
     let whole = Whole::start_at(network.place(), &[("mill-1", "4711", MACHINE)]);
     let whole = whole.expect("its server is there");
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = whole.member(dir.path(), &control, ("mill-1", "4711"));
-    let trace = watched_axis(&control, Y, || {
-        let program = compensating(dir.path(), &config);
-        let rollout = whole.roll_out(&machine_text("small", 25.0), &["mill-1"]);
-        whole.is_in(rollout, "done");
-        corrects_y(&program, -25.0);
+    let config = whole.member(dir.path(), ("mill-1", "4711"));
+    let program = compensating(&config);
+    let rollout = whole.roll_out(&machine_text("small", 25.0), &["mill-1"]);
+    whole.is_in(rollout, "done");
+    corrects_y(&program, -25.0);
 
-        network.cut(lost);
-        let cut = Instant::now();
-        alone(&whole, &program);
-        println!("cut for {:.1} s", cut.elapsed().as_secs_f64());
-        network.heal(lost);
-        let state = program.wait_for("disarmed");
-        assert!(
-            state["reasons"]
-                .to_string()
-                .contains("disabled by the centre"),
-            "{state}"
-        );
-        wait(&program, "it is ramped out", |_| {
-            control.world().shifts() == [0.0; 3]
-        });
-        comes_later(&whole, &program, dir.path(), cut.elapsed());
-
-        whole.done("machine enable mill-1");
-        // An operator disarmed the machine, so only an operator can arm it.
-        wait(&program, "it may be armed", |state| {
-            !state["reasons"]
-                .to_string()
-                .contains("disabled by the centre")
-        });
-        program.must_arm();
-        program.wait_for("compensating");
-        corrects_y(&program, -25.0);
+    network.cut(lost);
+    let cut = Instant::now();
+    alone(&whole, &program);
+    println!("cut for {:.1} s", cut.elapsed().as_secs_f64());
+    network.heal(lost);
+    let state = program.wait_for("disarmed");
+    assert!(says(&state, "disabled by the centre"), "{state}");
+    wait(&program, "it is ramped out", |_| {
+        program.gateway().shifts() == PerChannel::ZERO
     });
-    no_step(&trace);
+    comes_later(&whole, &program, dir.path(), cut.elapsed());
+
+    whole.done("machine enable mill-1");
+    // It was disarmed by an operator, so an operator must arm it.
+    wait(&program, "it may be armed", |state| {
+        !says(state, "disabled by the centre")
+    });
+    program.must_arm();
+    program.wait_for("compensating");
+    corrects_y(&program, -25.0);
+    no_step(&program.stop());
 }
 
-fn alone(whole: &Whole, program: &Program) {
+/// While it is cut off.
+fn alone(whole: &Whole, program: &Client) {
     wait(program, "the gateway notices", |state| {
         goes_on(state, -25.0);
         state["fleet"]["connected"] == false
@@ -260,7 +250,8 @@ fn alone(whole: &Whole, program: &Program) {
     assert_eq!(page["silent"], true, "{page}");
 }
 
-fn comes_later(whole: &Whole, program: &Program, dir: &std::path::Path, cut: Duration) {
+/// After it.
+fn comes_later(whole: &Whole, program: &Client, dir: &std::path::Path, cut: Duration) {
     whole.machine_is("its state is reported", "mill-1", |one| {
         one["enable"] == false && one["live"]["condition"]["state"] == "disarmed"
     });

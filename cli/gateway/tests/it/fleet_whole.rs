@@ -1,103 +1,90 @@
-//! The fleet as used: program and command line of the centre, a real server, and gateways on simulated controls.
+//! The fleet as it is used: the centre's own program and command line, a real server, gateways on simulated machines.
 
 use std::time::Duration;
 
 use serde_json::Value;
-use volcomp_focas::simulator::{Options, Simulator, World};
+use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    controlled::control,
     fleet_bench::{compensating, corrects_y, goes_on, wait},
     fleet_whole_bench::{LONG, Place, Whole, machine_text},
     hung_disk::preloaded,
-    process::{no_step, watched_axis},
-    program::{MACHINE, Program, change, path},
+    manual::{no_step, says},
+    program::{Client, MACHINE},
 };
 
-const Y: usize = 1;
-
-fn reported(state: &Value, words: &str) -> bool {
-    state["reasons"].to_string().contains(words)
-}
-
-/// A model is rolled out from the centre's command line to the axes and ramps in. A large change waits for an operator's confirmation.
-/// Disabling and enabling take effect, and the page shows the reported state.
+/// A model end to end: from the command line of the centre to the axes, on a ramp; what moves the axes far is confirmed by a
+/// person; disabling and enabling; the page shows the reported state.
 #[test]
 fn a_model_goes_from_the_centre_to_the_axes() {
     let Some(whole) = Whole::start(&[("mill-1", "4711", MACHINE)]) else {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = whole.member(dir.path(), &control, ("mill-1", "4711"));
-    let trace = watched_axis(&control, Y, || {
-        let program = compensating(dir.path(), &config);
-        corrects_y(&program, -20.0);
-        let received = whole.machine_is("it reports", "mill-1", |one| {
-            one["live"]["condition"]["state"] == "compensating"
-        });
-        // The centre has the machine's axes and structure as the gateway reports them.
-        let state = program.state();
-        assert_eq!(received["axes"], state["machine"]["axes"], "{received}");
-        assert_eq!(
-            received["structure"], state["machine"]["structure"],
-            "{received}"
-        );
-
-        let model = machine_text("small", 25.0);
-        let rollout = whole.roll_out(&model, &["mill-1"]);
-        whole.is_in(rollout, "done");
-        corrects_y(&program, -25.0);
-        let one = whole.machine_is("its answer is stored", "mill-1", |one| {
-            one["version"]["outcome"]["outcome"] == "activated"
-        });
-        assert_eq!(one["version"]["version"], 1);
-        let one = whole.machine_is("it reports its model", "mill-1", |one| {
-            one["live"]["version"] == 1 && one["live"]["condition"]["correction_um"]["Y"] == -25.0
-        });
-        // Centre and gateway use the same checksum for the model.
-        let models = whole.document("model list --json");
-        assert_eq!(models[0]["checksum"], one["live"]["model"], "{models}");
-
-        let rollout = whole.roll_out(&machine_text("small", 100.0), &["mill-1"]);
-        let ask = format!("rollout status {rollout} --json");
-        let asks = whole.wait("a confirmation is requested", &ask, |document| {
-            document[0]["turns"][0]["step"] == "needs-confirmation"
-        });
-        let turn = &asks[0]["turns"][0];
-        assert_eq!(turn["worst_um"], "75.0");
-        let hash = turn["hash"].as_str().expect("a hash");
-        let status = whole.done(&format!("rollout status {rollout}"));
-        assert!(
-            status.contains(hash) && status.contains("75.0 µm"),
-            "{status}"
-        );
-        whole.wait("an alarm reports it", "alarms --json", |alarms| {
-            alarms.to_string().contains("needs-confirmation")
-        });
-        corrects_y(&program, -25.0);
-        whole.done(&format!("rollout confirm {rollout} mill-1 {hash}"));
-        whole.is_in(rollout, "done");
-        corrects_y(&program, -100.0);
-
-        whole.done("machine disable mill-1");
-        let state = program.wait_for("disarmed");
-        assert!(reported(&state, "disabled by the centre"), "{state}");
-        wait(&program, "it is ramped out", |_| {
-            control.world().shifts() == [0.0; 3]
-        });
-        whole.machine_is("the centre hears it", "mill-1", |one| {
-            one["enable"] == false && one["live"]["condition"]["state"] == "disarmed"
-        });
-        whole.done("machine enable mill-1");
-        program.wait_for("compensating");
-        corrects_y(&program, -100.0);
-        page_shows(&whole, &program);
+    let config = whole.member(dir.path(), ("mill-1", "4711"));
+    let program = compensating(&config);
+    corrects_y(&program, -20.0);
+    let received = whole.machine_is("it reports", "mill-1", |one| {
+        one["live"]["condition"]["state"] == "compensating"
     });
-    no_step(&trace);
-    // The correction ramps from 25 to 100 µm without a jump.
-    let between = trace.iter().any(|(_, mm)| (-0.090..-0.035).contains(mm));
-    assert!(between, "no ramp was seen in {} looks", trace.len());
+    // Registered as the gateway has it.
+    let state = program.state();
+    assert_eq!(received["axes"], state["machine"]["axes"], "{received}");
+    assert_eq!(
+        received["structure"], state["machine"]["structure"],
+        "{received}"
+    );
+
+    let model = machine_text("small", 25.0);
+    let rollout = whole.roll_out(&model, &["mill-1"]);
+    whole.is_in(rollout, "done");
+    corrects_y(&program, -25.0);
+    let one = whole.machine_is("its answer is stored", "mill-1", |one| {
+        one["version"]["outcome"]["outcome"] == "activated"
+    });
+    assert_eq!(one["version"]["version"], 1);
+    let one = whole.machine_is("it reports its model", "mill-1", |one| {
+        one["live"]["version"] == 1 && one["live"]["condition"]["correction_um"]["Y"] == -25.0
+    });
+    // The checksum by which a gateway names its model is that of the centre.
+    let models = whole.document("model list --json");
+    assert_eq!(models[0]["checksum"], one["live"]["model"], "{models}");
+
+    let rollout = whole.roll_out(&machine_text("small", 100.0), &["mill-1"]);
+    let ask = format!("rollout status {rollout} --json");
+    let asks = whole.wait("a confirmation is requested", &ask, |document| {
+        document[0]["turns"][0]["step"] == "needs-confirmation"
+    });
+    let turn = &asks[0]["turns"][0];
+    assert_eq!(turn["worst_um"], "75.0");
+    let hash = turn["hash"].as_str().expect("a hash");
+    let status = whole.done(&format!("rollout status {rollout}"));
+    assert!(
+        status.contains(hash) && status.contains("75.0 µm"),
+        "{status}"
+    );
+    whole.wait("an alarm reports it", "alarms --json", |alarms| {
+        alarms.to_string().contains("needs-confirmation")
+    });
+    corrects_y(&program, -25.0);
+    whole.done(&format!("rollout confirm {rollout} mill-1 {hash}"));
+    whole.is_in(rollout, "done");
+    corrects_y(&program, -100.0);
+
+    whole.done("machine disable mill-1");
+    let state = program.wait_for("disarmed");
+    assert!(says(&state, "disabled by the centre"), "{state}");
+    wait(&program, "it is ramped out", |_| {
+        program.gateway().shifts() == PerChannel::ZERO
+    });
+    whole.machine_is("the centre hears it", "mill-1", |one| {
+        one["enable"] == false && one["live"]["condition"]["state"] == "disarmed"
+    });
+    whole.done("machine enable mill-1");
+    program.wait_for("compensating");
+    corrects_y(&program, -100.0);
+    page_shows(&whole, &program);
+    no_step(&program.stop());
     let log = whole.done("audit");
     assert!(
         log.contains("rollout.start") && log.contains("anna"),
@@ -105,8 +92,8 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     );
 }
 
-/// The page shows the gateway's reports: condition, state, audit records, versions.
-fn page_shows(whole: &Whole, program: &Program) {
+/// The page shows the reports of a gateway: its condition, its whole state, its audit records, its versions.
+fn page_shows(whole: &Whole, program: &Client) {
     let cookie = whole.log_in();
     whole.machine_is("it runs what it shall", "mill-1", |one| {
         one["live"]["version"] == one["version"]["version"]
@@ -146,19 +133,10 @@ fn faults_and_silence_raise_alarms() {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    // The machine dwells during the test shift, then moves.
-    let mut world = World::new(&['X', 'Y', 'Z']);
-    world.motion = std::sync::Arc::new(|elapsed| {
-        vec![400.0 + (elapsed.as_secs_f64() / 3.0).floor(), 150.0, 50.0]
-    });
-    let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
-    let config = whole.member(dir.path(), &control, ("mill-1", "4711"));
-    // The key claims that positions contain the correction. That is wrong here, and the guard detects it while the axis moves.
-    change(&config, "axes =", "includes_correction = true\naxes =");
-    change(&config, "test_shift_um = 0", "test_shift_um = 5");
-    let mut program = Program::start(dir.path(), &["--config", path(&config)]);
-    program.wait_for("faulted");
-    let reason = "positions contradict";
+    let config = whole.member(dir.path(), ("mill-1", "4711"));
+    let program = compensating(&config);
+    let faulted = program.gateway().fault();
+    let reason = faulted["reasons"][0].as_str().expect("a reason");
     let has = |alarms: &Value, kind: &str, words: &str| {
         let mut alarms = alarms.as_array().expect("a list").iter();
         alarms.any(|alarm| {
@@ -174,8 +152,7 @@ fn faults_and_silence_raise_alarms() {
     });
     let cookie = whole.log_in();
     assert!(has(&whole.page(&cookie, "/api/alarms"), "faulted", reason));
-    program.signal("TERM");
-    assert_eq!(program.end(), Some(0));
+    program.stop();
     whole.wait("the silence is reported", "alarms --json", |alarms| {
         has(alarms, "silent", "No condition is received")
     });
@@ -225,11 +202,8 @@ fn the_wrong_machine_is_refused_with_the_reason() {
         ),
     ] {
         let dir = tempfile::tempdir().expect("writable");
-        let mut world = World::new(&['X', 'Y', 'Z']);
-        world.motion = std::sync::Arc::new(|_| vec![400.0, 150.0, 50.0]);
-        let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
-        let config = whole.member(dir.path(), &control, (name, "4711"));
-        let program = compensating(dir.path(), &config);
+        let config = whole.member(dir.path(), (name, "4711"));
+        let program = compensating(&config);
         corrects_y(&program, -20.0);
         let rollout = whole.roll_out(&model, &[name]);
         let stopped = whole.is_in(rollout, "stopped");
@@ -252,7 +226,7 @@ fn the_wrong_machine_is_refused_with_the_reason() {
         let words = words.replace('"', "\\\"");
         assert!(audit.contains(&words), "{words} in {audit}");
         corrects_y(&program, -20.0);
-        assert_eq!(control.world().shifts()[Y], -0.020);
+        assert_eq!(program.gateway().shifts()[1], -0.020);
     }
     // A model that does not match the registered machine is not sent at all.
     let short = whole.add_model(&machine_text("small", 30.0));
@@ -282,45 +256,42 @@ fn a_hanging_disk_of_the_centre_delays_no_machine() {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = whole.member(dir.path(), &control, ("mill-1", "4711"));
-    let trace = watched_axis(&control, Y, || {
-        let program = compensating(dir.path(), &config);
-        let rollout = whole.roll_out(&machine_text("small", 22.0), &["mill-1"]);
-        whole.is_in(rollout, "done");
-        corrects_y(&program, -22.0);
-        let cookie = whole.log_in();
-        let short = whole.add_model(&machine_text("small", 25.0));
-        std::fs::write(&hangs, "").expect("writable");
-        let waits = |overview: &Value| {
-            let mut alarms = overview["centre"].as_array().expect("a list").iter();
-            alarms.any(|alarm| {
-                alarm["text"]
-                    .as_str()
-                    .is_some_and(|text| text.contains("has not completed a change"))
-            })
-        };
-        volcomp_test_support::until("its page reports it", LONG, || {
-            waits(&whole.page(&cookie, "/api/overview"))
-        });
-        let before = program.state();
-        let count = |state: &Value| state["cycle"]["count"].as_u64().expect("a count");
-        wait(&program, "it is corrected on", |state| {
-            goes_on(state, -22.0);
-            count(state) > count(&before) + 1000
-        });
-        assert_eq!(program.state()["fleet"]["waiting"], Value::Null);
-        std::fs::remove_file(&hangs).expect("ours");
-        whole.done(&format!("rollout start --model {short} --machine mill-1"));
-        whole.is_in(rollout + 1, "done");
-        corrects_y(&program, -25.0);
-        volcomp_test_support::until("its page reports the end", LONG, || {
-            !waits(&whole.page(&cookie, "/api/overview"))
-        });
-        let one = whole.machine("mill-1");
-        assert_eq!(one["live"]["lost"], 0, "{one}");
+    let config = whole.member(dir.path(), ("mill-1", "4711"));
+    let program = compensating(&config);
+    let rollout = whole.roll_out(&machine_text("small", 22.0), &["mill-1"]);
+    whole.is_in(rollout, "done");
+    corrects_y(&program, -22.0);
+    let cookie = whole.log_in();
+    let short = whole.add_model(&machine_text("small", 25.0));
+    std::fs::write(&hangs, "").expect("writable");
+    let waits = |overview: &Value| {
+        let mut alarms = overview["centre"].as_array().expect("a list").iter();
+        alarms.any(|alarm| {
+            alarm["text"]
+                .as_str()
+                .is_some_and(|text| text.contains("has not completed a change"))
+        })
+    };
+    volcomp_test_support::until("its page reports it", LONG, || {
+        waits(&whole.page(&cookie, "/api/overview"))
     });
-    no_step(&trace);
+    let before = program.state();
+    let count = |state: &Value| state["cycle"]["count"].as_u64().expect("a count");
+    wait(&program, "it is corrected on", |state| {
+        goes_on(state, -22.0);
+        count(state) > count(&before) + 1000
+    });
+    assert_eq!(program.state()["fleet"]["waiting"], Value::Null);
+    std::fs::remove_file(&hangs).expect("ours");
+    whole.done(&format!("rollout start --model {short} --machine mill-1"));
+    whole.is_in(rollout + 1, "done");
+    corrects_y(&program, -25.0);
+    volcomp_test_support::until("its page reports the end", LONG, || {
+        !waits(&whole.page(&cookie, "/api/overview"))
+    });
+    let one = whole.machine("mill-1");
+    assert_eq!(one["live"]["lost"], 0, "{one}");
+    no_step(&program.stop());
 }
 
 /// The centre is killed between the first and the second machine of a roll-out: after its restart each machine gets its version once.
@@ -331,11 +302,10 @@ fn a_killed_centre_resumes_its_roll_out() {
         return;
     };
     let folders = names.map(|_| tempfile::tempdir().expect("writable"));
-    let controls = names.map(|_| control());
     let mut programs = Vec::new();
-    for ((name, dir), control) in names.iter().zip(&folders).zip(&controls) {
-        let config = whole.member(dir.path(), control, (name, "4711"));
-        programs.push(compensating(dir.path(), &config));
+    for (name, dir) in names.iter().zip(&folders) {
+        let config = whole.member(dir.path(), (name, "4711"));
+        programs.push(compensating(&config));
     }
     for name in names {
         whole.machine_is("it reports", name, |one| {

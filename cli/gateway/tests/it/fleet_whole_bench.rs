@@ -12,12 +12,11 @@ use clap::Parser;
 use serde_json::{Value, json};
 use volcomp_centre::command::Arguments;
 use volcomp_fleet::server::program;
-use volcomp_focas::simulator::Simulator;
 use volcomp_test_support::{Running, until};
 
 use crate::{
-    controlled::configuration,
     fleet_bench::Member,
+    manual::served_configuration,
     program::{Answer, MACHINE, answer, exchange},
 };
 
@@ -306,8 +305,9 @@ impl Whole {
         of(&all, name)
     }
 
-    pub(crate) fn member(&self, dir: &Path, control: &Simulator, of: (&str, &str)) -> PathBuf {
-        let config = configuration(dir, control, "auto_arm = true");
+    /// The configuration of the gateway of a machine, in a separate folder.
+    pub(crate) fn member(&self, dir: &Path, of: (&str, &str)) -> PathBuf {
+        let config = served_configuration(dir, "auto_arm = true");
         let seed = self.folder.path().join(format!("{}.nkey", of.0));
         let seed = std::fs::read_to_string(seed).expect("machine add has written it");
         let member = Member {

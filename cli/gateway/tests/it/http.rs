@@ -16,11 +16,8 @@ fn simulated() -> (tempfile::TempDir, Served) {
     (dir, gateway)
 }
 
-/// Page, state, event stream and a flood of requests on the program with its built-in simulation.
-#[test]
-fn the_simulation_lives() {
-    let dir = tempfile::tempdir().expect("writable");
-    let program = Program::simulated(dir.path());
+/// The program with its built-in simulation: its page, its state, its stream, and under a flood of requests.
+pub(crate) fn the_simulation_lives(program: &Program) {
     let state = program.wait_for("compensating");
     assert_eq!(state["simulated"], true);
     for key in ["positions_mm", "correction_um"] {
@@ -54,8 +51,8 @@ fn the_simulation_lives() {
         );
     }
     assert_eq!(program.get("/nothing").status, 404);
-    the_stream_tells_the_state_again_and_again(&program);
-    a_flood_does_not_touch_the_correction(&program);
+    the_stream_tells_the_state_again_and_again(program);
+    a_flood_does_not_touch_the_correction(program);
 }
 
 fn the_stream_tells_the_state_again_and_again(program: &Program) {

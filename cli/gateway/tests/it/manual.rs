@@ -83,6 +83,13 @@ pub(crate) fn says(state: &Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
+/// No axis of a machine was moved by more than the slew in a cycle of 4 ms and one step, from its beginning.
+pub(crate) fn no_step(rig: &Rig) {
+    let changes = rig.controls.axes.largest_change();
+    let is_small = |mm: &f64| *mm <= 0.003 + 1e-9;
+    assert!(changes.iter().all(is_small), "{changes:?} mm");
+}
+
 pub(crate) fn machine(config: &Path) -> Machine {
     Machine {
         options: Options {
@@ -105,12 +112,17 @@ impl Gateway {
         Self::on(None, config)
     }
 
-    /// Kills the gateway as in a power failure, and starts another on the same machine.
-    pub(crate) fn killed_and_started(self, config: &Path) -> Self {
+    /// Ends it as a power failure does.
+    pub(crate) fn killed(self) -> Rig {
         let Self { rig, parts, .. } = self;
         drop(parts);
         rig.clock().advance(Duration::from_millis(100));
-        Self::on(Some(rig), config)
+        rig
+    }
+
+    /// Ends it as a power failure does, and starts it again on the same machine.
+    pub(crate) fn killed_and_started(self, config: &Path) -> Self {
+        Self::again(self.killed(), config)
     }
 
     pub(crate) fn again(rig: Rig, config: &Path) -> Self {
@@ -347,9 +359,19 @@ impl Served {
         Self::of(Gateway::start(config))
     }
 
+    /// Starts it on a machine that it or another one has left.
+    pub(crate) fn again(rig: Rig, config: &Path) -> Self {
+        Self::of(Gateway::again(rig, config))
+    }
+
+    /// Ends it as a power failure does.
+    pub(crate) fn killed(self) -> Rig {
+        self.taken().killed()
+    }
+
     /// Kills the gateway as in a power failure, and starts another on the same machine.
     pub(crate) fn killed_and_started(self, config: &Path) -> Self {
-        Self::of(self.taken().killed_and_started(config))
+        Self::again(self.killed(), config)
     }
 
     pub(crate) fn stop(self) -> Rig {

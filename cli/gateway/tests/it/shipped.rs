@@ -10,7 +10,7 @@ use std::{
 use serde_json::Value;
 use volcomp_test_support::Running;
 
-use crate::program::{Program, change, path};
+use crate::program::{Program, change};
 
 /// The simulated control and its latest report line.
 pub(crate) struct Control {
@@ -142,18 +142,4 @@ fn three_axes_as_shipped() {
 #[test]
 fn five_axes_as_shipped() {
     rehearse("gateway-five-axis.toml");
-}
-
-#[test]
-fn a_refusal_is_logged_with_its_code() {
-    let (dir, examples) = copied_examples();
-    let control = Control::start(dir.path(), &["--at", "X=100"]);
-    let file = examples.join("gateway.toml");
-    change(&file, "127.0.0.1:8193", &control.address);
-    change(&file, "at = 240", "at = 20000");
-    let gateway = Program::start(dir.path(), &["--config", path(&file)]);
-    let reported = "was refused with code 3: EW_NUMBER";
-    let logged =
-        gateway.wait(|_| gateway.log().contains(reported) && gateway.log().contains("R20000"));
-    assert!(logged.is_ok(), "{}", gateway.log());
 }

@@ -255,72 +255,6 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
     control.wait(&program, "it went back", is_zero);
 }
 
-/// With old positions the correction is held, then ramps out. While the emergency stop is unknown too, no new correction is written.
-#[test]
-fn a_stopped_sampler_holds_and_old_positions_ramp_out() {
-    let dir = tempfile::tempdir().expect("writable");
-    let Some(mut control) = Control::start(dir.path(), &["--temperature", "column=24"]) else {
-        return;
-    };
-    let config = configuration(dir.path(), &control);
-    change(
-        &dir.path().join("machine.toml"),
-        "bed = 1.0",
-        "column = 1.0",
-    );
-    change(&config, "\"bed\"", "\"column\"");
-    change(&config, "DBD0", "DBD4");
-    let program = armed(dir.path(), &config);
-    control.wait(&program, "it corrects", |report| {
-        report["correction_um"]["X"]
-            .as_f64()
-            .is_some_and(|um| um < -27.0)
-    });
-    let holds_old_positions =
-        |state: &Value| is("holding")(state) && state["reasons"].to_string().contains("stale");
-    control.type_in("frozen-timestamps on");
-    wait(&program, "it holds old positions", holds_old_positions);
-    let um = control.um("setting_um", "X");
-    assert!(um < -27.0);
-    // Wait longer than `zero_after_ms`.
-    let begin = Instant::now();
-    while begin.elapsed() < Duration::from_secs(8) {
-        assert_eq!(control.um("setting_um", "X"), um, "{}", program.log());
-        std::thread::sleep(Duration::from_millis(500));
-    }
-    control.type_in("frozen-timestamps off");
-    wait(&program, "it goes on", is("compensating"));
-    control.type_in("frozen-positions on");
-    wait(&program, "it holds old positions", holds_old_positions);
-    control.wait(&program, "it is ramped out", |report| {
-        report["setting_um"]["X"] == 0.0
-    });
-    control.type_in("frozen-positions off");
-    wait(
-        &program,
-        "it is whole again or waits for a person",
-        |state| state["state"] != "holding" && state["state"] != "ramping-out",
-    );
-}
-
-#[test]
-fn a_write_that_is_dropped_is_found() {
-    let dir = tempfile::tempdir().expect("writable");
-    let Some(mut control) = Control::start(dir.path(), &[]) else {
-        return;
-    };
-    let config = configuration(dir.path(), &control);
-    let program = armed(dir.path(), &config);
-    control.type_in("drop-writes on");
-    control.type_in("temperature bed=24");
-    let state = wait(&program, "it is found", is("faulted"));
-    assert!(
-        state["reasons"].to_string().contains("does not stick"),
-        "{state}"
-    );
-    assert_eq!(control.um("setting_um", "X"), 0.0);
-}
-
 #[test]
 fn a_control_that_ignores_corrections_is_refused() {
     let dir = tempfile::tempdir().expect("writable");
@@ -334,13 +268,6 @@ fn a_control_that_ignores_corrections_is_refused() {
         errors.contains("MD32750 $MA_TEMP_COMP_TYPE is 2; expected bit 0 set (1 or 3): the control ignores SD43900"),
         "{errors}"
     );
-    let program = Program::start(dir.path(), &["--config", path(&config)]);
-    let end = Instant::now() + PATIENCE;
-    while !program.log().contains("MD32750") {
-        assert!(Instant::now() < end, "{}", program.log());
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    assert!(program.post("/api/arm", "").status >= 400);
 }
 
 #[test]

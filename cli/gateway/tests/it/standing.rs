@@ -17,7 +17,7 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{
     manual::{Gateway, configuration, says},
-    program::{MACHINE, Program, append, change, path, token_file},
+    program::{MACHINE, append, change, path, token_file},
 };
 
 /// The valid text of the file: the slot with the higher count.
@@ -273,19 +273,20 @@ token_file = "tokens"
 "#;
     std::fs::write(&config, text).expect("writable");
     let unknown = "what the control was left with is unknown";
+    let mut gateway = Gateway::start(&config);
     for run in 0..3 {
-        let mut program = Program::start(dir.path(), &["--config", path(&config)]);
-        let reported = program.wait(|state| says(state, unknown));
-        let reported = reported.unwrap_or_else(|state| panic!("run {run}: {state}"));
-        assert_eq!(reported["correction_known"], false, "{reported}");
-        program.signal("TERM");
-        assert_eq!(program.end(), Some(0));
-        let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+        gateway.disconnect();
+        let reported = gateway.wait_until_says(unknown);
+        assert_eq!(reported["correction_known"], false, "{run}: {reported}");
+        let audit = dir.path().join("audit/audit.log");
+        let rig = gateway.stop();
+        let audit = std::fs::read_to_string(audit).expect("a log");
         let stopped = audit
             .lines()
             .rfind(|line| line.contains("\"what\":\"stopped\""));
         let stopped = stopped.expect("written");
         assert!(stopped.contains("\"left_um\":{}"), "{stopped}");
+        gateway = Gateway::again(rig, &config);
     }
 }
 

@@ -3,8 +3,9 @@
 use std::time::Duration;
 
 use volcomp_guard::{Limits, Request, State};
+use volcomp_vocabulary::PerChannel;
 
-use crate::world::{PERIOD, SLEW, STEP, STOP, World, axes, limits};
+use crate::world::{PERIOD, SLEW, STEP, STOP, World, axes, barrier, limits};
 
 const LATE: [usize; 5] = [0, 1, 2, 4, 6];
 
@@ -187,6 +188,21 @@ fn words_sent_long_before_a_take_over_are_not_carried_over() {
         let word = world.guard.output()[0];
         assert!(word <= stood + STEP + 1e-9, "{late} late: {word} {stood}");
     }
+}
+
+/// Nothing that a path without a barrier has sent is in transit to a barrier: the output starts at what that applies.
+#[test]
+fn a_barrier_takes_over_at_what_it_applies() {
+    let mut world = World::compensating(&limits());
+    assert!(world.guard.output()[0] > 10.0 * STEP);
+    (world.barrier, world.applied) = (Some(barrier()), PerChannel::ZERO);
+    world.take_other_path(&limits());
+    let mut output = world.request(Request::TakeOver);
+    while !output.write {
+        output = world.run(Duration::ZERO);
+    }
+    let word = output.correction[0];
+    assert!(word <= 2.0 * STEP + 1e-9, "{word}");
 }
 
 /// In a late cycle a frame fails, and in the next short cycle its word is farther away than the rate permits: at most five frames are

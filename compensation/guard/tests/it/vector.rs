@@ -39,6 +39,29 @@ pub(crate) fn of<const N: usize>(values: [f64; N]) -> PerChannel<f64> {
     PerChannel::leading(values)
 }
 
+/// Where rounding exceeds the limit of a linear axis, the nearest steps that do not are taken.
+#[test]
+fn rounding_at_a_limit_takes_the_nearest_steps() {
+    let limits = five(0.0);
+    for sign in [1.0, -1.0] {
+        for (c, expected) in [(10.3, 10.0), (10.7, 11.0)] {
+            let [a, c] = [10.7, c].map(|steps| sign * steps * 5e-6);
+            let mut requested = RequestedCorrection {
+                rotary: of([0.0, 0.0, 0.0, a, c]),
+                ..RequestedCorrection::default()
+            };
+            // A step more of A is beyond the limit of X.
+            requested.follow[3] = of([0.1499 / a]);
+            let mut vector = Vector::default();
+            for _ in 0..1000 {
+                vector.follow(&requested, &limits, 0.004);
+            }
+            let steps = [3, 4].map(|i| (sign * vector.output()[i] / 5e-6).round());
+            assert_eq!(steps, [10.0, expected], "{sign}");
+        }
+    }
+}
+
 /// Any request, as from a wrong model: any shares, and levers up to 0.6 m.
 fn any_request() -> impl Strategy<Value = RequestedCorrection> {
     let share = |size: f64| -size..size;

@@ -1,13 +1,13 @@
 //! `check` checks the INI file of the control.
 
-use std::{os::unix::fs::PermissionsExt as _, process::Command};
+use std::os::unix::fs::PermissionsExt as _;
 
 use volcomp_test_support::root;
 
-use crate::program::path;
+use crate::{manual::machine, online};
 
-/// Exit status and output of `check` on the shipped example with one change in its INI file.
-fn check(from: &str, to: &str) -> (Option<i32>, String) {
+/// The shipped example with this change in its INI file: the status of `check` and what is wrong.
+fn check(from: &str, to: &str) -> (u8, String) {
     let dir = tempfile::tempdir().expect("writable");
     for file in ["gateway.toml", "machine.toml", "mill.ini"] {
         let text = std::fs::read_to_string(root().join("examples/linuxcnc").join(file));
@@ -19,21 +19,14 @@ fn check(from: &str, to: &str) -> (Option<i32>, String) {
         std::fs::write(dir.path().join(file), text).expect("writable");
     }
     super::key_file(dir.path());
-    let output = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-        .args(["check", path(&dir.path().join("gateway.toml"))])
-        .output()
-        .expect("it runs");
-    let said = [output.stdout, output.stderr].concat();
-    (
-        output.status.code(),
-        String::from_utf8_lossy(&said).into_owned(),
-    )
+    let (_, said, status) = online::check(&dir.path().join("gateway.toml"), &[]);
+    (status, said)
 }
 
 #[test]
 fn check_names_what_is_missing_in_the_file() {
     let (status, said) = check("[JOINT_0]", "[JOINT_0]");
-    assert_eq!(status, Some(0), "{said}");
+    assert_eq!(status, 0, "{said}");
     for (from, to, says) in [
         (
             "[JOINT_0]\n",
@@ -78,7 +71,7 @@ fn check_names_what_is_missing_in_the_file() {
         ),
     ] {
         let (status, said) = check(from, to);
-        assert_eq!(status, Some(2), "{said}");
+        assert_eq!(status, 2, "{said}");
         assert!(said.contains(says) && said.contains("mill.ini"), "{said}");
     }
 }
@@ -88,14 +81,6 @@ fn check_names_what_is_missing_in_the_file() {
 fn a_gateway_without_a_key_is_refused() {
     let dir = tempfile::tempdir().expect("writable");
     let config = super::configuration(dir.path(), super::PORT);
-    let run = |arguments: &[&str]| {
-        let output = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-            .args(arguments)
-            .output()
-            .expect("it runs");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        (output.status.code(), said)
-    };
     let file = dir.path().join("volcomp.key");
     let text = std::fs::read_to_string(&config).expect("written");
     for (key, mode, table, says) in [
@@ -125,12 +110,11 @@ fn a_gateway_without_a_key_is_refused() {
             text.replace(line, "")
         };
         std::fs::write(&config, with).expect("writable");
-        for arguments in [&["check", path(&config)], &["--config", path(&config)]] {
-            let (status, said) = run(arguments);
-            assert!(
-                status == Some(2) && said.contains(says),
-                "{says}: {status:?} {said}"
-            );
+        let check = online::check(&config, &[]);
+        let daemon = machine(&config).plan().err().expect(says);
+        assert_eq!((check.2, daemon.status()), (2, 2), "{says}");
+        for said in [check.1, daemon.to_string()] {
+            assert!(said.contains(says), "{says}: {said}");
         }
     }
 }

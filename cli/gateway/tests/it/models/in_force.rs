@@ -4,7 +4,9 @@ use std::{sync::atomic::Ordering, time::Duration};
 
 use serde_json::{Value, json};
 
-use super::{Rig, activate, engineers, machine_file, model, post, wait_model, with_y, y};
+use super::{
+    Rig, activate, engineers, machine_file, model, post, settled, upload, wait_model, with_y, y,
+};
 use crate::{
     controlled::{configuration, control},
     documents::validate,
@@ -124,8 +126,8 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert_eq!(nobody.status, 404, "{}", nobody.body);
 }
 
-/// A kill at any time during an activation: after the restart one of the two models is active and complete; if the response was sent, the
-/// new one.
+/// Killed at any moment of an activation: after the restart it is one of the two models, whole; and the new one where the answer
+/// had come. And what an upload costs the program.
 #[test]
 fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     let dir = tempfile::tempdir().expect("writable");
@@ -162,6 +164,25 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     assert!(answered > 0, "none was ever activated");
     // Either model can be armed.
     program.must_arm();
+    no_upload_is_too_large(&program);
+}
+
+/// A broken machine file takes fifty times its size in memory: without the bound one upload ended the process that corrects.
+fn no_upload_is_too_large(program: &Program) {
+    let most = 4 * 1024 * 1024;
+    let query = "kind=machine&name=m.toml";
+    let refused = upload(program, query, &vec![b'['; most + 1]);
+    assert_eq!(refused.status, 413, "{}", refused.body);
+    let sent = upload(program, query, &vec![b'['; most]);
+    assert_eq!(sent.status, 200, "{}", sent.body);
+    assert!(settled(program)["error"].is_string());
+    let status = std::fs::read_to_string(format!("/proc/{}/status", program.running.id()));
+    let status = status.expect("it runs");
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let peak = peak.and_then(|peak| peak.trim().strip_suffix(" kB")?.parse().ok());
+    let peak: u32 = peak.expect("a number");
+    println!("4 MiB of brackets: at most {} MiB", peak / 1024);
+    assert!(peak < 512 * 1024, "{peak} kB");
 }
 
 #[test]

@@ -6,15 +6,12 @@ mod refused;
 
 use std::{
     path::{Path, PathBuf},
-    sync::Arc,
     time::{Duration, Instant},
 };
 
 use serde_json::{Value, json};
-use volcomp_focas::simulator::Simulator;
 
 use crate::{
-    controlled::configuration,
     manual::{Served, served_configuration},
     program::{Answer, Client, MACHINE, PATIENCE, answer},
 };
@@ -132,30 +129,6 @@ pub(crate) fn wait_model(program: &Client, done: impl Fn(&Value) -> bool) -> Val
         assert!(Instant::now() < end, "{now}");
         std::thread::sleep(Duration::from_millis(50));
     }
-}
-
-/// A gateway for the machine of the example's measurements, with an engineer.
-pub(crate) fn measured_rig_in(dir: &Path, control: &Simulator) -> PathBuf {
-    let config = configuration(dir, control, "auto_arm = true");
-    let machine = std::fs::read_to_string(examples().join("machine.toml")).expect("there");
-    std::fs::write(dir.join("machine.toml"), machine).expect("writable");
-    engineers(dir);
-    config
-}
-
-/// A control whose axes stay within the travels of the example.
-pub(crate) fn measured_control() -> Simulator {
-    let mut world = volcomp_focas::simulator::World::new(&['X', 'Y', 'Z']);
-    world.motion = Arc::new(|elapsed| {
-        let x = 300.0 + 200.0 * (elapsed.as_secs_f64() * 0.5).sin();
-        vec![x, 150.0, -250.0]
-    });
-    Simulator::start(
-        "127.0.0.1:0",
-        volcomp_focas::simulator::Options::default(),
-        world,
-    )
-    .expect("loopback")
 }
 
 pub(crate) fn examples() -> PathBuf {

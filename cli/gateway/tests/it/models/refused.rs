@@ -5,13 +5,12 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 
 use super::{
-    ENGINEER, OTHER_ENGINEER, Rig, activate, engineers, machine_file, model, post, settled, upload,
-    upload_as, wait_model, with_y,
+    ENGINEER, OTHER_ENGINEER, Rig, activate, machine_file, model, post, settled, upload, upload_as,
+    wait_model, with_y,
 };
 use crate::{
-    controlled::{configuration, control},
     documents::validate,
-    program::{MACHINE, OPERATE, Program, VIEW, path},
+    program::{MACHINE, OPERATE, VIEW},
 };
 
 #[test]
@@ -192,27 +191,4 @@ fn one_comparison_at_a_time_also_of_discarded_files() {
         std::thread::sleep(Duration::from_millis(100));
     }
     assert!(settled(&program)["error"].is_null());
-}
-
-/// An upload above the size limit gets status 413. Parsing a broken machine file takes fifty times its size in memory, so the limit
-/// protects the process that corrects.
-#[test]
-fn no_upload_is_too_large_for_the_program_that_corrects() {
-    let dir = tempfile::tempdir().expect("writable");
-    let config = configuration(dir.path(), &control(), "");
-    engineers(dir.path());
-    let program = Program::start(dir.path(), &["--config", path(&config)]);
-    let most = 4 * 1024 * 1024;
-    let refused = upload(&program, "kind=machine&name=m.toml", &vec![b'['; most + 1]);
-    assert_eq!(refused.status, 413, "{}", refused.body);
-    let sent = upload(&program, "kind=machine&name=m.toml", &vec![b'['; most]);
-    assert_eq!(sent.status, 200, "{}", sent.body);
-    assert!(settled(&program)["error"].is_string());
-    let status = std::fs::read_to_string(format!("/proc/{}/status", program.running.id()));
-    let status = status.expect("it runs");
-    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    let peak = peak.and_then(|peak| peak.trim().strip_suffix(" kB")?.parse().ok());
-    let peak: u32 = peak.expect("a number");
-    println!("4 MiB of brackets: at most {} MiB", peak / 1024);
-    assert!(peak < 512 * 1024, "{peak} kB");
 }
