@@ -15,4 +15,5 @@ mod machines;
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
+/// A machine file with every kind of curve in it.
 pub const EXAMPLE: &str = volcomp_test_support::machines::EVERY_CURVE;

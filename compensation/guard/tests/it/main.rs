@@ -1,3 +1,5 @@
+//! The guard against its rules.
+
 mod barrier;
 mod direction;
 mod edges;
