@@ -139,7 +139,7 @@ pub(crate) struct Positions {
 enum Source {
     /// The position of the command line, until it is taken.
     One(Option<State>),
-    File(PointFile),
+    File(Box<PointFile>),
 }
 
 /// Positions in the order of the rows.
@@ -322,7 +322,7 @@ impl PointArguments {
             (_, Some(path)) => {
                 let file = PointFile::open(machine, path)?;
                 let named = file.columns.iter().map(|&(name, _)| name).collect();
-                (Source::File(file), named)
+                (Source::File(Box::new(file)), named)
             }
             (at, None) => {
                 let coordinates = parse_at(at.as_deref().unwrap_or_default())?;
