@@ -291,7 +291,8 @@ fn at_places(
             };
             corrector.take_tool(&made.tool)?;
             corrector.begin_motion(&made.motion.arrives_from_unknown);
-            corrector.move_to(&made.motion.to);
+            // The correction is constant: the drives move as programmed.
+            corrector.move_uncorrected(&made.motion.to, [&made.motion.from, &made.motion.to]);
             let Some(at) = cuts_at(&made) else { continue };
             let moved_at = beside.as_ref().and_then(cuts_at).unwrap_or(at);
             let stated = job.setup.offset(made.system);

@@ -587,8 +587,6 @@ impl Rewriter {
     /// Updates the state after a motion that is copied unchanged: no correction is applied afterwards, except for axes with incremental
     /// words.
     pub(crate) fn pass_uncorrected(&mut self, motion: &Move) {
-        self.corrector.move_to(&motion.to);
-        self.applied_correction = AppliedCorrection::Outdated;
         let frame = &self.interpreter.frame;
         let mut carried = if motion.in_machine {
             self.carried
@@ -603,11 +601,23 @@ impl Rewriter {
                 };
             }
         }
-        self.carried = if motion.in_machine {
+        let carried = if motion.in_machine {
             carried
         } else {
             frame.moved_in_machine(&frame.to_program(&motion.to), &carried)
         };
+        self.finish_uncorrected(motion, carried);
+    }
+
+    /// Updates directions of approach and the applied correction after a motion to whose end this correction, in machine coordinates, leads
+    /// instead of the one there.
+    pub(crate) fn finish_uncorrected(&mut self, motion: &Move, carried: Axes) {
+        let before = each(|axis| motion.from[axis] + self.carried[axis]);
+        let after = each(|axis| motion.to[axis] + carried[axis]);
+        self.corrector
+            .move_uncorrected(&motion.to, [&before, &after]);
+        self.carried = carried;
+        self.applied_correction = AppliedCorrection::Outdated;
     }
 
     /// Writes computed values as numbers.

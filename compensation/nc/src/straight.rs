@@ -29,7 +29,7 @@ const MAX_REVERSAL_SAMPLES: f64 = 64.0;
 const MAX_FOLLOW_STEPS: f64 = 64.0;
 
 /// An axis that moves by less than this rests, mm or deg: rounding of coordinates.
-const RESTING_WITHIN: f64 = 1e-7;
+pub(crate) const RESTING_WITHIN: f64 = 1e-7;
 
 /// One of the parts that a motion is written in, counted from 0, and where it ends, from 0 to 1.
 #[derive(Clone, Copy, Debug)]
@@ -194,9 +194,15 @@ impl Rewriter {
         }
         let sides = self.corrector.sides();
         let (mut begins, mut next) = (0.0, 0);
-        let turned = self.turn_up_to(&mut next, 0.0);
-        if self.lacks_correction(motion, turned) {
+        let turned = self.turn_once(&mut next, 0.0);
+        let lacks = self.lacks_correction(&motion.from, turned);
+        if lacks {
             parts.push(0.0);
+        }
+        while self.turn_once(&mut next, 0.0) {
+            if lacks || self.lacks_correction(&motion.from, true) {
+                parts.push(0.0);
+            }
         }
         while let Some(ends) = self.turns.turns.get(next).map(|turn| turn.share) {
             self.split(motion, at_ends, [begins, ends], line, parts)?;
@@ -218,16 +224,22 @@ impl Rewriter {
     /// Applies the reversals up to this share of the motion, beginning with index `next`. Returns true if there were any.
     pub(crate) fn turn_up_to(&mut self, next: &mut usize, share: f64) -> bool {
         let first = *next;
-        while let Some(turn) = self
-            .turns
-            .turns
-            .get(*next)
-            .filter(|turn| turn.share <= share)
-        {
+        while self.turn_once(next, share) {}
+        *next > first
+    }
+
+    /// The same, but stops before an axis reverses for a second time.
+    pub(crate) fn turn_once(&mut self, next: &mut usize, share: f64) -> bool {
+        let mut turned = [false; 9];
+        let turns = self.turns.turns.iter().skip(*next);
+        for turn in turns.take_while(|turn| turn.share <= share) {
+            if std::mem::replace(&mut turned[turn.axis], true) {
+                break;
+            }
             self.corrector.turn(turn);
             *next += 1;
         }
-        *next > first
+        turned.contains(&true)
     }
 
     pub(crate) fn turns_of(&self, motion: &Move) -> Reversals {
@@ -252,8 +264,15 @@ impl Rewriter {
         let steps = steps.ceil().max(1.0) as u32;
         if motion.path == Path::Rapid {
             // A rapid motion is not split: the carriages follow the control's path between the two corrected positions.
-            let [from, to] = [&motion.from, &motion.to].map(|at| {
-                let more = frame.moved_in_program(at, &self.corrector.without_play(at));
+            let [mut before, after] =
+                [&motion.from, &motion.to].map(|at| self.corrector.without_play(at));
+            if self.lacks_correction(&motion.from, false) {
+                for axis in self.corrector.axes_at_flank() {
+                    before[axis] = self.corrector.furthest[axis] - motion.from[axis];
+                }
+            }
+            let [from, to] = [(&motion.from, before), (&motion.to, after)].map(|(at, more)| {
+                let more = frame.moved_in_program(at, &more);
                 let at = frame.to_program(at);
                 each(|axis| at[axis] + more[axis])
             });
@@ -270,8 +289,13 @@ impl Rewriter {
             });
         }
         let nominal = |share| self.place_of(motion, share);
-        self.corrector
-            .turns(steps, self.corrector.carriages(steps, nominal))
+        let mut found = self
+            .corrector
+            .turns(steps, self.corrector.carriages(steps, nominal));
+        if !self.lacks_correction(&motion.from, false) {
+            found.keep_last_at_start();
+        }
+        found
     }
 
     pub(crate) fn place_of(&self, motion: &Move, share: f64) -> Axes {
@@ -331,20 +355,20 @@ impl Rewriter {
         Ok(())
     }
 
-    /// True if the correction missing at the start of a motion exceeds its limit. After a reversal (`turns`) the limit is the rounding of
+    /// True if the correction missing at the start of a motion (machine coordinates) exceeds its limit. After a reversal (`turns`) the limit is the rounding of
     /// words, because the backlash must be crossed. With another tool, or if the axes arrived without correction, it is the tolerance plus
     /// the rounding.
-    pub(crate) fn lacks_correction(&self, motion: &Move, turns: bool) -> bool {
+    pub(crate) fn lacks_correction(&self, from: &Axes, turns: bool) -> bool {
         if self.applied_correction == AppliedCorrection::Current && !turns
             || self.contour != Contour::None
         {
             return false;
         }
-        let delta = self.corrector.at(&motion.from).with_rotary(&self.carried);
+        let delta = self.corrector.at(from).with_rotary(&self.carried);
         if turns || self.applied_correction == AppliedCorrection::OutdatedByReversal {
             let frame = &self.interpreter.frame;
             let [wanted, carried] =
-                [&delta, &self.carried].map(|by| frame.moved_in_program(&motion.from, by));
+                [&delta, &self.carried].map(|by| frame.moved_in_program(from, by));
             return (0..9).any(|axis| {
                 let missing = (wanted[axis] - carried[axis]).abs();
                 !is_rotary(axis) && missing >= 0.5 * self.step_mm()
@@ -375,9 +399,8 @@ impl Rewriter {
         };
         let words = self.words_to(&leg, &mut carried);
         self.write_part(&Part::whole(motion, &words, Shape::AsItIs), line, out);
-        self.carried = self.interpreter.frame.moved_in_machine(&to, &carried);
-        self.corrector.move_to(&motion.to);
-        self.applied_correction = AppliedCorrection::Outdated;
+        let carried = self.interpreter.frame.moved_in_machine(&to, &carried);
+        self.finish_uncorrected(motion, carried);
     }
 
     /// Writes a straight motion in parts, between these ends in program coordinates.
@@ -399,7 +422,12 @@ impl Rewriter {
         // Reversals without a separate block are spread over the motion.
         let is_cut =
             (self.turns.turns.iter()).all(|turn| turn.share == 0.0 || parts.contains(&turn.share));
-        self.turn_up_to(&mut next, if is_cut { 0.0 } else { 1.0 });
+        // Parts at the same share apply the reversals there one by one.
+        if !is_cut {
+            self.turn_up_to(&mut next, 1.0);
+        } else if parts.first() != Some(&0.0) {
+            self.turn_up_to(&mut next, 0.0);
+        }
         let keeps_polar = !splits && self.keeps_polar(motion, &[from, end], &carried);
         let shape = if keeps_polar {
             Shape::AsItIs
@@ -411,7 +439,11 @@ impl Rewriter {
         let together = self.rounded_together(motion, parts, line);
         for (place, &share) in parts.iter().enumerate() {
             let is_last = share == 1.0;
-            self.turn_up_to(&mut next, passed);
+            if parts.get(place + 1) == Some(&passed) {
+                self.turn_once(&mut next, passed);
+            } else {
+                self.turn_up_to(&mut next, passed);
+            }
             let to = if is_last {
                 end
             } else {
