@@ -1,11 +1,6 @@
 //! Rewrites a line as the lines with its correction.
 
-use std::{
-    io,
-    mem::swap,
-    path::PathBuf,
-    sync::{Arc, mpsc::SyncSender},
-};
+use std::{io, mem::swap, path::PathBuf, sync::Arc};
 
 use volcomp_model::vocabulary::CorrectionLimit;
 
@@ -23,6 +18,7 @@ use crate::{
     line_ends::end_of_added,
     modal::{FeedMode, Modal, SYSTEMS},
     motion::{ExecutedMotion, Move, Path},
+    motion_queue::MotionSender,
     notes::Note,
     number::{Decimals, Form, Number, Numerals, half_step},
     parameters::Parameters,
@@ -94,7 +90,7 @@ pub(crate) struct Rewriter {
     /// Ends of the parts of each motion (0 to 1), concatenated; `None` if not requested.
     pub(crate) shares: Option<Vec<f64>>,
     /// Receives each motion.
-    pub(crate) motion_receiver: Option<SyncSender<ExecutedMotion>>,
+    pub(crate) motion_receiver: Option<MotionSender>,
     /// The last block; `None` while it is processed.
     block: Option<Box<Block>>,
     pub(crate) edits: Edits,
