@@ -78,6 +78,8 @@ pub struct Corrector {
     pub(crate) turned_after: Axes<f64>,
     /// Furthest position of each axis in its current direction.
     pub(crate) furthest: Axes<f64>,
+    /// Position of the last motion with correction; NaN before the first one.
+    pub(crate) moved_to: Axes,
     pub(crate) split_beyond_mm: f64,
     /// Incremented when anything that the correction depends on, other than the position, changes.
     pub(crate) version: u64,
@@ -373,12 +375,16 @@ impl Bounds {
         None
     }
 
-    /// Violation of the bound on the displacement of the tool.
+    /// Violation of the bound on the displacement of the tool, which is at most `most_mm`.
     pub(crate) fn violation_at_tool(
         &self,
+        most_mm: impl FnOnce() -> f64,
         moves_mm: impl FnOnce() -> f64,
     ) -> Option<BoundViolation> {
         let limit = self.at_tool?;
+        if limit.allows(Displacement::from_coordinate(AxisKind::Linear, most_mm())) {
+            return None;
+        }
         let found = Displacement::from_coordinate(AxisKind::Linear, moves_mm());
         (!limit.allows(found)).then(|| BoundViolation::ToolBeyondLimit {
             found,
@@ -440,6 +446,7 @@ impl Corrector {
             turned_after: std::array::from_fn(|axis| play.turned_after(axis)),
             play: Arc::new(play),
             furthest: [0.0; MAX_AXES],
+            moved_to: [f64::NAN; MAX_AXES],
             split_beyond_mm: tolerance_mm,
             version: 0,
         })
@@ -597,6 +604,21 @@ impl Corrector {
     pub(crate) fn ideal_tip_mm(&self, at: &Axes) -> [f64; 3] {
         let chain = self.tool.machine.chain();
         chain.ideal_tip_mm(&self.places.state(at)).into()
+    }
+
+    /// Upper bound of the displacement of the tip by this correction, mm, without a pose; infinite outside the travels of the linear axes.
+    pub(crate) fn moves_at_most_mm(&self, at: &Axes, by: &Axes) -> f64 {
+        let mut most_mm = 0.0;
+        for axis in self.axes() {
+            let [low, high] = self.travels[axis];
+            most_mm += match by[axis].abs() {
+                by if is_rotary(axis) => by.to_radians() * self.tool.reach_mm,
+                by if (low..=high).contains(&at[axis]) => by,
+                _ => f64::INFINITY,
+            };
+        }
+        // The correction may leave the travels, by far less than a thousandth of the reach.
+        1.001 * most_mm
     }
 
     /// Position of the point `above_mm` above the tip along the tool axis, in the exact form with the compiled curves; mm from the workpiece

@@ -179,7 +179,12 @@ impl Corrector {
         if !self.play.any {
             return [0.0; MAX_AXES];
         }
-        let (delta, lost) = (self.at(at).delta, self.lost_motion(at));
+        self.without_play_of(at, &self.at(at).delta)
+    }
+
+    /// The same, from the correction at the position.
+    pub(crate) fn without_play_of(&self, at: &Axes, delta: &Axes) -> Axes {
+        let lost = self.lost_motion(at);
         std::array::from_fn(|axis| {
             if !self.lags(axis) || !self.corrects[axis] {
                 return 0.0;
@@ -199,7 +204,32 @@ impl Corrector {
             return false;
         }
         let more = self.without_play(to);
+        self.moved_to = *to;
         self.move_carriages(&std::array::from_fn(|axis| to[axis] + more[axis]))
+    }
+
+    /// Furthest position of each axis in its direction after a motion of one step, whose end `carriages` are without play; `None` if an axis
+    /// reverses, or if the motion does not start where the last one ended.
+    pub(crate) fn furthest_after(&self, from: &Axes, carriages: &Axes) -> Option<Axes> {
+        if self.moved_to != *from {
+            return None;
+        }
+        let mut furthest = self.furthest;
+        for axis in self.axes() {
+            let way = carriages[axis] - furthest[axis];
+            let sign = self.approach[axis].map_or(-way.signum(), sign_of);
+            if sign * way > 0.0 {
+                furthest[axis] = carriages[axis];
+            } else if way.abs() > self.turned_after[axis] {
+                return None;
+            }
+        }
+        Some(furthest)
+    }
+
+    /// Moves the axes to a position at which none reverses, with the result of [`furthest_after`](Self::furthest_after).
+    pub(crate) fn go_on_to(&mut self, to: &Axes, furthest: Axes) {
+        (self.moved_to, self.furthest) = (*to, furthest);
     }
 
     /// Moves the axes to a position by a motion that does not apply the correction there: the carriage of a lagging axis is where its drive

@@ -702,7 +702,8 @@ impl Rewriter {
     pub(crate) fn violation_in_machine(&self, at: &Axes, by: &Axes) -> Option<BoundViolation> {
         let of_axes = self.bounds.violation(&self.interpreter.known, at, by);
         of_axes.or_else(|| {
-            self.bounds.violation_at_tool(|| {
+            let most_mm = || self.corrector.moves_at_most_mm(at, by);
+            self.bounds.violation_at_tool(most_mm, || {
                 let moved = each(|axis| at[axis] + by[axis]);
                 let [from, to] = [at, &moved].map(|at| self.corrector.ideal_tip_mm(at));
                 let way: [f64; 3] = std::array::from_fn(|i| to[i] - from[i]);

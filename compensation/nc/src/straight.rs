@@ -242,26 +242,32 @@ impl Rewriter {
         turned.contains(&true)
     }
 
-    pub(crate) fn turns_of(&self, motion: &Move) -> Reversals {
-        if !self.corrector.bidirectional {
-            return Reversals::default();
-        }
-        let frame = &self.interpreter.frame;
-        let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+    /// Number of steps in which the reversals of a straight motion are searched. Ends in machine and in program coordinates.
+    pub(crate) fn reversal_steps(&self, ends: [&Axes; 2], [from, to]: [&Axes; 2]) -> u32 {
         // The correction added to a resting axis may also reverse during the motion.
         let least = if self.corrector.play.any {
-            let ways = (0..9).map(|axis| (motion.to[axis] - motion.from[axis]).abs());
+            let ways = (0..9).map(|axis| (ends[1][axis] - ends[0][axis]).abs());
             (ways.fold(0.0, f64::max) / REVERSAL_SAMPLING).min(MAX_REVERSAL_SAMPLES)
         } else {
             1.0
         };
-        let steps = steps_of(self.bulge_mm(&from, &to)).max(least);
+        let steps = steps_of(self.bulge_mm(from, to)).max(least);
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "1 to 1024"
         )]
         let steps = steps.ceil().max(1.0) as u32;
+        steps
+    }
+
+    pub(crate) fn turns_of(&self, motion: &Move) -> Reversals {
+        if !self.corrector.bidirectional {
+            return Reversals::default();
+        }
+        let frame = &self.interpreter.frame;
+        let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+        let steps = self.reversal_steps([&motion.from, &motion.to], [&from, &to]);
         if motion.path == Path::Rapid {
             // A rapid motion is not split: the carriages follow the control's path between the two corrected positions.
             let [mut before, after] =
