@@ -16,7 +16,7 @@ use crate::{
     notes::Note,
     number::{Number, half_step, of_steps},
     reversal::Reversals,
-    rewrite::{AppliedCorrection, Contour, Rewriter},
+    rewrite::{Contour, Rewriter},
     straight::{Leg, MAX_PARTS, Part, WriteRule, polar_writes, too_many_parts, words_of},
 };
 
@@ -215,14 +215,14 @@ impl Rewriter {
             self.check_shares(line)?;
         }
         let mut next = 0;
-        // A reversal within a contour gets no separate block; its change of correction is spread over the motion.
-        let cut = if self.contour == Contour::None {
-            0.0
+        // Reversals within a contour get no separate block: the change of correction that they require is spread over
+        // the motion.
+        if self.contour == Contour::None {
+            self.take_up(motion, arc, &mut next, line, out);
+            self.turn_up_to(&mut next, 0.0);
         } else {
-            1.0
-        };
-        let turned = self.turn_up_to(&mut next, cut);
-        self.take_up(motion, arc, turned, line, out);
+            self.turn_up_to(&mut next, 1.0);
+        }
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let mut before = from;
         // A closed circle ends at its start, with the same correction.
@@ -383,9 +383,8 @@ impl Rewriter {
             ..Part::whole(motion, &words, shape)
         };
         self.write_part(&part, line, out);
-        self.carried = frame.moved_in_machine(to, &carried);
-        self.corrector.move_to(&motion.to);
-        self.applied_correction = AppliedCorrection::Outdated;
+        let carried = frame.moved_in_machine(to, &carried);
+        self.finish_uncorrected(motion, carried);
     }
 
     /// Applies the correction missing at the start of an arc in an added line, under the modes active before the codes of the arc's line.
@@ -393,11 +392,16 @@ impl Rewriter {
         &mut self,
         motion: &Move,
         arc: &Arc,
-        turned: bool,
+        next: &mut usize,
         line: Line<'_>,
         out: &mut Vec<u8>,
     ) {
-        if !self.lacks_correction(motion, turned) {
+        let turned = self.turn_once(next, 0.0);
+        let mut lacks = self.lacks_correction(&motion.from, turned);
+        while !lacks && self.turn_once(next, 0.0) {
+            lacks = self.lacks_correction(&motion.from, true);
+        }
+        if !lacks {
             return;
         }
         // The added line precedes the codes of the arc's line, so it needs the modes before them.
@@ -413,18 +417,28 @@ impl Rewriter {
         meaning.swap(&mut self.interpreter);
         let frame = self.interpreter.frame.clone();
         let from = frame.to_program(&motion.from);
-        let carried = frame.moved_in_program(&motion.from, &self.carried);
-        let carried = self.take_up_here(motion, 0.0, [&from, &carried], line, out);
-        meaning.swap(&mut self.interpreter);
-        let Some(carried) = carried else {
-            return;
-        };
-        if let Some(feed) = feed {
-            // This F may be the first of the program.
-            out.push(b' ');
-            out.extend_from_slice(&line.text[feed.at..feed.text.end]);
+        let mut carried = frame.moved_in_program(&motion.from, &self.carried);
+        let mut is_written = false;
+        loop {
+            let taken_up = self.take_up_here(motion, 0.0, [&from, &carried], line, out);
+            if let Some(taken_up) = taken_up {
+                carried = taken_up;
+                if let Some(feed) = feed.filter(|_| !is_written) {
+                    // This F may be the first of the program.
+                    out.push(b' ');
+                    out.extend_from_slice(&line.text[feed.at..feed.text.end]);
+                }
+                out.extend_from_slice(line.more);
+                is_written = true;
+            }
+            if !self.turn_once(next, 0.0) {
+                break;
+            }
         }
-        out.extend_from_slice(line.more);
+        meaning.swap(&mut self.interpreter);
+        if !is_written {
+            return;
+        }
         self.carried = frame.moved_in_machine(&from, &carried);
         let is_arc = |word: &Word| word.letter == b'G' && matches!(word.value, Some(2.0 | 3.0));
         // The added line makes G1 modal, so the arc needs its own code.
@@ -594,6 +608,9 @@ impl Rewriter {
                 turn.share = passed;
             }
             passed = turn.share;
+        }
+        if !self.lacks_correction(&place(0.0), false) {
+            found.keep_last_at_start();
         }
         found
     }

@@ -1,10 +1,7 @@
 //! Constant correction through work offsets: the mean over all positions where a program cuts, or over the measured errors of a row of
 //! balls.
 
-use std::{
-    io::{BufRead, Write},
-    sync::mpsc::Receiver,
-};
+use std::io::{BufRead, Write};
 
 use volcomp_model::{
     Lengths,
@@ -21,6 +18,7 @@ use crate::{
     line_ends::{end_of_added, leader_of, split_lines},
     modal::{NUMBERED, SYSTEMS, name_of_offset},
     motion::{ExecutedMotion, Path, half_deep},
+    motion_queue::MotionReceiver,
     notes::Note,
     number::Number,
     program::run_in_parallel,
@@ -280,7 +278,7 @@ fn at_places(
     let (machine, temperatures) = (&job.corrector.machine, &job.corrector.temperatures);
     let (found, failed) = run_in_parallel(machine, temperatures, limits, programs, |motions| {
         while let Ok(made) = motions[0].recv() {
-            let beside = match motions.get(1).map(Receiver::recv) {
+            let beside = match motions.get(1).map(MotionReceiver::recv) {
                 Some(Ok(beside)) if beside.line == made.line => Some(beside),
                 Some(_) => {
                     let what = "the program reads its work offsets (such as #5221), so the mean correction in them changes its motions";
@@ -290,7 +288,8 @@ fn at_places(
             };
             corrector.take_tool(&made.tool)?;
             corrector.begin_motion(&made.motion.arrives_from_unknown);
-            corrector.move_to(&made.motion.to);
+            // The correction is constant: the drives move as programmed.
+            corrector.move_uncorrected(&made.motion.to, [&made.motion.from, &made.motion.to]);
             let Some(at) = cuts_at(&made) else { continue };
             let moved_at = beside.as_ref().and_then(cuts_at).unwrap_or(at);
             let stated = job.setup.offset(made.system);

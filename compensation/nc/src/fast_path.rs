@@ -1,14 +1,17 @@
-//! Fast path for the usual line of long programs: a straight motion to a position in plain numbers.
+//! Fast path for the usual line: a straight motion to a position in plain numbers, of which long programs consist, perhaps with N, F and a
+//! comment at its end.
 //!
 //! It compensates such a line in one pass, in a fraction of the time of the general path ([`Rewriter::line`]), with identical output and
 //! state. Any other line is left to that path, before any state has changed.
 
 use std::ops::Range;
 
+use memchr::memchr;
+
 use crate::{
     block::Manner,
     codes::LARGEST,
-    control::Dialect,
+    control::{Control, Dialect},
     coordinates::{Axes, LETTERS, axis_of},
     interpreter::Interpreter,
     line::{NewWord, Script},
@@ -32,6 +35,38 @@ impl AxisWord {
     }
 }
 
+/// Syntax of a language and control.
+#[derive(Clone, Copy, Debug)]
+struct Syntax {
+    /// N at the beginning and F are read.
+    reads_others: bool,
+    /// Characters that begin a comment.
+    comments: &'static [u8],
+    /// G and N are followed by digits only.
+    only_digits: bool,
+    /// Coordinates have a decimal point.
+    needs_points: bool,
+}
+
+impl Syntax {
+    fn of(interpreter: &Interpreter) -> Self {
+        let is_printer = interpreter.is_printer();
+        let is_fanuc_like = interpreter.control.is_some_and(Control::is_fanuc_like);
+        Self {
+            reads_others: !is_printer,
+            comments: match interpreter.dialect {
+                Dialect::Siemens => b";",
+                _ if is_printer => b"",
+                // A semicolon ends a block of these controls.
+                _ if is_fanuc_like => b"(",
+                _ => b"(;",
+            },
+            only_digits: interpreter.dialect == Dialect::Siemens,
+            needs_points: interpreter.points.means_increments,
+        }
+    }
+}
+
 /// A usual line: G0, G1 or neither, and axis words.
 #[derive(Clone, Copy, Debug, Default)]
 struct PlainLine {
@@ -39,6 +74,7 @@ struct PlainLine {
     words: Axes<AxisWord>,
     order: Axes<u8>,
     count: usize,
+    feed: Option<f64>,
     /// One bit per axis that has a word.
     named: u16,
     end: usize,
@@ -51,7 +87,7 @@ impl PlainLine {
         reason = "the line is shorter than 256 bytes"
     )]
     #[inline]
-    fn read(text: &[u8], needs_points: bool) -> Option<Self> {
+    fn read(text: &[u8], syntax: Syntax) -> Option<Self> {
         if text.len() > MAX_LINE_BYTES {
             return None;
         }
@@ -60,17 +96,33 @@ impl PlainLine {
         loop {
             rest = without_blanks(rest);
             let [letter, behind @ ..] = rest else { break };
+            if syntax.comments.contains(letter) {
+                if !ends_in_comment(rest) {
+                    return None;
+                }
+                break;
+            }
             let number = without_blanks(behind);
             let from = text.len() - number.len();
             let (value, decimals, length) = plain(number)?;
             let to = from + length;
             rest = &number[length..];
+            let is_first = line.end == 0;
             line.end = to;
             let letter = letter.to_ascii_uppercase();
             let Some(axis) = axis_of(letter) else {
+                let digits = &number[..length];
+                if syntax.only_digits && letter != b'F' && !digits.iter().all(u8::is_ascii_digit) {
+                    return None;
+                }
                 let code = match (letter, value) {
                     (b'G', 0.0) => 0,
                     (b'G', 1.0) => 10,
+                    (b'N', _) if syntax.reads_others && is_first => continue,
+                    (b'F', _) if syntax.reads_others && line.feed.is_none() => {
+                        line.feed = Some(value);
+                        continue;
+                    }
                     _ => return None,
                 };
                 if line.code.replace(code).is_some() {
@@ -79,7 +131,7 @@ impl PlainLine {
                 continue;
             };
             let has_point = decimals > 0 || number[..length].ends_with(b".");
-            if line.names(axis) || needs_points && !has_point && value != 0.0 {
+            if line.names(axis) || syntax.needs_points && !has_point && value != 0.0 {
                 return None;
             }
             line.named |= 1 << axis;
@@ -133,6 +185,17 @@ impl PlainLine {
     }
 }
 
+/// True if a text that begins with a comment has nothing else.
+fn ends_in_comment(text: &[u8]) -> bool {
+    let is_closed = match text {
+        [b'(', behind @ ..] => (memchr(b')', behind))
+            .is_some_and(|length| without_blanks(&behind[length + 1..]).is_empty()),
+        _ => true,
+    };
+    // Zero bytes are rejected.
+    is_closed && !text.contains(&0)
+}
+
 #[inline]
 fn without_blanks(mut text: &[u8]) -> &[u8] {
     while let [b' ' | b'\t', behind @ ..] = text {
@@ -142,8 +205,8 @@ fn without_blanks(mut text: &[u8]) -> &[u8] {
 }
 
 impl Interpreter {
-    /// True if axis words alone are absolute positions, and all axes of the machine are at known positions. The pattern names every modal
-    /// field, so that a new one must be classified here.
+    /// True if axis words alone are positions, or distances in G91. All modal fields are named one by one: a new field must be classified
+    /// here.
     fn allows_fast_path(&self) -> bool {
         let Self {
             modal,
@@ -152,7 +215,8 @@ impl Interpreter {
             ..
         } = self;
         let Modal {
-            absolute,
+            // Meaning of axis words.
+            absolute: _,
             shorter,
             goes_on,
             each_motion,
@@ -193,9 +257,8 @@ impl Interpreter {
             tool: _,
             homes: _,
         } = modal;
-        *dialect == Dialect::Rs274
+        *dialect != Dialect::Heidenhain
             && (!points.means_increments || points.last_in_increments == Some(false))
-            && *absolute
             && !*shorter
             && !*goes_on
             && each_motion.is_none()
@@ -208,21 +271,42 @@ impl Interpreter {
 }
 
 impl Rewriter {
-    /// Compensates a usual line, without its line end; `None` for any other line, before anything has changed.
-    pub(crate) fn fast_line(&mut self, text: &[u8], out: &mut Vec<u8>) -> Option<()> {
-        let is_settled = self.applied_correction == AppliedCorrection::Current
+    fn allows_fast_path(&self) -> bool {
+        self.applied_correction == AppliedCorrection::Current
             && self.computed == Computed::Kept
             && self.carried_at_initial.is_none()
-            && !self.switches_radius;
-        let is_plain = is_settled
+            && !self.switches_radius
             && self.interpreter.allows_fast_path()
-            && !self.corrector.bidirectional
             && self.motion_receiver.is_none()
-            && (self.corrector.axes()).all(|axis| self.interpreter.knows_program_position(axis));
-        if !is_plain {
+            && (self.corrector.axes()).all(|axis| self.interpreter.knows_program_position(axis))
+    }
+
+    /// End of a line in program coordinates; `None` if it names an axis that the machine lacks, or a number is too large.
+    #[inline]
+    fn end_in_program(&self, line: &PlainLine, from: &Axes) -> Option<Axes> {
+        let modal = &self.interpreter.modal;
+        let mut end = *from;
+        for axis in line.order() {
+            let value = line.words[axis].value;
+            if !self.corrector.has(axis) || value.abs() > LARGEST {
+                return None;
+            }
+            let value = value * modal.scale(axis);
+            end[axis] = if modal.absolute {
+                value
+            } else {
+                from[axis] + value
+            };
+        }
+        Some(end)
+    }
+
+    /// Compensates a usual line, without its end; `None`: not a usual line, nothing was changed.
+    pub(crate) fn fast_line(&mut self, text: &[u8], out: &mut Vec<u8>) -> Option<()> {
+        if !self.allows_fast_path() {
             return None;
         }
-        let line = PlainLine::read(text, self.interpreter.points.means_increments)?;
+        let line = PlainLine::read(text, Syntax::of(&self.interpreter))?;
         if line.code.is_none() && self.interpreter.is_printer() {
             return None;
         }
@@ -233,17 +317,11 @@ impl Rewriter {
             return None;
         }
         let (interpreter, corrector) = (&self.interpreter, &self.corrector);
-        let (frame, modal) = (&interpreter.frame, &interpreter.modal);
+        let frame = &interpreter.frame;
         let from = interpreter.position;
         let before = frame.to_program(&from);
-        let mut after = before;
-        for axis in line.order() {
-            let value = line.words[axis].value;
-            if !corrector.has(axis) || value.abs() > LARGEST {
-                return None;
-            }
-            after[axis] = value * modal.scale(axis);
-        }
+        let incremental = !interpreter.modal.absolute;
+        let after = self.end_in_program(&line, &before)?;
         let to = interpreter.reached(&after, |axis| line.names(axis), false);
         let must_check = |axis| interpreter.must_check_rotary_word(axis, to[axis] - from[axis]);
         let takes_along = frame.tip.is_some();
@@ -251,7 +329,7 @@ impl Rewriter {
             (line.names(axis) || axis < 3 && takes_along)
                 && !corrector.is_within_travel(axis, to[axis])
         };
-        if corrector.axes().any(leaves) || line.order().any(must_check) {
+        if corrector.axes().any(leaves) || !incremental && line.order().any(must_check) {
             return None;
         }
         let after = frame.to_program(&to);
@@ -264,6 +342,12 @@ impl Rewriter {
         if code != 0 && !corrector.is_straight_in(frame, &mut self.seen, ends, ends_in_program) {
             return None;
         }
+        let furthest = if self.corrector.bidirectional {
+            Some(self.furthest_after(code, ends, ends_in_program)?)
+        } else {
+            None
+        };
+        let frame = &self.interpreter.frame;
         let mut carried = frame.moved_in_program(&from, &self.carried);
         let mut numbers = [None; 9];
         self.words_at(&to, None, &mut carried, |this, axes, delta, carried| {
@@ -277,7 +361,7 @@ impl Rewriter {
                     to: after[axis],
                     delta: delta[axis],
                     carried: carried[axis],
-                    incremental: false,
+                    incremental,
                     manner: Manner::Modal,
                     keeps: false,
                     written: is_named.then(|| OriginalWord {
@@ -290,12 +374,18 @@ impl Rewriter {
                 (numbers[axis], carried[axis]) = this.axis_word(axis, &way, 0);
             }
         });
-        // The general path rejects this line.
-        if self.bound_violation(&after, &carried).is_some() {
+        // The general path rejects it.
+        let frame = &self.interpreter.frame;
+        let carried = frame.moved_in_machine(&after, &carried);
+        if (self.violation_in_machine(&frame.to_machine(&after), &carried)).is_some() {
             return None;
         }
         let begins = out.len();
-        line.write(text, &numbers, Script::default(), out);
+        let script = Script {
+            dialect: self.interpreter.dialect,
+            ..Script::default()
+        };
+        line.write(text, &numbers, script, out);
         if out.len() - begins > MAX_LINE_BYTES {
             out.truncate(begins);
             return None;
@@ -304,14 +394,45 @@ impl Rewriter {
             self.interpreter.set_motion(code);
         }
         self.interpreter.position = to;
-        for axis in line.order() {
+        self.interpreter.modal.feed = line.feed.or(self.interpreter.modal.feed);
+        for axis in line.order().filter(|_| !incremental) {
             self.interpreter.mark_named(axis);
         }
-        self.carried = (self.interpreter.frame).moved_in_machine(&after, &carried);
+        self.carried = carried;
+        if let Some(furthest) = furthest {
+            self.corrector.go_on_to(&to, furthest);
+        }
         self.counts.lines += 1;
         self.counts.motions += 1;
         self.counts.changed += u64::from(numbers.iter().any(Option::is_some));
         self.record_part_end(1.0);
         Some(())
+    }
+
+    /// Furthest position of each axis after a motion on which none reverses; `None` for the general path.
+    fn furthest_after(
+        &mut self,
+        code: Code,
+        ends: [&Axes; 2],
+        in_program: [&Axes; 2],
+    ) -> Option<Axes> {
+        let [from, to] = ends;
+        let is_unknown = || self.corrector.axes_with_unknown_approach().next().is_some();
+        // A motion that cuts with an unknown direction of approach needs a note. The carriages of a rapid motion are not those of its ends.
+        if code != 0 && is_unknown()
+            || code == 0 && self.corrector.play.any
+            || self.reversal_steps(ends, in_program) > 1
+        {
+            return None;
+        }
+        let mut carriages = *to;
+        if self.corrector.play.any {
+            let delta = self.seen.at(&self.corrector, to).delta;
+            let more = self.corrector.without_play_of(to, &delta);
+            for (carriage, more) in carriages.iter_mut().zip(more) {
+                *carriage += more;
+            }
+        }
+        self.corrector.furthest_after(from, &carriages)
     }
 }

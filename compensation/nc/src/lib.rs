@@ -23,6 +23,7 @@ mod line;
 mod line_ends;
 mod modal;
 mod motion;
+mod motion_queue;
 mod moves;
 mod notes;
 mod number;

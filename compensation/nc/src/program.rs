@@ -2,7 +2,6 @@
 
 use std::{
     io::{self, BufRead, Read, Write},
-    sync::mpsc::{Receiver, sync_channel},
     thread,
 };
 
@@ -19,7 +18,7 @@ use crate::{
         Ends, MAX_BYTES_IN_MEMORY, check_length, check_line, goes_on, is_trailer, leader_of,
         length_of, lines_of, split_lines,
     },
-    motion::ExecutedMotion,
+    motion_queue::{MotionReceiver, motion_queue},
     rewrite::{Rewriter, Strategy},
     run::run,
     setup::SetUp,
@@ -342,9 +341,6 @@ fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Res
     }
 }
 
-/// Capacity of the motion queue between two threads.
-const WAITING: usize = 1024;
-
 /// Executes programs in parallel, each with its set-up, on a machine without errors, so that no line changes. `take` receives their
 /// motions. Returns the result of `take`, and the error of the first failed run.
 pub(crate) fn run_in_parallel<T>(
@@ -352,7 +348,7 @@ pub(crate) fn run_in_parallel<T>(
     temperatures: &Temperatures,
     (dialect, most_blocks): (Dialect, u64),
     programs: Vec<(&mut (dyn BufRead + Send), &SetUp)>,
-    take: impl FnOnce(&[Receiver<ExecutedMotion>]) -> T,
+    take: impl FnOnce(&[MotionReceiver]) -> T,
 ) -> Result<(T, Option<NcError>), NcError> {
     let mut ideal = machine.clone();
     ideal.clear_errors();
@@ -361,7 +357,7 @@ pub(crate) fn run_in_parallel<T>(
     thread::scope(|scope| {
         let (mut runs, mut motions) = (Vec::new(), Vec::new());
         for (mut program, setup) in programs {
-            let (to, from) = sync_channel(WAITING);
+            let (to, from) = motion_queue();
             motions.push(from);
             let (decimals, limit) = (Decimals::default(), CorrectionLimit::default());
             let rewriter = Rewriter::new(setup, ideal.clone(), decimals, dialect, limit);

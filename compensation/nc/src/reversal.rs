@@ -2,7 +2,7 @@
 
 use volcomp_model::vocabulary::{Direction, MAX_AXES};
 
-use crate::{coordinates::Axes, correction::Corrector};
+use crate::{coordinates::Axes, correction::Corrector, straight::RESTING_WITHIN};
 
 /// Shares closer than this are treated as equal.
 pub(crate) const SAME_SHARE: f64 = 1e-6;
@@ -36,6 +36,17 @@ impl Reversals {
     pub(crate) fn keep_before(&mut self, share: f64) {
         while let Some(turn) = self.turns.pop_if(|turn| turn.share >= share) {
             self.furthest[turn.axis] = turn.before;
+        }
+    }
+
+    /// Drops the reversals of an axis at the start that another one of the same axis follows there.
+    pub(crate) fn keep_last_at_start(&mut self) {
+        let count = self.turns.iter().take_while(|turn| turn.share == 0.0);
+        for place in (0..count.count()).rev() {
+            let (turn, after) = (self.turns[place], &self.turns[place + 1..]);
+            if (after.iter()).any(|next| next.share == 0.0 && next.axis == turn.axis) {
+                self.turns.remove(place);
+            }
         }
     }
 }
@@ -124,6 +135,13 @@ impl Corrector {
         self.play.has(axis)
     }
 
+    /// Lagging axes whose carriage is at a known position, the furthest one in its direction.
+    pub(crate) fn axes_at_flank(&self) -> impl Iterator<Item = usize> {
+        (0..MAX_AXES).filter(|axis| {
+            self.lags(*axis) && self.corrects[*axis] && self.approach[*axis].is_some()
+        })
+    }
+
     pub(crate) fn set_furthest(&mut self, furthest: &Axes) {
         for axis in 0..MAX_AXES {
             if self.has(axis) {
@@ -153,7 +171,12 @@ impl Corrector {
         if !self.play.any {
             return [0.0; MAX_AXES];
         }
-        let (delta, lost) = (self.at(at).delta, self.lost_motion(at));
+        self.without_play_of(at, &self.at(at).delta)
+    }
+
+    /// The same, from the correction at the position.
+    pub(crate) fn without_play_of(&self, at: &Axes, delta: &Axes) -> Axes {
+        let lost = self.lost_motion(at);
         std::array::from_fn(|axis| {
             if !self.lags(axis) || !self.corrects[axis] {
                 return 0.0;
@@ -172,11 +195,67 @@ impl Corrector {
         if !self.bidirectional {
             return false;
         }
-        let before = self.approach;
         let more = self.without_play(to);
+        self.moved_to = *to;
+        self.move_carriages(&std::array::from_fn(|axis| to[axis] + more[axis]))
+    }
+
+    /// Furthest position of each axis in its direction after a motion of one step, whose end `carriages` are without play; `None` if an axis
+    /// reverses, or if the motion does not start where the last one ended.
+    pub(crate) fn furthest_after(&self, from: &Axes, carriages: &Axes) -> Option<Axes> {
+        if self.moved_to != *from {
+            return None;
+        }
+        let mut furthest = self.furthest;
+        for axis in self.axes() {
+            let way = carriages[axis] - furthest[axis];
+            let sign = self.approach[axis].map_or(-way.signum(), sign_of);
+            if sign * way > 0.0 {
+                furthest[axis] = carriages[axis];
+            } else if way.abs() > self.turned_after[axis] {
+                return None;
+            }
+        }
+        Some(furthest)
+    }
+
+    /// Moves the axes to a position at which none reverses, with the result of [`furthest_after`](Self::furthest_after).
+    pub(crate) fn go_on_to(&mut self, to: &Axes, furthest: Axes) {
+        (self.moved_to, self.furthest) = (*to, furthest);
+    }
+
+    /// Moves the axes to a position by a motion that does not apply the correction there: the carriage of a lagging axis is where its drive
+    /// leaves it, and stays at its flank while the drive rests or moves within the backlash. `drives` are the machine coordinates before and
+    /// after, with the correction that is applied.
+    pub(crate) fn move_uncorrected(&mut self, to: &Axes, drives: [&Axes; 2]) {
+        if !self.bidirectional {
+            return;
+        }
+        let lost = self.lost_motion(to);
+        let here = std::array::from_fn(|axis| {
+            let [before, after] = drives.map(|drive| drive[axis]);
+            let (furthest, half) = (self.furthest[axis], 0.5 * lost[axis]);
+            if !self.lags(axis) || !self.corrects[axis] {
+                to[axis]
+            } else if self.arrives_from_unknown[axis] {
+                after
+            } else if (after - before).abs() <= RESTING_WITHIN {
+                furthest
+            } else if self.approach[axis].is_none() {
+                after - half.copysign(after - before)
+            } else {
+                after - (after - furthest).clamp(-half, half)
+            }
+        });
+        self.move_carriages(&here);
+    }
+
+    /// Moves the carriages, without their backlash, to a position. Returns true if any axis reverses.
+    fn move_carriages(&mut self, to: &Axes) -> bool {
+        let before = self.approach;
         for axis in 0..MAX_AXES {
             let after = self.turned_after[axis];
-            let here = to[axis] + more[axis];
+            let here = to[axis];
             if std::mem::take(&mut self.arrives_from_unknown[axis]) {
                 self.furthest[axis] = here;
                 continue;
@@ -247,11 +326,16 @@ impl Corrector {
             let (side, mut furthest) = (self.approach[axis], self.furthest[axis]);
             let mut side = side;
             let mut of_furthest = 0;
+            // An axis that has not reached the start yet and reverses there: it goes on first.
+            let mut goes_on = None;
             for step in 0..=steps {
                 let here = places[step as usize][axis];
                 let way = here - furthest;
                 let sign = side.map_or(-way.signum(), sign_of);
                 if sign * way > 0.0 {
+                    if step == 0 && way.abs() > after {
+                        goes_on = side.map(|side| (side, here, furthest));
+                    }
                     (furthest, of_furthest) = (here, step);
                     continue;
                 }
@@ -274,8 +358,20 @@ impl Corrector {
                     }
                 }
                 let turned = side_of(way);
+                let share = if low < SAME_SHARE { 0.0 } else { low };
+                if let Some((side, furthest, before)) = goes_on.take()
+                    && share == 0.0
+                {
+                    turns.push(Reversal {
+                        share,
+                        axis,
+                        side,
+                        furthest,
+                        before,
+                    });
+                }
                 turns.push(Reversal {
-                    share: if low < SAME_SHARE { 0.0 } else { low },
+                    share,
                     axis,
                     side: turned,
                     furthest: here,

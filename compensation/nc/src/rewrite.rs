@@ -1,11 +1,6 @@
 //! Rewrites a program line as the lines with its correction.
 
-use std::{
-    io,
-    mem::swap,
-    path::PathBuf,
-    sync::{Arc, mpsc::SyncSender},
-};
+use std::{io, mem::swap, path::PathBuf, sync::Arc};
 
 use volcomp_model::vocabulary::CorrectionLimit;
 
@@ -23,6 +18,7 @@ use crate::{
     line_ends::end_of_added,
     modal::{FeedMode, Modal, SYSTEMS},
     motion::{ExecutedMotion, Move, Path},
+    motion_queue::MotionSender,
     notes::Note,
     number::{Decimals, Form, Number, Numerals, half_step},
     parameters::Parameters,
@@ -89,7 +85,8 @@ pub(crate) struct Rewriter {
     pub(crate) counts: Counts,
     /// Ends of the parts of each motion (0 to 1), concatenated; `None` if not requested.
     pub(crate) shares: Option<Vec<f64>>,
-    pub(crate) motion_receiver: Option<SyncSender<ExecutedMotion>>,
+    /// Receives each motion.
+    pub(crate) motion_receiver: Option<MotionSender>,
     /// The last block; `None` while it is processed.
     block: Option<Box<Block>>,
     pub(crate) edits: Edits,
@@ -570,8 +567,6 @@ impl Rewriter {
     /// Updates the state after a motion that is copied unchanged: axes with absolute words lose their correction (at home they get that of
     /// the stored position); the others keep theirs.
     pub(crate) fn pass_uncorrected(&mut self, motion: &Move) {
-        self.corrector.move_to(&motion.to);
-        self.applied_correction = AppliedCorrection::Outdated;
         let frame = &self.interpreter.frame;
         let mut carried = if motion.in_machine {
             self.carried
@@ -586,11 +581,23 @@ impl Rewriter {
                 };
             }
         }
-        self.carried = if motion.in_machine {
+        let carried = if motion.in_machine {
             carried
         } else {
             frame.moved_in_machine(&frame.to_program(&motion.to), &carried)
         };
+        self.finish_uncorrected(motion, carried);
+    }
+
+    /// Updates directions of approach and the applied correction after a motion to whose end this correction, in machine coordinates, leads
+    /// instead of the one there.
+    pub(crate) fn finish_uncorrected(&mut self, motion: &Move, carried: Axes) {
+        let before = each(|axis| motion.from[axis] + self.carried[axis]);
+        let after = each(|axis| motion.to[axis] + carried[axis]);
+        self.corrector
+            .move_uncorrected(&motion.to, [&before, &after]);
+        self.carried = carried;
+        self.applied_correction = AppliedCorrection::Outdated;
     }
 
     fn write_values(&mut self, block: &Block, also_set: bool) {
@@ -677,7 +684,8 @@ impl Rewriter {
     pub(crate) fn violation_in_machine(&self, at: &Axes, by: &Axes) -> Option<BoundViolation> {
         let of_axes = self.bounds.violation(&self.interpreter.known, at, by);
         of_axes.or_else(|| {
-            self.bounds.violation_at_tool(|| {
+            let most_mm = || self.corrector.moves_at_most_mm(at, by);
+            self.bounds.violation_at_tool(most_mm, || {
                 let moved = each(|axis| at[axis] + by[axis]);
                 let [from, to] = [at, &moved].map(|at| self.corrector.ideal_tip_mm(at));
                 let way: [f64; 3] = std::array::from_fn(|i| to[i] - from[i]);

@@ -26,8 +26,8 @@ const MAX_REVERSAL_SAMPLES: f64 = 64.0;
 
 const MAX_FOLLOW_STEPS: f64 = 64.0;
 
-/// Travel, mm or deg, below which an axis rests: rounding of coordinates.
-const RESTING_WITHIN: f64 = 1e-7;
+/// An axis that moves by less than this rests, mm or deg: rounding of coordinates.
+pub(crate) const RESTING_WITHIN: f64 = 1e-7;
 
 /// A part of a motion: its index, and its end as a share (0 to 1).
 #[derive(Clone, Copy, Debug)]
@@ -181,9 +181,15 @@ impl Rewriter {
         }
         let sides = self.corrector.sides();
         let (mut begins, mut next) = (0.0, 0);
-        let turned = self.turn_up_to(&mut next, 0.0);
-        if self.lacks_correction(motion, turned) {
+        let turned = self.turn_once(&mut next, 0.0);
+        let lacks = self.lacks_correction(&motion.from, turned);
+        if lacks {
             parts.push(0.0);
+        }
+        while self.turn_once(&mut next, 0.0) {
+            if lacks || self.lacks_correction(&motion.from, true) {
+                parts.push(0.0);
+            }
         }
         while let Some(ends) = self.turns.turns.get(next).map(|turn| turn.share) {
             self.split(motion, at_ends, [begins, ends], line, parts)?;
@@ -205,16 +211,41 @@ impl Rewriter {
     /// Applies the reversals up to this share of the motion, beginning with index `next`. Returns true if there were any.
     pub(crate) fn turn_up_to(&mut self, next: &mut usize, share: f64) -> bool {
         let first = *next;
-        while let Some(turn) = self
-            .turns
-            .turns
-            .get(*next)
-            .filter(|turn| turn.share <= share)
-        {
+        while self.turn_once(next, share) {}
+        *next > first
+    }
+
+    /// The same, but stops before an axis reverses for a second time.
+    pub(crate) fn turn_once(&mut self, next: &mut usize, share: f64) -> bool {
+        let mut turned = [false; 9];
+        let turns = self.turns.turns.iter().skip(*next);
+        for turn in turns.take_while(|turn| turn.share <= share) {
+            if std::mem::replace(&mut turned[turn.axis], true) {
+                break;
+            }
             self.corrector.turn(turn);
             *next += 1;
         }
-        *next > first
+        turned.contains(&true)
+    }
+
+    /// Number of steps in which the reversals of a straight motion are searched. Ends in machine and in program coordinates.
+    pub(crate) fn reversal_steps(&self, ends: [&Axes; 2], [from, to]: [&Axes; 2]) -> u32 {
+        // The correction added to a resting axis may also reverse during the motion.
+        let least = if self.corrector.play.any {
+            let ways = (0..9).map(|axis| (ends[1][axis] - ends[0][axis]).abs());
+            (ways.fold(0.0, f64::max) / REVERSAL_SAMPLING).min(MAX_REVERSAL_SAMPLES)
+        } else {
+            1.0
+        };
+        let steps = steps_of(self.bulge_mm(from, to)).max(least);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "1 to 1024"
+        )]
+        let steps = steps.ceil().max(1.0) as u32;
+        steps
     }
 
     pub(crate) fn turns_of(&self, motion: &Move) -> Reversals {
@@ -223,24 +254,18 @@ impl Rewriter {
         }
         let frame = &self.interpreter.frame;
         let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
-        // The correction of a resting axis may also reverse during the motion.
-        let least = if self.corrector.play.any {
-            let ways = (0..9).map(|axis| (motion.to[axis] - motion.from[axis]).abs());
-            (ways.fold(0.0, f64::max) / REVERSAL_SAMPLING).min(MAX_REVERSAL_SAMPLES)
-        } else {
-            1.0
-        };
-        let steps = steps_of(self.bulge_mm(&from, &to)).max(least);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "1 to 1024"
-        )]
-        let steps = steps.ceil().max(1.0) as u32;
+        let steps = self.reversal_steps([&motion.from, &motion.to], [&from, &to]);
         if motion.path == Path::Rapid {
-            // A rapid motion is not split: its carriages follow the control's path between the two corrected positions.
-            let [from, to] = [&motion.from, &motion.to].map(|at| {
-                let more = frame.moved_in_program(at, &self.corrector.without_play(at));
+            // A rapid motion is not split: the carriages follow the control's path between the two corrected positions.
+            let [mut before, after] =
+                [&motion.from, &motion.to].map(|at| self.corrector.without_play(at));
+            if self.lacks_correction(&motion.from, false) {
+                for axis in self.corrector.axes_at_flank() {
+                    before[axis] = self.corrector.furthest[axis] - motion.from[axis];
+                }
+            }
+            let [from, to] = [(&motion.from, before), (&motion.to, after)].map(|(at, more)| {
+                let more = frame.moved_in_program(at, &more);
                 let at = frame.to_program(at);
                 each(|axis| at[axis] + more[axis])
             });
@@ -257,8 +282,13 @@ impl Rewriter {
             });
         }
         let nominal = |share| self.place_of(motion, share);
-        self.corrector
-            .turns(steps, self.corrector.carriages(steps, nominal))
+        let mut found = self
+            .corrector
+            .turns(steps, self.corrector.carriages(steps, nominal));
+        if !self.lacks_correction(&motion.from, false) {
+            found.keep_last_at_start();
+        }
+        found
     }
 
     pub(crate) fn place_of(&self, motion: &Move, share: f64) -> Axes {
@@ -317,19 +347,20 @@ impl Rewriter {
         Ok(())
     }
 
-    /// True if the correction missing at the start of a motion needs an added line. After a reversal (`turns`) the limit is half a step,
-    /// because the backlash must be crossed. With another tool, or if the axes arrived without correction, it is the tolerance plus a step.
-    pub(crate) fn lacks_correction(&self, motion: &Move, turns: bool) -> bool {
+    /// True if the correction missing at the start of a motion (machine coordinates) exceeds its limit. After a reversal (`turns`) the limit is the rounding of
+    /// words, because the backlash must be crossed. With another tool, or if the axes arrived without correction, it is the tolerance plus
+    /// the rounding.
+    pub(crate) fn lacks_correction(&self, from: &Axes, turns: bool) -> bool {
         if self.applied_correction == AppliedCorrection::Current && !turns
             || self.contour != Contour::None
         {
             return false;
         }
-        let delta = self.corrector.at(&motion.from).with_rotary(&self.carried);
+        let delta = self.corrector.at(from).with_rotary(&self.carried);
         if turns || self.applied_correction == AppliedCorrection::OutdatedByReversal {
             let frame = &self.interpreter.frame;
             let [wanted, carried] =
-                [&delta, &self.carried].map(|by| frame.moved_in_program(&motion.from, by));
+                [&delta, &self.carried].map(|by| frame.moved_in_program(from, by));
             return (0..9).any(|axis| {
                 let missing = (wanted[axis] - carried[axis]).abs();
                 !is_rotary(axis) && missing >= 0.5 * self.step_mm()
@@ -360,9 +391,8 @@ impl Rewriter {
         };
         let words = self.words_to(&leg, &mut carried);
         self.write_part(&Part::whole(motion, &words, Shape::AsItIs), line, out);
-        self.carried = self.interpreter.frame.moved_in_machine(&to, &carried);
-        self.corrector.move_to(&motion.to);
-        self.applied_correction = AppliedCorrection::Outdated;
+        let carried = self.interpreter.frame.moved_in_machine(&to, &carried);
+        self.finish_uncorrected(motion, carried);
     }
 
     pub(crate) fn straight(
@@ -383,7 +413,12 @@ impl Rewriter {
         // Reversals without a separate block are spread over the motion.
         let is_cut =
             (self.turns.turns.iter()).all(|turn| turn.share == 0.0 || parts.contains(&turn.share));
-        self.turn_up_to(&mut next, if is_cut { 0.0 } else { 1.0 });
+        // Parts at the same share apply the reversals there one by one.
+        if !is_cut {
+            self.turn_up_to(&mut next, 1.0);
+        } else if parts.first() != Some(&0.0) {
+            self.turn_up_to(&mut next, 0.0);
+        }
         let keeps_polar = !splits && self.keeps_polar(motion, &[from, end], &carried);
         let shape = if keeps_polar {
             Shape::AsItIs
@@ -395,7 +430,11 @@ impl Rewriter {
         let together = self.rounded_together(motion, parts, line);
         for (place, &share) in parts.iter().enumerate() {
             let is_last = share == 1.0;
-            self.turn_up_to(&mut next, passed);
+            if parts.get(place + 1) == Some(&passed) {
+                self.turn_once(&mut next, passed);
+            } else {
+                self.turn_up_to(&mut next, passed);
+            }
             let to = if is_last {
                 end
             } else {

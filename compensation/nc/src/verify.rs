@@ -3,7 +3,7 @@
 //! Both programs are evaluated at the same shares of each motion of the original one. These positions depend only on the original program,
 //! so the deviation before compensation is independent of the result and of all options.
 
-use std::{io::BufRead, sync::mpsc::Receiver};
+use std::io::BufRead;
 
 use volcomp_model::{Lengths, Machine, RigidSums, Temperatures, kinematics::nalgebra::Vector3};
 
@@ -15,6 +15,7 @@ use crate::{
     inspect::{Collector, Inspected, Part},
     modal::{SYSTEMS, name_of_offset},
     motion::{ExecutedMotion, Move, Path, at_height},
+    motion_queue::MotionReceiver,
     program::run_in_parallel,
     reversal::{Carriages, Reversals, SAME_SHARE, steps_of},
     setup::SetUp,
@@ -278,8 +279,8 @@ impl Comparison {
 
     pub(crate) fn all(
         mut self,
-        originals: &Receiver<ExecutedMotion>,
-        results: &Receiver<ExecutedMotion>,
+        originals: &MotionReceiver,
+        results: &MotionReceiver,
         shares: &mut dyn Iterator<Item = f64>,
     ) -> Result<Verification, NcError> {
         let mut is_first = true;
@@ -317,7 +318,7 @@ impl Comparison {
     fn take_parts(
         &mut self,
         line: usize,
-        results: &Receiver<ExecutedMotion>,
+        results: &MotionReceiver,
         shares: &mut dyn Iterator<Item = f64>,
     ) -> Result<(), NcError> {
         self.parts.clear();

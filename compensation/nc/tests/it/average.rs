@@ -411,3 +411,16 @@ fn the_mean_has_the_direction_of_approach() {
         );
     }
 }
+
+/// Y lags by 12 µm and rests while X moves by 100 mm, where Y is 20 µm too far: by hand the corrections are 6 and -14 µm, mean -4 µm. The
+/// correction of Y changes by more than its play, but its drive does not move.
+#[test]
+fn a_resting_axis_keeps_its_side_of_approach() {
+    let errors =
+        "EYX = { poly = [0.0, 0.2] }\nEYY = { mean = { poly = [0.0] }, reversal = -12.0 }\n";
+    let setup = "[work_offset.G54]\nX = 0\nY = 0\nZ = 0\n[start]\nX = 0\nY = 0\nZ = 0\n";
+    let program = "G90 G54 G1 F100 X0 Y10 Z0\nX100\n";
+    let (out, found) = run(errors, setup, program).expect("averaged");
+    assert!(out.contains("G10 L2 P1 X0.000 Y-0.004 Z0.000"), "{out}");
+    assert!((found[0].left_um[0] - 10.0).abs() < 0.01, "{found:?}");
+}

@@ -1,11 +1,11 @@
-//! Plain lines on the fast path give the same result as the same lines with a comment, which take the general path.
+//! Fast path: plain lines against the same lines with a comment in front, or with S, which take the general path.
 
 use std::fmt::Write as _;
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_model::{Machine, Temperatures, vocabulary::CorrectionLimit};
-use volcomp_nc::{Corrector, Job, NcError, SetUp, Strategy, Summary, compensate};
+use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, Strategy, Summary, compensate};
 
 const THREE: &str = "structure = \"w X' b Y Z t\"\naxes.X.travel = [0.0, 600.0]\naxes.Y.travel = [0.0, 500.0]\naxes.Z.travel = [-400.0, 0.0]\n[errors]\nEXX = { poly = [0.0, 0.2] }\nEYX = { poly = [0.0, 0.0, 0.0004] }\nECX = { poly = [0.0, 0.3] }\nEYY = { poly = [0.0, -0.1] }\nEAY = { poly = [0.0, 0.1] }\nEC0Y = 20.0\n";
 const REVERSAL: &str = "EZZ = { mean = { poly = [0.0, 0.01] }, reversal = 3.0 }\n";
@@ -49,10 +49,15 @@ fn program(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
                         let _ = write!(line, "{blank}{letter}{at:.decimals$}");
                     }
                 }
-                line
+                let number = ["", "", "N10", "n 7 ", "N1.5 "][draw.random_range(0..5)];
+                let end = [
+                    "", "", "", "F900", " f 12.5", "F1F2", " (c)", "(c) ", "; c", "(c)(c)",
+                ];
+                let end = end[draw.random_range(0..end.len())];
+                format!("{number}{line}{end}")
             }
             78 => all(&at, "G90 G53 G0"),
-            79 => "G91 X0.25 Y-0.5".to_owned(),
+            79 => "G91 X0.25 Y-0.5\nX0.1 F300\nN7 Y-0.0205 Z.03\nG1 X-0.3 (c)\nG90".to_owned(),
             80 => all(&at, "G90"),
             81 => "G55".to_owned(),
             82 => "G54".to_owned(),
@@ -83,15 +88,37 @@ fn program(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
     lines
 }
 
+/// Those lines that are also valid in the language of SINUMERIK controls.
+fn siemens(lines: Vec<String>) -> Vec<String> {
+    const OTHER: [&str; 13] = [
+        "G92", "G68", "G69", "G8", "M4", "T1", "G49", "G41", "G2 ", "G20", "[", "W", "G40",
+    ];
+    let is_siemens = |line: &String| !OTHER.iter().any(|other| line.contains(other));
+    let in_siemens = |line: String| {
+        let line = line.replace("G21", "G71").replace("G1.0", "G1");
+        let line = line.replace("N1.5", "N15").replace("F1F2", "F12");
+        match line.split_once('(') {
+            Some((words, _)) => format!("{};c", words.trim_end()),
+            None => line.replace("; c", ";c"),
+        }
+    };
+    lines
+        .into_iter()
+        .filter(is_siemens)
+        .map(in_siemens)
+        .collect()
+}
+
 fn compensated(
     corrector: &Corrector,
     setup: &SetUp,
-    strategy: Strategy,
+    (strategy, dialect): (Strategy, Dialect),
     text: &str,
 ) -> (String, Result<Summary, NcError>) {
     let mut out = Vec::new();
     let job = Job {
         strategy,
+        dialect,
         keep_shares: true,
         limit: CorrectionLimit::LARGEST,
         ..Job::new(corrector, setup)
@@ -110,11 +137,20 @@ fn comments_do_not_change_numbers() {
         ('C', 10.0),
     ];
     let trunnion = include_str!("../../../../examples/trunnion.toml");
-    let with_reversal = format!("{THREE}{REVERSAL}");
+    let [ahead, lags] = ["", "-"].map(|sign| {
+        let reversal = REVERSAL.replace("= 3", &format!("= {sign}3"));
+        format!("{THREE}{reversal}{}", reversal.replace("EZZ", "EXZ"))
+    });
+    let turning = trunnion.replace(
+        "EXX = { poly = [0.0, 0.01] }",
+        "EXX = { mean = { poly = [0.0, 0.01] }, reversal = -4 }",
+    );
     let machines = [
         (THREE, &five[..3]),
         (trunnion, &five[..]),
-        (&with_reversal, &five[..3]),
+        (&ahead, &five[..3]),
+        (&lags, &five[..3]),
+        (&turning, &five[..]),
     ];
     let (mut changed, mut finished) = (0, 0);
     for (place, (machine, axes)) in machines.into_iter().enumerate() {
@@ -127,11 +163,25 @@ fn comments_do_not_change_numbers() {
             let start = ["", START][draw.random_range(0..2)];
             let setup = SetUp::parse(&format!("{SETUP}{start}"), "s.toml").expect("a good set-up");
             let strategy = [Strategy::Plain, Strategy::Floyd][draw.random_range(0..2)];
-            let lines = program(&mut draw, axes);
-            let usual = lines.join("\n");
-            let (out, summary) = compensated(&corrector, &setup, strategy, &usual);
-            let (slow, expected) = compensated(&corrector, &setup, strategy, &lines.join(" (c)\n"));
-            let slow = slow.replace(" (c)", "");
+            let mut lines = program(&mut draw, axes);
+            let dialect = [Dialect::Rs274, Dialect::Siemens][usize::from(seed % 4 == 3)];
+            let general = if dialect == Dialect::Siemens {
+                lines = siemens(lines);
+                " S1"
+            } else {
+                "(general)"
+            };
+            let slow = lines.iter().map(|line| {
+                let at = line.find(';').unwrap_or(line.len());
+                match dialect {
+                    Dialect::Siemens => format!("{}{general}{}", &line[..at], &line[at..]),
+                    _ => format!("{general}{line}"),
+                }
+            });
+            let (usual, slow) = (lines.join("\n"), slow.collect::<Vec<_>>().join("\n"));
+            let (out, summary) = compensated(&corrector, &setup, (strategy, dialect), &usual);
+            let (slow, expected) = compensated(&corrector, &setup, (strategy, dialect), &slow);
+            let slow = slow.replace(general, "");
             for (number, (line, slow)) in out.lines().zip(slow.lines()).enumerate() {
                 assert_eq!(
                     line,

@@ -247,3 +247,64 @@ fn the_virtual_machine_assumes_no_direction_of_approach() {
         }
     }
 }
+
+/// Y is 0.2 µm/deg too far by the angle of C, and its carriage lags by 12 µm. At C50 the carriage has to go back by 10 µm, and forward
+/// again while C turns to 0: by hand it is at 10.000 with the drive at 10.006, then at 9.990 with the drive at 9.984, then with the
+/// drive at 9.996. A motion without correction leaves the carriage in place, although the correction there differs.
+#[test]
+fn a_resting_axis_keeps_its_side_of_approach() {
+    let travel = "travel = [-500, 500]\n";
+    let machine = |reversal: f64| {
+        format!(
+            "name = \"m\"\nstructure = \"w C' b X Y Z t\"\n[axes.X]\n{travel}[axes.Y]\n{travel}[axes.Z]\n{travel}[axes.C]\ntravel = [-100, 100]\n[errors]\nEYC = {{ poly = [0.0, 0.2] }}\nEYY = {{ mean = {{ poly = [0.0] }}, reversal = {reversal} }}\n"
+        )
+    };
+    let zero = "X = 0\nY = 0\nZ = 0\nC = 0\n";
+    let setup = format!(
+        "[start]\n{zero}[work_offset.G54]\n{zero}[home.G28]\nX = 0\nY = 0\nZ = 0\nC = 50\n"
+    );
+    for (program, expected) in [
+        ("G28 C0\nG1 C0\n", "G28 C0\nG1 C50.000 Y9.984\nY9.996\nC"),
+        (
+            "G53 G0 C50\nG1 C0\n",
+            "G53 G0 C50\nG1 C50.000 Y9.984\nY9.996\nC",
+        ),
+        // The other way round: forward by 10 µm, then back.
+        (
+            "G53 G0 C-50\nG1 C0\n",
+            "G53 G0 C-50\nG1 C-50.000 Y10.016\nY10.004\nC",
+        ),
+        // Between the ends of a rapid motion the carriage does not move, or only backward.
+        ("G53 G0 C50\nG0 C0\nG1 X9\n", "G53 G0 C50\nG0 C0\nG1 X9\n"),
+        (
+            "G53 G0 C50\nG0 C40\nG1 X9\n",
+            "G53 G0 C50\nG0 C40 Y9.986\nG1 X9\n",
+        ),
+        ("G28 C0\nG1 C60\n", "G28 C0\nG1 C50.000 Y9.984\nC"),
+        (
+            "G28 C0\nG1 Y20 C60\n",
+            "G28 C0\nG1 Y9.984 C50.000\nY9.996\nY",
+        ),
+        (
+            "G28 C0\nG3 X10 Y20 R10 C0\n",
+            "G28 C0\nG1 Y9.984\nG1 Y9.996\nG3 X",
+        ),
+    ] {
+        let program = format!("G21 G90 G54\nG1 F500 X0 Y10 C0\n{program}");
+        for reversal in [-12.0, 12.0] {
+            let machine = machine(reversal);
+            let texts = [&*machine, &setup, &program];
+            let (out, _, found) =
+                verified_in(Dialect::Rs274, texts, Strategy::Plain).expect("verified");
+            if reversal < 0.0 {
+                let (_, after) = out.split_once("Y10.006\n").expect("the first motion");
+                assert!(after.starts_with(expected), "{out}");
+            }
+            assert!(
+                found.after.max_um < 1.1,
+                "{reversal} µm: {:?}\n{out}",
+                found.after
+            );
+        }
+    }
+}
