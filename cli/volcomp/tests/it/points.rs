@@ -201,7 +201,7 @@ fn any_number_of_rows_is_one_list() {
     contains(&said, &format!("note: {beyond} positions lie beyond"));
     for (row, expected) in [
         ("5;x;6", ":8001: Y: found `x`"),
-        ("5;6", ":8001: row: found 2"),
+        ("5;6", ":8001: found 2 columns"),
     ] {
         let mut wrong = table.clone();
         wrong[7999] = format!("{row}\n");

@@ -174,7 +174,9 @@ fn the_automatic_mode_meets_2_um_on_the_demo() {
         };
         let taken: Vec<&Value> = scan.iter().filter(is_taken).collect();
         assert_eq!(taken.len(), 1, "{file}");
-        assert_eq!(taken[0]["leave_one_out_rms"], automatic["leave_one_out_um"]);
+        // The scan factorises all orders of a target at once, the curve its own order alone.
+        let scanned = float(&taken[0]["leave_one_out_rms"]);
+        assert!((scanned - leave_one_out).abs() < 1e-9 * scanned, "{file}");
         let meeting = scan
             .iter()
             .filter(|trial| float(&trial["max_residual"]) <= 2.0);
