@@ -322,3 +322,47 @@ fn a_direction_that_lacks_a_target_leaves_the_zeros_of_the_runs_in_both_bands() 
         }
     }
 }
+
+/// Two runs in both directions and three forward only: the means keep the mean slope of the two, which shows with one degree of freedom. With the four
+/// of all runs, ±U would hold 78 % (2/π · arctan 2.776) instead of 95 %.
+#[test]
+fn the_slope_of_two_runs_has_one_degree_of_freedom_beside_runs_of_one_direction() {
+    let mut csv = String::from("target,run,direction,deviation_um\n");
+    let slopes = [0.01, -0.03, 0.02, 0.05, -0.04];
+    for (run, slope) in (1..).zip(slopes) {
+        for sign in ["+", "-"] {
+            for x in (0..=10).map(|step| 100.0 * f64::from(step)) {
+                if run <= 2 || sign == "+" {
+                    writeln!(csv, "{x},{run},{sign},{}", smooth(x) + slope * x).expect("a String");
+                }
+            }
+        }
+    }
+    let lab = Lab::new(MACHINE);
+    lab.write("x.csv", &csv);
+    let read = |error: &str| {
+        let text = format!("[[measurement]]\nerror = \"{error}\"\nfile = \"x.csv\"\n");
+        lab.read(&text).expect("a valid calibration")
+    };
+    let file = read("EYX");
+    let scatter = file.scatters().next().expect("repeated runs");
+    assert_eq!(scatter.degrees, 1);
+    // Only the two runs vary the slope: each by half of their difference, divided by √2 in the mean of both.
+    let slope = |file: &CalibrationFile| -> f64 {
+        let curve = file.measurements[0].readings.mean_curve();
+        (curve[10].1 - curve[0].1) / 1000.0
+    };
+    let changes = (scatter.runs.iter())
+        .map(|run| (slope(&file.shifted_by_run(0, *run)) - slope(&file)).powi(2));
+    let expected = 0.04 / 2.0;
+    assert!((changes.sum::<f64>().sqrt() - expected).abs() < 1e-9);
+    // The zero of a positioning error does not count.
+    assert_eq!(
+        read("EXX")
+            .scatters()
+            .next()
+            .expect("repeated runs")
+            .degrees,
+        4
+    );
+}
