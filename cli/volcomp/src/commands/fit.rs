@@ -452,7 +452,6 @@ fn auto(
         required_residual: required,
         period: period(measurement),
         noise: incomplete.as_ref().and(noise_of_mean(measurement)),
-        ..FitOptions::default()
     };
     let all = |of: fn(&Run) -> &Vec<f64>| -> Vec<f64> {
         runs.iter()
