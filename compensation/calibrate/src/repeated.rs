@@ -36,8 +36,7 @@ impl Repeated {
                 direction,
                 means: (x, u),
             } => {
-                let of_direction = |shifts: &AtTargets| shifts[*direction as usize].clone();
-                match mean_scatter(runs, of_direction, &options) {
+                match mean_scatter(runs, Some(*direction), &options) {
                     Some(scatter) => band_of_means(method, [x, u], &scatter, places),
                     // Readings without any repetition are those of a single run.
                     None => band(method, &[(x, u)], places, &options),
@@ -47,12 +46,18 @@ impl Repeated {
     }
 }
 
-/// Scatter of means where not all runs hold all targets, for [`band_of_means`]; `means` picks the means of a curve. `None` if no reading was repeated.
+/// Scatter of means where not all runs hold all targets, for [`band_of_means`]: of the means of a direction, or of both together. `None` if no
+/// reading was repeated.
 pub fn mean_scatter(
     runs: &IncompleteRuns,
-    means: impl Fn(&AtTargets) -> Vec<f64>,
+    direction: Option<Direction>,
     options: &BandOptions,
 ) -> Option<MeanScatter> {
+    let means = |shifts: &AtTargets| match direction {
+        Some(direction) => shifts[direction as usize].clone(),
+        None => over_directions(shifts),
+    };
+    let directions = direction.map_or(Direction::BOTH.to_vec(), |direction| vec![direction]);
     let freedom = runs.scatter()?.freedom;
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let mut sample = || means(&runs.shifted_by_noise(&mut || normal(&mut rng)));
@@ -62,7 +67,15 @@ pub fn mean_scatter(
     Some(MeanScatter {
         samples: std::iter::once(first).chain(more).collect(),
         of_runs: runs.shifts_by_lines().map(means).collect(),
-        run_freedom: runs.freedom_of_lines() as f64,
+        run_freedom: runs.freedom_of_lines(&directions) as f64,
         freedom,
     })
+}
+
+fn over_directions([forward, backward]: &AtTargets) -> Vec<f64> {
+    if forward.is_empty() || backward.is_empty() {
+        return [&forward[..], backward].concat();
+    }
+    let both = forward.iter().zip(backward);
+    both.map(|(a, b)| f64::midpoint(*a, *b)).collect()
 }

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use volcomp_fit::student_widening;
 use volcomp_identify::{Observations, Row, RowReading};
-use volcomp_metrology::{Measurement, MotionKind, Reading};
+use volcomp_metrology::{Measurement, MotionKind, Quantity, Reading};
 use volcomp_vocabulary::{Direction, Urad};
 
 use crate::calibration_file::{CalibrationFile, Line, SquarenessSource, Uncertainty};
@@ -119,7 +119,8 @@ pub struct LineScatter {
     pub line: usize,
     /// Numbers of the line's runs.
     pub runs: Vec<u32>,
-    /// Degrees of freedom of the standard deviations: number of runs minus one for each mean.
+    /// Degrees of freedom of its standard deviations: number of runs minus one for each mean; for a straightness of which some runs have one direction
+    /// only, those of its slope.
     pub degrees: usize,
 }
 
@@ -135,6 +136,13 @@ impl LineScatter {
         } else {
             one_less(forward.len()) + one_less(backward.len())
         };
+        // The slope of a straightness is that of the runs in both directions where there are any, so it is no better known than by these.
+        let incomplete = (readings.quantity == Some(Quantity::Straightness))
+            .then(|| readings.incomplete_runs())
+            .flatten();
+        let degrees = incomplete.map_or(degrees, |of| {
+            degrees.min(of.freedom_of_lines(&Direction::BOTH))
+        });
         let mut runs = [forward, backward].concat();
         runs.sort_unstable();
         runs.dedup();

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use crate::passes::Passes;
 use crate::runs::{Alignment, RunAlignment, RunScatter, pooled_scatter};
-use crate::{Measurement, ReferenceLine, SlopeUncertainty};
+use crate::{Direction, Measurement, ReferenceLine, SlopeUncertainty};
 
 /// Values at the targets of both directions, forward first, in the order of [`Measurement::mean_curve_in`].
 pub type AtTargets = [Vec<f64>; 2];
@@ -52,9 +52,23 @@ impl IncompleteRuns {
         self.of_lines.values()
     }
 
-    /// Degrees of freedom of these shifts.
-    pub fn freedom_of_lines(&self) -> usize {
-        self.of_lines.len().saturating_sub(1)
+    /// Degrees of freedom of these shifts in some directions. Runs that were made in both directions have one mean; runs with separate numbers have
+    /// one in each direction.
+    pub fn freedom_of_lines(&self, directions: &[Direction]) -> usize {
+        if !self.has_separate_numbers() {
+            return self.of_lines.len().saturating_sub(1);
+        }
+        let passes = directions
+            .iter()
+            .map(|direction| &self.alignment.passes[*direction as usize]);
+        passes.map(|of| of.runs.len().saturating_sub(1)).sum()
+    }
+
+    /// Whether no run was made in both directions.
+    fn has_separate_numbers(&self) -> bool {
+        let [forward, backward] = &self.alignment.passes;
+        let mut runs = forward.runs.iter();
+        !runs.any(|run| backward.runs.binary_search(run).is_ok())
     }
 
     /// Uncertainty of the slope of the mean of both directions, from the slopes of the runs; `None` with one run, or if the runs are aligned by
@@ -72,10 +86,17 @@ impl IncompleteRuns {
             Some(line.slope().0)
         };
         let slopes: Vec<f64> = self.of_lines.values().filter_map(slope).collect();
-        let squares: f64 = slopes.iter().map(|slope| slope * slope).sum();
-        (slopes.len() > 1).then(|| SlopeUncertainty {
+        let mut squares: f64 = slopes.iter().map(|slope| slope * slope).sum();
+        let runs = self.alignment.passes.each_ref().map(|of| of.runs.len());
+        if self.has_separate_numbers() && runs.contains(&1) {
+            // The only pass of a direction does not show the scatter of its line, which is that of a single pass of the other direction.
+            let more = shares(&self.alignment.weights[usize::from(runs[1] > runs[0])]);
+            squares *= 1.0 + 1.0 / more.iter().map(|w| w * w).sum::<f64>();
+        }
+        let degrees = self.freedom_of_lines(&Direction::BOTH);
+        (degrees > 0).then(|| SlopeUncertainty {
             standard_urad: squares.sqrt(),
-            degrees: slopes.len() as f64 - 1.0,
+            degrees: degrees as f64,
         })
     }
 

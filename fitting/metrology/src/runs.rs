@@ -18,7 +18,7 @@ const MAX_NAMED: usize = 3;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Alignment {
     pub(crate) passes: [Passes; 2],
-    /// `None` for a direction whose plain means are right.
+    /// `None` if the plain means of both directions are right. If those of one are not, the lines of both show how the runs scatter.
     pub(crate) lines: [Option<Vec<ReferenceLine>>; 2],
     /// Weight of each run in the line that the means keep; 0 for a run that was made in one direction, if any was made in both.
     pub(crate) weights: [Vec<f64>; 2],
@@ -49,9 +49,8 @@ impl Alignment {
             spreads.fold(f64::INFINITY, f64::min)
         };
         let is_counted = |run: &u32| both_ways.is_empty() || both_ways.binary_search(run).is_ok();
-        let mut weights = [Vec::new(), Vec::new()];
-        let mut lines = [None, None];
-        for (direction, of) in passes.iter().enumerate() {
+        let mut is_plain = true;
+        let weighed = passes.each_ref().map(|of| {
             let mut own: Vec<f64> = of.runs.iter().map(weight).collect();
             let counted: Vec<bool> = of.runs.iter().map(is_counted).collect();
             let weights_counted = own.iter().zip(&counted).filter(|(_, counted)| **counted);
@@ -59,12 +58,17 @@ impl Alignment {
             if weights_counted.map(|(weight, _)| weight).sum::<f64>() <= 0.0 {
                 own.fill(1.0);
             }
-            let is_plain = of.is_complete()
+            is_plain &= of.is_complete()
                 && counted.iter().all(|counted| *counted)
                 && own.iter().all(|weight| *weight == own[0]);
+            (own, counted)
+        });
+        let mut weights = [Vec::new(), Vec::new()];
+        let mut lines = [None, None];
+        for (direction, (own, counted)) in weighed.into_iter().enumerate() {
             if !is_plain {
-                let mut found = of.least_squares(kind);
-                of.zero(&mut found, &own, &counted);
+                let mut found = passes[direction].least_squares(kind);
+                passes[direction].zero(&mut found, &own, &counted);
                 lines[direction] = Some(found);
             }
             let own = own.into_iter().zip(counted);

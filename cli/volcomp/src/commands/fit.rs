@@ -11,9 +11,7 @@ use volcomp_fit::{
     Noise, band, band_of_means, band_places, choose, fit_bspline, fit_chebyshev, fit_cubic_table,
     fit_mls, fit_mls_auto, fit_polynomial, scan_mls,
 };
-use volcomp_metrology::{
-    AtTargets, DeviationUnit, Measurement, RunAlignment, axis_kind, read_file,
-};
+use volcomp_metrology::{DeviationUnit, Measurement, RunAlignment, axis_kind, read_file};
 use volcomp_model::write_curve;
 use volcomp_vocabulary::{AxisKind, Direction};
 
@@ -463,7 +461,7 @@ fn auto(
     // No band if the method cannot be fitted to some of the runs.
     let places = band_places(x);
     let options = BandOptions::default();
-    let scatter = incomplete.and_then(|of| mean_scatter(&of, over_directions, &options));
+    let scatter = incomplete.and_then(|of| mean_scatter(&of, None, &options));
     let found = match scatter {
         Some(scatter) => band_of_means(choice.method, [x, u], &scatter, &places),
         None => band(choice.method, &runs, &places, &options),
@@ -519,15 +517,6 @@ fn whole_runs(measurement: &Measurement) -> Vec<Run> {
         .map(run)
         .filter(|(targets, _)| !targets.is_empty())
         .collect()
-}
-
-/// Shifts of the means over the directions; each target was measured in all of them.
-fn over_directions([forward, backward]: &AtTargets) -> Vec<f64> {
-    if forward.is_empty() || backward.is_empty() {
-        return [&forward[..], backward].concat();
-    }
-    let both = forward.iter().zip(backward);
-    both.map(|(a, b)| f64::midpoint(*a, *b)).collect()
 }
 
 /// Scatter of the mean reading of a target, over its directions, about the curve.

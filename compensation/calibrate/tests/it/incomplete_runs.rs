@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use volcomp_calibrate::{CalibrationFile, calibrate, mean_scatter};
 use volcomp_fit::{BandOptions, BandSource, Method, band_of_means, student_widening};
-use volcomp_metrology::{AtTargets, Measurement, Reading};
+use volcomp_metrology::{Measurement, Reading};
 use volcomp_vocabulary::Direction;
 
 use crate::lab::Lab;
@@ -171,8 +171,8 @@ fn bands_of_incomplete_runs_hold_the_truth() {
                 let measurement = simulated((runs, holds), zeros, seed);
                 let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
                 let incomplete = measurement.incomplete_runs().expect("lacking targets");
-                let of_direction = |shifts: &AtTargets| shifts[0].clone();
-                let scatter = mean_scatter(&incomplete, of_direction, &options).expect("repeated");
+                let direction = Some(Direction::Positive);
+                let scatter = mean_scatter(&incomplete, direction, &options).expect("repeated");
                 let curve = method.fit(&x, &u).expect("fitted").curve;
                 let band = band_of_means(method, [&x, &u], &scatter, &x).expect("a band");
                 for (at, half) in band.half_width.iter().enumerate() {
@@ -266,4 +266,101 @@ fn samples_of_incomplete_runs_hold_the_truth() {
     for share in [share(all), share(of_few)] {
         assert!((0.93..=0.975).contains(&share), "{share}");
     }
+}
+
+/// Half widths at the targets of both directions of runs in both directions, whose zeros scatter, without the backward readings of the last run at the
+/// last targets. `number`: the number of the run in the file.
+fn half_widths(runs: u32, number: impl Fn(u32, &str) -> u32, lacking: usize) -> Vec<Vec<f64>> {
+    let zeros = [3.0, -4.0, 1.0, 6.0, -6.0];
+    let mut csv = String::from("target,run,direction,deviation_um\n");
+    for run in 1..=runs {
+        for sign in ["+", "-"] {
+            for at in 0..=LAST {
+                if run == runs && sign == "-" && at + lacking > LAST {
+                    continue;
+                }
+                let x = 50.0 * at as f64;
+                let noise = 0.05 * (f64::from(run * run) * 3.7 + at as f64 * 5.9).sin();
+                let deviation = smooth(x) + zeros[run as usize - 1] + noise;
+                writeln!(csv, "{x},{},{sign},{deviation}", number(run, sign)).expect("a String");
+            }
+        }
+    }
+    let lab = Lab::new(MACHINE);
+    lab.write("x.csv", &csv);
+    let text =
+        "[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\ncurve = { poly = { order = 3 } }\n";
+    let file = lab.read(text).expect("a valid calibration");
+    let found = calibrate(&file, |_, _| {}).expect("calibrated");
+    let band = |curve: &volcomp_calibrate::FittedCurve| curve.band().expect("a band").half_width;
+    found.curves.iter().map(band).collect()
+}
+
+/// A backward reading that lacks says nothing about the zeros of the runs: the bands of both directions are as wide as without it, also where the
+/// directions of a run have separate numbers, so that the band of each comes from its own runs.
+#[test]
+fn a_direction_that_lacks_a_target_leaves_the_zeros_of_the_runs_in_both_bands() {
+    let both = |run: u32, _: &str| run;
+    let separate = |run: u32, sign: &str| 2 * run - u32::from(sign == "+");
+    for runs in [2, 3, 5] {
+        for lacking in [1, 2] {
+            for (name, number) in [
+                ("one number", &both as &dyn Fn(u32, &str) -> u32),
+                ("separate numbers", &separate),
+            ] {
+                let complete = half_widths(runs, number, 0);
+                let found = half_widths(runs, number, lacking);
+                for (complete, found) in complete.iter().flatten().zip(found.iter().flatten()) {
+                    assert!(
+                        (found / complete - 1.0).abs() < 0.1,
+                        "{runs} runs, {name}, lacking {lacking}: {found} {complete}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// Two runs in both directions and three forward only: the means keep the mean slope of the two, which shows with one degree of freedom. With the four
+/// of all runs, ±U would hold 78 % (2/π · arctan 2.776) instead of 95 %.
+#[test]
+fn the_slope_of_two_runs_has_one_degree_of_freedom_beside_runs_of_one_direction() {
+    let mut csv = String::from("target,run,direction,deviation_um\n");
+    let slopes = [0.01, -0.03, 0.02, 0.05, -0.04];
+    for (run, slope) in (1..).zip(slopes) {
+        for sign in ["+", "-"] {
+            for x in (0..=10).map(|step| 100.0 * f64::from(step)) {
+                if run <= 2 || sign == "+" {
+                    writeln!(csv, "{x},{run},{sign},{}", smooth(x) + slope * x).expect("a String");
+                }
+            }
+        }
+    }
+    let lab = Lab::new(MACHINE);
+    lab.write("x.csv", &csv);
+    let read = |error: &str| {
+        let text = format!("[[measurement]]\nerror = \"{error}\"\nfile = \"x.csv\"\n");
+        lab.read(&text).expect("a valid calibration")
+    };
+    let file = read("EYX");
+    let scatter = file.scatters().next().expect("repeated runs");
+    assert_eq!(scatter.degrees, 1);
+    // Only the two runs vary the slope: each by half of their difference, divided by √2 in the mean of both.
+    let slope = |file: &CalibrationFile| -> f64 {
+        let curve = file.measurements[0].readings.mean_curve();
+        (curve[10].1 - curve[0].1) / 1000.0
+    };
+    let changes = (scatter.runs.iter())
+        .map(|run| (slope(&file.shifted_by_run(0, *run)) - slope(&file)).powi(2));
+    let expected = 0.04 / 2.0;
+    assert!((changes.sum::<f64>().sqrt() - expected).abs() < 1e-9);
+    // The zero of a positioning error does not count.
+    assert_eq!(
+        read("EXX")
+            .scatters()
+            .next()
+            .expect("repeated runs")
+            .degrees,
+        4
+    );
 }

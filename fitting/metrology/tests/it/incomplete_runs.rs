@@ -262,6 +262,53 @@ fn runs_of_a_straightness_that_lack_targets_make_no_step() {
     assert!((a - b).abs() < 1e-9, "{a} {b}");
 }
 
+/// Straightness passes whose slopes scatter, with separate numbers in the two directions, of which the last forward pass lacks a target: the uncertainty
+/// of the slope is that of independent means of the slopes in each direction, s/2 · √(1/n₁ + 1/n₂), with n₁ + n₂ − 2 degrees of freedom.
+#[test]
+fn the_slope_of_passes_with_separate_numbers_has_a_mean_in_each_direction() {
+    let slopes = [30.0, -50.0, 20.0, 0.0, -10.0, 10.0];
+    for backward in [3, 2, 1] {
+        let slope = |run: u32| match run {
+            1..=3 => slopes[run as usize - 1],
+            _ if backward == 1 => 0.0,
+            4 if backward == 2 => -10.0,
+            5 if backward == 2 => 10.0,
+            _ => slopes[run as usize - 1],
+        };
+        let line = |run: u32, _, target: usize| 1e-3 * slope(run) * (100 * target) as f64;
+        let number = 3 + backward;
+        for lacking in [false, true] {
+            let holds = |run: u32, way, target: usize| {
+                (run <= 3) == (way == Positive)
+                    && run <= number
+                    && !(lacking && run == 3 && target == TARGETS - 1)
+            };
+            let found = straightness_of(&measured(&[0.0; 6], holds, line)).unwrap();
+            let found = found.slope_uncertainty.unwrap();
+            // Σ (slope − mean)²: 3800 forward, 200 backward of two or three.
+            let squares = if backward > 1 { 4000.0 } else { 3800.0 };
+            let n = f64::from(backward);
+            assert_eq!(found.degrees, 1.0 + n, "{lacking} {backward}");
+            let pooled: f64 = squares / (1.0 + n);
+            let of_each = [
+                1900.0,
+                if backward > 1 {
+                    200.0 / (n - 1.0)
+                } else {
+                    1900.0
+                },
+            ];
+            let expected = if lacking {
+                (of_each[0] / 3.0 + of_each[1] / n).sqrt() / 2.0
+            } else {
+                (pooled * (1.0 / 3.0 + 1.0 / n)).sqrt() / 2.0
+            };
+            let ratio = found.standard_urad / expected;
+            assert!((0.9..1.1).contains(&ratio), "{lacking} {backward}: {ratio}");
+        }
+    }
+}
+
 /// The slope of a run with two common targets is not checked by any other; that of one with a single target is unknown.
 #[test]
 fn runs_of_a_straightness_without_slope_are_refused() {
