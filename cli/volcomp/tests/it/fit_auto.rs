@@ -185,26 +185,22 @@ fn a_run_that_stops_changes_neither_curve_nor_band() {
     let [complete, stopped] = [false, true].map(fitted);
     assert_eq!(stopped["choice"]["method"], complete["choice"]["method"]);
     let number = |of: &serde_json::Value| of.as_f64().expect("a number");
-    // The band of complete runs comes from resampling, which has a chance of its own.
-    for (list_of, key, within) in [
-        ("values", "value_um", 1e-6),
-        ("half_widths", "half_width", 1.0),
-    ] {
-        let rows = |of: &serde_json::Value| {
-            let rows = if list_of == "values" {
-                &of[list_of]
-            } else {
-                &of["band"][list_of]
-            };
-            list(rows)
-                .iter()
-                .map(|row| number(&row[key]))
-                .collect::<Vec<_>>()
-        };
-        let [a, b] = [&complete, &stopped].map(rows);
+    let rows = |of: &serde_json::Value, key: &str| -> Vec<f64> {
+        list(of).iter().map(|row| number(&row[key])).collect()
+    };
+    let [a, b] = [&complete, &stopped].map(|of| rows(&of["values"], "value_um"));
+    assert!(
+        a.len() == b.len() && a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-6),
+        "{a:?} {b:?}"
+    );
+    // Student's t of two degrees of freedom times s/√3 of the zeros; the resampling of complete runs has a chance of its own.
+    let expected = 4.302_653 * (1_322.667_f64 / 2.0 / 3.0).sqrt();
+    for (answer, within) in [(&complete, 0.02), (&stopped, 1e-5)] {
+        let halves = rows(&answer["band"]["half_widths"], "half_width");
+        let is_near = |half: &f64| (half / expected - 1.0).abs() < within;
         assert!(
-            a.len() == b.len() && a.iter().zip(&b).all(|(a, b)| (a - b).abs() < within),
-            "{a:?} {b:?}"
+            !halves.is_empty() && halves.iter().all(is_near),
+            "{expected} {halves:?}"
         );
     }
 }
