@@ -4,7 +4,7 @@ use std::{fs, path::Path, process::Command};
 
 use serde_json::Value;
 
-use crate::{Folder, contains, float, json, notes, refuses, root, text, words};
+use crate::{Folder, contains, float, json, notes, refuses, root, text};
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
 
@@ -247,7 +247,7 @@ fn arrow_reads_the_parquet_map() {
     let folder = Folder::new();
     let [parquet, csv] = ["map.parquet", "map.csv"].map(|name| {
         let path = folder.path().join(name).display().to_string();
-        let map = words("map -m examples/gantry.toml --grid 30x20x10 -o");
+        let map = crate::words("map -m examples/gantry.toml --grid 30x20x10 -o");
         json(&[&map[..], &[&path]].concat());
         path
     });
