@@ -17,7 +17,6 @@ use crate::{
     error::{CorrectRefusal, ModelError},
     error_rules::{curve_refusal, is_number, location_refusal},
     provenance::{Provenance, ProvenanceRefusal},
-    rigid::directions_with,
     thermal::{Temperatures, Thermal},
     tool::Tool,
 };
@@ -234,38 +233,48 @@ impl Machine {
         Ok(chain.tool_tip_mm())
     }
 
-    /// The tools of `[tools]` at which an error can be largest, by name. The error of the tip is linear in the place of the tip, so these are
-    /// the tools with the outermost tips in some direction (straight tools: the shortest and the longest), and one tool of each direction of
-    /// the tool axis. Empty if the file states no tools.
+    /// The tools of `[tools]` at which an error can be largest, by name. The error of the tip is linear in the place of the tip, so a tool whose
+    /// tip lies between those of two others is left out (of straight tools the shortest and the longest remain), but one tool of each direction of
+    /// the tool axis is kept. Empty if the file states no tools.
     ///
     /// # Errors
     /// A tool from which no chain can be built.
     pub fn extreme_tools(&self) -> Result<Vec<&str>, ModelError> {
-        let mut tools = Vec::new();
+        let mut tools: Vec<(&str, Vector3<f64>, Vector3<f64>)> = Vec::new();
         for (name, tool) in &self.tools {
             let (_, axis) = tool.over(&self.tool).tip_and_axis();
             let axis = Vector3::from(axis).normalize();
             tools.push((name.as_str(), self.tip_of(name)?, axis));
         }
-        let mut extremes: Vec<usize> = Vec::new();
-        for direction in directions_with(TIP_STEPS) {
-            let reach = |tool: &usize| tools[*tool].1.dot(&direction);
-            let Some(most) = (0..tools.len()).map(|tool| reach(&tool)).reduce(f64::max) else {
-                break;
+        let mut tips: Vec<Vector3<f64>> = Vec::new();
+        for (_, tip, _) in &tools {
+            if !tips.iter().any(|other| (other - tip).norm() < SAME_TIP_MM) {
+                tips.push(*tip);
+            }
+        }
+        let is_between = |tip: &Vector3<f64>| {
+            let of_others = tips.iter().map(|other| other - tip);
+            let directions: Vec<Vector3<f64>> =
+                of_others.filter(|to| to.norm() >= SAME_TIP_MM).collect();
+            let mut pairs = directions
+                .iter()
+                .flat_map(|a| directions.iter().map(move |b| (a, b)));
+            pairs.any(|(a, b)| a.dot(b) < 0.0 && a.cross(b).norm() < SAME_TIP_MM * (a - b).norm())
+        };
+        let (mut held, mut axes): (Vec<Vector3<f64>>, Vec<Vector3<f64>>) = Default::default();
+        let mut extremes = Vec::new();
+        for (name, tip, axis) in tools {
+            let is_new = |all: &[Vector3<f64>], one: &Vector3<f64>, within: f64| {
+                !all.iter().any(|other| (other - one).norm() < within)
             };
-            let is_most = |tool: &usize| reach(tool) >= most - SAME_TIP_MM;
-            if !extremes.iter().any(is_most) {
-                extremes.extend((0..tools.len()).find(is_most));
+            let is_outer = is_new(&held, &tip, SAME_TIP_MM) && !is_between(&tip);
+            if is_outer || is_new(&axes, &axis, SAME_AXIS) {
+                extremes.push(name);
+                held.push(tip);
+                axes.push(axis);
             }
         }
-        for (tool, (_, _, axis)) in tools.iter().enumerate() {
-            let has_axis = |other: &usize| (tools[*other].2 - axis).norm() < SAME_AXIS;
-            if !extremes.iter().any(has_axis) {
-                extremes.push(tool);
-            }
-        }
-        extremes.sort_unstable();
-        Ok(extremes.into_iter().map(|tool| tools[tool].0).collect())
+        Ok(extremes)
     }
 
     /// Puts a tool into the spindle; `[tool]` supplies its missing keys.
@@ -490,11 +499,8 @@ impl Machine {
     }
 }
 
-/// Steps of the directions in which the outermost tips are sought. They are nearer than 5° to any direction, so that a tip which is missed reaches at
-/// most 0.4 % of the longest reach beyond the others.
-const TIP_STEPS: i32 = 8;
 /// Tips nearer than this count as one place, mm.
-const SAME_TIP_MM: f64 = 1e-9;
+const SAME_TIP_MM: f64 = 1e-6;
 /// Directions of tool axes nearer than this count as one, as a difference of unit vectors.
 const SAME_AXIS: f64 = 1e-9;
 /// Maximum coordinate, mm or deg: beyond it the products of a chain lose the micrometre.

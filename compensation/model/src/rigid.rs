@@ -175,16 +175,8 @@ impl Lengths {
 
 /// Unit vectors to the corners, edges and faces of a cube.
 pub(crate) fn directions() -> impl Iterator<Item = Vector3<f64>> {
-    directions_with(1)
-}
-
-/// Unit vectors to a grid on the faces of a cube, with this number of steps from the middle of a face to its edge.
-pub(crate) fn directions_with(steps: i32) -> impl Iterator<Item = Vector3<f64>> {
-    let (steps, count) = (steps, 2 * steps + 1);
-    (0..count.pow(3)).filter_map(move |number| {
-        let of = |divisor: i32| number / divisor % count - steps;
-        let place = [of(1), of(count), of(count * count)];
-        let is_on_face = place.iter().any(|along| along.abs() == steps);
-        is_on_face.then(|| Vector3::from(place.map(f64::from)).normalize())
+    (0..27).filter_map(|number| {
+        let of = |divisor: i32| f64::from(number / divisor % 3 - 1);
+        Vector3::new(of(1), of(3), of(9)).try_normalize(0.5)
     })
 }

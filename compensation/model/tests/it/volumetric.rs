@@ -343,6 +343,15 @@ fn the_longest_straight_tool_counts_beside_angled_heads() {
     assert!(extreme.contains(&"LONG"), "{extreme:?}");
 }
 
+/// A tip that stands out a little from the line between two others is outermost in few directions, and counts.
+#[test]
+fn a_tip_beside_the_line_between_two_others_counts() {
+    let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[tools.LEFT]\ntip = [-400.0, 0.0, -100.0]\n[tools.RIGHT]\ntip = [400.0, 0.0, -130.0]\n[tools.MIDDLE]\ntip = [0.0, 0.0, -115.0]\n[tools.OUT]\ntip = [50.0, 3.0, -119.0]\n[errors]\nEAZ = 4.0\n";
+    let machine = Machine::parse(text, "tools.toml").unwrap();
+    let extreme = machine.extreme_tools().unwrap();
+    assert_eq!(extreme, ["LEFT", "OUT", "RIGHT"]);
+}
+
 /// Errors are narrow peaks of both signs in all axes and components. A peak may lower the error at one pose and raise it at another, and
 /// two may have to be met together: at least 98 % of the largest error over all combinations of table nodes is found.
 #[test]
