@@ -3,7 +3,7 @@
 use std::{
     sync::{
         Arc,
-        atomic::{AtomicBool, Ordering},
+        atomic::{AtomicBool, AtomicUsize, Ordering},
         mpsc::{Receiver, sync_channel},
     },
     thread,
@@ -11,13 +11,18 @@ use std::{
 };
 
 #[derive(Default)]
-pub(super) struct Worker(Arc<AtomicBool>);
+pub(super) struct Worker {
+    /// Cleared before the result is sent: whoever receives it may begin the next task.
+    busy: Arc<AtomicBool>,
+    /// Number of results that are not sent yet.
+    open: Arc<AtomicUsize>,
+}
 
 impl Worker {
-    /// Waits at most `timeout` until the task is complete. Returns whether it is.
+    /// Waits at most `timeout` until the result of the task can be received. Returns whether it can.
     pub(super) fn settle(&self, timeout: Duration) -> bool {
         let end = Instant::now() + timeout;
-        while self.0.load(Ordering::Acquire) {
+        while self.open.load(Ordering::Acquire) > 0 {
             if Instant::now() > end {
                 return false;
             }
@@ -32,11 +37,12 @@ impl Worker {
         &mut self,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Option<Receiver<T>> {
-        if self.0.swap(true, Ordering::AcqRel) {
+        if self.busy.swap(true, Ordering::AcqRel) {
             return None;
         }
         let (tell, result) = sync_channel(1);
-        let busy = Arc::clone(&self.0);
+        let (busy, open) = (Arc::clone(&self.busy), Arc::clone(&self.open));
+        open.fetch_add(1, Ordering::AcqRel);
         // The thread logs under the span of the machine that starts it.
         let span = tracing::Span::current();
         let begun = thread::Builder::new()
@@ -46,9 +52,11 @@ impl Worker {
                 busy.store(false, Ordering::Release);
                 // The receiver may have been dropped.
                 let _ = tell.send(result);
+                open.fetch_sub(1, Ordering::AcqRel);
             });
         if begun.is_err() {
-            self.0.store(false, Ordering::Release);
+            self.busy.store(false, Ordering::Release);
+            self.open.fetch_sub(1, Ordering::AcqRel);
         }
         begun.is_ok().then_some(result)
     }
