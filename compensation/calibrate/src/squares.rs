@@ -174,14 +174,8 @@ pub fn squareness_lines_of_one_run(file: &CalibrationFile) -> impl Iterator<Item
                 && squareness_parts(entry.error).is_ok_and(|of| of.contains(&line.setup.error))
         })
     };
-    let is_one_run = |line: &&Line| {
-        let runs = Direction::BOTH.map(|direction| line.readings.runs(direction).len());
-        runs[0].max(runs[1]) < 2
-    };
-    file.measurements
-        .iter()
-        .filter(from_slopes)
-        .filter(is_one_run)
+    let lines = file.measurements.iter();
+    (lines.filter(from_slopes)).filter(|line| line.readings.most_runs() < 2)
 }
 
 /// Mean slope of the lines of each straightness error, from the slopes removed from them, and notes on lines whose slopes contradict each other.

@@ -105,7 +105,7 @@ impl CalibrationFile {
         let is_stated = |line: &Line| independent(line, &self.uncertainty) > 0.0;
         let is_repeated = |readings: &Measurement| match readings.incomplete_runs() {
             Some(runs) => runs.scatter().is_some(),
-            None => most_runs(readings) > 1,
+            None => readings.most_runs() > 1,
         };
         let lines = self.measurements.iter();
         lines.filter(move |line| !is_repeated(&line.readings) && !is_stated(line))
@@ -163,11 +163,6 @@ pub(crate) enum Part {
 
 pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
-}
-
-fn most_runs(readings: &Measurement) -> usize {
-    let runs = Direction::BOTH.map(|direction| readings.runs(direction).len());
-    runs[0].max(runs[1])
 }
 
 fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() -> f64) {

@@ -144,6 +144,12 @@ impl Measurement {
         runs
     }
 
+    /// Number of runs in the direction with more of them.
+    pub fn most_runs(&self) -> usize {
+        let [forward, backward] = Direction::BOTH.map(|direction| self.runs(direction).len());
+        forward.max(backward)
+    }
+
     /// Whether any reading was taken in this direction.
     pub fn has(&self, direction: Direction) -> bool {
         self.readings.iter().any(|r| r.direction == direction)

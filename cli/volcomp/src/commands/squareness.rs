@@ -203,7 +203,7 @@ fn line(
         },
         slope,
         uncertainty: found.slope_uncertainty,
-        has_one_run: SlopeUncertainty::of_runs(&measurement).is_none(),
+        has_one_run: measurement.most_runs() < 2,
         length_mm: ends.map_or(0.0, |(first, last)| last.0 - first.0),
     })
 }

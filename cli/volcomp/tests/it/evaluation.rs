@@ -249,6 +249,14 @@ fn straightness_and_squareness_of_the_examples() {
         folder.write(name, rows.collect::<Vec<_>>().join("\n") + "\n")
     });
     assert!(!open.contains("one run of"), "{open}");
+    // Without its reading at 180 mm the second run still shows it.
+    let text = fs::read_to_string(root().join(exy)).expect("an example");
+    let rows = text.lines().filter(|row| !row.starts_with("180,2,+,"));
+    let gap = folder.write("gap.csv", rows.collect::<Vec<_>>().join("\n") + "\n");
+    let square = json(&["squareness", &gap, eyx, "--error", "EC0Y"]);
+    let notes = square["notes"].to_string();
+    contains(&notes, "run 2 + holds 10 of 11 targets");
+    assert!(!notes.contains("one run of"), "{notes}");
     let [exy, eyx] = &of_one_run;
     let square = json(&["squareness", exy, eyx, "--error", "EC0Y"]);
     contains(
