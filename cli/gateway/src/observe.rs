@@ -103,6 +103,8 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
 /// The reasons of the state; a rejected position is listed with its axis, a barrier that does not fit with its value.
 fn reasons(facts: &Facts<'_>, report: &Report) -> Vec<String> {
     let model = facts.model;
+    let controller = facts.controllers.get(report.active);
+    let active = controller.zip(report.paths.get(report.active));
     let with_places = |text: &str, axes: u16| {
         let of = (0..model.axes.len()).filter(|index| axes >> index & 1 == 1);
         let places: Vec<String> = of
@@ -119,12 +121,10 @@ fn reasons(facts: &Facts<'_>, report: &Report) -> Vec<String> {
         .map(|text| match Reasons::with_text(text) {
             Some(Reasons::OUTSIDE_TRAVEL) => with_places(text, report.outside_travel),
             Some(Reasons::JUMPED) => with_places(text, report.jumped),
-            _ => {
-                match (facts.controllers.get(report.active)).zip(report.paths.get(report.active)) {
-                    Some((controller, path)) => reason_of_path(text, controller, path),
-                    None => text.to_owned(),
-                }
-            }
+            _ => match active {
+                Some((controller, path)) => reason_of_path(text, controller, path),
+                None => text.to_owned(),
+            },
         })
         .collect()
 }

@@ -8,12 +8,15 @@ use volcomp_metrology::{
 use volcomp_model::Axis;
 use volcomp_vocabulary::{COORDINATE_ROUNDING, Direction, Urad, brought_into};
 
-use crate::{calibration_file::Line, error::CalibrateError, repeated::Repeated, setup::Method};
+use crate::{
+    calibration_file::Line,
+    error::CalibrateError,
+    repeated::{Repeated, Run},
+    setup::Method,
+};
 
 /// (target in mm or deg, mean reading in µm or µrad), targets ascending.
 pub(crate) type Points = Vec<(f64, f64)>;
-
-pub(crate) type Run = (Vec<f64>, Vec<f64>);
 
 /// Mean readings of one line, forward and backward; empty in a direction that was not run.
 #[derive(Clone)]

@@ -6,7 +6,10 @@ use volcomp_fit::{Band, BandOptions, FitError, MeanScatter, Method, band, band_o
 use volcomp_metrology::{AtTargets, IncompleteRuns};
 use volcomp_vocabulary::Direction;
 
-use crate::{profile::Run, varied::normal};
+use crate::varied::normal;
+
+/// Targets, mm or deg, and readings, µm or µrad.
+pub(crate) type Run = (Vec<f64>, Vec<f64>);
 
 /// Repeated readings of a curve.
 #[derive(Clone, Debug, PartialEq)]

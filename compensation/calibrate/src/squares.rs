@@ -72,11 +72,10 @@ impl<'a> RemovedSlope<'a> {
                 slope_gain(&profile.all().map(|(at, _)| *at).collect::<Vec<_>>()),
             ),
             Method::Angular { .. } => {
-                // The tilt at the first target is not used.
-                let curve = line.readings.mean_curve();
-                let tilts: Vec<f64> = curve.iter().skip(1).map(|(_, tilt)| *tilt).collect();
+                let tilts = line.readings.mean_curve();
                 let directions = profile.points.iter().filter(|of| !of.is_empty()).count();
-                let gain = slope_gain_of_tilts(tilts.len()) / (directions.max(1) as f64).sqrt();
+                let steps = tilts.len().saturating_sub(1);
+                let gain = slope_gain_of_tilts(steps) / (directions.max(1) as f64).sqrt();
                 (SlopeUncertainty::of_tilts(&tilts), gain)
             }
         };

@@ -286,8 +286,7 @@ fn add_runs(
             .map_or(1.0, |of| student_widening(of.freedom));
         let sampled = runs.sampled(factor, &mut || widening * next());
         for (direction, sampled) in Direction::BOTH.into_iter().zip(sampled) {
-            let curve = line.readings.mean_curve_in(direction);
-            for ((target, _), shift) in curve.into_iter().zip(sampled) {
+            for (target, shift) in runs.targets(direction).zip(sampled) {
                 *shifts.entry(key(direction, target)).or_default() += shift;
             }
         }

@@ -14,10 +14,10 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{Limits, barrier::FRAME_WORDS};
 
-pub use barrier::{BarrierLink, BarrierMisfit, RATE_OVER_SLEW, barrier_misfits, scans_fit};
+pub use barrier::{BarrierLink, RATE_OVER_SLEW, barrier_misfits, scans_fit};
 pub use no_read_back::ControlTimeOut;
 pub(crate) use status::are_equal;
-pub use status::{Confirmed, CorrectionReport, ReadBackStatus, Scheme};
+pub use status::{BarrierMisfit, Confirmed, CorrectionReport, ReadBackStatus, Scheme};
 
 use echo::Echo;
 use no_read_back::NoReadBack;

@@ -277,7 +277,7 @@ impl Rewriter {
             && self.carried_at_initial.is_none()
             && !self.switches_radius
             && self.interpreter.allows_fast_path()
-            && self.motion_receiver.is_none()
+            && self.motion_sender.is_none()
             && (self.corrector.axes()).all(|axis| self.interpreter.knows_program_position(axis))
     }
 

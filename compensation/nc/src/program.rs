@@ -363,7 +363,7 @@ pub(crate) fn run_in_parallel<T>(
             let rewriter = Rewriter::new(setup, ideal.clone(), decimals, dialect, limit);
             runs.push(scope.spawn(move || {
                 let mut rewriter = rewriter?;
-                rewriter.motion_receiver = Some(to);
+                rewriter.motion_sender = Some(to);
                 // Mixed decimal notation was already checked when the program was compensated.
                 rewriter.interpreter.points.may_mix = true;
                 execute(&mut program, &mut io::sink(), rewriter, most_blocks, |_| {

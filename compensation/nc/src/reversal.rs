@@ -2,8 +2,10 @@
 
 use volcomp_model::vocabulary::{Direction, MAX_AXES};
 
-use crate::{coordinates::Axes, correction::Corrector, straight::RESTING_WITHIN};
+use crate::{coordinates::Axes, correction::Corrector};
 
+/// An axis that moves by less than this rests, mm or deg: rounding of coordinates.
+pub(crate) const RESTING_WITHIN: f64 = 1e-7;
 /// Shares closer than this are treated as equal.
 pub(crate) const SAME_SHARE: f64 = 1e-6;
 

@@ -86,7 +86,7 @@ pub(crate) struct Rewriter {
     /// Ends of the parts of each motion (0 to 1), concatenated; `None` if not requested.
     pub(crate) shares: Option<Vec<f64>>,
     /// Receives each motion.
-    pub(crate) motion_receiver: Option<MotionSender>,
+    pub(crate) motion_sender: Option<MotionSender>,
     /// The last block; `None` while it is processed.
     block: Option<Box<Block>>,
     pub(crate) edits: Edits,
@@ -226,7 +226,7 @@ impl Rewriter {
             more: b"\n",
             counts: Counts::default(),
             shares: None,
-            motion_receiver: None,
+            motion_sender: None,
             block: None,
             edits: Edits::default(),
             parts: Vec::new(),
@@ -397,7 +397,7 @@ impl Rewriter {
         number: usize,
         cuts: bool,
     ) -> Result<(), NcError> {
-        let Some(motion_receiver) = &self.motion_receiver else {
+        let Some(motion_sender) = &self.motion_sender else {
             return Ok(());
         };
         let made = ExecutedMotion {
@@ -410,7 +410,7 @@ impl Rewriter {
             known: self.knows_position(),
             in_inches: self.interpreter.modal.unit_mm != 1.0,
         };
-        let sent = motion_receiver.send(made);
+        let sent = motion_sender.send(made);
         sent.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())
     }
 

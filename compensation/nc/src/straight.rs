@@ -12,7 +12,7 @@ use crate::{
     motion::{Move, Path},
     notes::Note,
     number::{Number, Numerals, half_step, of_steps},
-    reversal::{Reversals, steps_of},
+    reversal::{RESTING_WITHIN, Reversals, steps_of},
     rewrite::{AppliedCorrection, Contour, Rewriter, Strategy},
     shortest::through,
 };
@@ -25,9 +25,6 @@ const REVERSAL_SAMPLING: f64 = 5.0;
 const MAX_REVERSAL_SAMPLES: f64 = 64.0;
 
 const MAX_FOLLOW_STEPS: f64 = 64.0;
-
-/// An axis that moves by less than this rests, mm or deg: rounding of coordinates.
-pub(crate) const RESTING_WITHIN: f64 = 1e-7;
 
 /// A part of a motion: its index, and its end as a share (0 to 1).
 #[derive(Clone, Copy, Debug)]

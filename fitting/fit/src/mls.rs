@@ -175,10 +175,9 @@ pub fn choose_mls(
     let mut best: Option<(&Setting, Judged)> = None;
     let tried = tried.unwrap_or_default();
     for setting in &tried {
-        let inner: Vec<f64> = setting.inner().collect();
         let judged = Judged {
             meets: required_residual.is_none_or(|r| setting.max_residual <= r),
-            leave_one_out_rms: rms(inner.into_iter()),
+            leave_one_out_rms: rms(setting.inner()),
         };
         if judged.beats(best.map(|(_, judged)| judged), magnitude) {
             best = Some((setting, judged));

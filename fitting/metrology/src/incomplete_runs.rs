@@ -6,8 +6,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::passes::Passes;
-use crate::runs::{Alignment, RunAlignment, RunScatter, pooled_scatter};
+use crate::passes::{Passes, RunAlignment};
+use crate::runs::{Alignment, RunScatter, pooled_scatter};
 use crate::{Direction, Measurement, ReferenceLine, SlopeUncertainty};
 
 /// Values at the targets of both directions, forward first, in the order of [`Measurement::mean_curve_in`].
@@ -45,6 +45,12 @@ impl IncompleteRuns {
     /// Standard deviation of a single reading about the aligned means; `None` without degrees of freedom.
     pub fn scatter(&self) -> Option<RunScatter> {
         self.scatter
+    }
+
+    /// The targets of a direction, ascending.
+    pub fn targets(&self, direction: Direction) -> impl Iterator<Item = f64> {
+        let passes = &self.alignment.passes[direction as usize];
+        passes.targets.iter().map(|(target, _)| *target)
     }
 
     /// Independent shifts of the means by the lines of the runs: the sum of their squares is the variance. Empty with one run.

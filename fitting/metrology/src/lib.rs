@@ -27,6 +27,7 @@ mod number;
 mod passes;
 mod positioning_uncertainty;
 mod read;
+mod reference_line;
 mod renishaw;
 mod runs;
 mod slope_uncertainty;
@@ -64,20 +65,22 @@ pub use keysight::{parse_keysight_report, write_keysight_report};
 pub use mapped_table::parse_table_with;
 pub use mapping::{ColumnName, Columns, Mapping};
 pub use measurement::{Environment, Measurement, Metadata, Reading, StartEnd};
+pub use passes::RunAlignment;
 pub use positioning_uncertainty::{
     Contribution, PositioningUncertainty, UncertaintyInputs, positioning_uncertainty,
 };
 pub use read::{Content, READ_EXTENSIONS, read_content, read_file, read_file_with};
+pub use reference_line::{ReferenceKind, ReferenceLine};
 pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, write_renishaw};
-pub use runs::{RunAlignment, RunScatter};
+pub use runs::RunScatter;
 pub use slope_uncertainty::{SlopeUncertainty, slope_gain, slope_gain_of_tilts};
 pub use squareness::{
     SquarenessInputs, SquarenessUncertainty, opening, squareness, squareness_parts,
     squareness_uncertainty,
 };
 pub use straightness::{
-    ReferenceKind, ReferenceLine, Straightness, StraightnessAbout, TiltReading, angular_method_um,
-    straightness_of, straightness_of_profile, tilt_sign,
+    Straightness, StraightnessAbout, TiltReading, angular_method_um, straightness_of,
+    straightness_of_profile, tilt_sign,
 };
 pub use test_plan::{RequiredTest, axis_kind, required_test, shortfalls};
 pub use three_lines::{ParallelLine, SeparatedAngles, separate_parallel_lines};

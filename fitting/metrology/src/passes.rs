@@ -3,7 +3,7 @@
 //! A pass is one run in one direction. Passes have separate lines, because the zero may drift between both directions. The lines of a direction add
 //! up to zero over the runs that were made in both directions: the reversal is the mean of the reversals of these runs.
 
-use crate::{Direction, Reading, ReferenceLine, RunAlignment};
+use crate::{Direction, Reading, ReferenceLine};
 
 /// Maximum number of steps of the conjugate gradients. They end after as many steps as there are passes with different targets.
 const MAX_STEPS: usize = 1000;
@@ -16,6 +16,26 @@ const ZERO: ReferenceLine = ReferenceLine {
     slope_um_per_mm: 0.0,
     intercept_um: 0.0,
 };
+
+/// Alignment that is specific to each run and is not treated as scatter: an instrument is zeroed, and a straightness reference aligned, before each
+/// run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RunAlignment {
+    /// Offset.
+    Offset,
+    /// Offset and slope.
+    Line,
+}
+
+impl RunAlignment {
+    /// Number of parameters of each run.
+    pub(crate) fn parameters(self) -> usize {
+        match self {
+            Self::Offset => 1,
+            Self::Line => 2,
+        }
+    }
+}
 
 /// The passes of one direction.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,7 +6,7 @@
 
 use std::borrow::Cow;
 
-use crate::passes::Passes;
+use crate::passes::{Passes, RunAlignment};
 use crate::{
     DeviationUnit, Direction, Measurement, MetrologyError, Quantity, Reading, ReferenceLine,
 };
@@ -164,13 +164,6 @@ impl Measurement {
         }
         Ok(())
     }
-
-    /// Minimum number of readings of a target in one direction.
-    fn readings_per_target(&self) -> usize {
-        let passes = Direction::BOTH.map(|direction| Passes::of(&self.readings, direction));
-        let targets = passes.iter().flat_map(|of| &of.targets);
-        targets.map(|(_, cells)| cells.len()).min().unwrap_or(0)
-    }
 }
 
 pub(crate) fn alignment_notes(readings: &[Reading]) -> Vec<String> {
@@ -189,26 +182,6 @@ pub(crate) fn alignment_notes(readings: &[Reading]) -> Vec<String> {
         }
     }
     notes
-}
-
-/// Alignment that is specific to each run and is not treated as scatter: an instrument is zeroed, and a straightness reference aligned, before each
-/// run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RunAlignment {
-    /// Offset.
-    Offset,
-    /// Offset and slope.
-    Line,
-}
-
-impl RunAlignment {
-    /// Number of parameters of each run.
-    pub(crate) fn parameters(self) -> usize {
-        match self {
-            Self::Offset => 1,
-            Self::Line => 2,
-        }
-    }
 }
 
 /// Scatter of readings.
@@ -241,7 +214,9 @@ impl Measurement {
     pub fn scatter_of_mean(&self, alignment: RunAlignment) -> Option<RunScatter> {
         let passes = Direction::BOTH.map(|direction| Passes::of(&self.readings, direction));
         let scatter = pooled_scatter(&passes, determined(&passes, alignment))?;
-        let deviation = scatter.deviation / (self.readings_per_target() as f64).sqrt();
+        let targets = passes.iter().flat_map(|of| &of.targets);
+        let fewest = targets.map(|(_, cells)| cells.len()).min().unwrap_or(0);
+        let deviation = scatter.deviation / (fewest as f64).sqrt();
         // Least squares of exactly straight lines leaves rounding errors.
         let largest = self.readings.iter().map(|r| r.deviation.abs());
         let rounding = 1e-12 * largest.fold(0.0, f64::max);

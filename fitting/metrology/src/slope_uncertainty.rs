@@ -78,13 +78,15 @@ impl SlopeUncertainty {
     }
 
     /// Of the least-squares line through the profile that the tilts of a bridge, µrad, add up to, from their scatter about their mean. The errors of
-    /// the profile add up as well, so its residuals show too little. `None` for fewer than two tilts.
-    pub fn of_tilts(tilts_urad: &[f64]) -> Option<Self> {
-        let n = tilts_urad.len() as f64;
-        let mean = tilts_urad.iter().sum::<f64>() / n;
-        let squares: f64 = tilts_urad.iter().map(|tilt| (tilt - mean).powi(2)).sum();
+    /// the profile add up as well, so its residuals show too little. `readings` are (target in mm, tilt), and that at the first target is not used,
+    /// as in [`angular_method_um`](crate::angular_method_um). `None` for fewer than two tilts.
+    pub fn of_tilts(readings: &[(f64, f64)]) -> Option<Self> {
+        let tilts = || readings.iter().skip(1).map(|(_, tilt)| tilt);
+        let n = tilts().count() as f64;
+        let mean = tilts().sum::<f64>() / n;
+        let squares: f64 = tilts().map(|tilt| (tilt - mean).powi(2)).sum();
         (n > 1.0).then(|| Self {
-            standard_urad: (squares / (n - 1.0)).sqrt() * slope_gain_of_tilts(tilts_urad.len()),
+            standard_urad: (squares / (n - 1.0)).sqrt() * slope_gain_of_tilts(tilts().count()),
             degrees: n - 1.0,
         })
     }

@@ -84,11 +84,7 @@ impl Answer {
         Ok(Self {
             json: serde_json::to_value(document)
                 .map_err(|e| Failure::Work(format!("the JSON document: {e}")))?,
-            text,
-            listing: None,
-            notes,
-            failed: None,
-            tolerances_met: true,
+            ..Self::of_text(text, notes)
         })
     }
 

@@ -186,8 +186,6 @@ fn one(
             };
             let profile = angular_method_um(error, reading, &tilts, bridge_mm)?;
             let mut found = straightness_of_profile(&profile)?;
-            // The tilt at the first target is not used.
-            let tilts: Vec<f64> = tilts.iter().skip(1).map(|(_, tilt)| *tilt).collect();
             found.slope_uncertainty = SlopeUncertainty::of_tilts(&tilts);
             (found, measurement.notes, "angular-method")
         }

@@ -4,7 +4,7 @@ use core::{ops::RangeInclusive, time::Duration};
 
 use volcomp_vocabulary::PerChannel;
 
-use super::status::{Arrival, Confirmed, ReadBackStatus};
+use super::status::{Arrival, BarrierMisfit, Confirmed, ReadBackStatus};
 use crate::{
     Limits, Reasons,
     barrier::{FRAME_WORDS, Report, Settings},
@@ -257,28 +257,6 @@ fn counts_of(values: &PerChannel<f64>, limits: &Limits) -> Option<Counts> {
 const SCAN_WITHIN: RangeInclusive<f64> = 0.8..=1.25;
 /// Minimum ratio of the barrier's rate to the guard's slew, so that it can follow.
 pub const RATE_OVER_SLEW: f64 = 2.0;
-
-/// A setting of a barrier that does not fit the limits of the guard: the value found and the bound. Axes are counted from 0, in channel order.
-#[expect(missing_docs, reason = "found and expected")]
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum BarrierMisfit {
-    /// The barrier's limit is below the guard's, mm or rad.
-    Limit {
-        axis: usize,
-        found: f64,
-        expected: f64,
-    },
-    /// The barrier's rate is less than twice the guard's slew, mm/s or rad/s.
-    Rate {
-        axis: usize,
-        found: f64,
-        expected: f64,
-    },
-    /// The barrier's timeout is longer than the time after which the guard ramps out (`zero_after`).
-    TimeOut { found: Duration, expected: Duration },
-    /// The control's scans do not take the configured time. [`barrier_misfits`] does not give it: it is counted.
-    ScanPeriod { found: Duration, expected: Duration },
-}
 
 /// All settings of a barrier, with a scan period of `scan`, that do not fit the limits: it must pass every correction of the guard, follow it, and
 /// time out early enough.

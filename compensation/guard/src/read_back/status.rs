@@ -4,7 +4,6 @@ use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use super::barrier::BarrierMisfit;
 use crate::{Limits, Reasons, step::is_same_step};
 
 /// A confirmed correction.
@@ -37,6 +36,28 @@ pub enum Scheme {
     Plain,
     /// Plain values that cannot be read back, such as lines.
     NoReadBack,
+}
+
+/// A setting of a barrier that does not fit the limits of the guard: the value found and the bound. Axes are counted from 0, in channel order.
+#[expect(missing_docs, reason = "found and expected")]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BarrierMisfit {
+    /// The barrier's limit is below the guard's, mm or rad.
+    Limit {
+        axis: usize,
+        found: f64,
+        expected: f64,
+    },
+    /// The barrier's rate is less than twice the guard's slew, mm/s or rad/s.
+    Rate {
+        axis: usize,
+        found: f64,
+        expected: f64,
+    },
+    /// The barrier's timeout is longer than the time after which the guard ramps out (`zero_after`).
+    TimeOut { found: Duration, expected: Duration },
+    /// The control's scans do not take the configured time. [`barrier_misfits`](crate::barrier_misfits) does not give it: it is counted.
+    ScanPeriod { found: Duration, expected: Duration },
 }
 
 /// Knowledge of the correction that a control applies.

@@ -8,7 +8,7 @@ use super::{
     minimax::{Minimax, minimax},
 };
 use crate::number::range;
-use crate::straightness::half_hull;
+use crate::reference_line::half_hull;
 
 /// Maximum ratio of the next extent to the one before for points of a line, or of a plane.
 const SLENDER: f64 = 0.5;
