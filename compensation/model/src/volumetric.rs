@@ -201,6 +201,7 @@ impl<'a> Search<'a> {
             }
             maxima.push(ascent);
         }
+        let mut places: Vec<(usize, Place)> = Vec::new();
         for direction in directions() {
             let component = |at: &At| of(at).dot(&direction);
             let group = self.found.len().div_ceil(STARTS_A_DIRECTION).max(1);
@@ -212,12 +213,15 @@ impl<'a> Search<'a> {
                 };
                 let mut ascent = Ascent::from(&self.grounds[*field], place.clone(), value);
                 ascent.sample(&component)?;
-                let place = ascent.place;
-                maxima.push(self.sampled(*field, place, &length)?);
+                places.push((*field, ascent.place));
             }
         }
-        for (field, place) in self.combinations(of) {
-            maxima.push(self.sampled(field, place, &length)?);
+        places.extend(self.combinations(of));
+        for (number, start) in places.iter().enumerate() {
+            // Many directions lead to one place.
+            if !places[..number].contains(start) {
+                maxima.push(self.sampled(start.0, start.1.clone(), &length)?);
+            }
         }
         maxima.sort_by(|a, b| b.value.total_cmp(&a.value));
         maxima.dedup_by(|a, b| a.value == b.value && a.place.shares == b.place.shares);
@@ -480,21 +484,23 @@ impl<'a> Ascent<'a> {
         at_places: bool,
         size: &dyn Fn(&At) -> f64,
     ) -> Result<(), ModelError> {
-        for _ in 0..ROUNDS {
+        let axes = self.place.shares.len();
+        // Number of axes that need no sampling where the others are now.
+        let mut settled = 0;
+        for axis in (0..axes).cycle().take(ROUNDS * axes) {
             let mut is_better = false;
-            for axis in 0..self.place.shares.len() {
-                let places = at_places.then(|| &self.ground.places[axis][..]);
-                for share in shares(SAMPLES, places.unwrap_or_default()) {
-                    let mut place = self.with(axis, share);
-                    is_better |= self.try_place(place.clone(), size)?;
-                    // A peak may exist in the curve of one direction only.
-                    if self.ground.has_directions[axis] {
-                        place.approach[axis] = -place.approach[axis];
-                        is_better |= self.try_place(place, size)?;
-                    }
+            let places = at_places.then(|| &self.ground.places[axis][..]);
+            for share in shares(SAMPLES, places.unwrap_or_default()) {
+                let mut place = self.with(axis, share);
+                is_better |= self.try_place(place.clone(), size)?;
+                // A peak may exist in the curve of one direction only.
+                if self.ground.has_directions[axis] {
+                    place.approach[axis] = -place.approach[axis];
+                    is_better |= self.try_place(place, size)?;
                 }
             }
-            if !is_better {
+            settled = if is_better { 1 } else { settled + 1 };
+            if settled == axes {
                 break;
             }
         }
@@ -557,7 +563,7 @@ impl ErrorField<'_> {
 }
 
 /// A pose by shares of the travels, and the side from which each axis is approached.
-#[derive(Clone)]
+#[derive(Clone, PartialEq)]
 struct Place {
     shares: Vec<f64>,
     approach: Vec<Direction>,
