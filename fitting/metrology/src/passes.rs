@@ -5,8 +5,11 @@
 
 use crate::{Direction, Reading, ReferenceLine};
 
-/// Maximum number of steps of the conjugate gradients. They end after as many steps as there are passes with different targets.
-const MAX_STEPS: usize = 1000;
+/// Maximum number of steps of the conjugate gradients for each unknown. Without rounding one is enough; a chain of 200 runs that overlap by half
+/// takes five.
+const STEPS_PER_UNKNOWN: usize = 20;
+/// Minimum number of steps after which they end.
+const MIN_STEPS: usize = 1000;
 /// Relative residual at which the lines are final.
 const CONVERGED: f64 = 1e-13;
 /// Minimum number of common targets from which the offset and the slope of a pass are determined, with one to check them.
@@ -157,7 +160,8 @@ impl Passes {
         let mut search = residual.clone();
         let mut squares = dot(&residual, &residual);
         let converged = CONVERGED * CONVERGED * squares;
-        for _ in 0..MAX_STEPS {
+        let unknowns = self.runs.len() * alignment.parameters();
+        for _ in 0..MIN_STEPS.max(STEPS_PER_UNKNOWN * unknowns) {
             let product = self.about_means(&bases, |run, [constant, slope], _| {
                 search[run][0] * constant + search[run][1] * slope
             });

@@ -309,6 +309,43 @@ fn the_slope_of_passes_with_separate_numbers_has_a_mean_in_each_direction() {
     }
 }
 
+/// A long guide measured in many short runs, each of which overlaps the next: their lines are known through all others, and the profile keeps its
+/// shape, except for the line that is common to all.
+#[test]
+fn a_long_chain_of_short_runs_keeps_the_profile() {
+    const RUNS: u32 = 200;
+    let shape = |target: usize| 3.0 * (0.37 * target as f64).sin();
+    let runs = 1..=RUNS;
+    let readings = runs.flat_map(|run| {
+        let line = move |x: f64| 20.0 * f64::from(run).sin() + 0.01 * f64::from(3 * run).cos() * x;
+        let first = 10 * (run as usize - 1);
+        (first..first + 20).map(move |target| {
+            let x = 100.0 * target as f64;
+            Reading {
+                target: x,
+                run,
+                direction: Positive,
+                deviation: shape(target) + line(x),
+            }
+        })
+    });
+    let measurement = Measurement {
+        readings: readings.collect(),
+        ..Measurement::default()
+    };
+    let found = straightness_of(&measurement).unwrap().profile;
+    let truth: Vec<(f64, f64)> = (0..found.len())
+        .map(|target| (100.0 * target as f64, shape(target)))
+        .collect();
+    let [found, truth] = [found, truth].map(|profile| {
+        let line = ReferenceLine::least_squares(&profile).unwrap();
+        line.removed_from(&profile)
+    });
+    for ((target, found), (_, truth)) in found.iter().zip(&truth) {
+        assert!((found - truth).abs() < 1e-3, "{target}: {found} {truth}");
+    }
+}
+
 /// The slope of a run with two common targets is not checked by any other; that of one with a single target is unknown.
 #[test]
 fn runs_of_a_straightness_without_slope_are_refused() {
