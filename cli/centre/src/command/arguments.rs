@@ -119,24 +119,24 @@ pub(super) enum MachineCommand {
     },
     /// Remove a machine; its versions and history are kept
     Remove {
-        /// Its name
+        /// Name of the machine
         machine: String,
     },
     /// Permit the correction of a machine
     Enable {
-        /// Its name
+        /// Name of the machine
         machine: String,
     },
     /// Ramp the correction of a machine out, and forbid arming
     Disable {
-        /// Its name
+        /// Name of the machine
         machine: String,
     },
 }
 
 #[derive(Args)]
 pub(super) struct AddMachine {
-    /// Its name: lower-case letters, digits and hyphens
+    /// Name of the machine: lower-case letters, digits and hyphens
     pub(super) machine: String,
     /// Site of the machine
     #[arg(long)]
@@ -307,7 +307,7 @@ pub(super) struct StartRollout {
 pub(super) enum KeyCommand {
     /// Generate a signing key, and print the public key, which the machines must trust
     New {
-        /// Its name
+        /// Name of the key
         name: String,
     },
     /// List the signing keys with their public keys

@@ -125,7 +125,7 @@ pub struct StateChange {
     pub state: StateName,
     /// The place of the controller that corrects, from 0.
     pub controller: usize,
-    /// Why, sorted by letter.
+    /// Reasons for it.
     pub reasons: Vec<String>,
     /// The number of the cycle.
     pub cycle: u64,
