@@ -30,7 +30,7 @@ use crate::{
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  volcomp fit exx.rtl --method mls --auto --residual 1 --scan
+  volcomp fit exx.rtl
   volcomp fit exx.rtl --method chebyshev --order 5 --at 0,4000")]
 pub(crate) struct FitArguments {
     /// Measurement file: .csv, .rtl, .rta
@@ -40,7 +40,7 @@ pub(crate) struct FitArguments {
     #[arg(long)]
     unit: Option<Unit>,
     /// Kind of curve
-    #[arg(long)]
+    #[arg(long, default_value = "auto")]
     method: Method,
     /// Order of the polynomials (poly, chebyshev, mls) [default: 4]
     #[arg(long)]

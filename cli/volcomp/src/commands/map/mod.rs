@@ -39,13 +39,13 @@ use crate::{
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  volcomp map -m gantry.toml --grid 21x21x21 -o map.vti
+  volcomp map -m gantry.toml -o map.vti
   volcomp map -m calibrated.toml --grid 5x5x5 --truth truth.toml")]
 pub(crate) struct MapArguments {
     #[command(flatten)]
     machine: MachineArguments,
-    /// Nodes along X, Y and Z: 21x21x21
-    #[arg(long)]
+    /// Nodes along X, Y and Z
+    #[arg(long, default_value = "11x11x11")]
     grid: String,
     #[command(flatten)]
     others: OthersArguments,
