@@ -377,7 +377,7 @@ impl Interpreter {
         Ok(())
     }
 
-    fn end(
+    pub(crate) fn end(
         &self,
         given: &BlockWords<'_>,
         in_machine: bool,
@@ -689,7 +689,7 @@ impl Interpreter {
         Some(Polar { words, from_here })
     }
 
-    fn is_way(&self, word: Option<&Word>) -> bool {
+    pub(crate) fn is_way(&self, word: Option<&Word>) -> bool {
         word.is_some_and(|word| match word.manner {
             Manner::Incremental => true,
             Manner::Modal => !self.modal.absolute,

@@ -55,7 +55,7 @@ impl CsvTable {
     /// Reads a table from the text of `file`.
     ///
     /// # Errors
-    /// There is no header, or a row has more or fewer cells than the header (empty cells at the end are ignored).
+    /// There is no header, a row has more or fewer cells than the header (empty cells at the end are ignored), or a cell has a line break.
     pub fn parse(file: &str, text: &str) -> Result<Self, InputError> {
         let text: Arc<str> = text.into();
         let (start, separator) = start_and_separator(&text);
@@ -83,6 +83,10 @@ impl CsvTable {
                 continue;
             }
             let columns = header.cells.len();
+            if has_line_break(&record.cells) {
+                let message = "found a cell of several lines, expected one line a row: is a double quote not closed?";
+                return Err(error(record.line, record.span, message.to_owned()));
+            }
             if !is_as_wide(&mut record.cells, columns) {
                 let row = record.cells.iter().collect::<Vec<_>>();
                 let mut message = format!(
@@ -286,7 +290,9 @@ impl<R: BufRead + Seek> CsvBatches<R> {
             if self.cells.iter().all(str::is_empty) {
                 continue;
             }
-            if !is_as_wide(&mut self.cells, self.head.header.cells.len()) {
+            if has_line_break(&self.cells)
+                || !is_as_wide(&mut self.cells, self.head.header.cells.len())
+            {
                 return Err(io::Error::other("a row is not as wide as the header"));
             }
             return Ok(true);
@@ -369,6 +375,11 @@ impl<'t> Cell<'t> {
         let name = table.header.cells.get(self.column.0).unwrap_or_default();
         table.error(self.row.record, name, message.into())
     }
+}
+
+/// A double quote that is not closed swallows the rows after it.
+fn has_line_break(cells: &StringRecord) -> bool {
+    cells.iter().any(|cell| cell.contains(['\n', '\r']))
 }
 
 /// Byte at which the table starts in the text, and the separator of its cells.

@@ -144,6 +144,8 @@ fn play_is_taken_up_before_arcs_with_other_codes() {
 #[test]
 fn an_axis_from_an_unknown_position_has_no_direction_of_approach() {
     const G54: &str = "[work_offset.G54]\nX = 0\n";
+    const MIDDLE: &str =
+        "[start]\nX = 0\nY = 0\nZ = 0\n[home.G28]\nX = 30\n[work_offset.G54]\nX = 0\n";
     const HOME: &str = "[home.G28]\nX = 0\n[work_offset.G54]\nX = 0\n";
     let lags = format!("{TRAVELS}[errors]\nEXX = {{ mean = {{ poly = [0.0] }}, reversal = -4 }}\n");
     let machine = Machine::parse(&lags, "m.toml").expect("a good machine");
@@ -209,6 +211,19 @@ fn an_axis_from_an_unknown_position_has_no_direction_of_approach() {
         ),
         (HOME, "G28 X0\nG0 X60\n", "G28 X0\nG0 X60.002\n", 0),
         (G54, "G28 X0\nG0 X60\n", "G28 X0\nG0 X60\n", 0),
+        // The intermediate point lies before home, or beyond it, so that the axis reverses there.
+        (
+            MIDDLE,
+            "G0 X60\nG28 X50\nG1 Z1 F100\n",
+            "G0 X60.002\nG28 X50\nG1 Z0.000 F100 X29.998\nZ1.000\n",
+            0,
+        ),
+        (
+            MIDDLE,
+            "G0 X60\nG91 G28 X-40\nG90 G1 Z1 F100\nX20\n",
+            "G0 X60.002\nG91 G28 X-40\nG90 G1 Z1 F100\nX29.998\nX19.998\n",
+            3,
+        ),
         (
             START,
             "G0 X60\nG53 G0 X0\nG53 G0 X90\nG0 X80\n",

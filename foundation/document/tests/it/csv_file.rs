@@ -154,3 +154,16 @@ fn remarks_count_as_lines_and_halves_of_numbers_are_told() {
     let message = told("\"X \"\"a\"\"\",Z\n1,2\n");
     assert!(message.contains("found `X \"a\",Z`"), "{message}");
 }
+
+/// A double quote that is not closed would hide the rows after it, whichever cell it opens; in the last cell it hides none.
+#[test]
+fn a_quote_that_is_not_closed_is_refused() {
+    for rows in ["1,\"2\n3,4\n5,6\n", "\"1,2\n3,4\n", "1,\"2\n3,4\n5,\"6\"\n"] {
+        let text = format!("X,Y\n{rows}");
+        let message = columns_x_y(&text).expect_err(rows).to_string();
+        let expected = "p.csv:2: found a cell of several lines, expected one line a row: is a double quote not closed?";
+        assert_eq!(message, expected, "{rows}");
+        assert!(in_batches(&text, 1).is_err(), "{rows}");
+    }
+    assert_eq!(columns_x_y("X,Y\n1,\"2\n").unwrap(), [[1.0, 2.0]]);
+}
