@@ -17,7 +17,7 @@ use crate::{
     line::{NewWord, Script},
     line_ends::{end_of_added, leader_of, split_lines},
     modal::{NUMBERED, SYSTEMS, name_of_offset},
-    motion::{ExecutedMotion, Path, half_deep},
+    motion::{ExecutedMotion, Move, Path, half_deep},
     motion_queue::MotionReceiver,
     notes::Note,
     number::Number,
@@ -289,7 +289,14 @@ fn at_places(
             corrector.take_tool(&made.tool)?;
             corrector.begin_motion(&made.motion.arrives_from_unknown);
             // The correction is constant: the drives move as programmed.
-            corrector.move_uncorrected(&made.motion.to, [&made.motion.from, &made.motion.to]);
+            let Move { path, from, to, .. } = &made.motion;
+            if let Path::Home { through, .. } = path {
+                corrector.move_uncorrected(through, [from, through]);
+                corrector.begin_motion(&made.motion.arrives_from_unknown);
+                corrector.move_uncorrected(to, [through, to]);
+            } else {
+                corrector.move_uncorrected(to, [from, to]);
+            }
             let Some(at) = cuts_at(&made) else { continue };
             let moved_at = beside.as_ref().and_then(cuts_at).unwrap_or(at);
             let stated = job.setup.offset(made.system);
@@ -339,7 +346,7 @@ fn cuts_at(made: &ExecutedMotion) -> Option<Axes> {
                     .to_machine(&half_deep(&hole, depth, [bottom, clearance])),
             )
         }
-        Path::Rapid | Path::Home(_) | Path::Spline | Path::Other => None,
+        Path::Rapid | Path::Home { .. } | Path::Spline | Path::Other => None,
     }
 }
 

@@ -157,8 +157,13 @@ impl Rewriter {
             Vec::new()
         };
         self.carried = frame.moved_in_machine(&end, &carried);
-        // The tool may be above the hole with the correction of half its depth.
+        // The tool may be above the hole with the correction of half its depth. It arrives there from the bottom.
         self.mark_outdated();
+        let at_bottom = frame.to_machine(&at_height(&end, depth, bottom));
+        self.corrector.move_to(&at_bottom);
+        let drives = [&at_bottom, &motion.to].map(|at| each(|axis| at[axis] + self.carried[axis]));
+        self.corrector
+            .move_uncorrected(&motion.to, [&drives[0], &drives[1]]);
         if place > 0 && stays {
             return;
         }
@@ -315,6 +320,8 @@ impl Rewriter {
                 }
             }
             let at = self.interpreter.position;
+            // It comes back from the bottom, which is unknown.
+            self.corrector.begin_motion(&moved);
             self.corrector.move_to(&at);
             self.carried = frame.moved_in_machine(&frame.to_program(&at), &carried);
             self.mark_outdated();

@@ -14,8 +14,11 @@ pub(crate) enum Path {
         /// The axis normal to the plane.
         depth: usize,
     },
-    /// A motion to the position of G28 or G30.
-    Home(usize),
+    /// A motion to the position of G28 (0) or G30 (1), first to the intermediate point `through`, machine coordinates.
+    Home {
+        which: usize,
+        through: Axes,
+    },
     /// A spline, or one of its control points (G5, G5.1, G5.2). Its other points are relative to its ends, or are in further blocks.
     Spline,
     /// A motion that is copied unchanged: probing, threading.

@@ -14,7 +14,6 @@ use crate::{
     },
     motion::{Move, Path},
     notes::Note,
-    reversal::RESTING_WITHIN,
 };
 
 impl Interpreter {
@@ -316,7 +315,7 @@ impl Interpreter {
         let before = each(|axis| self.known_basis(axis));
         let from = self.position;
         let incremental = each(|axis| self.is_way(given.word(axis)));
-        let intermediate = self.end(given, false, &incremental)?;
+        let through = self.end(given, false, &incremental)?;
         let mut says_all = true;
         for (axis, place) in given.places.iter().enumerate() {
             if all || place.is_some() {
@@ -333,7 +332,7 @@ impl Interpreter {
             self.notes.add(note, given.line);
         }
         outcome.motion = Some(Move {
-            path: Path::Home(which),
+            path: Path::Home { which, through },
             from,
             to: self.position,
             words: if all {
@@ -345,13 +344,8 @@ impl Interpreter {
             in_machine: true,
             polar: None,
             known,
-            // An intermediate point beyond the home position reverses the direction of approach. How far the axis then moves is not
-            // tracked, so the direction counts as unknown.
             arrives_from_unknown: each(|axis| {
-                let home = self.position[axis];
-                let reverses = (home - from[axis]) * (home - intermediate[axis]) <= 0.0
-                    && (home - intermediate[axis]).abs() > RESTING_WITHIN;
-                reverses || before[axis].is_none() || before[axis] != self.known_basis(axis)
+                before[axis].is_none() || before[axis] != self.known_basis(axis)
             }),
             wraps: [0.0; 9],
         });

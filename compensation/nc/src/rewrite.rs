@@ -426,7 +426,7 @@ impl Rewriter {
         self.corrector.apply_wraps(&motion.wraps);
         match motion.path {
             _ if motion.in_machine => self.pass_uncorrected(motion),
-            Path::Other | Path::Home(_) => self.pass_uncorrected(motion),
+            Path::Other | Path::Home { .. } => self.pass_uncorrected(motion),
             Path::Spline if motion.polar.is_some() => self.pass_uncorrected(motion),
             Path::Spline => self.spline(motion, line, out),
             Path::Rapid => {
@@ -576,7 +576,7 @@ impl Rewriter {
         for axis in 0..9 {
             if motion.words[axis].is_some() && !motion.incremental[axis] {
                 carried[axis] = match motion.path {
-                    Path::Home(which) => self.carried_at_home[which][axis],
+                    Path::Home { which, .. } => self.carried_at_home[which][axis],
                     _ => 0.0,
                 };
             }
@@ -592,7 +592,16 @@ impl Rewriter {
     /// Updates directions of approach and the applied correction after a motion to whose end this correction, in machine coordinates, leads
     /// instead of the one there.
     pub(crate) fn finish_uncorrected(&mut self, motion: &Move, carried: Axes) {
-        let before = each(|axis| motion.from[axis] + self.carried[axis]);
+        let mut before = each(|axis| motion.from[axis] + self.carried[axis]);
+        if let Path::Home { through, .. } = motion.path {
+            let drive = each(|axis| match motion.words[axis] {
+                Some(_) => through[axis],
+                None => before[axis],
+            });
+            self.corrector.move_uncorrected(&through, [&before, &drive]);
+            self.corrector.begin_motion(&motion.arrives_from_unknown);
+            before = drive;
+        }
         let after = each(|axis| motion.to[axis] + carried[axis]);
         self.corrector
             .move_uncorrected(&motion.to, [&before, &after]);

@@ -913,7 +913,7 @@ impl Rewriter {
 
     /// Adds a note about a motion that is copied or not split, because it is in machine coordinates or starts at an unknown position.
     pub(crate) fn note_unknown(&mut self, motion: &Move, line: usize) {
-        if motion.in_machine || matches!(motion.path, Path::Home(_)) {
+        if motion.in_machine || matches!(motion.path, Path::Home { .. }) {
             self.interpreter.notes.add(Note::InMachine, line);
             return;
         }

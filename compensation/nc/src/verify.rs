@@ -372,6 +372,16 @@ impl Comparison {
         let path = original.motion.path;
         self.begin_motion(&original.motion.arrives_from_unknown);
         if original.motion.in_machine || matches!(path, Path::Spline | Path::Other) {
+            if let Path::Home { through, .. } = path {
+                self.truth.move_to(&through);
+                self.before.move_to(&self.truth, &through);
+                if let Some(part) = self.parts.last()
+                    && let Path::Home { through, .. } = part.made.motion.path
+                {
+                    self.after.move_to(&self.truth, &through);
+                }
+                self.begin_motion(&original.motion.arrives_from_unknown);
+            }
             self.truth.move_to(&original.motion.to);
             self.before.move_to(&self.truth, &original.motion.to);
             if let Some(part) = self.parts.last() {

@@ -221,8 +221,8 @@ fn an_axis_from_an_unknown_position_has_no_direction_of_approach() {
         (
             MIDDLE,
             "G0 X60\nG91 G28 X-40\nG90 G1 Z1 F100\nX20\n",
-            "G0 X60.002\nG91 G28 X-40\nG90 G1 Z1 F100\nX29.998\nX19.998\n",
-            3,
+            "G0 X60.002\nG91 G28 X-40\nG90 G1 Z0.000 F100 X30.002\nZ1.000\nX29.998\nX19.998\n",
+            0,
         ),
         (
             START,
@@ -238,6 +238,47 @@ fn an_axis_from_an_unknown_position_has_no_direction_of_approach() {
             .find(|note| note.contains("direction of approach of X"));
         let line = approach.and_then(|note| note.split(':').next()?.parse().ok());
         assert_eq!(line.unwrap_or(0), noted, "{program}{notes:?}");
+    }
+}
+
+/// Backlash of Z, 10 µm: after a hole the tool comes from below, wherever the hole and the next motion end; after a drilling cycle of a control, whose
+/// bottom is unknown, the side is unknown.
+#[test]
+fn after_a_hole_the_axis_comes_from_the_bottom() {
+    let machine =
+        format!("{TRAVELS}[errors]\nEZZ = {{ mean = {{ poly = [0.0] }}, reversal = -10 }}\n");
+    let machine = Machine::parse(&machine, "m.toml").expect("a good machine");
+    for (dialect, hole, then, expected) in [
+        (
+            Dialect::Rs274,
+            "G98 G81 X10 Y10 Z-16 R2\nX20\nG80\n",
+            "G0 Z-5\n",
+            "G0 Z-5.005\n",
+        ),
+        (
+            Dialect::Rs274,
+            "G99 G81 X10 Y10 Z-16 R2\nG80\n",
+            "G0 Z0\n",
+            "G0 Z-0.005\n",
+        ),
+        (
+            Dialect::Rs274,
+            "G98 G81 X10 Y10 Z-16 R2\nG80\n",
+            "G0 Z40\n",
+            "G0 Z40.005\n",
+        ),
+        (
+            Dialect::Siemens,
+            "G0 Z50\nG0 Z38\nCYCLE81(38,0,2,-16)\n",
+            "G1 Y50 F500\n",
+            "G1 Y50 F500\n",
+        ),
+    ] {
+        let start = "[start]\nX = 0\nY = 0\nZ = 0\n[work_offset.G54]\nX = 0\n";
+        let program = format!("G90 G0 X0 Y0\nG0 Z-5\nG0 Z38\n{hole}{then}G1 X100 F500\n");
+        let (out, notes) = written(dialect, &machine, start, &program).expect(hole);
+        let (_, end) = out.split_at(out.len() - expected.len() - "G1 X100 F500\n".len());
+        assert_eq!(end, format!("{expected}G1 X100 F500\n"), "{out}{notes:?}");
     }
 }
 
