@@ -40,6 +40,9 @@ const CONFIRMED_KEYS: [&str; 17] = [
 /// Key of the maximum step of the tool tip with which a rotary axis is corrected. It determines which axes correct.
 const ROTARY_STEP: &str = "rotary_step_um";
 
+/// Two models are also compared with all temperatures this much below and above the current ones, K.
+const SHIFT_K: f64 = 10.0;
+
 /// The limits of a configuration by key. An unlimited acceleration has no entry.
 pub(crate) fn limits(guard: &GuardTable) -> ConfirmedLimits {
     let keys = serde_json::to_value(guard).unwrap_or_default();
@@ -83,8 +86,8 @@ pub(crate) struct Judge {
 
 impl Judge {
     /// The largest change of the correction if `new` replaces `old`, and the question to confirm first. The change is
-    /// evaluated at the reference temperature, at the current temperatures in the steady state, and in the present
-    /// state with the lags of the running model.
+    /// evaluated at the reference temperature, in the steady state at the current temperatures and [`SHIFT_K`] below and above them, since a
+    /// changed thermal term shows only away from the reference temperature, and in the present state with the lags of the running model.
     pub(crate) fn judged(
         &self,
         [old, new]: [&Model; 2],
@@ -105,9 +108,13 @@ impl Judge {
             controllers.map(|it| [of(old, it, steps[0]), of(new, it, steps[1])])
         };
         let cold = old.largest_move(new, ways());
-        let warm = old.warmed(degc).largest_move(&new.warmed(degc), ways());
+        let warm = [-SHIFT_K, 0.0, SHIFT_K].map(|by| {
+            let degc = |name: &str| degc(name).map(|degc| degc + by);
+            old.warmed(degc).largest_move(&new.warmed(degc), ways())
+        });
         let [old_now, new_now] = [old, new].map(|model| model.in_place_of(&self.running, degc));
-        let worst = cold.max(warm).max(old_now.largest_move(&new_now, ways()));
+        let worst = warm.into_iter().fold(cold, |worst, warm| worst.max(warm));
+        let worst = worst.max(old_now.largest_move(&new_now, ways()));
         let (worst_um, worst_urad) = (worst.linear.to_um().0, worst.rotary.to_urad().0);
         let moves =
             worst_um > self.confirm_um || worst_urad > self.confirm_urad.unwrap_or(f64::INFINITY);
@@ -174,8 +181,12 @@ mod tests {
     use super::*;
 
     fn model() -> Model {
+        model_with("")
+    }
+
+    fn model_with(thermal: &str) -> Model {
         let text = "structure = \"w X' b Y Z A t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\n[axes.A]\ntravel = [0.0, 90.0]\n[tool]\ntip = [0.0, 0.0, -100.0]\n[errors]\nEAA = 200.0\n";
-        let machine = Machine::parse(text, "m").expect("valid");
+        let machine = Machine::parse(&format!("{text}{thermal}"), "m").expect("valid");
         Model::new(&machine, Fading::default()).expect("compiles")
     }
 
@@ -213,12 +224,9 @@ mod tests {
         }
     }
 
-    /// Half a step of A moves the tip by 0.05 µm. With a lower limit A is no longer corrected, and the axes move.
-    #[test]
-    fn another_rotary_step_is_a_question_with_its_move() {
-        let [old, new] = [10.0, 0.01].map(|step| limits(&settings(step)));
-        let judge = Judge {
-            degc: BTreeMap::new(),
+    fn judge_at(degc: BTreeMap<String, f64>) -> Judge {
+        Judge {
+            degc,
             running: model(),
             controllers: vec![controller()],
             rotary_step: Um(0.01),
@@ -227,7 +235,30 @@ mod tests {
             confirmed: None,
             confirmed_model: None,
             differences: Vec::new(),
-        };
+        }
+    }
+
+    /// Closed form: at the reference temperature another expansion changes nothing yet; 10 K beside it, 800 mm of X change by 8 µm.
+    #[test]
+    fn another_expansion_is_a_question_at_the_reference_temperature() {
+        let [old, new] = [11.5, 12.5].map(|k| {
+            model_with(&format!(
+                "[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = {k}\n"
+            ))
+        });
+        let judge = judge_at(BTreeMap::from([("scale".to_owned(), 20.0)]));
+        let to = limits(&settings(0.01));
+        let judged = |models| judge.judged(models, LimitChanges::new(), &to).question;
+        assert_eq!(judged([&old, &old]), None);
+        let um = judged([&old, &new]).and_then(|question| question.worst_corner_um);
+        assert!(um.is_some_and(|um| (um - 8.0).abs() < 0.1), "{um:?}");
+    }
+
+    /// Half a step of A moves the tip by 0.05 µm. With a lower limit A is no longer corrected, and the axes move.
+    #[test]
+    fn another_rotary_step_is_a_question_with_its_move() {
+        let [old, new] = [10.0, 0.01].map(|step| limits(&settings(step)));
+        let judge = judge_at(BTreeMap::new());
         let judged = |to| judge.judged([&model(); 2], changes(&old, to), to).question;
         assert_eq!(judged(&old), None);
         let question = judged(&new).expect("A falls out of the correction");
