@@ -403,6 +403,7 @@ impl Rewriter {
         let made = ExecutedMotion {
             line: number,
             motion: motion.clone(),
+            in_program: self.ends_of(motion),
             frame: self.interpreter.frame.clone(),
             tool: self.interpreter.modal.tool_offset,
             system: self.interpreter.modal.system,
