@@ -164,9 +164,17 @@ impl Frame {
         if self.tip.is_none() {
             return turned(by, -self.rotation_deg);
         }
+        self.moved_in_program_at([machine, &self.to_program(machine)], by)
+    }
+
+    /// Like [`moved_in_program`](Self::moved_in_program), at a position in machine and in program coordinates.
+    #[inline]
+    pub(crate) fn moved_in_program_at(&self, [machine, program]: [&Axes; 2], by: &Axes) -> Axes {
+        if self.tip.is_none() {
+            return turned(by, -self.rotation_deg);
+        }
         let moved = self.to_program(&std::array::from_fn(|i| machine[i] + by[i]));
-        let at = self.to_program(machine);
-        std::array::from_fn(|i| moved[i] - at[i])
+        std::array::from_fn(|i| moved[i] - program[i])
     }
 
     /// Like [`moved_in_program`](Self::moved_in_program) for the axes other than X, Y and Z, which kinematics do not change. X, Y and Z are
@@ -193,9 +201,17 @@ impl Frame {
         if self.tip.is_none() {
             return turned(by, self.rotation_deg);
         }
+        self.moved_in_machine_at([&self.to_machine(program), program], by)
+    }
+
+    /// Like [`moved_in_machine`](Self::moved_in_machine), at a position in machine and in program coordinates.
+    #[inline]
+    pub(crate) fn moved_in_machine_at(&self, [machine, program]: [&Axes; 2], by: &Axes) -> Axes {
+        if self.tip.is_none() {
+            return turned(by, self.rotation_deg);
+        }
         let moved = self.to_machine(&std::array::from_fn(|i| program[i] + by[i]));
-        let at = self.to_machine(program);
-        std::array::from_fn(|i| moved[i] - at[i])
+        std::array::from_fn(|i| moved[i] - machine[i])
     }
 }
 

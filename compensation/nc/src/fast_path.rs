@@ -1,5 +1,5 @@
-//! Fast path for the usual line: a straight motion to a position in plain numbers, of which long programs consist, perhaps with N, F and a
-//! comment at its end.
+//! Fast path for the usual line: a straight motion to a position in plain numbers, of which long programs consist, perhaps with a
+//! block number, F and a comment at its end.
 //!
 //! It compensates such a line in one pass, in a fraction of the time of the general path ([`Rewriter::line`]), with identical output and
 //! state. Any other line is left to that path, before any state has changed.
@@ -13,9 +13,11 @@ use crate::{
     codes::LARGEST,
     control::{Control, Dialect},
     coordinates::{Axes, LETTERS, axis_of},
+    heidenhain::{block_number, write_block_number},
     interpreter::Interpreter,
     line::{NewWord, Script},
     modal::{Code, Modal},
+    notes::Note,
     number::{Number, plain},
     rewrite::{AppliedCorrection, Computed, MAX_LINE_BYTES, Rewriter},
     straight::{AxisWay, OriginalWord},
@@ -42,32 +44,34 @@ struct Syntax {
     reads_others: bool,
     /// Characters that begin a comment.
     comments: &'static [u8],
-    /// G and N are followed by digits only.
-    only_digits: bool,
+    dialect: Dialect,
+    decimal_sign: u8,
     /// Coordinates have a decimal point.
     needs_points: bool,
 }
 
 impl Syntax {
-    fn of(interpreter: &Interpreter) -> Self {
+    fn of(interpreter: &Interpreter, comma: bool) -> Self {
         let is_printer = interpreter.is_printer();
         let is_fanuc_like = interpreter.control.is_some_and(Control::is_fanuc_like);
         Self {
             reads_others: !is_printer,
             comments: match interpreter.dialect {
-                Dialect::Siemens => b";",
+                Dialect::Siemens | Dialect::Heidenhain => b";",
                 _ if is_printer => b"",
                 // A semicolon ends a block of these controls.
                 _ if is_fanuc_like => b"(",
                 _ => b"(;",
             },
-            only_digits: interpreter.dialect == Dialect::Siemens,
+            dialect: interpreter.dialect,
+            // A line with the other sign takes the general path, which changes the sign of the next lines.
+            decimal_sign: if comma { b',' } else { b'.' },
             needs_points: interpreter.points.means_increments,
         }
     }
 }
 
-/// A usual line: G0, G1 or neither, and axis words.
+/// A usual line: G0, G1 or neither (HEIDENHAIN: L), and axis words.
 #[derive(Clone, Copy, Debug, Default)]
 struct PlainLine {
     code: Option<Code>,
@@ -77,7 +81,17 @@ struct PlainLine {
     feed: Option<f64>,
     /// One bit per axis that has a word.
     named: u16,
+    /// End of the last word; HEIDENHAIN: of the last coordinate.
     end: usize,
+    number: Option<BlockNumber>,
+}
+
+/// Block number of a HEIDENHAIN line, and its byte range.
+#[derive(Clone, Copy, Debug)]
+struct BlockNumber {
+    from: usize,
+    to: usize,
+    value: u64,
 }
 
 impl PlainLine {
@@ -102,25 +116,35 @@ impl PlainLine {
                 }
                 break;
             }
+            if syntax.dialect == Dialect::Heidenhain {
+                let length = line.keyword(text, rest)?;
+                if length > 0 {
+                    rest = &rest[length..];
+                    continue;
+                }
+            }
             let number = without_blanks(behind);
             let from = text.len() - number.len();
-            let (value, decimals, length) = plain(number)?;
+            let (value, decimals, length) = plain(number, syntax.decimal_sign)?;
             let to = from + length;
             rest = &number[length..];
-            let is_first = line.end == 0;
-            line.end = to;
+            let before = std::mem::replace(&mut line.end, to);
             let letter = letter.to_ascii_uppercase();
             let Some(axis) = axis_of(letter) else {
                 let digits = &number[..length];
-                if syntax.only_digits && letter != b'F' && !digits.iter().all(u8::is_ascii_digit) {
+                let needs_digits = syntax.dialect == Dialect::Siemens && letter != b'F';
+                if needs_digits && !digits.iter().all(u8::is_ascii_digit) {
                     return None;
                 }
                 let code = match (letter, value) {
                     (b'G', 0.0) => 0,
                     (b'G', 1.0) => 10,
-                    (b'N', _) if syntax.reads_others && is_first => continue,
+                    (b'N', _) if syntax.reads_others && before == 0 => continue,
                     (b'F', _) if syntax.reads_others && line.feed.is_none() => {
                         line.feed = Some(value);
+                        if syntax.dialect == Dialect::Heidenhain {
+                            line.end = before;
+                        }
                         continue;
                     }
                     _ => return None,
@@ -148,6 +172,34 @@ impl PlainLine {
         (line.count > 0).then_some(line)
     }
 
+    /// Reads a block number or a keyword of a HEIDENHAIN line at the beginning of `rest`. Returns its length, 0 for another word; `None` if
+    /// the line is not usual.
+    #[inline]
+    fn keyword(&mut self, text: &[u8], rest: &[u8]) -> Option<usize> {
+        let from = text.len() - rest.len();
+        match (rest.first()?.to_ascii_uppercase(), self.code) {
+            (b'0'..=b'9', None) if self.number.is_none() => {
+                let (place, value) = block_number(text)?;
+                let length = place.len();
+                let to = from + length;
+                self.number = Some(BlockNumber { from, to, value });
+                Some(length)
+            }
+            (b'L', None) if begins_with(rest, b"L") => {
+                (self.code, self.end) = (Some(10), from + 1);
+                Some(1)
+            }
+            (_, None) => None,
+            (b'F', Some(10)) if begins_with(rest, b"FMAX") => {
+                self.code = Some(0);
+                Some(4)
+            }
+            // Radius compensation is off, and stays so.
+            (b'R', _) if begins_with(rest, b"R0") => Some(2),
+            _ => Some(0),
+        }
+    }
+
     fn names(&self, axis: usize) -> bool {
         self.named & 1 << axis != 0
     }
@@ -158,20 +210,27 @@ impl PlainLine {
             .map(|axis| usize::from(*axis))
     }
 
-    /// Writes the line with new numbers, followed by words of axes that it does not name.
+    /// Writes the line with new numbers, followed by words of axes that it does not name. `added` is the number of lines that were added
+    /// before.
     fn write(
         &self,
         text: &[u8],
         numbers: &Axes<Option<Number>>,
         script: Script,
+        added: u64,
         out: &mut Vec<u8>,
     ) {
         let mut at = 0;
+        if let Some(number) = self.number.filter(|_| added > 0) {
+            out.extend_from_slice(&text[..number.from]);
+            write_block_number(&text[number.from..number.to], number.value + added, out);
+            at = number.to;
+        }
         for axis in self.order() {
             if let Some(number) = numbers[axis] {
                 let word = self.words[axis].text();
                 out.extend_from_slice(&text[at..word.start]);
-                number.write(out);
+                script.write_like(&text[word.clone()], number, out);
                 at = word.end;
             }
         }
@@ -196,6 +255,15 @@ fn ends_in_comment(text: &[u8]) -> bool {
     is_closed && !text.contains(&0)
 }
 
+/// True if a text begins with this name, which does not go on.
+#[inline]
+fn begins_with(text: &[u8], name: &[u8]) -> bool {
+    let goes_on = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_';
+    let next = text.get(..name.len());
+    next.is_some_and(|next| next.eq_ignore_ascii_case(name))
+        && !text.get(name.len()).is_some_and(goes_on)
+}
+
 #[inline]
 fn without_blanks(mut text: &[u8]) -> &[u8] {
     while let [b' ' | b'\t', behind @ ..] = text {
@@ -208,12 +276,7 @@ impl Interpreter {
     /// True if axis words alone are positions, or distances in G91. All modal fields are named one by one: a new field must be classified
     /// here.
     fn allows_fast_path(&self) -> bool {
-        let Self {
-            modal,
-            dialect,
-            points,
-            ..
-        } = self;
+        let Self { modal, points, .. } = self;
         let Modal {
             // Meaning of axis words.
             absolute: _,
@@ -257,8 +320,7 @@ impl Interpreter {
             tool: _,
             homes: _,
         } = modal;
-        *dialect != Dialect::Heidenhain
-            && (!points.means_increments || points.last_in_increments == Some(false))
+        (!points.means_increments || points.last_in_increments == Some(false))
             && !*shorter
             && !*goes_on
             && each_motion.is_none()
@@ -301,21 +363,32 @@ impl Rewriter {
         Some(end)
     }
 
+    /// Motion code of a line; `None` if the general path must execute it.
+    fn code_of(&self, line: &PlainLine) -> Option<Code> {
+        if line.code.is_none() && self.interpreter.is_printer() {
+            return None;
+        }
+        let code = line.code.or(self.interpreter.modal.motion);
+        // The first motion that cuts with a work offset may need a note.
+        code.filter(|code| *code == 0 || *code == 10 && self.zero_needs_no_note())
+    }
+
+    /// True if this correction at the end of a line (machine coordinates) is the first with an assumed work offset, which is noted, or is
+    /// out of bounds.
+    fn needs_note_or_rejection(&self, end: &Axes, carried: &Axes) -> bool {
+        let is_noted = |system| self.interpreter.notes.has(&Note::NoOffset(system));
+        let unstated = self.interpreter.unstated_offset();
+        *carried != [0.0; 9] && unstated.is_some_and(|system| !is_noted(system))
+            || self.violation_in_machine(end, carried).is_some()
+    }
+
     /// Compensates a usual line, without its end; `None`: not a usual line, nothing was changed.
     pub(crate) fn fast_line(&mut self, text: &[u8], out: &mut Vec<u8>) -> Option<()> {
         if !self.allows_fast_path() {
             return None;
         }
-        let line = PlainLine::read(text, Syntax::of(&self.interpreter))?;
-        if line.code.is_none() && self.interpreter.is_printer() {
-            return None;
-        }
-        let code = line.code.or(self.interpreter.modal.motion);
-        let code = code.filter(|code| matches!(code, 0 | 10))?;
-        // The first motion that cuts with a work offset may need a note.
-        if code == 10 && !self.zero_needs_no_note() {
-            return None;
-        }
+        let line = PlainLine::read(text, Syntax::of(&self.interpreter, self.comma))?;
+        let code = self.code_of(&line)?;
         let (interpreter, corrector) = (&self.interpreter, &self.corrector);
         let frame = &interpreter.frame;
         let from = interpreter.position;
@@ -348,44 +421,50 @@ impl Rewriter {
             None
         };
         let frame = &self.interpreter.frame;
-        let mut carried = frame.moved_in_program(&from, &self.carried);
+        let mut carried = frame.moved_in_program_at([&from, &before], &self.carried);
         let mut numbers = [None; 9];
-        self.words_at(&to, None, &mut carried, |this, axes, delta, carried| {
-            for axis in axes {
-                let is_named = line.names(axis);
-                if !is_named && !this.corrector.has(axis) {
-                    continue;
+        self.words_at(
+            [&to, &after],
+            None,
+            &mut carried,
+            |this, axes, delta, carried| {
+                for axis in axes {
+                    let is_named = line.names(axis);
+                    if !is_named && !this.corrector.has(axis) {
+                        continue;
+                    }
+                    let way = AxisWay {
+                        from: before[axis],
+                        to: after[axis],
+                        delta: delta[axis],
+                        carried: carried[axis],
+                        incremental,
+                        manner: Manner::Modal,
+                        keeps: false,
+                        written: is_named.then(|| OriginalWord {
+                            decimals: line.words[axis].decimals,
+                            anew: false,
+                        }),
+                        numerals: this.numerals(axis, None),
+                    };
+                    // All axes are known, so the line needs no note.
+                    (numbers[axis], carried[axis]) = this.axis_word(axis, &way, 0);
                 }
-                let way = AxisWay {
-                    from: before[axis],
-                    to: after[axis],
-                    delta: delta[axis],
-                    carried: carried[axis],
-                    incremental,
-                    manner: Manner::Modal,
-                    keeps: false,
-                    written: is_named.then(|| OriginalWord {
-                        decimals: line.words[axis].decimals,
-                        anew: false,
-                    }),
-                    numerals: this.numerals(axis, None),
-                };
-                // All axes are known, so the line needs no note.
-                (numbers[axis], carried[axis]) = this.axis_word(axis, &way, 0);
-            }
-        });
-        // The general path rejects it.
+            },
+        );
         let frame = &self.interpreter.frame;
-        let carried = frame.moved_in_machine(&after, &carried);
-        if (self.violation_in_machine(&frame.to_machine(&after), &carried)).is_some() {
+        let end = frame.to_machine(&after);
+        let carried = frame.moved_in_machine_at([&end, &after], &carried);
+        if self.needs_note_or_rejection(&end, &carried) {
             return None;
         }
         let begins = out.len();
         let script = Script {
             dialect: self.interpreter.dialect,
+            comma: self.comma,
             ..Script::default()
         };
-        line.write(text, &numbers, script, out);
+        line.write(text, &numbers, script, self.counts.added, out);
         if out.len() - begins > MAX_LINE_BYTES {
             out.truncate(begins);
             return None;

@@ -3,7 +3,7 @@
 //! Words with the meaning of RS-274 ones get their letters and codes: a line `L` is G1, with FMAX G0; `RL` is G41. Unknown words, which
 //! might move an axis, are rejected with their column.
 
-use std::ops::Range;
+use std::{io::Write as _, ops::Range};
 
 use crate::{
     block::{Assignment, Block, Command, Cycle, LAST, Manner, OTHER, POLAR, Parameter, Scanner},
@@ -909,6 +909,16 @@ pub(crate) fn block_number(text: &[u8]) -> Option<(Range<usize>, u64)> {
     Some((place, number))
 }
 
+/// Writes a block number in place of another; leading zeros keep the width.
+pub(crate) fn write_block_number(before: &[u8], number: u64, out: &mut Vec<u8>) {
+    let width = match before.first() {
+        Some(b'0') => before.len(),
+        _ => 0,
+    };
+    // Writing to a Vec cannot fail.
+    let _ = write!(out, "{number:0width$}");
+}
+
 /// Renumbers the lines from byte `begins` on consecutively from `number`. The program's own line, at byte `at`, gets a new number, each
 /// added line gets its first.
 pub(crate) fn renumber(out: &mut Vec<u8>, begins: usize, at: usize, number: u64) {
@@ -917,12 +927,8 @@ pub(crate) fn renumber(out: &mut Vec<u8>, begins: usize, at: usize, number: u64)
     for (line, number) in lines.zip(number..) {
         match block_number(line) {
             Some((place, _)) if place.start == at => {
-                let width = match line[place.start] {
-                    b'0' => place.len(),
-                    _ => 0,
-                };
                 out.extend_from_slice(&line[..place.start]);
-                out.extend_from_slice(format!("{number:0width$}").as_bytes());
+                write_block_number(&line[place.clone()], number, out);
                 out.extend_from_slice(&line[place.end..]);
             }
             _ => {

@@ -211,7 +211,13 @@ impl Rewriter {
         // Rotary axes are at their rounded positions.
         let [at_bottom, at_clearance] = [bottom, clearance].map(|height| {
             let at = frame.to_machine(&at_height(&end, depth, height));
-            self.words_at(&at, None, &mut carried.clone(), |_, _, _, _| ())[depth]
+            let in_program = frame.to_program(&at);
+            self.words_at(
+                [&at, &in_program],
+                None,
+                &mut carried.clone(),
+                |_, _, _, _| (),
+            )[depth]
         });
         let initial = self.interpreter.modal.sticky.initial;
         let initial = initial.unwrap_or(before[depth]);

@@ -14,10 +14,7 @@ use crate::{
     codes::{BlockWords, Codes, whole},
     control::{Control, DecimalPoints, Dialect},
     coordinates::{Axes, Frame, Tip, axis_of, each, is_rotary, name_of, with_tool},
-    modal::{
-        CentrePoint, Code, FeedMode, G500, Modal, Plane, SYSTEMS, WORK_OFFSETS, code_text,
-        name_of_offset,
-    },
+    modal::{CentrePoint, Code, FeedMode, G500, Modal, Plane, SYSTEMS, WORK_OFFSETS, code_text},
     motion::Move,
     notes::{Note, Notes},
     number::{MAX_DECIMALS, Number, of_steps, steps},
@@ -769,12 +766,12 @@ impl Interpreter {
         }
     }
 
-    /// Name of the active work offset, if it is not stated and zero was assumed.
-    pub(crate) fn unstated_offset(&self) -> Option<String> {
+    /// Index of the active work offset, if it is not stated and zero was assumed.
+    pub(crate) fn unstated_offset(&self) -> Option<usize> {
         let system = self.modal.system;
         let offset = self.assumptions.offsets.get(system)?;
         let number = u32::try_from(system).ok()? + 1;
-        offset.contains(&number).then(|| name_of_offset(system))
+        offset.contains(&number).then_some(system)
     }
 
     pub(crate) fn provided(&self, name: &str) -> Option<Value> {

@@ -140,12 +140,19 @@ impl Script {
         }
     }
 
-    fn like(self, before: &[u8]) -> Self {
+    /// Writes a number in place of another, whose signs it takes over.
+    #[inline]
+    pub(crate) fn write_like(self, before: &[u8], number: Number, out: &mut Vec<u8>) {
+        if !self.is_heidenhain() {
+            return number.write(out);
+        }
         let sign = before.iter().find(|byte| matches!(byte, b',' | b'.'));
-        Self {
+        let script = Self {
             comma: sign.map_or(self.comma, |sign| *sign == b','),
             ..self
-        }
+        };
+        let has_sign = !before.first().is_some_and(u8::is_ascii_digit);
+        script.write_number(number, has_sign, out);
     }
 
     /// Writes a number; with `has_sign` also the sign of positive numbers, if the dialect writes one.
@@ -217,9 +224,7 @@ impl Edits {
             }
             out.extend_from_slice(&text[at..range.start]);
             if let Some(number) = number {
-                let before = &text[range.clone()];
-                let has_sign = !before.first().is_some_and(u8::is_ascii_digit);
-                line.script.like(before).write_number(number, has_sign, out);
+                line.script.write_like(&text[range.clone()], number, out);
             }
             at = range.end;
         };

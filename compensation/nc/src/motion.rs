@@ -107,6 +107,8 @@ impl Arc {
 pub(crate) struct ExecutedMotion {
     pub(crate) line: usize,
     pub(crate) motion: Move,
+    /// Start and end in program coordinates.
+    pub(crate) in_program: [Axes; 2],
     pub(crate) frame: Frame,
     pub(crate) tool: Axes,
     pub(crate) system: usize,

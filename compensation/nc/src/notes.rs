@@ -45,8 +45,9 @@ pub enum Note {
         "the corrected line is longer than 254 characters, which LinuxCNC and others refuse: move its comment to a separate line"
     )]
     LongLine,
-    #[error("the set-up file has no work offset {0}: zero is assumed")]
-    NoOffset(String),
+    /// By the index of the work offset.
+    #[error("the set-up file has no work offset {}: zero is assumed", name_of_offset(*.0))]
+    NoOffset(usize),
     #[error("the set-up file has no position of {0} ([home.{0}]): machine zero is assumed")]
     NoHome(&'static str),
     #[error(

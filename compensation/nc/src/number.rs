@@ -18,7 +18,7 @@ const EXACT_DIGITS: usize = 15;
 /// character by character.
 #[expect(clippy::cast_possible_truncation, reason = "at most 15 decimals")]
 #[inline]
-pub(crate) fn plain(text: &[u8]) -> Option<(f64, u8, usize)> {
+pub(crate) fn plain(text: &[u8], decimal_sign: u8) -> Option<(f64, u8, usize)> {
     let (first, behind) = text.split_first()?;
     let mut rest = if matches!(first, b'-' | b'+') {
         behind
@@ -37,7 +37,9 @@ pub(crate) fn plain(text: &[u8]) -> Option<(f64, u8, usize)> {
         before - rest.len()
     };
     let (mut count, mut decimals) = (digits(&mut rest), 0);
-    if let [b'.', behind @ ..] = rest {
+    if let [sign, behind @ ..] = rest
+        && *sign == decimal_sign
+    {
         rest = behind;
         decimals = digits(&mut rest);
         count += decimals;

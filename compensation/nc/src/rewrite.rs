@@ -78,7 +78,7 @@ pub(crate) struct Rewriter {
     pub(crate) pole: Option<[f64; 2]>,
     /// The output is in Cartesian mode (G15) where the program has polar coordinates (G16).
     pub(crate) polar_is_off: bool,
-    comma: bool,
+    pub(crate) comma: bool,
     pub(crate) computed: Computed,
     pub(crate) folders: Arc<[PathBuf]>,
     more: &'static [u8],
@@ -403,6 +403,7 @@ impl Rewriter {
         let made = ExecutedMotion {
             line: number,
             motion: motion.clone(),
+            in_program: self.ends_of(motion),
             frame: self.interpreter.frame.clone(),
             tool: self.interpreter.modal.tool_offset,
             system: self.interpreter.modal.system,
@@ -685,8 +686,9 @@ impl Rewriter {
     /// Bound violated by this correction at a position, both in program coordinates.
     pub(crate) fn bound_violation(&self, at: &Axes, carried: &Axes) -> Option<BoundViolation> {
         let frame = &self.interpreter.frame;
-        let by = frame.moved_in_machine(at, carried);
-        self.violation_in_machine(&frame.to_machine(at), &by)
+        let in_machine = frame.to_machine(at);
+        let by = frame.moved_in_machine_at([&in_machine, at], carried);
+        self.violation_in_machine(&in_machine, &by)
     }
 
     /// Bound violated by this correction at a position, both in machine coordinates.

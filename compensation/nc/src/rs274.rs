@@ -377,7 +377,7 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
     let digits = digits.take_while(|byte| byte.is_ascii_digit() || **byte == b'.');
     let end = at + 1 + digits.count();
     let found = || String::from_utf8_lossy(&text[at..end]).into_owned();
-    let Some((number, ..)) = plain(&text[at + 1..end]) else {
+    let Some((number, ..)) = plain(&text[at + 1..end], b'.') else {
         // A letter alone, as in `Tx` of Prusa.
         block.commands.push(Command::MayMove(found()));
         return Ok(true);

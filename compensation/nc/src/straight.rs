@@ -658,8 +658,9 @@ impl Rewriter {
     /// axes compensate the rounded rotary positions, so that the tip is in place.
     pub(crate) fn words_to(&mut self, leg: &Leg<'_>, carried: &mut Axes) -> Axes<Option<Number>> {
         let mut numbers = [None; 9];
+        let in_program = self.interpreter.frame.to_program(&leg.at);
         self.words_at(
-            &leg.at,
+            [&leg.at, &in_program],
             leg.rounded,
             carried,
             |this, axes, delta, carried| {
@@ -670,12 +671,12 @@ impl Rewriter {
         numbers
     }
 
-    /// Makes the words that apply the correction at a position, `rounded` or exact: `numbers` makes those of a range of axes and updates
+    /// Makes the words that apply the correction at a position (in machine and in program coordinates), `rounded` or exact: `numbers` makes those of a range of axes and updates
     /// `carried`. Returns the required correction, in program coordinates.
     #[inline]
     pub(crate) fn words_at(
         &mut self,
-        at: &Axes,
+        [at, in_program]: [&Axes; 2],
         rounded: Option<Axes>,
         carried: &mut Axes,
         mut numbers: impl FnMut(&mut Self, Range<usize>, &Axes, &mut Axes),
@@ -686,13 +687,14 @@ impl Rewriter {
             let delta = frame.others_moved_in_program(at, &correction.delta);
             numbers(self, 3..6, &delta, carried);
             let correction = self.seen.at(&self.corrector, at).with_rotary(carried);
-            let delta = self.interpreter.frame.moved_in_program(at, &correction);
+            let frame = &self.interpreter.frame;
+            let delta = frame.moved_in_program_at([at, in_program], &correction);
             numbers(self, 0..3, &delta, carried);
             numbers(self, 6..9, &delta, carried);
             return delta;
         }
         let delta = &correction.delta;
-        let delta = rounded.unwrap_or_else(|| frame.moved_in_program(at, delta));
+        let delta = rounded.unwrap_or_else(|| frame.moved_in_program_at([at, in_program], delta));
         numbers(self, 0..9, &delta, carried);
         delta
     }
@@ -958,9 +960,9 @@ impl Rewriter {
     /// Adds a note if a written correction relies on an unstated work offset.
     pub(crate) fn note_unstated(&mut self, line: usize) {
         if self.carried != [0.0; 9]
-            && let Some(name) = self.interpreter.unstated_offset()
+            && let Some(system) = self.interpreter.unstated_offset()
         {
-            self.interpreter.notes.add(Note::NoOffset(name), line);
+            self.interpreter.notes.add(Note::NoOffset(system), line);
         }
     }
 }

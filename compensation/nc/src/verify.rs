@@ -210,12 +210,11 @@ impl Stations {
 
 /// Length of a line or an arc in program coordinates; rotary axes do not count.
 fn length_mm(original: &ExecutedMotion) -> f64 {
-    let ExecutedMotion { motion, frame, .. } = original;
-    let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+    let [from, to] = &original.in_program;
     let squared = |axis: usize| (to[axis] - from[axis]).powi(2);
-    match motion.path {
+    match original.motion.path {
         Path::Arc(arc) => {
-            let (radius, _) = arc.start(&from);
+            let (radius, _) = arc.start(from);
             (radius * arc.turns_by).hypot(squared(arc.axes[2]).sqrt())
         }
         _ => (0..3).map(squared).sum::<f64>().sqrt(),
@@ -676,19 +675,19 @@ fn in_mm(place: &Place, of: DeviationOf) -> [Vector3<f64>; 2] {
 /// Axis positions at a share of a motion; for a hole, on its way down from plane R.
 pub(crate) fn place_of(made: &ExecutedMotion, share: f64) -> Axes {
     let ExecutedMotion { motion, frame, .. } = made;
-    let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+    let [from, to] = &made.in_program;
     match motion.path {
-        Path::Arc(arc) => frame.to_machine(&arc.place(&from, &to, share)),
+        Path::Arc(arc) => frame.to_machine(&arc.place(from, to, share)),
         Path::Hole {
             bottom,
             clearance,
             depth,
         } => {
             let height = clearance + share * (bottom - clearance);
-            frame.to_machine(&at_height(&to, depth, height))
+            frame.to_machine(&at_height(to, depth, height))
         }
         _ if share == 1.0 => motion.to,
-        _ => frame.to_machine(&between(&from, &to, share)),
+        _ => frame.to_machine(&between(from, to, share)),
     }
 }
 
@@ -712,10 +711,10 @@ pub(crate) fn places<'a>(
 /// Number of steps with which no axis reversal of a motion is missed.
 pub(crate) fn steps(truth: &Corrector, made: &ExecutedMotion, share: f64) -> u32 {
     let ExecutedMotion { motion, frame, .. } = made;
-    let from = frame.to_program(&motion.from);
+    let [from, to] = &made.in_program;
     let mut steps = 1.0_f64;
     if let Path::Arc(arc) = motion.path {
-        let (radius, _) = arc.start(&from);
+        let (radius, _) = arc.start(from);
         // Sagitta of the whole arc, approximated by a parabola.
         let turns = arc.turns_by.abs() * share;
         steps = steps_of(0.125 * radius * turns * turns);
@@ -725,7 +724,6 @@ pub(crate) fn steps(truth: &Corrector, made: &ExecutedMotion, share: f64) -> u32
             .filter(|axis| is_rotary(*axis))
             .map(|axis| (motion.to[axis] - motion.from[axis]).abs().to_radians())
             .sum();
-        let to = frame.to_program(&motion.to);
         let way: f64 = (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum();
         let bulge = truth.bulge_mm(share * turned, share * way.sqrt());
         steps = steps.max(steps_of(bulge));
