@@ -34,6 +34,10 @@ struct Writer<'e> {
 
 impl Writer<'_> {
     fn coefficients(&mut self, pose: &PreparedPose, tip: &Tip, directions: &[Vector3<f64>]) {
+        self.sides(pose, tip, directions);
+        if self.jacobian.ncols() <= self.params.setup() {
+            return;
+        }
         for &(axis, component, coefficient, value) in &pose.terms {
             let moved = tip.by_motion[axis][component] * value;
             self.add(self.params.setup() + coefficient, &moved, directions);
@@ -46,7 +50,6 @@ impl Writer<'_> {
             let moved = tip.by_location[axis][component] * rate;
             self.add(self.params.setup() + coefficient, &moved, directions);
         }
-        self.sides(pose, tip, directions);
     }
 
     /// Adds the effect of an approach in the positive direction for axes whose approach direction is unknown.
@@ -82,6 +85,9 @@ impl Writer<'_> {
         directions: &[Vector3<f64>],
         moved: impl Fn(usize, usize) -> Vector3<f64>,
     ) {
+        if self.jacobian.ncols() == 0 {
+            return;
+        }
         for at in self.params.of(part) {
             let moved = moved(at.place, at.order) * self.polynomials[at.order];
             self.add(at.param, &moved, directions);
@@ -90,6 +96,9 @@ impl Writer<'_> {
 
     /// Adds the derivatives by a number of the set-up; `by` is the change of the residual per unit.
     fn number(&mut self, number: usize, by: f64) {
+        if self.jacobian.ncols() == 0 {
+            return;
+        }
         for at in self.params.of(Part::Number(number)) {
             self.jacobian[(self.first, at.param)] += by * self.polynomials[at.order] * self.weight;
         }
@@ -133,6 +142,18 @@ impl System {
     /// with readings that fit it exactly; they decide what is distinguishable. Rows before the first move of an axis are treated as the mean of both
     /// directions.
     pub(crate) fn plain_equations(&self, rows: &Rows, values: &Values, design: bool) -> Equations {
+        self.equations_in(self.params.len(), rows, values, design)
+    }
+
+    /// Like [`System::plain_equations`], with the derivatives by the first `columns` parameters only: all, those of the
+    /// set-ups, or none.
+    pub(crate) fn equations_in(
+        &self,
+        columns: usize,
+        rows: &Rows,
+        values: &Values,
+        design: bool,
+    ) -> Equations {
         let mut places = Vec::with_capacity(rows.len());
         let mut count = 0;
         for row in rows.iter() {
@@ -144,7 +165,7 @@ impl System {
         let total = count + calibrated.len();
         let mut equations = Equations {
             residuals: DVector::zeros(total),
-            jacobian: DMatrix::zeros(total, self.params.len()),
+            jacobian: DMatrix::zeros(total, columns),
             places,
             sides: Sides::default(),
         };
@@ -154,6 +175,9 @@ impl System {
         // A calibrated value is one more observation of its number.
         for (row, (column, residual, uncertainty)) in calibrated.into_iter().enumerate() {
             equations.residuals[count + row] = residual / uncertainty;
+            if columns == 0 {
+                continue;
+            }
             // For distinguishability the value is taken as exact, because its uncertainty leaves no unknown
             // undetermined.
             let least = if design {
@@ -201,7 +225,7 @@ impl System {
         /// Margin of an approach direction beyond ±1, in uncertainties of a reading, because the reversal value is uncertain as well if a
         /// row hardly depends on it.
         const WITHIN: f64 = 8.0;
-        let mut equations = self.plain_equations(rows, values, false);
+        let mut equations = self.equations_in(0, rows, values, false);
         if equations.sides.len() > 0 {
             let mut sides = DVector::zeros(equations.sides.len());
             let columns = equations.sides.columns(equations.residuals.len(), false);
@@ -226,7 +250,7 @@ impl System {
     /// Residuals of rows without any error of the machine, before the size of errors is known: rows before an axis
     /// first moved are treated as the mean of both directions.
     pub(crate) fn plain_residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
-        in_mm(rows, &self.plain_equations(rows, values, false))
+        in_mm(rows, &self.equations_in(0, rows, values, false))
     }
 
     /// Actual tip in workpiece axes and its derivatives by the errors; with `design`, those of the ideal machine.
@@ -478,7 +502,7 @@ impl Equations {
     }
 }
 
-fn in_mm(rows: &Rows, equations: &Equations) -> Vec<Vector3<f64>> {
+pub(crate) fn in_mm(rows: &Rows, equations: &Equations) -> Vec<Vector3<f64>> {
     let places = equations.places.iter().zip(rows.iter());
     places
         .map(|(&(first, count), row)| {

@@ -17,6 +17,7 @@ use crate::{
     rank::{LEAST_SHARE, Rank, independent, independent_without, of_unit_length},
     solve::{Exactness, Solution, solve},
     system::{Rows, System},
+    triangle::{inverse, triangle},
 };
 
 /// The distinguishable unknowns, for rows whose approach direction may be unknown. Reversal values that only such rows
@@ -89,7 +90,7 @@ pub(crate) fn fit(
     rows: &Rows,
     values: Values,
 ) -> Result<Fitted, IdentifyError> {
-    let design = design(system, rows, &values);
+    let design = design(system, rows, &values, system.params.len());
     let rank = distinguishable(system, &design, &[]);
     if rank.kept.len() > design.jacobian.nrows()
         || (rank.kept.len() == design.jacobian.nrows() && !rank.null.is_empty())
@@ -137,12 +138,13 @@ pub(crate) fn fit(
     })
 }
 
-pub(crate) fn design(system: &System, rows: &Rows, values: &Values) -> Equations {
+/// Equations of the ideal experiment, with the derivatives by the first `columns` parameters.
+pub(crate) fn design(system: &System, rows: &Rows, values: &Values, columns: usize) -> Equations {
     let ideal: Vec<Row> = rows
         .iter()
         .map(|row| ideal_row(system, row, values))
         .collect();
-    system.plain_equations(&system.prepare(ideal.iter()), values, true)
+    system.equations_in(columns, &system.prepare(ideal.iter()), values, true)
 }
 
 /// A row on a sphere or a ball, with the linear axes where the ideal machine would have been.
@@ -200,10 +202,7 @@ impl Uncertain {
     pub(crate) fn among(system: &System, kept: &[usize], jacobian: &DMatrix<f64>) -> Option<Self> {
         let own = jacobian.select_columns(kept);
         let lengths: Vec<f64> = own.column_iter().map(|column| column.norm()).collect();
-        let inverse = of_unit_length(own)
-            .qr()
-            .r()
-            .solve_upper_triangular(&DMatrix::identity(kept.len(), kept.len()))?;
+        let inverse = inverse(&triangle(of_unit_length(own)))?;
         let uncertain = |place: usize| {
             let param = kept[place];
             let inside = inverse.row(place).norm() / lengths[place];
@@ -212,15 +211,20 @@ impl Uncertain {
                 uncertainty: inside * system.unit_of(param).1,
             }
         };
-        let is_error = |of: &Self| matches!(system.params.at(of.param), Param::Coefficient(_));
         let found: Vec<Self> = (0..kept.len())
             .map(uncertain)
-            .filter(|of| is_error(of) && of.uncertainty > 1e3 * LARGEST)
+            .filter(|of| of.is_hidden(system))
             .collect();
         let most = found.iter().map(|of| of.uncertainty).fold(0.0, f64::max);
         found
             .into_iter()
             .rfind(|of| of.uncertainty >= LEAST_SHARE * most)
+    }
+
+    /// Whether it is an error of the machine, with a larger uncertainty than errors have.
+    pub(crate) fn is_hidden(&self, system: &System) -> bool {
+        let is_error = matches!(system.params.at(self.param), Param::Coefficient(_));
+        is_error && self.uncertainty > 1e3 * LARGEST
     }
 
     pub(crate) fn words(self, system: &System) -> String {

@@ -18,7 +18,8 @@ use crate::{
         },
     },
     error::{IdentifyError, at},
-    fit::fit,
+    fit::{Fitted, fit},
+    fold::Folds,
     found_machine::machine_of,
     next::{Next, next},
     observations::Observations,
@@ -145,7 +146,8 @@ pub fn identify(
     observations: &Observations,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Identification, IdentifyError> {
-    followed(observations, &[], &mut progress).map(|(found, _)| found)
+    let system = System::new(observations)?;
+    followed(&system, observations, &mut progress).map(|(found, _)| found)
 }
 
 /// Like [`identify`], with other errors of the machine that follow the unknowns: the residuals include everything that
@@ -160,44 +162,46 @@ pub fn identify_followed(
     followers: &[Follower],
     mut progress: impl FnMut(usize, usize),
 ) -> Result<(Identification, Response), IdentifyError> {
-    followed(observations, followers, &mut progress)
+    let system = System::new(observations)?.followed_by(followers)?;
+    let (found, fitted) = followed(&system, observations, &mut progress)?;
+    let response = Response::new(&system, observations, followers, &fitted);
+    Ok((found, response))
 }
 
 /// Not generic over `progress`, so that it is compiled only once.
 fn followed(
+    system: &System,
     observations: &Observations,
-    followers: &[Follower],
     progress: &mut dyn FnMut(usize, usize),
-) -> Result<(Identification, Response), IdentifyError> {
-    let system = System::new(observations)?.followed_by(followers)?;
+) -> Result<(Identification, Fitted), IdentifyError> {
     let rows = system.prepare(observations.fitted_rows());
-    refuse_rows(&system, &rows)?;
+    refuse_rows(system, &rows)?;
     let fits = 1 + observations.folds;
     progress(0, fits);
-    let values = start(&system, observations, &rows)?;
-    refuse_far(&system, observations, &rows, &values)?;
-    let fitted = fit(&system, observations, &rows, values.clone())?;
-    refuse_target(&system, &rows, &fitted.rank)?;
+    let values = start(system, observations, &rows)?;
+    refuse_far(system, observations, &rows, &values)?;
+    let fitted = fit(system, observations, &rows, values.clone())?;
+    refuse_target(system, &rows, &fitted.rank)?;
     progress(1, fits);
-    let machine = machine_of(&system, &fitted.solution.values)?;
+    let machine = machine_of(system, &fitted.solution.values)?;
     let residuals = system.residuals(&rows, &fitted.solution.values);
-    refuse_unexplained(&system, observations, &rows, &residuals)?;
-    let (left_out, why_not) = left_out(&system, observations, &rows, &values, |done| {
+    refuse_unexplained(system, observations, &rows, &residuals)?;
+    let (left_out, why_not) = left_out(system, observations, &rows, (&values, &fitted), |done| {
         progress(1 + done, fits);
     })?;
     let (judged, of_judged) = judged(
-        &system,
+        system,
         observations,
         &fitted.solution.values,
         figures(&residuals),
     );
-    let parameters = parameters(&system, &fitted);
+    let parameters = parameters(system, &fitted);
     let names =
         |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
     let null: Vec<Vec<(String, f64)>> = fitted.rank.null.iter().map(names).collect();
     let warning = |text: &String| Note::warning("", text.as_str());
     // First what makes the result wrong, then what makes it uncertain, last what every run reports.
-    let mut warnings = inverted(&system, observations, &rows, &fitted);
+    let mut warnings = inverted(system, observations, &rows, &fitted);
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(outliers(observations, &rows, &residuals));
     let is_contradicted = !of_judged.files.is_empty()
@@ -206,7 +210,7 @@ fn followed(
                 .any(|(times, _)| *times > MAX_RESIDUAL_RATIO);
     warnings.extend(of_judged.files);
     warnings.extend(of_judged.rows);
-    warnings.extend(large(&system, &fitted));
+    warnings.extend(large(system, &fitted));
     warnings.extend(few(&rows, &fitted));
     warnings.extend(
         observations
@@ -217,14 +221,14 @@ fn followed(
     warnings.extend(observations.fourier_gap_notes().iter().map(warning));
     warnings.extend(small_travel(&system.machine, &rows));
     warnings.extend(why_not);
-    warnings.extend(left_at_zero(&system, &fitted, &null).iter().map(warning));
+    warnings.extend(left_at_zero(system, &fitted, &null).iter().map(warning));
     let mut found = Identification {
-        covariance: covariance_in_units(&system, &fitted),
+        covariance: covariance_in_units(system, &fitted),
         rank: fitted.rank.kept.len(),
         score: fitted.rank.score(),
         score_of_determined: fitted.rank.score_of_kept(),
-        redundant: redundant(&system, &fitted.rank),
-        undetermined: undetermined(&system, &fitted.rank),
+        redundant: redundant(system, &fitted.rank),
+        undetermined: undetermined(system, &fitted.rank),
         residual: figures(&residuals),
         judged,
         left_out,
@@ -232,15 +236,14 @@ fn followed(
         excess: fitted.solution.excess_of_covariance(),
         is_contradicted,
         degrees: fitted.solution.degrees,
-        next: next(&system, observations, &rows, &fitted),
+        next: next(system, observations, &rows, &fitted),
         machine,
         parameters,
         null,
         warnings,
     };
     found.machine.leave_undecided(found.undecided());
-    let response = Response::new(&system, observations, followers, &fitted);
-    Ok((found, response))
+    Ok((found, fitted))
 }
 
 /// Size of residuals: distances in three directions for `points` and `sphere`, otherwise the number itself.
@@ -310,7 +313,7 @@ pub(crate) fn left_out(
     system: &System,
     observations: &Observations,
     rows: &Rows,
-    start: &Values,
+    (start, fitted): (&Values, &Fitted),
     mut done: impl FnMut(usize),
 ) -> Result<(Option<LeftOut>, Option<Note>), IdentifyError> {
     let folds = observations.folds;
@@ -330,7 +333,14 @@ pub(crate) fn left_out(
         ));
     };
     let mut residuals = Vec::new();
+    let factorised = Folds::new(system, rows, fitted);
     for fold in 0..folds {
+        let is_left = |row: usize| parts[row] == fold;
+        if let Some(own) = factorised.as_ref().and_then(|of| of.left_out(is_left)) {
+            residuals.extend(own);
+            done(fold + 1);
+            continue;
+        }
         let others = rows.only(|row| parts[row] != fold);
         let left = rows.only(|row| parts[row] == fold);
         let fitted = match fit(system, observations, &others, start.clone()) {

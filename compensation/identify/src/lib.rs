@@ -8,6 +8,7 @@ mod derivatives;
 mod equation;
 mod error;
 mod fit;
+mod fold;
 mod found_machine;
 mod identify;
 mod next;
@@ -26,6 +27,7 @@ mod solve;
 mod start;
 mod system;
 mod timeline;
+mod triangle;
 
 pub use basis::Basis;
 pub use checks::input::standard_uncertainty_um;

@@ -60,9 +60,12 @@ pub(crate) fn next(
     let missing: Vec<usize> = left
         .filter(|column| system.is_convention(*column) == Some(false))
         .collect();
-    let now = system.equations(rows, values).jacobian;
-    let of_missing = || most_informative(system, &now, &ahead, &missing);
-    let (place, parameter, improvement) = match of_missing() {
+    let of_missing = || {
+        let now = system.equations(rows, values).jacobian;
+        most_informative(system, &now, &ahead, &missing)
+    };
+    let found = (!missing.is_empty()).then(of_missing).flatten();
+    let (place, parameter, improvement) = match found {
         Some((place, parameter)) => (place, parameter, None),
         None => most_reducing(&largest_effects(system, values), fitted, &ahead)?,
     };

@@ -3,7 +3,7 @@
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 
-use crate::system::System;
+use crate::{system::System, triangle::inverse};
 
 /// Convergence limit on the change of any group's effective number of coefficients.
 const CONVERGED: f64 = 0.01;
@@ -66,7 +66,8 @@ struct Penalised<'a> {
 
 struct At {
     step: DVector<f64>,
-    inverse: DMatrix<f64>,
+    /// The inverse of the penalised normal equations is this matrix times its transpose.
+    root: DMatrix<f64>,
     /// By group: effective number of coefficients, weighted sum of their squares, weighted sum of their sampling variances.
     used: Vec<f64>,
     sizes: Vec<f64>,
@@ -92,7 +93,7 @@ impl Penalised<'_> {
         let factor = matrix.cholesky()?;
         let step = factor.solve(&(&self.right - diagonal.component_mul(&self.now)));
         let mut of = At {
-            inverse: factor.inverse(),
+            root: inverse(&factor.unpack().transpose())?,
             used: vec![0.0; groups],
             sizes: vec![0.0; groups],
             scatter: vec![0.0; groups],
@@ -102,7 +103,7 @@ impl Penalised<'_> {
         };
         for (place, member) in self.members.iter().enumerate() {
             let Some((group, _)) = member else { continue };
-            let own = of.inverse[(place, place)];
+            let own = of.root.row(place).norm_squared();
             let shrunk = own * diagonal[place];
             let found = self.now[place] + of.step[place];
             of.used[*group] += 1.0 - shrunk;
@@ -143,10 +144,10 @@ impl Penalised<'_> {
     fn covariance(&self, chosen: &At, log_lambda: &[f64]) -> DMatrix<f64> {
         let starts = self.balanced().into_iter().zip(log_lambda);
         let mut weaker: Vec<f64> = starts.map(|(start, found)| start.min(*found)).collect();
-        let mut covariance = &chosen.inverse * chosen.variance;
+        let mut root = chosen.root.clone();
         for _ in 0..MAX_WEAKER_STEPS {
             let Some(there) = self.at(&weaker) else { break };
-            covariance = there.inverse * chosen.variance;
+            root = there.root;
             let mut change = 0.0_f64;
             for (group, rank) in self.ranks.iter().enumerate() {
                 if *rank == 0.0 {
@@ -163,7 +164,7 @@ impl Penalised<'_> {
                 break;
             }
         }
-        covariance
+        &root * root.transpose() * chosen.variance
     }
 }
 
@@ -215,7 +216,7 @@ pub(crate) fn choose(
             let covariance = if penalty.ends {
                 equations.covariance(&of, &log_lambda)
             } else {
-                &of.inverse * of.variance
+                &of.root * of.root.transpose() * of.variance
             };
             penalty.log_lambda = Some(log_lambda);
             return Some(Chosen {

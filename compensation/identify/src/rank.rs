@@ -2,6 +2,8 @@
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector, RowDVector};
 
+use crate::triangle::triangle;
+
 /// Minimum length of an independent combination, of unit length in its weights, of unit-length columns. Coordinates
 /// that a file states to some µm bend straight lines by 1e-6 and more, which distinguishes nothing; and an unknown
 /// determined by so short a combination would have ten thousand times the uncertainty of one with full effect.
@@ -42,6 +44,11 @@ impl Rank {
         }
     }
 
+    /// Whether the kept columns remain independent if this share of the square of every combination remains.
+    pub(crate) fn is_independent_with(&self, share: f64) -> bool {
+        self.singular[0] * share.sqrt() > INDEPENDENT_ABOVE
+    }
+
     pub(crate) fn score_of_kept(&self) -> f64 {
         self.singular[0] / self.singular[1].max(f64::MIN_POSITIVE)
     }
@@ -71,12 +78,7 @@ pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> R
         }
     }
     // The triangular factor has the same combinations and is smaller.
-    let triangle = if scaled.nrows() > scaled.ncols() {
-        scaled.qr().r()
-    } else {
-        let rows = scaled.ncols();
-        scaled.resize_vertically(rows, 0.0)
-    };
+    let triangle = triangle(scaled);
     let mut left = left_out(&triangle);
     left.extend(without);
     left.sort_unstable();
@@ -85,11 +87,11 @@ pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> R
         .filter(|column| left.binary_search(column).is_err())
         .collect();
     let own = triangle.select_columns(&kept);
-    let qr = own.clone().qr();
-    let (q, r) = (qr.q(), qr.r());
-    let null = left.into_iter().map(|column| {
-        let right = q.transpose() * triangle.column(column);
-        let weights = r.solve_upper_triangular(&right);
+    let ordered = self::triangle(triangle.select_columns(&[&kept[..], &left].concat()));
+    let r = ordered.view((0, 0), (kept.len(), kept.len()));
+    let null = left.iter().enumerate().map(|(place, &column)| {
+        let right = ordered.view((0, kept.len() + place), (kept.len(), 1));
+        let weights = r.solve_upper_triangular(&right.column(0));
         combination(
             column,
             &kept,

@@ -10,6 +10,7 @@ use crate::{
     penalty::{Penalty, choose},
     sides::Sides,
     system::{Rows, System},
+    triangle::{inverse, triangle},
 };
 
 /// Required accuracy of a search, which defines the step, in standard uncertainties, below which it has converged.
@@ -136,8 +137,16 @@ pub(crate) fn solve(
     let mut values = start;
     let mut penalty = Penalty::none(system, kept);
     let mut last = f64::INFINITY;
+    let columns = kept.last().map_or(0, |last| {
+        let setup = system.params.setup();
+        if *last < setup {
+            setup
+        } else {
+            system.params.len()
+        }
+    });
     let at = |values: &Values| {
-        let mut equations = system.plain_equations(rows, values, false);
+        let mut equations = system.equations_in(columns, rows, values, false);
         if exactness == Exactness::Rough {
             equations.sides = Sides::default();
         }
@@ -213,7 +222,12 @@ pub(crate) fn solve(
 }
 
 /// Expands a step of the kept parameters to all parameters.
-fn spread(step: &DVector<f64>, kept: &[usize], count: usize, share: f64) -> DVector<f64> {
+pub(crate) fn spread(
+    step: &DVector<f64>,
+    kept: &[usize],
+    count: usize,
+    share: f64,
+) -> DVector<f64> {
     let mut all = DVector::zeros(count);
     for (&column, by) in kept.iter().zip(step) {
         all[column] = by * share;
@@ -355,14 +369,14 @@ impl Search<'_> {
                 chosen.variance,
             )
         } else {
-            let qr = jacobian.clone().qr();
-            let r = qr.r();
-            let right = -(qr.q().transpose() * &residuals);
-            let step = r.solve_upper_triangular(&right).ok_or_else(failed)?;
             let count = kept.len();
-            let inverse = r
-                .solve_upper_triangular(&DMatrix::identity(count, count))
-                .ok_or_else(failed)?;
+            let mut columns = jacobian.resize_horizontally(count + 1, 0.0);
+            columns.set_column(count, &residuals);
+            let triangle = triangle(columns);
+            let r = triangle.view((0, 0), (count, count)).into_owned();
+            let inverse = inverse(&r).ok_or_else(failed)?;
+            let right = -triangle.column(count).rows(0, count);
+            let step = r.solve_upper_triangular(&right).ok_or_else(failed)?;
             (step, &inverse * inverse.transpose(), count as f64, 1.0)
         };
         for (place, factor) in scale.iter().enumerate() {

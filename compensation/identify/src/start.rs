@@ -57,8 +57,7 @@ fn setup_only(
     values: Values,
 ) -> Result<(f64, Values), IdentifyError> {
     let count = system.params.setup();
-    let design = design(system, rows, &values).jacobian;
-    let rank = independent(&design.columns(0, count).into_owned());
+    let rank = independent(&design(system, rows, &values, count).jacobian);
     for null in &rank.null {
         let column = null[0].0;
         if let Param::SetUp {

@@ -16,6 +16,7 @@ use crate::{
     rank::{Rank, of_unit_length},
     solve::max_squares_by_chance,
     system::{Rows, System},
+    triangle::triangle,
 };
 
 /// Maximum distance of a row from the nominal machine, mm, for rows with an extent of a usual machine tool; [`limit_mm`] scales it to other extents.
@@ -176,18 +177,9 @@ pub(crate) fn inverted(
         return Vec::new();
     }
     let values = &fitted.solution.values;
-    let equations = system.equations(rows, values);
-    let basis = of_unit_length(equations.jacobian.select_columns(&fitted.rank.kept));
-    let basis = basis.qr().q();
-    let left = |residuals: DVector<f64>| {
-        let along = &basis * (basis.transpose() * &residuals);
-        (residuals - along).norm_squared()
-    };
-    let now = left(equations.residuals.clone());
-    let freedom = fitted.solution.freedom.max(1.0);
-    let good = (INVERTED_LEAVES * INVERTED_LEAVES * now).max(max_squares_by_chance(freedom));
-    let plain = system.plain_equations(rows, values, false);
-    let mut notes = Vec::new();
+    let plain = system.equations_in(0, rows, values, false);
+    let mut files = Vec::new();
+    let mut changes = Vec::new();
     for (observation, own) in observations.fitted() {
         let mut inverted_rows: Vec<Row> = own.clone().map(|row| rows.get(row).clone()).collect();
         for row in &mut inverted_rows {
@@ -201,7 +193,7 @@ pub(crate) fn inverted(
             continue;
         };
         let inverted_equations =
-            system.plain_equations(&system.prepare(inverted_rows.iter()), values, false);
+            system.equations_in(0, &system.prepare(inverted_rows.iter()), values, false);
         // Calibrated numbers of the set-up follow after the rows and do not change sign.
         let count: usize = inverted_equations
             .places
@@ -212,14 +204,41 @@ pub(crate) fn inverted(
         let by = inverted_equations.residuals.rows(0, count) - plain.residuals.rows(first, count);
         change.rows_mut(first, count).copy_from(&by);
         plain.sides.eliminate_from(&mut change);
-        let squares_inverted = left(&equations.residuals + change);
+        files.push(observation.file.as_str());
+        changes.push(change);
+    }
+    if files.is_empty() {
+        return Vec::new();
+    }
+    let equations = system.equations(rows, values);
+    let kept = fitted.rank.kept.len();
+    let mut columns = of_unit_length(equations.jacobian.select_columns(&fitted.rank.kept))
+        .resize_horizontally(kept + 1 + files.len(), 0.0);
+    columns.set_column(kept, &equations.residuals);
+    for (place, change) in changes.into_iter().enumerate() {
+        columns.set_column(kept + 1 + place, &(&equations.residuals + change));
+    }
+    let triangle = triangle(columns);
+    // What remains of a column of residuals beside the unknowns.
+    let left = |place: usize| {
+        triangle
+            .column(kept + place)
+            .rows_range(kept..)
+            .norm_squared()
+    };
+    let now = left(0);
+    let freedom = fitted.solution.freedom.max(1.0);
+    let good = (INVERTED_LEAVES * INVERTED_LEAVES * now).max(max_squares_by_chance(freedom));
+    let mut notes = Vec::new();
+    for (place, file) in files.into_iter().enumerate() {
+        let squares_inverted = left(1 + place);
         if squares_inverted < good {
             let [now, squares_inverted] =
                 [now, squares_inverted].map(|squares| (squares / freedom).sqrt());
             let what = format!(
                 "looks inverted: with the opposite sign of its readings, the residuals are {squares_inverted:.1} times the stated uncertainty instead of {now:.1}"
             );
-            let note = Note::warning(observation.file.as_str(), what);
+            let note = Note::warning(file, what);
             notes.push(note.hint("check the sign convention of the instrument"));
         }
     }
