@@ -39,9 +39,9 @@ pub fn log_files(dir: &Path) -> Vec<PathBuf> {
 /// The state of the log when it was opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LogState {
-    /// Whole records in the current file.
+    /// Complete records in the current file.
     pub records: u64,
-    /// Bytes of a torn tail that were cut.
+    /// Length of an incomplete last record that was cut off, bytes.
     pub cut_bytes: u64,
     /// Set if the hash chain was broken: the damaged file was moved aside.
     pub broken: Option<Broken>,
@@ -89,10 +89,11 @@ impl AuditLog {
         standing_file(&self.dir)
     }
 
-    /// Opens the log in a folder, which is created if it is missing. A torn tail is cut off; a file with a broken chain
-    /// is moved aside and a new one started.
+    /// Opens the log in a folder, which is created if it is missing. An incomplete last record is
+    /// cut off; a file with a broken chain is moved aside and a new one started.
     ///
     /// # Errors
+    ///
     /// The folder or file cannot be written.
     pub fn open(dir: &Path) -> io::Result<(Self, LogState)> {
         fs::create_dir_all(dir)?;

@@ -60,7 +60,7 @@ fn longest_read_back(period: Duration) -> Duration {
     period.saturating_mul(cycles)
 }
 
-/// Limits that the guard requires of a control, by the rule used for arming.
+/// Limits that a control must report for arming, by the rule of the guard.
 pub(crate) fn needs(limits: &Limits) -> GuardRequirements {
     let axes = || limits.axes.iter().take(limits.count);
     let largest = |value: fn(&AxisLimits) -> f64| {

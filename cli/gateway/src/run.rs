@@ -158,7 +158,7 @@ impl Manager {
         }
     }
 
-    /// Feeds the watchdog if the number of proofs of life has grown since the last call.
+    /// Notifies the watchdog if the number of proofs of life has grown since the last call.
     fn feed(&mut self, proofs: u64) {
         if self.lives(proofs) {
             tell(&NotifyState::Watchdog);

@@ -47,7 +47,7 @@ struct Health {
     begun_ns: AtomicU64,
 }
 
-/// Reports whether a record or file was written.
+/// Receives whether a record or file was written.
 pub struct Receipt(Option<Receiver<bool>>);
 
 impl Receipt {
@@ -158,7 +158,7 @@ impl AuditWriter {
         }
     }
 
-    /// Waits at most `patience` until all tasks are done. Returns whether they are.
+    /// Waits at most `patience` until all tasks are complete. Returns false if some are not.
     pub fn settle(&self, patience: Duration) -> bool {
         let end = Instant::now() + patience;
         while self.health.open.load(Ordering::Relaxed) > 0 {

@@ -66,7 +66,7 @@ enum JudgedValue {
         /// Version of the manifest, as far as it can be parsed.
         version: u64,
         value_sha256: String,
-        /// The signer, for the audit log.
+        /// Signer, as recorded in the audit log.
         who: String,
         why: String,
     },
@@ -189,7 +189,7 @@ impl ManifestReceiver {
         }
     }
 
-    /// Ramps the correction out and forbids arming before the manifest has any other effect.
+    /// Ramps the correction to zero and forbids arming before the manifest has any other effect.
     async fn disable(&self, judged: &AcceptedManifest) {
         // Note it first: the activator runs on the same thread and may be activating an older version, which must not lift
         // this order.
@@ -461,7 +461,7 @@ impl ManifestActivator {
         Ok(None)
     }
 
-    /// Asks the service to activate the machine file and to correct with it.
+    /// Requests that the service activates the machine file and permits correction.
     async fn take(&self, held: &StoredManifest) -> Result<Outcome, RetryReason> {
         let operation = CentreOperation::Take {
             machine: self.store.machine(&held.manifest),

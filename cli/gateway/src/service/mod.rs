@@ -113,7 +113,7 @@ pub struct Service {
     shown_reasons: Reasons,
     /// Set once the gateway has armed, or an operator has taken over.
     auto_arm_done: bool,
-    /// Set once an operator has armed, disarmed or acknowledged; from then on auto-arm is off.
+    /// Set once an operator has armed, disarmed or acknowledged; auto-arm is off from then on.
     person_decides: bool,
     auto_arm_after: Instant,
     output: LatestOutput,
