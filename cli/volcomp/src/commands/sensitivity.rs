@@ -46,12 +46,13 @@ pub(crate) struct SensitivityArguments {
 pub(crate) struct Effects {
     #[serde(flatten)]
     found: Sensitivity,
-    /// Whether the effects are those of the values in the machine file, the largest first (`--values`); else of 1 µm or
-    /// 1 µrad of each error.
+    /// Whether the effects are those of the values in the machine file, largest first (`--values`),
+    /// instead of 1 µm or 1 µrad of each error.
     values: bool,
-    /// The errors of each of `motions`.
+    /// The errors grouped by `motions`.
     groups: Vec<Vec<ErrorTerm>>,
-    /// A column counts as a combination of others when less than this part of it is left beside them.
+    /// A column is treated as a combination of others if the remaining share of it is below this
+    /// value.
     tolerance: f64,
 }
 

@@ -163,7 +163,7 @@ impl UncertaintyArguments {
 }
 
 impl Measured {
-    /// A file with observations only is read like that of `volcomp identify`.
+    /// Reads a file. Files with observations only are read like those of `volcomp identify`.
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
         let document = Document::read(path)?;
         let is_calibration = document.decode(|root| {
