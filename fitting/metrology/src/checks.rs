@@ -110,7 +110,7 @@ pub fn axis_named(text: &str) -> Option<AxisName> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OutlierHint {
-    /// Number of the run among those of its direction.
+    /// Number of the run, counted within its direction, from 1.
     pub run: u32,
     /// Direction of the run.
     pub direction: Direction,
@@ -119,7 +119,7 @@ pub struct OutlierHint {
     /// Difference from the median of the runs, in the measurement's unit: signed for a reading, root mean square
     /// over the targets for a run.
     pub size: f64,
-    /// The same in words.
+    /// Description of the outlier.
     pub text: String,
 }
 
