@@ -134,7 +134,8 @@ impl Draft {
                 }
                 Subject::Squareness(error) => {
                     let Some(at) = squares.iter().position(|square| square.error == *error) else {
-                        // The squareness was removed with one of its straightnesses, or omitted before.
+                        // The squareness was removed with one of its straightness errors, or
+                        // omitted before.
                         if self.squares.iter().any(|square| square.error == *error) {
                             continue;
                         }
@@ -183,8 +184,9 @@ impl Draft {
 }
 
 impl Draft {
-    /// One answer to every open question of a key, each as [`Draft::answered`] takes it: for all measurements and
-    /// squarenesses, or for those whose error or axis is `of` (`EYX`, `Y`). Empty if there is no such question.
+    /// Answers to every open question of a key, each in the form accepted by [`Draft::answered`]:
+    /// for all measurements and squarenesses, or for those whose error or axis is `of` (`EYX`,
+    /// `Y`). Empty if there is no such question.
     pub fn for_all(&self, of: Option<&str>, key: &str, value: &str) -> Vec<Answer> {
         let is_meant = |error: Option<ErrorName>| {
             of.is_none_or(|of| {
