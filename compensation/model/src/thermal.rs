@@ -146,8 +146,9 @@ impl Thermal {
 }
 
 impl Expansion {
-    /// The shares of k along X, Y and Z of MCS, for an axis with this unit direction. An expansion p of the positioning deviation acts as δ
-    /// = u·p; any other linear error motion acts along its own letter.
+    /// The shares of k along X, Y and Z of MCS, for an axis with this unit direction. An expansion
+    /// p of the positioning deviation acts as δ = u·p; an expansion of any other linear error
+    /// motion acts along the letter of the error.
     pub(crate) fn shares(&self, direction: &Vector3<f64>) -> [f64; 3] {
         let component = self.error.component.mcs_index();
         if component == self.error.axis.mcs_index() {
@@ -214,9 +215,11 @@ fn finite(what: &'static str, found: f64) -> Result<(), ThermalRefusal> {
 
 /// The tested range of a sensor, for the terms of an error: a `[[thermal.seen]]` of a machine file.
 ///
-/// Terms that were identified by experiment are invalid far from the tested conditions. A temperature beyond the range counts as the end of
-/// the range, and all terms of the error fade linearly to zero over the next [`Thermal::margin_k`]. A rate counts by the change that it
-/// causes in ten minutes: if that exceeds the range by one margin, the terms are zero too.
+/// Terms that were identified by experiment are invalid far from the tested conditions. A
+/// temperature beyond the range is replaced by the end of the range, and all terms of the error
+/// fade linearly to zero over the next [`Thermal::margin_k`]. A rate is converted to the
+/// temperature change in ten minutes: if that exceeds the range by one margin, the terms are zero
+/// as well.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Seen {

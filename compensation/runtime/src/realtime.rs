@@ -490,7 +490,7 @@ impl Control {
                 }
                 Order::Limits(path, limits) => {
                     match self.cycle.set_limits(path, &limits) {
-                        // A ramp leads to the new limits, as for a new model.
+                        // A ramp leads to the correction within the new limits, as for a new model.
                         Ok(()) => input.request = Some(Request::Switched),
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
