@@ -137,7 +137,8 @@ impl LinearGrid {
     /// Fills `errors` (six numbers per node) with the whole grid, on all cores.
     pub fn fill_parallel(&self, errors: &mut [f64]) {
         let numbers = self.row_len() * NODE;
-        // About half a megabyte at a time: large enough to be worth a task, small enough to share.
+        // About half a megabyte at a time: large enough to be worth a task, small enough to be
+        // shared between cores.
         let rows = (65_536 / numbers.max(1)).max(1);
         errors
             .par_chunks_mut(rows * numbers.max(1))

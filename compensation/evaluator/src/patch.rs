@@ -44,7 +44,8 @@ struct Places {
 }
 
 impl CompiledPatch {
-    /// `patch` must be checked; `looked_at` are the chain indices of its axes.
+    /// Creates the compiled form of a checked `patch`; `looked_at` are the chain indices of its
+    /// axes.
     pub(crate) fn new(patch: Patch, looked_at: [usize; 2]) -> Self {
         Self {
             looked_at,
@@ -87,7 +88,7 @@ impl CompiledPatch {
 }
 
 impl Places {
-    /// `nodes` are ascending, at least one.
+    /// Creates the segments between `nodes`, which ascend; at least one.
     fn new(nodes: &[f64]) -> Self {
         let segment = |pair: &[f64]| [pair[0], 1.0 / (pair[1] - pair[0])];
         let mut segments: Vec<[f64; 2]> = nodes.windows(2).map(segment).collect();

@@ -431,7 +431,7 @@ impl Comparison {
         self.after.begin_motion(from_unknown);
     }
 
-    /// Moves the machine with the result on to a share of the program's motion. Returns the commanded axis positions there.
+    /// Advances the machine with the result to a share of the program's motion.
     fn result_goes(&mut self, share: f64) -> Axes {
         while let Some(part) = self.parts.get(self.at_part) {
             let is_last = self.at_part + 1 == self.parts.len();

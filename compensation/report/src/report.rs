@@ -32,8 +32,9 @@ pub struct Report {
     pub not_measured: Vec<String>,
     /// Number of errors of the structure without a value, which count as 0.
     pub count_as_0: usize,
-    /// The errors that the measurements do not determine: curves that do not follow their readings, contradictory lines, unknowns that the
-    /// observations do not determine, observations that the unknowns do not explain.
+    /// Errors that the measurements do not determine: curves that do not follow their readings,
+    /// contradictory lines, unknowns that the observations leave open, and observations that the
+    /// unknowns do not explain.
     pub undecided: Vec<String>,
     /// The errors whose curves cover only part of the travel.
     pub partly_measured: Vec<String>,
@@ -118,11 +119,11 @@ pub struct SourceFile {
 pub enum CheckOf {
     /// The symbol defines the subject.
     Symbol,
-    /// The measured errors only; others were not measured.
+    /// Only the measured errors; other errors were not measured.
     MeasuredAlone,
-    /// An error on the part of the travel that its curve covers.
+    /// An error over the part of the travel that its curve covers.
     Part,
-    /// Errors of which the measurements do not determine at least one.
+    /// Errors that the measurements do not determine, at least in part.
     NotBorneOut,
     /// The residual after correction, whereas figures of tests refer to the uncorrected machine.
     Corrected,
@@ -389,7 +390,7 @@ pub struct Location {
     pub uncertainty: Option<f64>,
 }
 
-/// Which errors a state has.
+/// State of the machine whose errors are shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
@@ -403,10 +404,10 @@ pub enum State {
     TruthCorrected,
 }
 
-/// A result with its state.
+/// A result and the state of the machine to which it belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OfState<T> {
-    /// Which errors the state has.
+    /// State of the machine.
     pub state: State,
     /// The result.
     pub found: T,
@@ -569,7 +570,7 @@ pub struct Drawn {
     pub seed: u64,
     /// Root mean square of the standard uncertainty (k = 1) of the position error over poses of all axes, µm.
     pub rms_um: f64,
-    /// Maximum, µm.
+    /// Maximum standard uncertainty (k = 1) of the position error over these poses, µm.
     pub max_um: f64,
     /// The pose of the maximum.
     pub at: Vec<Standing>,
@@ -580,7 +581,7 @@ pub struct Drawn {
 pub struct Identified {
     /// The unknowns.
     pub parameters: Vec<Parameter>,
-    /// Number of combinations that the observations determine.
+    /// Number of independent combinations of the unknowns that the observations determine.
     pub rank: usize,
     /// Number of unknowns that affect the observations.
     pub of: usize,
@@ -592,7 +593,7 @@ pub struct Identified {
     pub residual: Left,
     /// Residual of rows that were left out of the fit.
     pub left_out: Option<Left>,
-    /// Residual of rows that are only predicted.
+    /// Residual of rows that were predicted and not fitted.
     pub judged: Option<Left>,
     /// Combinations of unknowns that do not affect the observations.
     pub null_space: Vec<Vec<Weighted>>,
@@ -608,8 +609,8 @@ impl Identified {
         all.filter(move |of| of.name.split(' ').next() == Some(error))
     }
 
-    /// Whether the observations do not determine an error: one of its coefficients is undetermined, or is valid only if an undetermined one
-    /// is zero.
+    /// Whether the observations leave an error open: one of its coefficients is undetermined, or
+    /// its value holds only if an undetermined coefficient is zero.
     pub fn leaves_open(&self, error: &str) -> bool {
         self.of_error(error).any(|of| {
             self.left_open()
@@ -628,7 +629,7 @@ impl Identified {
     }
 }
 
-/// Residual of a model over rows of observations.
+/// Residuals of a model over rows of observations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Left {
     /// The root mean square, µm.
@@ -655,7 +656,7 @@ pub struct Parameter {
     pub name: String,
     /// Value in `unit`.
     pub value: f64,
-    /// Standard uncertainty (k = 1); `None`: not determined.
+    /// Standard uncertainty (k = 1); `None`: the unknown is not determined.
     pub uncertainty: Option<f64>,
     /// The unit.
     pub unit: String,

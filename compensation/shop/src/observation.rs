@@ -92,7 +92,7 @@ impl Poses {
 /// What a probe records at a sphere or a ball.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reads {
-    /// The coordinates of the machine, which moves to the actual centre (touch probe).
+    /// The coordinates of the machine at the actual centre, to which it moves (touch probe).
     Coordinates,
     /// The offset from the nominal centre, to which the machine moves (R-test, indicators).
     Offset,
