@@ -20,7 +20,7 @@ use crate::documents::{Broken, Details, Record};
 
 /// Size above which the current file is closed and the next one started, bytes.
 const MAX_BYTES: u64 = 4 << 20;
-/// Closed files kept besides the current one.
+/// Number of closed files that are kept in addition to the current one.
 const KEPT: usize = 8;
 const CURRENT: &str = "audit.log";
 
@@ -254,7 +254,7 @@ fn sync_folder(dir: &Path) -> io::Result<()> {
 pub struct Verified {
     /// Number of complete records in the chain.
     pub records: u64,
-    /// Length of these records, bytes.
+    /// Length of the complete records, bytes.
     pub end: usize,
     /// Number, from 1, of the first complete line that is not part of the chain.
     pub broken: Option<u64>,

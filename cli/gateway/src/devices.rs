@@ -1,5 +1,5 @@
-//! Derives from the configured devices what the guard and the plan documents need. Compares the settings reported by a
-//! control with the configuration, by the guard's own rule.
+//! Derives the settings of the guard and the plan documents from the configured devices. Compares
+//! the settings reported by a control with the configuration, by the rules of the guard.
 
 use std::{
     collections::BTreeMap,

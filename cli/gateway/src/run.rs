@@ -125,7 +125,8 @@ fn proven_within() -> Duration {
     sd_notify::watchdog_enabled().unwrap_or(NOBODY_WAITS)
 }
 
-/// Remembers what was last reported to the service manager. Without a service manager the notifications are dropped.
+/// Stores the last notification to the service manager. Without a service manager, notifications
+/// are dropped.
 struct Manager {
     begun: Instant,
     is_ready: bool,

@@ -79,7 +79,7 @@ impl Listing {
         self.rows
     }
 
-    /// Number of rows outside of what the model covers.
+    /// Number of rows outside the range of the model.
     pub(crate) fn outside(&self) -> usize {
         self.outside
     }

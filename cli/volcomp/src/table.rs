@@ -132,7 +132,7 @@ impl RowTable {
         rows.push(b'\n');
     }
 
-    /// Widens the columns to these cell widths.
+    /// Widens the columns to the given cell widths.
     pub(crate) fn widen(&mut self, widths: &[usize]) {
         for (widest, width) in self.widths.iter_mut().zip(widths) {
             *widest = (*widest).max(*width);

@@ -24,7 +24,7 @@ pub enum Subject {
     Squareness(ErrorName),
 }
 
-/// An answer as the user typed it.
+/// An answer in the words of the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Answer {
     /// The measurement or squareness that it refers to.
@@ -57,7 +57,7 @@ pub enum AnswerError {
 /// Order in which answers are applied: the keys of a measurement follow from its error, and then from its unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Turn {
-    /// The error.
+    /// The error of a measurement.
     Error,
     /// The unit of the readings.
     Unit,

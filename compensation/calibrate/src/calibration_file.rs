@@ -47,7 +47,7 @@ pub struct CalibrationFile {
 /// One measurement: an error along one line.
 #[derive(Clone, Debug)]
 pub struct Line {
-    /// The error and how it was measured.
+    /// The error, with the method and the location of the measurement.
     pub setup: Setup,
     /// The measurement file, for messages.
     pub file: PathBuf,

@@ -58,7 +58,7 @@ pub struct Question {
     pub of: String,
     /// The key of the calibration file: `point`, `at.Y`.
     pub key: String,
-    /// The question.
+    /// Text of the question.
     pub question: String,
 }
 

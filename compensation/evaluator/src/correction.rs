@@ -107,7 +107,8 @@ impl CompiledMachine {
         Ok(())
     }
 
-    /// The correctors of a controller that can write only the axes in `written`: those of them that may move. Does not allocate.
+    /// The correctors of a controller that can write only the axes in `written`: the axes of
+    /// `written` that may move. Does not allocate.
     pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
         let mut names = self.may_move.clone();
         names.retain(|name| written.contains(name));

@@ -23,7 +23,7 @@ pub struct Patch {
     pub axes: [AxisName; 2],
     /// Nodes along each of the two axes, ascending, mm or deg; at least one.
     pub nodes: [Vec<f64>; 2],
-    /// The values, mm or rad, at all nodes of the second axis for the first node of the first axis, then for its second, and so on.
+    /// Values at all nodes, mm or rad; the node of the second axis varies fastest.
     pub values: Vec<f64>,
 }
 
@@ -128,7 +128,7 @@ impl Places {
 }
 
 impl Patch {
-    /// Checks all numbers; the error states what was expected of the first invalid one.
+    /// Checks all numbers; the error states the expected value of the first invalid number.
     pub(crate) fn check(&self) -> Result<(), &'static str> {
         let rises = |nodes: &[f64]| {
             nodes.iter().all(|node| node.is_finite())

@@ -376,8 +376,9 @@ impl Proof {
         goal
     }
 
-    /// The correction before the shift: the start of the proof, or, if a limit was lowered, all of it reduced by one factor, the rotary axes on
-    /// whole steps and the linear axes following.
+    /// The correction before the shift: that at the start of the proof. If a limit was lowered, it
+    /// is reduced by a common factor, with the rotary axes on whole steps and the linear axes
+    /// following.
     fn begin(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
         let axes = || limits.axes.iter().enumerate().take(limits.count);
         let part = axes()

@@ -131,7 +131,7 @@ fn is_ahead(later: u16, earlier: u16) -> bool {
 /// Why axes are not a valid layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LayoutError {
-    /// There is no axis.
+    /// The list of axes is empty.
     #[error("number of axes: found 0, expected 1 to {MAX_AXES}")]
     NoAxes,
     /// An axis is named more than once.

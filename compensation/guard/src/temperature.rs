@@ -376,9 +376,10 @@ impl Readmission {
         }
     }
 
-    /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than `stale` restarts the ten minutes. The sensor's
-    /// temperature from before the jump is no prediction by itself if it is older than `stale` when the ten minutes begin: the machine has changed
-    /// since, and the other sensors show this change.
+    /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than
+    /// `stale` restarts the ten minutes. The sensor's temperature from before the jump is not used
+    /// as a prediction if it is older than `stale` when the ten minutes begin: the machine has
+    /// changed since, and the other sensors show this change.
     fn process(
         &mut self,
         degc: f64,

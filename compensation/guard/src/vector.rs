@@ -463,9 +463,9 @@ impl Vector {
         requested.position_part(position, rotary, &reach)
     }
 
-    /// Stores the reachable offset of this cycle. Returns the offset to keep: what was reachable in
-    /// this cycle or the previous one, so that a single cycle with an implausible request does not
-    /// end the ramp.
+    /// Stores the reachable offset of this cycle. Returns the offset to keep: the larger of those
+    /// reachable in this cycle and in the previous one, so that a single cycle with an implausible
+    /// request does not end the ramp.
     fn reach_offset(&mut self, requested: &RequestedCorrection, cycle: &Cycle) -> PerChannel<f64> {
         let mut offset = self.offset;
         for i in cycle.of_kind(AxisKind::Linear) {

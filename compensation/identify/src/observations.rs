@@ -70,7 +70,7 @@ impl Unknown {
 /// well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SecondAxis {
-    /// The axis.
+    /// The second axis.
     pub axis: AxisName,
     /// Kind of curve along the second axis. Modes of the error's own curve up to the order of this one form products.
     pub basis: Basis,
@@ -167,7 +167,7 @@ pub struct Observation {
     pub kind: Kind,
     /// Whether the rows are only predicted, not fitted.
     pub judge: bool,
-    /// The rows.
+    /// The rows of the file.
     pub rows: Vec<Row>,
 }
 
@@ -226,7 +226,7 @@ pub struct Row {
     pub line: usize,
     /// Pose of the machine.
     pub pose: MachinePose,
-    /// The reading.
+    /// Reading with the parts of the set-up to which it refers.
     pub reading: RowReading,
     /// Run that the row belongs to. Within a run every axis approaches from its position in the previous row; the
     /// direction of approach to the first rows is unknown. `None`: an axis without a direction is evaluated with the
@@ -279,7 +279,7 @@ pub enum RowReading {
     },
     /// Distance between the tips at two poses.
     Pair {
-        /// The other pose.
+        /// Pose from which the distance is measured.
         from: MachinePose,
         /// Index of the dead length, which is added to the reading.
         dead: usize,

@@ -171,7 +171,7 @@ mod tests {
         }
     }
 
-    /// All nodes are at different angles, whatever the number of turns of the travel.
+    /// All nodes are at different angles, even if the travel has several turns.
     #[test]
     fn nodes_of_several_turns_are_different_poses() {
         for turns in [1.0, 2.0, 4.0, 8.0, 100.0] {

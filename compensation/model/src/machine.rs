@@ -169,7 +169,7 @@ impl Machine {
             .collect()
     }
 
-    /// Whether the machine has any error besides thermal terms.
+    /// Whether the machine has any error in addition to thermal terms.
     pub fn states_errors(&self) -> bool {
         let is_some = |value: &f64| *value != 0.0;
         self.errors().next().is_some()

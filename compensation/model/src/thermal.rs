@@ -35,8 +35,9 @@ pub(crate) fn default_margin_k() -> f64 {
     5.0
 }
 
-/// Expansion of a scale or screw with a temperature: E += k·(T − T_ref)·(q − q_fixed). If the error is the positioning deviation of the
-/// axis (`EXX`, `EYV`), the expansion acts along the direction of the axis, whatever that is.
+/// Expansion of a scale or screw with a temperature: E += k·(T − T_ref)·(q − q_fixed). If the error
+/// is the positioning deviation of the axis (`EXX`, `EYV`), the expansion acts along the direction
+/// of the axis, even if that is oblique.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Expansion {

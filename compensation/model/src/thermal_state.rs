@@ -177,9 +177,11 @@ impl ThermalState {
         }
     }
 
-    /// Continues the lags of another state, such as that of the previous machine file, so that a changed lag or weight does not restart
-    /// them: each sensor of a term takes its lagged temperature from the other state's term with the nearest lag, whatever its error and
-    /// weight. A sensor without such a term starts at its first temperature. Does not allocate.
+    /// Continues the lags of another state, such as that of the previous machine file, so that a
+    /// changed lag or weight does not restart them: each sensor of a term takes its lagged
+    /// temperature from the other state's term with the nearest lag; error and weight of that term
+    /// do not matter. A sensor without such a term starts at its first temperature. Does not
+    /// allocate.
     pub fn carry_over(&mut self, from: &Self) {
         let shift_k = from.reference_degc - self.reference_degc;
         for term in &mut self.terms {

@@ -81,7 +81,7 @@ struct PlainLine {
 }
 
 impl PlainLine {
-    /// Parses a usual line; `None` for any other.
+    /// Parses a usual line; `None` for any other line.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "the line is shorter than 256 bytes"
@@ -374,7 +374,7 @@ impl Rewriter {
                 (numbers[axis], carried[axis]) = this.axis_word(axis, &way, 0);
             }
         });
-        // The general path rejects it.
+        // The line is rejected by the general path, with a message.
         let frame = &self.interpreter.frame;
         let carried = frame.moved_in_machine(&after, &carried);
         if (self.violation_in_machine(&frame.to_machine(&after), &carried)).is_some() {

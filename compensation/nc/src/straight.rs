@@ -975,7 +975,8 @@ pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
     )
 }
 
-/// Share of the time of a motion for a part of it; a part that only crosses backlash gets a minimum.
+/// Share of the time of a motion for one of its parts. A part that only crosses backlash gets a
+/// minimum.
 fn share_of_time(share: f64) -> f64 {
     if share == 0.0 { 1e-3 } else { share }
 }

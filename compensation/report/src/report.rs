@@ -71,7 +71,7 @@ pub struct Head {
     pub date: Option<String>,
     /// The person who measured.
     pub operator: Option<String>,
-    /// The instrument.
+    /// Name of the instrument.
     pub instrument: Option<String>,
     /// Minimum and maximum air temperature, °C.
     pub air_degc: Option<[f64; 2]>,
@@ -162,7 +162,7 @@ pub struct Check {
     pub of: CheckOf,
     /// The value of the figure; `None` if the measurements do not determine it.
     pub value: Option<f64>,
-    /// The tolerance.
+    /// Upper limit of the absolute value.
     pub limit: f64,
     /// `µm` or `µrad`.
     pub unit: String,
@@ -214,7 +214,7 @@ pub enum WarningKind {
 /// A warning, shown before any number.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Warning {
-    /// Kind.
+    /// Kind, which determines the order of the warnings.
     pub kind: WarningKind,
     /// The message, in English.
     pub text: String,
@@ -334,7 +334,7 @@ pub struct Positioning {
     pub runs: Vec<Run>,
     /// The year of the edition of ISO 230-2.
     pub edition: u16,
-    /// The figures.
+    /// Quantities by ISO 230-2.
     pub result: Iso230Part2,
     /// The figures of VDI/DGQ 3441; `None` if it cannot be evaluated.
     pub vdi: Option<Vdi3441>,
@@ -342,7 +342,7 @@ pub struct Positioning {
     pub uncertainties: Vec<FigureUncertainty>,
 }
 
-/// The uncertainty of a figure.
+/// The expanded uncertainty of one figure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FigureUncertainty {
     /// The symbol of the figure.
@@ -409,7 +409,7 @@ pub enum State {
 pub struct OfState<T> {
     /// State of the machine.
     pub state: State,
-    /// The result.
+    /// Result for this state.
     pub found: T,
 }
 
@@ -463,7 +463,7 @@ pub struct Volume {
 /// An axis at a fixed coordinate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Standing {
-    /// The letter.
+    /// Letter of the axis.
     pub axis: String,
     /// Coordinate of the axis: deg for a rotary axis, else mm.
     pub at: f64,
@@ -531,7 +531,7 @@ pub struct Slice {
 /// The errors at a position, after alignment of the workpiece.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Vector {
-    /// The position, mm.
+    /// Position in the working space, mm.
     pub at_mm: [f64; 3],
     /// The error before compensation, µm.
     pub before_um: [f64; 3],
@@ -579,7 +579,7 @@ pub struct Drawn {
 /// Results of an identification from observations of the whole machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identified {
-    /// The unknowns.
+    /// The unknowns with their values.
     pub parameters: Vec<Parameter>,
     /// Number of independent combinations of the unknowns that the observations determine.
     pub rank: usize,
@@ -658,7 +658,7 @@ pub struct Parameter {
     pub value: f64,
     /// Standard uncertainty (k = 1); `None`: the unknown is not determined.
     pub uncertainty: Option<f64>,
-    /// The unit.
+    /// Unit of value and uncertainty.
     pub unit: String,
     /// The unknowns that must be zero for this value to be valid.
     pub given_zero: Vec<String>,

@@ -171,7 +171,7 @@ impl Handle {
         self.orders.push(sent).is_ok()
     }
 
-    /// A switch for disarming.
+    /// Creates a switch that disarms from any thread.
     pub fn disarm_switch(&self) -> DisarmSwitch {
         DisarmSwitch(Arc::clone(&self.shared))
     }
@@ -453,7 +453,7 @@ impl Control {
         }
     }
 
-    /// Executes the queued orders, at most one of them a guard request.
+    /// Executes the queued orders; at most one of them is a request to the guard.
     fn next_input(&mut self, overrunning: bool) -> CycleInput {
         let mut input = CycleInput {
             request: None,

@@ -61,7 +61,7 @@ pub enum WearError {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Worn {
-    /// The machine.
+    /// The machine with its worn errors.
     pub machine: Machine,
     /// Errors that were not changed because they are grids over two axes.
     pub left: Vec<ErrorName>,

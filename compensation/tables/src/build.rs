@@ -78,7 +78,7 @@ pub struct Request {
 /// A map and its error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// The map.
+    /// The map to be sent to a control.
     pub map: Map,
     /// Error on a dense sample between the lines, in both directions of approach.
     pub misfit: Misfit,

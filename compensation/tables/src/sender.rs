@@ -10,7 +10,7 @@ use crate::{
 /// The next action of a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NextAction {
-    /// Write a frame with this body.
+    /// Write a frame with this content to the mailbox.
     Write(Body),
     /// Read back the words of this buffer, 0 or 1, compare them with the map, and pass the result to the next call.
     ReadBack {

@@ -269,7 +269,7 @@ pub(crate) type OpenMap = Box<dyn Fn() -> Result<Box<dyn MapWords>, MapError>>;
 pub struct MapDevice {
     /// Interval of the frames that keep a map active.
     pub period: Duration,
-    /// Connects.
+    /// Connects to the control.
     pub open: OpenMap,
 }
 

@@ -21,7 +21,7 @@ pub struct FitOptions {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Score {
-    /// The candidate.
+    /// Method of the candidate.
     pub method: Method,
     /// Number of coefficients that the readings determine: the trace of the hat matrix, summed over the sets.
     pub coefficients: f64,
@@ -78,7 +78,7 @@ impl fmt::Display for Reason {
 pub struct Choice {
     /// The method chosen.
     pub method: Method,
-    /// Why it was chosen.
+    /// Reason for the choice.
     pub reason: Reason,
     /// All candidates, simplest first.
     pub scores: Vec<Score>,
@@ -121,7 +121,7 @@ impl Choice {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AutoFit {
-    /// Fitted curve.
+    /// Fitted curve with its residuals.
     pub fit: Fit,
     /// Method and scores of the choice.
     pub choice: Choice,

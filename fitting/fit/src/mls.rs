@@ -201,7 +201,7 @@ pub fn choose_mls(
 struct Setting {
     order: usize,
     support: f64,
-    /// Largest residual of these targets.
+    /// Largest residual of the checked targets.
     max_residual: f64,
     /// Leave-one-out errors of the targets of each set, the first and the last included.
     missed: Vec<Vec<f64>>,

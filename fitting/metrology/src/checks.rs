@@ -1,4 +1,5 @@
-//! Plausibility checks of readings, surroundings and files against what tests of machine tools show. They only report; nothing is removed.
+//! Plausibility checks of readings, environment and files, with limits from tests of machine tools.
+//! They only report; nothing is removed.
 
 use std::collections::{BTreeMap, BTreeSet, btree_map::Entry};
 
@@ -480,7 +481,7 @@ mod tests {
         assert_eq!(before("a", "0,1,+,1\n10,1,+,2\n20,1,+,4\n"), None);
         assert_eq!(before("b", "0,1,+,-1\n10,1,+,-2\n20,1,+,-4\n"), Some("a"));
         assert_eq!(before("c", "0,1,+,1\n10,1,+,2\n20,1,+,4\n"), Some("a"));
-        // The other direction, another deviation.
+        // Differs in the direction, and in a deviation.
         assert_eq!(before("d", "20,1,-,4\n10,1,-,2\n0,1,-,1\n"), None);
         assert_eq!(before("e", "0,1,+,1\n10,1,+,2\n20,1,+,4.1\n"), None);
         // Two different deviations often have the same values.

@@ -74,10 +74,10 @@ pub struct StartEnd {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Environment {
-    /// Temperature of the air.
+    /// Air temperature.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub air_temperature: Option<StartEnd>,
-    /// Pressure of the air.
+    /// Air pressure.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub air_pressure: Option<StartEnd>,
     /// Relative humidity of the air.
@@ -144,7 +144,7 @@ impl Measurement {
         runs
     }
 
-    /// Number of runs in the direction with more of them.
+    /// Number of runs in the direction that has more runs.
     pub fn most_runs(&self) -> usize {
         let [forward, backward] = Direction::BOTH.map(|direction| self.runs(direction).len());
         forward.max(backward)
@@ -172,10 +172,11 @@ impl Measurement {
         }
     }
 
-    /// Checks that each target was read in each direction that was run: if one of them is missing, means over both directions jump by half of the
-    /// reversal value there.
+    /// Checks that each target was read in each direction that was run. If one is missing, means
+    /// over both directions jump by half of the reversal value there.
     ///
     /// # Errors
+    ///
     /// The first target that lacks a direction.
     pub fn check_directions(&self) -> Result<(), MetrologyError> {
         for readings in self.by_target() {

@@ -240,8 +240,9 @@ impl Measurement {
 mod tests {
     use super::*;
 
-    /// Three runs with different offsets and slopes, each with a pattern of ±1 about its line: with the lines removed
-    /// s² = 8 / (12 − 4), and a third of it for the mean of three.
+    /// Three runs with different offsets and slopes, each with a pattern of ±1 about its line:
+    /// after subtracting the lines s² = 8 / (12 − 4), and for the mean of three runs a third of
+    /// that.
     #[test]
     fn offsets_and_slopes_of_runs_are_not_scatter() {
         let reading = |run: u32, place: u32| {

@@ -1,5 +1,5 @@
-//! The thread that writes the audit log and the small files beside it. Only callers that wait for a receipt are delayed
-//! by a disk that hangs.
+//! The thread that writes the audit log and the small files in its folder. Only callers that wait
+//! for a receipt are delayed by a disk that hangs.
 
 use std::{
     io,

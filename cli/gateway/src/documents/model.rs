@@ -22,11 +22,11 @@ pub enum ModelSource {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ModelOutcome {
-    /// It was activated.
+    /// The model was activated.
     InForce,
-    /// It was refused; nothing changed.
+    /// The model was refused; nothing changed.
     Refused,
-    /// It must be confirmed first; nothing changed.
+    /// The model must be confirmed first; nothing changed.
     MustBeConfirmed,
 }
 

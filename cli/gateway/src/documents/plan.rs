@@ -10,7 +10,7 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 
 use super::ByAxis;
 
-/// The effective configuration, and what follows from it.
+/// The effective configuration and the plan derived from it.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct PlanDocument {
     /// Warnings and notes; none of them prevents the start.
@@ -101,7 +101,7 @@ pub struct OnlineBarrierAxis {
     pub rate_per_s: f64,
 }
 
-/// The machine of a plan.
+/// The machine in a plan, by its machine file.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct MachinePlan {
     /// The path of the machine file.
@@ -204,7 +204,7 @@ pub struct SensorPlan {
     pub thermometer: Option<String>,
 }
 
-/// A token of a plan.
+/// A token of the dashboard in a plan, without its secret.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct TokenPlan {
     /// Name of the holder.

@@ -86,7 +86,7 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         model_of: Option<String>,
     },
-    /// A request.
+    /// A request of an operator, a program or a signal.
     Request {
         /// The state when the request was received.
         state: StateName,

@@ -37,7 +37,7 @@ use crate::{
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 /// Maximum number of queued values that change nothing; further ones are not answered.
 const MAX_OTHER_VALUES: usize = 4;
-/// Pause after a value that changes nothing, to limit the load of a flood of them.
+/// Pause after a value that changes nothing, to limit the load if many arrive.
 const PAUSE: Duration = Duration::from_millis(100);
 
 #[derive(Clone)]
@@ -60,7 +60,7 @@ impl Service {
 
 enum JudgedValue {
     New(Box<AcceptedManifest>),
-    /// The same manifest as the last accepted one.
+    /// A manifest identical to the last accepted one.
     Again(Box<AcceptedManifest>),
     Refused {
         /// Version of the manifest, as far as it can be parsed.

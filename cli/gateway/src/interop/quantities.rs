@@ -33,9 +33,9 @@ pub enum Part {
     Axis(AxisName),
     /// The tool.
     Tool,
-    /// A temperature.
+    /// A temperature sensor, by its index.
     Sensor(usize),
-    /// A controller.
+    /// A controller, by its index.
     Controller(usize),
 }
 

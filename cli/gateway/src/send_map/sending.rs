@@ -511,7 +511,7 @@ pub fn request_replacement(checked: &Checked) -> Result<(), GatewayError> {
         .map_err(|e| GatewayError::system(file.display().to_string(), e))
 }
 
-/// A replacement map, or why it is refused.
+/// A replacement map, or the reason why it is refused.
 type NewMap = Result<Box<Checked>, String>;
 
 /// Polls for confirmations of a replacement map until the receiver is dropped. A confirmation is a file in the folder of the audit log. This thread

@@ -56,7 +56,7 @@ const OUTPUT_EVERY: Duration = Duration::from_secs(10);
 /// Timeout at shutdown for a control thread that hangs, and again for the disk.
 const END_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The parts of a service.
+/// The parts from which a service is built.
 pub struct ServiceParts {
     /// The running control thread.
     pub handle: Handle,

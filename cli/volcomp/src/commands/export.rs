@@ -236,7 +236,7 @@ impl Place {
         Ok(Self::Folder(path.clone()))
     }
 
-    /// Returns the written files, and those of them that replaced files with different text.
+    /// Returns the written files, and the ones among them that replaced files with different text.
     fn write(
         self,
         files: &[TextFile],

@@ -38,7 +38,7 @@ pub(crate) struct ImportArguments {
 /// The document of `volcomp import`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Import {
-    /// The format.
+    /// Name of the format.
     format: String,
     /// Paths of the read files.
     files: Vec<String>,

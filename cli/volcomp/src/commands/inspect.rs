@@ -52,7 +52,7 @@ pub(crate) enum Contents {
 pub(crate) struct CaptureSummary {
     /// Anomalies to consider before the samples are used.
     warnings: Vec<String>,
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// `renishaw-capture`.
     kind: &'static str,
@@ -76,7 +76,7 @@ pub(crate) struct CaptureSummary {
 pub(crate) struct LogSummary {
     /// Anomalies to consider before the log is used.
     warnings: Vec<String>,
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// `camonitor-log`.
     kind: &'static str,
@@ -84,7 +84,7 @@ pub(crate) struct LogSummary {
     date: Option<String>,
     /// Duration of the log, s.
     duration_s: f64,
-    /// The channels.
+    /// The channels of the log with their ranges.
     channels: Vec<Channel>,
 }
 
@@ -106,7 +106,7 @@ struct Channel {
 pub(crate) struct MeasurementSummary {
     /// Anomalies to consider before the readings are used.
     warnings: Vec<String>,
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// The kind of file.
     kind: Option<FileFormat>,
@@ -268,7 +268,8 @@ pub(crate) fn run(arguments: &InspectArguments) -> Result<Answer, Failure> {
     })
 }
 
-/// The files to read, and whether each was named explicitly. A folder stands for all files below it.
+/// The files to read, and whether each was named explicitly. A folder is replaced by all files
+/// below it.
 fn paths(named: &[PathBuf]) -> Result<Vec<(PathBuf, bool)>, Failure> {
     let mut all = Vec::new();
     for path in named {

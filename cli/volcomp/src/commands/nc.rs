@@ -133,7 +133,7 @@ pub(crate) struct Nc {
 struct NcNote {
     /// Line of the first occurrence, from 1.
     line: usize,
-    /// The note.
+    /// Text of the note.
     text: String,
 }
 

@@ -137,7 +137,7 @@ fn grid(machine: &Machine, count: usize) -> Result<Poses, ChainError> {
     Poses::over(machine.chain(), machine.axes().iter().map(inside), count)
 }
 
-/// A note if an axis with a full turn has too few nodes to resolve a run-out, one wave per turn.
+/// A note if an axis with a full turn has too few nodes to resolve a run-out of one wave per turn.
 fn too_few(machine: &Machine, count: usize) -> Option<String> {
     const LEAST: usize = 3;
     let mut turning = machine.axes().iter().filter(|axis| axis.turns_round());

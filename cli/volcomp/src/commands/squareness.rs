@@ -71,7 +71,7 @@ pub(crate) struct SquarenessTest {
     reference_angle_urad: f64,
     /// Kind of reference line of the slopes.
     reference: &'static str,
-    /// The squareness, µrad.
+    /// Squareness error, µrad, positive by the right-hand rule.
     squareness_urad: f64,
     /// Expanded uncertainty for 95.45 % (the probability of k = 2) from the known contributions,
     /// µrad; null if a file has one run of two targets, or with a reference line other than least
@@ -89,7 +89,7 @@ pub(crate) struct SquarenessTest {
 struct SquarenessPart {
     /// The straightness error: `EXY`.
     error: String,
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// The slope of its reference line, µrad.
     slope_urad: f64,

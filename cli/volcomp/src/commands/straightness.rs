@@ -58,7 +58,7 @@ pub(crate) struct StraightnessArguments {
 /// The straightness of a motion.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct StraightnessTest {
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// Method of measurement: `direct`, or `angular-method` with `--bridge-mm`.
     method: &'static str,

@@ -136,7 +136,7 @@ impl Program {
         })
     }
 
-    /// The barrier as it is now.
+    /// The barrier in its present state.
     #[must_use]
     pub fn barrier(&self) -> &Barrier {
         &self.barrier

@@ -90,7 +90,7 @@ impl Echo {
             return Arrival::Unknown;
         }
         if self.last_received.replace(taken) == Some(taken) {
-            // The same message as before: ignored.
+            // The driver has repeated the previous message: it is ignored.
             return Arrival::Unknown;
         }
         let found = self.find(values, taken, limits);

@@ -33,8 +33,8 @@ pub struct ThermalChoice {
     pub forward_rms: f64,
 }
 
-/// The best choices among all lags, alone and in pairs, with every penalty; with sensor selection, restricted to the sensors that the best of them
-/// needs.
+/// The best choices among all lags, alone and in pairs, with every penalty. With sensor selection,
+/// they are restricted to the sensors that the best choice needs.
 pub(super) fn best_choices(
     features: &Features,
     record: &ThermalRecord,

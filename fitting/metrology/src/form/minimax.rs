@@ -26,7 +26,7 @@ pub(super) struct Contact {
 /// Each exchange of a contact point increases the largest |b − A x| over four points, until no other point lies outside.
 pub(super) fn minimax(rows: &[Vector3<f64>], b: &[f64], rounding: f64) -> Option<Minimax> {
     let mut contacts = first_contacts(rows, b)?;
-    // Exchanges without gain could cycle: after many of them Bland's rule prevents it.
+    // Exchanges without gain could cycle; after a number of them Bland's rule prevents this.
     let patience = 100;
     for exchange in 0..1000 {
         let bland = exchange > patience;

@@ -49,10 +49,10 @@ enum Plane {
     Zx,
 }
 
-/// A circular test.
+/// A circular test evaluated by ISO 230-4.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct CircularTest {
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// The plane: `xy`, `yz` or `zx`.
     plane: &'static str,

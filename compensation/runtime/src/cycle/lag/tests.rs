@@ -6,8 +6,8 @@ use volcomp_vocabulary::PerChannel;
 
 use super::*;
 
-/// The reduced correction is never worse than no correction, whatever the distance by which the
-/// required correction changes.
+/// The reduced correction is never worse than no correction, for any distance by which the required
+/// correction changes.
 #[test]
 fn a_reduced_correction_is_never_worse_than_none() {
     let of = |x: f64, y: f64| PerAxis::from_fn(|i| [x, y].get(i).copied().unwrap_or(0.0));
