@@ -29,8 +29,11 @@ pub struct Choice {
     pub blocked: bool,
 }
 
-/// Selects the path, with hysteresis. State: the active path, and the time from which each path is
-/// usable.
+/// Selects the path, with hysteresis. State: the active path, and the time from which each path is usable.
+///
+/// Invariants:
+/// - `usable_since` of a path is `None` while it is not usable.
+/// - `active` changes only to a path that is ready.
 #[derive(Clone, Copy, Debug)]
 pub struct Selector {
     active: usize,

@@ -42,11 +42,12 @@ pub(crate) fn refuse_turning(
 /// Rejects a line whose readings would count twice, or belong to another error. `file` is the value that names its
 /// file.
 ///
-/// * A file that another line of the same error names already. * A second file of one error along
-/// one line, over the same targets in the same direction: the operator must select one, because
-/// their mean would be neither. Files that continue where another ends, or contain the other
-/// direction, are one test. * The file of another error, read in the same way. Angles of a bridge
-/// may give the angular error itself and, summed, a straightness.
+/// * A file that another line of the same error names already.
+/// * A second file of one error along one line, over the same targets in the same direction: the operator must
+///   select one, because their mean would be neither. Files that continue where another ends, or contain the other
+///   direction, are one test.
+/// * The file of another error, read in the same way. Angles of a bridge may give the angular error itself and,
+///   summed, a straightness.
 pub(crate) fn refuse_twice(
     before: &[Line],
     line: &Line,
