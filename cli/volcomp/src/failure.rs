@@ -168,7 +168,7 @@ impl Failure {
         }
     }
 
-    /// Writes to standard error: one JSON object, one unwrapped line, or on a terminal the position in the file.
+    /// Writes the failure to standard error: as JSON, as one unwrapped line, or, on a terminal, with the position in the file.
     pub(crate) fn report(&self, json: bool) {
         if json {
             // Serialisation cannot fail; if it did, the message would still be printed.

@@ -117,7 +117,7 @@ pub(crate) struct ApproachArguments {
 #[serde(untagged)]
 #[expect(dead_code, reason = "describes what `Listing` writes row by row")]
 pub(crate) enum OneOrMany<T> {
-    /// The answer at the one position.
+    /// The answer for a single position.
     One(T),
     /// The answers in the order of the rows of the file.
     Many {

@@ -194,7 +194,7 @@ fn turn(directions: impl Iterator<Item = [Vector3<f64>; 2]>) -> Matrix3<f64> {
     nominal * actual.transpose()
 }
 
-/// A machine whose axes move along their reference lines, with their errors at zero unchanged.
+/// A machine whose axes move along their reference lines; the errors at coordinate zero are unchanged.
 struct ReferenceLines {
     zero: State,
     motions: [ErrorMotion; MAX_AXES],

@@ -11,7 +11,7 @@ use crate::machine::CompiledMachine;
 
 /// Numbers per node: ΔP (mm), ρ (rad).
 const NODE: usize = 6;
-/// Numbers computed in the cache before they are copied out.
+/// Number of values that are computed in the cache before they are copied out.
 const COPIED_AT_ONCE: usize = 2048;
 /// Numbers processed together: four nodes fill whole registers of every width.
 const BLOCK: usize = 4 * NODE;

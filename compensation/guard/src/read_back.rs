@@ -80,7 +80,7 @@ impl ReadBack {
         }
     }
 
-    /// The knowledge after the last call.
+    /// Status after the last call.
     #[must_use]
     pub fn status(&self) -> &ReadBackStatus {
         &self.status

@@ -332,7 +332,7 @@ impl SensorCheck {
 const AGREES_FOR: Duration = Duration::from_secs(600);
 const AGREES_WITHIN_K: f64 = 1.0;
 
-/// The data of a sensor from when it was last accepted.
+/// Data of a sensor at the time of its last accepted temperature.
 #[derive(Clone, Copy, Debug)]
 struct BeforeJump {
     /// Index of the sensor.

@@ -315,8 +315,8 @@ impl Corrector {
     }
 
     /// Reversals of the axes along a motion. `at` returns the positions for shares from 0 to 1, and is sampled in `steps` steps. A reversal
-    /// is at the extreme position, and counts once the axis has moved back by the minimum reverse travel; at the start the extreme of the
-    /// motions before counts.
+    /// is located at the extreme position, and is reported once the axis has moved back by the minimum reverse travel. At the start, the
+    /// extreme of the previous motions is used.
     pub(crate) fn turns(&self, steps: u32, at: impl Fn(f64) -> Axes) -> Reversals {
         let mut turns = Vec::new();
         let mut furthest_of = self.furthest;

@@ -97,7 +97,7 @@ pub struct SquarenessUncertainty {
     /// Contribution of both slopes: from the scatter of the runs, or from the residuals of a single
     /// run, with Student's t.
     pub scatter_urad: f64,
-    /// Contribution of the square.
+    /// Contribution of the optical square.
     pub square_urad: Option<f64>,
     /// Contribution of the straight edge under both lines.
     pub straight_edge_urad: Option<f64>,

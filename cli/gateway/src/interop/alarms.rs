@@ -10,7 +10,7 @@ use crate::documents::{StateName, Status};
 pub enum Place {
     /// The guard, which limits the correction of the axes.
     Guard,
-    /// A temperature sensor.
+    /// A temperature sensor, by its index.
     Sensor(usize),
     /// A controller, by its index.
     Controller(usize),

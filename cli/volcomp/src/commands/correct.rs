@@ -306,7 +306,7 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
     text
 }
 
-/// The heads of the table of many corrections.
+/// Column headers of the table of several corrections.
 fn header(machine: &Machine, is_uncertain: bool) -> Vec<String> {
     let mut names: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
     names.sort_unstable();
