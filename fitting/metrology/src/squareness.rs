@@ -97,7 +97,7 @@ pub struct SquarenessUncertainty {
     /// Contribution of both slopes: from the scatter of the runs, or from the residuals of a single
     /// run, with Student's t.
     pub scatter_urad: f64,
-    /// Contribution of the optical square.
+    /// Contribution of the angle of the square, from its calibration.
     pub square_urad: Option<f64>,
     /// Contribution of the straight edge under both lines.
     pub straight_edge_urad: Option<f64>,
