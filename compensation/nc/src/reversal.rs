@@ -178,7 +178,7 @@ impl Corrector {
         self.without_play_of(at, &self.at(at).delta)
     }
 
-    /// [`without_play`](Self::without_play) from a known correction at the position.
+    /// Like [`without_play`](Self::without_play), with a known correction at the position.
     pub(crate) fn without_play_of(&self, at: &Axes, delta: &Axes) -> Axes {
         let lost = self.lost_motion(at);
         std::array::from_fn(|axis| {
