@@ -47,7 +47,7 @@ mod tests {
 
     #[test]
     fn times_are_formatted_as_date_does() {
-        // `date -u -d @951782400 '+%F %T'` and so on.
+        // Expected values from `date -u -d @951782400 '+%F %T'`.
         for (at_s, text) in [
             (0.0, "1970-01-01 00:00:00"),
             (951_782_400.0, "2000-02-29 00:00:00"),
@@ -66,7 +66,7 @@ mod tests {
 
     #[test]
     fn days_are_counted_as_date_does() {
-        // `date -u -d 2026-11-25 +%s` and so on.
+        // Expected values from `date -u -d 2026-11-25 +%s`.
         for (text, s) in [
             ("1970-01-01", 0.0),
             ("2000-02-29", 951_782_400.0),

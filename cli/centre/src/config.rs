@@ -83,7 +83,7 @@ impl Default for KeysConfig {
     }
 }
 
-/// The table `[server]`: what `nats-config` writes in addition to the users.
+/// The table `[server]`: settings that `nats-config` writes in addition to the users.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct ServerConfig {

@@ -262,7 +262,7 @@ fn prepared(
     Ok((Arc::new(store), password))
 }
 
-/// Time the operator has to confirm a change before the demonstration confirms it.
+/// Time after which the demonstration confirms a change if the operator has not.
 pub const AUTO_CONFIRM_DELAY: Duration = Duration::from_secs(20);
 /// User name of automatic confirmations in the audit log.
 const CONFIRMED_BY: &str = "demonstration";

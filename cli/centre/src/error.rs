@@ -22,7 +22,7 @@ pub enum Error {
         "the database has schema version {found}, this program supports up to {known}: use a newer program"
     )]
     Newer { found: u64, known: u64 },
-    /// The change contradicts what is stored.
+    /// The change contradicts the stored data.
     #[error("{0}")]
     Conflict(String),
     /// A confirmation that would have no effect.

@@ -404,7 +404,7 @@ mod tests {
         for number in 1..10 {
             instances.take(&message("a", number, 100.0, number));
         }
-        // Restarted: an acknowledgement overtakes what is left of the run before.
+        // After a restart, an acknowledgement overtakes the remaining messages of the previous run.
         let ack = Header {
             passing: None,
             ..message("b", 1, 110.0, 1)

@@ -193,7 +193,7 @@ pub fn settle(
     store.write(|database| {
         let known = machine_named(database, machine)?;
         let known = known.ok_or_else(|| Error::missing("machine", machine))?;
-        // If there is no value under its key, it continues with its active version.
+        // If there is no value under its key, the machine continues with its active version.
         let newest = if let Some(newest) = newest_version(database, machine)? {
             Some(newest)
         } else {

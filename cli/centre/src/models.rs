@@ -55,7 +55,8 @@ impl NewModel {
         Self::of_text(text, &name, origin, by)
     }
 
-    /// Sets the day of the measurements, and adds a note if the error exceeds what any guard corrects.
+    /// Sets the day of the measurements, and adds a note if the error exceeds the largest
+    /// correction of any guard.
     pub fn with_day_and_note(mut self, measured: &str) -> Result<Self, Error> {
         if !measured.is_empty() && date_s(measured).is_none() {
             return Err(Error::Wrong(format!(
@@ -132,7 +133,8 @@ impl ModelDescription {
     }
 }
 
-/// Note for a machine whose error exceeds what any guard corrects: probably a wrong unit or decimal point.
+/// Note for a machine whose error exceeds the largest correction of any guard, probably because of
+/// a wrong unit or decimal point.
 pub fn beyond_every_guard(map: &ErrorMap) -> Option<String> {
     let largest_mm = map.largest_um[0] / 1000.0;
     let Mm(most_mm) = volcomp_guard::ceiling::LIMIT;

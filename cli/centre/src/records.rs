@@ -214,7 +214,7 @@ pub struct Version {
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
     Note,
-    /// Needs attention, not urgent.
+    /// Needs attention, but not urgently.
     Warning,
     /// Needs attention immediately.
     Alarm,

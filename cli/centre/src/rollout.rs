@@ -136,7 +136,7 @@ pub enum Step {
         version: Option<u64>,
         /// Reason, a sentence without its full stop.
         why: String,
-        /// True if this machine stops the roll-out, regardless of the number of tolerated dropouts.
+        /// True if this dropout stops the roll-out, regardless of the number of tolerated dropouts.
         against: bool,
         /// True if the user resumed the roll-out despite this dropout.
         excused: bool,
@@ -204,12 +204,12 @@ impl Phase {
         matches!(self, Self::Stopped { .. } | Self::Aborted { .. })
     }
 
-    /// True if a confirmed change is still sent.
+    /// True if a change that is confirmed now is still sent.
     pub fn takes_confirmations(&self) -> bool {
         matches!(self, Self::Running | Self::Paused { .. })
     }
 
-    /// True if nothing will change any more.
+    /// True if the roll-out will not change any more.
     pub fn is_over(&self) -> bool {
         matches!(self, Self::Aborted { .. } | Self::Done)
     }
@@ -547,8 +547,8 @@ impl Rollout {
             UserRequest::Abort => self.phase = Phase::Aborted { by },
             UserRequest::Resume => {
                 for target in &mut self.targets {
-                    // The decision applied to the stopped roll-out; if the roll-out stops again, a new decision is
-                    // required.
+                    // The decision applied to the previous stop; a new stop requires a new
+                    // decision.
                     target.kept_by = None;
                     if let Step::Out { excused, .. } = &mut target.step {
                         *excused = true;
@@ -650,7 +650,7 @@ impl Rollout {
     }
 }
 
-/// Advances the observation of a machine with the model by one pass.
+/// Advances the observation of a machine that has the model by one pass.
 fn advance_soak(
     step: Step,
     seen: &Observation,

@@ -183,7 +183,7 @@ mod tests {
         }
     }
 
-    /// An unchanged correction without new frames is not settled. A change restarts the wait. Without a sender at a barrier only the time counts.
+    /// An unchanged correction without new frames is not settled. A change restarts the wait. Without a sender at a barrier, only the time is considered.
     #[test]
     fn a_settled_correction_was_confirmed_while_unchanged() {
         let none = Duration::ZERO;

@@ -20,7 +20,7 @@ use crate::documents::{Broken, Details, Record};
 
 /// Size above which the current file is closed and the next one started, bytes.
 const MAX_BYTES: u64 = 4 << 20;
-/// Closed files kept besides the current one.
+/// Number of closed files that are kept in addition to the current one.
 const KEPT: usize = 8;
 const CURRENT: &str = "audit.log";
 
@@ -39,9 +39,9 @@ pub fn log_files(dir: &Path) -> Vec<PathBuf> {
 /// The state of the log when it was opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LogState {
-    /// Whole records in the current file.
+    /// Complete records in the current file.
     pub records: u64,
-    /// Bytes of a torn tail that were cut.
+    /// Length of an incomplete last record that was cut off, bytes.
     pub cut_bytes: u64,
     /// Set if the hash chain was broken: the damaged file was moved aside.
     pub broken: Option<Broken>,
@@ -89,10 +89,11 @@ impl AuditLog {
         standing_file(&self.dir)
     }
 
-    /// Opens the log in a folder, which is created if it is missing. A torn tail is cut off; a file with a broken chain
-    /// is moved aside and a new one started.
+    /// Opens the log in a folder, which is created if it is missing. An incomplete last record is
+    /// cut off; a file with a broken chain is moved aside and a new one started.
     ///
     /// # Errors
+    ///
     /// The folder or file cannot be written.
     pub fn open(dir: &Path) -> io::Result<(Self, LogState)> {
         fs::create_dir_all(dir)?;
@@ -253,7 +254,7 @@ fn sync_folder(dir: &Path) -> io::Result<()> {
 pub struct Verified {
     /// Number of complete records in the chain.
     pub records: u64,
-    /// Length of these records, bytes.
+    /// Length of the complete records, bytes.
     pub end: usize,
     /// Number, from 1, of the first complete line that is not part of the chain.
     pub broken: Option<u64>,

@@ -1,4 +1,4 @@
-//! The output of `check`: the effective configuration and what follows from it.
+//! The output of `check`: the effective configuration and the plan derived from it.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! Derives from the configured devices what the guard and the plan documents need. Compares the settings reported by a
-//! control with the configuration, by the guard's own rule.
+//! Derives the settings of the guard and the plan documents from the configured devices. Compares
+//! the settings reported by a control with the configuration, by the rules of the guard.
 
 use std::{
     collections::BTreeMap,
@@ -60,7 +60,7 @@ fn longest_read_back(period: Duration) -> Duration {
     period.saturating_mul(cycles)
 }
 
-/// Limits that the guard requires of a control, by the rule used for arming.
+/// Limits that a control must report for arming, by the rule of the guard.
 pub(crate) fn needs(limits: &Limits) -> GuardRequirements {
     let axes = || limits.axes.iter().take(limits.count);
     let largest = |value: fn(&AxisLimits) -> f64| {

@@ -3,7 +3,7 @@
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::AxisName;
 
-/// Differences other than in the errors, one sentence each.
+/// Differences other than the error curves, one sentence each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Differences {
     /// Why the new model cannot be activated on this machine; `None` if it can.
@@ -77,7 +77,7 @@ fn travel(axis: &Axis) -> String {
     )
 }
 
-/// "X, Y and Z".
+/// The names as text: "X, Y and Z".
 fn listed(axes: &[AxisName]) -> String {
     let names: Vec<String> = axes.iter().map(ToString::to_string).collect();
     match &names[..] {

@@ -15,10 +15,10 @@ use volcomp_web::TlsError;
 #[non_exhaustive]
 #[expect(missing_docs, reason = "`file` is a path, `source` the cause")]
 pub enum GatewayError {
-    /// An error at a position in the configuration or the machine file.
+    /// An error at a position of the configuration or the machine file.
     #[error(transparent)]
     Place(#[from] InputError),
-    /// All errors of a configuration.
+    /// All errors of a configuration file.
     #[error(transparent)]
     Configuration(#[from] InputErrors),
     /// The machine file does not define a valid machine.
@@ -66,19 +66,19 @@ pub enum GatewayError {
     /// An operating-system call failed.
     #[error("{what}: {source}")]
     System { what: String, source: io::Error },
-    /// Any other error, described by its message alone.
+    /// Any other error, described only by its message.
     #[error("{0}")]
     Failed(Failure),
 }
 
-/// A failure in words: also the document on standard error when a call with `--json` fails.
+/// A failure with its message; also the document on standard error when a call with `--json` fails.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, Serialize, JsonSchema)]
 #[error("{what}")]
 pub struct Failure {
     /// The message in words.
     #[serde(rename = "error")]
     pub what: String,
-    /// The exit status: 1 the work failed, 2 the configuration or the call is wrong.
+    /// Exit status: 1 if the operation failed, 2 if the configuration or the call is invalid.
     pub status: u8,
 }
 
@@ -92,7 +92,7 @@ pub enum TokenError {
     /// Unknown role.
     #[error("found another role, expected view, operate or engineer")]
     Role,
-    /// The token is short enough to be guessed.
+    /// The token is too short.
     #[error(
         "expected a token of at least 128 bits: 32 hexadecimal digits or 22 other letters and digits"
     )]

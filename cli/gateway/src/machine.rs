@@ -121,7 +121,8 @@ impl Machine {
             catch_unwind(AssertUnwindSafe(|| service.abandon(&mut hurry))).unwrap_or(false)
         });
         if !has_ended {
-            // The control thread hangs: keep the device locks until the process ends.
+            // The control thread hangs and may still write: keep the device locks until the process
+            // ends.
             std::mem::forget(locks);
         }
         // Pending fleet messages are sent or saved.
@@ -139,7 +140,8 @@ impl Machine {
     }
 }
 
-/// The control thread has ended. The applied correction remains until the control removes it.
+/// The failure reported when the control thread has ended. The applied correction remains until the
+/// control removes it.
 fn without_control() -> Failure {
     Failure {
         what: "the control thread has ended unexpectedly, the reason is on standard error: the applied correction remains until the control removes it".to_owned(),

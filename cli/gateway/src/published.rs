@@ -14,7 +14,7 @@ use crate::{
     locked, observe,
 };
 
-/// Maximum interval between two publications. A state older than this plus the patience with the control thread is
+/// Maximum interval between two publications. A state older than this plus [`Pulse::patience`] is
 /// stale, whichever of the two threads is late.
 const PUBLISHED_EVERY: Duration = Duration::from_millis(150);
 const SPAN_S: f64 = 120.0;

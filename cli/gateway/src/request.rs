@@ -18,7 +18,7 @@ use crate::{
     documents::{Answer, ModelSource, Refusal},
 };
 
-/// Maximum number of queued requests; disarm requests have as many slots of their own.
+/// Maximum number of queued requests; disarm requests have the same number of separate slots.
 const MAX_QUEUED: usize = 64;
 
 /// The requested action.
@@ -117,7 +117,7 @@ impl ServiceRequest {
 #[derive(Clone)]
 pub struct RequestSender {
     queue: SyncSender<ServiceRequest>,
-    /// Queued requests, without those to disarm.
+    /// Number of queued requests other than those to disarm.
     others: Arc<AtomicUsize>,
 }
 

@@ -125,7 +125,8 @@ fn proven_within() -> Duration {
     sd_notify::watchdog_enabled().unwrap_or(NOBODY_WAITS)
 }
 
-/// Remembers what was last reported to the service manager. Without a service manager the notifications are dropped.
+/// Stores the last notification to the service manager. Without a service manager, notifications
+/// are dropped.
 struct Manager {
     begun: Instant,
     is_ready: bool,
@@ -158,7 +159,7 @@ impl Manager {
         }
     }
 
-    /// Feeds the watchdog if the number of proofs of life has grown since the last call.
+    /// Notifies the watchdog if the number of proofs of life has grown since the last call.
     fn feed(&mut self, proofs: u64) {
         if self.lives(proofs) {
             tell(&NotifyState::Watchdog);

@@ -1,4 +1,5 @@
-//! Process signals, received by a separate thread: a stop takes effect immediately, whatever the service is doing.
+//! Process signals, received by a separate thread: a stop takes effect immediately, even if the
+//! service is busy.
 
 use std::{
     sync::mpsc::{Receiver, RecvTimeoutError, channel},

@@ -33,7 +33,7 @@ pub enum StudioError {
     Upload {
         /// The name of the file.
         name: String,
-        /// What was found and what is expected.
+        /// Reason with the found and the expected value.
         why: String,
     },
     /// An answer is invalid for its question.
@@ -55,12 +55,12 @@ pub enum StudioError {
         /// The reason for each file; empty without files.
         reasons: String,
     },
-    /// There is no machine file yet.
+    /// The folder has no machine file yet.
     #[error(
         "machine.toml: not found, expected the machine file in the folder: drop it, or fill in the form"
     )]
     NoMachine,
-    /// There is no result yet.
+    /// The folder has no result yet.
     #[error("result/machine.toml: not found: fit the measurements first")]
     NoResult,
     /// The folder has changed since the fit.
@@ -91,17 +91,17 @@ pub enum StudioError {
     /// A value of a request is invalid.
     #[error("{key}: {why}")]
     Request {
-        /// The field.
+        /// Key of the field.
         key: &'static str,
-        /// What was found and what is expected.
+        /// Reason with the found and the expected value.
         why: String,
     },
     /// The gateway or the centre cannot be reached, or rejects the machine file.
     #[error("{address}: {why}")]
     Send {
-        /// The address.
+        /// Address of the gateway or the centre.
         address: String,
-        /// Response, or why there is none.
+        /// Response, or the reason why there is none.
         why: String,
     },
     /// The operating system provides no socket, thread or random numbers.

@@ -91,7 +91,7 @@ pub struct FileState {
     pub not_used: Option<String>,
 }
 
-/// A machine.
+/// The machine in `machine.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MachineState {
     /// The name that the file states.
@@ -212,7 +212,7 @@ impl Folder {
 
     /// Files that may be measurements.
     pub(crate) fn measurement_files(&self) -> Result<Vec<PathBuf>, StudioError> {
-        // One more file, for the answers.
+        // One file more than the maximum, because the answers are also in the folder.
         let found = files_below(&self.path, &[self.at(RESULT)], MAX_FILES + 1);
         let mut paths = found.map_err(StudioError::disk(self.path.display()))?;
         let answers = self.at(ANSWERS);

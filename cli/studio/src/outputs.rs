@@ -50,7 +50,7 @@ pub struct TableFiles {
 /// Residual error of an axis over the positions that the tables correct.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AxisResidual {
-    /// The axis.
+    /// Letter of the axis.
     pub axis: AxisName,
     /// `um` or `urad`.
     pub unit: &'static str,
@@ -82,7 +82,7 @@ pub struct NcProgram {
 pub struct NcNote {
     /// The line, from 1.
     pub line: usize,
-    /// The note.
+    /// Text of the note.
     pub text: String,
 }
 

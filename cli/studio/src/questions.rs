@@ -5,7 +5,7 @@ use volcomp_calibrate::{Answer, AnswerError, Draft, LEAVE_OUT, Proposed, Questio
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
-/// An answer as typed.
+/// An answer of the user, not yet checked.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TypedAnswer {
@@ -17,7 +17,7 @@ pub struct TypedAnswer {
     pub value: String,
 }
 
-/// A question of the draft.
+/// A question about a value that the files do not state.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct DraftQuestion {
     /// The measurement file or files, or the squareness.

@@ -45,7 +45,7 @@ pub enum Target {
         url: String,
         /// Name of a user with the role engineer.
         name: String,
-        /// The password.
+        /// Password of this user.
         password: String,
         /// Trusted certificate, PEM; required for `https`.
         #[serde(default)]

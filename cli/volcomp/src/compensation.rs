@@ -65,11 +65,13 @@ impl CompensationArguments {
 /// How a correction was applied before the errors were computed.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub(crate) struct Compensated {
-    /// The machine file whose errors act on the corrected command; null: the model itself, which proves nothing.
+    /// Machine file whose errors act on the corrected command; null: the model itself, so that the
+    /// result is no proof of accuracy.
     pub(crate) truth: Option<String>,
     /// Step to which the correction of linear axes is rounded, µm; null: not rounded.
     pub(crate) resolution_um: Option<f64>,
-    /// Step to which the correction of rotary axes is rounded, µrad; the same number as that of linear axes.
+    /// Step to which the correction of rotary axes is rounded, µrad; the same number as for linear
+    /// axes.
     pub(crate) resolution_urad: Option<f64>,
 }
 
@@ -80,7 +82,8 @@ pub(crate) struct Compensation<'a> {
     options: CorrectionOptions,
     truth: Option<Machine>,
     document: Option<Compensated>,
-    /// The curves of the machine and of the one whose errors apply, made when first needed; `None` if they cannot be compiled.
+    /// Compiled curves of the model and of the truth, created on first use; `None` if they cannot
+    /// be compiled.
     compiled: OnceLock<Option<[CompiledMachine; 2]>>,
 }
 
@@ -159,7 +162,7 @@ impl<'a> Compensation<'a> {
         }
     }
 
-    /// The same with the curves of the machine files.
+    /// The residual by the curves of the machine files instead of the compiled ones.
     pub(crate) fn exact_residual(&self, target: &State) -> [f64; 6] {
         let [model, actual] = [self.machine, self.actual()].map(|of| of.source(self.temperatures));
         self.residual_by(&model, &actual, target)

@@ -50,32 +50,32 @@ pub(crate) struct FailureDocument {
     error: Error,
 }
 
-/// Why the program stopped. Keys that do not apply are not there.
+/// The error. Keys that do not apply are missing.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Error {
     kind: Kind,
-    /// The message: the value that was found and the one that was expected, in one text.
+    /// The message, including found and expected value.
     message: String,
-    /// The file in which something is wrong.
+    /// The invalid file.
     #[serde(skip_serializing_if = "Option::is_none")]
     file: Option<String>,
-    /// The line in that file, from 1.
+    /// Line in `file`, from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     line: Option<u64>,
-    /// The key or column in that file.
+    /// Key or column in `file`.
     #[serde(skip_serializing_if = "Option::is_none")]
     key: Option<String>,
 }
 
-/// Whose fault it is, as in the exit status.
+/// Kind of error, which determines the exit status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum Kind {
-    /// The command line itself is wrong: exit status 2.
+    /// The command line is invalid: exit status 2.
     Call,
-    /// An option's value or a file is wrong: exit status 2.
+    /// The value of an option or the content of a file is invalid: exit status 2.
     Input,
-    /// The work failed: exit status 1.
+    /// The operation failed: exit status 1.
     Work,
 }
 
@@ -168,7 +168,7 @@ impl Failure {
         }
     }
 
-    /// Writes to standard error: one JSON object, one unwrapped line, or on a terminal the position in the file.
+    /// Writes the failure to standard error: as JSON, as one unwrapped line, or, on a terminal, with the position in the file.
     pub(crate) fn report(&self, json: bool) {
         if json {
             // Serialisation cannot fail; if it did, the message would still be printed.

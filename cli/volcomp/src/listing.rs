@@ -15,21 +15,21 @@ use crate::{
     table::RowTable,
 };
 
-/// Size from which rows are in a file, bytes.
+/// Size from which rows are kept in a temporary file, bytes.
 const IN_MEMORY: usize = 4 << 20;
 /// Number of rows that a thread formats at a time.
 const CHUNK: usize = 256;
 
 /// A row of an answer.
 pub(crate) trait Row: Serialize + Sync {
-    /// Cells of the table, behind the number of the row.
+    /// Cells of the table after the row number.
     fn cells(&self) -> Vec<String>;
 
-    /// What the row is outside of.
+    /// Errors and axes whose range the row exceeds.
     fn outside(&self) -> &Outside;
 }
 
-/// What is printed.
+/// Format of the printed answer.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Print {
     /// The document of a single row.
@@ -58,7 +58,7 @@ struct Formatted {
 }
 
 impl Listing {
-    /// Without rows; `header` are the heads of the columns behind the number of the row.
+    /// Creates an empty listing; `header` has the column headers after the row number.
     pub(crate) fn new(json: bool, is_list: bool, header: Vec<String>) -> Self {
         Self {
             print: match (json, is_list) {
@@ -79,14 +79,15 @@ impl Listing {
         self.rows
     }
 
-    /// Number of rows outside of what the model covers.
+    /// Number of rows outside the range of the model.
     pub(crate) fn outside(&self) -> usize {
         self.outside
     }
 
-    /// Appends rows; the remark on a row is printed below the table, an empty one is none.
+    /// Appends rows; an empty remark is not printed.
     ///
     /// # Errors
+    ///
     /// A number of a row is not finite, or the temporary file cannot be written.
     pub(crate) fn extend<R: Row>(
         &mut self,
@@ -136,7 +137,7 @@ impl Listing {
 }
 
 impl Formatted {
-    /// Formats rows; `before` is the number of those before them.
+    /// Formats rows; `before` is the number of rows before them.
     fn of<R: Row>(
         rows: &[R],
         before: usize,

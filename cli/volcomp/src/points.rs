@@ -17,7 +17,7 @@ use volcomp_vocabulary::{AxisName, Direction, bounds::PLAUSIBLE_DEGC};
 
 use crate::failure::Failure;
 
-/// The machine and what is in its spindle.
+/// The machine and the tool in its spindle.
 #[derive(Args)]
 pub(crate) struct MachineArguments {
     /// Machine file (TOML)
@@ -27,7 +27,7 @@ pub(crate) struct MachineArguments {
     pub(crate) spindle: SpindleArguments,
 }
 
-/// The machine and the tool in its spindle, for answers in which no error of the machine counts.
+/// The machine and the tool in its spindle, for commands that ignore the errors of the machine.
 #[derive(Args)]
 pub(crate) struct GeometryArguments {
     /// Machine file (TOML)
@@ -38,7 +38,8 @@ pub(crate) struct GeometryArguments {
     tool: Option<String>,
 }
 
-/// The tool in the spindle and the temperatures of the sensors, on which the errors of a machine depend too.
+/// The tool in the spindle and the temperatures of the sensors, on which the errors of a machine
+/// also depend.
 #[derive(Args)]
 pub(crate) struct SpindleArguments {
     /// Tool of the table `[tools]` in the machine file [default: that of `[tool]`]
@@ -49,7 +50,7 @@ pub(crate) struct SpindleArguments {
     pub(crate) temperature: Vec<String>,
 }
 
-/// Where the axes stand that an answer does not move over their travel.
+/// Positions of the axes that a command does not vary.
 #[derive(Args)]
 pub(crate) struct OthersArguments {
     /// Positions of the axes other than X, Y and Z: A=30,C=-90 (deg, mm); axes not named are at 0
@@ -58,7 +59,7 @@ pub(crate) struct OthersArguments {
 }
 
 impl OthersArguments {
-    /// The coordinates of the named axes, mm or deg, with a note on those beyond their travel.
+    /// The coordinates of the named axes, mm or deg, and a note on those outside their travel.
     pub(crate) fn read(
         &self,
         machine: &Machine,
@@ -111,14 +112,14 @@ pub(crate) struct ApproachArguments {
     pub(crate) approach: Option<String>,
 }
 
-/// One position asked for with `--at`, or many with `--points`.
+/// One position of `--at`, or many of `--points`.
 #[derive(Debug, Serialize, JsonSchema)]
 #[serde(untagged)]
 #[expect(dead_code, reason = "describes what `Listing` writes row by row")]
 pub(crate) enum OneOrMany<T> {
-    /// The answer at the one position.
+    /// The answer for a single position.
     One(T),
-    /// The answers in the order of the rows.
+    /// The answers in the order of the rows of the file.
     Many {
         /// One answer for each row.
         points: Vec<T>,
@@ -146,7 +147,7 @@ enum Source {
 #[derive(Default)]
 pub(crate) struct Batch {
     pub(crate) states: Vec<State>,
-    /// Their rows; `None` for a position from the command line.
+    /// Rows of the positions; `None` for a position from the command line.
     pub(crate) table: Option<CsvTable>,
 }
 
@@ -176,7 +177,8 @@ impl Positions {
         }
     }
 
-    /// Notes which axes of the machine are at 0 because they are not named, or that there is none of the `count` positions.
+    /// Notes the axes at 0 because they are not named, or that the file has no position if `count`
+    /// is 0.
     pub(crate) fn note(&self, count: usize) -> Option<String> {
         if count == 0 {
             return Some("--points has no row under its header".to_owned());
@@ -365,7 +367,7 @@ impl ApproachArguments {
     }
 }
 
-/// Replaces the message about the first byte that is not UTF-8 by one that the file is a compiled machine.
+/// Replaces the message about invalid UTF-8 if the file is a compiled machine.
 fn not_compiled(path: &Path, error: ModelError) -> Failure {
     let starts_with_magic = || {
         let mut start = [0; 8];
@@ -439,7 +441,7 @@ fn assignments<'a>(
     Ok(found)
 }
 
-/// The message about a word without `=`. Digits that follow a number are assumed to be those after a decimal comma.
+/// Message about a word without `=`. Digits after a number are assumed to follow a decimal comma.
 fn no_assignment(option: &str, word: &str, before: &[(&str, &str)], example: &str) -> String {
     if let Some((name, value)) = before.last()
         && word.bytes().all(|byte| byte.is_ascii_digit())
@@ -529,7 +531,7 @@ impl PointFile {
     }
 }
 
-/// Opens a file that can be read several times; what comes through a pipe is copied.
+/// Opens a file that can be read several times. The content of a pipe is copied.
 fn rewindable(path: &Path) -> Result<File, Failure> {
     if fs::metadata(path).is_ok_and(|of| of.is_file())
         && let Ok(file) = File::open(path)
@@ -545,7 +547,8 @@ fn rewindable(path: &Path) -> Result<File, Failure> {
     copied.map_err(|error| Failure::Work(format!("temporary file: {error}")))
 }
 
-/// The failure of a file of positions, with its line, which is known only from the whole text; `failure` without it.
+/// Adds the line to the failure of a file of positions. The line is known only from the whole text;
+/// without it, returns `failure`.
 fn refused(machine: &Machine, path: &Path, mut text: &File, failure: Failure) -> Failure {
     let mut bytes = Vec::new();
     let read = text.rewind().and_then(|()| text.read_to_end(&mut bytes));

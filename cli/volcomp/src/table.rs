@@ -86,7 +86,8 @@ fn table_within(table: &Table, most: usize) -> String {
     }
 }
 
-/// A table of numbered rows in the layout of [`table_text`], whose cells are in a file: [`Table`] holds several hundred bytes for each of them.
+/// A table of numbered rows in the layout of [`table_text`] with its cells in a file, because
+/// [`Table`] needs several hundred bytes per cell.
 pub(crate) struct RowTable {
     header: Vec<String>,
     /// Characters of the widest cell of each column, as far as it is known.
@@ -94,7 +95,7 @@ pub(crate) struct RowTable {
 }
 
 impl RowTable {
-    /// Without rows; `header` are the heads behind the number of the row.
+    /// Creates a table without rows; `header` has the column headers after the row number.
     pub(crate) fn new(header: Vec<String>) -> Self {
         let first = std::iter::once(String::new());
         let header: Vec<String> = first.chain(header).collect();
@@ -108,7 +109,7 @@ impl RowTable {
         }
     }
 
-    /// Appends a row to the text of a file of rows, and widens columns for it.
+    /// Writes a row to the file of rows and widens the columns for it.
     pub(crate) fn write_row(
         number: usize,
         cells: &[String],
@@ -131,7 +132,7 @@ impl RowTable {
         rows.push(b'\n');
     }
 
-    /// Widens the columns for these widths of cells.
+    /// Widens the columns to the given cell widths.
     pub(crate) fn widen(&mut self, widths: &[usize]) {
         for (widest, width) in self.widths.iter_mut().zip(widths) {
             *widest = (*widest).max(*width);
@@ -253,7 +254,7 @@ pub(crate) fn fixed(value: f64, digits: usize) -> String {
     }
 }
 
-/// A number with `digits` decimals, or a dash for `None`.
+/// Formats a number with `digits` decimals; a dash for `None`.
 pub(crate) fn or_dash(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| fixed(value, digits))
 }

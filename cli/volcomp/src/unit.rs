@@ -7,7 +7,7 @@ use volcomp_metrology::{DeviationUnit, Measurement, ReadingUnit};
 
 use crate::failure::Failure;
 
-/// A unit of deviations, as `--unit` names it.
+/// A unit of deviations; the names are the values of `--unit`.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Unit {
     Mm,

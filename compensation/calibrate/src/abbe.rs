@@ -22,8 +22,8 @@ pub(crate) fn without_abbe<'a>(
     Ok(profile)
 }
 
-/// Lever arm of a measured line, in the frame of what carries the axis: MCS at machine zero, moved by the held axes to
-/// where the axis was during the test.
+/// Lever arm of a measured line in the frame of the component that carries the axis: MCS at machine
+/// zero, moved by the held axes to their positions in the test.
 pub(crate) struct Lever {
     point: [f64; 3],
     rides: Rides,
@@ -41,7 +41,8 @@ impl Lever {
         let mut component = Vector3::zeros();
         component[setup.error.component.mcs_index()] = 1.0;
         Ok(Self {
-            // Measured at the axis's own point unless stated; if that is on the other side of the joint, the travel still changes the lever arm.
+            // Unless stated, the point of the axis was measured. If it is on the other side of the
+            // joint, the travel still changes the lever arm.
             point: measured_point(line, machine)?.into(),
             // A rotary axis does not move its own point, so the lever arm is constant.
             rides: match joint.kind {
@@ -56,7 +57,8 @@ impl Lever {
         })
     }
 
-    /// m − c, including the travel if the point is on the other side of the joint, mm along the axes of the frame.
+    /// m − c, mm along the axes of the frame; includes the travel if the point is on the other side
+    /// of the joint.
     fn at_mm(&self, position_mm: f64) -> [f64; 3] {
         let travel = Travel {
             side: match self.joint.side {
@@ -93,8 +95,8 @@ impl Lever {
     }
 }
 
-/// Measured point of a line in the frame that carries its axis, mm: MCS at machine zero, moved by the held axes to
-/// where the axis was during the test. It is the axis's own point unless stated.
+/// Measured point of a line in the frame that carries its axis, mm: MCS at machine zero, moved by
+/// the held axes to their positions in the test. Unless stated, it is the point of the axis.
 pub(crate) fn measured_point(line: &Line, machine: &Machine) -> Result<Vector3<f64>, ModelError> {
     let index = machine.index_of(line.setup.error.axis)?;
     let own = machine.chain().joints()[index].point_mm;
@@ -107,7 +109,7 @@ pub(crate) fn measured_point(line: &Line, machine: &Machine) -> Result<Vector3<f
     Ok(carried.inverse().transform_point(&Vector3::from(point_mcs)))
 }
 
-/// Tilts ε of the measured axis at a target, µrad, on the branch of the direction.
+/// Tilts ε of the measured axis at a target, µrad, by the curves for the direction of approach.
 fn tilts_urad(
     line: &Line,
     machine: &Machine,
@@ -124,7 +126,7 @@ fn tilts_urad(
     Ok((error.angular_rad * 1e6).into())
 }
 
-/// State with the held axes as during the test and the measured axis at 0.
+/// State with the held axes at their positions in the test and the measured axis at 0.
 pub(crate) fn held_state(line: &Line, machine: &Machine) -> Result<State, ModelError> {
     let names = machine.axes().iter().map(|axis| axis.name);
     let coordinates: Vec<_> = names.zip(line.setup.at.iter().copied()).collect();

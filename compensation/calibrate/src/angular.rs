@@ -74,14 +74,15 @@ pub(crate) fn angular(
     Ok(result)
 }
 
-/// Minimum difference of lever arms, as a share of the diagonal of the working space; a smaller one does not determine
-/// a tilt that acts over all of it.
+/// Minimum difference of lever arms, as a share of the diagonal of the working space. A smaller
+/// difference does not determine a tilt that acts over the whole space.
 const LEAST_PART: f64 = 0.02;
 /// Lever arms that differ by less are equal, mm.
 const SAME_LEVER_MM: f64 = 1.0;
 
-/// Determines tilts from several lines, with notes on those that cannot be separated. Checks every linear error of a
-/// linear axis with several lines, positioning first, because it shows the whole tilt.
+/// Determines tilts from several lines, with notes on tilts that cannot be separated. Checks every
+/// linear error of a linear axis with several lines; positioning first, because it is affected by
+/// the whole tilt.
 pub(crate) fn from_parallel_lines(
     file: &CalibrationFile,
     tilted: &Machine,
@@ -171,8 +172,8 @@ fn of_error(
     Ok(())
 }
 
-/// Unstated tilts of the axis over which the lines have different lever arms, and these lever arms, mm: a row for each
-/// line and a column for each tilt, without the mean of each column.
+/// Unknown tilts for which the lines have different lever arms, and these lever arms, mm: a row for
+/// each line and a column for each tilt, with the mean of each column subtracted.
 fn differing_levers(
     file: &CalibrationFile,
     error: ErrorName,
@@ -225,8 +226,8 @@ fn not_separated(
     )
 }
 
-/// Tilt at every place, µrad, by least squares from the differences of the lines there. δ is the same in all lines and
-/// cancels with the mean over them.
+/// Tilt at every place, µrad, by least squares from the differences of the lines. δ is equal in all
+/// lines and cancels when their mean is subtracted.
 fn readings_of(beside: &ParallelReadings, inverse: &DMatrix<f64>, column: usize) -> Vec<Reading> {
     let count = beside.lines.len();
     let places = beside.places.iter().enumerate();
@@ -250,7 +251,8 @@ fn files_named(lines: &[&Line]) -> String {
     files.join(", ")
 }
 
-/// Line with readings of a tilt as if from an instrument, fitted with the kind of curve of the lines that they come from.
+/// A line with the computed tilt as its readings, fitted with the kind of curve of the lines from
+/// which it was computed.
 fn line_of(tilt: ErrorName, readings: Vec<Reading>, lines: &[&Line]) -> Line {
     Line {
         setup: Setup {
@@ -287,7 +289,7 @@ mod tests {
     use crate::testing::{file, line, name};
     use volcomp_vocabulary::AxisName;
 
-    /// ECX = 3 + 0.02 q is zero at the reference q = 200: 0.02 (q − 200).
+    /// ECX = 3 + 0.02 q becomes zero at the reference q = 200: 0.02 (q − 200).
     #[test]
     fn a_curve_is_zero_at_the_reference() {
         let mut file = file(vec![line("ECX", |q| 3.0 + 0.02 * q), line("EXX", |q| q)]);

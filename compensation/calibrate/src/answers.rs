@@ -24,7 +24,7 @@ pub enum Subject {
     Squareness(ErrorName),
 }
 
-/// An answer as the user typed it.
+/// An answer in the words of the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Answer {
     /// The measurement or squareness that it refers to.
@@ -57,7 +57,7 @@ pub enum AnswerError {
 /// Order in which answers are applied: the keys of a measurement follow from its error, and then from its unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Turn {
-    /// The error.
+    /// The error of a measurement.
     Error,
     /// The unit of the readings.
     Unit,
@@ -134,7 +134,8 @@ impl Draft {
                 }
                 Subject::Squareness(error) => {
                     let Some(at) = squares.iter().position(|square| square.error == *error) else {
-                        // The squareness was removed with one of its straightnesses, or omitted before.
+                        // The squareness was removed with one of its straightness errors, or
+                        // omitted before.
                         if self.squares.iter().any(|square| square.error == *error) {
                             continue;
                         }
@@ -183,8 +184,9 @@ impl Draft {
 }
 
 impl Draft {
-    /// One answer to every open question of a key, each as [`Draft::answered`] takes it: for all measurements and
-    /// squarenesses, or for those whose error or axis is `of` (`EYX`, `Y`). Empty if there is no such question.
+    /// Answers to every open question of a key, each in the form accepted by [`Draft::answered`]:
+    /// for all measurements and squarenesses, or for those whose error or axis is `of` (`EYX`,
+    /// `Y`). Empty if there is no such question.
     pub fn for_all(&self, of: Option<&str>, key: &str, value: &str) -> Vec<Answer> {
         let is_meant = |error: Option<ErrorName>| {
             of.is_none_or(|of| {

@@ -31,16 +31,16 @@ const PARALLEL_BELOW: f64 = 0.02;
 /// not depend on the constants of error motions and the slopes of straightnesses, which are conventions.
 #[derive(Clone, Copy, Debug)]
 pub struct ArtefactPoses {
-    /// The workpiece axes in the artefact on the workpiece side, mm.
+    /// Pose of the artefact frame of the workpiece side, in which the workpiece axes are given, mm.
     pub workpiece: Pose,
     /// The artefact on the tool side in tool axes, mm.
     pub tool: Pose,
 }
 
 impl ArtefactPoses {
-    /// Set-up on the machine of a calibration file as known before its lines. Measured errors are zero here:
-    /// positioning and angular curves are zero at `reference`, straightness curves have no line, and squareness is not
-    /// known yet.
+    /// Set-up on the machine of a calibration file before its lines are evaluated. Measured errors
+    /// are zero here: positioning and angular curves are zero at `reference`, straightness curves
+    /// have no line, and squareness is unknown.
     pub(crate) fn before_lines(
         file: &CalibrationFile,
         known: &Machine,
@@ -65,9 +65,9 @@ impl ArtefactPoses {
         ))
     }
 
-    /// Set-up with the axes at `reference` (mm or deg, in machine order; an axis without a value is at 0) along the
-    /// reference lines of two axes. The reference line of a straightness is the one through its targets (mm), or
-    /// through 21 targets over the travel if `targets` returns none.
+    /// Set-up with the axes at `reference` (mm or deg, in machine order; an axis without a value is
+    /// at 0) along the reference lines of two axes. The reference line of a straightness is fitted
+    /// at the `targets` (mm), or at 21 targets over the travel if there are none.
     pub fn of(
         machine: &Machine,
         reference: &[f64],
@@ -104,11 +104,13 @@ impl ArtefactPoses {
     }
 }
 
-/// Location of the line of a rotary axis (mm, rad; relative to the nominal one, in MCS at machine zero) as measured by
-/// an instrument that is set up as in [`ArtefactPoses::of`]: with all axes at `reference`, seen from the tool tip and along the
-/// reference lines of the reference axes. This is the value stated by `[[location]]` of a calibration file.
+/// Location of the line of a rotary axis (mm, rad; relative to the nominal one, in MCS at machine
+/// zero) as an instrument set up by [`ArtefactPoses::of`] measures it: with all axes at
+/// `reference`, seen from the tool tip, along the reference lines of the reference axes.
+/// `[[location]]` of a calibration file states this value.
 ///
 /// # Errors
+///
 /// An axis that the machine does not have.
 pub fn location_seen(
     machine: &Machine,
@@ -126,7 +128,8 @@ pub fn location_seen(
     let before = chain.joints()[..index].iter().zip(&zero.q);
     let before = before.fold(Pose::identity(), |pose, (joint, q)| pose * joint.motion(*q));
     let to_axis = before.inverse() * seen;
-    // Rotation of the axis alone, as the workpiece sees it, in the frame in which the axis is stated at machine zero.
+    // Rotation of the axis alone as seen from the workpiece, in the frame in which the axis is
+    // stated at machine zero.
     let turned_by = |angle_rad: f64| {
         let mut turned = zero;
         turned.q[index] += angle_rad;
@@ -191,7 +194,7 @@ fn turn(directions: impl Iterator<Item = [Vector3<f64>; 2]>) -> Matrix3<f64> {
     nominal * actual.transpose()
 }
 
-/// A machine whose axes move along their reference lines, with their errors at zero unchanged.
+/// A machine whose axes move along their reference lines; the errors at coordinate zero are unchanged.
 struct ReferenceLines {
     zero: State,
     motions: [ErrorMotion; MAX_AXES],

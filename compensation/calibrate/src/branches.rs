@@ -12,7 +12,7 @@ use crate::{
     repeated::Repeated,
 };
 
-/// Lines are aligned until they move by less than this.
+/// Alignment of the lines ends when no line moves by more than this.
 const LINES_AGREE_UM: f64 = 1e-6;
 /// Maximum number of alignment rounds; each at least halves the disagreement if lines share their targets.
 const ROUNDS: usize = 40;
@@ -21,8 +21,8 @@ const ROUNDS: usize = 40;
 const WITHIN_SIGMAS: f64 = 3.0;
 const STEPS: usize = 120;
 
-/// Scatter of a mean reading about a curve. Differences in zero and slope between runs are excluded, because they move and rotate the curve but do
-/// not affect its residuals.
+/// Scatter of a mean reading about a curve. Differences in offset and slope between runs are
+/// excluded, because they shift and rotate the curve but do not affect its residuals.
 fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
     let noise = profiles
         .iter()
@@ -39,7 +39,8 @@ pub(crate) struct Branches {
     method: Method,
     choice: Option<Choice>,
     noise: Option<Noise>,
-    /// Repeated readings of each fit, from which its band is resampled; empty until the lines are aligned.
+    /// Repeated readings for each fit, from which its band is resampled; empty until the lines are
+    /// aligned.
     repeated: Vec<Option<Repeated>>,
     /// Factor by which the curves were multiplied.
     factor: f64,
@@ -59,7 +60,7 @@ impl Branches {
     ) -> Result<(Self, Vec<Profile<'_>>), CalibrateError> {
         let mut branches = Self::fit_once(error, choice, period, &profiles)?;
         for _ in 1..ROUNDS {
-            // A single line agrees with itself.
+            // A single line needs no alignment.
             let Some((first, others)) = profiles.split_first().filter(|(_, o)| !o.is_empty())
             else {
                 break;
@@ -160,7 +161,8 @@ impl Branches {
         })
     }
 
-    /// Repeated readings of each fit: the runs of the only line; of several lines, the lines. `None` if a bridge sums its tilts.
+    /// Repeated readings for each fit: the runs of a single line, or several lines. `None` if a
+    /// bridge sums its tilts.
     fn repeated_of(&self, profiles: &[Profile<'_>]) -> Vec<Option<Repeated>> {
         let of = |(direction, _): &(Direction, Fit)| {
             if let [profile] = profiles {
@@ -272,8 +274,8 @@ impl Branches {
         differences.max_by(|a, b| a.abs().total_cmp(&b.abs()))
     }
 
-    /// Values of each curve at the targets. Where it was read they follow from its residuals, because moving least
-    /// squares are slow to evaluate again.
+    /// Values of each curve at the targets. At targets with readings they follow from the
+    /// residuals, because moving least squares are slow to evaluate again.
     fn values_at_targets(&self) -> Vec<Vec<f64>> {
         let of = |((_, fit), points): (&(Direction, Fit), &Points)| {
             let read = points.iter().zip(&fit.residuals);
@@ -347,11 +349,11 @@ pub struct FittedCurve {
     pub method: Method,
     /// How the method was chosen from the readings of both directions, in the unit of the error; `None` if the calibration file states it.
     pub choice: Option<Choice>,
-    /// Mean readings that the curve was fitted to, without what does not belong to the error (Abbe error, the line of a
-    /// straightness, the zero of each line): coordinate in mm or deg, reading and value of the curve there in the unit
-    /// of the error.
+    /// Mean readings to which the curve was fitted, after subtracting effects that are not part of
+    /// the error (Abbe error, the line of a straightness, the offset of each line): coordinate in
+    /// mm or deg, reading and curve value there in the unit of the error.
     pub points: Vec<[f64; 3]>,
-    /// The curve from its first to its last reading, in equal steps: coordinate and value.
+    /// Equidistant samples of the curve from its first to its last reading: coordinate and value.
     pub sampled: Vec<[f64; 2]>,
     #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) between: Between,
@@ -373,11 +375,12 @@ impl FittedCurve {
         !self.between.is_not_followed()
     }
 
-    /// 95 % confidence band at the targets and between them, from the readings alone, in the unit of the error; `None`
-    /// if it is not known. It is resampled from the runs at each call, which takes longer than the fit.
+    /// 95 % confidence band at the targets and between them, from the readings alone, in the unit
+    /// of the error; `None` if unknown. It is resampled from the runs at each call, which takes
+    /// longer than the fit.
     pub fn band(&self) -> Option<Band> {
         let of = self.resampled.as_ref()?;
-        // A method that the readings of some runs do not support has no band.
+        // A method that cannot be fitted to some of the runs has no band.
         let mut band = of
             .repeated
             .band(self.method, &band_places(&of.targets))

@@ -29,13 +29,14 @@ pub struct Calibration {
     pub machine: Machine,
     /// Each fitted curve, angular errors first.
     pub curves: Vec<FittedCurve>,
-    /// Readings that the curves were fitted to, line by line, in the order of the curves.
+    /// Readings to which the curves were fitted, line by line, in the order of the curves.
     pub lines: Vec<FittedLine>,
-    /// Each squareness, as the calibration file names it.
+    /// Each squareness with its name in the calibration file.
     pub squareness: Vec<(ErrorName, Urad)>,
-    /// Standard uncertainty of each squareness whose contributions are known, from lines or stated, widened by Student's t so that
-    /// twice of it holds the truth with 95.45 %. Not contained are the uncertainties of the tilts that were removed from the lines, and, with one
-    /// run, the alignment of its reference.
+    /// Standard uncertainty of each squareness with known contributions, from lines or stated. It
+    /// is widened by Student's t so that twice the value is a 95.45 % interval. The uncertainties
+    /// of the tilts subtracted from the lines, and, for a single run, of the alignment of its
+    /// reference, are not included.
     pub square_uncertainties: BTreeMap<ErrorName, Urad>,
     /// Each location error stated in the calibration file, with its uncertainty.
     pub locations: Vec<Location>,
@@ -63,10 +64,11 @@ pub fn calibrate(
     calibrated(file, Scope::Everything, &mut progress)
 }
 
-/// Computes the machine of [`calibrate`] without the uncertainties of what is identified from observations, which take
-/// longer.
+/// Computes the machine of [`calibrate`] without the uncertainties of the parameters identified
+/// from observations, which take longer.
 ///
 /// # Errors
+///
 /// Same as [`calibrate`].
 pub fn calibrated_machine(file: &CalibrationFile) -> Result<Machine, CalibrateError> {
     calibrated(file, Scope::Machine, &mut |_, _| {}).map(|calibration| calibration.machine)

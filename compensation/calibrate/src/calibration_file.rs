@@ -22,10 +22,11 @@ pub struct CalibrationFile {
     pub serial: Option<String>,
     /// The machine as stated in its file.
     pub machine: Machine,
-    /// Coordinates at which curves are zero, mm or deg, by index of the axis in the chain; 0 without a value.
+    /// Coordinates at which the curves are zero, mm or deg, by index of the axis in the chain; 0
+    /// for an axis without a value.
     pub reference: Vec<f64>,
-    /// Primary and secondary reference axis: the primary has no tilt, the secondary none about the
-    /// primary.
+    /// Primary and secondary reference axis. The primary axis has no tilt; the secondary axis has
+    /// none about the primary one.
     pub reference_axes: [AxisName; 2],
     /// Every measured line, in the order of the file.
     pub measurements: Vec<Line>,
@@ -46,7 +47,7 @@ pub struct CalibrationFile {
 /// One measurement: an error along one line.
 #[derive(Clone, Debug)]
 pub struct Line {
-    /// The error and how it was measured.
+    /// The error, with the method and the location of the measurement.
     pub setup: Setup,
     /// The measurement file, for messages.
     pub file: PathBuf,
@@ -61,8 +62,9 @@ pub struct Line {
     pub curve: Option<CurveChoice>,
     /// Line that is removed from a straightness, whose slope contributes to the squareness.
     pub reference_line: ReferenceKind,
-    /// Rotary axis: whether the readings were taken against the commanded pose, so that they contain the contributions
-    /// of the location errors of the axis; `false` if the instrument was centred on the axis itself (ISO 230-7).
+    /// For a rotary axis: whether the readings were taken relative to the commanded pose, so that
+    /// they include the effect of the location errors of the axis; `false` if the instrument was
+    /// centred on the axis itself (ISO 230-7).
     pub holds_location: bool,
 }
 
@@ -86,7 +88,7 @@ pub struct Squareness {
     pub source: SquarenessSource,
 }
 
-/// Source of a squareness value.
+/// Source of a squareness value in a calibration file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SquarenessSource {
     /// The value itself.
@@ -126,8 +128,8 @@ impl CalibrationFile {
 pub struct Diagonals {
     /// The squareness errors.
     pub errors: Vec<ErrorName>,
-    /// The diagonals as lines of sight. Unknowns are the offset of each, and a scale common to all: that of the laser,
-    /// of its material temperature, and of the diagonals' mean.
+    /// The diagonals as lines of sight. Unknowns are the offset of each diagonal, and a common
+    /// scale of the laser, its material temperature and the mean of the diagonals.
     pub observations: Observations,
     /// Provenance of the files of the diagonals.
     pub sources: Vec<Source>,
@@ -146,8 +148,9 @@ pub(crate) fn lines_of(file: &CalibrationFile, error: ErrorName) -> impl Iterato
     lines.filter(move |line| line.setup.error == error)
 }
 
-/// Machine of a calibration file with the location errors that the file states. The tilt of a squareness states all of
-/// it, so the value in the machine file for the other axis of the pair is removed.
+/// Machine of a calibration file with the location errors stated in the file. The tilt named by a
+/// squareness contains all of the squareness, so the value of the other axis of the pair is
+/// removed.
 pub(crate) fn located(file: &CalibrationFile) -> Result<Machine, ModelError> {
     let mut machine = file.machine.clone();
     for location in &file.locations {

@@ -5,7 +5,7 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 /// Maximum order of a polynomial or series, or number of harmonics, in a file.
 const HIGHEST_ORDER: usize = 40;
 
-/// Kind of curve that a measurement is fitted with.
+/// Kind of curve that is fitted to a measurement.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum CurveChoice {
     /// The kind that [`choose`](volcomp_fit::choose) selects for both directions of the error together.

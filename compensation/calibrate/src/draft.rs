@@ -22,41 +22,41 @@ use crate::{
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Draft {
-    /// Every file that was scanned: these must not be overwritten.
+    /// Every scanned file: these must not be overwritten.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub scanned: Vec<PathBuf>,
-    /// The calibration file, with `"?"` where a value is not known and a comment that asks for it.
+    /// The calibration file, with `"?"` for each unknown value and a comment that asks for it.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub text: String,
-    /// The measurements that it proposes.
+    /// The proposed measurements.
     #[cfg_attr(feature = "serde", serde(rename = "measurements"))]
     pub proposed: Vec<Proposed>,
-    /// Values that only the person who measured knows; empty: the file is complete.
+    /// Values that only the user can state; empty: the file is complete.
     pub questions: Vec<Question>,
-    /// Files that were given the same place, or hold the same readings.
+    /// Files that were assigned to the same place, or have the same readings.
     pub conflicts: Vec<String>,
-    /// Files that fit nothing, each with the reason.
+    /// Unused files, each with the reason.
     pub left_over: Vec<LeftOver>,
-    /// What is odd about the files that are used.
+    /// Anomalies of the files that are used.
     #[cfg_attr(feature = "serde", serde(rename = "warnings"))]
     pub notes: Vec<String>,
-    /// The machine file, as the text names it.
+    /// Path of the machine file in the text.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) machine_file: String,
     #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) squares: Vec<Square>,
 }
 
-/// A file that fits nothing.
+/// An unused file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LeftOver {
-    /// The file, as it is named from the calibration file.
+    /// Path relative to the calibration file.
     pub file: String,
-    /// Why it is not used, without the name of the file.
+    /// Reason why the file is not used, without its name.
     pub reason: String,
-    /// The error that it would have given, where its name, its title or an answer says which.
+    /// Error named by the file name, the title or an answer.
     pub error: Option<ErrorName>,
 }
 

@@ -1,4 +1,4 @@
-//! Curves from the lines of one error, and the readings that they were fitted to.
+//! Curves fitted to the lines of one error, and the readings used.
 
 use volcomp_kinematics::{Joint, nalgebra::Vector3};
 use volcomp_metrology::MotionKind;
@@ -39,9 +39,9 @@ fn period_of(axis: &Axis) -> Option<f64> {
 
 const FULL_TURN_DEG: f64 = 360.0;
 
-/// Fits the profiles of an error. Returns its curves, zero at the reference (a straightness has lost its constant with
-/// its line), and the profiles as aligned. A positioning deviation along an oblique axis gives a curve for each
-/// component of the axis's direction.
+/// Fits the profiles of an error. Returns its curves, zero at the reference (a straightness has
+/// already lost its constant with its line), and the aligned profiles. A positioning deviation
+/// along an oblique axis gives one curve for each component of the direction of the axis.
 pub(crate) fn fit<'a>(
     file: &CalibrationFile,
     error: ErrorName,
@@ -110,11 +110,13 @@ pub struct FittedLine {
     pub line: Option<usize>,
     /// Files of the line's readings.
     pub sources: Vec<Source>,
-    /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward. The contributions of tilts
-    /// and other axes are removed, and for a straightness its line. The readings are aligned with the first line of the
-    /// error and have the zero of the curve. Empty for a direction that was not run.
+    /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward. The
+    /// contributions of tilts and other axes are subtracted, and for a straightness its line. The
+    /// readings are aligned with the first line of the error, and zero at the reference like the
+    /// curve. Empty for a direction that was not run.
     pub points: [Vec<(f64, f64)>; 2],
-    /// Factor from a difference of readings to one of the error: 1, or along an oblique axis the share of a component.
+    /// Factor from a difference of readings to a difference of the error: 1, or for an oblique axis
+    /// the share of the component.
     pub factor: f64,
 }
 

@@ -1,6 +1,7 @@
-//! Last stage: unknown errors are identified from observations of the whole machine with the measured errors held, and
-//! the measured errors are fitted again without the contributions of the identified ones, until both converge. If the
-//! lines depend so strongly on the unknowns that this converges slowly or not at all, both are solved together.
+//! Last stage: errors identified from observations of the whole machine. Two steps alternate until
+//! both converge: unknown errors are identified with the measured errors held, and the measured
+//! errors are fitted again without the contributions of the identified ones. If the lines depend so
+//! strongly on the unknowns that this converges slowly or not at all, both are solved together.
 
 use volcomp_identify::{Follower, Identification, Observations, Parameter, identify_followed};
 use volcomp_model::Machine;
@@ -15,10 +16,11 @@ use crate::{
 
 /// Convergence limit on the change of any parameter, as a share of its standard uncertainty.
 const SETTLED: f64 = 0.01;
-/// Minimum uncertainty for this limit, in the unit of the parameter.
+/// Lower bound of the standard uncertainty used in this limit, in the unit of the parameter.
 const LEAST: f64 = 1e-6;
 const ROUNDS: usize = 60;
-/// Share of a change carried into the next round above which unknowns and lines are solved together instead of alternately.
+/// Share of a change that is carried into the next round. Above this share, unknowns and lines are
+/// solved together instead of alternately.
 const TOGETHER_ABOVE: f64 = 0.9;
 
 /// Errors found from observations.
@@ -26,10 +28,10 @@ const TOGETHER_ABOVE: f64 = 0.9;
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Identified {
-    /// What was found, with its uncertainties, rank and residuals.
+    /// Identified parameters, with uncertainties, rank and residuals.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub found: Identification,
-    /// How often the unknowns were identified until the measured lines, cleared of them, had settled.
+    /// Number of rounds of identification and fitting until convergence.
     pub rounds: usize,
 }
 
@@ -66,7 +68,8 @@ pub(crate) fn settled(
         let moved = before
             .as_ref()
             .map(|before| moved(before, &found.parameters));
-        // Each round changes the next one by a constant share of its own change, as long as that exceeds rounding.
+        // Each round changes the next one by a constant share of its own change, as long as the
+        // change exceeds rounding errors.
         let share = match (last_moved, moved) {
             (Some(before), Some(moved)) if moved > SETTLED => moved / before,
             _ => 0.0,
@@ -127,7 +130,7 @@ pub(crate) fn settled(
             // depend on the unknowns.
             carries: followers.is_empty() && rounds > 1,
         };
-        // First, because a wrong value makes correct rows look wrong.
+        // Checked first, because a wrong value makes correct rows appear wrong.
         let contradicted = contradicted_values(&lines)?;
         let errors = contradicted.iter().map(|(error, _)| *error);
         found.machine.leave_undecided(errors);

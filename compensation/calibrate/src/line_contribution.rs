@@ -1,5 +1,5 @@
-//! Contribution of the lines to the uncertainty of the unknowns that depend on them: with other readings, the lines
-//! would give other curves, and with these the observations would give other unknowns.
+//! Contribution of the lines to the uncertainty of the unknowns that depend on them: other readings
+//! would give other curves, and these would give other unknowns.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -16,7 +16,8 @@ use crate::{
     varied::{Part, normal},
 };
 
-/// Maximum number of independent shifts that are propagated individually; more of them are sampled together.
+/// Maximum number of independent shifts that are propagated individually; a larger number is
+/// sampled together.
 const ALONE: usize = 60;
 /// Number of joint samples: they determine the standard deviation to about 5 %.
 const DRAWS: u64 = 200;
@@ -26,8 +27,8 @@ pub(crate) struct LineContribution<'a> {
     pub(crate) observations: &'a Observations,
     pub(crate) known: &'a Machine,
     pub(crate) response: &'a Response,
-    /// Whether the lines depend on the unknowns, which were identified alternately with them: a change of an unknown
-    /// then changes the lines, and these change the unknown again.
+    /// Whether the lines depend on the unknowns, and were fitted alternately with them: a change of
+    /// an unknown changes the lines, and these change the unknown again.
     pub(crate) carries: bool,
 }
 
@@ -140,7 +141,8 @@ impl LineContribution<'_> {
         Ok(covariance)
     }
 
-    /// Total effect of a change of the unknowns that the lines carry from round to round: 1/(1 − A), where A is the effect of one round.
+    /// Total effect of a change of the unknowns over all rounds: 1/(1 − A), where A is the effect
+    /// of one round.
     fn carried(
         &self,
         found: &Identification,
@@ -162,18 +164,19 @@ impl LineContribution<'_> {
             }
             column += 1;
         }
-        // Rounds that converge carry over less than the whole change.
+        // Converging rounds carry over less than the whole change.
         Ok(round
             .try_inverse()
             .unwrap_or(DMatrix::identity(count, count)))
     }
 }
 
-/// Change of an unknown that shows how the lines follow it, µm or µrad. It has the size of real errors, to which the
-/// lines respond in proportion, so that any other change would show the same.
+/// Change of an unknown used to determine how the lines follow it, µm or µrad. It has the size of
+/// real errors. The lines respond in proportion, so the size does not affect the result.
 pub(crate) const CHANGE: f64 = 10.0;
 
-/// Fits the lines again with one unknown larger by [`CHANGE`]; `None` for a number of a set-up, which does not affect the machine.
+/// Fits the lines again with one unknown increased by [`CHANGE`]; `None` for a parameter of a
+/// set-up, which does not affect the machine.
 pub(crate) fn changed(
     file: &CalibrationFile,
     observations: &Observations,
@@ -225,23 +228,25 @@ impl FewRuns {
         self.over_two_more += variance * variance / (degrees + 2.0);
     }
 
-    /// Widening factor for a standard uncertainty of this variance, which includes the scatters, so that ±1.96 of it is
-    /// a 95 % band.
+    /// Widening factor for a standard uncertainty of this variance, which includes the scatters, so
+    /// that ±1.96 times the widened uncertainty is a 95 % interval.
     ///
-    /// The formula of Welch and Satterthwaite (JCGM 100, G.4) takes each estimated variance as the true one. The
-    /// scatter of two runs is often much too small by chance. Its share of the total then looks small, and the total
-    /// looks well known, exactly when the band is too narrow: with one scatter of two runs and well-known
-    /// contributions, such bands cover down to 87 %. Here the degrees of freedom are those of the scatters alone, and
-    /// the factor is Student's for these to the power of their share of the variance. Such bands cover 91.5 to 97.5 %
-    /// in mixtures of one to ten scatters of two to five runs and well-known contributions.
+    /// The formula of Welch and Satterthwaite (JCGM 100, G.4) treats each estimated variance as
+    /// exact. The scatter of two runs is often much too small by chance. Its share of the total is
+    /// then underestimated, and the degrees of freedom are overestimated exactly when the interval
+    /// is too narrow: with one scatter of two runs and well-known contributions, such intervals
+    /// cover as little as 87 %. Here the degrees of freedom are those of the scatters alone. The
+    /// factor is Student's t for them, raised to the power of their share of the variance. Such
+    /// intervals cover 91.5 to 97.5 % in mixtures of one to ten scatters of two to five runs and
+    /// well-known contributions.
     pub(crate) fn widening(&self, variance: f64) -> f64 {
         let square = self.variance * self.variance;
         if square <= 0.0 || self.over_degrees <= 0.0 {
             return 1.0;
         }
-        // The square of an estimated variance is on average 1 + 2/ν times that of the true one. Uncorrected it gives
-        // too few degrees of freedom; corrected it gives too many if there are few scatters. The geometric mean lies
-        // between both.
+        // The square of an estimated variance is on average 1 + 2/ν times the square of the true
+        // one. Without a correction the degrees of freedom are too few; with it they are too many
+        // if there are few scatters. The geometric mean lies between both.
         let few = square / self.over_degrees;
         let many = square / self.over_two_more - 2.0;
         let degrees = (few * many.max(1.0)).sqrt();

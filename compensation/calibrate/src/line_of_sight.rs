@@ -14,7 +14,8 @@ use crate::{
     setup::Setup,
 };
 
-/// A measured line on a machine: the tool side relative to the workpiece side at the measured point, from the whole chain with every error.
+/// A measured line on a machine: the pose of the tool side relative to the workpiece side at the
+/// measured point, computed from the whole chain with every error.
 #[derive(Clone, Debug)]
 pub struct LineOfSight<'a> {
     machine: &'a Machine,
@@ -102,8 +103,9 @@ impl<'a> LineOfSight<'a> {
             }
     }
 
-    /// Slope of a straightness due to a reference on the tool side, µrad: the rotation of that reference. It is 0 if
-    /// the measured point is on the tool side and the reference on the workpiece, and for all other errors.
+    /// Slope of a straightness due to the rotation of a reference on the tool side, µrad. It is 0
+    /// if the measured point is on the tool side and the reference on the workpiece side, and for
+    /// all other errors.
     pub fn reference_slope_urad(&self, errors: &impl ErrorSource) -> f64 {
         let name = self.setup.error;
         let joint = &self.chain.joints()[self.axis];
@@ -117,9 +119,10 @@ impl<'a> LineOfSight<'a> {
         turn.cross(&joint.direction)[name.component.mcs_index()] * 1e6
     }
 
-    /// Rotation of a straightness reference on the tool side relative to the workpiece, rad in workpiece axes. The
-    /// reference was aligned to the workpiece with the linear axes at 0 (or at the end of their travel that is nearest
-    /// to it) and the rotary axes where they are held, and contains the tool rotation caused by errors there.
+    /// Rotation of a straightness reference on the tool side relative to the workpiece, rad in
+    /// workpiece axes. The reference was aligned to the workpiece with the linear axes at 0 (or at
+    /// the end of travel nearest to 0) and the rotary axes at their held positions; it includes the
+    /// rotation of the tool by the errors there.
     fn reference_turn(&self, errors: &impl ErrorSource) -> Vector3<f64> {
         let mut aligned = self.held;
         for (axis, q) in self.machine.axes().iter().zip(&mut aligned.q) {
@@ -248,8 +251,9 @@ impl<'a> OtherErrors<'a> {
     }
 }
 
-/// Profile of a rotary axis without the contributions of its location errors and of the errors of the other axes;
-/// unchanged for a linear axis, and if the readings were taken against the axis itself.
+/// Profile of a rotary axis without the contributions of its location errors and of the errors of
+/// the other axes. Profiles of a linear axis, and readings taken relative to the axis itself, are
+/// unchanged.
 pub(crate) fn without_others<'a>(
     mut profile: Profile<'a>,
     machine: &Machine,

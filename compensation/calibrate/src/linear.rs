@@ -1,4 +1,5 @@
-//! Second stage: the linear errors without the contributions of the tilts of their axis, straightness without its line.
+//! Second stage: the linear errors, without the contributions of the tilts of their axis, and
+//! straightness without its line.
 
 use volcomp_metrology::MotionKind;
 use volcomp_model::{Machine, ModelError};
@@ -78,7 +79,7 @@ pub(crate) fn linear<'a>(
     Ok(result)
 }
 
-/// Notes on tilts of the axis that would act on a line and are not known.
+/// Notes on unknown tilts of the axis that would affect a line.
 fn levers_left_in(profile: &Profile<'_>, tilted: &Machine) -> Result<Vec<String>, ModelError> {
     let line = profile.line;
     let targets = profile.all().map(|point| point.0);
@@ -122,8 +123,8 @@ mod tests {
         .unwrap()
     }
 
-    /// EXX read 400 mm from the point at which errors are stated, along −Y: a yaw of 0.05 µrad/mm adds −ECX · y = 0.05
-    /// q · 0.4 µm, which the stage subtracts.
+    /// EXX measured 400 mm from the point at which errors are stated, along −Y: a yaw of 0.05
+    /// µrad/mm adds −ECX · y = 0.05 q · 0.4 µm, which the stage subtracts.
     #[test]
     fn what_a_yaw_adds_over_its_lever_is_removed() {
         let mut positioning = line("EXX", |q| 0.01 * q + 0.05 * q * 0.4);

@@ -56,7 +56,7 @@ pub fn not_stated(machine: &Machine) -> Vec<String> {
     notes(machine, axes, &is_measured, &is_stated)
 }
 
-/// Number of errors of a machine of which no value is known, so that they count as 0.
+/// Number of errors of a machine without a known value, which are treated as 0.
 pub fn errors_without_value(machine: &Machine) -> usize {
     let motions = machine.axes().iter().flat_map(|axis| {
         let names = Component::ALL.map(|component| ErrorName::motion(component, axis.name));
@@ -128,8 +128,8 @@ fn unknown(observations: &Observations) -> impl Iterator<Item = ErrorName> {
     observations.unknown.iter().map(|unknown| unknown.error)
 }
 
-/// Location errors that have an effect and are not stated. Of the two tilts that form a squareness, it is the one that
-/// is not zero by definition, and also the other one if the machine file has it.
+/// Location errors that have an effect and are not stated. Of the two tilts that form a squareness,
+/// the one that is not zero by definition is listed; the other one also if the machine file has it.
 fn locations_not_measured(
     machine: &Machine,
     reference_axes: [AxisName; 2],

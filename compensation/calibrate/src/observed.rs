@@ -17,7 +17,8 @@ use crate::{
     squareness::square_of,
 };
 
-/// A location error is treated as not affecting an error motion if its effect on it is less than this share of its effect on other error motions.
+/// A location error whose effect on an error motion is below this share of its effect on other
+/// error motions is treated as not affecting it.
 const NOTHING: f64 = 1e-6;
 
 /// Errors that a calibration file states directly: lines, squareness and location errors.
@@ -93,8 +94,8 @@ fn refuse_twice(name: &Value<'_>, unknown: Unknown, direct: &Direct<'_>) -> Resu
     )))
 }
 
-/// Rejects a location error of a rotary axis if it was measured as part of every error motion that it adds to: the
-/// lines then contain it, and no observation can separate the two.
+/// Rejects a location error of a rotary axis if every error motion to which it contributes was
+/// measured with it: the lines then contain it, and no observation can separate the two.
 fn refuse_held(
     name: &Value<'_>,
     error: ErrorName,
@@ -129,7 +130,8 @@ fn refuse_held(
     }
 }
 
-/// Error motions that a location error of a rotary axis adds to, at the point of the axis over its travel.
+/// Error motions to which a location error of a rotary axis contributes, at the point of the axis
+/// over its travel.
 fn parts_of(joint: &Joint, component: Component, axis: &Axis) -> Vec<ErrorName> {
     const NODES: usize = 8;
     const SIZE: f64 = 1.0;
@@ -155,9 +157,10 @@ fn parts_of(joint: &Joint, component: Component, axis: &Axis) -> Vec<ErrorName> 
         .collect()
 }
 
-/// Displacement of a rotary axis at the angle `q_rad` from the commanded pose due to the location of its line, in the
-/// frame that carries it: M·M_ideal⁻¹ on the tool side, M_ideal⁻¹·M on the workpiece side, where the axis rotates in
-/// the opposite sense as seen from the bed. Identity for a linear axis, and at 0.
+/// Displacement of a rotary axis at the angle `q_rad` from the commanded pose, caused by the
+/// location of its line, in the frame that carries it: M·M_ideal⁻¹ on the tool side; M_ideal⁻¹·M on
+/// the workpiece side, where the axis rotates in the opposite sense as seen from the bed. Identity
+/// for a linear axis, and at 0.
 fn displaced(joint: &Joint, location: &ErrorMotion, q_rad: f64) -> Pose {
     if joint.kind == AxisKind::Linear {
         return Pose::identity();

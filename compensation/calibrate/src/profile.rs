@@ -109,7 +109,8 @@ impl<'a> Profile<'a> {
         })
     }
 
-    /// Standard deviation of a mean reading without what is removed from each line: its zero, and the slope of a straightness.
+    /// Standard deviation of a mean reading after subtracting the alignment of each line: its
+    /// offset, and for straightness its slope.
     pub(crate) fn noise_of_shape(&self) -> Option<f64> {
         let alignment = if MotionKind::of(self.line.setup.error) == MotionKind::Straightness {
             RunAlignment::Line
@@ -119,8 +120,8 @@ impl<'a> Profile<'a> {
         self.scatter_of_mean(alignment).map(|noise| noise.deviation)
     }
 
-    /// Targets and readings of every run in a direction, about the mean readings of this profile; `None` if readings
-    /// are summed, or if a target was moved.
+    /// Targets and readings of every run in a direction, relative to the mean readings of this
+    /// profile; `None` if readings are summed, or if a target was moved.
     pub(crate) fn repeated_in(&self, direction: Direction) -> Option<Repeated> {
         if self.line.setup.method != Method::Direct {
             return None;

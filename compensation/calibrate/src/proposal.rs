@@ -19,21 +19,21 @@ use crate::{
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Proposed {
-    /// The files; several where they are measurements of the same error at the same place.
+    /// Paths of the files; several if they are measurements of the same error at the same place.
     pub files: Vec<String>,
-    /// The error, where it is known.
+    /// The error, if known.
     pub error: Option<ErrorName>,
-    /// Where the other axes stood, `None` where it is not known.
+    /// Positions of the other axes during the test; `None` if unknown.
     #[cfg_attr(feature = "serde", serde(serialize_with = "as_map"))]
     #[cfg_attr(
         feature = "schema",
         schemars(with = "std::collections::BTreeMap<AxisName, Option<f64>>")
     )]
     pub at: Vec<(AxisName, Option<f64>)>,
-    /// Keys with their value as in the file, `"?"` for an open one.
+    /// Keys with their values in the file; `"?"` for an open one.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub keys: Vec<(&'static str, String)>,
-    /// What stands above the table as comments.
+    /// Comments written above the table.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub said: Vec<String>,
     /// Facts of the file that determine its keys in addition to the error.
@@ -49,16 +49,16 @@ fn as_map<S: serde::Serializer>(
     serializer.collect_map(at.iter().map(|(axis, place)| (axis, place)))
 }
 
-/// A value that is not known.
+/// An unknown value that the user must state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Question {
-    /// The measurement file or files, or the squareness.
+    /// Path of the measurement file or files, or name of the squareness.
     pub of: String,
     /// The key of the calibration file: `point`, `at.Y`.
     pub key: String,
-    /// The question.
+    /// Text of the question.
     pub question: String,
 }
 
@@ -114,7 +114,7 @@ pub(crate) fn open() -> String {
 pub(crate) struct FileFacts {
     /// Every axis of the machine, with its position if the file name or the header (title, location) states it.
     pub(crate) places: Vec<(AxisName, Option<f64>)>,
-    /// Axis that moved, if the error is not known.
+    /// Axis that moved during the test; used if the error is not known.
     pub(crate) axis: Option<AxisName>,
     pub(crate) quantity: Option<Quantity>,
     pub(crate) format: Option<FileFormat>,
@@ -149,12 +149,14 @@ impl Proposed {
         self.keys = keys;
     }
 
-    /// Whether the error, the unit, or another fact that decides which keys exist is still open.
+    /// Whether a fact that determines the required keys (the error, the unit or another) is still
+    /// open.
     pub(crate) fn may_lose_keys(&self) -> bool {
         self.error.is_none() || self.facts.asks_unit || self.facts.is_log
     }
 
-    /// True for a key that applies only to other errors or units, so that it is not valid for this measurement.
+    /// True for a key that is invalid for this measurement because it applies only to other errors
+    /// or units.
     pub(crate) fn has_lost(&self, key: &str) -> bool {
         if let Some(letter) = key.strip_prefix("at.") {
             let is_it = |(axis, _): &(AxisName, Option<f64>)| axis.to_string() == letter;
@@ -189,7 +191,7 @@ fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, Strin
     if facts.asks_unit {
         keys.push(("unit", open()));
     }
-    // Whether the table or the tool moved only has no effect on the sign of a positioning.
+    // For positioning, it does not affect the sign whether the table or the tool moved.
     let is_positioning = match error {
         Some(error) => MotionKind::of(error) == MotionKind::Positioning,
         None => facts.quantity.is_none_or(|q| q == Quantity::Positioning),
@@ -428,7 +430,7 @@ fn summary(measurement: &Measurement) -> String {
 #[derive(Debug, Default)]
 pub(crate) struct FileHints {
     pub(crate) errors: Vec<ErrorName>,
-    /// The only axis that is a separate word of the file's name.
+    /// The only axis letter that is a separate word of the file name.
     pub(crate) axis: Option<AxisName>,
     /// Positions of axes: `y-z1050`, `X at Y = 0`.
     pub(crate) places: BTreeMap<AxisName, f64>,

@@ -56,13 +56,14 @@ pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
     .to_owned()
 }
 
-/// Rejects a file with open values; the message has the first question, and the number of further ones.
+/// Rejects a file with open values. The message has the first question and the number of further
+/// ones.
 pub(crate) fn refuse_open(root: &Section<'_>) -> Result<(), InputError> {
     let mut open = Vec::new();
     for key in TABLES {
         let Some(value) = root.get(key) else { continue };
         for item in value.items()? {
-            // The decoder reports what is not a table.
+            // The decoder reports items that are not a table.
             if let Ok(section) = item.section() {
                 collect(&section, &mut open);
             }

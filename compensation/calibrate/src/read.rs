@@ -259,7 +259,7 @@ fn decode_line(
     refuse_serial(&file_value, &readings, common.serial)?;
     refuse(&file_value, &setup, &readings, machine)?;
     if MotionKind::of(error) == MotionKind::Straightness && setup.method == Method::Direct {
-        // Runs that do not all hold all targets are then aligned by their slopes as well.
+        // Runs that do not hold all targets are then aligned by their slopes as well.
         readings.quantity = Some(Quantity::Straightness);
     }
     let at = file_value.error("");

@@ -1,4 +1,4 @@
-//! Repeated readings of a curve, from which its band is resampled.
+//! Repeated readings used for a curve, from which its band is resampled.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -11,12 +11,12 @@ use crate::varied::normal;
 /// Targets, mm or deg, and readings, µm or µrad.
 pub(crate) type Run = (Vec<f64>, Vec<f64>);
 
-/// Repeated readings of a curve.
+/// Repeated readings used for a curve.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Repeated {
     /// Runs that all hold all targets, or means of lines.
     Runs(Vec<Run>),
-    /// Runs of which not all hold all targets, and the means of one direction.
+    /// Runs of which some lack targets, and the means of one direction.
     Incomplete {
         runs: Box<IncompleteRuns>,
         direction: Direction,

@@ -118,9 +118,10 @@ fn heights(line: &Line) -> Option<Cow<'_, Measurement>> {
     }))
 }
 
-/// Standard uncertainty of each squareness of a file whose contributions are known, widened so that twice of it holds the
-/// truth with 95.45 %. A squareness from slopes has that of its reference angle, the scatter of the slopes with Student's
-/// t, and the stated uncertainty of the readings; a stated value that of the reference angle.
+/// Standard uncertainty of each squareness of a file whose contributions are known, widened so that
+/// twice its value is a 95.45 % interval. A squareness from slopes has that of its reference angle,
+/// the scatter of the slopes with Student's t, and the stated uncertainty of the readings; a stated
+/// value that of the reference angle.
 pub(crate) fn square_uncertainties(
     file: &CalibrationFile,
     removed: &[RemovedSlope<'_>],

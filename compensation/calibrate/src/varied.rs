@@ -1,4 +1,4 @@
-//! Measurement uncertainty: what a calibration would have given with other readings of the same measurement.
+//! Measurement uncertainty: sampled calibrations with other readings of the same measurement.
 
 use std::collections::BTreeMap;
 
@@ -13,9 +13,9 @@ use volcomp_vocabulary::{Direction, Urad};
 use crate::calibration_file::{CalibrationFile, Line, SquarenessSource, Uncertainty};
 
 impl CalibrationFile {
-    /// Returns the same calibration with readings sampled from their covariance (JCGM 101, propagation of
-    /// distributions): the means of the targets vary jointly as the runs did, and by [`Uncertainty`]. Each `trial` of a
-    /// `seed` is reproducible, whatever was sampled before.
+    /// Returns the same calibration with readings sampled from their covariance (JCGM 101,
+    /// propagation of distributions): the means of the targets vary jointly as the runs did, and by
+    /// [`Uncertainty`]. Each `trial` of a `seed` is reproducible, independent of earlier samples.
     #[must_use]
     pub fn varied(&self, seed: u64, trial: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -28,8 +28,8 @@ impl CalibrationFile {
         varied
     }
 
-    /// Shifts everything that is measured directly by its standard uncertainties times the numbers that `next` returns,
-    /// each of them independent.
+    /// Shifts every directly measured value by its standard uncertainty times an independent number
+    /// that `next` returns.
     pub(crate) fn vary_direct(&mut self, next: &mut impl FnMut(Part) -> f64) {
         let uncertainty = self.uncertainty;
         let laser = uncertainty.laser_um_per_m * next(Part::Stated);

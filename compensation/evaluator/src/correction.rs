@@ -107,7 +107,8 @@ impl CompiledMachine {
         Ok(())
     }
 
-    /// The correctors of a controller that can write only the axes in `written`: those of them that may move. Does not allocate.
+    /// The correctors of a controller that can write only the axes in `written`: the axes of
+    /// `written` that may move. Does not allocate.
     pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
         let mut names = self.may_move.clone();
         names.retain(|name| written.contains(name));
@@ -212,7 +213,7 @@ impl CompiledMachine {
     fn directions(&self, levers: &RotaryLevers, registers: impl Registers) -> Directions {
         let mut axes = [Vector3::zeros(); MAX_AXES];
         let mut arms_mm = axes;
-        // The unit vectors of the current body.
+        // The axes of the current body in workpiece axes.
         let mut frame = Matrix3::identity();
         let joints = self.axes.iter().map(|axis| &axis.joint).zip(&levers.0);
         for (index, (joint, turned)) in joints.enumerate() {

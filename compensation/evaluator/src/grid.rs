@@ -11,7 +11,7 @@ use crate::machine::CompiledMachine;
 
 /// Numbers per node: ΔP (mm), ρ (rad).
 const NODE: usize = 6;
-/// Numbers computed in the cache before they are copied out.
+/// Number of values that are computed in the cache before they are copied out.
 const COPIED_AT_ONCE: usize = 2048;
 /// Numbers processed together: four nodes fill whole registers of every width.
 const BLOCK: usize = 4 * NODE;
@@ -137,7 +137,8 @@ impl LinearGrid {
     /// Fills `errors` (six numbers per node) with the whole grid, on all cores.
     pub fn fill_parallel(&self, errors: &mut [f64]) {
         let numbers = self.row_len() * NODE;
-        // About half a megabyte at a time: large enough to be worth a task, small enough to share.
+        // About half a megabyte at a time: large enough to be worth a task, small enough to be
+        // shared between cores.
         let rows = (65_536 / numbers.max(1)).max(1);
         errors
             .par_chunks_mut(rows * numbers.max(1))

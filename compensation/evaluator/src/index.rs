@@ -8,7 +8,8 @@ const TO_INTEGER: f64 = 4_503_599_627_370_496.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cell {
-    /// First breakpoint in the cell, from which on the interval after `first` applies; infinite without a breakpoint.
+    /// First breakpoint in the cell; the interval after `first` applies from there on. Infinite
+    /// without a breakpoint.
     pub(crate) split: f64,
     pub(crate) first: u32,
     pub(crate) more: u32,

@@ -23,7 +23,7 @@ pub struct Patch {
     pub axes: [AxisName; 2],
     /// Nodes along each of the two axes, ascending, mm or deg; at least one.
     pub nodes: [Vec<f64>; 2],
-    /// The values, mm or rad, at all nodes of the second axis for the first node of the first axis, then for its second, and so on.
+    /// Values at all nodes, mm or rad; the node of the second axis varies fastest.
     pub values: Vec<f64>,
 }
 
@@ -44,7 +44,8 @@ struct Places {
 }
 
 impl CompiledPatch {
-    /// `patch` must be checked; `looked_at` are the chain indices of its axes.
+    /// Creates the compiled form of a checked `patch`; `looked_at` are the chain indices of its
+    /// axes.
     pub(crate) fn new(patch: Patch, looked_at: [usize; 2]) -> Self {
         Self {
             looked_at,
@@ -87,7 +88,7 @@ impl CompiledPatch {
 }
 
 impl Places {
-    /// `nodes` are ascending, at least one.
+    /// Creates the segments between `nodes`, which ascend; at least one.
     fn new(nodes: &[f64]) -> Self {
         let segment = |pair: &[f64]| [pair[0], 1.0 / (pair[1] - pair[0])];
         let mut segments: Vec<[f64; 2]> = nodes.windows(2).map(segment).collect();
@@ -127,7 +128,7 @@ impl Places {
 }
 
 impl Patch {
-    /// Checks all numbers; the error states what was expected of the first invalid one.
+    /// Checks all numbers; the error states the expected value of the first invalid number.
     pub(crate) fn check(&self) -> Result<(), &'static str> {
         let rises = |nodes: &[f64]| {
             nodes.iter().all(|node| node.is_finite())

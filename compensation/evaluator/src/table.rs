@@ -77,7 +77,7 @@ pub(crate) struct Tables {
 }
 
 pub(crate) trait Registers: Copy {
-    /// All components of a table at `x`; the two padding lanes are undefined.
+    /// Values of all components of a table at `x`; the two padding lanes are undefined.
     fn value(self, tables: &Tables, head: &Head, x: f64) -> [f64; WIDE];
 
     fn sum(self, a: &[f64; WIDE], b: &[f64; WIDE]) -> [f64; WIDE];

@@ -162,7 +162,8 @@ impl CompiledMachine {
             registers.value(&self.tables, heads[2], q_mm[2]),
         ];
         let sum = registers.sum(&registers.sum(&errors[0], &errors[1]), &errors[2]);
-        // Linear joints leave no constant error at the tool end, and before the last of them a tilt has no lever.
+        // Linear joints leave no constant error at the tool end. Before the last of them, a tilt
+        // has no lever.
         let mut tip = Tip::new(registers, &ErrorMotion::ZERO);
         let mut levered = false;
         for ((axis, &q), error) in axes.iter().zip(&q_mm).zip(&errors).rev() {

@@ -7,8 +7,9 @@ use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::{Limits, step::one_step};
 
-/// Maximum time between sending a word and a reading that still shows it. All frames sent while a report is in transit refer to the same
-/// report, so a barrier accepts only one of them per path delay, and may move towards a frame sent one delay before the last.
+/// Maximum time between sending a word and a reading that still shows it. A barrier accepts only
+/// one frame per path delay, because all frames sent while a report is in transit answer the same
+/// report. It may therefore still move towards a frame sent one delay before the last.
 fn longest_visible(limits: &Limits) -> Duration {
     limits.longest_delay().saturating_mul(2)
 }
@@ -21,7 +22,8 @@ struct SentRange {
     slew_per_s: PerChannel<f64>,
 }
 
-/// State of the guard. Per cycle call `narrow` or `accept`, then `pass`, then `send`, so that words which expire in a cycle still count in it.
+/// State of the guard. Per cycle call `narrow` or `accept`, then `pass`, then `send`, so that words
+/// expiring in a cycle are still included in it.
 ///
 /// Invariants:
 /// - `largest` is at least the limit of each axis.
@@ -29,7 +31,7 @@ struct SentRange {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct AcceptedRange {
     largest: PerChannel<f64>,
-    /// Words sent recently, and in the interval before that.
+    /// Words sent recently, and words of the interval before that.
     recent: SentRange,
     earlier: SentRange,
     /// Readings valid at this time or later no longer show the `earlier` words.
@@ -77,7 +79,8 @@ impl AcceptedRange {
         }
     }
 
-    /// Expires words sent long before `confirmed`, the time of the last confirmation: they can no longer arrive.
+    /// Removes words sent long before `confirmed`, the time of the last confirmation: they can no
+    /// longer arrive.
     pub(crate) fn pass(&mut self, now: Duration, confirmed: Duration, limits: &Limits) {
         if confirmed >= self.earlier_until {
             (self.earlier, self.recent) = (self.recent, SentRange::default());

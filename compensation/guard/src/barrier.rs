@@ -1,8 +1,10 @@
 //! The barrier, the control's half of the protection: a reference implementation against which the program of a control can be tested.
 //!
-//! By the rules of the [protocol](crate::protocol) the control itself decides which [`Frame`] it accepts, moves the applied correction at its own
-//! rate, and ramps it to zero when no more frames arrive. It publishes the result in a [`Report`]; a gateway considers a correction applied only
-//! when a report says so. Values are integer counts: one count is the smallest step of the axis.
+//! By the rules of the [protocol](crate::protocol) the control itself decides which [`Frame`] it
+//! accepts, moves the applied correction at its own rate, and ramps it to zero when no more frames
+//! arrive. It publishes the result in a [`Report`]; a gateway considers a correction applied only
+//! when a report confirms it. Values are integer counts: one count is the smallest step of the
+//! axis.
 
 #[cfg(feature = "simulate")]
 mod program;
@@ -18,7 +20,8 @@ pub use program::{Program, Protection};
 /// Largest machine number. The checksum is modulo 65535, so machine 65535 would be the same as machine 0.
 pub const LARGEST_MACHINE: u16 = 65_534;
 
-/// The settings of a barrier. They belong to the machine and are made by its builder, not by the gateway.
+/// The settings of a barrier. They are part of the machine and are set by its builder, not by the
+/// gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Settings {
     /// Corrected axes, in the order of the words.
@@ -87,7 +90,7 @@ impl Settings {
         Ok(())
     }
 
-    /// These settings with zero for unused axes.
+    /// These settings, with zero for unused axes.
     fn of_axes(self) -> Self {
         Self {
             limit: self.present(&self.limit),
@@ -282,8 +285,9 @@ impl Report {
     }
 }
 
-/// The levels of digital lines in one scan. Their words have no sequence number, so that old or foreign words cannot be detected; a barrier
-/// therefore restricts them more than frames: see [`Barrier::scan_with`].
+/// The levels of digital lines in one scan. Words on lines have no sequence number, so that old or
+/// foreign words cannot be detected; a barrier therefore restricts them more than frames: see
+/// [`Barrier::scan_with`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DigitalLines {
     /// Level of the latch line, which toggles once the others have settled.
@@ -305,7 +309,8 @@ pub struct Barrier {
     state: Memory,
 }
 
-/// Everything that a barrier stores between scans, for simulators that pause and resume, and for model checkers.
+/// The state of a barrier between scans, for simulators that pause and resume, and for model
+/// checkers.
 ///
 /// Invariants:
 /// - `applied` is on the line from `from` to `goal`, after `done` of `steps` steps; all axes reach `goal` together.
@@ -335,17 +340,20 @@ pub struct Memory {
     pub latch: Option<bool>,
     /// Scans since the latch toggled, up to the maximum age of a frame.
     pub latched: u16,
-    /// The applied correction comes from lines: no frame was accepted since their first word.
+    /// Whether the applied correction comes from digital lines: no frame was accepted since their
+    /// first word.
     pub by_lines: bool,
 }
 
 impl Barrier {
     /// A barrier at its start, after power-up or a reset.
     ///
-    /// `epoch` is the retained one: it is incremented here, so that no earlier frame can be accepted. `applied` is the present content of the words
-    /// of the axes, counts: the axes are there, and ramp to zero from there if no frame arrives.
+    /// `epoch` is the retained one: it is incremented here, so that no earlier frame can be
+    /// accepted. `applied` is the present content of the words of the axes, counts. If no frame
+    /// arrives, the axes ramp to zero from these values.
     ///
     /// # Errors
+    ///
     /// Invalid settings.
     pub fn start(
         settings: Settings,
@@ -382,16 +390,18 @@ impl Barrier {
         self.state
     }
 
-    /// Runs one scan of the control. `mailboxes` are the words of each incoming path, at most [`MAILBOXES`], copied before this call, so that
-    /// nothing changes during the check; all are checked by the same rules. With `holds` (emergency stop, alarm or not referenced) the axes stay
-    /// where they are.
+    /// Runs one scan of the control. `mailboxes` are the words of each incoming path, at most
+    /// [`MAILBOXES`], copied before this call, so that they cannot change during the check. All are
+    /// checked by the same rules. With `holds` (emergency stop, alarm or not referenced) the
+    /// applied correction does not change.
     pub fn scan(&mut self, mailboxes: &[&[u16]], holds: bool) -> Report {
         self.scan_with(mailboxes, None, holds)
     }
 
-    /// Runs one scan of a control that also has digital lines. A word on them is accepted only at an edge of the latch, only while no sender of
-    /// frames owns the control, starting with nothing applied, and only if it changes by no more than the axis could follow since the previous
-    /// edge. A frame takes over at any time.
+    /// Runs one scan of a control that also has digital lines. A word on them is accepted only at
+    /// an edge of the latch and while no sender of frames owns the control. The first word requires
+    /// that no correction is applied; a later one may change by no more than the axis could follow
+    /// since the previous edge. A frame takes over at any time.
     pub fn scan_with(
         &mut self,
         mailboxes: &[&[u16]],
@@ -463,7 +473,7 @@ impl Barrier {
         Ok(Some(frame))
     }
 
-    /// The goal from the word on the digital lines, if it is accepted.
+    /// The goal by the word on the digital lines, if the word is accepted.
     fn latched(&mut self, lines: &DigitalLines) -> Option<Counts> {
         let before = self.state.latch.replace(lines.latch);
         self.state.latched = (self.state.latched + 1).min(self.settings.hold_scans);
@@ -504,8 +514,8 @@ impl Barrier {
         self.settings.limit[axis].unsigned_abs()
     }
 
-    /// Starts a line to other values. A line to the same values continues: if every frame restarted it, an axis with a small part of the movement
-    /// would never move.
+    /// Starts a line to other values. A line to the same values continues: an axis with a small
+    /// part of the movement would never move if every frame restarted the line.
     fn aim(&mut self, goal: &Counts) {
         if *goal == self.state.goal {
             return;
@@ -534,7 +544,7 @@ impl Barrier {
             // The nearest count; the movement per step is then `way / steps`, rounded down or up.
             let (done, steps) = (i64::from(self.state.done), i64::from(self.state.steps));
             let at = from + way.signum() * ((way.abs() * done + steps / 2) / steps);
-            // Between two 16-bit numbers, so it fits.
+            // The result lies between two 16-bit numbers, so it fits.
             self.state.applied[axis] = i16::try_from(at).unwrap_or(self.state.applied[axis]);
         }
     }

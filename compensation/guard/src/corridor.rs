@@ -1,5 +1,5 @@
-//! Bounds the rate of the sent correction over every time window: a word differs from each earlier one by at most the slew plus one step, whatever
-//! made the correction restart in between.
+//! Bounds the rate of the sent correction over every time window: a word differs from each earlier
+//! one by at most the slew plus one step, even if the correction was restarted in between.
 
 use volcomp_vocabulary::PerChannel;
 
@@ -55,8 +55,9 @@ impl Corridor {
         }
     }
 
-    /// Tightens the range to one step around the last sent words, since nothing else was sent until now. Axes whose words are outside
-    /// `between`, the lowest and highest values that may be applied, are unchanged.
+    /// Tightens the range to one step around the last sent words, because nothing else has been
+    /// sent since. Axes whose words are outside `between`, the lowest and highest values that may
+    /// be applied, are unchanged.
     pub(crate) fn stay(&mut self, between: &[PerChannel<f64>; 2], limits: &Limits) {
         let [lowest, highest] = between;
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {

@@ -27,7 +27,8 @@ pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Durati
     least.max(steps + lag)
 }
 
-/// Number of readings compared, and number that must agree: two wrong ones in any five have no effect, since one of three that agree is right.
+/// Number of compared readings, and number of them that must agree. Two wrong ones in any five have
+/// no effect, because at least one of three that agree is correct.
 const READINGS: usize = 5;
 const AGREE: u32 = 3;
 /// Number of whole turns in one direction after which they are subtracted from the positions.
@@ -45,9 +46,10 @@ const ALL: u8 = (1 << READINGS) - 1;
 /// - A set bit of `beyond` belongs to a reading since the extreme.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DirectionMemory {
-    /// When the last reading was valid.
+    /// Time at which the last reading was valid.
     taken: Option<Duration>,
-    /// The last positions, newest first, unwrapped; the number of stored ones, and the number that counts for the extreme.
+    /// The last positions, newest first, unwrapped; the number of stored positions; the number of
+    /// them that may define the extreme.
     positions: [f64; READINGS],
     seen: usize,
     count: usize,
@@ -117,7 +119,7 @@ impl DirectionMemory {
             let beyond = (0..READINGS).filter(|k| seen >> k & 1 == 1);
             let nearest = beyond.min_by(|a, b| away(a).total_cmp(&away(b)));
             (self.extreme, self.direction) = (nearest.map(|k| self.positions[k]), Some(direction));
-            // Earlier readings no longer count.
+            // Earlier readings no longer define the extreme.
             (self.count, self.beyond) = (0, [0; 2]);
         }
         self.direction
@@ -131,8 +133,8 @@ impl DirectionMemory {
         counted[AGREE as usize - 1]
     }
 
-    /// The position with the smallest sum of distances to the others. With wrapping positions the median is not defined without a reference among
-    /// them.
+    /// The position with the smallest sum of distances to the others. The median of wrapping
+    /// positions is undefined without a reference among them.
     fn amid(&self, turn: Option<f64>) -> f64 {
         let away = |from: &f64| -> f64 {
             let ways = self

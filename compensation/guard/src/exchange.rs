@@ -28,12 +28,12 @@ pub struct Inputs {
     pub interlocks: Reasons,
     /// The correction by the model; `None` if the model returns none.
     pub requested: Option<RequestedCorrection>,
-    /// Positions are old while the machine moves, so that a held correction would become worse than none: it ramps out as fast as the slew allows.
-    /// Used only while positions are stale.
+    /// Set if positions are old while the machine moves: a held correction would become worse than
+    /// none and ramps out as fast as the slew allows. Used only while positions are stale.
     pub fast_ramp_out: bool,
     /// The request of the operator or a program since the last cycle, if any.
     pub request: Option<Request>,
-    /// Why arming is forbidden; empty if it is allowed.
+    /// Reasons that forbid arming; empty if it is allowed.
     pub forbids: Reasons,
 }
 

@@ -5,13 +5,13 @@ use core::time::Duration;
 /// Maximum number of paths to one machine.
 pub const MAX_PATHS: usize = 4;
 
-/// State of one controller path in a cycle; paths are in order of preference.
+/// State of one controller path in a cycle. Paths are in order of preference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PathHealth {
     /// The controller's positions are fresh, and every position that its correction depends on is available.
     pub usable: bool,
-    /// The applied correction is known once this path writes: the control reports it, or no correction of the previous
-    /// path remains.
+    /// Whether the correction applied once this path writes will be known: the control reports it,
+    /// or no correction of the previous path remains.
     pub ready: bool,
 }
 
@@ -24,11 +24,12 @@ pub struct Choice {
     pub preferred: usize,
     /// Whether the active path changed in this cycle.
     pub switched: bool,
-    /// The path that should be active may not take over, since the correction left by the previous path is unknown.
+    /// Set if the path that should be active may not take over, because the correction left by the
+    /// previous path is unknown.
     pub blocked: bool,
 }
 
-/// Selects the path, with hysteresis. State: the active path and since when each is usable.
+/// Selects the path, with hysteresis. State: the active path, and the time from which each path is usable.
 ///
 /// Invariants:
 /// - `usable_since` of a path is `None` while it is not usable.
@@ -41,7 +42,8 @@ pub struct Selector {
 }
 
 impl Selector {
-    /// Starts with the first path; a preferred one takes over again after it was usable for `hand_back`.
+    /// Starts with the first path. A path of higher preference takes over again after it was usable
+    /// for `hand_back`.
     pub fn new(hand_back: Duration) -> Self {
         Self {
             active: 0,

@@ -20,14 +20,15 @@ const LONGEST_CYCLE_PERIODS: u32 = 5;
 /// Number of consecutive confirmed corrections of an axis that differ from the sent ones, after which it is a fault.
 const MOST_ADOPTED: u32 = 3;
 
-/// Reasons that forbid changing the applied correction until this guard has written.
+/// Reasons that forbid changing the applied correction before the first write of this guard.
 const FOREIGN: [Reasons; 3] = [
     Reasons::WATCHING,
     Reasons::OTHER_GATEWAY,
     Reasons::LEFT_UNKNOWN,
 ];
 
-/// Fractions of a cycle's motion, tried in order until the output is close enough to the confirmed correction.
+/// Fractions of a cycle's motion, tried in order until the output is within reach of the confirmed
+/// correction.
 const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 
 /// The guard of a machine: it decides which correction may reach the axes (rules: see the front page of the crate). One path writes at a time.
@@ -51,7 +52,7 @@ pub struct Guard {
     before: Vector,
     /// The correction at the start of the last ramp or line.
     from: PerChannel<f64>,
-    /// Range of the next output that keeps the rate within every time window.
+    /// Range of the next output that bounds the rate over every time window.
     corridor: Corridor,
     confirmed: PerChannel<f64>,
     /// The sent corrections, and the corrections accepted when read back.
@@ -60,13 +61,16 @@ pub struct Guard {
     /// Whether the output was held at or reset to the confirmed correction (start, interlock, change of path). The next motion then begins there with
     /// a new ramp, or, on the way to zero, with a new straight line.
     at_confirmed: bool,
-    /// The correction at which the control holds its axes during an interlock; it is repeated to the barrier.
+    /// The correction at which the control holds its axes during an interlock. It is repeated to
+    /// the barrier.
     held: Option<PerChannel<f64>>,
     stopped_since: Option<Duration>,
-    /// The active path has changed: the output starts from the correction known on the new one.
+    /// Set if the active path has changed: the output starts from the correction known on the new
+    /// path.
     path_changed: bool,
-    /// Set if the new path writes the same axes in the same steps as the previous one: the last words of the previous path may still be in
-    /// transit to the common barrier, and a reading valid before this time does not show their effect yet.
+    /// Set if the new path writes the same axes in the same steps as the previous one. The last
+    /// words of the previous path may then still be in transit to the common barrier; a reading
+    /// valid before this time does not show their effect yet.
     shared_until: Option<Duration>,
     proof: Proof,
     moves: MotionHistory,
@@ -248,7 +252,8 @@ impl Guard {
             self.verdict = Verdict::default();
         }
         if self.state.is_armed() && !before.is_armed() {
-            // Earlier corrections that did not stick no longer count: arming starts at the confirmed correction.
+            // Deviating confirmed corrections of an earlier arming no longer count: arming starts
+            // at the confirmed correction.
             self.adopted = PerChannel::default();
         }
         self.allow(&inputs, before);
@@ -344,7 +349,7 @@ impl Guard {
         let interlocked = !inputs.interlocks.is_empty();
         self.at_confirmed |= interlocked;
         let path_changed = core::mem::take(&mut self.path_changed);
-        // While nothing is sent, the output is the applied correction.
+        // While nothing is sent, the output equals the applied correction.
         let idle = self.is_idle(inputs);
         if path_changed && !idle && self.is_in_transit(status.scheme, &values, at) {
             self.at_confirmed = true;

@@ -140,7 +140,7 @@ impl core::fmt::Display for Found {
 }
 
 impl AxisLimits {
-    /// Limits of an unused axis: it does not move.
+    /// Limits of an unused axis, which does not move.
     pub const NONE: Self = Self {
         kind: AxisKind::Linear,
         limit: 0.0,
@@ -151,8 +151,9 @@ impl AxisLimits {
         includes_correction: false,
     };
 
-    /// Limits of an axis that is not corrected and always written as zero: one step of it may exceed the largest allowed correction. A remaining
-    /// correction of up to one step returns to zero at the slew.
+    /// Limits of an axis that is not corrected and always written as zero. Its step may exceed the
+    /// largest allowed correction. A remaining correction of up to one step returns to zero at the
+    /// slew.
     #[must_use]
     pub fn held_at_zero(self) -> Self {
         Self {

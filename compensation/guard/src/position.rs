@@ -36,8 +36,8 @@ struct AcceptedPosition {
     offset_range: [f64; 2],
 }
 
-/// The last accepted position of an axis. After a rejection no position is accepted, however much time passes, until one is within the reach that
-/// the axis had at the first rejection.
+/// The last accepted position of an axis. After a rejection, only a position within the reach that
+/// the axis had at the first rejection is accepted; the reach does not grow with time.
 ///
 /// Invariants:
 /// - `rejected_since` is set only between a rejection and the next accepted position.

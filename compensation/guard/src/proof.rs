@@ -9,8 +9,9 @@ use crate::{
     step::{ROUNDING, ROUNDING_STEPS, shortest_way},
 };
 
-/// Number of new consecutive readings, and time, for which the axes must be at standstill before and after each shift. The time exceeds the maximum
-/// update interval of a control's positions; if they are updated more slowly, the readings decide.
+/// Number of new consecutive readings, and minimum time, at standstill before and after each shift.
+/// The time exceeds the maximum update interval of most controls; if positions are updated more
+/// slowly, the number of readings determines the duration.
 const STILL_READINGS: u32 = 5;
 const STILL_FOR: Duration = Duration::from_millis(250);
 /// Maximum number of attempts while a position neither follows a shift nor stays.
@@ -40,7 +41,7 @@ pub enum AxisProof {
     NotProven,
 }
 
-/// Result of a proof: for each axis the finding, and whether it contradicts the configuration.
+/// Result of a proof: the finding for each axis, and whether it contradicts the configuration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Verdict {
     /// The finding for each axis.
@@ -74,8 +75,8 @@ impl Verdict {
     }
 }
 
-/// When the machine, not the correction, last moved each axis: only then a constant position proves anything. Update it in every cycle with a
-/// reading.
+/// Time at which the machine, not the correction, last moved each axis. A constant position is
+/// evidence only soon after such a motion. Updated in every cycle with a reading.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MotionHistory {
     /// Reported position and correction when the axis last moved.
@@ -182,16 +183,17 @@ struct Findings {
 /// - A reading counts only if it was valid after the correction had reached the goal of the leg (`arrived_at`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Proof {
-    /// When the last reading was valid.
+    /// Time at which the last reading was valid.
     taken: Option<Duration>,
     /// Positions at the start of the standstill, and its duration.
     positions: PerChannel<f64>,
     still: Span,
-    /// How long the correction has been at the goal of the leg, and when it was found there.
+    /// Duration for which the correction has been at the goal of the leg, with the time at which it
+    /// was first found there.
     reached: Span,
     arrived_at: Option<Duration>,
     leg: Leg,
-    /// The axes that the machine had moved recently before the first shift.
+    /// The axes that the machine had moved shortly before the first shift.
     alive: PerChannel<bool>,
     /// Positions before the leg, and after the first one.
     before_leg: [PerChannel<f64>; 2],
@@ -277,7 +279,7 @@ impl Proof {
         }
     }
 
-    /// The correction is in motion.
+    /// Restarts the wait because the correction is in motion.
     fn restart_wait(&mut self) {
         self.arrived_at = None;
         (self.still, self.reached) = (Span::default(), Span::default());
@@ -374,8 +376,9 @@ impl Proof {
         goal
     }
 
-    /// The correction before the shift: the start of the proof, or, if a limit was lowered, all of it reduced by one factor, the rotary axes on
-    /// whole steps and the linear axes following.
+    /// The correction before the shift: that at the start of the proof. If a limit was lowered, it
+    /// is reduced by a common factor, with the rotary axes on whole steps and the linear axes
+    /// following.
     fn begin(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
         let axes = || limits.axes.iter().enumerate().take(limits.count);
         let part = axes()
@@ -400,7 +403,8 @@ impl Proof {
         begin
     }
 
-    /// Whether the machine itself moves an axis: no response to a shift takes that long, or goes that far.
+    /// Whether the machine itself moves an axis: a response to a shift is neither as slow nor as
+    /// large.
     fn goes_on(&self, taken: Duration, positions: &PerChannel<f64>, limits: &Limits) -> bool {
         let before = match self.leg {
             // Nothing is shifted.

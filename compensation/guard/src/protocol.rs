@@ -84,20 +84,23 @@ pub enum Refusal {
     /// A later frame has arrived before.
     #[error("a later frame has overtaken it")]
     Sequence,
-    /// A value exceeds the limit of the control for its axis. A map must be started over.
+    /// A value exceeds the limit of the control for its axis. A map must be transferred from the
+    /// start again.
     #[error("a value is beyond the limit of the control")]
     Value,
     /// A word on digital lines arrived while a sender of frames owns the control or another correction is applied, or it changes faster than the
     /// axis could follow.
     #[error("a word on the lines came at the wrong time, or changes too fast")]
     Lines,
-    /// The words are not the next ones of the map being loaded.
+    /// The words do not continue the map being loaded.
     #[error("its words are not the next ones of the map")]
     Place,
-    /// The map does not fit the control: its axes, steps, size or lines. It must be started over.
+    /// The map does not fit the control: its axes, steps, size or lines. It must be transferred
+    /// from the start again.
     #[error("the map does not fit this control")]
     Fit,
-    /// The checksum of the whole map does not match, or the map to keep is not the active one.
+    /// The checksum of the whole map does not match, or the map to be kept valid is not the active
+    /// one.
     #[error("the map is not the one that is meant")]
     Map,
     /// The control does not know this kind of frame.
@@ -128,7 +131,7 @@ fn is_ahead(later: u16, earlier: u16) -> bool {
 /// Why axes are not a valid layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LayoutError {
-    /// There is no axis.
+    /// The list of axes is empty.
     #[error("number of axes: found 0, expected 1 to {MAX_AXES}")]
     NoAxes,
     /// An axis is named more than once.
@@ -268,12 +271,14 @@ impl Link {
         self.tick = self.tick.wrapping_add(1);
     }
 
-    /// Whether a complete frame is to be accepted, if its content is valid; `false`: it was checked before, or is the last accepted one.
+    /// Whether a complete frame is accepted if its content is valid. `false`: the frame was checked
+    /// before, or is the last accepted one.
     ///
     /// `found` is the tick and sequence of the last complete frame in the same mailbox. A frame that is not overwritten stays in the mailbox;
     /// without this check it would be accepted again once tick and sequence have wrapped.
     ///
     /// # Errors
+    ///
     /// Why it is rejected.
     pub fn judge(
         &self,
@@ -331,17 +336,19 @@ impl Link {
 pub enum ReportStatus {
     /// The scan counter has not advanced since the last report, or this report is older.
     Old,
-    /// Another sender owns the control, or this sender did before its restart: nothing may be sent until the timeout of the control. Also
-    /// if the owner has the number of this sender, but this sender has not sent the reported sequence in this epoch.
+    /// Another sender owns the control, or this sender did before its restart: nothing may be sent
+    /// until the timeout of the control. Also reported if the owner number is that of this sender,
+    /// but this sender has not sent the reported sequence in this epoch.
     Held {
         /// Owner number of the other sender.
         owner: u16,
     },
     /// A complete, new report: its correction is confirmed.
     Confirmed {
-        /// The last sent frame was accepted.
+        /// Whether the last sent frame was accepted.
         landed: bool,
-        /// The control has begun a new epoch: no earlier frame can be accepted any more, and the correction continues from the applied one.
+        /// Whether the control has begun a new epoch: no earlier frame can be accepted any more,
+        /// and the correction continues from the applied one.
         epoch_began: bool,
     },
 }

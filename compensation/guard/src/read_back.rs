@@ -23,7 +23,8 @@ use echo::Echo;
 use no_read_back::NoReadBack;
 use status::{Arrival, ArrivalMonitor};
 
-/// The read-back of one path. State: what was sent, what was received, and the conclusions.
+/// The read-back of one path. State: the sent corrections, the received values, and the status
+/// derived from them.
 ///
 /// Invariants:
 /// - `status.between` contains the confirmed correction, and without a barrier every correction sent since that may have arrived.
@@ -50,8 +51,9 @@ impl ReadBack {
         Self::of(Kind::Barrier(link), Scheme::Barrier)
     }
 
-    /// Read-back of a control without a barrier that reports its correction. During `watch` before the first write nothing but this gateway may move
-    /// the correction; this reveals another gateway, or a control that is still ramping to zero.
+    /// Read-back of a control without a barrier that reports its correction. For the time `watch`
+    /// before the first write, only this gateway may change the correction; a change reveals
+    /// another gateway, or a control that is still ramping to zero.
     #[must_use]
     pub fn plain(watch: Duration) -> Self {
         Self::of(Kind::Echo(Echo::new(watch)), Scheme::Plain)
@@ -78,7 +80,7 @@ impl ReadBack {
         }
     }
 
-    /// The knowledge after the last call.
+    /// Status after the last call.
     #[must_use]
     pub fn status(&self) -> &ReadBackStatus {
         &self.status
@@ -133,7 +135,8 @@ impl ReadBack {
         self.update_status();
     }
 
-    /// Whether the applied correction is reported, so that sent corrections can be seen to arrive.
+    /// Whether the device reports the applied correction, so that the arrival of sent corrections
+    /// can be observed.
     fn observes_arrival(&self) -> bool {
         match &self.kind {
             Kind::Barrier(_) | Kind::Echo(_) => true,
@@ -229,7 +232,8 @@ impl ReadBack {
         self.update_status();
     }
 
-    /// The operator has made sure that a control without read-back applies no correction.
+    /// Records that the operator has verified that a control without read-back applies no
+    /// correction.
     pub fn acknowledge(&mut self, now: Duration) {
         if let Kind::NoReadBack(lines) = &mut self.kind {
             lines.acknowledge(now, &mut self.status);

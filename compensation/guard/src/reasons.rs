@@ -22,8 +22,9 @@ macro_rules! effect {
     };
 }
 
-/// The bit of a reason is its position in the list, so no two share one; a 65th would not compile. Reasons are reported in this order: first the
-/// cause of a stop and what the operator must do, then the consequences.
+/// The bit of a reason is its position in the list, so that no two reasons share a bit; a 65th
+/// reason would not compile. Reasons are reported in the order of the list: causes of a stop with
+/// the required operator action first, then consequences.
 macro_rules! reasons {
     ($($(#[$doc:meta])* $name:ident = $effect:ident, $text:literal;)*) => {
         /// Positions in the list.
@@ -56,7 +57,8 @@ reasons! {
     BEYOND_LIMIT = forbids, "a correction beyond the limit was found";
     /// A written correction is not found when it is read back, several times in a row.
     DOES_NOT_STICK = forbids, "correction does not stick";
-    /// Positions contain the correction and should not according to the configuration, or the reverse.
+    /// Positions contain the correction although the configuration states that they do not, or the
+    /// reverse.
     CONTRADICTION = forbids, "positions contradict includes_correction";
     /// The gateway was faulted when it ended, and the fault was not acknowledged since.
     FAULTED_BEFORE = forbids, "faulted before the restart: acknowledge it";

@@ -67,11 +67,12 @@ pub enum Cause {
 pub enum Request {
     /// Start compensating, with the test shift if it is configured.
     Arm,
-    /// Compensate in place of another path, during operation: without the test shift.
+    /// Compensate in place of another path during operation, without the test shift.
     TakeOver,
     /// Ramp to zero and stop writing; also removes a correction left from before.
     Disarm,
-    /// The program ends: ramp to zero, but leave a correction alone that was found and never written here.
+    /// The program ends: ramp to zero. A correction that was found and never written by this guard
+    /// is not changed.
     End,
     /// The cause of a fault is fixed.
     Acknowledge,
@@ -96,10 +97,12 @@ pub(crate) struct Facts {
     pub(crate) other_gateway: bool,
     /// The controller has changed its applied correction without a write.
     pub(crate) changed: bool,
-    /// The active path has changed, and its applied correction is seen for the first time, or not yet.
+    /// The active path has changed, and its applied correction is unknown or is read for the first
+    /// time.
     pub(crate) path_changed: bool,
     pub(crate) forbidden: bool,
-    /// The applied correction may be another gateway's, or that of a control without read-back is unknown.
+    /// The applied correction may be that of another gateway, or is unknown in a control without
+    /// read-back.
     pub(crate) foreign: bool,
     pub(crate) ramped: bool,
     pub(crate) zero: bool,
@@ -111,7 +114,7 @@ pub(crate) struct Facts {
     pub(crate) unconfirmed: bool,
     /// Sent corrections do not arrive for longer than `zero_after` although the control answers.
     pub(crate) does_not_land: bool,
-    /// The applied correction exceeds the limit, not because the limit was lowered.
+    /// The applied correction exceeds the limit, and not because the limit was lowered.
     pub(crate) beyond: bool,
 }
 

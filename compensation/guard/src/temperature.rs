@@ -136,8 +136,9 @@ fn accepted_temperatures(checks: &[SensorCheck]) -> [f64; MAX_SENSORS] {
 /// Largest difference between two readings that is treated as the resolution or noise of a module, not as a jump, K. The billionth covers the
 /// rounding of decimal fractions.
 const STEP_K: f64 = 0.5 + 1e-9;
-/// How far a temperature may have changed while its sensor was silent beyond the maximum age, K: `UNSEEN_MINUTES_K` within minutes,
-/// `UNSEEN_K_PER_MIN` per minute from half an hour on (20 K in an hour), at most `UNSEEN_NIGHT_K`, the overnight cooling of a machine.
+/// Largest change of a temperature while its sensor was silent beyond the maximum age, K:
+/// `UNSEEN_MINUTES_K` within minutes, `UNSEEN_K_PER_MIN` per minute from half an hour on (20 K in
+/// an hour), at most `UNSEEN_NIGHT_K`, the overnight cooling of a machine.
 const UNSEEN_MINUTES_K: f64 = 10.0;
 const UNSEEN_K_PER_MIN: f64 = 20.0 / 60.0;
 const UNSEEN_NIGHT_K: f64 = 20.0;
@@ -164,7 +165,8 @@ pub struct SensorCheck {
     /// The last reading and its flaw: a repeated reading is not checked again.
     last: Option<(Duration, f64, Option<SensorFlaw>)>,
     accepted: Option<AcceptedTemperature>,
-    /// Since the last accepted temperature the device reported a fault, or a reading was out of range.
+    /// Whether, since the last accepted temperature, the device has reported a fault or a reading
+    /// out of range.
     was_faulty: bool,
     jumped: Option<Readmission>,
     used: bool,
@@ -303,8 +305,8 @@ impl SensorCheck {
         stuck.then_some(SensorFlaw::Stuck)
     }
 
-    /// How far the temperature may have changed since it was accepted, K. Time with a fault does not justify a change: beyond the maximum age of a
-    /// reading it does not count.
+    /// Largest allowed change of the temperature since it was accepted, K. Time with a fault beyond
+    /// the maximum age of a reading does not increase it.
     fn allowed_k(&self, since: Duration, limits: &SensorLimits) -> f64 {
         let moved = |rate: f64, time: Duration| rate * time.as_secs_f64() / 60.0;
         let most = limits.max_degc_per_min;
@@ -326,17 +328,17 @@ impl SensorCheck {
     }
 }
 
-/// How long a sensor that jumped must agree before it is accepted again.
+/// Time for which a sensor that jumped must agree before it is accepted again.
 const AGREES_FOR: Duration = Duration::from_secs(600);
 const AGREES_WITHIN_K: f64 = 1.0;
 
-/// The data of a sensor from when it was last accepted.
+/// Data of a sensor at the time of its last accepted temperature.
 #[derive(Clone, Copy, Debug)]
 struct BeforeJump {
     /// Index of the sensor.
     pub own: usize,
     pub degc: f64,
-    /// When that temperature was measured.
+    /// Time at which that temperature was measured.
     pub taken: Duration,
     /// The temperatures of all sensors at that time, °C; NaN for rejected ones.
     pub neighbours: [f64; MAX_SENSORS],
@@ -356,9 +358,10 @@ struct Readmission {
     /// Change of the other sensors since the sensor was accepted, K, as last known; 0 if it was never known.
     change: f64,
     seen: Option<Duration>,
-    /// Since when its readings agree with its own temperature from before the jump.
+    /// Time since which its readings agree with its own temperature from before the jump.
     with_own: Option<Duration>,
-    /// Since when its readings agree with its own temperature from before the jump plus the change of the other sensors.
+    /// Time since which its readings agree with its own temperature from before the jump plus the
+    /// change of the other sensors.
     with_predicted: Option<Duration>,
 }
 
@@ -373,9 +376,10 @@ impl Readmission {
         }
     }
 
-    /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than `stale` restarts the ten minutes. The sensor's
-    /// temperature from before the jump is no prediction by itself if it is older than `stale` when the ten minutes begin: the machine has changed
-    /// since, and the other sensors show this change.
+    /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than
+    /// `stale` restarts the ten minutes. The sensor's temperature from before the jump is not used
+    /// as a prediction if it is older than `stale` when the ten minutes begin: the machine has
+    /// changed since, and the other sensors show this change.
     fn process(
         &mut self,
         degc: f64,
@@ -416,7 +420,8 @@ fn lasts(since: &mut Option<Duration>, agrees: bool, taken: Duration) -> bool {
     since.is_some_and(|since| taken.saturating_sub(since) >= AGREES_FOR)
 }
 
-/// Minimum number of other sensors that can show which one is wrong: of two, either may be.
+/// Minimum number of other sensors to identify the wrong one: with two sensors, either may be
+/// wrong.
 const FEWEST: usize = 2;
 
 /// Median change of the other sensors between two times, K; `None` if fewer than two were accepted at both.

@@ -81,7 +81,8 @@ pub struct Vector {
 }
 
 impl Vector {
-    /// A correction at confirmed values (mm, rad), from which a ramp leads to the requested one.
+    /// Creates a correction at confirmed values (mm, rad), from which a ramp leads to the requested
+    /// one.
     pub fn at(applied: &PerChannel<f64>) -> Self {
         Self {
             output: *applied,
@@ -124,7 +125,8 @@ impl Vector {
         self.motion == Motion::Follows
     }
 
-    /// Starts a straight line to a correction (mm, rad), all axes by a common factor: a ramp to zero, a shift, or the way back within a limit.
+    /// Starts a straight line to a correction (mm, rad), with a common factor for all axes: a ramp
+    /// to zero, a shift, or the return within a limit.
     pub fn begin_line(&mut self, to: &PerChannel<f64>) {
         self.motion = Motion::Line {
             to: *to,
@@ -175,7 +177,7 @@ impl Vector {
             1.0
         };
         let part = cycle.part(&ways, &self.rate, ramp, accel);
-        // The rest would be too small for a separate cycle.
+        // The rest would be too small for another cycle.
         let ends = |i: usize| ((1.0 - part) * ways[i]).abs() <= ARRIVED_STEPS * cycle.step(i);
         let part = if cycle.places().all(ends) { 1.0 } else { part };
         let mut arrived = true;
@@ -185,7 +187,8 @@ impl Vector {
         }
         if arrived {
             for i in cycle.places() {
-                // At the end, to rounding. The rate is kept, since the next motion starts with it.
+                // The correction is at the end, except for rounding. The rate is kept, because the
+                // next motion starts with it.
                 self.smooth[i] = end[i];
             }
         }
@@ -216,7 +219,8 @@ impl Vector {
             ramp: Duration::ZERO,
             ..*limits
         };
-        // All axes go to zero by a common factor: time at constant rate, and reciprocal acceleration, s².
+        // All axes go to zero by a common factor. Accumulates the time at constant rate, and the
+        // reciprocal acceleration, s².
         let (mut at_rate_s, mut eased) = (shortest.ramp_taken().as_secs_f64(), 0.0_f64);
         let axes = limits.axes.iter().zip(&self.smooth);
         for (axis, at) in axes.take(limits.count) {
@@ -383,7 +387,8 @@ impl Vector {
         }
         let following = requested.following(&turned);
         for i in cycle.of_kind(AxisKind::Linear) {
-            // Limited to the slew of the axis: absurd levers could never be braked.
+            // Limited to the slew of the axis: with implausible levers the motion could never be
+            // braked.
             let slew = limits.axes[i].slew_per_s;
             self.following[i] = within([-slew, slew], following[i]);
         }
@@ -458,8 +463,9 @@ impl Vector {
         requested.position_part(position, rotary, &reach)
     }
 
-    /// Stores the reachable offset of this cycle. Returns the offset to keep: what was reachable in this cycle or the previous one, since a single
-    /// cycle with an absurd request must not end the ramp.
+    /// Stores the reachable offset of this cycle. Returns the offset to keep: the larger of those
+    /// reachable in this cycle and in the previous one, so that a single cycle with an implausible
+    /// request does not end the ramp.
     fn reach_offset(&mut self, requested: &RequestedCorrection, cycle: &Cycle) -> PerChannel<f64> {
         let mut offset = self.offset;
         for i in cycle.of_kind(AxisKind::Linear) {
@@ -598,7 +604,8 @@ impl Vector {
             let limit = axis.reachable().max(self.smooth[i].abs());
             let whole = share.part * share.position[i] + following[i];
             let target = within([-limit, limit], whole);
-            // Moves with the target, and closes the gap as fast as it can still stop there.
+            // Moves with the target, and closes the gap at the highest rate from which it can still
+            // stop at the target.
             let gap = self.target[i] - self.smooth[i];
             let back = stopping_rate(gap.abs(), cycle.accel[i], cycle.dt_s) * cycle.dt_s;
             let way = target - self.target[i] + back.min(gap.abs()).copysign(gap);

@@ -434,7 +434,7 @@ target = \"unknown\"
             );
             seen += 1;
         }
-        // 3·2 + 2·2 + 3·1 + 1·2
+        // Number of modes and products of each unknown error: 3·2 + 2·2 + 3·1 + 1·2.
         assert_eq!(seen, 15);
     }
 

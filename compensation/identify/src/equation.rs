@@ -138,9 +138,10 @@ impl System {
         self.plain_equations(rows, values, false).without_sides()
     }
 
-    /// Residuals and their derivatives; unknown approach directions are not eliminated. With `design`, the derivatives are those of the ideal machine
-    /// with readings that fit it exactly; they decide what is distinguishable. Rows before the first move of an axis are treated as the mean of both
-    /// directions.
+    /// Residuals and their derivatives; unknown approach directions are not eliminated. With
+    /// `design`, the derivatives are those of the ideal machine with readings that fit it exactly;
+    /// they determine which unknowns are distinguishable. Rows before the first move of an axis are
+    /// treated as the mean of both directions.
     pub(crate) fn plain_equations(&self, rows: &Rows, values: &Values, design: bool) -> Equations {
         self.equations_in(self.params.len(), rows, values, design)
     }

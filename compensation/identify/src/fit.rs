@@ -80,7 +80,7 @@ pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[us
 pub(crate) struct Fitted {
     pub(crate) solution: Solution,
     pub(crate) rank: Rank,
-    /// The unknowns that `rank` leaves out only because noise hides them.
+    /// Unknowns excluded from `rank` only because noise hides them.
     pub(crate) uncertain: Vec<Uncertain>,
 }
 
@@ -107,7 +107,7 @@ pub(crate) fn fit(
         |rank: &Rank| (rank.kept.iter()).any(|&column| system.group(column).is_some());
     let mut rank = rank;
     let mut uncertain: Vec<Uncertain> = Vec::new();
-    // A penalty bounds the size of an unknown, so noise cannot leave it open.
+    // A penalty bounds the size of an unknown, so that noise cannot leave it undetermined.
     if !is_penalised(&rank) {
         let jacobian = system.equations(rows, &values).jacobian;
         while let Some(one) = Uncertain::among(system, &rank.kept, &jacobian) {
@@ -159,13 +159,15 @@ fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
             axes,
             ..
         } => {
-            // On the bar as it lies: off it, rotating the bar and rotating the machine would not be equivalent.
+            // The point is on the nominal bar: elsewhere, rotating the bar and rotating the machine
+            // would not be equivalent.
             let along = bar(axes, tilts.map(|tilt| values.numbers[tilt][0])).along;
             values.points[*origin][0] + along * values.numbers[*distance][0]
         }
         _ => return ideal,
     };
-    // As close as the linear axes can get: a machine with fewer than three of them does not reach the point.
+    // The linear axes move as close as they can: a machine with fewer than three of them may not
+    // reach the point.
     let _ = bring(system, &mut ideal.pose, centre);
     ideal
 }

@@ -42,16 +42,17 @@ pub struct Identification {
     pub machine: Machine,
     /// Every unknown: set-ups first, then the errors.
     pub parameters: Vec<Parameter>,
-    /// The covariance of the determined parameters in their order, in the products of their units. It follows from the stated
-    /// uncertainties alone: if the unknowns do not describe the machine, `variance` is above 1 and a warning is added. With
-    /// penalties and with robust weights it follows from the residuals.
+    /// The covariance of the determined parameters in their order, in the products of their units.
+    /// It follows from the stated uncertainties alone. If the unknowns do not describe the machine,
+    /// `variance` is above 1, and a warning is added. With penalties or robust weights it follows
+    /// from the residuals.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub covariance: DMatrix<f64>,
     /// Number of combinations of the unknowns that the observations determine.
     pub rank: usize,
     /// σ_min/σ_max of the columns scaled to unit length; 0 if the rank is not full.
     pub score: f64,
-    /// The same for the determined unknowns only.
+    /// σ_min/σ_max of the scaled columns of the determined unknowns only.
     pub score_of_determined: f64,
     /// Unknowns left at zero by convention: constants of curves and slopes of straightnesses that are equivalent to location
     /// errors, other constants or the set-up.
@@ -78,22 +79,22 @@ pub struct Identification {
         serde(rename = "judged_um", skip_serializing_if = "Option::is_none")
     )]
     pub judged: Option<Figures>,
-    /// Variance of the residuals in units of the stated one.
+    /// Variance of the residuals relative to the stated variance.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub variance: f64,
-    /// Factor on the standard uncertainties from the covariance, by the residuals; 1 if chance explains these, or if the covariance
-    /// includes them.
+    /// Factor on the standard uncertainties by the covariance, from the residuals; 1 if chance
+    /// explains the residuals, or if the covariance already includes them.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub excess: f64,
     /// Whether a file, or rows that were only predicted, contradict the result.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub is_contradicted: bool,
-    /// Effective number of unknowns; smaller than the rank with penalties.
+    /// Effective number of unknowns. With penalties it is smaller than the rank.
     #[cfg_attr(feature = "serde", serde(rename = "effective"))]
     pub degrees: f64,
     /// The most useful next pose; `None` if nothing is uncertain.
     pub next: Option<Next>,
-    /// Warnings, and what was assumed or not used.
+    /// Warnings, assumptions, and information that was not used.
     pub warnings: Vec<Note>,
 }
 
@@ -101,9 +102,10 @@ pub struct Identification {
 const MAX_RESIDUAL_RATIO: f64 = 3.0;
 
 impl Identification {
-    /// Errors that the observations do not support: those left undetermined, and those whose value holds only if one of
-    /// these is zero. It is all of them if the residuals of the observations, or of one file, exceed three times the
-    /// stated uncertainty, or if rows that were only predicted are far off.
+    /// Errors that the observations do not support: those left undetermined, and those whose value
+    /// holds only if an undetermined one is zero. If the residuals of all observations or of one
+    /// file exceed three times the stated uncertainty, or if predicted rows are far off, these are
+    /// all errors.
     pub fn undecided(&self) -> BTreeSet<ErrorName> {
         let is_described = self.variance <= MAX_RESIDUAL_RATIO.powi(2) && !self.is_contradicted;
         let is_open = |of: &Parameter| !of.determined && !self.redundant.contains(&of.name);
@@ -200,7 +202,8 @@ fn followed(
         |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
     let null: Vec<Vec<(String, f64)>> = fitted.rank.null.iter().map(names).collect();
     let warning = |text: &String| Note::warning("", text.as_str());
-    // First what makes the result wrong, then what makes it uncertain, last what every run reports.
+    // Warnings that make the result wrong come first, then those that make it uncertain, then those
+    // of every run.
     let mut warnings = inverted(system, observations, &rows, &fitted);
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(outliers(observations, &rows, &residuals));
@@ -246,7 +249,8 @@ fn followed(
     Ok((found, fitted))
 }
 
-/// Size of residuals: distances in three directions for `points` and `sphere`, otherwise the number itself.
+/// Size of residuals: for `points` and `sphere` the distance in space, otherwise the residual
+/// itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -307,8 +311,9 @@ pub struct LeftOut {
     pub folds: usize,
 }
 
-/// Residuals of rows left out of the fit, in `folds` parts by pose; everything, including penalties, is identified from
-/// the remaining parts. Returns a note instead if there are too few poses.
+/// Residuals of rows omitted from the fit, in `folds` parts by pose. Everything, including
+/// penalties, is identified from the remaining parts. Returns a note instead if there are too few
+/// poses.
 pub(crate) fn left_out(
     system: &System,
     observations: &Observations,
@@ -363,12 +368,13 @@ pub(crate) fn left_out(
 #[derive(Default)]
 pub(crate) struct JudgedNotes {
     pub(crate) files: Vec<Note>,
-    /// Single rows that are far off compared with the others.
+    /// Notes on single rows that are far off relative to the others.
     pub(crate) rows: Vec<Note>,
 }
 
-/// Residuals of rows that are only predicted, with warnings about rows that are far off compared with the others of
-/// their file, and about files that are far off compared with the residuals of the fitted rows.
+/// Residuals of rows that are only predicted. Adds warnings about rows that are far off relative to
+/// the others of their file, and about files that are far off relative to the residuals of the
+/// fitted rows.
 pub(crate) fn judged(
     system: &System,
     observations: &Observations,

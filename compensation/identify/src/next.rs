@@ -36,10 +36,12 @@ pub struct Next {
     /// Tool in the spindle; `None` for that of `[tool]`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub tool: Option<String>,
-    /// Error coefficient with the largest uncertainty of its effect on the tip in the workspace; if the pose informs about undetermined
-    /// ones, the one that it informs about most.
+    /// Error coefficient that the pose improves: the one with the largest uncertainty of its effect
+    /// on the tip in the workspace, or, if the pose informs about undetermined ones, the one about
+    /// which it informs most.
     pub parameter: String,
-    /// Factor by which the pose reduces its standard uncertainty, 1 or more; `None` if it is not determined yet.
+    /// Factor by which the pose reduces the standard uncertainty of the coefficient, at least 1;
+    /// `None` if the coefficient is not determined yet.
     pub improvement: Option<f64>,
 }
 
@@ -90,7 +92,7 @@ pub(crate) fn next(
         pose: axes
             .map(|(axis, &q)| {
                 let at = Displacement::new(axis.name.kind(), q).mm_or_deg();
-                // Removes the rounding of the conversion to radians and back.
+                // Removes the rounding error of the conversion to radians and back.
                 (axis.name, (at * 1e6).round() / 1e6)
             })
             .collect(),
@@ -103,7 +105,8 @@ pub(crate) fn next(
     })
 }
 
-/// The candidate that minimises the largest uncertainty, the least certain parameter now, and the factor by which its uncertainty decreases.
+/// The candidate that minimises the largest uncertainty, the parameter with the largest uncertainty
+/// now, and the factor by which this uncertainty decreases.
 fn most_reducing(
     effects: &DVector<f64>,
     fitted: &Fitted,
@@ -159,8 +162,9 @@ fn variances_after<'a>(
     })
 }
 
-/// The candidate that is most informative about undetermined unknowns, and the unknown it informs most about. Unknowns
-/// get a prior of the size of errors and set-ups, so that all of them have a covariance.
+/// The candidate that is most informative about undetermined unknowns, and the unknown about which
+/// it informs most. Unknowns get a prior of the size of errors and set-ups, so that all of them
+/// have a covariance.
 fn most_informative(
     system: &System,
     now: &DMatrix<f64>,
@@ -196,7 +200,7 @@ fn most_informative(
     let jacobian = scaled(&ahead.jacobian);
     let mut best: Option<(f64, usize, usize)> = None;
     for (place, after) in variances_after(&covariance, &jacobian, ahead, 1.0) {
-        // Factor by which the variance of each decreases.
+        // Factor by which the variance of each unknown decreases.
         let times = missing.iter().map(|&column| {
             let before = covariance[(column, column)];
             (before / after[column].max(f64::MIN_POSITIVE), column)
@@ -214,11 +218,12 @@ fn most_informative(
 }
 
 const CANDIDATES: usize = 200;
-/// Maximum number of draws per candidate: many are out of reach, most of all on a machine with short travels.
+/// Maximum number of draws per candidate: many poses are out of reach, especially on a machine with
+/// short travels.
 const TRIES: usize = 10;
 /// Resolution of linear coordinates, mm: they can be typed by hand.
 const STEP_MM: f64 = 1e-3;
-/// Coordinates that differ by less belong to one pose, mm and rad.
+/// Poses whose coordinates differ by less are treated as equal, mm and rad.
 const SAME_BELOW: f64 = 2.0 * STEP_MM;
 
 /// A pose that could be measured, as a row like those of a file.
@@ -388,7 +393,7 @@ pub(crate) fn largest_effects(system: &System, values: &Values) -> DVector<f64> 
         .map(|(state, tip_mm)| Row {
             line: 0,
             pose: MachinePose { state, tip_mm },
-            // The reading is not used.
+            // The reading itself is not used.
             reading: RowReading::Line {
                 direction: Vector3::x(),
                 offset: 0,

@@ -365,7 +365,8 @@ pub(crate) fn decode_unknown(
         let unknown = decode_item(&item, machine, penalised)?;
         match found.iter_mut().find(|other| other.error == unknown.error) {
             None => found.push(unknown),
-            // `{ error = "ECC", reversal = true }` together with `{ error = "ECC", legendre = 3 }`.
+            // Two items may state one unknown: `{ error = "ECC", reversal = true }` together with
+            // `{ error = "ECC", legendre = 3 }`.
             Some(other)
                 if (other.basis.is_none() || unknown.basis.is_none())
                     && !(other.reversal && unknown.reversal) =>

@@ -70,7 +70,7 @@ impl Unknown {
 /// well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SecondAxis {
-    /// The axis.
+    /// The second axis.
     pub axis: AxisName,
     /// Kind of curve along the second axis. Modes of the error's own curve up to the order of this one form products.
     pub basis: Basis,
@@ -83,7 +83,7 @@ pub struct Quantity<T> {
     pub name: String,
     /// Value, or start value of the search; `None`: the start value is derived from the observations.
     pub value: Option<T>,
-    /// Whether the part is identified.
+    /// Whether the quantity is identified.
     pub unknown: bool,
     /// Order of the drift over the rows; 0: no drift.
     pub drift: usize,
@@ -92,7 +92,7 @@ pub struct Quantity<T> {
 }
 
 impl<T> Quantity<T> {
-    /// A part of a set-up: known, or unknown if it has no value.
+    /// A known quantity, or an unknown one if it has no value.
     pub fn new(name: String, value: Option<T>, drift: usize) -> Self {
         Self {
             name,
@@ -167,7 +167,7 @@ pub struct Observation {
     pub kind: Kind,
     /// Whether the rows are only predicted, not fitted.
     pub judge: bool,
-    /// The rows.
+    /// The rows of the file.
     pub rows: Vec<Row>,
 }
 
@@ -179,13 +179,13 @@ pub struct Observation {
 pub enum Kind {
     /// Positions of a target on the tool, from a tracker.
     Points,
-    /// Where the probe is on the centre of a sphere.
+    /// Positions of the machine at which the probe is at the centre of a sphere.
     Sphere,
-    /// Distances.
+    /// Distances of the tip from a point, or between two poses.
     Distance,
     /// Displacements along a line of sight.
     Line,
-    /// Where the tip is against the balls of a row.
+    /// Positions of the tip relative to the balls of a row.
     BallRow,
 }
 
@@ -226,7 +226,7 @@ pub struct Row {
     pub line: usize,
     /// Pose of the machine.
     pub pose: MachinePose,
-    /// The reading.
+    /// Reading with the parts of the set-up to which it refers.
     pub reading: RowReading,
     /// Run that the row belongs to. Within a run every axis approaches from its position in the previous row; the
     /// direction of approach to the first rows is unknown. `None`: an axis without a direction is evaluated with the
@@ -279,7 +279,7 @@ pub enum RowReading {
     },
     /// Distance between the tips at two poses.
     Pair {
-        /// The other pose.
+        /// Pose from which the distance is measured.
         from: MachinePose,
         /// Index of the dead length, which is added to the reading.
         dead: usize,
@@ -451,7 +451,8 @@ impl Observations {
             (self.coordinates(axis)).fold(ends, |range, at| [range[0].min(at), range[1].max(at)]);
         // A range below a millionth of the travel is an axis that did not move.
         if range[1] - range[0] > 1e-6 * (travel[1] - travel[0]) {
-            // The ideal machine would be slightly away from where the real one located the sphere or the ball.
+            // The position of the ideal machine would differ slightly from the one at which the
+            // real machine located the sphere or the ball.
             let is_probed = |row: &Row| {
                 matches!(
                     row.reading,

@@ -103,16 +103,16 @@ pub(crate) fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
     system.params.iter().enumerate().map(parameter).collect()
 }
 
-/// An error coefficient that the observations do not determine although it is no convention. It is fixed at zero; the
-/// readings are the same for any value.
+/// An error coefficient that the observations do not determine, and whose value is not a
+/// convention. It is fixed at zero; the readings are the same for any value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UndeterminedError {
     /// Name of the coefficient among the unknowns.
     pub name: String,
     /// Unit, `um` or `urad`.
     pub unit: &'static str,
-    /// Change without effect on the readings: the error coefficients involved, itself included, and the change of each,
-    /// in its unit, per unit of this one.
+    /// Combined change of error coefficients without effect on the readings, including this one:
+    /// name and change of each, in its unit, per unit of this one.
     pub moves: Vec<(String, f64)>,
 }
 
@@ -149,7 +149,8 @@ pub(crate) fn redundant(system: &System, rank: &Rank) -> Vec<String> {
         .collect()
 }
 
-/// Notes on indistinguishable unknowns: one for each that more observations could determine, and one for all conventions.
+/// Notes on indistinguishable unknowns: one for each that more observations could determine, and
+/// one for all conventions together.
 pub(crate) fn left_at_zero(
     system: &System,
     fitted: &Fitted,

@@ -17,7 +17,8 @@ pub(crate) enum Param {
         part: Part,
         /// Index of the component in its part.
         place: usize,
-        /// Order of the Legendre polynomial over time of which this is the coefficient; 0 for the component itself.
+        /// Order of the Legendre polynomial over time whose coefficient this is; 0 for the
+        /// component itself.
         order: usize,
     },
     Coefficient(usize),
@@ -58,8 +59,8 @@ fn of_kind<T>(
 }
 
 impl Params {
-    /// Parameters of the set-ups and of this number of error coefficients, in the order of preference where some cannot
-    /// be distinguished: components, then drifts, then coefficients.
+    /// Parameters of the set-ups and of this number of error coefficients. If some cannot be
+    /// distinguished, earlier ones are preferred: components, then drifts, then coefficients.
     pub(crate) fn new(setup: &SetUp, coefficients: usize) -> Self {
         let kinds = [
             of_kind(&setup.frames, Part::Frame, 6),
@@ -165,8 +166,8 @@ pub(crate) struct Values {
     pub(crate) points: Vec<Vec<Vector3<f64>>>,
     pub(crate) numbers: Vec<Vec<f64>>,
     pub(crate) coefficients: Vec<f64>,
-    /// Assumed size of the reversal value of each coefficient where the approach direction of its axis is unknown; 0
-    /// for other coefficients, and for all of them before sizes are estimated.
+    /// Assumed size of the reversal value of each coefficient if the approach direction of its axis
+    /// is unknown; 0 for other coefficients, and for all of them before sizes are estimated.
     pub(crate) reversals: Vec<f64>,
 }
 
@@ -284,14 +285,14 @@ pub(crate) fn six_of(pose: &Pose) -> [f64; 6] {
     [t.x, t.y, t.z, a, b, c]
 }
 
-/// Result for one unknown.
+/// Result for one unknown parameter.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Parameter {
     /// Name: `EX0C`, `EXX legendre 2`, `tracker.csv:frame.x`.
     pub name: String,
-    /// Error that it belongs to; `None` for a number of a set-up.
+    /// Error to which the parameter belongs; `None` for a parameter of a set-up.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub error: Option<ErrorName>,
     /// Value in `unit`; 0 if it is not determined.
@@ -300,9 +301,9 @@ pub struct Parameter {
     pub unit: &'static str,
     /// Standard uncertainty (k = 1) in `unit`; `None` if it is not determined.
     pub uncertainty: Option<f64>,
-    /// Whether the observations determine it.
+    /// Whether the observations determine the parameter.
     pub determined: bool,
-    /// Indistinguishable unknowns left at zero: the value holds if these are zero.
+    /// Indistinguishable unknowns that were left at zero. The value holds only if they are zero.
     pub given_zero: Vec<String>,
 }
 

@@ -8,9 +8,10 @@ use crate::{system::System, triangle::inverse};
 /// Convergence limit on the change of any group's effective number of coefficients.
 const CONVERGED: f64 = 0.01;
 const MAX_STEPS: usize = 100;
-/// Number of coefficients up to which a group keeps one of them out of the estimate of its size. Such a small group
-/// does not show the typical size of its coefficients, and a zero estimate by chance would shrink all of them to zero.
-/// Of a larger group only a fraction of one coefficient is kept out: this number divided by the number of its
+/// Maximum number of coefficients of a small group. Such a group does not show the typical size of
+/// its coefficients, and a zero estimate by chance would shrink all of them to zero. One
+/// coefficient of it is therefore excluded from the estimate of their size. Of a larger group only
+/// a fraction of one coefficient is excluded: this number divided by the number of its
 /// coefficients.
 const SMALL_GROUP: f64 = 2.0;
 /// For the uncertainties, coefficients may exceed the identified size by this many variances, that is by twice the
@@ -34,7 +35,8 @@ pub(crate) struct Penalty {
 
 pub(crate) struct Chosen {
     pub(crate) step: DVector<f64>,
-    /// Scaled by the residual variance; in the last step, with the weakest weights that the observations do not contradict.
+    /// Covariance, scaled by the residual variance. In the last step it has the weakest weights
+    /// that the observations do not contradict.
     pub(crate) covariance: DMatrix<f64>,
     pub(crate) variance: f64,
     pub(crate) degrees: f64,
@@ -138,9 +140,9 @@ impl Penalised<'_> {
             .collect()
     }
 
-    /// Covariance with weaker weights, at which the coefficients are as large as is compatible with the result. The
-    /// weights of the step itself are the most probable ones but uncertain: with them, a curve that was shrunk to zero
-    /// would be zero with certainty.
+    /// Covariance with weaker weights, with which the coefficients are as large as the result
+    /// permits. The weights of the step itself are the most probable ones but are uncertain: with
+    /// them, the uncertainty of a curve that was shrunk to zero would be zero.
     fn covariance(&self, chosen: &At, log_lambda: &[f64]) -> DMatrix<f64> {
         let starts = self.balanced().into_iter().zip(log_lambda);
         let mut weaker: Vec<f64> = starts.map(|(start, found)| start.min(*found)).collect();

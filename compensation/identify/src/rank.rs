@@ -4,16 +4,18 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector, RowDVector};
 
 use crate::triangle::triangle;
 
-/// Minimum length of an independent combination, of unit length in its weights, of unit-length columns. Coordinates
-/// that a file states to some µm bend straight lines by 1e-6 and more, which distinguishes nothing; and an unknown
-/// determined by so short a combination would have ten thousand times the uncertainty of one with full effect.
+/// Minimum length of an independent combination of unit-length columns, with weights of unit
+/// length. Coordinates that a file states to some µm bend straight lines by 1e-6 and more, which
+/// does not distinguish unknowns. An unknown determined by such a short combination would have ten
+/// thousand times the uncertainty of one with full effect.
 const INDEPENDENT_ABOVE: f64 = 1e-4;
-/// A column shorter than this share of the longest is rounding.
+/// A column shorter than this share of the longest is treated as rounding error.
 const ZERO_BELOW: f64 = 1e-12;
 /// Minimum share, relative to the largest one, of a column that may be fixed at zero for a combination without effect. Fixing a column at
 /// zero changes the others in inverse proportion to its share, without bound for a small one.
 pub(crate) const LEAST_SHARE: f64 = 0.05;
-/// A share in a combination below this, relative to the largest one, is rounding.
+/// A share in a combination below this value, relative to the largest one, is treated as rounding
+/// error.
 const ROUNDING: f64 = 1e-7;
 
 #[derive(Clone, Debug, Default)]
@@ -23,7 +25,7 @@ pub(crate) struct Rank {
     /// For every other column, the combination with no effect, or with less effect than noise: unit-length columns and
     /// their weights, together of unit length; the column itself first.
     pub(crate) null: Vec<Vec<(usize, f64)>>,
-    /// Length of every column; 0 if it is rounding.
+    /// Length of every column; 0 if it is treated as rounding error.
     pub(crate) lengths: Vec<f64>,
     /// Smallest and largest singular value of the kept columns, scaled to unit length.
     singular: [f64; 2],
@@ -108,7 +110,8 @@ pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> R
 
 /// Columns to leave out, ascending.
 fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
-    // Squares of lengths: the limit is still ten million times the rounding of a double.
+    // Eigenvalues are squares of lengths: the limit is still ten million times the rounding error
+    // of a double.
     let eigen = (triangle.transpose() * triangle).symmetric_eigen();
     let nothing: Vec<RowDVector<f64>> = eigen
         .eigenvectors
@@ -140,7 +143,8 @@ fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
     left
 }
 
-/// A column minus the kept columns with these weights, of unit length and without rounding: itself first, then the others by descending weight.
+/// A column minus the kept columns with these weights, of unit length and without rounding errors:
+/// the column first, then the others by descending weight.
 fn combination(column: usize, kept: &[usize], weights: &DVector<f64>) -> Vec<(usize, f64)> {
     let largest = weights.amax().max(1.0);
     let others = kept

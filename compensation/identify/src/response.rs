@@ -14,8 +14,8 @@ use crate::{
     system::{Follower, System},
 };
 
-/// First-order change of the determined unknowns with the known errors of the machine: what the uncertainty of these
-/// errors contributes to that of the unknowns.
+/// First-order dependence of the determined unknowns on the known errors of the machine. It gives
+/// the contribution of the uncertainty of these errors to that of the unknowns.
 #[derive(Clone, Debug)]
 pub struct Response {
     observations: Observations,

@@ -524,7 +524,8 @@ impl<'k> ReadingColumns<'k> {
             RowKind::Sphere { drift } => {
                 let sphere = columns.get("sphere")?;
                 let [x, y, z] = OFFSET.map(|name| columns.get(name));
-                // Without any of them it is the file of a touch probe; a single missing column must not turn it into one.
+                // Without any of these columns, the file is that of a touch probe. A file with some
+                // of them is rejected, so that a missing column does not change the kind.
                 let offset = match [x?, y?, z?] {
                     [None, None, None] => None,
                     found => {

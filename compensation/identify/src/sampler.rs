@@ -70,9 +70,11 @@ impl MachineSampler {
         })
     }
 
-    /// Returns one sample. Each `trial` of a `seed` is reproducible, whatever was sampled before.
+    /// Returns one sample. Each `trial` of a `seed` is reproducible, independent of earlier
+    /// samples.
     ///
     /// # Errors
+    ///
     /// A rejected curve; does not occur for the coefficients of an identification, which has built such curves already.
     pub fn machine(&self, seed: u64, trial: u64) -> Result<Machine, IdentifyError> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);

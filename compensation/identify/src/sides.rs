@@ -112,7 +112,7 @@ impl Sides {
         }
     }
 
-    /// Like [`Sides::eliminate`], for one column.
+    /// Like [`Sides::eliminate`], for a single column.
     pub(crate) fn eliminate_from(&self, column: &mut DVector<f64>) {
         let mut matrix = DMatrix::from_column_slice(column.len(), 1, column.as_slice());
         self.eliminate(&mut matrix);

@@ -43,17 +43,19 @@ pub(crate) struct Solution {
     pub(crate) values: Values,
     /// Covariance of the kept parameters, mm and rad.
     pub(crate) covariance: DMatrix<f64>,
-    /// The covariance for readings that scatter as stated, with penalties as weak as the observations allow.
+    /// The covariance for readings with the stated scatter, with penalties as weak as the
+    /// observations allow.
     pub(crate) of_unit_variance: DMatrix<f64>,
-    /// Variance of a reading that the covariance assumes, in units of the stated one; 1 if it follows from the stated uncertainties alone.
+    /// Variance of a reading on which the covariance is based, relative to the stated one; 1 if the
+    /// covariance follows from the stated uncertainties alone.
     pub(crate) counted: f64,
     /// Whether the covariance includes the residuals: with penalties, and with robust weights.
     pub(crate) counts_residuals: bool,
-    /// Variance of the residuals in units of the stated one.
+    /// Variance of the residuals relative to the stated variance.
     pub(crate) variance: f64,
-    /// Number of parameters that the observations determine; with penalties a fraction of them.
+    /// Effective number of parameters that the observations determine; fractional with penalties.
     pub(crate) degrees: f64,
-    /// Degrees of freedom: number of readings beyond these.
+    /// Degrees of freedom: number of readings minus `degrees`.
     pub(crate) freedom: f64,
 }
 
@@ -99,7 +101,8 @@ impl Solution {
         (self.variance > by_chance).then(|| self.variance.sqrt())
     }
 
-    /// `excess` as a factor for the covariance; 1 if the covariance already includes the residuals.
+    /// `excess` as a factor on the uncertainties of the covariance; 1 if the covariance already
+    /// includes the residuals.
     pub(crate) fn excess_of_covariance(&self) -> f64 {
         let ratio = self.excess().filter(|_| !self.counts_residuals);
         ratio.unwrap_or(1.0)
@@ -184,7 +187,7 @@ pub(crate) fn solve(
         };
         let mut share = 1.0;
         let (mut least, mut reached) = to(share);
-        // A step of the size of rounding is neither better nor worse.
+        // A step of the size of rounding errors is neither better nor worse.
         while least > before * (1.0 + 1e-9) + 1e-20 && share >= 1e-3 && !penalised {
             share *= 0.5;
             (least, reached) = to(share);
@@ -273,7 +276,7 @@ struct Step {
     by: DVector<f64>,
     sides: DVector<f64>,
     covariance: DMatrix<f64>,
-    /// Variance of a reading that the covariance assumes.
+    /// Variance of a reading on which the covariance is based.
     counted: f64,
     square: f64,
     degrees: f64,
@@ -409,7 +412,7 @@ impl Step {
             } else if *variance == 0.0 {
                 0.0
             } else {
-                // With a negative or NaN variance, nothing shows convergence.
+                // A negative or NaN variance must not appear as convergence.
                 f64::INFINITY
             }
         });

@@ -315,7 +315,8 @@ fn trilateration(reaches: &[(Vector3<f64>, f64)], dead_mm: f64, free: bool) -> (
 mod tests {
     use super::*;
 
-    /// A column that is the sum of two others but for rounding, in mm and in units a million times as small or as large.
+    /// Tests a column that is the sum of two others except for rounding, in mm and in units a
+    /// million times as small or as large.
     #[test]
     fn rank_deficient_least_squares_has_minimum_norm_in_any_unit() {
         for scale in [1e-9, 1.0, 1e9] {

@@ -92,7 +92,7 @@ pub(crate) fn set_times(
         for (_, index, row) in places {
             let row: &mut Row = &mut timed[index].observation.rows[row];
             row.run = Some(first);
-            // Its poses get their directions from the rows that name them.
+            // The directions of these poses are set by the rows that name them.
             if let RowReading::Pair { .. } = row.reading {
                 continue;
             }
@@ -102,10 +102,11 @@ pub(crate) fn set_times(
     timed.into_iter().map(|timed| timed.observation).collect()
 }
 
-/// Travel of an axis; a periodic axis passes its end if that is shorter.
+/// Travel of an axis. For a periodic axis it is the shorter way, which may pass the end of the
+/// period.
 fn shortest_travel(travelled: f64, period: Option<f64>) -> f64 {
     match period {
-        // Exactly half a period is taken as stated.
+        // A travel of exactly half a period keeps its stated sign.
         Some(period) if travelled.abs() > 0.5 * period * (1.0 + 1e-9) => {
             travelled - period * (travelled / period).round()
         }
@@ -124,7 +125,7 @@ pub struct Approach {
 }
 
 impl Approach {
-    /// Starts with axes that came from these sides.
+    /// Starts with axes that were approached from these directions.
     #[must_use]
     pub fn from_sides(direction: [Option<Direction>; MAX_AXES]) -> Self {
         Self {
@@ -133,7 +134,8 @@ impl Approach {
         }
     }
 
-    /// Moves to a state of the machine and sets its approach directions; `None` for an axis of unknown side that has not moved yet.
+    /// Moves to a state of the machine and sets its approach directions; `None` for an axis that
+    /// has not moved yet and whose direction is unknown.
     pub fn to(&mut self, state: &mut State, machine: &Machine) {
         let extreme = self.extreme.get_or_insert(state.q.0);
         for (axis, (described, &q)) in machine.axes().iter().zip(&state.q).enumerate() {

@@ -152,7 +152,7 @@ mod tests {
         }
     }
 
-    /// A linear axis has ends at any length. A rotary travel of 0 to 359.999 is a full turn.
+    /// A linear axis has ends at any length. A rotary travel of 0 to 359.999 deg is a full turn.
     #[test]
     fn what_turns_all_the_way_round_has_no_ends() {
         for (name, travel, modulo, has_ends) in [
@@ -171,7 +171,7 @@ mod tests {
         }
     }
 
-    /// The nodes are at different angles, however many turns the travel has.
+    /// All nodes are at different angles, even if the travel has several turns.
     #[test]
     fn nodes_of_several_turns_are_different_poses() {
         for turns in [1.0, 2.0, 4.0, 8.0, 100.0] {

@@ -81,7 +81,8 @@ impl Ensemble {
         of_one.into_iter().next().unwrap_or([f64::NAN; N])
     }
 
-    /// The same for the quantities of several places, which `numbers` computes for a machine.
+    /// Standard uncertainties of quantities at several places, which `numbers` computes for a
+    /// machine.
     fn uncertainties_of<const N: usize>(
         &self,
         places: usize,
@@ -142,8 +143,9 @@ impl Ensemble {
             .zip(of_scatters)
         {
             if *powers > 0.0 {
-                // The variance of the samples can by chance be less than the contribution of the scatters alone. The larger one keeps the
-                // degrees of freedom at or above those of the scatter with the fewest.
+                // By chance, the variance of the samples may be less than that of the scatters
+                // alone. The larger value ensures that the degrees of freedom are not below those
+                // of the scatter with the fewest.
                 let whole = variance.max(*of_scatters);
                 *widened *= student_widening(whole * whole / powers);
             }
@@ -170,7 +172,8 @@ mod tests {
         Machine::parse(&text, "m")?.compile(Tolerance::default())
     }
 
-    /// The factor by which scatters with these variances (µm²) and degrees of freedom widen the uncertainty of samples with this variance.
+    /// Factor by which scatters with these variances (µm²) and degrees of freedom widen the
+    /// uncertainty of samples with this variance.
     fn widened(variance: f64, scatters: &[(f64, f64)]) -> Result<f64, crate::ModelError> {
         let of_x = |ensemble: &Ensemble| ensemble.standard_uncertainty(&State::default())[0] * 1e3;
         // The variance of two values is half the square of their distance.

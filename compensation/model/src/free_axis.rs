@@ -43,8 +43,8 @@ impl Machine {
                 stations[place] = lowest(before.0, after.0, &beyond);
             }
         }
-        // A minimum may also lie between an end and its neighbour. For a full turn both ends are the same pose, each checked on its own
-        // side.
+        // A minimum may also be between an end and its neighbour. For a full turn both ends are the
+        // same pose, and each is checked on its side.
         for (end, beside) in [(STEPS, STEPS - 1), (0, 1)] {
             let ([end, beside], place) = ([stations[end], stations[beside]], end.max(beside));
             if end.1 > TRAVEL_TOLERANCE && end.1 <= beside.1 {
@@ -83,7 +83,7 @@ impl Machine {
             let q = state.q[place];
             match joint.kind {
                 AxisKind::Linear => (low - q).max(q - high),
-                // Of the equivalent angles, the one nearest to the middle of the travel counts.
+                // Of the equivalent angles, the one nearest to the middle of the travel is used.
                 AxisKind::Rotary if place == free => 0.0,
                 AxisKind::Rotary => {
                     let turned = q + TAU * ((0.5 * (low + high) - q) / TAU).round();

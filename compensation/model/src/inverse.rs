@@ -15,23 +15,25 @@ const MOST_SOLUTIONS: usize = 1000;
 /// The solutions of the inverse kinematics for a tip and a tool direction.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reached {
-    /// All solutions within travel, mm and rad in chain order, sorted by the sum of rotations. With more than two rotary axes, or several
-    /// linear axes in one direction, a selection of the solutions.
+    /// All solutions within the travels, mm and rad in chain order, sorted by the sum of rotations.
+    /// With more than two rotary axes, or several linear axes in one direction, only some of the
+    /// solutions are found.
     pub solutions: Vec<State>,
     /// Whether the pose is singular: a rotary axis does not affect the tool direction, or linear axes are linearly dependent.
     pub singular: bool,
     /// The rotary axes that do not affect the tool direction and the dependent linear axes, in the order of `ranges`.
     pub free: Vec<AxisName>,
-    /// For each free axis, the ranges, mm or deg, in which the other axes are within their travels; for a rotary axis within one turn,
-    /// nearest to 0. Each range has a solution, with a rotary axis at its point nearest to 0. Empty for linear axes with several dependent
-    /// moves, whose ranges depend on each other.
+    /// For each free axis, the ranges, mm or deg, in which the other axes are within their travels;
+    /// for a rotary axis only those in the turn nearest to 0. Each range has a solution, with a
+    /// rotary axis at its point nearest to 0. Empty for linear axes with several dependent moves,
+    /// whose ranges depend on each other.
     pub ranges: Vec<Vec<[f64; 2]>>,
     /// Combined moves of linear axes that leave the tip in place at a solution, because rotary axes between them make one parallel to
     /// another. In chain order, largest component 1.
     pub dependent: Vec<State>,
     /// The axes that would have to leave their travel for a solution.
     pub outside: Vec<AxisName>,
-    /// Why there is no solution, even with unlimited travels; `None` if there are solutions.
+    /// Why there is no solution even with unlimited travels; `None` if there are solutions.
     pub missed: Option<NoSolution>,
 }
 

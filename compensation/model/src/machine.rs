@@ -169,7 +169,7 @@ impl Machine {
             .collect()
     }
 
-    /// Whether the machine has any error besides thermal terms.
+    /// Whether the machine has any error in addition to thermal terms.
     pub fn states_errors(&self) -> bool {
         let is_some = |value: &f64| *value != 0.0;
         self.errors().next().is_some()
@@ -233,11 +233,13 @@ impl Machine {
         Ok(chain.tool_tip_mm())
     }
 
-    /// The tools of `[tools]` at which an error can be largest, by name. The error of the tip is linear in the place of the tip, so a tool whose
-    /// tip lies between those of two others is left out (of straight tools the shortest and the longest remain), but one tool of each direction of
-    /// the tool axis is kept. Empty if the file states no tools.
+    /// The tools of `[tools]` with which an error can be largest, by name. The error of the tip is
+    /// linear in the position of the tip, so a tool whose tip lies between the tips of two others
+    /// is omitted (of straight tools the shortest and the longest remain). At least one tool is
+    /// kept for each direction of the tool axis. Empty if the file states no tools.
     ///
     /// # Errors
+    ///
     /// A tool from which no chain can be built.
     pub fn extreme_tools(&self) -> Result<Vec<&str>, ModelError> {
         let mut tools: Vec<(&str, Vector3<f64>, Vector3<f64>)> = Vec::new();
@@ -499,11 +501,12 @@ impl Machine {
     }
 }
 
-/// Tips nearer than this count as one place, mm.
+/// Tips closer than this are treated as equal, mm.
 const SAME_TIP_MM: f64 = 1e-6;
-/// Directions of tool axes nearer than this count as one, as a difference of unit vectors.
+/// Tool axis directions closer than this are treated as equal, as a difference of unit vectors.
 const SAME_AXIS: f64 = 1e-9;
-/// Maximum coordinate, mm or deg: beyond it the products of a chain lose the micrometre.
+/// Maximum coordinate, mm or deg: beyond it, rounding errors of the products of a chain exceed a
+/// micrometre.
 const MAX_COORDINATE: f64 = 1e9;
 
 impl Machine {

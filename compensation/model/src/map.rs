@@ -59,7 +59,7 @@ impl MapGrid {
         lengths.fold(1, usize::saturating_mul)
     }
 
-    /// Whether the grid has no node, because an axis of it has none.
+    /// Whether the grid is empty, because one of its axes has no node.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -3,9 +3,11 @@ use std::{fmt::Write as _, io::Read, path::Path};
 use sha2::{Digest, Sha256};
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-/// Where the errors of a machine come from, as recorded by the program that determined them.
+/// Measurements and methods from which the errors of a machine were determined, as recorded by the
+/// program that determined them.
 ///
-/// It does not affect computations. Setting an error removes its provenance, so that provenance never describes another curve.
+/// Provenance does not affect computations. Setting an error removes its provenance, so that it
+/// never describes another curve.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -43,7 +45,7 @@ pub struct Origin {
     /// Root mean square of the deviation of the curve at targets left out of its fit, µm or µrad.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub leave_one_out: Option<f64>,
-    /// The files with its readings.
+    /// The files that contain its readings.
     #[cfg_attr(feature = "serde", serde(rename = "files"))]
     pub sources: Vec<Source>,
 }
@@ -53,9 +55,9 @@ pub struct Origin {
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Source {
-    /// The file as the calibration file names it, relative to that file.
+    /// Path of the file in the calibration file, relative to the latter.
     pub file: String,
-    /// SHA-256 of its bytes, 64 lower-case hexadecimal digits.
+    /// SHA-256 of the file, 64 lower-case hexadecimal digits.
     pub sha256: String,
     /// The number of runs used; both directions of a run count once.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
@@ -81,7 +83,7 @@ fn as_map<S: serde::Serializer>(at: &[(AxisName, f64)], serializer: S) -> Result
 }
 
 impl Provenance {
-    /// Whether nothing is known.
+    /// Whether the provenance is empty.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }

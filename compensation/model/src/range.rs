@@ -14,7 +14,8 @@ pub struct ErrorRange {
     pub smallest: f64,
     /// The largest value, µm or µrad.
     pub largest: f64,
-    /// Where the absolute value is largest: coordinates of the axes on which the error depends there, mm or deg.
+    /// Coordinates at which the absolute value is largest, mm or deg, of the axes on which the
+    /// error depends.
     pub at: Vec<(AxisName, f64)>,
 }
 
@@ -114,7 +115,7 @@ impl Machine {
         places
     }
 
-    /// The coordinates that `of` returns for each curve, along its axis, and the nodes of grids.
+    /// The coordinates that `of` returns for the curves along each axis, and the nodes of grids.
     fn along_axes(&self, of: fn(&Curve) -> Vec<f64>) -> Vec<Vec<f64>> {
         let mut along = vec![Vec::new(); self.axes().len()];
         for (name, curve) in self.errors() {

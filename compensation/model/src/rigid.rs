@@ -5,8 +5,9 @@
 
 use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
 
-/// Threshold of the squared ratio of the points' distance from a line to their spread along it. Below it the rotation about the line is
-/// indistinguishable from rounding: 10 µm in 100 m.
+/// Threshold of the squared ratio of the points' distance from a line to their spread along it.
+/// Below it the rotation about the line cannot be distinguished from rounding errors: 10 µm in 100
+/// m.
 const COLLINEAR_BELOW: f64 = 1e-14;
 
 /// Sums over points and their error vectors, which determine the best-fit rigid motion.
@@ -68,8 +69,9 @@ impl RigidSums {
         }
     }
 
-    /// Root mean square after best-fit rigid-body alignment, mm; 0 without a point. It is a difference of sums, so of errors of 1 mm that
-    /// are a rigid motion about 1e-8 mm remain.
+    /// Root mean square after best-fit rigid-body alignment, mm; 0 without a point. The value is a
+    /// difference of sums: for errors of 1 mm that are an exact rigid motion, rounding leaves about
+    /// 1e-8 mm.
     pub fn rms_left_mm(&self) -> f64 {
         let left = self.squares - self.rotation().dot(&self.turning());
         (left.max(0.0) / self.count.max(1.0)).sqrt()
@@ -91,7 +93,7 @@ impl RigidSums {
         if extent == 0.0 {
             return Vector3::zeros();
         }
-        // Relative to the extent, so that the size of the machine and the unit do not matter.
+        // Relative to the extent, so that the size of the machine and the unit have no effect.
         let matrix = Matrix3::identity() - self.places / extent;
         let right = turning / extent;
         if !matrix.iter().chain(&right).all(|x| x.is_finite()) {

@@ -35,8 +35,9 @@ pub(crate) fn default_margin_k() -> f64 {
     5.0
 }
 
-/// Expansion of a scale or screw with a temperature: E += k·(T − T_ref)·(q − q_fixed). If the error is the positioning deviation of the
-/// axis (`EXX`, `EYV`), the expansion acts along the direction of the axis, whatever that is.
+/// Expansion of a scale or screw with a temperature: E += k·(T − T_ref)·(q − q_fixed). If the error
+/// is the positioning deviation of the axis (`EXX`, `EYV`), the expansion acts along the direction
+/// of the axis, even if that is oblique.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Expansion {
@@ -146,8 +147,9 @@ impl Thermal {
 }
 
 impl Expansion {
-    /// The shares of k along X, Y and Z of MCS, for an axis with this unit direction. An expansion p of the positioning deviation acts as δ
-    /// = u·p; any other linear error motion acts along its own letter.
+    /// The shares of k along X, Y and Z of MCS, for an axis with this unit direction. An expansion
+    /// p of the positioning deviation acts as δ = u·p; an expansion of any other linear error
+    /// motion acts along the letter of the error.
     pub(crate) fn shares(&self, direction: &Vector3<f64>) -> [f64; 3] {
         let component = self.error.component.mcs_index();
         if component == self.error.axis.mcs_index() {
@@ -214,9 +216,11 @@ fn finite(what: &'static str, found: f64) -> Result<(), ThermalRefusal> {
 
 /// The tested range of a sensor, for the terms of an error: a `[[thermal.seen]]` of a machine file.
 ///
-/// Terms that were identified by experiment are invalid far from the tested conditions. A temperature beyond the range counts as the end of
-/// the range, and all terms of the error fade linearly to zero over the next [`Thermal::margin_k`]. A rate counts by the change that it
-/// causes in ten minutes: if that exceeds the range by one margin, the terms are zero too.
+/// Terms that were identified by experiment are invalid far from the tested conditions. A
+/// temperature beyond the range is replaced by the end of the range, and all terms of the error
+/// fade linearly to zero over the next [`Thermal::margin_k`]. A rate is converted to the
+/// temperature change in ten minutes: if that exceeds the range by one margin, the terms are zero
+/// as well.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Seen {

@@ -38,8 +38,9 @@ impl Default for Fading {
 /// term with a missing sensor is held, and then fades ([`Fading`]). When the sensor returns, the lag advances over the whole missing time
 /// with the new temperature, and the faded share returns as slowly as it faded.
 ///
-/// Beyond their tested ranges ([`Seen`](crate::Seen)) all terms of an error are held and fade together, so that terms which cancel each
-/// other still do; their share changes no faster than [`Fading::fade_s`] allows.
+/// Beyond their tested ranges ([`Seen`](crate::Seen)) all terms of an error are held and fade
+/// together, so that terms that cancel each other continue to do so; their share changes no faster
+/// than [`Fading::fade_s`] allows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThermalState {
     sensors: Vec<String>,
@@ -52,7 +53,8 @@ pub struct ThermalState {
 #[derive(Clone, Debug, PartialEq)]
 struct Term {
     axis: usize,
-    /// Index of the watch over the tested ranges of the term's error; `None` if no range is stated.
+    /// Index of the watch that monitors the tested ranges for the term's error; `None` if no range
+    /// is stated.
     watch: Option<usize>,
     effect: Effect,
     inputs: Vec<Input>,
@@ -175,9 +177,11 @@ impl ThermalState {
         }
     }
 
-    /// Continues the lags of another state, such as that of the previous machine file, so that a changed lag or weight does not restart
-    /// them: each sensor of a term takes its lagged temperature from the other state's term with the nearest lag, whatever its error and
-    /// weight. A sensor without such a term starts at its first temperature. Does not allocate.
+    /// Continues the lags of another state, such as that of the previous machine file, so that a
+    /// changed lag or weight does not restart them: each sensor of a term takes its lagged
+    /// temperature from the other state's term with the nearest lag; error and weight of that term
+    /// do not matter. A sensor without such a term starts at its first temperature. Does not
+    /// allocate.
     pub fn carry_over(&mut self, from: &Self) {
         let shift_k = from.reference_degc - self.reference_degc;
         for term in &mut self.terms {

@@ -2,7 +2,8 @@ use std::path::{Path, PathBuf};
 
 use volcomp_model::vocabulary::{AxisName, Coordinate, Displacement};
 
-/// Reason why a program cannot be compensated: line (counted from 1), what was found, and what was expected.
+/// Reason why a program cannot be compensated: line (counted from 1), found text, and expected
+/// text.
 #[expect(missing_docs, reason = "the messages document it")]
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]

@@ -95,7 +95,7 @@ struct BlockNumber {
 }
 
 impl PlainLine {
-    /// Parses a usual line; `None` for any other.
+    /// Parses a usual line; `None` for any other line.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "the line is shorter than 256 bytes"
@@ -452,6 +452,7 @@ impl Rewriter {
                 }
             },
         );
+        // The line is rejected by the general path, with a message.
         let frame = &self.interpreter.frame;
         let end = frame.to_machine(&after);
         let carried = frame.moved_in_machine_at([&end, &after], &carried);

@@ -797,7 +797,7 @@ const KINDS: [(&str, Kind); 5] = [
     ("C", Kind::Arc),
 ];
 
-/// Consumes these letters, whatever follows.
+/// Consumes these letters; any character may follow.
 fn takes_prefix(scanner: &mut Scanner<'_>, letters: &str) -> bool {
     scanner.peek();
     let is_next = scanner.is_next(letters);

@@ -28,7 +28,7 @@ pub enum Measured {
     Hole,
 }
 
-/// A feature of a part.
+/// A feature of a part: the surface or hole to be inspected.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PartFeature {
     /// Name in the part file.

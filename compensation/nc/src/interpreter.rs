@@ -78,7 +78,7 @@ const DECIMALS: u8 = 5;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Extruder {
-    /// M83 is active, whatever G90 and G91 are.
+    /// M83 is active, regardless of G90 and G91.
     says_relative: bool,
     /// The last of G90, G91, M82 and M83 was a relative one (G91, M83).
     last_relative: bool,
@@ -455,7 +455,7 @@ impl Interpreter {
             return Err(given.refused("H with G41 or G42, which older FANUC controls read as the number of the tool radius: write D"));
         }
         if has_own_h
-            // In G76 it is the thread angle.
+            // In G76, this word is the thread angle.
             && codes.motion != Some(760)
             && self.modal.length.is_some()
             && self.modal.length != given.whole(b'H')?

@@ -13,7 +13,7 @@ pub(crate) struct Line<'a> {
     pub(crate) block: &'a Block,
     pub(crate) text: &'a [u8],
     pub(crate) more: &'static [u8],
-    /// Counted from 1.
+    /// Line number, from 1.
     pub(crate) number: usize,
     pub(crate) script: Script,
 }

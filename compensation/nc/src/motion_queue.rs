@@ -58,7 +58,7 @@ impl Drop for Batch {
     fn drop(&mut self) {
         let last = take(&mut self.motions);
         if !last.is_empty() {
-            // A receiver that no longer exists needs none.
+            // If the receiver no longer exists, the batch is not needed.
             let _ = self.to.send(last);
         }
     }

@@ -546,7 +546,8 @@ impl Interpreter {
             ..
         } = self.modal.sticky;
         if self.modal.comes_back && initial_is_known != Some(true) {
-            // Incremental words return to the initial position: what was known stays known.
+            // Incremental words return to the initial position, so that a known position stays
+            // known.
             self.known[depth] &= by_ways;
         } else if !by_ways {
             self.mark_named(depth);

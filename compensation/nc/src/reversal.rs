@@ -41,7 +41,8 @@ impl Reversals {
         }
     }
 
-    /// Drops the reversals of an axis at the start that another one of the same axis follows there.
+    /// At the start of a motion, drops each reversal that is followed there by another one of the
+    /// same axis.
     pub(crate) fn keep_last_at_start(&mut self) {
         let count = self.turns.iter().take_while(|turn| turn.share == 0.0);
         for place in (0..count.count()).rev() {
@@ -167,8 +168,9 @@ impl Corrector {
         self.furthest[turn.axis] = turn.furthest;
     }
 
-    /// Correction at a position without its part for backlash, of the axes with lost motion: it moves their carriage, and where its
-    /// direction reverses, the backlash must be crossed. 0 for other axes, whose direction is that of the uncorrected command.
+    /// Correction at a position for the axes with lost motion, without its backlash part. It moves
+    /// their carriages; where its direction reverses, the backlash must be crossed. 0 for the other
+    /// axes, whose direction is that of the uncorrected command.
     pub(crate) fn without_play(&self, at: &Axes) -> Axes {
         if !self.play.any {
             return [0.0; MAX_AXES];
@@ -176,7 +178,7 @@ impl Corrector {
         self.without_play_of(at, &self.at(at).delta)
     }
 
-    /// The same, from the correction at the position.
+    /// Like [`without_play`](Self::without_play), with a known correction at the position.
     pub(crate) fn without_play_of(&self, at: &Axes, delta: &Axes) -> Axes {
         let lost = self.lost_motion(at);
         std::array::from_fn(|axis| {
@@ -202,8 +204,9 @@ impl Corrector {
         self.move_carriages(&std::array::from_fn(|axis| to[axis] + more[axis]))
     }
 
-    /// Furthest position of each axis in its direction after a motion of one step, whose end `carriages` are without play; `None` if an axis
-    /// reverses, or if the motion does not start where the last one ended.
+    /// Furthest position of each axis in its direction after a motion of one step, whose carriages
+    /// end at `carriages`, without play; `None` if an axis reverses, or if the motion does not
+    /// start where the last one ended.
     pub(crate) fn furthest_after(&self, from: &Axes, carriages: &Axes) -> Option<Axes> {
         if self.moved_to != *from {
             return None;
@@ -312,8 +315,8 @@ impl Corrector {
     }
 
     /// Reversals of the axes along a motion. `at` returns the positions for shares from 0 to 1, and is sampled in `steps` steps. A reversal
-    /// is at the extreme position, and counts once the axis has moved back by the minimum reverse travel; at the start the extreme of the
-    /// motions before counts.
+    /// is located at the extreme position, and is reported once the axis has moved back by the minimum reverse travel. At the start, the
+    /// extreme of the previous motions is used.
     pub(crate) fn turns(&self, steps: u32, at: impl Fn(f64) -> Axes) -> Reversals {
         let mut turns = Vec::new();
         let mut furthest_of = self.furthest;
@@ -328,7 +331,8 @@ impl Corrector {
             let (side, mut furthest) = (self.approach[axis], self.furthest[axis]);
             let mut side = side;
             let mut of_furthest = 0;
-            // An axis that has not reached the start yet and reverses there: it goes on first.
+            // The axis has not reached the start yet and reverses there: it first moves on to the
+            // start.
             let mut goes_on = None;
             for step in 0..=steps {
                 let here = places[step as usize][axis];

@@ -590,8 +590,8 @@ impl Rewriter {
         self.finish_uncorrected(motion, carried);
     }
 
-    /// Updates directions of approach and the applied correction after a motion to whose end this correction, in machine coordinates, leads
-    /// instead of the one there.
+    /// Updates directions of approach and applied correction after a motion that ends with this
+    /// correction (machine coordinates) instead of the one required at its end.
     pub(crate) fn finish_uncorrected(&mut self, motion: &Move, carried: Axes) {
         let mut before = each(|axis| motion.from[axis] + self.carried[axis]);
         if let Path::Home { through, .. } = motion.path {

@@ -254,7 +254,7 @@ impl Reader<'_, '_> {
         number.map(|(value, decimals)| (sign * value, decimals))
     }
 
-    /// Reads what follows a name of several letters.
+    /// Reads the value or the arguments after a name of several letters.
     pub(crate) fn named(&mut self, name: &str, at: usize, column: Column) -> Result<(), Fault> {
         match name {
             "CR" => {

@@ -76,7 +76,8 @@ pub(crate) struct Leg<'a> {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum WriteRule {
-    /// Never: the word is no coordinate of the end, but the depth of a cycle, or a polar coordinate that stays.
+    /// Never: the word is not a coordinate of the end, but the depth of a cycle or an unchanged
+    /// polar coordinate.
     Never,
     IfChanged,
     /// The word is written if the axis moves: for added lines, which have no words yet.
@@ -212,7 +213,7 @@ impl Rewriter {
         *next > first
     }
 
-    /// The same, but stops before an axis reverses for a second time.
+    /// Like [`turn_up_to`](Self::turn_up_to), but stops before an axis reverses for a second time.
     pub(crate) fn turn_once(&mut self, next: &mut usize, share: f64) -> bool {
         let mut turned = [false; 9];
         let turns = self.turns.turns.iter().skip(*next);
@@ -976,7 +977,8 @@ pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
     )
 }
 
-/// Share of the time of a motion for a part of it; a part that only crosses backlash gets a minimum.
+/// Share of the time of a motion for one of its parts. A part that only crosses backlash gets a
+/// minimum.
 fn share_of_time(share: f64) -> f64 {
     if share == 0.0 { 1e-3 } else { share }
 }

@@ -52,7 +52,7 @@ pub struct Verification {
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
 pub struct Further {
-    /// Number of these motions.
+    /// Number of motions with a larger deviation.
     pub motions: u64,
     /// Maximum increase, µm.
     pub by_um: f64,
@@ -60,7 +60,7 @@ pub struct Further {
     pub line: Option<usize>,
 }
 
-/// Inputs of a verification besides the two programs.
+/// Inputs of a verification, in addition to the two programs.
 #[derive(Clone, Copy, Debug)]
 pub struct Virtual<'a> {
     /// The machine with the real errors.
@@ -146,7 +146,8 @@ const MAX_LENGTHS: f64 = 64.0;
 /// them.
 const STEPS_OF_ARC: u32 = 9;
 
-/// Evaluated positions of a hole besides its plane R: half-way down and at its bottom.
+/// Number of evaluated positions of a hole in addition to its plane R: half-way down and at its
+/// bottom.
 const PLACES_OF_HOLE: u32 = 2;
 
 /// Share of a motion, to either side, from which its direction is computed.
@@ -440,7 +441,7 @@ impl Comparison {
         self.after.begin_motion(from_unknown);
     }
 
-    /// Moves the machine with the result on to a share of the program's motion. Returns the commanded axis positions there.
+    /// Advances the machine with the result to a share of the program's motion.
     fn result_goes(&mut self, share: f64) -> Axes {
         while let Some(part) = self.parts.get(self.at_part) {
             let is_last = self.at_part + 1 == self.parts.len();

@@ -32,8 +32,9 @@ pub struct Report {
     pub not_measured: Vec<String>,
     /// Number of errors of the structure without a value, which count as 0.
     pub count_as_0: usize,
-    /// The errors that the measurements do not determine: curves that do not follow their readings, contradictory lines, unknowns that the
-    /// observations do not determine, observations that the unknowns do not explain.
+    /// Errors that the measurements do not determine: curves that do not follow their readings,
+    /// contradictory lines, unknowns that the observations leave open, and observations that the
+    /// unknowns do not explain.
     pub undecided: Vec<String>,
     /// The errors whose curves cover only part of the travel.
     pub partly_measured: Vec<String>,
@@ -70,7 +71,7 @@ pub struct Head {
     pub date: Option<String>,
     /// The person who measured.
     pub operator: Option<String>,
-    /// The instrument.
+    /// Name of the instrument.
     pub instrument: Option<String>,
     /// Minimum and maximum air temperature, °C.
     pub air_degc: Option<[f64; 2]>,
@@ -118,11 +119,11 @@ pub struct SourceFile {
 pub enum CheckOf {
     /// The symbol defines the subject.
     Symbol,
-    /// The measured errors only; others were not measured.
+    /// Only the measured errors; other errors were not measured.
     MeasuredAlone,
-    /// An error on the part of the travel that its curve covers.
+    /// An error over the part of the travel that its curve covers.
     Part,
-    /// Errors of which the measurements do not determine at least one.
+    /// Errors that the measurements do not determine, at least in part.
     NotBorneOut,
     /// The residual after correction, whereas figures of tests refer to the uncorrected machine.
     Corrected,
@@ -161,7 +162,7 @@ pub struct Check {
     pub of: CheckOf,
     /// The value of the figure; `None` if the measurements do not determine it.
     pub value: Option<f64>,
-    /// The tolerance.
+    /// Upper limit of the absolute value.
     pub limit: f64,
     /// `µm` or `µrad`.
     pub unit: String,
@@ -213,7 +214,7 @@ pub enum WarningKind {
 /// A warning, shown before any number.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Warning {
-    /// Kind.
+    /// Kind, which determines the order of the warnings.
     pub kind: WarningKind,
     /// The message, in English.
     pub text: String,
@@ -333,7 +334,7 @@ pub struct Positioning {
     pub runs: Vec<Run>,
     /// The year of the edition of ISO 230-2.
     pub edition: u16,
-    /// The figures.
+    /// Quantities by ISO 230-2.
     pub result: Iso230Part2,
     /// The figures of VDI/DGQ 3441; `None` if it cannot be evaluated.
     pub vdi: Option<Vdi3441>,
@@ -341,7 +342,7 @@ pub struct Positioning {
     pub uncertainties: Vec<FigureUncertainty>,
 }
 
-/// The uncertainty of a figure.
+/// The expanded uncertainty of one figure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FigureUncertainty {
     /// The symbol of the figure.
@@ -389,7 +390,7 @@ pub struct Location {
     pub uncertainty: Option<f64>,
 }
 
-/// Which errors a state has.
+/// State of the machine whose errors are shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
@@ -403,12 +404,12 @@ pub enum State {
     TruthCorrected,
 }
 
-/// A result with its state.
+/// A result and the state of the machine to which it belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OfState<T> {
-    /// Which errors the state has.
+    /// State of the machine.
     pub state: State,
-    /// The result.
+    /// Result for this state.
     pub found: T,
 }
 
@@ -462,7 +463,7 @@ pub struct Volume {
 /// An axis at a fixed coordinate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Standing {
-    /// The letter.
+    /// Letter of the axis.
     pub axis: String,
     /// Coordinate of the axis: deg for a rotary axis, else mm.
     pub at: f64,
@@ -530,7 +531,7 @@ pub struct Slice {
 /// The errors at a position, after alignment of the workpiece.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Vector {
-    /// The position, mm.
+    /// Position in the working space, mm.
     pub at_mm: [f64; 3],
     /// The error before compensation, µm.
     pub before_um: [f64; 3],
@@ -569,7 +570,7 @@ pub struct Drawn {
     pub seed: u64,
     /// Root mean square of the standard uncertainty (k = 1) of the position error over poses of all axes, µm.
     pub rms_um: f64,
-    /// Maximum, µm.
+    /// Maximum standard uncertainty (k = 1) of the position error over these poses, µm.
     pub max_um: f64,
     /// The pose of the maximum.
     pub at: Vec<Standing>,
@@ -578,9 +579,9 @@ pub struct Drawn {
 /// Results of an identification from observations of the whole machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identified {
-    /// The unknowns.
+    /// The unknowns with their values.
     pub parameters: Vec<Parameter>,
-    /// Number of combinations that the observations determine.
+    /// Number of independent combinations of the unknowns that the observations determine.
     pub rank: usize,
     /// Number of unknowns that affect the observations.
     pub of: usize,
@@ -592,7 +593,7 @@ pub struct Identified {
     pub residual: Left,
     /// Residual of rows that were left out of the fit.
     pub left_out: Option<Left>,
-    /// Residual of rows that are only predicted.
+    /// Residual of rows that were predicted and not fitted.
     pub judged: Option<Left>,
     /// Combinations of unknowns that do not affect the observations.
     pub null_space: Vec<Vec<Weighted>>,
@@ -608,8 +609,8 @@ impl Identified {
         all.filter(move |of| of.name.split(' ').next() == Some(error))
     }
 
-    /// Whether the observations do not determine an error: one of its coefficients is undetermined, or is valid only if an undetermined one
-    /// is zero.
+    /// Whether the observations leave an error open: one of its coefficients is undetermined, or
+    /// its value holds only if an undetermined coefficient is zero.
     pub fn leaves_open(&self, error: &str) -> bool {
         self.of_error(error).any(|of| {
             self.left_open()
@@ -628,7 +629,7 @@ impl Identified {
     }
 }
 
-/// Residual of a model over rows of observations.
+/// Residuals of a model over rows of observations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Left {
     /// The root mean square, µm.
@@ -655,9 +656,9 @@ pub struct Parameter {
     pub name: String,
     /// Value in `unit`.
     pub value: f64,
-    /// Standard uncertainty (k = 1); `None`: not determined.
+    /// Standard uncertainty (k = 1); `None`: the unknown is not determined.
     pub uncertainty: Option<f64>,
-    /// The unit.
+    /// Unit of value and uncertainty.
     pub unit: String,
     /// The unknowns that must be zero for this value to be valid.
     pub given_zero: Vec<String>,

@@ -13,8 +13,9 @@ const PAIRS: [[AxisName; 2]; 3] = [
     [AxisName::X, AxisName::Z],
 ];
 
-/// The angles between the linear axes according to the location errors of a machine. `measured` returns whether the calibration determined
-/// the angle of a pair, `uncertainty` the standard uncertainty of an error.
+/// The angles between the linear axes by the location errors of a machine. `measured` returns
+/// whether the calibration determined the angle of a pair, `uncertainty` the standard uncertainty
+/// of an error.
 pub(crate) fn squares(
     machine: &Machine,
     measured: impl Fn([AxisName; 2]) -> bool,

@@ -16,7 +16,7 @@ pub struct Stated {
     pub date: Option<String>,
     /// The person who measured.
     pub operator: Option<String>,
-    /// The instrument.
+    /// Name of the instrument.
     pub instrument: Option<String>,
     /// The edition of ISO 230-2.
     pub edition: Edition,

@@ -64,7 +64,7 @@ fn tests_of<'r>(
     tolerance: &Tolerance,
 ) -> Vec<&'r Positioning> {
     let (of, symbol) = parts(&tolerance.symbol);
-    // An axis name has one letter, an error name more.
+    // An axis name has one letter; an error name has more.
     let narrowness = |of: Option<&str>| of.map_or(0, str::len);
     let has_narrower = |test: &Positioning| {
         tolerances.iter().any(|other| {

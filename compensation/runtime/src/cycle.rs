@@ -51,7 +51,7 @@ struct StandbyCheck {
     ranges: [[PerAxis<f64>; 2]; 2],
     /// Paths whose last confirmed correction differed from the output.
     holds: [bool; MAX_PATHS],
-    /// The preferred path, while its thread still holds the controller.
+    /// Path that should become active while its thread still holds the controller.
     wanted: Option<usize>,
 }
 
@@ -105,7 +105,8 @@ pub struct Cycle {
     checks: PerAxis<PositionCheck>,
     sensors: Sensors,
     degraded: bool,
-    /// Whether no path has a correction from before the start, by the stored state or by the operator's confirmation.
+    /// Whether no path has a correction from before the start, according to the stored state or to
+    /// the operator's confirmation.
     left_nothing: bool,
     /// Time of the last cycle with an interlock.
     stopped: Duration,
@@ -346,8 +347,9 @@ impl Cycle {
         self.report.overruns += missed;
     }
 
-    /// Handles an acknowledgement. During an interlock or a fault it confirms these, and the unknown correction left on the active path that caused a
-    /// fault. Otherwise it confirms jumped sensors and corrections left on any path.
+    /// Handles an acknowledgement. During an interlock or a fault it confirms these, and, if the
+    /// fault was caused by an unknown correction left on the active path, that correction.
+    /// Otherwise it confirms jumped sensors and the corrections left on any path.
     fn acknowledge(&mut self, since_start: Duration, input: &CycleInput) {
         let is_fault = matches!(self.guard.state(), GuardState::Faulted(_))
             || input.forbids.contains(Reasons::FAULTED_BEFORE);
@@ -507,7 +509,7 @@ impl Cycle {
         place
     }
 
-    /// Whether a path could correct now, and take over now.
+    /// Whether a path could correct now, and could take over now.
     fn health(&self, index: usize, now: Duration) -> PathHealth {
         let path = &self.paths[index];
         let place = self.machine_position(index, now);
@@ -527,8 +529,9 @@ impl Cycle {
         }
     }
 
-    /// Whether the applied correction will be known when this path writes: either the control reports it for all axes that the active path
-    /// wrote, or no correction of the active path can remain.
+    /// Whether the applied correction will be known when this path writes: either the control
+    /// reports it for all axes that the active path wrote, or the active path cannot have left a
+    /// correction.
     fn is_ready(&self, index: usize, now: Duration) -> bool {
         let (path, active) = (&self.paths[index], self.selector.active());
         if index == active {
@@ -561,8 +564,8 @@ impl Cycle {
         if !self.interlocks.reasons().is_empty() {
             self.stopped = now;
         }
-        // These states keep the active path: the operator must check a fault; an interlock holds the correction on its path; disarming
-        // needs no positions.
+        // These states keep the active path: a fault must be checked by the operator; an interlock
+        // holds the correction on its path; disarming needs no positions.
         let disarms = matches!(state, GuardState::RampingOut(End::Disarmed));
         let stays = matches!(state, GuardState::Faulted(_))
             || !self.interlocks.reasons().is_empty()
@@ -636,7 +639,8 @@ impl Cycle {
         (Some(wanted), notes)
     }
 
-    /// Whether positions are implausible, and why. While disarmed, the next position is accepted without comparison.
+    /// Whether positions are implausible, and the reason. While disarmed, the next position is
+    /// accepted without comparison.
     fn judge(&mut self, place: &MachinePosition) -> Reasons {
         (self.report.outside_travel, self.report.jumped) = (0, 0);
         let begins = !self.guard.state().is_armed();
@@ -870,8 +874,9 @@ impl Cycle {
     }
 }
 
-/// The correction by the model in the axis order of a path; zero for axes that do not correct. A remaining correction on a non-correcting
-/// rotary axis ramps to zero, and all linear axes follow it, including non-correcting ones.
+/// The correction by the model in the axis order of a path; zero for axes that do not correct. A
+/// remaining correction on a non-correcting rotary axis ramps to zero; all linear axes of the path
+/// follow it, whether they correct or not.
 fn in_channel(path: &ControlPath, wanted: &CoupledCorrection) -> RequestedCorrection {
     let of = |values: &PerAxis<f64>, i: usize| {
         if path.corrects(i) {

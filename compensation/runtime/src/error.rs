@@ -60,7 +60,7 @@ pub enum PlanError {
         true => "none of them corrects: a rotary axis corrects only with three linear directions on the same controller, which take back what it moves the tip, and where half its step moves the tip little enough".to_owned(),
     })]
     NothingToCorrect {
-        /// Whether written rotary axes may correct, but would increase the error of the tool.
+        /// Whether written rotary axes could correct but would increase the error of the tool.
         uncorrected: bool,
         device: String,
         axes: Vec<AxisName>,

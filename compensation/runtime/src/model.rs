@@ -31,8 +31,8 @@ fn position_range(axis: &Axis) -> Option<[f64; 2]> {
 pub struct ModelCorrection {
     /// Correction to add to the command, in machine order: mm for linear, rad for rotary axes.
     pub delta: PerAxis<f64>,
-    /// Two rotary axes could correct the direction of the tool axis, but part of it is left because the pose is within about 1° of a
-    /// singular one.
+    /// Whether two rotary axes could correct the direction of the tool axis, but part of it is not
+    /// corrected because the pose is within about 1° of a singular one.
     pub singular: bool,
     /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool axis, or omitted.
     pub near_singular: bool,
@@ -46,7 +46,8 @@ pub struct CoupledCorrection {
     pub position: PerAxis<f64>,
     /// Rotary corrections of the direction of the tool axis, rad; zero for all other axes.
     pub rotary: PerAxis<f64>,
-    /// For each rotary axis, correcting or not: movement of the linear axes that keeps the tool tip in place, mm/rad.
+    /// For each rotary axis, correcting or not: movement of the linear axes per rotation that keeps
+    /// the tool tip in place, mm/rad.
     pub follow: PerAxis<PerAxis<f64>>,
     /// See [`ModelCorrection`].
     pub singular: bool,
@@ -221,7 +222,8 @@ impl Model {
         !self.compiled.outside_range(state).is_empty()
     }
 
-    /// The correcting axes of a controller that writes only `written`; all others are held. Does not allocate.
+    /// The axes that correct if a controller writes only the axes `written`; all others are held.
+    /// Does not allocate.
     pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
         self.compiled.correctors_among(written)
     }
@@ -300,8 +302,9 @@ impl Model {
         correctors
     }
 
-    /// The axes that follow a rotary axis if the correcting axes cannot, because they have fewer than three linear directions: all axes
-    /// that a controller writes, correcting or not. `None` if the correcting axes can follow, or no rotary axis is written. Does not
+    /// The axes that follow a rotary axis if the correcting axes cannot, because they have fewer
+    /// than three linear directions. These are all axes that a controller writes, correcting or
+    /// not. `None` if the correcting axes can follow, or no rotary axis is written. Does not
     /// allocate.
     pub(crate) fn followers(
         &self,
@@ -325,8 +328,9 @@ impl Model {
         self.correctors_of_path(&written, &steps, most)
     }
 
-    /// A pose (mm, rad in machine order) within the travels in which rotary axes turn two of the correcting linear axes nearly parallel;
-    /// `None` if no sample is one. Samples 25 positions of each rotary axis.
+    /// A pose (mm, rad in machine order) within the travels in which rotary axes turn two of the
+    /// correcting linear axes nearly parallel; `None` if no sampled pose does. Samples 25 positions
+    /// of each rotary axis.
     pub fn linear_near_singular(&self, correctors: &Correctors) -> Option<PerAxis<f64>> {
         let rotary = (0..self.axes.len()).filter(|axis| self.axes[*axis].is_rotary());
         let rotary: Vec<(usize, u32)> = rotary.map(|axis| (axis, TRAVEL_SAMPLES)).collect();
@@ -435,8 +439,8 @@ impl Model {
         warm
     }
 
-    /// The model as a replacement of a running one: it takes over lagged temperatures that both have; the others start at these
-    /// temperatures (°C, by sensor name).
+    /// The model as a replacement of a running one. It takes over the lagged temperatures that both
+    /// models have; the others start at these temperatures (°C, by sensor name).
     #[must_use]
     pub fn in_place_of(&self, running: &Self, degc: impl Fn(&str) -> Option<f64>) -> Self {
         let mut taken = self.clone();

@@ -44,7 +44,7 @@ pub struct ControlPath {
     pub(crate) reported: ReportedPositions,
     /// Resolution of the positions, mm or rad, from which the thresholds of a reversal follow.
     position_steps: PerChannel<f64>,
-    /// Letters of the written axes, then those that correct with the active model.
+    /// Letters of the written axes, and of those that correct with the active model.
     names: Vec<AxisName>,
     pub(crate) correctors: Correctors,
     /// The axes that follow a remaining correction on rotary axes, if the correcting axes cannot.
@@ -229,8 +229,8 @@ impl ControlPath {
         Some(interlock_of(reading, shown, age, self.limits.hold))
     }
 
-    /// Timeout of an exchange. It exceeds a cycle if positions may be held for longer, since a late answer costs a few cycles, but a
-    /// dropped connection many.
+    /// Timeout of an exchange. It exceeds a cycle if positions may be held for longer, because a
+    /// late answer costs a few cycles and a dropped connection many.
     pub(crate) fn exchange_time_out(&self) -> Duration {
         // Bounds the delay of a cycle even if positions may be held for seconds.
         let hold = self.limits.hold.min(ceiling::HOLD);
@@ -263,7 +263,8 @@ impl ControlPath {
         self.receive(&read, start, now)
     }
 
-    /// Processes an answer received on standby. Returns whether it was valid; `None` if a later one was processed before.
+    /// Processes an answer received on standby. Returns whether it was valid; `None` if a later
+    /// answer has already been processed.
     pub(crate) fn receive_standby(
         &mut self,
         reading: &StandbyReading,
@@ -352,7 +353,7 @@ impl ControlPath {
             }
             Some(controller) => controller.apply(correction, deadline),
         };
-        // A slow control has the correction only when it answers.
+        // A slow control has received the correction only when it answers.
         let now = now + begun.elapsed();
         // A failed write on digital lines has no effect.
         if sent.is_ok() || self.read_back_status().scheme != volcomp_guard::Scheme::NoReadBack {

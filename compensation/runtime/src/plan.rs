@@ -54,7 +54,7 @@ pub struct PathPlan {
     pub no_read_back: bool,
     /// Time for which a control without a barrier is watched for foreign changes before the first write.
     pub watch: Duration,
-    /// What a control without read-back does when writes stop.
+    /// Behaviour of a control without read-back when writes stop.
     pub time_out: Option<ControlTimeOut>,
 }
 
@@ -117,7 +117,7 @@ impl PathPlan {
         let mut notes = Reasons::CANNOT_SEE_OTHERS.when(!description.sees_other_gateways);
         match (description.heartbeat, settings.unwatched) {
             (Heartbeat::Unwatched, false) => return Err(PlanError::Unwatched { device: device() }),
-            // The configuration takes precedence over a counter found by the driver.
+            // The configuration takes precedence over a counter that the driver found.
             (_, true) => notes |= Reasons::UNWATCHED,
             (Heartbeat::Watched, false) => {}
         }
@@ -356,9 +356,10 @@ fn held_limits(axis: &Axis) -> AxisLimits {
     }
 }
 
-/// The limits that the guard of a controller enforces, mm and rad. Non-correcting axes have no test shift and need no configured limits; configured
-/// ones are bounded by the device and, without a barrier, by those of such a path. Errors: correcting rotary axes without limits, limits that a guard
-/// rejects or that exceed what the device can carry.
+/// The limits that the guard of a controller enforces, mm and rad. Axes that do not correct have no
+/// test shift and need no configured limits. Configured limits are reduced to those of the device
+/// and, without a barrier, to those of a path without a barrier. Errors: correcting rotary axes
+/// without limits, limits that a guard rejects, or limits that the device cannot represent.
 fn limits(
     description: &Description,
     position_steps: &PerChannel<f64>,
@@ -375,7 +376,8 @@ fn limits(
     for ((((into, shift), place), position_step), axis) in places.zip(&description.axes) {
         let of_kind = guard.of(axis.name);
         if !correctors.contains(*place) {
-            // The axis may correct with another model, so the bounds of the device and of a path without a barrier apply.
+            // The axis may correct with another model, so the bounds of the device and of a path
+            // without a barrier apply as well.
             *into =
                 of_kind.map_or_else(|| held_limits(axis), |of_kind| axis_limits(axis, &of_kind));
             if let Some(largest) = axis.largest {

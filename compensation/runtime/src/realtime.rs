@@ -171,7 +171,7 @@ impl Handle {
         self.orders.push(sent).is_ok()
     }
 
-    /// A switch for disarming.
+    /// Creates a switch that disarms from any thread.
     pub fn disarm_switch(&self) -> DisarmSwitch {
         DisarmSwitch(Arc::clone(&self.shared))
     }
@@ -453,7 +453,7 @@ impl Control {
         }
     }
 
-    /// Executes the queued orders, at most one of them a guard request.
+    /// Executes the queued orders; at most one of them is a request to the guard.
     fn next_input(&mut self, overrunning: bool) -> CycleInput {
         let mut input = CycleInput {
             request: None,
@@ -490,7 +490,7 @@ impl Control {
                 }
                 Order::Limits(path, limits) => {
                     match self.cycle.set_limits(path, &limits) {
-                        // A ramp leads to the new limits, as for a new model.
+                        // A ramp leads to the correction within the new limits, as for a new model.
                         Ok(()) => input.request = Some(Request::Switched),
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }

@@ -17,7 +17,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct Effect {
-    /// The error.
+    /// Name of the error.
     #[cfg_attr(feature = "schema", serde(rename = "name"))]
     pub term: ErrorTerm,
     /// Root mean square of the displacement of the tool tip, µm.

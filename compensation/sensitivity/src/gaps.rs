@@ -19,7 +19,7 @@ pub(crate) struct InGap {
     pub(crate) gap: usize,
     /// Displacement of a point at the origin: 1 for a unit length, mm/rad for a unit angle.
     pub(crate) linear: Vector3<f64>,
-    /// 1 for a unit angle.
+    /// Rotation vector: 1 for a unit angle.
     pub(crate) angular: Vector3<f64>,
 }
 
@@ -59,7 +59,8 @@ pub(crate) fn twists(chain: &Chain, term: ErrorTerm) -> Vec<InGap> {
             vec![at(index + usize::from(on_tool_side), &origin)]
         }
         ErrorTerm::Named(name) if name.location => {
-            // The position of a linear axis has no effect, so its line is taken through the origin.
+            // The position of the line of a linear axis has no effect, so it is taken through the
+            // origin.
             let point = match joint.kind {
                 AxisKind::Linear => origin,
                 AxisKind::Rotary => joint.point_mm,

@@ -47,7 +47,7 @@ pub enum ShopError {
     Observation {
         /// The name of the observation's row file.
         name: String,
-        /// The reason.
+        /// Reason of the failure.
         source: Box<ObservationError>,
     },
 }
@@ -136,7 +136,7 @@ pub enum ObservationError {
     /// The diagonal does not exist (only possible when built in code).
     #[error("found the diagonal {name:?}, expected one of PPP, NPP, PNP, PPN")]
     NoDiagonal {
-        /// Name.
+        /// Name of the diagonal.
         name: String,
     },
     /// A direction has zero length.

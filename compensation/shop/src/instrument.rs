@@ -8,7 +8,7 @@ use volcomp_vocabulary::{Direction, Um, Urad};
 
 use crate::error::InstrumentError;
 
-/// An instrument, and how it measures a line.
+/// An instrument: its imperfections, targets and runs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Instrument {
     /// Imperfections of length readings.

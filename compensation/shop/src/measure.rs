@@ -52,7 +52,8 @@ impl Shop {
         }
         self.check_size()?;
         let alignments = self.alignments();
-        // Without rotary axes the set-up is a rigid motion of the workpiece, which no reading depends on.
+        // Without rotary axes the set-up is a rigid motion of the workpiece, which does not affect
+        // any reading.
         let turns = self.truth.axes().iter().any(|axis| axis.name.is_rotary());
         let set_up = turns.then(|| self.set_up());
         let mut machine = self.truth.clone();
@@ -295,7 +296,8 @@ impl Shop {
     }
 }
 
-/// The errors visible to an instrument: all, or only the error motions of the axis on which the instrument is centred.
+/// The errors that an instrument measures: all, or only the error motions of the axis on which it
+/// is centred.
 struct Seen<S> {
     of: S,
     only: Option<usize>,

@@ -27,7 +27,7 @@ pub struct ShopObservation {
 pub enum Setting {
     /// A laser tracker that follows a target on the tool.
     Points {
-        /// The poses.
+        /// Poses at which the tracker measures.
         poses: Poses,
         /// The pose of the tracker: x, y, z in mm, then a, b, c in deg about the fixed X, Y and Z.
         frame: [f64; 6],
@@ -45,9 +45,9 @@ pub enum Setting {
     },
     /// Distances from a point on the table: ballbar or laser tracer.
     Distance {
-        /// The poses.
+        /// Poses at which distances are measured.
         poses: Poses,
-        /// The point.
+        /// Point on the table, mm.
         point: [f64; 3],
         /// Length by which every reading is too short, mm.
         dead_length_mm: f64,
@@ -58,14 +58,14 @@ pub enum Setting {
     StepGauge(Bar),
     /// A row of balls.
     BallRow {
-        /// The bar.
+        /// The bar with the balls.
         bar: Bar,
         /// The recorded quantity.
         reads: Reads,
     },
     /// A laser along body diagonals, such as `PPP`.
     Diagonals {
-        /// The diagonals.
+        /// Names of the measured diagonals.
         names: Vec<String>,
     },
 }
@@ -92,7 +92,7 @@ impl Poses {
 /// What a probe records at a sphere or a ball.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reads {
-    /// The coordinates of the machine, which moves to the actual centre (touch probe).
+    /// The coordinates of the machine at the actual centre, to which it moves (touch probe).
     Coordinates,
     /// The offset from the nominal centre, to which the machine moves (R-test, indicators).
     Offset,

@@ -13,7 +13,7 @@ pub(crate) const MOST_POSES: usize = 100_000;
 pub struct Plan {
     /// The axes with coordinates in the plan. Other axes are at the coordinates of `at`, or linear ones follow to a sphere.
     pub axes: Vec<AxisName>,
-    /// The poses.
+    /// The poses in the order of the file.
     pub poses: Vec<PlannedPose>,
 }
 

@@ -81,7 +81,7 @@ pub struct ShopLocation {
 /// A line to be measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShopLine {
-    /// The error, and how it is measured.
+    /// The error, with the method and location of its measurement.
     pub setup: Setup,
     /// The instrument, with its targets and runs.
     pub instrument: Instrument,

@@ -10,7 +10,8 @@ use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
 /// Number of evenly spaced positions at which a worn curve is tabulated, in addition to the sampling coordinates of the previous curve,
 /// since these positions alone would alias the wave of a screw.
 const NODES: u32 = 64;
-/// Wear per month at load 1, before a random factor for each error: maximum deflection of a guide, then elongation of a screw.
+/// Wear per month at load 1, before a random factor for each error: maximum deflection of a guide,
+/// µm. The next constant is the elongation of a screw.
 const GUIDE_UM: f64 = 0.06;
 const SCREW_UM: f64 = 0.08;
 /// Growth of the backlash per month, µm and µrad. It reduces the reversal value (forward minus backward), because the carriage lags.
@@ -18,7 +19,7 @@ const PLAY: f64 = 0.05;
 /// Growth per month of the eccentricity of a rotary axis's gear, µrad, and of the run-out of its bearing, µm.
 const GEAR_URAD: f64 = 0.2;
 const BEARING_UM: f64 = 0.02;
-/// Standard deviation of the monthly drift of a squareness or parallelism, µrad.
+/// Standard deviation per month of the drift of a squareness or parallelism, µrad.
 const SETTLED_URAD: f64 = 0.15;
 /// Standard deviation of the natural logarithm of the random factors.
 const SPREAD: f64 = 0.4;
@@ -26,7 +27,7 @@ const SPREAD: f64 = 0.4;
 /// The operating time of a machine. Wear is proportional to `months` and `load`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wear {
-    /// Months of work.
+    /// Months of operation.
     pub months: f64,
     /// Relative load: 1 is one shift of mixed parts.
     pub load: f64,
@@ -60,7 +61,7 @@ pub enum WearError {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Worn {
-    /// The machine.
+    /// The machine with its worn errors.
     pub machine: Machine,
     /// Errors that were not changed because they are grids over two axes.
     pub left: Vec<ErrorName>,

@@ -78,7 +78,7 @@ pub struct Request {
 /// A map and its error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// The map.
+    /// The map to be sent to a control.
     pub map: Map,
     /// Error on a dense sample between the lines, in both directions of approach.
     pub misfit: Misfit,
@@ -361,7 +361,7 @@ impl ScaledRequest {
         self.scale = scale;
     }
 
-    /// Maximum rounding error: of the values and of the interpolation along each axis, mm.
+    /// Maximum rounding error of the values and of the interpolation along each axis, mm.
     fn rounding_mm(&self) -> f64 {
         let roundings = 0.5 * (1.0 + self.travels.len() as f64);
         let steps = (0..self.outputs.count()).map(|output| self.step_mm(output).powi(2));
@@ -633,8 +633,8 @@ impl ScaledRequest {
 
     /// The smallest map within the bound, regardless of the available words; `None` if it has too many words for any control.
     ///
-    /// The errors of the single axes add up to more than the error of the map. So the target is loosened while the map is better than
-    /// required, and tightened while it is worse.
+    /// The errors of the single axes add up to more than the error of the map. The target is
+    /// therefore loosened while the map is better than required, and tightened while it is worse.
     fn smallest(
         &self,
         request: &Request,

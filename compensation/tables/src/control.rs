@@ -178,7 +178,7 @@ pub enum Body {
 pub struct Frame {
     /// Proof that the frame is current.
     pub head: Head,
-    /// Content.
+    /// Content, by kind of frame.
     pub body: Body,
 }
 
@@ -476,7 +476,7 @@ impl Lookup {
         &self.memory
     }
 
-    /// Words of a buffer, 0 or 1, for a sender that reads back what it loaded.
+    /// Words of a buffer, 0 or 1, for a sender that reads back the words it has written.
     #[must_use]
     pub fn buffer(&self, buffer: usize) -> &[u16] {
         self.buffers.get(buffer).map_or(&[], |words| words)

@@ -56,7 +56,7 @@ impl Default for MapOptions {
 /// The map of a machine at fixed temperatures, and the effects that it neglects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineMap {
-    /// The map.
+    /// The map with its error.
     pub table: Table,
     /// Fixed axes and their positions, mm or deg.
     pub held: Vec<(AxisName, f64)>,

@@ -10,7 +10,7 @@ use crate::{
 /// The next action of a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NextAction {
-    /// Write a frame with this content.
+    /// Write a frame with this content to the mailbox.
     Write(Body),
     /// Read back the words of this buffer, 0 or 1, compare them with the map, and pass the result to the next call.
     ReadBack {
@@ -301,8 +301,8 @@ impl Sender {
         Ok(std::mem::replace(&mut self.map, map))
     }
 
-    /// Number of the map that was active in the control at the last report, whichever sender transferred it; `None`: no map was active, and
-    /// the corrections were zero or ramping to zero.
+    /// Number of the map that was active in the control at the last report, whichever sender
+    /// transferred it. `None`: no map was active, and the corrections were zero or ramping to zero.
     #[must_use]
     pub fn in_use(&self) -> Option<u16> {
         self.in_use

@@ -72,7 +72,7 @@ pub(crate) const MAX_FRAMES_PER_READ: usize = 256;
 
 /// A CAN bus. Its calls are for real-time cycles: they do not allocate and are bounded by their deadline.
 pub trait CanPort: Send {
-    /// The device as the configuration names it.
+    /// Name of the device in the configuration.
     fn device(&self) -> &str;
 
     /// Receives the next frame; `None` if none arrived before the deadline. A waiting frame is returned even after the deadline.

@@ -27,7 +27,8 @@ pub struct Health {
     pub bus_off: bool,
 }
 
-/// A frame whose 16-step counter is at least this far ahead counts as late: it arrived out of order or twice.
+/// A frame whose 16-step counter is at least this many steps ahead is treated as late: it arrived
+/// out of order or twice.
 const MIN_STEPS_BEHIND: u64 = 8;
 /// Maximum delay of a frame that arrives out of order. A later frame is the first one after a silence, in which the counter may have
 /// wrapped. It does not limit the age of data.

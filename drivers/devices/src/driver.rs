@@ -162,22 +162,22 @@ pub struct Settings {
 pub struct GuardRequirements {
     /// Slew of each axis in channel order, mm/min or rad/min.
     pub slew_per_min: Vec<f64>,
-    /// Largest correction: mm, and rad for rotary axes.
+    /// Largest correction: mm for linear axes, rad for rotary axes.
     pub limit: [f64; 2],
-    /// Minimum rate of a barrier: mm/s, and rad/s for rotary axes.
+    /// Minimum rate of a barrier: mm/s for linear axes, rad/s for rotary axes.
     pub rate_per_s: [f64; 2],
     /// Time after which the guard ramps out.
     pub zero_after: Duration,
 }
 
-/// The properties of a control.
+/// Properties that a control reports.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Inspected {
-    /// The letters of the control's axes.
+    /// Letters of the axes of the control.
     pub axes: Vec<String>,
-    /// SINUMERIK: maximum rate of a changed correction (MD32760 times MD32000) by axis, mm/min or rev/min; missing for other controls, and
-    /// for axes whose rate the control does not report.
+    /// SINUMERIK: maximum rate of a changed correction (MD32760 times MD32000) by axis, mm/min or
+    /// rev/min. Missing for other controls, and for axes whose rate the control does not report.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fastest_per_min: Option<BTreeMap<String, f64>>,
     /// Whether the extended external machine zero point shift is in use (parameter 1203#0); null: not reported.
@@ -188,13 +188,13 @@ pub struct Inspected {
     /// LinuxCNC: the protocol version of the bridge; missing for others.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub protocol: Option<u8>,
-    /// LinuxCNC: the state of the control, in words; missing for others.
+    /// LinuxCNC: state of the control as text; missing for others.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub state: Option<String>,
     /// The reports of the control's barrier.
     #[serde(skip)]
     pub reports: Vec<(Instant, Words)>,
-    /// Notes that are not errors, in words.
+    /// Notes that are not errors.
     #[serde(skip)]
     pub notes: Vec<String>,
 }
@@ -212,11 +212,12 @@ pub struct ControlMemory {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PmcPlan {
-    /// The first byte of the words into which shifts are written; null with a barrier, where the ladder writes them.
+    /// First byte of the words to which shifts are written; null with a barrier, because the ladder
+    /// writes them.
     pub shift_words: Option<String>,
     /// Number of bytes of each axis's shift; null with a barrier.
     pub shift_bytes: Option<u16>,
-    /// Whether a ladder copies the shifts on to the words from which the control takes them.
+    /// Whether a ladder copies the shifts to the words from which the control takes them.
     pub copied: bool,
     /// The first byte of the frame to the barrier; null without a barrier.
     pub frame: Option<String>,
@@ -234,7 +235,7 @@ pub struct PmcPlan {
 pub struct Block {
     /// The configuration key that sets the address of the block.
     pub key: &'static str,
-    /// Purpose and location, in words.
+    /// Purpose and location of the block, for messages.
     pub text: String,
     /// Whether the block is a single byte.
     pub is_byte: bool,
@@ -268,7 +269,7 @@ pub(crate) type OpenMap = Box<dyn Fn() -> Result<Box<dyn MapWords>, MapError>>;
 pub struct MapDevice {
     /// Interval of the frames that keep a map active.
     pub period: Duration,
-    /// Connects.
+    /// Connects to the control.
     pub open: OpenMap,
 }
 

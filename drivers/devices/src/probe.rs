@@ -37,7 +37,7 @@ pub struct ProbedTemperature {
     pub degc: Option<f64>,
     /// `good`, `uncertain` or `bad`.
     pub quality: &'static str,
-    /// The reason in words; `None` if the temperature is good.
+    /// Reason for the quality; `None` if the temperature is good.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
 }
@@ -128,7 +128,7 @@ pub struct ControlFacts {
 pub struct ModuleFacts {
     /// The name of the profile by which the registers of the module are read.
     pub profile: String,
-    /// Parts of the profile that were never checked on a real module, in words.
+    /// Parts of the profile that were never checked on a real module.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unproven: Vec<String>,
     /// Whether the module can report the levels of its outputs; `None`: it has no outputs. If it cannot, unused outputs are switched off

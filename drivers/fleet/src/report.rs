@@ -56,7 +56,7 @@ pub struct AuditLine {
     pub record: String,
 }
 
-/// What the machine did with a manifest.
+/// Outcome of a manifest on the machine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "outcome", rename_all = "kebab-case")]
 pub enum Outcome {

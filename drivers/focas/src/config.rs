@@ -32,7 +32,7 @@ impl Shift {
         }
     }
 
-    /// The same shifts in two-byte words, as in frames to a barrier.
+    /// The shifts in two-byte words, as in frames to a barrier.
     pub(crate) fn in_words(self) -> Self {
         Self {
             width: Width::Word,

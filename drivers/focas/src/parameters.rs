@@ -30,7 +30,7 @@ pub enum ShiftSource {
     /// The control does not report the parameters: it is too old for the request, or lacks the option.
     #[cfg_attr(feature = "serde", serde(rename = "Untold"))]
     Unreported {
-        /// The reason, in words.
+        /// Reason why the control does not report the parameters.
         why: String,
     },
 }

@@ -21,7 +21,7 @@ pub(crate) struct Reading {
     pub(crate) heartbeat: Option<u8>,
 }
 
-/// Which words report the applied correction.
+/// Words from which the applied correction is read.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Applied {
     /// The shifts themselves, as words of this width.

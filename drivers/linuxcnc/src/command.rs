@@ -20,7 +20,7 @@ pub struct Command {
     /// Run and sequence number of the state to which the command responds. The bridge rejects frames that respond to none of the states of
     /// its last second. Zeros before the first state; such a command only requests states.
     pub answers: [u32; 2],
-    /// Payload.
+    /// Content of the command.
     pub content: Content,
 }
 

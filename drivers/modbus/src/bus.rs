@@ -222,7 +222,7 @@ impl Line {
         }
     }
 
-    /// Waits until the line has been silent for the response timeout, and discards what arrives.
+    /// Waits until the line has been silent for the response timeout, and discards received bytes.
     async fn drain(&mut self, at_most: Duration) -> Result<(), RequestError> {
         let Some(serial) = &mut self.serial else {
             // TCP answers carry transaction numbers, so draining is not needed; the connection is reopened.

@@ -73,7 +73,7 @@ impl ShownStates {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Description {
-    /// The device as the configuration names it.
+    /// Name of the device in the configuration.
     pub device: String,
     /// Name of the channel through which corrections reach the axes. Controllers with the same name are alternatives. Different channels
     /// are never used together, because their corrections would add up.

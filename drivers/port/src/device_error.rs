@@ -34,7 +34,7 @@ pub struct DeviceProblem {
     pub device: String,
     /// The value or state that was found.
     pub found: String,
-    /// The value that was expected, or advice on what to do.
+    /// Expected value, or advice.
     pub expected: String,
     /// The underlying error, if any.
     pub source: Option<Arc<dyn Error + Send + Sync>>,

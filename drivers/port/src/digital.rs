@@ -5,7 +5,7 @@ use crate::Fault;
 /// The levels of all inputs (bit 0 is the first line), and when they were sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputLevels {
-    /// The levels.
+    /// Levels as a bit mask; bit 0 is the first line.
     pub levels: u64,
     /// When the device delivered the oldest of these levels (not when they were requested).
     pub taken: Instant,
@@ -24,7 +24,7 @@ impl InputLevels {
 /// Digital inputs and outputs, at most 64 of each: bit 0 is the first line.
 #[cfg_attr(feature = "mock", mockall::automock)]
 pub trait DigitalIo: Send {
-    /// The device as the configuration names it.
+    /// Name of the device in the configuration.
     fn device(&self) -> &str;
 
     /// Number of inputs.
@@ -98,7 +98,7 @@ impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct UnopenedLines {
-    /// The device as the configuration names it.
+    /// Name of the device in the configuration.
     pub device: String,
     /// The number of inputs.
     pub inputs: u32,

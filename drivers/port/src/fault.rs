@@ -11,7 +11,7 @@ pub enum Fault {
     /// The other side closed the connection, or the device was removed.
     #[error("connection lost")]
     Disconnected,
-    /// The answer is not what the protocol allows.
+    /// The answer violates the protocol.
     #[error("broken answer: {0}")]
     Protocol(&'static str),
     /// The device refused the request.

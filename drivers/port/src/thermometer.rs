@@ -115,7 +115,7 @@ impl Temperature {
 /// Named temperatures, updated in the background.
 #[cfg_attr(feature = "mock", mockall::automock)]
 pub trait Thermometer: Send {
-    /// The device as the configuration names it.
+    /// Name of the device in the configuration.
     fn device(&self) -> &str;
 
     /// The names of the thermometer's sensors.

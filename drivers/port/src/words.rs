@@ -26,7 +26,7 @@ impl Words {
         Some(block)
     }
 
-    /// The words.
+    /// The words in use as a slice.
     #[must_use]
     pub fn as_slice(&self) -> &[u16] {
         &self.words[..self.length]

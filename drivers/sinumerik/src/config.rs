@@ -48,7 +48,7 @@ pub struct SinumerikConfig {
     pub axes: Vec<AxisName>,
     /// Axes whose positions are only read.
     pub reads: Vec<AxisName>,
-    /// Numbers of these axes in the control, from 1: of `axes`, then of `reads`. Empty means 1, 2, 3 and so on.
+    /// Numbers of the axes in the control, from 1: of `axes`, then of `reads`. Empty: 1, 2, 3, ….
     pub numbers: Vec<u16>,
     /// The node ids.
     pub nodes: Nodes,

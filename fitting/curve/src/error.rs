@@ -1,6 +1,6 @@
 use thiserror::Error;
 
-/// Reason why a curve cannot be built: what is wrong, what was found and what is expected.
+/// Reason why a curve cannot be built: the invalid part, the found and the expected value.
 ///
 /// `index` counts from 0. Callers that read files prefix the file and the key.
 #[derive(Clone, Debug, PartialEq, Error)]

@@ -6,7 +6,7 @@ use crate::{BSpline, Curve, Fourier, Interpolation, MovingLeastSquares, Table, d
 /// Number of places for each shortest period, and for each order of a polynomial: the largest value at them is within 2 % of the largest between them
 /// (1 − cos(π/16): Ehlich and Zeller, Math. Z. 86, 1964, for polynomials).
 const POSITIONS_PER_PIECE: usize = 8;
-/// Number of places along the domain of a curve above which they are thinned out.
+/// Maximum number of places along the domain of a curve; more are thinned out.
 const MAX_POSITIONS: usize = 4096;
 /// Number of parts of a cubic piece between two knots or two nodes.
 const PARTS: u32 = 4;

@@ -14,7 +14,8 @@ use crate::{FitError, Method, readings};
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default))]
 pub struct BandOptions {
-    /// Number of resamples, at least 2. The residual bootstrap makes fewer where there are many targets.
+    /// Number of resamples, at least 2. The residual bootstrap uses fewer if there are many
+    /// targets.
     pub resamples: u32,
     /// Seed of the resampling: the same seed gives the same band.
     pub seed: u64,
@@ -29,7 +30,7 @@ impl Default for BandOptions {
     }
 }
 
-/// What a band was resampled from.
+/// Resampled quantities of a band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(
@@ -38,9 +39,9 @@ impl Default for BandOptions {
     serde(rename_all = "snake_case")
 )]
 pub enum BandSource {
-    /// Whole runs, of which there are several; the scatter of their readings where not all runs hold all targets.
+    /// Whole runs of several; if some runs lack targets, the scatter of their readings.
     Runs,
-    /// The residuals of the only run: what differs from run to run does not show.
+    /// The residuals of a single run, which do not show differences between runs.
     Residuals,
 }
 
@@ -52,19 +53,21 @@ pub struct Band {
     pub at: Vec<f64>,
     /// Half width of the band at each place: it spans curve ± half width.
     pub half_width: Vec<f64>,
-    /// What was resampled.
+    /// Resampled quantities.
     pub source: BandSource,
 }
 
 /// Upper bound on resamples × targets in the residual bootstrap.
 const MAX_REFITTED: usize = 200_000;
 const MIN_RESAMPLES: usize = 20;
-/// Maximum number of places of a band: with many targets fewer places lie between two of them.
+/// Maximum number of places of a band. With many targets there are fewer places between
+/// neighbouring targets.
 const MAX_POSITIONS: usize = 2000;
-/// Weight of the leave-one-out mean square in the band between targets.
-/// Leaving a target out doubles the gap that the curve has to bridge. A smooth curve then misses four times what it misses in the real gap, one with
-/// kinks twice, one with steps or with waves shorter than the gap about as much or less. With this weight the 95 % band also holds between targets of
-/// such waves (`examples/bands.rs`).
+/// Weight of the leave-one-out mean square in the band between targets. Leaving a target out
+/// doubles the gap that the curve has to bridge. The error in the doubled gap is about four times
+/// that in the real gap for a smooth curve, and twice for a curve with kinks. For a curve with
+/// steps, or with waves shorter than the gap, it is about equal or smaller. With this weight the 95
+/// % band is also valid between targets of such waves (`examples/bands.rs`).
 const OF_LEFT_OUT: f64 = 1.2;
 /// Share of the residual variance of a single run that is attributed to shape: one run cannot separate scatter from shape.
 const ONE_RUN_SHAPE: f64 = 0.25;
@@ -113,10 +116,11 @@ pub fn band(
     })
 }
 
-/// How mean readings scatter that come from runs of which not all hold all targets, so that whole runs cannot be compared.
+/// Scatter of mean readings if some runs lack targets, so that whole runs cannot be compared.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeanScatter {
-    /// Independent shifts of the means by what each run has in common, its zero or its line: the sum of their squares is the variance.
+    /// Independent shifts of the means by the common part of each run, its offset or its line. The
+    /// sum of their squares is the variance.
     pub of_runs: Vec<Vec<f64>>,
     /// Degrees of freedom of these shifts.
     pub run_freedom: f64,
@@ -127,7 +131,7 @@ pub struct MeanScatter {
 }
 
 impl MeanScatter {
-    /// Number of samples for a band of this number of targets: fewer where there are many.
+    /// Number of samples for a band with this number of targets; smaller if there are many targets.
     pub fn samples_for(targets: usize, options: &BandOptions) -> usize {
         (MAX_REFITTED / targets.max(1))
             .max(MIN_RESAMPLES)
@@ -135,10 +139,12 @@ impl MeanScatter {
     }
 }
 
-/// 95 % band of the curve that `method` fits to the means `u` of the targets `x`, which ascend, at the places `at`. The means scatter as stated, and
-/// the shape counts as in [`band`].
+/// 95 % band, at the places `at`, of the curve that `method` fits to the means `u` of the targets
+/// `x`, which ascend. The scatter of the means is `scatter`; errors of shape are included as in
+/// [`band`].
 ///
 /// # Errors
+///
 /// The errors of the fit; no samples.
 pub fn band_of_means(
     method: Method,
@@ -162,10 +168,12 @@ pub fn band_of_means(
     })
 }
 
-/// Places at which a band is plotted with straight lines between them: the `targets`, which must ascend, and places between neighbours.
+/// Places at which a band is plotted with straight lines between them: the `targets`, which must
+/// ascend, and places between neighbours.
 ///
-/// Between two targets the band widens like half an ellipse, steepest next to the targets. The places are cosines of equally spaced angles, so that
-/// the straight lines miss at most 2 % of the height.
+/// Between two targets the band has the shape of half an ellipse, steepest next to the targets. The
+/// places are cosines of equally spaced angles, so that the error of the straight lines is at most
+/// 2 % of the height.
 pub fn band_places(targets: &[f64]) -> Vec<f64> {
     let gaps = targets.len().saturating_sub(1).max(1);
     let pieces = (MAX_POSITIONS / gaps).clamp(4, 8);
@@ -335,8 +343,9 @@ impl Whole {
         let wrong = self.wrong(noise);
         let half_width = |((&x, of_runs), of_readings): ((&f64, &f64), &f64)| {
             let variance = of_runs + of_readings;
-            // The formula of Welch and Satterthwaite gives too narrow bands where few runs show a small share by chance; Student's t of each to the
-            // power of its share covers 91 to 97 % of mixtures.
+            // The formula of Welch and Satterthwaite gives too narrow bands if the scatter of few
+            // runs is small by chance. The product of Student's t factors, each raised to the power
+            // of its share of the variance, covers 91 to 97 % of mixtures.
             let share = if variance > 0.0 {
                 of_runs / variance
             } else {
@@ -350,17 +359,20 @@ impl Whole {
         Ok(variances.map(half_width).collect())
     }
 
-    /// Mean square error of shape at the targets, and of targets left out, each beyond the noise of the mean readings.
+    /// Mean square errors beyond the noise of the mean readings: of the shape at the targets, and
+    /// at left-out targets.
     fn wrong(&self, noise: f64) -> [f64; 2] {
         let count = self.targets.len() as f64;
         let residuals = self.targets.iter().map(|t| t.mean - self.curve.value(t.x));
         let left = residuals.map(|r| r * r).sum::<f64>() / count;
-        // Count only what exceeds the expected noise by two standard deviations.
+        // Only the part that exceeds the expected noise by two standard deviations counts.
         let freedom = (count - self.candidate.coefficients).max(0.0);
         let at_targets = left - noise * (freedom + 2.0 * (2.0 * freedom).sqrt()) / count;
         let beyond = self.beyond(&self.candidate, noise);
-        // The chosen curve may have small errors by chance, being the best of many candidates, or because waves shorter than two gaps are aliased to
-        // a long one that it follows. Linear interpolation was not selected by these errors, so it gives a lower bound.
+        // The leave-one-out errors of the chosen curve may be small by chance, because it is the
+        // best of many candidates, or because waves shorter than two gaps are aliased to a long
+        // wave that it follows. Linear interpolation was not selected by these errors, so its
+        // errors are a lower bound.
         let of_table = of_method(Method::LinearTable, &self.targets).ok();
         let of_table = of_table.map_or(0.0, |table| self.beyond(&table, noise));
         [at_targets.max(0.0), beyond.max(of_table)]
@@ -372,7 +384,8 @@ impl Whole {
         if errors.is_empty() {
             0.0
         } else {
-            // Noise in a leave-one-out error: that of the target itself and that of the curve fitted to the others.
+            // Noise in a leave-one-out error: the noise of the target itself and that of the curve
+            // fitted to the others.
             let inner = &candidate.leverages[1..self.targets.len() - 1];
             let of_noise = inner
                 .iter()
@@ -402,7 +415,8 @@ impl Whole {
         let mut squares: f64 = residuals.iter().map(|r| r * r).sum();
         let errors = &self.candidate.errors;
         if freedom < 1.0 {
-            // An interpolating curve misses a target left out by the noise of that target and half that of its neighbours.
+            // At a left-out target, an interpolating curve errs by the noise of that target and
+            // half that of its neighbours.
             residuals = errors.iter().copied().filter(|e| e.is_finite()).collect();
             squares = residuals.iter().map(|e| e * e / 1.5).sum();
             freedom = residuals.len() as f64;

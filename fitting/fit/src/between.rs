@@ -12,11 +12,13 @@ const LEFT_BY: f64 = 0.25;
 const PIECES: usize = 4;
 const FINE_PIECES: usize = 64;
 const MAX_PIECES: usize = 4000;
-/// Targets are too sparse only if the leave-one-out RMS exceeds this multiple of both the repeatability and the RMS residual: below that, scatter
-/// explains the errors.
+/// Targets are treated as too sparse only if the leave-one-out RMS exceeds this multiple of both
+/// the repeatability and the RMS residual: smaller errors are explained by scatter.
 const MORE_THAN_SCATTER: f64 = 2.0;
-/// Multiple of the repeatability that the leave-one-out RMS of sparse targets exceeds. Leaving out a target doubles the gap, so a smooth curve misses
-/// it by four times its error within one gap: at this limit the error within one gap is nearly twice the repeatability.
+/// Targets are treated as too sparse if the leave-one-out RMS exceeds this multiple of the
+/// repeatability. Leaving out a target doubles the gap, so the error of a smooth curve is four
+/// times its error within one gap: at this limit the error within one gap is nearly twice the
+/// repeatability.
 const MORE_THAN_REPEATS: f64 = 7.0;
 /// A curve does not follow the readings if the RMS residual of the mean readings exceeds this multiple of their [`unevenness`]. Second
 /// differences estimate the scatter; they exceed it where the error bends between targets. Pure scatter exceeds the limit once in a
@@ -140,7 +142,8 @@ pub fn unevenness(points: &[(f64, f64)]) -> Option<f64> {
 /// How well the readings support a curve between its targets, in the unit of the readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Between {
-    /// RMS leave-one-out error of the inner targets; infinite where the curve cannot predict one of them.
+    /// RMS leave-one-out error of the inner targets; infinite if the curve cannot predict one of
+    /// them.
     pub leave_one_out: f64,
     /// RMS residual of the readings.
     pub residual: f64,
@@ -156,7 +159,8 @@ pub struct Between {
     pub height: f64,
     /// Range of the mean readings after removing the least-squares line.
     pub height_beside_line: f64,
-    /// Widest gap between neighbouring targets relative to the mean gap; 0 for fewer than three targets, of which none can be left out.
+    /// Widest gap between neighbouring targets relative to the mean gap; 0 for fewer than three
+    /// targets, because none can be left out.
     pub widest_gap: f64,
     /// Neighbouring targets between which the curve departs most from its chord, if by more than a quarter of the height of the readings.
     pub swings: Option<[f64; 2]>,
@@ -206,10 +210,11 @@ impl Between {
             && (self.leave_one_out > MORE_THAN_REPEATS * repeats || self.widest_gap > WIDE_GAP)
     }
 
-    /// Whether the curve fails to follow the readings. Either the RMS residual exceeds seven times the repeatability, or that of the mean readings
-    /// exceeds three times their unevenness (less for fewer than seven targets). In both cases it must exceed a tenth of the height of the readings
-    /// about a straight line, since a smaller residual is no evidence of a wave. Different zeros of the runs worsen the repeatability, not the
-    /// unevenness.
+    /// Whether the curve fails to follow the readings. Either the RMS residual exceeds seven times
+    /// the repeatability, or that of the mean readings exceeds three times their unevenness (less
+    /// for fewer than seven targets). In both cases it must exceed a tenth of the height of the
+    /// readings about a straight line, since a smaller residual is no evidence of a wave. Different
+    /// offsets of the runs increase the repeatability, but not the unevenness.
     pub fn is_not_followed(&self) -> bool {
         let few = self
             .targets

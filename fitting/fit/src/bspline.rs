@@ -6,7 +6,8 @@ use crate::triangle::{Triangle, WIDTH};
 use crate::{Fit, FitError, readings};
 
 const DEGREE: usize = 3;
-/// Maximum number of segments, enough for the pitch error of a long screw; the penalty keeps them smooth where the readings need fewer.
+/// Maximum number of segments, enough for the pitch error of a long screw. The penalty keeps the
+/// spline smooth if the readings require fewer.
 const MAX_SEGMENTS: usize = 400;
 /// Decimal exponents of the smoothing parameters tried, for up to [`SEGMENTS_OF_RANGE`] segments. With more segments the upper end rises, since the
 /// penalty on a slow wave falls with the fourth power of their number.
@@ -23,11 +24,14 @@ const LOG_RESOLUTION: f64 = 0.01;
 /// penalty on second differences of the coefficients (Eilers and Marx, Statistical Science 11, 1996), its weight by generalised cross-validation
 /// (Craven and Wahba, Numer. Math. 31, 1979).
 ///
-/// Where two neighbouring targets are more than two mean gaps apart, the weight minimises the leave-one-out error instead. Only weights are admitted
-/// with which the curve, in such gaps, leaves the band of the mean readings by at most a quarter of its height. Between clustered targets
-/// cross-validation sees no scatter, and the slopes that it derives from scatter extrapolate far into a gap.
+/// Where two neighbouring targets are more than two mean gaps apart, the weight minimises the
+/// leave-one-out error instead. Only weights are admitted with which the curve, in such gaps,
+/// leaves the band of the mean readings by at most a quarter of its height. Between clustered
+/// targets cross-validation cannot detect scatter; slopes fitted to the scatter would extrapolate
+/// far into a gap.
 ///
 /// # Errors
+///
 /// Unequal lengths, numbers that are not finite, fewer than 4 different targets.
 pub fn fit_bspline(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
     let targets = readings::checked_targets(x, u, MIN_TARGETS, "a smoothing spline")?;

@@ -14,11 +14,13 @@ const MLS_TARGETS: usize = 7;
 const HIGHEST_POWER: usize = 8;
 const HIGHEST_ORDER: usize = 15;
 const HIGHEST_HARMONIC: usize = 20;
-/// Orders and supports of moving least squares tried: the published pair, and stiffer and looser ones. The list is short on purpose: over the whole
-/// grid of the automatic mode the leave-one-out error selects settings that follow the scatter of the readings, which costs the demonstration
-/// calibration a third of its accuracy.
+/// Tested orders and supports of moving least squares: the published pair, and stiffer and looser
+/// ones. The list is deliberately short: over the whole grid of the automatic mode, the
+/// leave-one-out error selects settings that follow the scatter of the readings, which costs the
+/// demonstration calibration a third of its accuracy.
 const MLS_TRIED: [(usize, f64); 4] = [(4, 1.0 / 3.0), (3, 0.3), (2, 0.25), (4, 0.5)];
-/// Order and half width in gaps between targets, tried as well where that is less than the smallest support above.
+/// Order and half width in gaps between targets, also tested if the width is less than the smallest
+/// support above.
 const MLS_NEAR: [(usize, u32); 2] = [(2, 6), (3, 12)];
 /// Maximum number of node evaluations over all targets for one setting of moving least squares. Above it the setting is skipped: the spline gives the
 /// same result in a fraction of the time.
@@ -94,7 +96,8 @@ fn inner(errors: &[f64]) -> Vec<f64> {
     errors.get(1..last).unwrap_or_default().to_vec()
 }
 
-/// All candidates that the targets (at least one) can carry, by ascending number of coefficients; ties in the order of [`Method`].
+/// All candidates that the targets (at least one) can determine, by ascending number of
+/// coefficients; ties in the order of [`Method`].
 pub(crate) fn candidates(
     targets: &[Target],
     options: &FitOptions,
@@ -127,7 +130,7 @@ pub(crate) fn candidates(
     let mut all = Vec::new();
     let count = targets.len();
     let goes_round = options.period.is_some_and(|period| {
-        // The gap from the last target to the first of the next turn counts like the others.
+        // The gap from the last target to the first of the next turn is treated like the others.
         let gap = range / (count - 1) as f64;
         count > 2 && range + gap >= period * (1.0 - HAIR)
     });
@@ -201,7 +204,8 @@ fn through_means(method: Method, means: &[[f64; 2]]) -> Result<Candidate, FitErr
     })
 }
 
-/// Errors of one method, candidate of the choice or not, over the targets of one set.
+/// Errors of one method over the targets of one set, whether or not it is a candidate of the
+/// choice.
 pub(crate) fn of_method(method: Method, targets: &[Target]) -> Result<Candidate, FitError> {
     let means: Vec<[f64; 2]> = targets.iter().map(|t| [t.x, t.mean]).collect();
     let (Some(first), Some(last)) = (targets.first(), targets.last()) else {
@@ -293,7 +297,7 @@ fn moving(targets: &[Target], means: &[[f64; 2]], all: &mut Vec<Candidate>) {
         if count * (2.0 * support).min(1.0) * count > MAX_EVALUATIONS {
             continue;
         }
-        // These targets cannot carry the setting.
+        // These targets do not determine the setting.
         let Ok(curve) = MovingLeastSquares::new(means.to_vec(), order, support, SHAPE) else {
             continue;
         };

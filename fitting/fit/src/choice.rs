@@ -16,17 +16,17 @@ pub struct FitOptions {
     pub period: Option<f64>,
 }
 
-/// A candidate and how well it does.
+/// A candidate with its errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Score {
-    /// The candidate.
+    /// Method of the candidate.
     pub method: Method,
     /// Number of coefficients that the readings determine: the trace of the hat matrix, summed over the sets.
     pub coefficients: f64,
-    /// Root mean square of the errors with which the curve predicts the mean of an inner target that is left out with all
-    /// its readings; infinite where it cannot.
+    /// Root mean square error of predicting the mean of each inner target after leaving out all its
+    /// readings; infinite if a target cannot be predicted.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub leave_one_out_rms: f64,
@@ -34,13 +34,15 @@ pub struct Score {
     pub largest_residual: f64,
     /// Whether the required residual is met; true if none is required.
     pub meets_required: bool,
-    /// Whether what it leaves of the readings is no more than they scatter; true where that is not known.
+    /// Whether the residuals are explained by the scatter of the readings; true if the scatter is
+    /// unknown.
     pub follows: bool,
-    /// Whether it was rejected because its curve leaves the band of the readings between targets. Only checked for a candidate that would be chosen.
+    /// Whether the candidate was rejected because its curve leaves the band of the readings between
+    /// targets. This is checked only for candidates that would otherwise be chosen.
     pub swings: bool,
 }
 
-/// Why a candidate was chosen.
+/// Reason for the choice of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(
@@ -49,15 +51,16 @@ pub struct Score {
     serde(rename_all = "snake_case")
 )]
 pub enum Reason {
-    /// Too few targets leave anything else.
+    /// There are too few targets for any other candidate.
     FewTargets,
-    /// No other predicts better what is left out.
+    /// It has the smallest leave-one-out error.
     Smallest,
-    /// It is the simplest of those that predict what is left out as well as the best, within one standard error.
+    /// It is the simplest candidate whose leave-one-out error is within one standard error of the
+    /// smallest.
     Simplest,
 }
 
-/// The rule in words: `the simplest of those that predict as well as the best`.
+/// Describes the rule, such as `the simplest of those that predict as well as the best`.
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -68,16 +71,16 @@ impl fmt::Display for Reason {
     }
 }
 
-/// The method chosen, and all candidates.
+/// The chosen method, and all candidates.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Choice {
     /// The method chosen.
     pub method: Method,
-    /// Why it was chosen.
+    /// Reason for the choice.
     pub reason: Reason,
-    /// All candidates, the simplest first.
+    /// All candidates, simplest first.
     pub scores: Vec<Score>,
 }
 
@@ -87,7 +90,8 @@ impl Choice {
         self.scores.iter().find(|score| score.method == self.method)
     }
 
-    /// Message if the chosen curve leaves more of the readings than their scatter; `None` if it follows them. `unit` is the unit of the readings.
+    /// Message if the residuals of the chosen curve exceed the scatter of the readings; `None` if
+    /// they do not. `unit` is the unit of the readings.
     pub fn not_followed(&self, unit: &str) -> Option<String> {
         let score = self.chosen().filter(|score| !score.follows)?;
         Some(format!(
@@ -117,7 +121,7 @@ impl Choice {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AutoFit {
-    /// Fitted curve.
+    /// Fitted curve with its residuals.
     pub fit: Fit,
     /// Method and scores of the choice.
     pub choice: Choice,

@@ -54,9 +54,11 @@ pub fn choose(sets: &[(&[f64], &[f64])], options: &FitOptions) -> Result<Choice,
     choose_and_fit(sets, options).map(|(choice, _)| choice)
 }
 
-/// Chooses one method for several sets of readings by [`choose`] and returns the fit of each set, which the choice computes anyway.
+/// Chooses one method for several sets of readings by [`choose`]. Returns the fit of each set,
+/// which was computed for the choice.
 ///
 /// # Errors
+///
 /// Same as [`choose`].
 pub fn choose_and_fit(
     sets: &[(&[f64], &[f64])],

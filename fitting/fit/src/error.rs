@@ -1,7 +1,7 @@
 use thiserror::Error;
 use volcomp_curve::CurveError;
 
-/// Why readings cannot be fitted. `index` counts from 0.
+/// Reason why readings cannot be fitted. `index` counts from 0.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]

@@ -3,7 +3,7 @@ use volcomp_curve::Curve;
 use crate::least_squares::Solution;
 use crate::readings;
 
-/// A fitted curve and how well it fits.
+/// A fitted curve with its errors.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Fit {
@@ -11,14 +11,16 @@ pub struct Fit {
     pub curve: Curve,
     /// Reading minus curve, in the order of the readings.
     pub residuals: Vec<f64>,
-    /// Root mean square of the errors with which the curve, fitted without a target and all its readings, predicts each of these. Like the residuals
-    /// it counts every reading, so it is never below their root mean square: no curve predicts the differences between readings of one target.
+    /// Leave-one-out error: root mean square error of predicting each reading by a curve that was
+    /// fitted without the readings of its target. It includes every reading, so it is never below
+    /// the RMS residual: no curve predicts the differences between readings of one target.
     ///
-    /// Support, knots and smoothing parameter stay those of the whole fit. A table predicts its inner targets only. Infinite if a target cannot be
-    /// predicted from the others.
+    /// Support, knots and smoothing parameter are those of the whole fit. A table predicts its
+    /// inner targets only. Infinite if a target cannot be predicted from the others.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub leave_one_out_rms: f64,
-    /// Leave-one-out RMS of the inner targets alone: the curve is never evaluated beyond the first and the last, and not every kind can predict them.
+    /// Leave-one-out RMS of the inner targets alone: the curve is never evaluated beyond the first
+    /// and the last target, and not every kind of curve can predict them.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub inner_rms: f64,
     /// Whether the required residual is met; `None` if none is required.
@@ -33,7 +35,8 @@ impl Fit {
         u: &[f64],
         missed: impl Iterator<Item = (usize, f64)>,
     ) -> Self {
-        // Runs repeat their targets, and moving least squares are slow to evaluate: evaluate each place once.
+        // Runs repeat their targets, and moving least squares are slow to evaluate, so each place
+        // is evaluated once.
         let mut places = x.to_vec();
         places.sort_by(f64::total_cmp);
         places.dedup();
@@ -41,7 +44,8 @@ impl Fit {
         Self::of_values(curve, &known, x, u, missed)
     }
 
-    /// Like [`new`](Self::new), for a curve whose places and values at the targets are known, by ascending place.
+    /// Like [`new`](Self::new), for a curve whose values at the targets are known, in ascending
+    /// order.
     pub(crate) fn of_values(
         curve: Curve,
         known: &[[f64; 2]],
@@ -138,8 +142,9 @@ pub(crate) struct Judged {
 }
 
 impl Judged {
-    /// Whether this candidate replaces the best so far. A candidate that meets the required residual is preferred. Otherwise the smaller
-    /// leave-one-out RMS is preferred, if the difference exceeds the rounding of readings of this magnitude.
+    /// Whether this candidate replaces the best one so far. One that meets the required residual is
+    /// preferred; otherwise the smaller leave-one-out RMS, if the difference exceeds the rounding
+    /// of readings of this magnitude.
     pub(crate) fn beats(self, best: Option<Self>, magnitude: f64) -> bool {
         let Some(best) = best else { return true };
         match (self.meets, best.meets) {

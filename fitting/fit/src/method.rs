@@ -5,7 +5,7 @@ use crate::{
     fit_mls, fit_polynomial, readings,
 };
 
-/// A kind of curve with its settings, as [`choose`](crate::choose) chooses among them.
+/// A kind of curve with its settings: a candidate of [`choose`](crate::choose).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -26,7 +26,7 @@ pub enum Method {
     Fourier {
         /// The number of harmonics.
         order: usize,
-        /// The period of the first one, in argument units.
+        /// Period of the first harmonic, in units of the argument.
         period: f64,
     },
     /// A smoothing B-spline, smoothed by generalised cross-validation.
@@ -37,12 +37,12 @@ pub enum Method {
         order: usize,
         /// Half width of the weight as a share of the range.
         support: f64,
-        /// The shape of the weight.
+        /// Shape of the weight function.
         shape: f64,
     },
-    /// The mean reading of each target, with monotone cubics between.
+    /// Table of the mean reading of each target, with monotone cubic interpolation.
     CubicTable,
-    /// The mean reading of each target, with straight lines between.
+    /// Table of the mean reading of each target, with linear interpolation.
     LinearTable,
 }
 
@@ -65,7 +65,7 @@ impl Method {
             Self::Polynomial { order } => fit_polynomial(x, u, order, domain),
             Self::Chebyshev { order } => fit_chebyshev(x, u, order, domain),
             Self::Fourier { order, period } => {
-                // Over the full turn the curve is valid everywhere, beyond the last target too.
+                // A curve over the full turn is valid everywhere, also beyond the last target.
                 let gaps = readings::targets(x, u).len().saturating_sub(1).max(1) as f64;
                 let range = upper - lower;
                 let domain = if range >= period - 1.5 * range / gaps && range < period {
@@ -86,7 +86,7 @@ impl Method {
         }
     }
 
-    /// The kind, without its settings.
+    /// Name of the kind, without its settings.
     pub fn kind(self) -> &'static str {
         match self {
             Self::Polynomial { .. } => "polynomial",
@@ -100,7 +100,7 @@ impl Method {
     }
 }
 
-/// The kind with its settings: `polynomial of order 3`.
+/// Formats the kind with its settings: `polynomial of order 3`.
 impl fmt::Display for Method {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

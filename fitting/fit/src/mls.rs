@@ -4,7 +4,7 @@ use volcomp_curve::MovingLeastSquares;
 use crate::fit::{Judged, left_out, rms};
 use crate::{Fit, FitError, readings};
 
-/// Orders of moving least squares that [`scan_mls`] and [`fit_mls_auto`] try.
+/// Orders of moving least squares tested by [`scan_mls`] and [`fit_mls_auto`].
 pub const MLS_ORDERS: std::ops::RangeInclusive<usize> = 1..=6;
 /// Supports tried, in twentieths of the range.
 const SUPPORTS: std::ops::RangeInclusive<u32> = 3..=20;
@@ -43,26 +43,28 @@ pub fn fit_mls(
     Ok(Candidate::new(targets, order, support, shape)?.fit(x, u))
 }
 
-/// An order and a support that the automatic mode of moving least squares tries, and how well they do.
+/// An order and a support of the automatic mode of moving least squares, with its errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MlsTrial {
-    /// The order of the local polynomial.
+    /// Order of the local polynomials.
     pub order: usize,
-    /// The half width of the weight as a share of the range.
+    /// Half width of the weight function as a share of the range.
     pub support: f64,
     /// Largest deviation of a target's mean reading from the curve.
     pub max_residual: f64,
-    /// Root mean square of the errors with which the curve predicts a target that is left out.
+    /// Root mean square error of predicting a target that is left out.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub leave_one_out_rms: f64,
 }
 
-/// Settings among which [`fit_mls_auto`] chooses, by ascending order, then by descending support. Settings that the targets cannot carry are omitted.
+/// Settings among which [`fit_mls_auto`] chooses, by ascending order, then by descending support.
+/// Settings that the targets do not determine are omitted.
 ///
 /// # Errors
+///
 /// Same as [`fit_mls_auto`].
 pub fn scan_mls(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<MlsTrial>, FitError> {
     let targets = scanned(x, u, shape)?;
@@ -86,18 +88,20 @@ pub fn scan_mls(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<MlsTrial>, FitEr
 
 /// Fits moving least squares in the automatic mode.
 ///
-/// Orders 1 to 6 and supports 0.15 to 1 in steps of 0.05 are tried, and the published pair of order 4 and support 1/3.
-/// Candidates are those with at least order + 2 nodes of positive weight everywhere in the range, so that a node
-/// left out still leaves order + 1, and with a weighted design matrix in the local basis whose smallest singular value is at
-/// least 1e-10 of the largest. Of the candidates that meet the required
-/// residual (largest deviation of a target's mean reading) the one with the smallest leave-one-out
-/// RMS is taken, ties to the lower order, then to the wider support. When none meets it,
-/// [`Fit::meets_required`] is false and the smallest leave-one-out RMS of all decides.
+/// Orders 1 to 6 and supports 0.15 to 1 in steps of 0.05 are tried, and the published pair of order
+/// 4 and support 1/3. Candidates are those with at least order + 2 nodes of positive weight
+/// everywhere in the range, so that a node left out still leaves order + 1, and with a weighted
+/// design matrix in the local basis whose smallest singular value is at least 1e-10 of the largest.
+/// Of the candidates that meet the required residual (largest deviation of a target's mean
+/// reading), the one with the smallest leave-one-out RMS is chosen; of equals, the lower order,
+/// then the wider support. If none meets it, [`Fit::meets_required`] is false, and the candidate
+/// with the smallest leave-one-out RMS of all is chosen.
 ///
 /// Of more than 100 targets these errors are computed at every second, third … one, so that they are at most 100, and supports are shares of the
 /// range of 400 targets if there are more.
 ///
 /// # Errors
+///
 /// Same as [`fit_mls`], a required residual that is not positive, and [`FitError::NoCandidate`] when the targets are
 /// too few or too uneven for any candidate.
 pub fn fit_mls_auto(
@@ -129,7 +133,7 @@ pub fn fit_mls_auto(
         let setting = &mut settings[place];
         let made = Candidate::new(targets.clone(), setting.order, setting.support, shape)?;
         let meets = required_residual.is_none_or(|r| made.max_residual <= r);
-        // A target that was left out of the choice may be farther from the curve.
+        // A target that was excluded from the choice may be farther from the curve.
         if expected && !meets {
             setting.max_residual = made.max_residual;
             continue;
@@ -141,14 +145,16 @@ pub fn fit_mls_auto(
     }
 }
 
-/// Order and support with which moving least squares follow several sets of readings best, such as both directions of a measured line. The settings
-/// tried and the treatment of the required residual are those of [`fit_mls_auto`].
+/// Order and support of moving least squares with the smallest leave-one-out error for several sets
+/// of readings, such as both directions of a measured line. The settings tried and the treatment of
+/// the required residual are those of [`fit_mls_auto`].
 ///
 /// One setting is chosen for all sets, by the leave-one-out RMS over all of them: more readings make the choice less accidental. The first and the
 /// last target of each set are not left out: the curve is never evaluated beyond them, and they alone would decide against a high order that misses
 /// them.
 ///
 /// # Errors
+///
 /// Same as [`fit_mls_auto`]; no set.
 pub fn choose_mls(
     sets: &[(&[f64], &[f64])],
@@ -195,7 +201,7 @@ pub fn choose_mls(
 struct Setting {
     order: usize,
     support: f64,
-    /// Largest residual of these targets.
+    /// Largest residual of the checked targets.
     max_residual: f64,
     /// Leave-one-out errors of the targets of each set, the first and the last included.
     missed: Vec<Vec<f64>>,
@@ -206,7 +212,8 @@ impl Setting {
         rms(self.missed.iter().flatten().copied())
     }
 
-    /// Errors without those at the ends: the curve is never evaluated beyond them, and the error of a high order there would decide alone.
+    /// Errors without those of the end targets: the curve is never evaluated beyond these, and the
+    /// error of a high order there would dominate.
     fn inner(&self) -> impl Iterator<Item = f64> {
         let inner = self.missed.iter().flat_map(|of| {
             let inner = 1..of.len().saturating_sub(1);
@@ -235,13 +242,14 @@ fn scanned(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<[f64; 2]>, FitError> 
     Ok(targets)
 }
 
-/// Most targets at which a setting is tried.
+/// Maximum number of targets at which a setting is tested.
 const MAX_TRIED: usize = 100;
-/// Number of targets whose range supports are shares of: a place costs as much as it has targets near it.
+/// Maximum number of targets in the range that supports refer to: the effort of a place grows with
+/// the number of targets near it.
 const MAX_IN_RANGE: f64 = 400.0;
 
-/// All settings that the targets can carry, by ascending order, then by descending support, with their errors. `most` is the largest number of targets
-/// of the sets that get the same setting.
+/// All settings that the targets determine, by ascending order, then by descending support, with
+/// their errors. `most` is the largest number of targets of the sets that share a setting.
 fn settings(targets: &[[f64; 2]], shape: f64, most: usize) -> Vec<Setting> {
     let share = (MAX_IN_RANGE / most as f64).min(1.0);
     let (published_order, published_support) = PUBLISHED;
@@ -258,9 +266,10 @@ fn settings(targets: &[[f64; 2]], shape: f64, most: usize) -> Vec<Setting> {
     settings
 }
 
-/// The settings with one support that the targets can carry. Everywhere in the range there must be enough nodes with a positive weight that one more
-/// than the number of coefficients remains when one is left out, and the least-squares problem must not be nearly singular. It is checked in the worst
-/// places: at the ends, at nodes, half-way between them, and where a node enters the support.
+/// The settings with one support that the targets determine. Everywhere in the range there must be
+/// enough nodes with a positive weight that one more than the number of coefficients remains when
+/// one is left out, and the least-squares problem must not be nearly singular. It is checked in the
+/// worst places: at the ends, at nodes, half-way between them, and where a node enters the support.
 fn of_support(
     targets: &[[f64; 2]],
     orders: std::ops::RangeInclusive<usize>,
@@ -271,7 +280,8 @@ fn of_support(
         let curve = MovingLeastSquares::new(targets.to_vec(), order, support, shape).ok()?;
         curve.has_nodes_everywhere(order + 2).then_some(curve)
     };
-    // Fewer coefficients need fewer nodes. The curve of the highest order has all lower ones in it.
+    // Fewer coefficients require fewer nodes. The curve of the highest order contains all lower
+    // ones.
     let Some(curve) = orders.clone().rev().find_map(curve_of) else {
         return Vec::new();
     };
@@ -318,7 +328,8 @@ fn reciprocal_condition(rows: &[Vec<f64>], columns: usize) -> f64 {
     }
     let matrix = DMatrix::from_fn(rows.len(), columns, |row, column| rows[row][column]);
     let values = matrix.singular_values();
-    // The largest is positive: the nearest node has the weight 1 in the first column, up to a factor.
+    // The largest singular value is positive: in the first column, the nearest node has the weight
+    // 1, up to a factor.
     values.min() / values.max()
 }
 
@@ -364,7 +375,7 @@ impl Candidate {
         }
     }
 
-    /// Fit to the readings that the targets were averaged from.
+    /// Fit to the readings whose means are the targets.
     pub(crate) fn fit(self, x: &[f64], u: &[f64]) -> Fit {
         let errors = self.residuals.iter().zip(&self.influences);
         let missed = errors.map(|(&e, &influence)| left_out(e, influence));

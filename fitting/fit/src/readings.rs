@@ -104,7 +104,7 @@ pub(crate) fn require(
     }
 }
 
-/// Magnitude of the readings; differences below 1e-9 of it are rounding.
+/// Magnitude of the readings; differences below 1e-9 of the magnitude are treated as rounding.
 pub(crate) fn magnitude(u: impl IntoIterator<Item = f64>) -> f64 {
     u.into_iter()
         .fold(0.0, |largest: f64, u| largest.max(u.abs()))

@@ -1,4 +1,5 @@
-//! Plausibility checks of readings, surroundings and files against what tests of machine tools show. They only report; nothing is removed.
+//! Plausibility checks of readings, environment and files, with limits from tests of machine tools.
+//! They only report; nothing is removed.
 
 use std::collections::{BTreeMap, BTreeSet, btree_map::Entry};
 
@@ -110,7 +111,7 @@ pub fn axis_named(text: &str) -> Option<AxisName> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OutlierHint {
-    /// Number of the run among those of its direction.
+    /// Number of the run, counted within its direction, from 1.
     pub run: u32,
     /// Direction of the run.
     pub direction: Direction,
@@ -119,7 +120,7 @@ pub struct OutlierHint {
     /// Difference from the median of the runs, in the measurement's unit: signed for a reading, root mean square
     /// over the targets for a run.
     pub size: f64,
-    /// The same in words.
+    /// Description of the outlier.
     pub text: String,
 }
 
@@ -480,7 +481,7 @@ mod tests {
         assert_eq!(before("a", "0,1,+,1\n10,1,+,2\n20,1,+,4\n"), None);
         assert_eq!(before("b", "0,1,+,-1\n10,1,+,-2\n20,1,+,-4\n"), Some("a"));
         assert_eq!(before("c", "0,1,+,1\n10,1,+,2\n20,1,+,4\n"), Some("a"));
-        // The other direction, another deviation.
+        // Differs in the direction, and in a deviation.
         assert_eq!(before("d", "20,1,-,4\n10,1,-,2\n0,1,-,1\n"), None);
         assert_eq!(before("e", "0,1,+,1\n10,1,+,2\n20,1,+,4.1\n"), None);
         // Two different deviations often have the same values.

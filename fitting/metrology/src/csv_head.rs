@@ -19,7 +19,7 @@ pub(crate) fn with_unit<'t>(
     one_column(table, name, |head| unit_of(head, name))
 }
 
-/// The only column in whose head a unit, possibly empty, is found.
+/// The only column whose head has a unit (possibly empty) by `unit`.
 pub(crate) fn one_column<'t>(
     table: &'t CsvTable,
     name: &str,

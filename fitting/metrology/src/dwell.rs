@@ -22,8 +22,8 @@ pub struct Channels {
     pub within: f64,
     /// Minimum duration of a standstill, s.
     pub dwell_s: f64,
-    /// Settling time at the start of a standstill that is ignored, s. With 0 it is detected: the samples that differ from the second half of the
-    /// standstill by more than that scatters.
+    /// Initial part of a standstill that is ignored, s. With 0 it is detected: samples are ignored
+    /// while they differ from the second half of the standstill by more than its scatter.
     pub settle_s: f64,
     /// Whether the deviation at the first target is subtracted from all: for an instrument that was not zeroed.
     pub zero_at_first: bool,
@@ -112,7 +112,7 @@ pub fn readings_at_dwells(
 #[derive(Default)]
 struct DwellReadings {
     readings: Vec<Reading>,
-    /// Number of standstills that are at no target, or at one that was read before in the same run.
+    /// Number of standstills that are not at a target, or at a target already read in the same run.
     skipped: usize,
     /// Number of standstills merged with the one before, because the axis had not left the target.
     joined: usize,
@@ -146,7 +146,7 @@ impl DwellReadings {
             .chunk_by(|from, to| !is_left(from, to))
             .filter_map(<[Standstill]>::first)
             .collect();
-        // Positions that are no targets, such as overruns, still define the direction of approach.
+        // Positions that are not targets, such as overruns, still define the direction of approach.
         let order: Vec<f64> = visits
             .iter()
             .map(|standstill| at_target(standstill).unwrap_or(standstill.position))
@@ -274,9 +274,10 @@ fn between<'c>(channel: &'c Channel, from: &Standstill, to: &Standstill) -> &'c 
     samples.unwrap_or_default()
 }
 
-/// Samples after settling, at least one of several: those before differ from the median of the second half by more than any sample of that half. The
-/// last micrometres of an approach lie within the limit of standstill and have the sign of the direction, so that on average they would resemble a
-/// reversal value.
+/// Samples after settling; of several, at least one. The ignored samples differ from the median of
+/// the second half by more than any sample of that half. The last micrometres of an approach are
+/// within the limit of standstill and have the sign of the direction, so that their mean would
+/// resemble a reversal value.
 fn at_rest(samples: &[(f64, f64)]) -> &[(f64, f64)] {
     let (first, second) = samples.split_at(samples.len() / 2);
     let mut values: Vec<f64> = second.iter().map(|(_, value)| *value).collect();

@@ -26,12 +26,13 @@ impl MotionKind {
     }
 }
 
-/// All errors that are words of a text, in either case, in the order of the words: of titles, of locations and of file names. `EYX at Z-150` names
-/// EYX; the location error of a squareness may be written `EC0Y` or `EC(0X)Y`.
+/// All errors named in a text (title, location or file name), in the order of the words, in either
+/// case. `EYX at Z-150` names EYX; the location error of a squareness may be written `EC0Y` or
+/// `EC(0X)Y`.
 pub fn errors_named(text: &str) -> Vec<ErrorName> {
     let error = |word: &str| -> Option<ErrorName> {
         let word = word.to_ascii_uppercase();
-        // `C0Y` is an error too; as a word of a title it may be anything.
+        // `C0Y` also parses as an error, but in a title it may be any word.
         word.parse().ok().filter(|_| word.starts_with('E'))
     };
     let words = text.split(|c: char| !(c.is_ascii_alphanumeric() || "()".contains(c)));

@@ -16,11 +16,11 @@ pub enum FileFormat {
     ApiPos,
     /// Text report of a HP, Agilent or Keysight 5529 or 5530: statistics of each target.
     KeysightReport,
-    /// Log of EPICS `camonitor`, whose dwells were taken as readings.
+    /// Log of EPICS `camonitor`, with readings taken at the standstills of the axis.
     Camonitor,
     /// The plain table `target,run,direction,deviation`.
     Table,
-    /// A table whose columns a mapping names.
+    /// A table with columns assigned by a mapping file.
     MappedTable,
 }
 
@@ -72,17 +72,17 @@ impl FileFormat {
     }
 }
 
-/// What kind of error the readings of a file are.
+/// Kind of error that the readings of a file represent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Quantity {
-    /// Along the axis.
+    /// Deviation along the axis.
     Positioning,
-    /// Across the axis; which of the two directions no file says.
+    /// Deviation across the axis; the file does not state which of the two directions.
     Straightness,
-    /// About some axis; which of the three no file says.
+    /// Angular deviation; the file does not state about which of the three axes.
     Angle,
 }
 

@@ -1,8 +1,10 @@
-//! How well the mean curve is known where not all runs hold all targets.
+//! Uncertainty of the mean curve if not all runs hold all targets.
 //!
-//! Two sources vary the aligned means. The lines of the runs (zero of the instrument, slope of a straightness reference) vary them together: as many
-//! numbers as there are runs show this scatter. The rest of a reading is taken as independent: its scatter is pooled over all readings about the
-//! aligned means, because a target that few runs hold shows too little of it, and one that a single run holds shows none.
+//! Two sources vary the aligned means. The lines of the runs (zero of the instrument, slope of a
+//! straightness reference) shift all means of a run together; there are only as many of them as
+//! runs. The rest of a reading is treated as independent. Its scatter is pooled over all readings
+//! about the aligned means, because a target with few runs shows too little of it, and a target
+//! with a single run shows none.
 
 use std::collections::BTreeMap;
 
@@ -18,13 +20,15 @@ pub type AtTargets = [Vec<f64>; 2];
 pub struct IncompleteRuns {
     alignment: Alignment,
     scatter: Option<RunScatter>,
-    /// Shift of the means by one standard deviation of each run: by its line, and by its residuals at targets that all runs hold.
+    /// Shift of the means by one standard deviation of each run: by its line, and by its residuals
+    /// at targets that all runs hold.
     of_lines: BTreeMap<u32, AtTargets>,
     of_residuals: BTreeMap<u32, AtTargets>,
 }
 
 impl Measurement {
-    /// The scatter of the means; `None` if the plain means are right, as where all runs hold all targets.
+    /// The scatter of the means; `None` if the plain means are correct, for example because all
+    /// runs hold all targets.
     pub fn incomplete_runs(&self) -> Option<IncompleteRuns> {
         let alignment = self.alignment();
         alignment.moves().then(|| IncompleteRuns::of(alignment))
@@ -53,13 +57,14 @@ impl IncompleteRuns {
         passes.targets.iter().map(|(target, _)| *target)
     }
 
-    /// Independent shifts of the means by the lines of the runs: the sum of their squares is the variance. Empty with one run.
+    /// Independent shifts of the means by the lines of the runs. The sum of their squares is the
+    /// variance. Empty with one run.
     pub fn shifts_by_lines(&self) -> impl Iterator<Item = &AtTargets> {
         self.of_lines.values()
     }
 
-    /// Degrees of freedom of these shifts in some directions. Runs that were made in both directions have one mean; runs with separate numbers have
-    /// one in each direction.
+    /// Degrees of freedom of these shifts in some directions. Runs made in both directions have one
+    /// mean; runs numbered separately have one mean in each direction.
     pub fn freedom_of_lines(&self, directions: &[Direction]) -> usize {
         if !self.has_separate_numbers() {
             return self.of_lines.len().saturating_sub(1);
@@ -95,7 +100,8 @@ impl IncompleteRuns {
         let mut squares: f64 = slopes.iter().map(|slope| slope * slope).sum();
         let runs = self.alignment.passes.each_ref().map(|of| of.runs.len());
         if self.has_separate_numbers() && runs.contains(&1) {
-            // The only pass of a direction does not show the scatter of its line, which is that of a single pass of the other direction.
+            // A direction with a single pass does not show the scatter of its line. The scatter is
+            // that of a single pass of the other direction.
             let more = shares(&self.alignment.weights[usize::from(runs[1] > runs[0])]);
             squares *= 1.0 + 1.0 / more.iter().map(|w| w * w).sum::<f64>();
         }
@@ -112,8 +118,9 @@ impl IncompleteRuns {
         means(&Alignment::of_passes(noise, self.alignment.kind))
     }
 
-    /// Change of the means if the scatter of each run is multiplied by a factor and the rest varies as `next` returns: standard normal numbers give a
-    /// sample of the means. At targets that all runs hold, the readings vary as their runs did, as where runs are complete.
+    /// Change of the means if the scatter of each run is multiplied by a factor and the rest varies
+    /// as `next` returns: standard normal numbers give a sample of the means. At targets that all
+    /// runs hold, the readings vary with their runs, as in complete runs.
     pub fn sampled(
         &self,
         factor: impl Fn(u32) -> f64,
@@ -125,7 +132,8 @@ impl IncompleteRuns {
         let targets = self.alignment.passes.iter().zip(&mut shifts).zip(plain);
         for ((passes, shifts), plain) in targets {
             for (((_, cells), shift), plain) in passes.targets.iter().zip(shifts).zip(plain) {
-                // The residuals of the runs vary these; the noise shifts them by the alignment only.
+                // The residuals of the runs vary these means; the noise shifts them only through
+                // the alignment.
                 if passes.all_hold(cells) && cells.len() > 1 {
                     *shift -= plain;
                 }
@@ -140,7 +148,8 @@ impl IncompleteRuns {
         shifts
     }
 
-    /// Independent noise of the readings, without the lines of the passes in it: these are in the scatter of the lines of the runs.
+    /// Independent noise of the readings without the part that the lines of the passes absorb: that
+    /// part is included in the scatter of the lines of the runs.
     fn noise(&self, next: &mut impl FnMut() -> f64) -> [Passes; 2] {
         let deviation = self.scatter.map_or(0.0, |scatter| scatter.deviation);
         let mut passes = self.alignment.passes.clone();
@@ -190,7 +199,8 @@ fn residual_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
     shifts
 }
 
-/// Contribution of the line of each run to the line that the means keep, which is the mean of the lines with their weights.
+/// Contribution of the line of each run to the weighted mean of the lines, which remains in the
+/// means.
 fn line_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
     let [forward, backward] = &alignment.weights;
     let counted = |weights: &[f64]| weights.iter().filter(|weight| **weight > 0.0).count();
@@ -202,7 +212,8 @@ fn line_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
             }
         }
     } else {
-        // Both directions keep the line of the same run. How much such lines scatter shows in the direction with more runs.
+        // Both directions keep the line of the same run. The scatter of such lines is taken from
+        // the direction with more runs.
         let more = usize::from(alignment.passes[1].runs.len() > alignment.passes[0].runs.len());
         for (run, line) in weighted_as_one(alignment, more) {
             lines.insert(run, [Some(line); 2]);
@@ -219,8 +230,9 @@ fn line_shifts(alignment: &Alignment) -> BTreeMap<u32, AtTargets> {
     lines.map(|(run, lines)| (run, at_targets(lines))).collect()
 }
 
-/// Weighted deviations of the lines of the passes of a direction from their mean, so that their squares add up to the variance of the mean:
-/// w² (line − mean)² is on average w² (1 − 2 w + Σ w²) times the variance of a line. Empty where the plain means are right.
+/// Weighted deviations of the lines of the passes of a direction from their mean, scaled so that
+/// their squares add up to the variance of the mean: w² (line − mean)² is on average w² (1 − 2 w +
+/// Σ w²) times the variance of a line. Empty if the plain means are correct.
 fn weighted(alignment: &Alignment, direction: usize) -> Vec<(u32, ReferenceLine)> {
     let Some(lines) = &alignment.lines[direction] else {
         return Vec::new();
@@ -236,7 +248,8 @@ fn weighted(alignment: &Alignment, direction: usize) -> Vec<(u32, ReferenceLine)
     lines.zip(&weights).filter_map(scaled).collect()
 }
 
-/// Deviations of the lines of the passes of a direction from their mean, so that their squares add up to the variance of a single line.
+/// Deviations of the lines of the passes of a direction from their mean, scaled so that their
+/// squares add up to the variance of a single line.
 fn weighted_as_one(alignment: &Alignment, direction: usize) -> Vec<(u32, ReferenceLine)> {
     let Some(lines) = &alignment.lines[direction] else {
         return Vec::new();

@@ -42,13 +42,13 @@ pub struct TargetRow {
 
 /// Result of ISO 230-2, in the standard's symbols and the measurement's unit (µm or µrad).
 ///
-/// With one run a direction (n = 1) all R and A are `None`; with one direction only, the bidirectional values and the
-/// other direction's.
+/// With one run in each direction (n = 1) all R and A are `None`; with a single direction, so are
+/// the bidirectional values and those of the other direction.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Iso230Part2 {
-    /// Unit of all values; `None` when the file did not say.
+    /// Unit of all values; `None` if the file does not state it.
     pub unit: Option<DeviationUnit>,
     /// The per-target table, targets ascending.
     pub targets: Vec<TargetRow>,
@@ -95,7 +95,9 @@ pub struct Iso230Part2 {
 /// Evaluates positioning readings by ISO 230-2 (editions 1997 to 2014 share the formulas).
 ///
 /// # Errors
-/// No readings, readings that are not finite, or a target lacking in a direction that was run.
+///
+/// No readings, readings that are not finite, or a target without readings in a direction that was
+/// run.
 pub fn evaluate(measurement: &Measurement) -> Result<Iso230Part2, MetrologyError> {
     check_readings(measurement)?;
     measurement.check_directions()?;
@@ -188,7 +190,7 @@ struct DirectionSummary {
     systematic: Option<f64>,
 }
 
-/// A, the largest 4 s_i and E over these approaches; `None` if one of them is missing or has no s.
+/// A, the largest 4 s_i, and E over these approaches; `None` if an approach is missing or has no s.
 fn direction_summary(approaches: impl Iterator<Item = Option<Approach>>) -> DirectionSummary {
     let all: Option<Vec<Approach>> = approaches.collect();
     let means = all

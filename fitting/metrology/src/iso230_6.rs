@@ -8,7 +8,8 @@ use crate::{
     circular::CircularPlane, evaluate, opening,
 };
 
-/// A body or face diagonal, by the signs with which X, Y and Z move along it in its forward direction; 0: the axis stands.
+/// A body or face diagonal, by the signs of motion of X, Y and Z in its forward direction; 0: the
+/// axis does not move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -81,31 +82,34 @@ impl std::fmt::Display for Diagonal {
     }
 }
 
-/// One measured diagonal.
+/// One measured diagonal with its evaluation.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MeasuredDiagonal {
-    /// Which diagonal it is.
+    /// Direction of the diagonal.
     pub diagonal: Diagonal,
-    /// The measurement file.
+    /// Path of the measurement file.
     pub file: String,
-    /// Its length between the first and the last target, mm.
+    /// Length between the first and the last target, mm.
     pub length_mm: f64,
-    /// The evaluation of its readings as those of an axis: E, E↑, E↓, B, M and the table by targets.
+    /// Evaluation of the readings by the formulas for an axis: E, E↑, E↓, B, M and the table by
+    /// target.
     pub result: Iso230Part2,
-    /// By how much the diagonal is too long over its length, µm: the slope of least squares of the means, times the length.
+    /// Growth of the diagonal over its length, µm: the least-squares slope of the means times the
+    /// length.
     pub growth_um: f64,
 }
 
-/// A squareness error that the diagonals hint at.
+/// A squareness error indicated by the diagonals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SquarenessHint {
-    /// `EC0Y`, `EA0Z` or `EB0Z`.
+    /// Name of the error: `EC0Y`, `EA0Z` or `EB0Z`.
     pub error: ErrorName,
-    /// Its size if nothing but squareness and equal scales were in the diagonals, µrad.
+    /// Size of the error, µrad, under the assumption that the diagonals contain only squareness and
+    /// equal scales.
     pub urad: f64,
 }
 
@@ -116,19 +120,22 @@ pub struct SquarenessHint {
 pub struct Iso230Part6 {
     /// The diagonals in the order of the standard.
     pub diagonals: Vec<MeasuredDiagonal>,
-    /// Diagonal systematic deviation E_d: the largest E of the diagonals; `None` where one was run in one direction only.
+    /// Diagonal systematic deviation E_d: the largest E of the diagonals; `None` if a diagonal was
+    /// run in one direction only.
     pub e_d_um: Option<f64>,
-    /// The largest E↑ or E↓ of them.
+    /// Largest E↑ or E↓ of the diagonals.
     pub e_d_unidirectional_um: Option<f64>,
-    /// The largest reversal value B of them.
+    /// Largest reversal value B of the diagonals.
     pub b_d_um: Option<f64>,
-    /// The largest M of them.
+    /// Largest M of the diagonals.
     pub m_d_um: Option<f64>,
-    /// Mean of the growths by their lengths, µm/m: what all diagonals have in common, scale and temperature.
+    /// Mean of the growths divided by their lengths, µm/m: the common part of all diagonals, caused
+    /// by scale and temperature.
     pub scale_um_per_m: f64,
-    /// Range of the growths, µm: what they do not have in common, mostly squareness.
+    /// Range of the growths, µm: the different part of the diagonals, mostly caused by squareness.
     pub spread_um: f64,
-    /// What the growths hint at, with the edges of the box stated and all diagonals of the set measured.
+    /// Squareness errors indicated by the growths; only if the edges of the box are stated and all
+    /// diagonals of the set measured.
     pub squareness: Vec<SquarenessHint>,
     /// Diagonals of the set that were not measured.
     pub lacking: Vec<Diagonal>,
@@ -140,8 +147,10 @@ const LENGTHS_WITHIN: f64 = 0.01;
 /// Evaluates measured diagonals; `edges_mm` are the edges of the box along X, Y and Z, mm.
 ///
 /// # Errors
-/// No diagonal, a repeated one, body and face diagonals or faces of different planes together, lengths that differ from each other or from the edges
-/// by more than 1 %, angles in place of lengths, and those of [`evaluate`].
+///
+/// No diagonal, a repeated one, body and face diagonals or faces of different planes together,
+/// lengths that differ from each other or from the edges by more than 1 %, angles in place of
+/// lengths, or an error of [`evaluate`].
 pub fn evaluate_diagonals(
     measured: &[(Diagonal, &Measurement)],
     edges_mm: Option<[f64; 3]>,
@@ -301,8 +310,10 @@ fn check_edges(first: &MeasuredDiagonal, edges_mm: [f64; 3]) -> Result<(), Metro
     Ok(())
 }
 
-/// A squareness that opens the angle moves the tool at (x, y, z) by EC0Y (−y, 0, 0) or EA0Z (0, −z, 0), one that closes it by EB0Z (z, 0, 0). Along a
-/// diagonal that is ∓ ab/D and so on, so that sums with the signs of the diagonals isolate one squareness each.
+/// A squareness that opens the angle moves the tool at (x, y, z) by EC0Y (−y, 0, 0) or EA0Z (0, −z,
+/// 0); one that closes it by EB0Z (z, 0, 0). For the diagonal of a box with edges a, b, … and
+/// length D the component along the diagonal is ∓ ab/D, and similarly for the others, so that sums
+/// with the signs of the diagonals isolate one squareness each.
 fn squareness_hints(diagonals: &[MeasuredDiagonal], edges_mm: [f64; 3]) -> Vec<SquarenessHint> {
     const URAD_PER_UM_PER_MM: f64 = 1e3;
     let parts = [

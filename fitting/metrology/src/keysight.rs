@@ -26,15 +26,17 @@ pub(crate) fn is_report(text: &str) -> bool {
 
 /// Reads a text report of a HP, Agilent or Keysight 5529 or 5530 laser.
 ///
-/// Rows are, with or without a leading number: target; mean forward, reverse, of both (system); 2σ forward, reverse; dead zone. The order is that of
-/// one published report. Each row is checked for it: the system mean is that of the two, the dead zone is reverse minus forward. Errors are laser
-/// minus machine reading. Their unit is the only length or angle unit in brackets in the heads of the columns; otherwise [`Measurement::unit`] is
-/// `None`.
+/// Columns, after an optional row number: target; mean forward, reverse and of both (system); 2σ
+/// forward and reverse; dead zone. The order is that of one published report. It is checked in each
+/// row: the system mean must be the mean of both, and the dead zone reverse minus forward. Errors
+/// are laser minus machine reading. Their unit is the only length or angle unit in brackets in the
+/// heads of the columns; otherwise [`Measurement::unit`] is `None`.
 ///
 /// A report holds no single readings: the means of forward and reverse become one run each, and a note names the quantities that cannot be derived
 /// from them.
 ///
 /// # Errors
+///
 /// No such rows, inconsistent rows, several units, a target twice.
 pub fn parse_keysight_report(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
@@ -95,7 +97,7 @@ fn rows(text: &str, name: &str) -> Result<Vec<Row>, MetrologyError> {
         }
         if cells.len() < 3 {
             if rows.is_empty() {
-                // A number among the lines above the rows.
+                // A number in the lines above the rows.
                 continue;
             }
             let expected = format!("{COLUMNS} numbers: the file may be cut off");

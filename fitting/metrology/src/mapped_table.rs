@@ -18,10 +18,12 @@ use crate::{
 
 /// Reads a table with the columns that a mapping names: rows in the order of travel, blank rows skipped.
 ///
-/// Without a column of directions these follow the order of travel: a target is approached in the direction of the move towards it, the second time
-/// in a row from the other side. Without a column of runs they are counted.
+/// Without a column of directions, they follow from the order of travel: a target is approached in
+/// the direction of the move towards it; if it is repeated, from the other side the second time.
+/// Without a column of runs, runs are counted.
 ///
 /// # Errors
+///
 /// A column that is missing or repeated, cells that are not numbers, an invalid direction or run, a repeated reading.
 pub fn parse_table_with(
     bytes: &[u8],
@@ -402,8 +404,9 @@ fn readings(file: &str, rows: &[Row]) -> Result<Vec<Reading>, MetrologyError> {
     Ok(readings)
 }
 
-/// Runs of rows that state a direction and no run: the first reading of each target in a direction is of run 1. If the numbers of readings differ, a
-/// run lacks some, and the passes are taken from the order of travel.
+/// Numbers the runs of rows that state a direction but no run: the first reading of each target in
+/// a direction belongs to run 1. If the numbers of readings differ, a run lacks some, and the
+/// passes are taken from the order of travel.
 fn counted_runs(file: &str, rows: &[Row]) -> Result<Vec<u32>, MetrologyError> {
     let mut counts: HashMap<(Option<Direction>, u64), u32> = HashMap::new();
     let count = |row: &Row| {
@@ -430,9 +433,10 @@ fn counted_runs(file: &str, rows: &[Row]) -> Result<Vec<u32>, MetrologyError> {
     })
 }
 
-/// Run of each row in the order of travel, of which each has a direction. A pass ends where the direction changes or the order of its targets begins
-/// again. The first direction of the file begins a run, also where a pass is missing. `None` if a pass before the last has a single target of several: the rows
-/// are then in another order, such as by targets.
+/// Run of each row from the order of travel; all rows have a direction. A pass ends where the
+/// direction changes or the sequence of targets starts again. The first direction of the file
+/// begins a run, even if a pass is missing. `None` if a pass before the last has a single target
+/// although there are several: the rows are then in another order, such as by target.
 fn runs_by_passes(rows: &[Row]) -> Option<Vec<u32>> {
     let steps = |direction: Option<Direction>| {
         let pairs = rows

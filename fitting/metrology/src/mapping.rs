@@ -46,7 +46,8 @@ pub struct Columns {
     pub unit: Option<ReadingUnit>,
     /// Unit of the targets, if stated: mm or deg.
     pub target_unit: Option<TargetUnit>,
-    /// Number of lines above the first reading, including blank ones; the last of them that is not blank holds the heads.
+    /// Number of lines above the first reading, including blank ones; the last non-blank line
+    /// contains the heads.
     pub header_rows: usize,
 }
 

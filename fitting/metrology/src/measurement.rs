@@ -18,7 +18,7 @@ pub struct Reading {
     pub deviation: f64,
 }
 
-/// The statements of a file about itself and its machine; free text, `None` where absent or blank.
+/// Header texts of a file about itself and the machine; `None` if missing or blank.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -29,10 +29,10 @@ pub struct Metadata {
     /// Owner: the program that wrote the file.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub owner: Option<String>,
-    /// Version number of that program or format.
+    /// Version number of the program or of the format.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub version: Option<String>,
-    /// The machine that was measured.
+    /// Name of the measured machine.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub machine: Option<String>,
     /// The serial number of the machine.
@@ -47,7 +47,7 @@ pub struct Metadata {
     /// The axis that was measured.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub axis: Option<String>,
-    /// Where the machine stands.
+    /// Location of the machine or of the measured line.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub location: Option<String>,
     /// The title of the test.
@@ -64,26 +64,26 @@ pub struct StartEnd {
     pub start: f64,
     /// Value at the end.
     pub end: f64,
-    /// The file's unit code, where it gives one.
+    /// Unit code of the file, if stated.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub unit_code: Option<i64>,
 }
 
-/// The surroundings during the test, in the file's units (°C, kPa, %, µm/(m·K) in the files known).
+/// Environment during the test, in the file's units (°C, kPa, %, µm/(m·K) in the known files).
 #[derive(Debug, Clone, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Environment {
-    /// Temperature of the air.
+    /// Air temperature.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub air_temperature: Option<StartEnd>,
-    /// Pressure of the air.
+    /// Air pressure.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub air_pressure: Option<StartEnd>,
     /// Relative humidity of the air.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub air_humidity: Option<StartEnd>,
-    /// Material temperatures 1 to 3; `None` where no sensor was connected (the file says −10.000000).
+    /// Material temperatures 1 to 3; `None` without a connected sensor (−10.000000 in the file).
     pub material_temperature: [Option<StartEnd>; 3],
     /// Expansion coefficient of the material.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
@@ -118,9 +118,9 @@ pub struct Measurement {
     pub target_unit: Option<TargetUnit>,
     /// All readings, in the order of the file.
     pub readings: Vec<Reading>,
-    /// Information in the file about itself and its machine.
+    /// Header texts about the file and the machine.
     pub metadata: Metadata,
-    /// Surroundings during the test.
+    /// Environment during the test.
     pub environment: Environment,
     /// Notes for the user on how the file was read.
     pub notes: Vec<String>,
@@ -144,7 +144,7 @@ impl Measurement {
         runs
     }
 
-    /// Number of runs in the direction with more of them.
+    /// Number of runs in the direction that has more runs.
     pub fn most_runs(&self) -> usize {
         let [forward, backward] = Direction::BOTH.map(|direction| self.runs(direction).len());
         forward.max(backward)
@@ -172,10 +172,11 @@ impl Measurement {
         }
     }
 
-    /// Checks that each target was read in each direction that was run: if one of them is missing, means over both directions jump by half of the
-    /// reversal value there.
+    /// Checks that each target was read in each direction that was run. If one is missing, means
+    /// over both directions jump by half of the reversal value there.
     ///
     /// # Errors
+    ///
     /// The first target that lacks a direction.
     pub fn check_directions(&self) -> Result<(), MetrologyError> {
         for readings in self.by_target() {
@@ -207,8 +208,9 @@ impl Measurement {
         mean(&self.deviations_at(target, direction))
     }
 
-    /// Targets and their means, ascending: x̄_i of ISO 230-2 with both directions, else the mean of the only direction. Each target counts once,
-    /// however often it was measured. Runs are aligned by their offsets if not all of them hold all targets.
+    /// Targets and their means, ascending: x̄_i of ISO 230-2 with both directions, else the mean of
+    /// the only direction. Each target occurs once. Runs are aligned by their offsets if not all of
+    /// them hold all targets.
     pub fn mean_curve(&self) -> Vec<(f64, f64)> {
         let at = |readings: &TargetReadings| {
             let means = Direction::BOTH.map(|direction| mean(&readings.deviations(direction)));
@@ -235,7 +237,7 @@ impl Measurement {
         groups.map(at).collect()
     }
 
-    /// Readings as they are, sorted by target, then by run.
+    /// Unaligned readings, sorted by target, then by run.
     pub(crate) fn by_target(&self) -> Vec<TargetReadings> {
         by_target(&self.readings)
     }

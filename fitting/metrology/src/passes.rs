@@ -1,18 +1,20 @@
 //! Least squares of passes that do not all hold all targets: reading = mean of the target + line of the pass (unbalanced two-way layout).
 //!
-//! A pass is one run in one direction. Passes have separate lines, because the zero may drift between both directions. The lines of a direction add
-//! up to zero over the runs that were made in both directions: the reversal is the mean of the reversals of these runs.
+//! A pass is one run in one direction. Passes have separate lines, because the zero may drift
+//! between both directions. The lines of a direction add up to zero over the runs made in both
+//! directions, so that the reversal is the mean of the reversals of these runs.
 
 use crate::{Direction, Reading, ReferenceLine};
 
-/// Maximum number of steps of the conjugate gradients for each unknown. Without rounding one is enough; a chain of 200 runs that overlap by half
-/// takes five.
+/// Maximum number of conjugate-gradient steps per unknown. In exact arithmetic one is enough; a
+/// chain of 200 runs that overlap by half takes five.
 const STEPS_PER_UNKNOWN: usize = 20;
-/// Minimum number of steps after which they end.
+/// Lower limit of the maximum number of conjugate-gradient steps.
 const MIN_STEPS: usize = 1000;
-/// Relative residual at which the lines are final.
+/// Relative residual at which the conjugate gradients have converged.
 const CONVERGED: f64 = 1e-13;
-/// Minimum number of common targets from which the offset and the slope of a pass are determined, with one to check them.
+/// Minimum number of common targets to determine offset and slope of a pass, including one as a
+/// check.
 const MIN_COMMON_TARGETS: usize = 3;
 
 const ZERO: ReferenceLine = ReferenceLine {
@@ -20,8 +22,8 @@ const ZERO: ReferenceLine = ReferenceLine {
     intercept_um: 0.0,
 };
 
-/// Alignment that is specific to each run and is not treated as scatter: an instrument is zeroed, and a straightness reference aligned, before each
-/// run.
+/// Misalignment that is specific to each run and not treated as scatter: an instrument is zeroed,
+/// and a straightness reference aligned, before each run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunAlignment {
     /// Offset.
@@ -102,7 +104,7 @@ impl Passes {
         targets.all(|(_, cells)| self.all_hold(cells))
     }
 
-    /// Whether the readings of a target are one of each run.
+    /// Whether the readings at a target are exactly one of each run.
     pub(crate) fn all_hold(&self, cells: &[(usize, f64)]) -> bool {
         cells.iter().map(|(run, _)| *run).eq(0..self.runs.len())
     }
@@ -151,8 +153,9 @@ impl Passes {
         bases
     }
 
-    /// Least-squares line of each pass, undetermined by a line common to the passes of a group. The normal equations, with the means of the targets
-    /// eliminated, are solved by conjugate gradients.
+    /// Least-squares line of each pass. A line common to all passes of a group is undetermined. The
+    /// normal equations, with the means of the targets eliminated, are solved by conjugate
+    /// gradients.
     pub(crate) fn least_squares(&self, alignment: RunAlignment) -> Vec<ReferenceLine> {
         let bases = self.bases(alignment);
         let mut lines = vec![[0.0; 2]; bases.len()];
@@ -166,7 +169,7 @@ impl Passes {
                 search[run][0] * constant + search[run][1] * slope
             });
             let curvature = dot(&search, &product);
-            // Both also end it for readings that are not finite.
+            // Both conditions also stop the iteration if readings are not finite.
             if !(squares > converged && curvature > 0.0) {
                 break;
             }
@@ -187,7 +190,8 @@ impl Passes {
         bases.iter().zip(lines).map(|(b, c)| b.line(c)).collect()
     }
 
-    /// Projection of the readings of each run on its basis, each reading replaced by a value minus the mean of these at the target.
+    /// Projects the readings of each run on its basis, after replacing each reading by `value`
+    /// minus the mean of these values at the target.
     fn about_means(
         &self,
         bases: &[Basis],
@@ -208,7 +212,7 @@ impl Passes {
         sums
     }
 
-    /// Subtracts from the readings of each pass their own least-squares line.
+    /// Subtracts from the readings of each pass its least-squares line.
     pub(crate) fn remove_own_lines(&mut self, alignment: RunAlignment) {
         let bases = self.bases(alignment);
         let mut coefficients = vec![[0.0; 2]; bases.len()];
@@ -228,7 +232,7 @@ impl Passes {
         }
     }
 
-    /// Mean of each target without the lines of the passes.
+    /// Mean of each target after subtracting the lines of the passes.
     pub(crate) fn means(&self, lines: Option<&[ReferenceLine]>) -> Vec<f64> {
         let mean = |(target, cells): &(f64, Vec<(usize, f64)>)| {
             let aligned = cells.iter().map(|(run, deviation)| match lines {
@@ -240,7 +244,8 @@ impl Passes {
         self.targets.iter().map(mean).collect()
     }
 
-    /// Subtracts from the lines of each group their mean, with a weight for each run. `is_counted`: the runs that count, if a group has any.
+    /// Subtracts the weighted mean of the lines of each group. `is_counted`: the runs that enter
+    /// the mean, if a group has any.
     pub(crate) fn zero(&self, lines: &mut [ReferenceLine], weights: &[f64], is_counted: &[bool]) {
         let groups = self.groups();
         let mut has_counted = vec![false; groups.len()];
@@ -263,7 +268,8 @@ impl Passes {
         }
     }
 
-    /// For each run the first run that is connected with it by common targets, directly or through other runs.
+    /// For each run, the first run of its group. Runs of a group are connected by common targets,
+    /// directly or through other runs.
     fn groups(&self) -> Vec<usize> {
         fn first_of(groups: &mut [usize], mut run: usize) -> usize {
             while groups[run] != run {
@@ -291,8 +297,9 @@ impl Passes {
         first_runs.map(|run| self.runs[run]).collect()
     }
 
-    /// Runs whose lines cannot be determined: those with too few targets in common with the others, which are joined one after another from the run
-    /// with the most targets. None if the runs are complete.
+    /// Runs whose lines cannot be determined because they have too few targets in common with the
+    /// others, which are joined one by one from the run with the most targets. Empty if the runs
+    /// are complete.
     pub(crate) fn without_line(&self) -> Vec<u32> {
         if self.is_complete() {
             return Vec::new();

@@ -9,15 +9,15 @@ use crate::MetrologyError;
 pub struct UncertaintyInputs {
     /// Expanded uncertainty (k = 2) of the instrument by its calibration: part proportional to the length, µm/m.
     pub device_um_per_m: Option<f64>,
-    /// Constant part of the same, µm.
+    /// Constant part of the expanded uncertainty (k = 2) of the instrument, µm.
     pub device_um: Option<f64>,
-    /// Range of the misalignment of the beam to the axis over the length, mm.
+    /// Range of the misalignment between beam and axis over the length, mm.
     pub misalignment_mm: Option<f64>,
-    /// Range R(θ) of the uncertainty of the machine temperature, K.
+    /// Range R(θ) of the error of the machine temperature, K.
     pub temperature_range_k: Option<f64>,
     /// Expansion coefficient α of the machine, µm/(m·K).
     pub expansion_um_per_m_k: Option<f64>,
-    /// Range R(α) of the uncertainty of that coefficient, µm/(m·K).
+    /// Range R(α) of the error of the expansion coefficient, µm/(m·K).
     pub expansion_range_um_per_m_k: Option<f64>,
     /// Difference of the machine temperature from 20 °C, K; either sign.
     pub from_20_degc_k: Option<f64>,
@@ -25,16 +25,16 @@ pub struct UncertaintyInputs {
     pub environment_um: Option<f64>,
 }
 
-/// One contribution, expanded with k = 2.
+/// One contribution to the uncertainty, expanded with k = 2.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Contribution {
-    /// The symbol in plain letters: `U_DEVICE`.
+    /// Symbol in plain letters: `U_DEVICE`.
     pub symbol: &'static str,
-    /// What it is, and how it is made.
+    /// Name of the contribution, with its formula.
     pub name: &'static str,
-    /// The contribution over the length, µm; `None`: not stated, and left out.
+    /// Contribution over the length, µm; `None`: not stated and not included.
     pub u_um: Option<f64>,
 }
 
@@ -43,25 +43,26 @@ pub struct Contribution {
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PositioningUncertainty {
-    /// The length over which it is stated, m.
+    /// Measured length for which the uncertainties are stated, m.
     pub length_m: f64,
-    /// Number of runs in a direction.
+    /// Number of runs in each direction.
     pub runs: usize,
     /// The contributions in the order of the annex.
     pub contributions: Vec<Contribution>,
-    /// U(A), U(A↑), U(A↓).
+    /// U(A), also valid for U(A↑) and U(A↓).
     pub a_um: f64,
-    /// U(E), U(E↑), U(E↓).
+    /// U(E), also valid for U(E↑) and U(E↓).
     pub e_um: f64,
-    /// U(M).
+    /// U(M), of the mean bidirectional positioning deviation.
     pub m_um: f64,
-    /// U(B).
+    /// U(B), of the reversal value.
     pub b_um: f64,
-    /// U(R).
+    /// U(R), of the bidirectional repeatability.
     pub r_um: f64,
-    /// U(R↑), U(R↓).
+    /// U(R↑) and U(R↓).
     pub r_unidirectional_um: f64,
-    /// What was not stated and so is left out, in words; empty where all was stated.
+    /// Contributions that were not stated and are not included, one text each; empty if all were
+    /// stated.
     pub left_out: Vec<String>,
 }
 
@@ -120,7 +121,7 @@ pub fn positioning_uncertainty(
             u_um: environment,
         },
     ];
-    // Contributions that are equal in every reading at one target, and so cancel in B and R.
+    // Contributions that are equal in all readings at a target cancel in B and R.
     let common: f64 = [device, misalignment, temperature, expansion]
         .iter()
         .flatten()

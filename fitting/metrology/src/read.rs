@@ -33,10 +33,11 @@ pub enum Content {
 }
 
 impl Content {
-    /// Readings at targets.
+    /// Returns the readings at targets.
     ///
     /// # Errors
-    /// A capture, or a log without a mapping, has none.
+    ///
+    /// A capture, or a log without a mapping, has no readings at targets.
     pub fn into_measurement(self) -> Result<Measurement, MetrologyError> {
         match self {
             Self::Measurement(measurement) => Ok(*measurement),

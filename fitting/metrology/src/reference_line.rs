@@ -11,9 +11,9 @@ pub enum ReferenceKind {
     /// Least squares of the deviations.
     #[default]
     LeastSquares,
-    /// Through the first and the last target.
+    /// Line through the first and the last target.
     EndPoints,
-    /// Middle of the narrowest strip that encloses all points.
+    /// Middle line of the narrowest strip that encloses all points.
     MinimumZone,
 }
 
@@ -88,7 +88,8 @@ impl ReferenceLine {
             let heights = upper.iter().map(|(q, x)| -x - slope * q);
             heights.fold(f64::NEG_INFINITY, f64::max)
         };
-        // The width is a convex function of the slope with kinks only where a side lies on an edge.
+        // The width is a convex function of the slope, with kinks only where a side of the strip
+        // lies on an edge.
         let edges = |hull: &[(f64, f64)], sign: f64| -> Vec<f64> {
             let edges = hull.windows(2).filter(|edge| edge[1].0 > edge[0].0);
             let slope =

@@ -1,8 +1,10 @@
 //! Runs of a measurement: alignment where not all runs hold all targets, and their scatter.
 //!
-//! An instrument is zeroed for each run, so a run is shifted by a constant. A straightness reference is realigned, so the reading of a straightness
-//! also has a slope of each run. The mean of complete runs has the mean of these lines. Where a run lacks a target, the mean would step by line /
-//! number of runs, although no run has a step. There the lines of the passes are fitted ([`Passes`]) and removed.
+//! An instrument is zeroed before each run, so each run has a constant offset. A straightness
+//! reference is also realigned, so each run has a slope. The mean of complete runs contains the
+//! mean of these lines. Where a run lacks a target, the mean would step by its line divided by the
+//! number of runs, although no run has a step. In that case the lines of the passes are fitted
+//! ([`Passes`]) and removed.
 
 use std::borrow::Cow;
 
@@ -18,11 +20,13 @@ const MAX_NAMED: usize = 3;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Alignment {
     pub(crate) passes: [Passes; 2],
-    /// `None` if the plain means of both directions are right. If those of one are not, the lines of both show how the runs scatter.
+    /// Lines of the passes of each direction; `None` if the plain means are correct. If the means
+    /// of one direction are not, the lines of both are stored for the scatter of the runs.
     pub(crate) lines: [Option<Vec<ReferenceLine>>; 2],
-    /// Weight of each run in the line that the means keep; 0 for a run that was made in one direction, if any was made in both.
+    /// Weight of each run in the mean line, which the means keep. It is 0 for a run made in one
+    /// direction, if any run was made in both.
     pub(crate) weights: [Vec<f64>; 2],
-    /// What was aligned: offsets if the slopes cannot be determined.
+    /// Alignment that was removed: offsets if the slopes cannot be determined.
     pub(crate) kind: RunAlignment,
 }
 
@@ -41,7 +45,8 @@ impl Alignment {
             RunAlignment::Offset => vec![1.0; of.runs.len()],
             RunAlignment::Line => of.spreads(),
         });
-        // A run has the same weight in both directions, or its line would seem to be a reversal.
+        // A run has the same weight in both directions; otherwise its line would appear as a
+        // reversal.
         let weight = |run: &u32| {
             let places = passes.each_ref().map(|of| of.runs.binary_search(run).ok());
             let spreads = places.iter().zip(&spreads);
@@ -97,7 +102,7 @@ impl Alignment {
     }
 }
 
-/// The alignment that the passes determine.
+/// The alignment that the passes can determine.
 fn determined(passes: &[Passes; 2], kind: RunAlignment) -> RunAlignment {
     let mut passes = passes.iter();
     if kind == RunAlignment::Line && passes.any(|of| !of.without_line().is_empty()) {
@@ -116,7 +121,7 @@ fn listed(runs: &[u32]) -> String {
 }
 
 impl Measurement {
-    /// Alignment of the runs: that of a line for straightness readings of lengths, otherwise that of an offset.
+    /// Alignment of the runs: a line for straightness readings of lengths, otherwise an offset.
     fn run_alignment(&self) -> RunAlignment {
         let is_straightness = self.quantity == Some(Quantity::Straightness);
         if is_straightness && self.unit != Some(DeviationUnit::Urad) {
@@ -130,7 +135,8 @@ impl Measurement {
         Alignment::of(&self.readings, self.run_alignment())
     }
 
-    /// The readings for a curve: without the lines of the passes if not all runs hold all targets, otherwise as they are.
+    /// The readings for a curve: after subtracting the lines of the passes if not all runs hold all
+    /// targets, otherwise unchanged.
     pub(crate) fn aligned_readings(&self) -> Cow<'_, [Reading]> {
         let alignment = self.alignment();
         if !alignment.moves() {
@@ -143,10 +149,11 @@ impl Measurement {
         aligned.collect()
     }
 
-    /// Checks that the runs of a straightness can be aligned by offset and slope if not all of them hold all targets. Without the slopes the mean
-    /// would have a step where a run ends.
+    /// Checks that straightness runs with missing targets can be aligned by offset and slope.
+    /// Without the slopes the mean would have a step where a run ends.
     ///
     /// # Errors
+    ///
     /// The runs whose lines cannot be determined.
     pub fn check_lines_of_runs(&self) -> Result<(), MetrologyError> {
         if self.run_alignment() == RunAlignment::Offset {
@@ -193,7 +200,8 @@ pub struct RunScatter {
     pub freedom: f64,
 }
 
-/// Standard deviation of a reading, pooled over targets and directions after removing the lines of the passes; `None` without degrees of freedom.
+/// Standard deviation of a reading, pooled over targets and directions after subtracting the lines
+/// of the passes; `None` without degrees of freedom.
 pub(crate) fn pooled_scatter(passes: &[Passes; 2], alignment: RunAlignment) -> Option<RunScatter> {
     let (mut squares, mut freedom) = (0.0, 0.0);
     for passes in passes {
@@ -208,9 +216,10 @@ pub(crate) fn pooled_scatter(passes: &[Passes; 2], alignment: RunAlignment) -> O
 }
 
 impl Measurement {
-    /// Standard deviation of the mean reading of a target in one direction, that with the fewest readings; pooled over targets and directions after
-    /// removing the alignment of each run, or its offset if not all runs hold all targets and their slopes cannot be determined. `None` without
-    /// repeated runs, or without scatter.
+    /// Standard deviation of the mean reading of a target in one direction, for the direction with
+    /// the fewest readings. It is pooled over targets and directions after removing the alignment
+    /// of each run, or only its offset if runs lack targets and their slopes cannot be determined.
+    /// `None` without repeated runs, or without scatter.
     pub fn scatter_of_mean(&self, alignment: RunAlignment) -> Option<RunScatter> {
         let passes = Direction::BOTH.map(|direction| Passes::of(&self.readings, direction));
         let scatter = pooled_scatter(&passes, determined(&passes, alignment))?;
@@ -231,8 +240,9 @@ impl Measurement {
 mod tests {
     use super::*;
 
-    /// Three runs with different offsets and slopes, each with a pattern of ±1 about its line: with the lines removed
-    /// s² = 8 / (12 − 4), and a third of it for the mean of three.
+    /// Three runs with different offsets and slopes, each with a pattern of ±1 about its line:
+    /// after subtracting the lines s² = 8 / (12 − 4), and for the mean of three runs a third of
+    /// that.
     #[test]
     fn offsets_and_slopes_of_runs_are_not_scatter() {
         let reading = |run: u32, place: u32| {

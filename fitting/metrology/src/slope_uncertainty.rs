@@ -17,13 +17,14 @@ pub struct SlopeUncertainty {
 }
 
 impl SlopeUncertainty {
-    /// Of the mean slope of several runs, from the scatter of their slopes: s/√n. It contains the realignment and the drift of the reference
-    /// between runs, which the readings about the mean line do not show. `None` for one run in each direction.
+    /// Uncertainty of the mean slope of several runs, from the scatter of their slopes: s/√n. It
+    /// includes realignment and drift of the reference between runs, which the residuals from the
+    /// mean line do not show. `None` for one run in each direction.
     ///
     /// The slopes are those about the mean profile, so that they contain neither the profile nor the reversal; those of runs that lack targets
     /// are the slopes of their alignment. Runs with separate numbers in the two directions have one mean in each, and one degree of freedom less.
     pub fn of_runs(measurement: &Measurement) -> Option<Self> {
-        // −0.0 and 0.0 are one target.
+        // −0.0 and 0.0 are the same target.
         let key = |target: f64, direction| (direction, (target + 0.0).to_bits());
         if let Some(incomplete) = measurement.incomplete_runs() {
             return incomplete.slope_uncertainty();
@@ -64,8 +65,10 @@ impl SlopeUncertainty {
         })
     }
 
-    /// Of the least-squares line through a profile of (target in mm, deviation in µm), from its residuals: s/√Σ(q − q̄)² with s² their squares over
-    /// n − 2. The straightness error counts as noise, and a tilt of the reference is not contained. `None` for fewer than three targets.
+    /// Uncertainty of the least-squares line through a profile of (target in mm, deviation in µm),
+    /// from its residuals: s/√Σ(q − q̄)², where s² is the sum of their squares over n − 2. The
+    /// straightness error counts as noise, and a tilt of the reference is not included. `None` for
+    /// fewer than three targets.
     pub fn of_line(profile: &[(f64, f64)]) -> Option<Self> {
         let line = ReferenceLine::least_squares(profile).ok()?;
         let targets: Vec<f64> = profile.iter().map(|(target, _)| *target).collect();
@@ -77,9 +80,11 @@ impl SlopeUncertainty {
         })
     }
 
-    /// Of the least-squares line through the profile that the tilts of a bridge, µrad, add up to, from their scatter about their mean. The errors of
-    /// the profile add up as well, so its residuals show too little. `readings` are (target in mm, tilt), and that at the first target is not used,
-    /// as in [`angular_method_um`](crate::angular_method_um). `None` for fewer than two tilts.
+    /// Uncertainty of the least-squares line through a profile summed from bridge tilts, µrad, from
+    /// the scatter of the tilts about their mean. The errors of the tilts accumulate in the
+    /// profile, so its residuals would be too small. `readings` are (target in mm, tilt); the tilt
+    /// at the first target is not used, as in [`angular_method_um`](crate::angular_method_um).
+    /// `None` for fewer than two tilts.
     pub fn of_tilts(readings: &[(f64, f64)]) -> Option<Self> {
         let tilts = || readings.iter().skip(1).map(|(_, tilt)| tilt);
         let n = tilts().count() as f64;
@@ -91,7 +96,8 @@ impl SlopeUncertainty {
         })
     }
 
-    /// Of the sum or difference of independent slopes; degrees of freedom by Welch and Satterthwaite (JCGM 100, G.4).
+    /// Uncertainty of the sum or difference of independent slopes; degrees of freedom by Welch and
+    /// Satterthwaite (JCGM 100, G.4).
     pub fn of_sum(parts: impl IntoIterator<Item = Self>) -> Self {
         let (mut variance, mut over_degrees) = (0.0, 0.0);
         for part in parts {
@@ -118,21 +124,23 @@ impl SlopeUncertainty {
         }
     }
 
-    /// Expanded uncertainty, µrad: as many standard uncertainties as hold 95.45 %, the probability of k = 2, by Student's t.
+    /// Expanded uncertainty for 95.45 %, the probability of k = 2, by Student's t, µrad.
     pub fn expanded_urad(&self) -> f64 {
         coverage_factor(self.degrees) * self.standard_urad
     }
 }
 
-/// Slope of the least-squares line per independent deviation of every target, µrad/µm: 1/√Σ(q − q̄)².
+/// Change of the least-squares slope per independent deviation of every target, µrad/µm: 1/√Σ(q −
+/// q̄)².
 pub fn slope_gain(targets_mm: &[f64]) -> f64 {
     let mean = targets_mm.iter().sum::<f64>() / targets_mm.len() as f64;
     let spread: f64 = targets_mm.iter().map(|q| (q - mean).powi(2)).sum();
     URAD_PER_UM_PER_MM / spread.sqrt()
 }
 
-/// Slope of the least-squares line through summed tilts per independent deviation of every tilt. With M = n + 1 equidistant points the slope is the
-/// mean of the n tilts weighted by 6 k (M − k)/(M (M² − 1)); this is the root of the sum of the squared weights.
+/// Change of the least-squares slope through summed tilts per independent deviation of every tilt.
+/// With M = n + 1 equidistant points the slope is the mean of the n tilts weighted by 6 k (M −
+/// k)/(M (M² − 1)); the result is the root of the sum of the squared weights.
 pub fn slope_gain_of_tilts(tilts: usize) -> f64 {
     let points = tilts as f64 + 1.0;
     let square = points * points;
@@ -165,7 +173,8 @@ const TABLE: [(f64, f64); 22] = [
     (f64::INFINITY, 2.0),
 ];
 
-/// Coverage factor for 95.45 %, interpolated in the table by its logarithm over 1/ν; below one degree of freedom the value for one.
+/// Coverage factor for 95.45 %, interpolated logarithmically in the table over 1/ν; below one
+/// degree of freedom, the value for one.
 fn coverage_factor(degrees: f64) -> f64 {
     let at = 1.0 / degrees.max(1.0);
     let above = TABLE.partition_point(|(degrees, _)| 1.0 / degrees > at);
@@ -184,7 +193,8 @@ fn coverage_factor(degrees: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Values of table G.2 of JCGM 100 for 95.45 %, none of them a node of the table here but the first two and the last.
+    /// Values of table G.2 of JCGM 100 for 95.45 %. Only the first two and the last are nodes of
+    /// the table in this file.
     #[test]
     fn factors_are_those_of_the_guide() {
         for (degrees, t) in [
@@ -203,14 +213,15 @@ mod tests {
             assert!((found - t).abs() < 0.006, "{degrees}: {found} {t}");
         }
         assert_eq!(coverage_factor(0.3), coverage_factor(1.0));
-        // Between the nodes the factor falls evenly.
+        // The factor decreases monotonically between the nodes.
         let all: Vec<f64> = (0..400)
             .map(|k| coverage_factor(1.0 + 0.1 * f64::from(k)))
             .collect();
         assert!(all.windows(2).all(|pair| pair[1] < pair[0]));
     }
 
-    /// The gains against the slope of a line through a unit deviation of each single target or tilt.
+    /// Compares the gains with the slope of a line through a unit deviation of each single target
+    /// or tilt.
     #[test]
     fn gains_are_those_of_the_least_squares_line() {
         let slope = |profile: &[(f64, f64)]| {
@@ -225,7 +236,7 @@ mod tests {
         let expected = (0..4).map(single).sum::<f64>().sqrt();
         assert!((slope_gain(&targets) - expected).abs() < 1e-9);
         for tilts in [1_usize, 2, 3, 10] {
-            // 1 µrad on a foot spacing of 1000 mm raises all that follow by 1 µm.
+            // 1 µrad on a foot spacing of 1000 mm raises all following points by 1 µm.
             let single = |own: usize| {
                 let at = |place: usize| (1e3 * place as f64, f64::from(u8::from(place >= own)));
                 slope(&(0..=tilts).map(at).collect::<Vec<_>>()).powi(2)

@@ -94,27 +94,33 @@ pub struct SquarenessInputs {
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SquarenessUncertainty {
-    /// Of both slopes, by the scatter of their runs, or with one run by the readings about the line; with Student's t.
+    /// Contribution of both slopes: from the scatter of the runs, or from the residuals of a single
+    /// run, with Student's t.
     pub scatter_urad: f64,
-    /// Of the square.
+    /// Contribution of the angle of the square, from its calibration.
     pub square_urad: Option<f64>,
-    /// Of the straight edge under both lines.
+    /// Contribution of the straight edge under both lines.
     pub straight_edge_urad: Option<f64>,
-    /// Of changes of temperature.
+    /// Contribution of temperature changes.
     pub temperature_urad: Option<f64>,
-    /// Of all together.
+    /// Combined expanded uncertainty.
     pub whole_urad: f64,
-    /// What was not stated, in words.
+    /// Contributions that were not stated, one text each.
     pub left_out: Vec<String>,
 }
 
-/// Evaluates the uncertainty from those of the two slopes; `lengths_mm` are the lengths of the two lines.
+/// Evaluates the uncertainty of a squareness from those of its two slopes; `lengths_mm` are the
+/// lengths of the two lines.
 ///
-/// The expanded uncertainties are added in quadrature, that of both slopes with Student's t. Welch and Satterthwaite over all of them would cover too
-/// little, because a scatter of few runs that is small by chance looks well known. The square is treated as calibrated. Independent errors U of a straight edge at both ends of a line of length L turn the line by √2 U/L. A range
-/// R of the angle due to temperature is that of a uniform distribution, R/√3.
+/// The expanded uncertainties are added in quadrature, that of both slopes with Student's t.
+/// Effective degrees of freedom by Welch and Satterthwaite over all contributions would give too
+/// small a result, because the scatter of few runs may be small by chance. The square is treated as
+/// calibrated. Independent errors U of a straight edge at both ends of a line of length L turn the
+/// line by √2 U/L. A range R of the angle due to temperature is that of a uniform distribution,
+/// R/√3.
 ///
 /// # Errors
+///
 /// A length that is not above zero, a number that is negative or not finite.
 pub fn squareness_uncertainty(
     inputs: &SquarenessInputs,

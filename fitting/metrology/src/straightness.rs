@@ -9,7 +9,7 @@ use crate::{
     SlopeUncertainty,
 };
 
-/// Sign convention of the tilt reading of a bridge.
+/// Sign convention of bridge tilt readings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum TiltReading {
@@ -97,11 +97,13 @@ pub struct StraightnessAbout {
 pub struct Straightness {
     /// Targets, mm, and the mean deviation of all runs, µm, before any line is removed.
     pub profile: Vec<(f64, f64)>,
-    /// About the least-squares line, the end-point line, and the middle of the minimum zone.
+    /// Straightness about the least-squares line, the end-point line, and the middle line of the
+    /// minimum zone.
     pub about: [StraightnessAbout; 3],
     /// Largest difference of the means of the two directions, µm; `None` with one direction.
     pub reversal_um: Option<f64>,
-    /// Uncertainty of the least-squares slope: of the runs, or with one run of the readings about the line; `None` with one run of two targets.
+    /// Uncertainty of the least-squares slope: from several runs, or from the residuals of a single
+    /// run; `None` for one run of two targets.
     pub slope_uncertainty: Option<SlopeUncertainty>,
 }
 
@@ -119,7 +121,9 @@ impl Straightness {
 /// Evaluates the profile of all runs of a measurement with deviations in µm. If not all runs hold all targets, they are aligned by offset and slope.
 ///
 /// # Errors
-/// Fewer than two targets, numbers that are not finite, a target lacking in a direction that was run, runs that cannot be aligned.
+///
+/// Fewer than two targets, numbers that are not finite, a target without readings in a direction
+/// that was run, runs that cannot be aligned.
 pub fn straightness_of(measurement: &Measurement) -> Result<Straightness, MetrologyError> {
     let measurement = &Measurement {
         quantity: Some(Quantity::Straightness),

@@ -24,7 +24,7 @@ impl StandardQuantity {
     }
 }
 
-/// Maximum value of a quantity.
+/// Upper limit of a quantity.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tolerance {
@@ -34,15 +34,15 @@ pub struct Tolerance {
     pub limit: f64,
 }
 
-/// The decision on one quantity.
+/// Decision on one quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 pub enum Verdict {
-    /// Within the limit, also with the uncertainty on top.
+    /// Within the limit, even with the uncertainty added.
     Pass,
-    /// Beyond the limit, also with the uncertainty taken off.
+    /// Beyond the limit, even with the uncertainty subtracted.
     Fail,
     /// Nearer to the limit than the uncertainty: neither conformity nor non-conformity is proven (ISO 14253-1).
     Undecided,
@@ -102,17 +102,18 @@ pub fn decide(value: Option<f64>, limit: f64, u: Option<f64>) -> Verdict {
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct JudgedQuantity {
-    /// The standard: `ISO 230-2:2014`, `VDI/DGQ 3441`, `ASME B5.54`, `ISO 230-4`, `ISO 230-6`.
+    /// Name of the standard: `ISO 230-2:2014`, `VDI/DGQ 3441`, `ASME B5.54`, `ISO 230-4`, `ISO
+    /// 230-6`.
     pub standard: String,
-    /// The symbol in plain letters, as a tolerance names it.
+    /// Symbol in plain letters, as in a tolerance.
     pub symbol: &'static str,
     /// The name in the standard.
     pub name: &'static str,
-    /// The value; `None` where it cannot be evaluated.
+    /// Value; `None` if it cannot be evaluated.
     pub value: Option<f64>,
     /// The unit of value, uncertainty and limit.
     pub unit: DeviationUnit,
-    /// The expanded measurement uncertainty (k = 2); `None` where none is stated.
+    /// Expanded measurement uncertainty (k = 2); `None` if not stated.
     pub uncertainty: Option<f64>,
     /// The tolerance; `None` if not stated.
     pub limit: Option<f64>,
@@ -151,16 +152,17 @@ pub fn judged(
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Decision {
-    /// The worst verdict of the quantities.
+    /// Combined verdict of the quantities.
     pub verdict: Verdict,
     /// Whether every quantity with a tolerance passes.
     pub pass: bool,
-    /// `ISO 14253-1` with the uncertainty of each quantity with a limit, `simple` without, `mixed` where some have one.
+    /// Decision rule: `ISO 14253-1` if every quantity with a limit has an uncertainty, `simple` if
+    /// none has, `mixed` otherwise.
     pub rule: &'static str,
 }
 
 impl Decision {
-    /// `None` without any tolerance.
+    /// Decides over all tolerances; `None` without any.
     pub fn over(quantities: &[JudgedQuantity]) -> Option<Self> {
         let judged = || quantities.iter().filter(|q| q.verdict.is_some());
         let uncertain = judged().filter(|q| q.uncertainty.is_some()).count();

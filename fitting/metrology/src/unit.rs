@@ -3,7 +3,7 @@
 use volcomp_document::unit_named;
 use volcomp_vocabulary::AxisKind;
 
-/// Unit of the deviations of a measurement, as they are held in memory.
+/// Internal unit of the deviations of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -87,7 +87,7 @@ impl ReadingUnit {
         }
     }
 
-    /// µm per mm or µrad per degree, for a coordinate whose deviations are in this unit.
+    /// Factor from a coordinate to deviations in this unit: µm per mm or µrad per degree.
     pub(crate) fn micro_of_coordinate(self) -> f64 {
         match self.deviation_unit() {
             DeviationUnit::Um => Self::Mm.micro(),

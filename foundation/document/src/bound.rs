@@ -4,7 +4,7 @@
 /// squares and sums to stay finite.
 pub const LARGEST_NUMBER: f64 = 1e15;
 
-/// Checks a number against the bound; the error describes what is expected.
+/// Checks a number against the bound; the error describes the expected range.
 pub(crate) fn bounded(number: Option<f64>) -> Result<f64, &'static str> {
     match number.filter(|number| number.is_finite()) {
         None => Err("a finite number"),

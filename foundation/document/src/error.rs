@@ -10,7 +10,7 @@ pub struct InputError {
     pub line: usize,
     /// Key with the tables before it (`errors.EXX.table`), or the column of a CSV file; empty if the whole file or row is concerned.
     pub key: String,
-    /// Sentence with the text found and what was expected.
+    /// Sentence with the found and the expected text.
     pub message: String,
     /// Byte range of the wrong text, for programs that display it.
     pub span: Range<usize>,

@@ -132,9 +132,10 @@ impl Value<'_> {
         Err(self.error(format!("found {found}, expected a number above 0")))
     }
 
-    /// Value that belongs to the word here.
+    /// Value that belongs to the word in this place of the file.
     ///
     /// # Errors
+    ///
     /// Anything but one of the words, with the list of known ones.
     pub fn one_of<T: Clone>(&self, words: &[(&str, T)]) -> Result<T, InputError> {
         let found = self.text()?;

@@ -13,7 +13,8 @@ pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
         let lower = word.to_lowercase();
         let letters: Vec<char> = lower.chars().collect();
         let slips = slips(&found, &letters);
-        // Exclude words no longer than the edit distance: nothing of them would match.
+        // Words no longer than the edit distance are excluded, because every letter of them could
+        // differ.
         if slips <= most && slips < letters.len() {
             return Some((false, slips));
         }

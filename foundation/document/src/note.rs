@@ -22,7 +22,7 @@ pub struct Note {
     pub place: String,
     /// What was found and, if there is one, the limit.
     pub what: String,
-    /// What to do or to check; empty if `what` is sufficient.
+    /// Recommendation; empty if `what` is sufficient.
     pub hint: &'static str,
 }
 
@@ -45,7 +45,7 @@ impl Note {
         }
     }
 
-    /// Adds what to do.
+    /// Adds a recommendation.
     #[must_use]
     pub fn hint(self, hint: &'static str) -> Self {
         Self { hint, ..self }

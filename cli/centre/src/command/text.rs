@@ -97,7 +97,7 @@ pub(super) fn machines(shown: &[MachineView]) -> String {
         } else {
             cell(&one.wanted)
         };
-        // Version 0: no version of the centre is active.
+        // Version 0: no version of the centre is active on the machine.
         let corrects_by = match (&one.in_force, &one.live) {
             (None, Some(live)) if live.version == 0 => "its own file".to_owned(),
             (in_force, _) => cell(in_force),

@@ -243,7 +243,8 @@ impl SimulatedMachine {
         quantised(&self.truth, &applied, 1e-3, 1e-6)
     }
 
-    /// Tool-tip error that the active model predicts with the applied correction, µm: what a gateway can compute.
+    /// Tool-tip error by the active model with the applied correction, µm, as a gateway can compute
+    /// it.
     fn residual_um(&self, state: &State, applied: &PerAxis<f64>) -> Option<f64> {
         let (model, _) = self.active.as_ref()?;
         Some(length(left_um(model, 1.0, state, applied)))

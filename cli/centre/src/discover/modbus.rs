@@ -24,7 +24,7 @@ pub enum Identification {
     Refused(u8),
 }
 
-/// Parses a response after its header: the function and what follows. `None` if it is malformed.
+/// Parses a response after its header: the function code and its data. `None` if it is malformed.
 pub fn parse_identification(pdu: &[u8]) -> Option<Identification> {
     match pdu {
         [function, code, ..] if *function == FUNCTION[0] | 0x80 => {

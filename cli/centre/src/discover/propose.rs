@@ -11,9 +11,10 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 pub struct Proposal {
     /// The structure code, such as `w X' b Y Z t`.
     pub structure: String,
-    /// The type number of the linear axes: how many of X, Y, Z carry the workpiece.
+    /// Type number of the linear axes: number of X, Y and Z that carry the workpiece.
     pub translational: u8,
-    /// The type number of the rotary axes: 0 none, 1 both carry the workpiece, 2 both carry the tool, 3 one each.
+    /// Type number of the rotary axes: 0 none, 1 both carry the workpiece, 2 both carry the tool, 3
+    /// one carries the workpiece and the other the tool.
     pub rotary: u8,
     /// Rotary axes from the workpiece to the tool.
     pub rotary_axes: Vec<AxisName>,

@@ -31,7 +31,7 @@ type Key = (Option<MachineId>, AlarmKind);
 pub(super) struct State {
     /// Time of the last text change of each open alarm, by alarm number, s.
     changed_s: BTreeMap<u64, f64>,
-    /// Completed roll-outs: they make no machine suspect and do not change any more.
+    /// Completed roll-outs: they make no machine suspect and do not change.
     done: BTreeSet<u64>,
 }
 
@@ -101,7 +101,8 @@ fn readable(engine: &Engine, id: u64) -> Result<Option<Rollout>, Error> {
     }
 }
 
-/// Machines whose active model belongs to a stopped or aborted roll-out and that the user has not decided to keep.
+/// Machines whose active model belongs to a stopped or aborted roll-out, unless the user has
+/// decided to keep it.
 fn suspects(
     engine: &Engine,
     state: &mut State,
@@ -190,7 +191,8 @@ fn machine_causes(
     Ok(found)
 }
 
-/// Adds the centre's own failures, and the confirmations and machines for which roll-outs wait. Returns the kinds of failures that are over.
+/// Adds the centre's own failures, and the roll-outs that wait for confirmations or machines.
+/// Returns the kinds of failures that are over.
 fn add_centre_causes(
     engine: &Engine,
     causes: &mut BTreeMap<Key, String>,
@@ -213,7 +215,7 @@ fn add_centre_causes(
         }
     }
     if !stopped.is_empty() {
-        // In addition to those that cannot proceed.
+        // Machines that wait, in addition to roll-outs that cannot proceed.
         let text = causes.entry((None, AlarmKind::Rollout)).or_default();
         if !text.is_empty() {
             text.push(' ');
@@ -453,7 +455,8 @@ mod tests {
     use super::*;
     use crate::rollout::{Event, Observation, Rules};
 
-    /// The canary has activated the model and never compensates: the roll-out waits, and an alarm states why.
+    /// The canary activates the model but never compensates: the roll-out waits, and an alarm
+    /// states the reason.
     #[test]
     fn a_rollout_that_waits_for_compensation_raises_an_alarm() {
         let name: MachineId = "mill-1".parse().expect("a name");

@@ -1,4 +1,5 @@
-//! The values under the keys of the machines: puts issued values, and restores them if another client has overwritten them.
+//! The values under the keys of the machines: writes issued values, and restores them if another
+//! client has overwritten them.
 
 use std::{collections::BTreeMap, sync::Arc, time::Duration, time::Instant};
 
@@ -14,7 +15,8 @@ const MAX_CONCURRENT: usize = 64;
 const RECHECK_DELAY: Duration = Duration::from_millis(200);
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Puts every value that was issued but not yet put. Failures are retried at the next pass; the last one is returned.
+/// Sends every value that was issued but is not yet under its key. Failures are retried at the next
+/// pass; the last one is returned.
 pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
     if !engine.is_connected() {
         return Ok(());
@@ -147,7 +149,8 @@ async fn restore_on_change(engine: &Engine, mut watch: DesiredWatch) {
     }
 }
 
-/// True if a value differs from the one this centre has put. False if this centre has put none, because then there is nothing to restore.
+/// True if a value differs from the one that this centre has written. False if this centre has
+/// written none, because there is nothing to restore.
 fn is_other(engine: &Engine, machine: &MachineId, value: Option<&Bytes>) -> bool {
     let put = lock(&engine.put);
     let own: &BTreeMap<MachineId, (u64, Bytes)> = &put;

@@ -55,7 +55,7 @@ pub struct Engine {
     hub: Hub,
     settings: Settings,
     ingest: Mutex<Ingest>,
-    /// Values that this centre has put under the keys: version and bytes.
+    /// Values that this centre has written under the keys: version and bytes.
     put: Mutex<BTreeMap<MachineId, (u64, bytes::Bytes)>>,
     clobbered: Mutex<BTreeMap<MachineId, Instant>>,
     failures: Mutex<BTreeMap<AlarmKind, Failure>>,
@@ -81,7 +81,7 @@ impl Running {
         }
     }
 
-    /// Stops the engine. Messages that are not stored were not acknowledged, and will be redelivered.
+    /// Stops the engine. Unstored messages were not acknowledged and will be redelivered.
     pub async fn end(self) {
         self.engine.ending.store(true, Ordering::Relaxed);
         // The engine stops within one pass.
@@ -350,7 +350,7 @@ mod tests {
         assert!(early.is_err(), "it runs");
         store.inject_fault();
         let ended = tokio::time::timeout(Duration::from_secs(60), running.ended()).await;
-        // Both use the store: which of them meets the fault first is a matter of chance.
+        // Both tasks use the store, and either may meet the fault first.
         let ended = ended.expect("it ends");
         assert!(
             ["the engine", "the thread that writes"].contains(&ended),

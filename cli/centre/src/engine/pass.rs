@@ -97,7 +97,7 @@ fn run_pass(engine: &Engine, state: &mut State) -> Result<(), Error> {
     let blocked = match rollouts::advance_all(engine, elapsed_s, &seen, &state.residual_um) {
         Ok(blocked) => blocked,
         Err(error) => {
-            // Received events count in the next pass, before those that arrived since.
+            // Received events are processed in the next pass, before those that arrived since.
             lock(&engine.ingest).restore_events(since);
             return Err(error);
         }
@@ -143,7 +143,7 @@ fn settle_all(
         let has_changed = if let Some(newest) = versions.get(name) {
             differs(machine, newest)
         } else {
-            // If there is no value under its key, it continues with its active version.
+            // If there is no value under its key, the machine continues with its active version.
             let live = lock(&engine.ingest)
                 .machine(name)
                 .and_then(|reception| reception.live.clone());

@@ -19,7 +19,7 @@ use crate::{
 pub(super) struct Blocked {
     /// The reasons, one sentence each.
     pub(super) why: Vec<String>,
-    /// Machines of the roll-outs that were advanced, if the machines of the others are unknown.
+    /// Machines of the roll-outs that were advanced; set if the machines of the others are unknown.
     moved: Option<BTreeSet<MachineId>>,
     /// Machines of the active roll-outs; each machine is in at most one.
     machines: BTreeSet<MachineId>,
@@ -162,7 +162,8 @@ impl ManifestSource<'_> {
         rollout: &mut Rollout,
         mut actions: Vec<Action>,
     ) -> Result<(), Error> {
-        // Each issue is reported to the roll-out immediately; actions that result are executed as well.
+        // Each issue is reported to the roll-out immediately, and the resulting actions are
+        // executed as well.
         while !actions.is_empty() {
             let mut more = Vec::new();
             for action in actions {
@@ -191,7 +192,7 @@ impl ManifestSource<'_> {
                 };
                 more.extend(rollout.step(event));
             }
-            // Each step repeats the actions still pending for other machines.
+            // Each step repeats the pending actions of other machines.
             more.retain(|action| match action {
                 Action::Issue { machine, .. } => rollout.is_waiting(machine),
                 Action::Withdraw { .. } => true,

@@ -80,7 +80,7 @@ fn rollouts_in_force(
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct StartRequest {
-    /// Checksum of the model, or the beginning of it.
+    /// Checksum of the model, or its first digits.
     model: String,
     machines: Vec<MachineId>,
     /// Canary machines, in addition to those registered as canaries.

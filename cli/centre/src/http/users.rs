@@ -49,7 +49,8 @@ async fn verify_password(
     };
     let stored = user.as_ref().map(|(_, stored)| stored.clone());
     let mut place = page.passwords.acquire().await;
-    // Requested while holding the permit, so that concurrent attempts are counted one after the other.
+    // The attempt is registered while holding the permit, so that concurrent attempts are counted
+    // one after the other.
     let Some(attempt) = page.throttle.attempt(from.ip(), &tried) else {
         drop(place);
         page.refused(Refusal::Throttled, from.ip(), &tried).await;

@@ -14,7 +14,7 @@ use rusqlite::{Connection, ErrorCode, Params, Row, TransactionBehavior, types::T
 use serde::de::DeserializeOwned;
 use volcomp_fleet::MachineId;
 
-/// Timeout for a lock held by another program, such as the command line.
+/// Time to wait for a lock held by another program, such as the command line.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(30);
 const RETRY_INTERVAL: Duration = Duration::from_millis(10);
 const MAX_PREPARED: usize = 128;

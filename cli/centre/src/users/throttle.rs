@@ -49,7 +49,7 @@ impl Key {
 
 #[derive(Default)]
 struct Counts {
-    /// Wrong passwords and the start of their window.
+    /// Number of wrong passwords, and the start of the window in which they are counted.
     wrong: HashMap<Key, (u32, Instant)>,
     /// Delayed attempts by address and account; never zero.
     waiting: HashMap<(IpAddr, String), u32>,
@@ -166,7 +166,7 @@ const MAX_KEYS: usize = 1024;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Refusal {
     Login,
-    /// Too many wrong passwords before.
+    /// Rejected because of too many wrong passwords.
     Throttled,
     /// A request that the role of the user does not permit, or from a page of another origin.
     Forbidden,

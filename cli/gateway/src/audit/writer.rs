@@ -1,5 +1,5 @@
-//! The thread that writes the audit log and the small files beside it. Only callers that wait for a receipt are delayed
-//! by a disk that hangs.
+//! The thread that writes the audit log and the small files in its folder. Only callers that wait
+//! for a receipt are delayed by a disk that hangs.
 
 use std::{
     io,
@@ -47,7 +47,7 @@ struct Health {
     begun_ns: AtomicU64,
 }
 
-/// Reports whether a record or file was written.
+/// Receives whether a record or file was written.
 pub struct Receipt(Option<Receiver<bool>>);
 
 impl Receipt {
@@ -158,7 +158,7 @@ impl AuditWriter {
         }
     }
 
-    /// Waits at most `patience` until all tasks are done. Returns whether they are.
+    /// Waits at most `patience` until all tasks are complete. Returns false if some are not.
     pub fn settle(&self, patience: Duration) -> bool {
         let end = Instant::now() + patience;
         while self.health.open.load(Ordering::Relaxed) > 0 {

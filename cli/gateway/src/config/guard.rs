@@ -175,7 +175,7 @@ impl GuardTable {
         for key in ["limit_um", "slew_um_per_s", "hold_ms", "zero_after_ms"] {
             found.require("guard", key);
         }
-        // A missing or invalid limit must not restrict the other keys.
+        // A missing or invalid limit must not restrict the valid range of the other keys.
         let above = |limit: f64| if limit > 0.0 { limit } else { f64::INFINITY };
         let most_um = ceiling::LIMIT.0 * 1e3;
         let most_urad = ceiling::LIMIT_ROTARY.0 * 1e6;

@@ -20,7 +20,7 @@ pub struct MapSender {
     pub file: String,
     /// The keys; relative paths are resolved against the folder of the file.
     pub keys: MapKeys,
-    /// Largest correction, maximum rate and longest silence to which the control may be set.
+    /// Upper bounds for the settings of the control: correction, rate and timeout.
     pub allowed: SenderLimits,
 }
 

@@ -43,7 +43,7 @@ const ROOT_KEYS: [&str; 12] = [
     "opc_ua",
 ];
 
-/// The replacement of a key used by earlier versions.
+/// The key that replaces `key` of earlier versions.
 fn replaced(key: &str) -> Option<&'static str> {
     match key {
         "several" => Some(
@@ -277,7 +277,7 @@ impl Config {
         of_ms(self.cycle_ms)
     }
 
-    /// Settings of the guard; `None` without `[guard]`.
+    /// Settings of the guard; `None` if the file has no table `[guard]`.
     pub fn guard_settings(&self) -> Option<GuardSettings> {
         self.guard.as_ref().map(GuardTable::settings)
     }

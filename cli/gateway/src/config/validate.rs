@@ -74,7 +74,8 @@ pub(super) fn dashboard(own: &DashboardConfig, found: &mut Mistakes<'_>) {
     );
 }
 
-/// A server without authentication must listen on loopback or be declared open to anyone.
+/// Requires that a server without authentication listens on loopback, or that its key `anyone`
+/// permits other addresses.
 fn open_address(key: &str, listen: SocketAddr, anyone: bool, found: &mut Mistakes<'_>) {
     if !anyone && !listen.ip().is_loopback() {
         found.add(

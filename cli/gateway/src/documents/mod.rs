@@ -63,7 +63,7 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
 /// The body of a request that confirms a model; requests without a body confirm none.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Confirmation {
-    /// The hash of the model that a person confirms, as it stood in [`Question::model`].
+    /// Hash of the model that the operator confirms, copied from [`Question::model`].
     #[serde(default)]
     pub confirm: Option<String>,
 }
@@ -74,35 +74,38 @@ pub struct Confirmation {
 pub enum Answer {
     /// The model must be confirmed first (status 409).
     Question(Box<Question>),
-    /// The state after the request: it took effect (200) or not (409).
+    /// The state after the request: status 200 if it took effect, 409 if not.
     Settled(Settled),
-    /// The configuration was read again (200).
+    /// The configuration was reloaded (status 200).
     Reloaded(Reloaded),
-    /// The request was refused (400 to 503).
+    /// The request was refused (status 400 to 503).
     Refusal(Refusal),
 }
 
-/// A change of model or limits that a person must confirm by repeating the request with its hash.
+/// A change of model or limits that the operator must confirm by repeating the request with `model`
+/// as its hash.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Question {
-    /// The hash to be confirmed: of the new model, and where limits change of the new limits besides.
+    /// Hash to be confirmed: that of the new model; if limits change, of the model and the new
+    /// limits.
     pub model: String,
-    /// How far the correction of a linear axis moves at the worst point of the work space, µm; null for a machine
-    /// with other axes.
+    /// Largest change of the correction of a linear axis in the work space, µm; null if the new
+    /// model has other axes.
     pub worst_corner_um: Option<f64>,
-    /// How far the correction of a rotary axis moves at the worst point, µrad; null for a machine with other axes, and
-    /// where no rotary axis is corrected.
+    /// Largest change of the correction of a rotary axis in the work space, µrad; null if the new
+    /// model has other axes, or if no rotary axis is corrected.
     pub worst_corner_urad: Option<f64>,
-    /// Moves up to this need no confirmation, µm.
+    /// Largest change of a linear axis that needs no confirmation, µm.
     pub confirm_um: f64,
-    /// Moves up to this need no confirmation, µrad; null where no rotary axis has limits.
+    /// Largest change of a rotary axis that needs no confirmation, µrad; null if no rotary axis has
+    /// limits.
     pub confirm_urad: Option<f64>,
-    /// The limits, rates and accelerations that change, by the key of the configuration: the old and the new value;
-    /// null if missing.
+    /// Changed limits, rates and accelerations by configuration key: old and new value; null if
+    /// missing.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub limits: LimitChanges,
-    /// Where the model may be one of another machine: what differs (name, structure, travels), each in a sentence. It must be
-    /// confirmed however little the correction moves.
+    /// Signs that the model belongs to another machine (name, structure, travels), one sentence
+    /// each. They must be confirmed even if the correction hardly changes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub differences: Vec<String>,
 }
@@ -112,9 +115,9 @@ pub struct Question {
 pub struct Settled {
     /// The state after the request.
     pub state: StateName,
-    /// Why it is what it is.
+    /// Reasons for the state.
     pub reasons: Vec<String>,
-    /// Why the request did not take effect, in words; only where it did not (409).
+    /// Why the request did not take effect; only with status 409.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
 }
@@ -122,9 +125,10 @@ pub struct Settled {
 /// The model after a reload.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Reloaded {
-    /// The hash of the model that corrects now.
+    /// Hash of the active model.
     pub model: String,
-    /// Whether the files say what they said before: nothing was taken, and the correction goes on without a ramp.
+    /// Whether the files are unchanged: nothing was applied, and the correction continues without a
+    /// ramp.
     #[serde(default)]
     pub unchanged: bool,
     /// Additional remark for the client.
@@ -135,7 +139,7 @@ pub struct Reloaded {
 /// Why a request was refused.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Refusal {
-    /// The reason, in words.
+    /// Reason of the refusal, one or more sentences.
     pub error: String,
 }
 

@@ -9,51 +9,53 @@ use crate::audit::utc_now;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ModelSource {
-    /// The machine file that the configuration names.
+    /// The machine file named in the configuration.
     #[default]
     File,
-    /// A machine file that an engineer has sent.
+    /// A machine file uploaded by an engineer.
     Upload,
     /// The centre of the fleet.
     Centre,
 }
 
-/// What became of a model.
+/// Outcome of a request to activate a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ModelOutcome {
-    /// It was activated.
+    /// The model was activated.
     InForce,
-    /// It was refused; nothing changed.
+    /// The model was refused; nothing changed.
     Refused,
-    /// It must be confirmed first; nothing changed.
+    /// The model must be confirmed first; nothing changed.
     MustBeConfirmed,
 }
 
 /// One line of the history of models.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelEntry {
-    /// When, ISO 8601 in UTC.
+    /// Time of the outcome, ISO 8601 in UTC.
     pub time: String,
-    /// Who: the name of a token, `signal`, `centre` with the beginning of its key, or `gateway` for what was found at the start.
+    /// Who requested it: the name of a token, `signal`, `centre` with the beginning of its key, or
+    /// `gateway` for the model found at start-up.
     pub who: String,
-    /// The hash of the machine file.
+    /// Hash of the machine file.
     pub hash: String,
-    /// The name that the machine file states.
+    /// Name of the machine in the file.
     pub name: String,
-    /// Where it comes from.
+    /// Source of the model.
     pub from: ModelSource,
-    /// The file, or what was uploaded, in words.
+    /// Description of the source: a file path, or the upload.
     pub file: String,
-    /// What became of it.
+    /// Whether the model was activated, refused or must be confirmed.
     pub outcome: ModelOutcome,
-    /// Why it was refused, in words.
+    /// Why the model was refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
-    /// How far it moves the correction of a linear axis at the worst point of the work space against the model before, µm; null:
-    /// not known.
+    /// Largest change of the correction of a linear axis in the work space against the previous
+    /// model, µm; null: unknown.
     pub worst_um: Option<f64>,
-    /// The same of rotary axes, µrad; null where none is corrected, too.
+    /// Largest change of the correction of a rotary axis in the work space against the previous
+    /// model, µrad; null: unknown, or no rotary axis is corrected.
     pub worst_urad: Option<f64>,
 }
 
@@ -83,138 +85,142 @@ impl ModelEntry {
 /// The file `models/standing.json` in the folder of the audit log: the model that an operator activated, and the history.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelsKept {
-    /// The model that an operator activated; null: the configured machine file is active, or that of the centre.
+    /// The model that an operator activated; null if the configured machine file or that of the
+    /// centre is active.
     pub in_force: Option<ModelInForce>,
-    /// What became of each model, the oldest first.
+    /// The history of models, oldest first.
     pub history: Vec<ModelEntry>,
 }
 
 /// The model that an operator activated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelInForce {
-    /// The hash of its machine file.
+    /// Hash of the machine file.
     pub hash: String,
-    /// The name of the token of the person.
+    /// Token name of the operator.
     pub who: String,
-    /// When, ISO 8601 in UTC.
+    /// Time of activation, ISO 8601 in UTC.
     pub time: String,
-    /// Where it comes from, in words.
+    /// Description of the source: a file path, or the upload.
     pub file: String,
 }
 
 /// The answer to `GET /api/model`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelState {
-    /// The hash of the machine file that corrects now.
+    /// Hash of the active machine file.
     pub hash: String,
-    /// The name that it states.
+    /// Name of the machine in the active machine file.
     pub name: String,
-    /// Where it comes from.
+    /// Source of the active model.
     pub from: ModelSource,
-    /// The operator who activated this model, the time and the source; null if the configuration or the centre did.
+    /// Activation by an operator; null if the configuration or the centre activated the model.
     pub put_in_force: Option<ModelInForce>,
-    /// The machine file of the configuration.
+    /// The machine file named in the configuration.
     pub configured: ConfiguredModel,
-    /// The machine file that an engineer has sent and that is not active; null: none.
+    /// The uploaded machine file that is not active; null: none.
     pub candidate: Option<CandidateBrief>,
-    /// What became of each model, the newest first.
+    /// The history of models, newest first.
     pub history: Vec<ModelEntry>,
-    /// The hashes of the models that are kept and can be gone back to.
+    /// Hashes of the stored models, which can be activated again.
     pub kept: Vec<String>,
-    /// The largest machine file that is taken, bytes.
+    /// Maximum size of an uploaded machine file, bytes.
     pub largest_file_bytes: u64,
-    /// Why no file is taken, in words; null: files are taken.
+    /// Why uploads are refused; null: uploads are accepted.
     #[serde(default)]
     pub no_files: Option<String>,
-    /// What could not be kept on disk, or is damaged there, in words.
+    /// Description of models that could not be stored, or are damaged on disk.
     pub trouble: Option<String>,
 }
 
 /// The machine file that the configuration names.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ConfiguredModel {
-    /// Its path.
+    /// Path of the configured machine file.
     pub file: String,
-    /// Its hash as it is on disk now; null while it cannot be read.
+    /// Hash of the file on disk now; null while it cannot be read.
     pub hash: Option<String>,
-    /// Why it cannot be read.
+    /// Why the file cannot be read.
     pub error: Option<String>,
-    /// Whether it is another one than the model that corrects.
+    /// Whether the file differs from the active model.
     pub differs: bool,
 }
 
-/// The machine file that an engineer has sent, in short.
+/// Summary of the uploaded machine file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct CandidateBrief {
-    /// The name by which requests name it.
+    /// Identifier that requests use for this upload.
     pub id: String,
-    /// The name of the token that sent it.
+    /// Name of the token that uploaded the file.
     pub who: String,
-    /// When it was received, ISO 8601 in UTC.
+    /// Time of the upload, ISO 8601 in UTC.
     pub since: String,
-    /// How far it is.
+    /// Progress of the comparison.
     pub step: CandidateStep,
 }
 
-/// How far a candidate is.
+/// Progress of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum CandidateStep {
-    /// It is being compared with the active model.
+    /// The candidate is being compared with the active model.
     Working,
-    /// It can be activated if `refusal` of its result is null.
+    /// The comparison is complete; the candidate can be activated if `refusal` is null.
     Ready,
-    /// It is no valid machine file.
+    /// The file is not a valid machine file.
     Refused,
 }
 
 /// The answer to `GET /api/model/candidate`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Candidate {
-    /// Name, maker and step.
+    /// Identifier, uploader and progress.
     #[serde(flatten)]
     pub brief: CandidateBrief,
-    /// The file.
+    /// Name and size of the upload.
     pub file: UploadedFile,
-    /// Why it is no valid machine file; null: it is, or is not compared yet.
+    /// Why the file is not a valid machine file; null: it is valid, or not parsed yet.
     pub error: Option<String>,
-    /// Its comparison with the active model.
+    /// Comparison with the active model; null until it is complete.
     pub result: Option<CandidateResult>,
 }
 
 /// A file that was received.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct UploadedFile {
-    /// Its name.
+    /// File name given at the upload.
     pub name: String,
-    /// Its size.
+    /// Size of the file.
     pub bytes: u64,
 }
 
-/// A machine file, compared with the active model.
+/// The comparison of an uploaded machine file with the active model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CandidateResult {
-    /// Its hash.
+    /// Hash of the uploaded file.
     pub hash: String,
-    /// The name that it states.
+    /// Name of the machine in the uploaded file.
     pub name: String,
-    /// Its structure code.
+    /// Structure code of the uploaded machine.
     pub structure: String,
-    /// Why it cannot be activated; null: it can.
+    /// Why the model cannot be activated; null: it can be.
     #[serde(default)]
     pub refusal: Option<String>,
-    /// Messages that a person should read first; where it may be of another machine (name, structure, travels), that comes first.
+    /// Warnings to be read before the activation; signs that the file belongs to another machine
+    /// (name, structure, travels) come first.
     pub warnings: Vec<String>,
-    /// The diagonals of the work space, by the active model and by this one.
+    /// Errors along the diagonals of the work space, by the active and by the new model.
     pub diagonals: Vec<ModelDiagonal>,
 }
 
 /// The displacement error along a diagonal of the work space.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelDiagonal {
-    /// The signs in which X, Y and Z move, as ISO 230-6 names it: `PPN`; `0` of an axis that stands.
+    /// Direction of motion of X, Y and Z, in the notation of ISO 230-6, such as `PPN`; `0` for an
+    /// axis that does not move.
     pub name: String,
-    /// Distance from its start, error by the active and by the new model: mm, µm, µm.
+    /// Distance from the start of the diagonal, mm; error by the active model, µm; error by the new
+    /// model, µm.
     pub points: Vec<[f64; 3]>,
 }
 
@@ -222,7 +228,7 @@ pub struct ModelDiagonal {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelRequest {
-    /// The candidate.
+    /// Identifier of the candidate.
     pub candidate: String,
 }
 
@@ -230,11 +236,11 @@ pub struct ModelRequest {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelActivate {
-    /// The candidate.
+    /// Identifier of the candidate.
     pub candidate: String,
-    /// The hash of the displayed result: no other model is activated.
+    /// Hash in the displayed result; a candidate with another hash is refused.
     pub hash: String,
-    /// The hash that a person confirms.
+    /// Hash that the operator confirms.
     #[serde(default)]
     pub confirm: Option<String>,
 }
@@ -243,9 +249,9 @@ pub struct ModelActivate {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelBack {
-    /// The hash of the model; null: the machine file of the configuration, as it is on disk now.
+    /// Hash of the model; null: the configured machine file as it is on disk now.
     pub hash: Option<String>,
-    /// The hash that a person confirms.
+    /// Hash that the operator confirms.
     #[serde(default)]
     pub confirm: Option<String>,
 }

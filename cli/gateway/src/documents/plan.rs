@@ -10,42 +10,44 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 
 use super::ByAxis;
 
-/// The effective configuration, and what follows from it.
+/// The effective configuration and the plan derived from it.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct PlanDocument {
-    /// Warnings and notes in words, to be read before the first start; none of them forbids it.
+    /// Warnings and notes; none of them prevents the start.
     pub notes: Vec<String>,
-    /// Every key of the configuration that has an effect, with its value, as the file states it.
+    /// Every key of the configuration that has an effect, with its value in the unit of the file.
     pub configuration: Map<String, Value>,
-    /// The full keys in it that the file does not state, such as `controller[0].channel`: their values are defaults.
+    /// Full names of the keys with default values, which the file does not state, such as
+    /// `controller[0].channel`.
     pub defaults: Vec<String>,
     /// The machine that is corrected.
     pub machine: MachinePlan,
-    /// The controllers in the order of preference, those that are only read last.
+    /// The controllers in order of preference, read-only ones last.
     pub controllers: Vec<ControllerPlan>,
-    /// The sensors of the thermometers, and those that thermal terms of the machine name.
+    /// The configured temperature sensors, and those named by thermal terms of the machine.
     pub sensors: Vec<SensorPlan>,
     /// The tokens of the dashboard, without the secrets.
     pub tokens: Vec<TokenPlan>,
-    /// The state of the fleet; missing without a fleet.
+    /// The model and permission received from the centre; missing without `[fleet]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fleet: Option<FleetPlan>,
-    /// What the controls reported (`--online`), in the order of the configuration; only those whose bus has something to
-    /// compare. Missing without `--online`.
+    /// Properties reported by the controls, in the order of the configuration; only of buses that
+    /// report some. Missing without `--online`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub online: Option<Vec<OnlinePlan>>,
 }
 
-/// What the centre of the fleet has activated.
+/// The model and permission received from the centre of the fleet.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct FleetPlan {
-    /// The public nkey by which the server knows the machine.
+    /// The public nkey with which the machine authenticates to the server.
     pub nkey: String,
-    /// The version of the manifest whose machine file corrects; 0: the configured machine file does.
+    /// Version of the manifest whose machine file is active; 0: the configured machine file is
+    /// active.
     pub version: u64,
-    /// The version of the highest manifest that was accepted; 0: none was.
+    /// Highest accepted version of a manifest; 0: none.
     pub accepted: u64,
-    /// Whether the centre allows correcting.
+    /// Whether the centre permits correction.
     pub enabled: bool,
 }
 
@@ -54,32 +56,34 @@ pub struct FleetPlan {
 pub struct OnlinePlan {
     /// The URL of the control.
     pub url: String,
-    /// Its properties.
+    /// The reported properties.
     #[serde(flatten)]
     pub control: Inspected,
     /// The barrier according to its report; missing if none is configured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub barrier: Option<OnlineBarrier>,
-    /// What deserves to be known and forbids nothing, in words.
+    /// Remarks that do not prevent the start.
     pub notes: Vec<String>,
 }
 
-/// The barrier of a control according to its report. Times are scans of the control with the configured `scan_ms`.
+/// The barrier settings reported by a control. Times are scans of the control, converted with the
+/// configured `scan_ms`.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct OnlineBarrier {
-    /// The number of the machine.
+    /// Machine number.
     pub machine: u16,
-    /// The number of its axes in their order, as `layout` of the barrier.
+    /// Number that encodes the axes and their order, as the key `layout` of the barrier.
     pub layout: u32,
-    /// Owner number of the gateway whose frames it accepts; 0: free, the next sender becomes the owner.
+    /// Number of the gateway whose frames the barrier accepts; 0: the next sender becomes the
+    /// owner.
     pub owner: u16,
-    /// The time of a scan as it was counted, ms; null: not counted.
+    /// Measured scan time, ms; null: not measured.
     pub scan_ms: Option<f64>,
-    /// The oldest frame that it takes, ms.
+    /// Maximum age of an accepted frame, ms.
     pub hold_ms: f64,
-    /// The time without a frame after which it ramps the correction out, ms.
+    /// Time without a frame after which the barrier ramps the correction to zero, ms.
     pub time_out_ms: f64,
-    /// Its axes in their order.
+    /// The axes in the order of the barrier.
     pub axes: Vec<OnlineBarrierAxis>,
 }
 
@@ -89,77 +93,78 @@ pub struct OnlineBarrierAxis {
     /// The letter of the axis.
     #[schemars(with = "String")]
     pub name: AxisName,
-    /// The unit of the numbers below: `µm` or `µrad`.
+    /// Unit of `limit` and `rate_per_s`: `µm` or `µrad`.
     pub unit: String,
-    /// The largest correction that it lets through.
+    /// Maximum correction that the barrier passes on.
     pub limit: f64,
     /// Maximum rate of the correction, per second.
     pub rate_per_s: f64,
 }
 
-/// The machine of a plan.
+/// The machine in a plan, by its machine file.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct MachinePlan {
     /// The path of the machine file.
     pub file: String,
-    /// The name as the file states it.
+    /// Name of the machine in its file.
     pub name: String,
-    /// The checksum of its content.
+    /// Checksum of the machine file.
     pub hash: String,
-    /// The structure code of the machine.
+    /// Structure code: the order of the axes from workpiece to tool.
     pub structure: String,
-    /// The letters of its axes in the order X Y Z A B C U V W.
+    /// Letters of the axes in the order X Y Z A B C U V W.
     #[schemars(with = "Vec<String>")]
     pub axes: Vec<AxisName>,
 }
 
-/// What follows for one controller.
+/// The settings of one controller that follow from the configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct ControllerPlan {
     /// The URL of the device.
     pub url: String,
-    /// The name of the channel by which its corrections reach the axes.
+    /// Name of the channel through which corrections reach the axes.
     pub channel: String,
-    /// Whether the control's side notices when the gateway stops, and `unwatched` does not state otherwise.
+    /// Whether the control detects that the gateway has stopped; false if `unwatched` is set.
     pub watched: bool,
-    /// Whether a second gateway on this controller is noticed.
+    /// Whether a second gateway on this controller is detected.
     pub sees_other_gateways: bool,
-    /// The shortest cycle that it keeps up with, ms.
+    /// Shortest supported cycle time, ms.
     pub shortest_cycle_ms: f64,
-    /// The axes that correct, in the order X Y Z A B C U V W.
+    /// The corrected axes, in the order X Y Z A B C U V W.
     pub axes: Vec<AxisPlan>,
-    /// The axes that do not correct, in the same order: they are held, and nothing but zero is written to them.
+    /// The axes that are not corrected, in the same order. Only zero is written to them.
     #[schemars(with = "Vec<String>")]
     pub held: Vec<AxisName>,
-    /// The largest correction of each of them that the machine file needs over a grid of the travels, without what
-    /// temperatures add: µm, µrad. More than the limit is not corrected.
+    /// Largest correction of each corrected axis that the machine file requires on a grid over the
+    /// travels, without thermal terms: µm, µrad. The part above the limit is not corrected.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub needs: ByAxis,
-    /// The largest change of the correction of each of them by temperatures for each kelvin of the sensors: µm, µrad.
-    /// Missing for axes that no thermal term moves.
+    /// Largest change of the correction of each corrected axis per kelvin of sensor temperature:
+    /// µm, µrad. Axes without a thermal term are missing.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub needs_per_k: ByAxis,
-    /// The barrier in the control, as the configuration states it; missing where it states none.
+    /// The configured barrier in the control; missing if none is configured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub barrier: Option<BarrierPlan>,
-    /// The memory of the control that it uses.
+    /// Memory of the control used by the gateway.
     #[serde(flatten)]
     pub memory: ControlMemory,
 }
 
-/// What holds for one axis of a controller, in µm for linear and µrad for rotary axes.
+/// The settings of one corrected axis, in µm for linear and µrad for rotary axes.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct AxisPlan {
     /// The letter of the axis.
     #[schemars(with = "String")]
     pub name: AxisName,
-    /// The unit of the numbers below: `µm` or `µrad`.
+    /// Unit of the numbers below: `µm` or `µrad`.
     pub unit: String,
-    /// The largest correction that is written, in either direction: whole steps within the configured limits.
+    /// Maximum correction in either direction: the configured limit, rounded down to whole steps.
     pub limit: f64,
-    /// The smallest step of a correction.
+    /// Smallest step of a correction.
     pub resolution: f64,
-    /// The shift at arming that shows whether positions contain the correction; 0: not made.
+    /// Size of the test shift at arming, which shows whether reported positions contain the
+    /// correction; 0: no test shift.
     pub test_shift: f64,
 }
 
@@ -173,36 +178,37 @@ impl AxisPlan {
     }
 }
 
-/// The barrier in a control, as the configuration states it.
+/// The configured barrier in a control.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct BarrierPlan {
-    /// The number of the machine, `machine` of the barrier.
+    /// Machine number, the key `machine` of the barrier.
     pub machine: u16,
-    /// The number that `layout` of the barrier must have: a digit for each axis, in their order.
+    /// Required value of the key `layout` of the barrier: one digit per axis, in the barrier's
+    /// order.
     pub layout: u32,
     /// The axes in the order of the barrier's words.
     #[schemars(with = "Vec<String>")]
     pub axes: Vec<AxisName>,
-    /// The time of a scan of the control, ms.
+    /// Scan time of the control, ms.
     pub scan_ms: f64,
 }
 
-/// A sensor that thermal terms name.
+/// A temperature sensor that thermal terms name.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct SensorPlan {
-    /// The name as the file states it.
+    /// Name of the sensor in the machine file.
     pub name: String,
-    /// The thermal terms that it feeds, such as `expansion EXX`.
+    /// The thermal terms that use the sensor, such as `expansion EXX`.
     pub feeds: Vec<String>,
-    /// The thermometer that measures it; null: none, and its terms are left out.
+    /// The thermometer with this sensor; null: none, and the terms that use it are inactive.
     pub thermometer: Option<String>,
 }
 
-/// A token of a plan.
+/// A token of the dashboard in a plan, without its secret.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct TokenPlan {
-    /// The name of its holder.
+    /// Name of the holder.
     pub name: String,
-    /// The role of its holder: `view` (read only), `operate` or `engineer`.
+    /// `view` (read only), `operate` or `engineer`.
     pub role: String,
 }

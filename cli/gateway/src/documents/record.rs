@@ -11,28 +11,29 @@ use super::{ByAxis, StateName};
 /// Changed limits, rates and accelerations by configuration key: old and new value.
 pub type LimitChanges = BTreeMap<String, [Option<f64>; 2]>;
 
-/// One line of the audit log, behind its checksum.
+/// The JSON part of one line of the audit log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Record {
-    /// The number of the record, from 1, going on over the files of the log.
+    /// Record number from 1, continued from file to file.
     pub seq: u64,
-    /// Which boot of the computer, as the kernel names it.
+    /// The kernel's boot ID.
     pub boot: String,
-    /// Monotonic time since that boot, s.
+    /// Time since that boot by the monotonic clock, s.
     pub monotonic_s: f64,
     /// Wall time, ISO 8601 in UTC.
     pub time: String,
     /// The requester: the name of a token, `signal`, `auto_arm`, `centre` with the beginning of its key, `unknown` for a
     /// manifest that no trusted key has signed, or `gateway` for events without a request.
     pub who: String,
-    /// The event in a few words.
+    /// Short description of the event.
     pub what: String,
-    /// The particulars of the event.
+    /// Details of the event.
     pub details: Details,
-    /// How many records just before this one could not be written: the disk was full, gone, or did not answer.
+    /// Number of records directly before this one that could not be written because the disk was
+    /// full, removed or did not respond.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub lost: u64,
-    /// The checksum of the record before; empty in the first.
+    /// Checksum of the previous record; empty in the first.
     pub previous: String,
 }
 
@@ -44,66 +45,66 @@ fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
-/// The particulars of a record.
+/// Details of a record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Details {
-    /// The hash of the machine file that corrects.
+    /// Hash of the active machine file.
     pub model: String,
-    /// The correction that is applied to each linear axis when the record is made, µm; empty while that is not known.
+    /// Correction applied to each linear axis at the time of the record, µm; empty if unknown.
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub output_um: ByAxis,
-    /// The correction that is applied to each rotary axis when the record is made, µrad; empty while that is not known.
+    /// Correction applied to each rotary axis at the time of the record, µrad; empty if unknown.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub output_urad: ByAxis,
-    /// The particulars that the kind of event has.
+    /// Details specific to this kind of event.
     pub what: Event,
 }
 
-/// The particulars that the kind of event has.
+/// Details specific to the kind of event.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Event {
-    /// The start of the gateway.
+    /// The gateway started.
     Start(Start),
     /// The state of the guard changed.
     StateChange(StateChange),
-    /// The end of the gateway.
+    /// The gateway stopped.
     Stop(Stop),
-    /// The configuration was read again.
+    /// The configuration was reloaded.
     Reload {
-        /// The hash of the model before.
+        /// Hash of the previous model.
         from: String,
-        /// The hash of the model after.
+        /// Hash of the new model.
         to: String,
-        /// The limits, rates and accelerations that changed, by the key of the configuration: the old and the new
-        /// value; null if missing.
+        /// Changed limits, rates and accelerations by configuration key: old and new value; null if
+        /// missing.
         #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
         limits: LimitChanges,
-        /// Where the model comes from, where a person has chosen it.
+        /// Source of the model; only if a person chose it.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         model_of: Option<String>,
     },
-    /// A request, with the state that it found.
+    /// A request of an operator, a program or a signal.
     Request {
-        /// The state when it came.
+        /// The state when the request was received.
         state: StateName,
     },
-    /// Why something was refused.
+    /// A refusal, with its reason.
     Refused(String),
-    /// Nothing more to be said.
+    /// No further details.
     Nothing,
 }
 
-/// The state of the audit log that the gateway found when it started, and the version of the gateway.
+/// State of the audit log at start-up, and the version of the gateway.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Start {
-    /// Whole records in the current file of the log.
+    /// Complete records in the current file of the log.
     pub records: u64,
-    /// Bytes of a record that was half written, cut off.
+    /// Length of an incomplete last record that was cut off, bytes.
     pub cut_bytes: u64,
-    /// A log that did not belong together, put aside.
+    /// The file with a broken chain that was moved aside.
     pub broken: Option<Broken>,
     /// The version of the gateway.
     pub version: String,
@@ -112,34 +113,34 @@ pub struct Start {
 /// A file of the log whose chain was broken.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Broken {
-    /// The first line that does not belong to the chain.
+    /// Number of the first line that does not continue the chain, from 1.
     pub line: u64,
-    /// The name under which the file was put aside.
+    /// Name under which the file was moved aside.
     pub aside: String,
 }
 
 /// A change of the state of the guard.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StateChange {
-    /// The state from now on.
+    /// The new state.
     pub state: StateName,
-    /// The place of the controller that corrects, from 0.
+    /// Index of the active controller, from 0.
     pub controller: usize,
-    /// Reasons for it.
+    /// Reasons for the state, causes first.
     pub reasons: Vec<String>,
-    /// The number of the cycle.
+    /// Number of the cycle in which the state changed.
     pub cycle: u64,
 }
 
-/// How the gateway left the machine.
+/// The state in which the gateway left the machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Stop {
-    /// The state at the end.
+    /// State of the guard at the end.
     pub state: StateName,
-    /// The correction that stayed applied to each linear axis, µm; empty where that is not known.
+    /// Correction that remained applied to each linear axis, µm; empty if unknown.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub left_um: ByAxis,
-    /// The correction that stayed applied to each rotary axis, µrad; empty where that is not known.
+    /// Correction that remained applied to each rotary axis, µrad; empty if unknown.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub left_urad: ByAxis,
 }
@@ -147,18 +148,20 @@ pub struct Stop {
 /// The file `output.json` in the folder of the log: the last output, for controllers without read-back.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LastOutput {
-    /// The boot in which it was written: after another boot it is not used.
+    /// The kernel's boot ID when the file was written; the output is ignored after a reboot.
     pub boot: String,
-    /// When it was written, s on the monotonic clock of that boot.
+    /// Time of writing by the monotonic clock of that boot, s.
     #[serde(default)]
     pub monotonic_s: f64,
-    /// Whether the gateway ended with it; otherwise it may have sent another one afterwards.
+    /// Whether the gateway ended properly with this output; otherwise it may have sent another one
+    /// afterwards.
     #[serde(default)]
     pub ended: bool,
-    /// The letters of the machine's axes in the order of its chain: with other ones, or in another order, it is not used.
+    /// Letters of the machine's axes in the order of its chain. The output is ignored if they
+    /// differ.
     #[serde(default)]
     pub axes: String,
-    /// The devices of the controllers in their order: with other ones it is not used.
+    /// Devices of the controllers in order. The output is ignored if they differ.
     #[serde(default)]
     pub controllers: Vec<String>,
     /// The output of each axis in the order of the machine's chain: mm for linear axes, rad for rotary ones.
@@ -176,11 +179,11 @@ impl LastOutput {
 /// State that survives a restart of the gateway: the text in the slots of the file `standing.slots` in the folder of the log.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Standing {
-    /// The name of the token of the person who disarmed it last; null once a person has armed it again.
+    /// Token name of the operator who disarmed last; null after the next arming by an operator.
     pub disarmed_by: Option<String>,
     /// The reasons of an unacknowledged fault; null without one.
     pub faulted: Option<Vec<String>>,
-    /// The names of the sensors that jumped and are not believed again.
+    /// Names of the sensors that are rejected because their value jumped.
     #[serde(default)]
     pub jumped: Vec<String>,
 }

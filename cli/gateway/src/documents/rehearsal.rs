@@ -4,147 +4,153 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_vocabulary::AxisName;
 
-/// What the axes of a simulated machine did under each fault. No device was opened.
+/// Behaviour of the axes of a simulated machine under each fault. No device is opened.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsalDocument {
-    /// Whether no rule was broken.
+    /// Whether no rule was violated.
     pub passed: bool,
-    /// When it was begun, UTC, as ISO 8601.
+    /// Start time, ISO 8601 in UTC.
     pub time: String,
-    /// The version of the program.
+    /// Version of the program.
     pub version: String,
-    /// Who ran it: the name of the user on the computer.
+    /// User name on the computer.
     pub user: String,
-    /// The name of the computer.
+    /// Host name of the computer.
     pub host: String,
-    /// The name of the machine as its file states it.
+    /// Name of the machine in its file.
     pub machine: String,
-    /// The checksum of the machine file's content.
+    /// Checksum of the machine file.
     pub hash: String,
     /// The path of the configuration file.
     pub config: String,
-    /// The checksum of the configuration file as it was read.
+    /// Checksum of the configuration file as it was read.
     pub config_hash: String,
     /// The requested faults; empty: the whole catalogue.
     pub selection: Vec<String>,
-    /// How many faults the catalogue has.
+    /// Number of faults in the catalogue.
     pub catalogue: usize,
-    /// The seed of all that happened by chance.
+    /// Seed of the random number generator.
     pub seed: u64,
-    /// The time of a cycle, ms.
+    /// Cycle time, ms.
     pub cycle_ms: f64,
-    /// How much time passed on the simulated machines, s.
+    /// Simulated time, s.
     pub simulated_s: f64,
-    /// What a rehearsal cannot show, in words.
+    /// Effects that a rehearsal cannot show.
     pub not_rehearsed: Vec<String>,
-    /// The controllers in the order of preference; each was rehearsed alone, on its own simulated machine.
+    /// The controllers in order of preference; each is rehearsed alone on a separate simulated
+    /// machine.
     pub controllers: Vec<RehearsedPath>,
 }
 
 /// One controller of a rehearsal.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedPath {
-    /// The URL of the controller whose place the simulated machine took.
+    /// URL of the controller that is replaced by the simulation.
     pub url: String,
-    /// What the simulated control was: `barrier`, `plain` (values that can be read back) or `no-read-back` (values that cannot).
+    /// Scheme of the simulated control: `barrier`, `plain` (values can be read back) or
+    /// `no-read-back` (values cannot be read back).
     pub scheme: String,
-    /// How old positions may be until the correction is held, ms.
+    /// Age of the positions from which the correction is held, ms.
     pub hold_ms: f64,
-    /// How old positions may be until the correction goes to zero, ms.
+    /// Age of the positions from which the correction is ramped to zero, ms.
     pub zero_after_ms: f64,
-    /// The time of a ramp, s.
+    /// Duration of a ramp, s.
     pub ramp_s: f64,
-    /// The barrier in the simulated control; null: it had none.
+    /// Barrier in the simulated control; null: none.
     pub barrier: Option<RehearsedBarrier>,
-    /// The limits that held, axis by axis.
+    /// Active limits of each axis.
     pub limits: Vec<RehearsedLimits>,
-    /// What was done to it, and what came of it.
+    /// The simulated faults and their results.
     pub faults: Vec<RehearsedFault>,
-    /// Faults of sensors that were left out, since no thermometer is configured.
+    /// Sensor faults that were skipped because no thermometer is configured.
     pub left_out: Vec<String>,
 }
 
-/// The barrier in a simulated control. The one in the real control has to be set alike.
+/// Settings of the barrier in the simulated control. The real control must have the same.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedBarrier {
-    /// The number of the machine.
+    /// Machine number.
     pub machine: u16,
-    /// The time of a scan, ms.
+    /// Scan time, ms.
     pub scan_ms: f64,
-    /// How old the report may be that a frame answers, ms.
+    /// Maximum age of the report that a frame answers, ms.
     pub hold_ms: f64,
-    /// After so much time without a frame the axes go to zero, ms.
+    /// Time without a frame after which the axes go to zero, ms.
     pub time_out_ms: f64,
 }
 
-/// The limits of one axis, each a whole number of steps where it is a correction.
+/// Limits of one axis. Limits of a correction are whole numbers of steps.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedLimits {
     /// The letter of the axis.
     #[schemars(with = "String")]
     pub axis: AxisName,
-    /// Of a linear axis, µm.
+    /// Limits of a linear axis, µm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub um: Option<AxisBounds>,
-    /// Of a rotary axis, µrad.
+    /// Limits of a rotary axis, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub urad: Option<AxisBounds>,
 }
 
-/// What holds for the correction of one axis, in µm or µrad.
+/// Limits of the correction of one axis, in µm or µrad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct AxisBounds {
-    /// The largest correction, in either direction.
+    /// Maximum correction in either direction.
     pub limit: f64,
-    /// The largest change in a second.
+    /// Maximum rate, per second.
     pub slew_per_s: f64,
-    /// The largest change of the slew in a second; null: not limited.
+    /// Maximum acceleration, per second squared; null: unlimited.
     pub accel_per_s2: Option<f64>,
-    /// The smallest step.
+    /// Smallest step of the correction.
     pub step: f64,
-    /// The rate of the barrier; null: no barrier.
+    /// Maximum rate of the barrier, per second; null: no barrier.
     pub barrier_per_s: Option<f64>,
 }
 
 /// One fault in one phase of the correction.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedFault {
-    /// The name of the fault, as `--fault` takes it.
+    /// Name of the fault, as accepted by `--fault`.
     pub fault: String,
-    /// What it simulates.
+    /// What the fault simulates.
     pub meaning: String,
-    /// When it began: `compensating` or `ramping`.
+    /// State when the fault began: `compensating` or `ramping`.
     pub phase: String,
-    /// Whether it broke no rule.
+    /// Whether no rule was violated.
     pub passed: bool,
-    /// The rules that were broken, in words.
+    /// The violated rules.
     pub broken: Vec<String>,
-    /// Whether this fault can make a step that cannot be detected without a barrier, so that only the limit bounds it.
+    /// Whether this fault can cause an undetectable step without a barrier, bounded only by the
+    /// limit.
     pub bounded_by_limit: bool,
-    /// Whether this fault hides an interlock from the gateway, so that without a barrier the axes may move in it.
+    /// Whether this fault hides an interlock from the gateway. Without a barrier the axes may then
+    /// move during the interlock.
     pub interlock_hidden: bool,
-    /// The worst state that was reached from the fault until it compensated again.
+    /// Worst state from the fault until compensation resumed.
     pub state: String,
-    /// How long after the fault was taken away it compensated again, s; null: not within the time of the rehearsal.
+    /// Time from the end of the fault until compensation resumed, s; null: not within the simulated
+    /// time.
     pub compensating_after_s: Option<f64>,
-    /// What a person had to do for that, in order: `acknowledge`, `arm`; after six times it is given up.
+    /// Operator actions until compensation resumed, in order: `acknowledge`, `arm`; at most six.
     pub needed: Vec<String>,
-    /// How many scans (without a barrier: writes) moved an axis in emergency stop, alarm or without reference.
+    /// Number of scans (without a barrier: writes) that moved an axis during emergency stop, alarm
+    /// or without reference.
     pub moved_while_held: u64,
-    /// What each axis did.
+    /// Motion of each axis.
     pub axes: Vec<RehearsedAxis>,
 }
 
-/// What one axis did.
+/// Motion of one axis.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedAxis {
     /// The letter of the axis.
     #[schemars(with = "String")]
     pub axis: AxisName,
-    /// Of a linear axis, µm.
+    /// Motion of a linear axis, µm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub um: Option<Excursion>,
-    /// Of a rotary axis, µrad.
+    /// Motion of a rotary axis, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub urad: Option<Excursion>,
 }
@@ -156,15 +162,15 @@ impl RehearsedAxis {
     }
 }
 
-/// How an axis moved, in µm or µrad.
+/// Extremes of the motion of an axis, in µm or µrad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Excursion {
-    /// The largest change of the correction from one scan (without a barrier: write) to the next.
+    /// Largest change of the correction from one scan (without a barrier: write) to the next.
     pub largest_change: f64,
-    /// The largest change that is allowed.
+    /// Allowed maximum of `largest_change`.
     pub allowed_change: f64,
-    /// The largest correction, in either direction.
+    /// Largest correction in either direction.
     pub furthest: f64,
-    /// The largest correction that is allowed.
+    /// Allowed maximum of `furthest`.
     pub limit: f64,
 }

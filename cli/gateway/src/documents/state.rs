@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName;
 /// One value per axis, in the order X Y Z A B C U V W.
 pub type ByAxis = BTreeMap<AxisName, f64>;
 
-/// The state of the guard, as one word.
+/// State of the guard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StateName {
@@ -25,12 +25,12 @@ pub enum StateName {
     RampingOut,
     /// A fault that an operator must acknowledge; the correction ramps to zero.
     Faulted,
-    /// The control thread has stopped telling: what is applied now is not known.
+    /// The control thread has stopped reporting: the applied correction is unknown.
     Unknown,
 }
 
 impl StateName {
-    /// All names, in the order of the metrics.
+    /// All states in the order of the metrics.
     pub const ALL: [Self; 7] = [
         Self::Disarmed,
         Self::Arming,
@@ -76,77 +76,81 @@ impl From<volcomp_guard::State> for StateName {
     reason = "each is a key of the document"
 )]
 pub struct Status {
-    /// The state of the guard; `unknown` when the control thread has reported nothing for some time.
+    /// State of the guard; `unknown` after a timeout without a report of the control thread.
     pub state: StateName,
-    /// Why the state is what it is, and what else is to be known.
+    /// Reasons for the state, and warnings.
     pub reasons: Vec<String>,
-    /// Whether it corrects, or will resume automatically.
+    /// Whether the gateway corrects or will resume automatically.
     pub armed: bool,
-    /// Whether it arms itself after the start.
+    /// Whether the gateway arms automatically after the start.
     pub auto_arm: bool,
     /// Whether the machine is the built-in simulation.
     pub simulated: bool,
-    /// The machine whose model corrects.
+    /// The machine of the active model.
     pub machine: MachineState,
-    /// Whether a token that may operate is configured: without one, disarming on its own computer is all that can be done over HTTP.
+    /// Whether a token with the role of an operator is configured. Without one, the only request
+    /// accepted over HTTP is to disarm, from the same computer.
     #[serde(default)]
     pub operable: bool,
-    /// The controller that corrects.
+    /// The active controller.
     pub controller: Option<ControllerState>,
-    /// Every configured controller in the order of preference: how it is, the one that corrects and those that stand by.
+    /// Condition of every configured controller, active or on stand-by, in order of preference.
     #[serde(default)]
     pub controllers: Vec<PathState>,
-    /// Positions of the linear axes without the correction, mm. An axis whose position is not known is left out.
+    /// Positions of the linear axes without the correction, mm. Axes with an unknown position are
+    /// missing.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub positions_mm: ByAxis,
     /// Positions of the rotary axes without the correction, deg.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub positions_deg: ByAxis,
-    /// Whether the correction that the control applies was confirmed within `hold_ms`. Otherwise `correction_um` and
-    /// `correction_urad` are what was confirmed last, and what is applied now is not known.
+    /// Whether the applied correction was confirmed within `hold_ms`. Otherwise it is unknown, and
+    /// `correction_um` and `correction_urad` are the last confirmed values.
     #[serde(default)]
     pub correction_known: bool,
-    /// The correction that the control was last confirmed to apply to each linear axis that the controller which corrects
-    /// writes, µm; empty where none was ever confirmed.
+    /// Last confirmed correction of each linear axis written by the active controller, µm; empty if
+    /// none was ever confirmed.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub correction_um: ByAxis,
-    /// The correction that the control was last confirmed to apply to each rotary axis, µrad.
+    /// Last confirmed correction of each rotary axis written by the active controller, µrad.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub correction_urad: ByAxis,
-    /// The correction of each linear axis that was sent last without a failure, µm; empty where none was since the start.
+    /// Last correction of each linear axis that was sent successfully, µm; empty if none was since
+    /// the start.
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub sent_um: ByAxis,
-    /// The correction of each rotary axis that was sent last without a failure, µrad.
+    /// Last correction of each rotary axis that was sent successfully, µrad.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub sent_urad: ByAxis,
-    /// What the last test shift showed of the reported position of each axis that is corrected.
+    /// Result of the last test shift for each corrected axis: whether the reported position
+    /// contains the correction.
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, ProvenName>")]
     pub proven: BTreeMap<AxisName, ProvenName>,
-    /// The correction of each linear axis that the model asks for, before limits and ramps, µm.
+    /// Correction of each linear axis by the model, before limits and ramps, µm.
     #[schemars(with = "BTreeMap<String, f64>")]
     pub wanted_um: ByAxis,
-    /// The correction of each rotary axis that the model asks for, before limits and ramps, µrad.
+    /// Correction of each rotary axis by the model, before limits and ramps, µrad.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub wanted_urad: ByAxis,
-    /// The position error of the tool tip without correction by the model, µm in workpiece axes; null while
-    /// positions are not known.
+    /// Predicted position error of the tool tip without correction, µm in workpiece axes; null if
+    /// positions are unknown.
     pub error_um: Option<[f64; 3]>,
-    /// The rotation error of the tool without correction by the model, µrad about the workpiece axes.
+    /// Predicted rotation error of the tool without correction, µrad about the workpiece axes.
     pub error_urad: Option<[f64; 3]>,
-    /// The direction error of the tool axis without correction by the model, µrad in workpiece axes; only on
-    /// machines with rotary axes.
+    /// Predicted direction error of the tool axis without correction, µrad in workpiece axes; only
+    /// on machines with rotary axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error_axis_urad: Option<[f64; 3]>,
-    /// The position error that the model leaves with the applied correction, axes that are not written holding none, µm in
-    /// workpiece axes; null while the applied correction is not known.
+    /// Predicted position error with the applied correction, which is zero for axes that are not
+    /// written, µm in workpiece axes; null if the applied correction is unknown.
     pub residual_um: Option<[f64; 3]>,
-    /// The direction error of the tool axis that the model leaves with the applied correction, µrad in workpiece
+    /// Predicted direction error of the tool axis with the applied correction, µrad in workpiece
     /// axes; only on machines with rotary axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_axis_urad: Option<[f64; 3]>,
@@ -158,58 +162,61 @@ pub struct Status {
     pub true_residual_um: Option<[f64; 3]>,
     /// The temperatures in the order of the configuration.
     pub temperatures: Vec<SensorState>,
-    /// Cycles so far in which slew or acceleration limits held the correction back.
+    /// Number of cycles since the start in which a rate or acceleration limit reduced the
+    /// correction.
     pub held_back: u64,
-    /// Exchanges with controllers so far that failed.
+    /// Number of failed exchanges with controllers since the start.
     pub faults: u64,
     /// Time from the start of the control thread to the reported cycle, s.
     pub uptime_s: f64,
     /// Age of the state, ms.
     pub age_ms: f64,
-    /// How long cycles took.
+    /// Quantiles of the cycle time.
     pub cycle: CycleTimes,
-    /// How it stands with the centre of the fleet; only where `[fleet]` is configured.
+    /// State of the connection to the centre; only if `[fleet]` is configured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fleet: Option<FleetState>,
 }
 
-/// How it stands with the centre of the fleet.
+/// State of the connection to the centre of the fleet.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct FleetState {
-    /// The site.
+    /// Name of the site.
     pub site: String,
-    /// The name of the machine in the fleet.
+    /// Name of the machine in the fleet.
     pub machine: String,
     /// Whether the server is connected now.
     pub connected: bool,
-    /// The version of the manifest whose machine file corrects; 0: the configured machine file does.
+    /// Version of the manifest whose machine file is active; 0: the configured machine file is
+    /// active.
     pub version: u64,
-    /// The version of the highest manifest that was accepted; 0: none was.
+    /// Highest accepted version of a manifest; 0: none.
     pub accepted: u64,
-    /// Whether the centre allows correcting.
+    /// Whether the centre permits correction.
     pub enabled: bool,
-    /// What became of the highest manifest; null while that is not known.
+    /// Outcome of the highest manifest; null if not known yet.
     pub outcome: Option<String>,
-    /// Why the highest manifest is not active yet, or what was damaged at the start; it is retried.
+    /// Why the highest manifest is not active yet, or which damage was found at start-up.
+    /// Activation is retried.
     pub trouble: Option<String>,
-    /// Why the last value of the machine's key was not accepted, which changed nothing; null where none was refused since the
-    /// last that was accepted.
+    /// Why the last value of the machine's key was rejected, without any effect; null if a later
+    /// value was accepted.
     #[serde(default)]
     pub refused: Option<String>,
-    /// Why messages to the centre wait; null while they are sent.
+    /// Why messages to the centre are queued; null while they are sent.
     pub waiting: Option<String>,
-    /// Messages dropped since the start for lack of space.
+    /// Number of messages dropped since the start because the queue was full.
     pub dropped: u64,
 }
 
-/// The machine whose model corrects.
+/// The machine of the active model.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct MachineState {
-    /// Its name in the machine file.
+    /// Name in the machine file.
     pub name: String,
-    /// The checksum of the machine file's content.
+    /// Checksum of the machine file.
     pub hash: String,
-    /// The structure code, such as `w X' b Y Z t`: the order of its axes from the workpiece to the tool.
+    /// Structure code: the order of the axes from workpiece to tool, such as `w X' b Y Z t`.
     #[serde(default)]
     pub structure: String,
     /// The letters of its axes in the order X Y Z A B C U V W.
@@ -217,38 +224,38 @@ pub struct MachineState {
     pub axes: Vec<AxisName>,
 }
 
-/// The controller that corrects.
+/// The active controller.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ControllerState {
     /// The URL of the device.
     pub device: String,
-    /// The name of the channel by which its corrections reach the axes.
+    /// Name of the channel through which corrections reach the axes.
     pub channel: String,
-    /// Its place among the configured controllers, from 0; texts count from 1 (path 1).
+    /// Index among the configured controllers, from 0. Messages count from 1 (path 1).
     pub number: usize,
 }
 
-/// How one of the configured controllers is.
+/// Condition of one of the configured controllers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PathState {
     /// The URL of the device.
     pub device: String,
-    /// Its place among the configured controllers, from 0; texts count from 1 (path 1).
+    /// Index among the configured controllers, from 0. Messages count from 1 (path 1).
     pub number: usize,
-    /// Whether it is the one that corrects.
+    /// Whether this controller is active.
     pub active: bool,
     /// How its correction is confirmed.
     pub scheme: SchemeName,
-    /// How long ago it answered last, ms; null: never.
+    /// Time since the last response, ms; null: never.
     pub answered_ms: Option<f64>,
     /// Age of its positions, ms; null: none received.
     pub positions_ms: Option<f64>,
-    /// How long ago the correction that it applies was confirmed last, ms; null: never.
+    /// Time since the last confirmation of the applied correction, ms; null: never.
     pub confirmed_ms: Option<f64>,
-    /// Whether the correction that it applies is other than zero; null: not known, since nothing confirmed it in the last
-    /// two seconds.
+    /// Whether the applied correction is not zero; null: unknown, because nothing confirmed it in
+    /// the last two seconds.
     pub holds_correction: Option<bool>,
-    /// What else is to be known of it.
+    /// Warnings about this controller.
     pub reasons: Vec<String>,
 }
 
@@ -275,15 +282,15 @@ impl From<volcomp_guard::Scheme> for SchemeName {
     }
 }
 
-/// What the test shift showed of the reported position of an axis.
+/// Result of the test shift of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ProvenName {
-    /// It contains the correction.
+    /// The reported position contains the correction.
     Contained,
-    /// It does not contain the correction.
+    /// The reported position does not contain the correction.
     NotContained,
-    /// Neither was shown.
+    /// No conclusive test shift was made.
     NotProven,
 }
 
@@ -298,42 +305,44 @@ impl From<volcomp_guard::AxisProof> for ProvenName {
     }
 }
 
-/// One temperature as it is used.
+/// One temperature as used by the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SensorState {
     /// The name of the sensor.
     pub name: String,
-    /// °C; null when it is not used.
+    /// Temperature, °C; null if it is not used.
     pub degc: Option<f64>,
-    /// `good` or `uncertain` when it is used, else `bad`.
+    /// `good` or `uncertain` if the temperature is used, else `bad`.
     pub quality: String,
-    /// Why it is not used.
+    /// Why the temperature is not used.
     pub reason: Option<String>,
 }
 
-/// How long cycles took, whole cycles and their parts, over the last some thousand cycles.
+/// Quantiles of the times of complete cycles and their parts, over the last several thousand
+/// cycles.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CycleTimes {
-    /// The number of cycles so far.
+    /// Number of cycles since the start.
     pub count: u64,
-    /// The configured time of a cycle, µs.
+    /// Configured cycle time, µs.
     pub period_us: f64,
-    /// Half of the cycles took no longer than this, µs.
+    /// Median (p50), µs.
     pub p50_us: f64,
-    /// 99 % of the cycles took no longer than this, µs.
+    /// 99th percentile, µs.
     pub p99_us: f64,
-    /// The longest cycle, µs.
+    /// Maximum, µs.
     pub max_us: f64,
-    /// Periods that were missed so far.
+    /// Number of missed periods since the start.
     pub overruns: u64,
     /// Compute time of the gateway in a cycle by the CPU clock of its thread, without exchanges.
     pub own: StretchTimes,
-    /// A fixed computation by the same clock, the polynomial of degree 511 of `[realtime] reference`; only where it is made.
+    /// Time of a reference computation by the same clock: the polynomial of degree 511 of
+    /// `[realtime] reference`. Missing if it is disabled.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference: Option<StretchTimes>,
-    /// From the deadline to the first instruction of a cycle.
+    /// Wake-up latency: from the deadline to the first instruction of the cycle.
     pub wake: StretchTimes,
-    /// The exchanges with controllers in a cycle.
+    /// Time of the exchanges with controllers.
     pub exchange: StretchTimes,
     /// Histogram of cycle times: upper edge (µs) and count of each bin, edges doubling.
     pub histogram_us: Vec<(f64, u64)>,
@@ -342,11 +351,11 @@ pub struct CycleTimes {
 /// Quantiles of one part of the cycle, µs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StretchTimes {
-    /// Half of the cycles took no longer than this, µs.
+    /// Median (p50), µs.
     pub p50_us: f64,
-    /// 99 % of the cycles took no longer than this, µs.
+    /// 99th percentile, µs.
     pub p99_us: f64,
-    /// The longest of all, µs.
+    /// Maximum, µs.
     pub max_us: f64,
 }
 
@@ -357,14 +366,14 @@ pub fn round(value: f64) -> f64 {
     rounded + 0.0
 }
 
-/// The answer to `GET /api/map`: the error over the travels of two linear axes, the others where they stand. Empty for
-/// a machine with fewer than two linear axes.
+/// The response to `GET /api/map`: the error over the travels of two linear axes, with the other
+/// axes at their current positions. Empty for a machine with fewer than two linear axes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ErrorMap {
-    /// The axis of the columns, then that of the rows.
+    /// The axis of the columns, followed by that of the rows.
     pub axes: Vec<MapAxis>,
-    /// The length of the position error, µm: rows over the second axis, values in a row over the first, from the lower
-    /// to the upper end of the travel.
+    /// Length of the position error, µm. Rows run along the second axis, values in a row along the
+    /// first, from the lower to the upper end of the travel.
     pub error_um: Vec<Vec<f64>>,
 }
 
@@ -374,7 +383,7 @@ pub struct MapAxis {
     /// The letter of the axis.
     #[schemars(with = "String")]
     pub name: AxisName,
-    /// The ends of its travel, mm.
+    /// Ends of the travel, mm.
     pub travel: [f64; 2],
 }
 
@@ -387,7 +396,8 @@ pub struct History {
     pub points: Vec<HistoryPoint>,
 }
 
-/// The length of the error at one time. Of the simulated machine it is the true error, else the model's.
+/// Length of the error at one time. For the simulated machine it is the true error, otherwise the
+/// prediction of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HistoryPoint {
     /// Time since the start of the control thread, s.

@@ -37,7 +37,7 @@ use crate::{
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 /// Maximum number of queued values that change nothing; further ones are not answered.
 const MAX_OTHER_VALUES: usize = 4;
-/// Pause after a value that changes nothing, to limit the load of a flood of them.
+/// Pause after a value that changes nothing, to limit the load if many arrive.
 const PAUSE: Duration = Duration::from_millis(100);
 
 #[derive(Clone)]
@@ -60,13 +60,13 @@ impl Service {
 
 enum JudgedValue {
     New(Box<AcceptedManifest>),
-    /// The same manifest as the last accepted one.
+    /// A manifest identical to the last accepted one.
     Again(Box<AcceptedManifest>),
     Refused {
         /// Version of the manifest, as far as it can be parsed.
         version: u64,
         value_sha256: String,
-        /// The signer, for the audit log.
+        /// Signer, as recorded in the audit log.
         who: String,
         why: String,
     },
@@ -189,7 +189,7 @@ impl ManifestReceiver {
         }
     }
 
-    /// Ramps the correction out and forbids arming before the manifest has any other effect.
+    /// Ramps the correction to zero and forbids arming before the manifest has any other effect.
     async fn disable(&self, judged: &AcceptedManifest) {
         // Note it first: the activator runs on the same thread and may be activating an older version, which must not lift
         // this order.
@@ -461,7 +461,7 @@ impl ManifestActivator {
         Ok(None)
     }
 
-    /// Asks the service to activate the machine file and to correct with it.
+    /// Requests that the service activates the machine file and permits correction.
     async fn take(&self, held: &StoredManifest) -> Result<Outcome, RetryReason> {
         let operation = CentreOperation::Take {
             machine: self.store.machine(&held.manifest),

@@ -1,9 +1,10 @@
 //! The machine as a member of a fleet: it applies manifests from its centre, signed by trusted keys, and reports to the
 //! centre.
 //!
-//! One thread receives and activates manifests, the other sends reports. Neither touches the cycle: like the dashboard,
-//! they send requests to the service and read its published state. A disk that hangs delays neither the order to disarm
-//! nor the service. State: the folder of `store` and the messages queued for the server.
+//! One thread receives and activates manifests, the other sends reports. Neither touches the cycle:
+//! like the dashboard, they send requests to the service and read its published state. A disk that
+//! hangs delays neither the order to disarm nor the service. State: the folder of `store` and the
+//! queue of messages to the server.
 
 use std::{
     io,
@@ -181,7 +182,7 @@ async fn connected(
     loop {
         match MachineLink::connect(settings, identity).await {
             Ok(link) => {
-                // Clear only an error that was set here.
+                // Clear only an error that this function set.
                 shared.published.update_fleet(|state| {
                     if last.is_some() && state.trouble == last {
                         state.trouble = None;
@@ -221,7 +222,7 @@ fn spawn(
 
 async fn until_stopped(mut stopped: watch::Receiver<bool>, work: impl Future<Output = ()>) {
     tokio::select! {
-        // A dropped sender also means the end.
+        // A dropped sender also ends the task.
         _ = stopped.wait_for(|stop| *stop) => {}
         () = work => {}
     }

@@ -31,7 +31,7 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    /// `version` is that of the active manifest; 0 if none is active.
+    /// `version` is the version of the active manifest; 0 if none is active.
     pub(super) fn new(published: Published, version: u64) -> Self {
         Self {
             published,
@@ -100,8 +100,8 @@ impl Drop for DiskWait {
     }
 }
 
-/// Reports a disk that hangs, forever. Once the disk responds, this task clears its own message, whatever the waiting
-/// thread reports afterwards.
+/// Reports a disk that hangs; never returns. When the disk responds, this task clears its own
+/// message, regardless of what the waiting thread has reported.
 pub(super) async fn watch(shared: &Shared, folder: &str) {
     let hangs = format!("{folder}: the disk does not answer");
     let activating = format!("{hangs}: the accepted manifest is activated once it does");
@@ -138,7 +138,7 @@ mod tests {
         assert_eq!(message.as_deref(), Some("it hangs"));
         tell(&mut message, false, "it hangs");
         assert_eq!(message, None);
-        // Messages of others remain.
+        // Messages of other tasks remain.
         message = Some("another trouble".to_owned());
         tell(&mut message, false, "it hangs");
         assert_eq!(message.as_deref(), Some("another trouble"));

@@ -18,7 +18,7 @@ use crate::{audit::replace_file, config::FleetConfig};
 
 const STANDING: &str = "standing.json";
 
-/// State that survives a restart, besides the manifests.
+/// State that survives a restart, in addition to the manifests.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Standing {
     /// Highest accepted version of a manifest; 0: none.

@@ -105,7 +105,8 @@ pub(super) async fn require_view(
     next.run(request).await
 }
 
-/// Returns name and role of the token, so that a wrong token is detected before its first use.
+/// Returns name and role of the token. Clients call it to detect a wrong token before its first
+/// use.
 pub(super) async fn token(
     State(access): State<Arc<AccessControl>>,
     Extension(from): Extension<SocketAddr>,
@@ -194,7 +195,7 @@ impl Role {
 pub struct Holder {
     /// Name recorded in the audit log.
     pub name: String,
-    /// Determines which requests the token allows.
+    /// Set of requests that the token allows.
     pub role: Role,
 }
 

@@ -314,7 +314,7 @@ fn answered<T: Serialize>(found: Result<T, Reply>) -> Response {
     }
 }
 
-/// Decodes the body of a request; the error response states what is wrong.
+/// Decodes the body of a request; the error response describes the invalid value.
 fn decoded<T: DeserializeOwned>(body: &Bytes) -> Result<T, Box<Response>> {
     serde_json::from_slice(body).map_err(|e| {
         let what = format!("the body is wrong: {e}");

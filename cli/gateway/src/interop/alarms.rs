@@ -8,11 +8,11 @@ use crate::documents::{StateName, Status};
 /// The source of an alarm. Numbers are indices into the configuration, from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// The guard, which limits what reaches the axes.
+    /// The guard, which limits the correction of the axes.
     Guard,
-    /// A temperature sensor.
+    /// A temperature sensor, by its index.
     Sensor(usize),
-    /// A controller.
+    /// A controller, by its index.
     Controller(usize),
 }
 

@@ -23,7 +23,8 @@ pub struct Shape {
     pub controllers: usize,
 }
 
-/// The part that a quantity belongs to. Numbers are indices into the configuration, from 0.
+/// The part of the gateway to which a quantity belongs. Numbers are indices into the configuration,
+/// from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// The gateway itself.
@@ -32,9 +33,9 @@ pub enum Part {
     Axis(AxisName),
     /// The tool.
     Tool,
-    /// A temperature.
+    /// A temperature sensor, by its index.
     Sensor(usize),
-    /// A controller.
+    /// A controller, by its index.
     Controller(usize),
 }
 
@@ -160,7 +161,8 @@ const UM: Kind = Kind::Number(Unit::Um);
 const URAD: Kind = Kind::Number(Unit::Urad);
 const MS: Kind = Kind::Number(Unit::Ms);
 
-// Values that are constant while the gateway runs are always known; the others only while it cycles.
+// Quantities that are constant while the gateway runs are always known; the others only while
+// cycles run.
 #[rustfmt::skip]
 const OF_GATEWAY: &[Row<()>] = &[
     Row("state", Kind::Text, "State of the gateway in one word",

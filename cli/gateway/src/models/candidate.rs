@@ -403,7 +403,7 @@ mod tests {
         }
     }
 
-    /// The worker thread has a lower priority; that of the calling thread is unchanged.
+    /// The worker thread has a lower priority; the priority of the calling thread is unchanged.
     #[test]
     fn only_the_background_thread_has_low_priority() {
         let before = getpriority_process(None).expect("shown");

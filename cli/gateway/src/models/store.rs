@@ -251,7 +251,7 @@ mod tests {
         // The activation is stored.
         store.keep_standing(&standing(&hash)).expect("writable");
         assert_eq!(store.in_force(), Ok(Some(machine.clone())));
-        // The file is damaged afterwards: it is not loaded, and that is shown.
+        // The file is damaged afterwards: it is not loaded, and the damage is reported.
         fs::write(&machine, text.replace("20.0", "90.0")).expect("writable");
         assert!(store.in_force().is_err());
         fs::write(&machine, "").expect("writable");

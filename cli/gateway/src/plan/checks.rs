@@ -1,5 +1,5 @@
-//! Checks before any device is opened: folders, names, overlapping bytes, positions and states that no controller
-//! shows, and tables that this build does not support.
+//! Checks before any device is opened: folders, sensor names, overlapping memory blocks, positions
+//! and states that no controller reports, and tables that this build does not support.
 
 use std::{io, path::Path};
 
@@ -115,8 +115,8 @@ pub(super) fn sensor_names(
     Ok(())
 }
 
-/// Checks that the bytes of a controller, which follows those in `before`, do not overlap each other or those of
-/// earlier controllers.
+/// Checks that the memory blocks of a controller, which follows those in `before`, do not overlap
+/// each other or those of earlier controllers.
 pub(super) fn overlap(
     config: &Config,
     before: &[Box<dyn ControllerDevice>],
@@ -252,8 +252,8 @@ pub(super) fn by_name(states: ShownStates) -> [(&'static str, bool); 3] {
     ]
 }
 
-/// Rejects a controller that neither shows a state nor lists it in `unseen`, an `unseen` that lists a shown state, and a travel beyond the range of
-/// the position word.
+/// Checks the states and travels of a controller. Errors: a state is neither reported nor listed in
+/// `unseen`, `unseen` lists a reported state, or a travel exceeds the range of the position word.
 pub(super) fn shown<'a>(
     config: &Config,
     model: &Model,

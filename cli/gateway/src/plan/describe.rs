@@ -1,4 +1,4 @@
-//! The plan as a document: the effective configuration and what follows from it.
+//! The plan as a document: the effective configuration and the settings derived from it.
 
 use std::collections::BTreeSet;
 

@@ -14,7 +14,8 @@ pub struct Fault {
     pub(super) act: FaultAction,
     /// Set if the fault causes a step that cannot be detected without a barrier; only the limit bounds it.
     pub(super) is_unseen_without_barrier: bool,
-    /// Set if the fault reports to the gateway that the machine may be moved although it may not; only a barrier can hold then.
+    /// Set if the fault makes the gateway read that the machine may be moved although it may not;
+    /// only a barrier can hold the correction then.
     pub(super) hides_interlock: bool,
 }
 
@@ -23,8 +24,8 @@ pub(super) enum FaultAction {
     Nothing,
     Chance(Faults),
     Directed(Injection),
-    /// Every `every` cycles, `readings` readings show the position of the first axis mirrored between the ends of its
-    /// travel.
+    /// In every `every` cycles, `readings` readings report the position of the first axis mirrored
+    /// between the ends of its travel.
     OtherEnd {
         every: u64,
         readings: u32,
@@ -79,7 +80,7 @@ const NONE: Faults = Faults {
 
 /// Probability of a random fault, per call.
 const CHANCE: f64 = 0.1;
-/// Probability of a random fault that lasts or stops everything, per call.
+/// Probability per call of a random fault that lasts or stops the control.
 const SELDOM: f64 = 0.02;
 
 const ALL: Faults = Faults {

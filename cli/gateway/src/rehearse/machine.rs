@@ -36,8 +36,8 @@ const ACCELERATING_S: f64 = 0.4;
 
 type SharedWire = Arc<Mutex<Faulty<Wire>>>;
 
-/// A simulated machine in place of a configured one, with everything needed to disturb it. Its clock is advanced
-/// explicitly.
+/// A simulated machine in place of a configured one, with the handles to inject faults. Its clock
+/// is advanced explicitly.
 pub struct Rig {
     pub(super) path: PathPlan,
     pub(super) clock: Clock,
@@ -60,7 +60,7 @@ struct SharedController {
     wire: SharedWire,
 }
 
-/// A control program that can be stopped: its report then stays constant, and the outputs do not change.
+/// A control program that can be stopped: while stopped, its report and its outputs do not change.
 struct Stoppable {
     program: Program,
     stopped: Arc<AtomicBool>,
@@ -94,7 +94,7 @@ impl Controller for Wire {
         if !self.description.tells_applied {
             snapshot.applied = None;
         }
-        // States that the configured device does not show get the driver's default values.
+        // States that the configured device does not report get the driver's default values.
         let shown = self.description.shown;
         snapshot.state.referenced |= !shown.referenced;
         snapshot.state.alarm &= shown.alarm;
@@ -162,7 +162,7 @@ impl Rig {
         rate: i16,
     ) -> Result<Self, GatewayError> {
         let (model, mut path) = (&plan.model, path.clone());
-        // Axes that only another controller shows are fixed at mid-travel.
+        // Axes whose position only another controller reports are fixed at mid-travel.
         for (index, ends) in model.travel.iter().enumerate() {
             let shown = path.description.shows(model.axes[index]);
             if !shown && path.fixed[index].is_none() {

@@ -20,7 +20,7 @@ pub use sending::{request_replacement, run};
 pub struct Checked {
     /// The configuration of the sender.
     pub config: MapSender,
-    /// The map.
+    /// The map to be sent.
     pub map: Map,
     /// Path of the sender's configuration file.
     pub path: PathBuf,
@@ -72,7 +72,7 @@ impl Checked {
         ))
     }
 
-    /// A summary of what would be sent.
+    /// Formats a summary of the map and its destination.
     #[must_use]
     pub fn text(&self) -> String {
         let header = self.map.header();

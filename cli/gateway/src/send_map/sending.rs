@@ -314,8 +314,8 @@ impl Sending {
         }
     }
 
-    /// Whether to wait for another sender: an inactive sender loses the control after its timeout, an active one is
-    /// left undisturbed.
+    /// Whether to wait for another sender. An inactive sender loses the control after its timeout;
+    /// an active one is not disturbed.
     fn is_awaited(&mut self, sequence: u16) -> bool {
         let now = self.clock.now();
         let other = (self.other).get_or_insert(OtherSender {
@@ -402,7 +402,7 @@ const END_TIMEOUT: Duration = Duration::from_secs(1);
 struct Log {
     writer: AuditWriter,
     clock: Clock,
-    /// The last reported reason why records may be missing.
+    /// The last reported reason for possibly missing records.
     trouble: Option<&'static str>,
 }
 
@@ -511,7 +511,7 @@ pub fn request_replacement(checked: &Checked) -> Result<(), GatewayError> {
         .map_err(|e| GatewayError::system(file.display().to_string(), e))
 }
 
-/// A replacement map, or why it is refused.
+/// A replacement map, or the reason why it is refused.
 type NewMap = Result<Box<Checked>, String>;
 
 /// Polls for confirmations of a replacement map until the receiver is dropped. A confirmation is a file in the folder of the audit log. This thread
@@ -612,7 +612,7 @@ mod tests {
         assert!(!is_lost(Some(7), 7, Some(7)));
         assert!(!is_lost(Some(7), 8, Some(7)));
         assert!(!is_lost(Some(7), 8, Some(8)));
-        // The control has none, or one of another sender.
+        // The control uses no map, or the map of another sender.
         assert!(is_lost(Some(7), 7, None));
         assert!(is_lost(Some(7), 8, None));
         assert!(is_lost(Some(7), 7, Some(9)));

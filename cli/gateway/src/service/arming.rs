@@ -146,7 +146,8 @@ impl Service {
                 })
             }
             Ok(Compared { last, .. }) => {
-                // Without a person the model that one armed or confirmed remains the origin: small changes do not add up over restarts.
+                // An automatic arming keeps the model last armed or confirmed by a person as the
+                // reference, so that small changes do not add up over restarts.
                 let origin = last.filter(|_| who == AUTO_ARM).map(Arc::new);
                 let origin = origin.unwrap_or_else(|| Arc::clone(&self.parts.model));
                 let state = self.parts.handle.report().state.into();
@@ -221,7 +222,8 @@ impl Service {
     }
 }
 
-/// Compares the current model and limits with those armed last. Without those, nothing needs confirmation.
+/// Compares the current model and limits with those armed last. If none were armed, no confirmation
+/// is needed.
 fn against_last(
     [machine, limits_file]: &[PathBuf; 2],
     model: &Model,

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use volcomp_runtime::{Model, Report};
 
-/// Maximum time between two reports during which the sensors are treated as read; the remaining time is time without
-/// temperatures.
+/// Maximum time between two reports for which the reported temperatures are used; the rest is
+/// treated as time without temperatures.
 const MAX_REPORT_GAP: Duration = Duration::from_secs(1);
 
 pub(super) struct Lags {

@@ -56,7 +56,7 @@ const OUTPUT_EVERY: Duration = Duration::from_secs(10);
 /// Timeout at shutdown for a control thread that hangs, and again for the disk.
 const END_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The parts of a service.
+/// The parts from which a service is built.
 pub struct ServiceParts {
     /// The running control thread.
     pub handle: Handle,
@@ -113,7 +113,7 @@ pub struct Service {
     shown_reasons: Reasons,
     /// Set once the gateway has armed, or an operator has taken over.
     auto_arm_done: bool,
-    /// Set once an operator has armed, disarmed or acknowledged; from then on auto-arm is off.
+    /// Set once an operator has armed, disarmed or acknowledged; auto-arm is off from then on.
     person_decides: bool,
     auto_arm_after: Instant,
     output: LatestOutput,

@@ -347,8 +347,9 @@ impl Service {
         )
     }
 
-    /// Starts reading a machine file without any other change of the configuration, whatever is on disk. `differences`
-    /// must be confirmed in addition to a large change of the correction.
+    /// Starts reading a machine file. The rest of the configuration stays unchanged, even if its
+    /// file on disk has changed. `differences` must be confirmed in addition to a large change of
+    /// the correction.
     fn begin_model(
         &mut self,
         machine: PathBuf,

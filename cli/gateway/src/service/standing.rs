@@ -1,4 +1,4 @@
-//! State that survives a restart: an unacknowledged fault, and that an operator has disarmed.
+//! State that survives a restart: an unacknowledged fault, and a disarm by an operator.
 
 use std::path::Path;
 

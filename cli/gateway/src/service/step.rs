@@ -229,7 +229,7 @@ mod tests {
     #[test]
     fn every_state_and_every_request() {
         let [arm, disarm, acknowledge] = [Request::Arm, Request::Disarm, Request::Acknowledge];
-        // State, then whether it is armed, disarmed, without a fault.
+        // State, then the expected results for: armed, disarmed, without a fault.
         let table = [
             (State::Disarmed, [false, true, true]),
             (State::Arming(Phase::Proving), [true, false, true]),

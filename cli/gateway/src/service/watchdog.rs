@@ -39,7 +39,8 @@ impl Watchdog {
     /// `time` is the watchdog timeout of the service manager; `timeout` the longest gap between cycles.
     pub(super) fn new(time: Duration, period: Duration, timeout: Duration, now: Instant) -> Self {
         Self {
-            // A late interval costs another one of equal length, and the proof after it must still be in time.
+            // The interval after a late one may be just as long, and the proof at its end must
+            // still be in time.
             interval: (time / 4).min(Duration::from_secs(1)),
             period,
             timeout,

@@ -12,7 +12,8 @@ use std::{
 
 #[derive(Default)]
 pub(super) struct Worker {
-    /// Cleared before the result is sent: whoever receives it may begin the next task.
+    /// Cleared before the result is sent, so that the receiver of the result can begin the next
+    /// task.
     busy: Arc<AtomicBool>,
     /// Number of results that are not sent yet.
     open: Arc<AtomicUsize>,

@@ -54,33 +54,34 @@ pub(crate) struct AgeArguments {
 /// The document of `volcomp age`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Age {
-    /// The machine file that was written.
+    /// Path of the written machine file.
     file: String,
     /// Months of work.
     months: f64,
-    /// How hard it worked.
+    /// Relative load, as a factor on the wear.
     load: f64,
-    /// Which machine of its type it is.
+    /// Seed that selects one machine of its type.
     seed: u64,
-    /// The errors that changed.
+    /// Errors changed by wear.
     errors: Vec<Aged>,
 }
 
-/// What wear made of an error.
+/// The change of one error by wear.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Aged {
-    /// The error.
+    /// Name of the error.
     name: String,
-    /// The unit of its numbers, `um` or `urad`.
+    /// Unit of the values: `um` or `urad`.
     unit: &'static str,
-    /// The same as people read it.
+    /// Symbol of the unit for display.
     #[serde(skip)]
     symbol: &'static str,
-    /// The largest change of its mean over the travel.
+    /// Largest change of the mean over the travel.
     largest_change: f64,
-    /// The largest size of its mean over the travel now.
+    /// Largest magnitude of the new mean over the travel.
     largest: f64,
-    /// The reversal value in the middle of the travel, positive less negative direction; null where there is none.
+    /// Reversal value at mid-travel: positive minus negative direction; null for one curve for both
+    /// directions.
     reversal: Option<f64>,
 }
 

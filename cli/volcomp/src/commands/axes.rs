@@ -38,24 +38,26 @@ pub(crate) struct AxesArguments {
     tool_axis: String,
 }
 
-/// The document of `volcomp axes`: where the axes stand for a tip and a direction of the tool.
+/// The document of `volcomp axes`: axis coordinates for a tip position and a direction of the tool.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Axes {
-    /// Every solution within travel, mm and deg, those with the least turns first.
+    /// Every solution within the travels, mm and deg, sorted by the amount of rotation.
     solutions: Vec<ByAxis>,
-    /// Whether at this pose a rotary axis has no part in the direction of the tool, or linear axes are dependent.
+    /// Whether the pose is singular: a rotary axis does not affect the direction of the tool, or
+    /// linear axes are dependent.
     singular: bool,
-    /// The rotary axes without a part in it, and the linear axes that are dependent.
+    /// The rotary axes that do not affect the direction of the tool, and the dependent linear axes.
     free: Vec<AxisName>,
-    /// For each of these the ranges in which it may stand, mm or deg, so that all other axes are within their travels: of a rotary axis
-    /// of one turn. There is a solution for each range, where a rotary axis is nearest to 0. Empty for linear axes of several
-    /// dependent moves.
+    /// For each axis of `free` the ranges of its coordinate, mm or deg, for which all other axes
+    /// are within their travels; for a rotary axis within one turn. Each range has a solution with
+    /// the rotary axis nearest to 0. Empty for linear axes with several dependent moves.
     free_ranges: Vec<Vec<[f64; 2]>>,
-    /// The moves of linear axes, mm, that leave the tip where it is; the largest is 1.
+    /// Moves of linear axes that do not move the tip, mm, scaled to a largest component of 1.
     dependent_moves: Vec<ByAxis>,
-    /// Axes that would leave their travel in further solutions.
+    /// Axes outside their travel in the other solutions.
     outside_travel: Vec<AxisName>,
-    /// The reason why no travel would do; null where there is a solution, or one outside travel.
+    /// Why no solution exists even with unlimited travels; null if there is a solution, within or
+    /// outside the travels.
     unreachable: Option<String>,
 }
 

@@ -59,26 +59,27 @@ pub(crate) struct CalibrateArguments {
     output: PathBuf,
 }
 
-/// A calibration and the machine file that was written.
+/// A calibration and the written machine file.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Calibrate {
-    /// The machine file that was written.
+    /// Path of the written machine file.
     file: String,
     /// Every fitted curve, angular errors first.
     curves: Vec<FittedRow>,
-    /// Every squareness by its error name, µrad.
+    /// Squareness errors by name, µrad.
     squareness_urad: BTreeMap<String, f64>,
-    /// Every location error that the calibration file states, by its name; not there where it states none.
+    /// Location errors stated in the calibration file, by name; missing if it states none.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     locations: BTreeMap<String, Stated>,
-    /// What was found from observations of the whole machine; not there where the calibration file has none.
+    /// Parameters identified from observations of the whole machine; missing if the calibration
+    /// file has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     identified: Option<Identified>,
-    /// Warnings in words: errors that were not measured, Abbe offsets that could not be removed, notes on the files.
+    /// Warnings: unmeasured errors, Abbe offsets that could not be removed, notes on the files.
     warnings: Vec<String>,
 }
 
-/// A location error as the calibration file states it.
+/// A location error stated in the calibration file.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Stated {
     /// The value in `unit`.
@@ -89,22 +90,23 @@ struct Stated {
     uncertainty: f64,
 }
 
-/// One fitted error curve and how well it follows its readings, with values in its unit.
+/// A fitted error curve and its residuals, in `unit`.
 #[derive(Debug, Serialize, JsonSchema)]
 struct FittedRow {
-    /// The error that the curve states.
+    /// Name of the error.
     error: ErrorName,
     /// `forward` or `backward`; null: one curve for both directions.
     direction: Option<&'static str>,
-    /// Kind of curve, as the machine file names it.
+    /// Kind of curve, as in the machine file.
     curve: &'static str,
     /// Number of mean readings: targets times lines.
     readings: usize,
-    /// The unit of the values below: `um` or `urad`.
+    /// Unit of the values below: `um` or `urad`.
     unit: &'static str,
     /// Readings minus curve.
     residual: Residual,
-    /// Root mean square of the leave-one-out errors; null where a reading cannot be predicted from the others.
+    /// Root mean square of the leave-one-out errors; null if a reading cannot be predicted from the
+    /// others.
     leave_one_out: Option<f64>,
     /// Largest difference forward − backward of the curves; null: one curve for both directions.
     reversal: Option<f64>,

@@ -51,10 +51,10 @@ pub(super) fn run(
     Answer::new(&Drafted { file: name, found }, text, told)
 }
 
-/// A draft and where it was written.
+/// A draft and the path of its file.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Drafted {
-    /// The calibration file that was written.
+    /// Path of the written calibration file.
     file: String,
     #[serde(flatten)]
     found: Draft,

@@ -39,7 +39,7 @@ pub(crate) struct CheckArguments {
     files: Option<PathBuf>,
 }
 
-/// The document of `volcomp check`: the machine as it is understood.
+/// The document of `volcomp check`: the parsed machine.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Check {
     /// The path of the machine file.
@@ -52,35 +52,36 @@ pub(crate) struct Check {
     sketch: String,
     /// The axes, in the order X Y Z A B C U V W.
     axes: Vec<Axis>,
-    /// The tool that is in the spindle.
+    /// Position of the tool in the spindle.
     tool: Tool,
-    /// Names of the tools that can be put into the spindle with `--tool`.
+    /// Names of the tools that `--tool` can select.
     tools: Vec<String>,
     /// Workpiece origin at machine zero, mm in MCS.
     workpiece_origin_mm: [f64; 3],
-    /// The errors that are there and not zero, axis by axis.
+    /// Nonzero errors, by axis.
     errors: Vec<Size>,
-    /// Errors that the machine file states as zero.
+    /// Errors stated as zero in the machine file.
     zero: Vec<ErrorName>,
-    /// Errors that the machine file does not state: they count as zero.
+    /// Errors not stated in the machine file; they are treated as zero.
     not_stated: Vec<ErrorName>,
-    /// Axes with assembly errors that are not zero.
+    /// Axes with nonzero assembly errors.
     assembly: Vec<Assembly>,
-    /// The thermal terms; null where there are none.
+    /// Summary of the thermal terms; null: none.
     thermal: Option<Thermal>,
-    /// Where the errors come from; not there where the machine file does not tell it.
+    /// Measurements from which the errors were determined; missing if the machine file does not
+    /// state them.
     #[serde(skip_serializing_if = "Option::is_none")]
     provenance: Option<Provenance>,
     /// The error at machine zero.
     home: Place,
-    /// The error at every corner of the travels of X, Y and Z, other axes at 0.
+    /// The error at every corner of the travels of X, Y and Z, with other axes at 0.
     corners: Vec<Place>,
 }
 
 /// One axis of the machine.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Axis {
-    /// The letter of the axis.
+    /// Letter of the axis.
     name: AxisName,
     /// The kind of the axis: `linear` or `rotary`.
     kind: &'static str,
@@ -90,20 +91,21 @@ struct Axis {
     unit: &'static str,
     /// Lower and upper end of travel, mm or deg.
     travel: [f64; 2],
-    /// Period that brings the coordinate into travel before curves are looked up, deg.
+    /// Period by which the coordinate is reduced into the travel before curves are evaluated, deg.
     #[serde(skip_serializing_if = "Option::is_none")]
     modulo: Option<f64>,
     /// Unit direction in MCS.
     direction: [f64; 3],
-    /// Point at machine zero, mm in MCS: on the line of a rotary axis; where a linear axis's errors are stated.
+    /// Point at machine zero, mm in MCS: on the line of a rotary axis; for a linear axis, the point
+    /// to which its errors refer.
     point_mm: [f64; 3],
-    /// Where the error motions of a rotary axis stay: `fixed` or `turning`.
+    /// Frame in which the error motions of a rotary axis are stated: `fixed` or `turning`.
     #[serde(skip_serializing_if = "Option::is_none")]
     motion_frame: Option<&'static str>,
-    /// The effect of a positive motion, in words.
+    /// Description of a positive motion.
     motion: String,
-    /// A warning where the axis does not count along its letter's direction: a positive deviation is then a negative
-    /// error, or several errors.
+    /// Warning for an axis whose direction differs from that of its letter: a positive deviation is
+    /// then a negative error, or several errors.
     #[serde(skip_serializing_if = "Option::is_none")]
     signs: Option<String>,
 }
@@ -111,7 +113,7 @@ struct Axis {
 /// The tool at machine zero.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Tool {
-    /// The tool of `--tool`; null: the tool of `[tool]`.
+    /// Name selected by `--tool`; null: the tool of `[tool]`.
     name: Option<String>,
     /// Tool tip, mm in MCS.
     tip_mm: [f64; 3],
@@ -119,20 +121,20 @@ struct Tool {
     axis: [f64; 3],
 }
 
-/// One error and its size.
+/// One error and its range of values.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Size {
-    /// Its name after ISO 230-1.
+    /// Name by ISO 230-1.
     name: ErrorName,
-    /// Its name in words.
+    /// Standard term for the error.
     meaning: String,
     /// The unit of the values: `um` (µm) or `urad` (µrad).
     unit: &'static str,
-    /// Smallest value over travel, in `unit`; a location error has the same smallest and largest value.
+    /// Smallest value over the travel, in `unit`; equal to `largest` for a location error.
     smallest: f64,
-    /// Largest value over travel, in `unit`.
+    /// Largest value over the travel, in `unit`.
     largest: f64,
-    /// Where the value with the largest size stands, mm or deg; not there for a location error.
+    /// Position of the value of largest magnitude, mm or deg; missing for a location error.
     #[serde(skip_serializing_if = "Option::is_none")]
     at: Option<ByAxis>,
 }
@@ -140,7 +142,7 @@ struct Size {
 /// The six assembly errors of an axis.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Assembly {
-    /// The letter of the axis.
+    /// Letter of the axis.
     axis: AxisName,
     /// Displacements along X, Y and Z, µm.
     position_um: [f64; 3],
@@ -148,10 +150,10 @@ struct Assembly {
     rotation_urad: [f64; 3],
 }
 
-/// The thermal terms in short.
+/// Summary of the thermal terms.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Thermal {
-    /// Temperature at which the curves hold, °C.
+    /// Reference temperature of the curves, °C.
     reference_degc: f64,
     /// Names of the sensors.
     sensors: Vec<String>,
@@ -161,10 +163,10 @@ struct Thermal {
     drift: Vec<ErrorName>,
 }
 
-/// The tool and its error at one position.
+/// Tool position and error at one position of the axes.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Place {
-    /// Where the axes stand, mm or deg.
+    /// Axis coordinates, mm or deg.
     at: ByAxis,
     /// Ideal tool tip from the workpiece origin, in workpiece axes, mm.
     tip_mm: [f64; 3],
@@ -172,7 +174,7 @@ struct Place {
     position_um: [f64; 3],
     /// Rotation of the tool, in workpiece axes, µrad.
     rotation_urad: [f64; 3],
-    /// Axes that stand outside their travel there.
+    /// Axes outside their travel at this position.
     outside_travel: Vec<AxisName>,
 }
 
@@ -458,23 +460,24 @@ fn is_expected(name: ErrorName, axes: &[AxisName]) -> bool {
     }
 }
 
-/// Where the errors of the machine come from; residuals are in µm, those of angular errors in µrad.
+/// Measurements from which the errors of the machine were determined. Residuals are in µm, those of
+/// angular errors in µrad.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Provenance {
     #[serde(flatten)]
     stated: volcomp_model::Provenance,
-    /// Every file that errors were found from, once, and what it is now.
+    /// Every source file, once, and whether it has changed.
     files: Vec<FileState>,
 }
 
-/// A file that errors were found from.
+/// A source file of the errors.
 #[derive(Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, JsonSchema)]
 struct FileState {
-    /// Its name, as the calibration file had it.
+    /// Name in the calibration file.
     file: String,
-    /// The SHA-256 that it had.
+    /// SHA-256 at the time of the calibration.
     sha256: String,
-    /// What it is now: `same`, `different` or `not at hand`.
+    /// Comparison with the present file: `same`, `different` or `not at hand`.
     state: &'static str,
 }
 

@@ -32,17 +32,18 @@ pub(crate) struct CompileArguments {
 /// The document of `volcomp compile`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Compile {
-    /// The file that was written.
+    /// Path of the written file.
     file: String,
     /// The size of the file, bytes.
     bytes: usize,
-    /// Version of the format.
+    /// Version of the file format.
     version: u32,
-    /// SHA-256 of the machine, as it stands in the head of the file: hexadecimal digits.
+    /// SHA-256 of the machine, as in the header of the file: hexadecimal digits.
     sha256: String,
-    /// How far a compiled curve may be from its source, nm for displacements and nrad for rotations.
+    /// Maximum deviation of a compiled curve from its source, nm for displacements and nrad for
+    /// rotations.
     tolerance_nm: f64,
-    /// How many cubic pieces the curves have.
+    /// Number of cubic pieces of all curves.
     pieces: usize,
 }
 

@@ -20,9 +20,9 @@ pub(crate) struct CompletionsArguments {
 /// The document of `volcomp completions`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Completions {
-    /// The shell for which the script is.
+    /// Shell for which the script is written.
     shell: String,
-    /// The script that the shell reads.
+    /// Completion script.
     script: String,
 }
 

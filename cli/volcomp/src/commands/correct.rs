@@ -58,27 +58,28 @@ pub(crate) struct CorrectionAt {
     /// `--uncertainty`.
     #[serde(skip_serializing_if = "Option::is_none")]
     uncertainty: Option<ByAxis>,
-    /// The errors that the observations do not determine, which the uncertainty does not count, the one that moves the tool most
-    /// first; only with `--uncertainty`.
+    /// Errors that the observations do not determine and the uncertainty does not include, sorted
+    /// by their effect on the tool; only with `--uncertainty`.
     #[serde(skip_serializing_if = "Option::is_none")]
     not_counted: Option<Vec<NotCounted>>,
-    /// Error of the tool tip that the correction leaves, in workpiece axes, µm.
+    /// Residual error of the tool tip after correction, in workpiece axes, µm.
     residual_um: [f64; 3],
-    /// Error of the tool axis that the correction leaves, in workpiece axes, µrad.
+    /// Residual error of the tool axis after correction, in workpiece axes, µrad.
     residual_axis_urad: [f64; 3],
-    /// How many Newton steps were taken.
+    /// Number of Newton steps.
     iterations: usize,
-    /// Whether these steps brought what the axes can correct below 1e-5 µm and 1e-4 µrad.
+    /// Whether the correctable part of the error fell below 1e-5 µm and 1e-4 µrad.
     converged: bool,
-    /// Whether a direction of the tool axis cannot be corrected: near a singular pose, or with fewer than two
-    /// rotary axes.
+    /// Whether a tilt component of the tool axis cannot be corrected: near a singular pose, or with
+    /// fewer than two rotary axes.
     singular: bool,
-    /// Whether the pose is within about 6° of a singular one of two rotary axes, where rotary corrections are more
-    /// than ten times the error of the tool axis, or leave a direction of it out.
+    /// Whether the pose is within about 6° of a singular pose of two rotary axes. Rotary
+    /// corrections there exceed ten times the error of the tool axis, or leave one tilt component
+    /// uncorrected.
     near_singular: bool,
     /// The commanded position, mm or deg.
     command: ByAxis,
-    /// The command with the correction added, mm or deg.
+    /// The commanded position plus the correction, mm or deg.
     corrected: ByAxis,
     #[serde(flatten)]
     outside: Outside,
@@ -305,7 +306,7 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
     text
 }
 
-/// The heads of the table of many corrections.
+/// Column headers of the table of several corrections.
 fn header(machine: &Machine, is_uncertain: bool) -> Vec<String> {
     let mut names: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
     names.sort_unstable();
@@ -466,7 +467,7 @@ impl<'t> Columns<'t> {
         values.map(|value| self.number(*value)).collect()
     }
 
-    /// The effect on the tool of an error that the uncertainty does not include.
+    /// Text about the effect on the tool of an error that the uncertainty does not include.
     fn told(&self, of: &NotCounted) -> String {
         format!(
             "{} {} um per {} {}",

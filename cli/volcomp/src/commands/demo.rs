@@ -72,67 +72,67 @@ impl CurveKind {
     }
 }
 
-/// The document of `volcomp demo`: before and after, of everything.
+/// The document of `volcomp demo`: errors of the simulated machine before and after correction.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Demo {
     /// Every measured line of a linear error.
     lines: Vec<Line>,
-    /// Every squareness, as the slopes of the lines show it.
+    /// Every squareness, from the slopes of the straightness lines.
     squareness: Vec<Squareness>,
     /// The body diagonals of ISO 230-6.
     diagonals: Vec<DiagonalRange>,
-    /// Mean change in percent over lines or diagonals of one kind; negative is better.
+    /// Mean change over the lines or diagonals of one kind, percent; negative for a reduction.
     mean_percent: MeanPercent,
-    /// The largest ratio of what is left of a line to its floor.
+    /// Largest ratio of the corrected peak-to-peak deviation of a line to its floor.
     worst_times_floor: f64,
-    /// The deviation that each of three kinds of curve leaves of one irregular axis.
+    /// Residual deviation of three kinds of curve for one irregular axis.
     irregular_curve: IrregularCurve,
     /// The curves that the calibration fitted, with their settings.
     curves: Vec<FittedCurve>,
-    /// These figures beside those of the paper on such a gantry.
+    /// Comparison with the paper on such a gantry.
     published: Published,
 }
 
-/// The figures of the demo beside those of the paper.
+/// Results of the demo and of the paper.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Published {
-    /// Peak to peak along the lines.
+    /// Peak-to-peak deviations along the lines.
     lines: Vec<PublishedLine>,
-    /// What is left of the mean readings at the targets.
+    /// Residuals of the fitted curves from the mean readings at the targets.
     residuals: Vec<PublishedResidual>,
 }
 
-/// A line beside that of the paper, peak to peak.
+/// Peak-to-peak deviation of a line, in the demo and in the paper.
 #[derive(Debug, Serialize, JsonSchema)]
 struct PublishedLine {
-    /// The error that the line shows: `EXX`.
+    /// Name of the error, such as `EXX`.
     error: &'static str,
-    /// Where the other axes stand.
+    /// Position of the other axes.
     line: String,
-    /// On the machine as it is, µm.
+    /// Without correction, µm.
     before_um: f64,
-    /// On the corrected machine, µm.
+    /// With correction, µm.
     after_um: f64,
-    /// What the paper prints as before, µm.
+    /// Value of the paper without correction, µm.
     paper_before_um: f64,
-    /// What the paper prints as after, µm; null where it prints none.
+    /// Value of the paper with correction, µm; null if not printed.
     paper_after_um: Option<f64>,
 }
 
-/// What a method leaves of the mean readings at the targets, beside the paper.
+/// Residual of a fit method at the targets, in the demo and in the paper.
 #[derive(Debug, Serialize, JsonSchema)]
 struct PublishedResidual {
     /// The error that was fitted.
     error: &'static str,
-    /// The method, or `chosen`: the one that the automatic choice takes.
+    /// Fit method, or `chosen` for the automatically chosen one.
     method: String,
-    /// The smallest residual, µm.
+    /// Smallest residual, with its sign, µm.
     min_um: f64,
-    /// The largest residual, µm.
+    /// Largest residual, with its sign, µm.
     max_um: f64,
-    /// What the paper prints as the smallest, µm; null where it prints none.
+    /// Smallest residual in the paper, µm; null if not printed.
     paper_min_um: Option<f64>,
-    /// What the paper prints as the largest, µm; null where it prints none.
+    /// Largest residual in the paper, µm; null if not printed.
     paper_max_um: Option<f64>,
 }
 
@@ -143,81 +143,83 @@ struct FittedCurve {
     error: ErrorName,
     /// `forward` or `backward`; null: one curve for both directions.
     direction: Option<&'static str>,
-    /// Kind of curve, as the machine file names it.
+    /// Kind of curve, as in the machine file.
     curve: &'static str,
-    /// Order of the local polynomials of moving least squares; null of other kinds.
+    /// Order of the local polynomials of moving least squares; null for other kinds.
     order: Option<usize>,
-    /// Half width of the weight of moving least squares as a share of the range; null of other kinds.
+    /// Half width of the weight function of moving least squares as a share of the range; null for
+    /// other kinds.
     support: Option<f64>,
 }
 
-/// One measured line: the largest minus the smallest deviation; straightness without its least-squares line.
+/// Peak-to-peak deviation of one measured line; for straightness after removal of the least-squares
+/// line.
 #[derive(Debug, Serialize, JsonSchema)]
 #[expect(clippy::struct_field_names, reason = "each is a key of the document")]
 struct Line {
-    /// The error that the line shows: `EXX`.
+    /// Name of the error, such as `EXX`.
     error: ErrorName,
-    /// Where the other axes stand.
+    /// Position of the other axes.
     line: String,
-    /// On the machine as it is, µm.
+    /// Without correction, µm.
     before_um: f64,
-    /// On the corrected machine, µm.
+    /// With correction, µm.
     after_um: f64,
-    /// The deviation that the noise of the measurement and the rounding of the correction leave even of a curve that
-    /// is known perfectly, µm.
+    /// Deviation that would remain with a perfectly known curve, caused by measurement noise and
+    /// rounding of the correction, µm.
     floor_um: f64,
-    /// The ratio of after to floor.
+    /// Ratio of `after_um` to `floor_um`.
     times_floor: f64,
     #[serde(skip)]
     is_straightness: bool,
-    /// Slopes of the least-squares lines before and after.
+    /// Slopes of the least-squares lines, without and with correction.
     #[serde(skip)]
     slopes: [Urad; 2],
 }
 
-/// A squareness before and after.
+/// A squareness without and with correction.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Squareness {
-    /// The squareness error by its name, such as `EC0Y`.
+    /// Name of the error, such as `EC0Y`.
     error: ErrorName,
-    /// On the machine as it is, µrad.
+    /// Without correction, µrad.
     before_urad: f64,
-    /// On the corrected machine, µrad.
+    /// With correction, µrad.
     after_urad: f64,
 }
 
 /// The range of the deviations along a body diagonal.
 #[derive(Debug, Serialize, JsonSchema)]
 struct DiagonalRange {
-    /// `PPP`, `NPP`, `PNP` or `PPN`.
+    /// Directions of X, Y and Z: `PPP`, `NPP`, `PNP` or `PPN`.
     diagonal: &'static str,
-    /// On the machine as it is, µm.
+    /// Without correction, µm.
     before_um: f64,
-    /// On the corrected machine, µm.
+    /// With correction, µm.
     after_um: f64,
 }
 
-/// Mean change in percent.
+/// Mean changes by the correction, percent.
 #[derive(Debug, Serialize, JsonSchema)]
 struct MeanPercent {
-    /// Of the positioning lines.
+    /// Over the positioning lines.
     positioning: f64,
-    /// Of the straightness lines.
+    /// Over the straightness lines.
     straightness: f64,
-    /// Of the body diagonals.
+    /// Over the body diagonals.
     diagonals: f64,
 }
 
-/// Peak to peak of truth minus curve over 61 points, by kind of curve.
+/// Peak-to-peak difference between truth and fitted curve over 61 points, by kind of curve.
 #[derive(Debug, Serialize, JsonSchema)]
 struct IrregularCurve {
-    /// The fitted error by its name, such as `EXX`.
+    /// Name of the fitted error, such as `EXX`.
     error: &'static str,
-    /// Left by a polynomial of order 6, µm.
+    /// Polynomial of order 6, µm.
     polynomial_um: f64,
-    /// Left by moving least squares, µm.
+    /// Moving least squares, µm.
     mls_um: f64,
-    /// Left by the smoothing B-spline, µm.
+    /// Smoothing B-spline, µm.
     bspline_um: f64,
 }
 

@@ -33,15 +33,16 @@ enum Convention {
 /// The document of `volcomp dh`: the Denavit–Hartenberg table of a machine at machine zero.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Dh {
-    /// `distal` or `proximal`.
+    /// Denavit–Hartenberg convention: `distal` or `proximal`.
     convention: String,
-    /// The joints from the workpiece to the tool: R turns, T slides.
+    /// Joint types from the workpiece to the tool: R for revolute, T for prismatic.
     joints: String,
     /// The frame before the first row, in the machine coordinate system.
     base: Frame,
     /// One row for each axis, from the workpiece to the tool.
     rows: Vec<Row>,
-    /// The machine coordinate system in the last frame, so that at machine zero the product of all is nothing.
+    /// The machine coordinate system in the last frame. The product of `base`, the rows and `tool`
+    /// is the identity at machine zero.
     tool: Frame,
 }
 

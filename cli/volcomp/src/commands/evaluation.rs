@@ -22,16 +22,16 @@ pub(crate) const CIRCULAR: [&str; 6] = ["G_ccw", "G_cw", "G_b", "F_max", "F_min"
 /// The symbols of ISO 230-6.
 pub(crate) const DIAGONALS: [&str; 5] = ["E_d", "E_d_unidirectional", "B_d", "M_d", "spread"];
 
-/// What every evaluation ends in: its quantities against their tolerances, and the notes on it.
+/// The common results of every evaluation: quantities, tolerances and notes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub(crate) struct Judgement {
     /// The quantities of every requested standard, with uncertainty and tolerance.
     pub(crate) quantities: Vec<JudgedQuantity>,
-    /// The decision over all tolerances; null without any.
+    /// Decision over all tolerances; null if none is stated.
     pub(crate) decision: Option<Decision>,
     /// Whether every quantity with a tolerance passes; null without tolerances.
     pass: Option<bool>,
-    /// Notes in words on the files and their readings.
+    /// Notes on the files and their readings.
     pub(crate) notes: Vec<String>,
 }
 
@@ -267,23 +267,23 @@ pub(crate) struct Evaluated<D> {
 #[derive(Debug, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub(crate) enum Files<D> {
-    /// Of several files, in their order.
+    /// The evaluations of several files, in their order.
     Many {
-        /// The evaluation of each.
+        /// Evaluation or refusal of each file.
         files: Vec<Self>,
     },
-    /// Of one file.
+    /// The evaluation of one file.
     One(Box<D>),
-    /// A file that is refused, among others.
+    /// A refused file among several.
     Refused(RefusedFile),
 }
 
-/// A file that is refused, among others.
+/// A refused file among several.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub(crate) struct RefusedFile {
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     pub(crate) file: String,
-    /// Why it is refused.
+    /// Reason of the refusal.
     pub(crate) error: String,
 }
 

@@ -79,42 +79,42 @@ impl ControlArguments {
 /// The document of `volcomp export`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Export {
-    /// The format.
+    /// Name of the format.
     format: &'static str,
-    /// The files that were written.
+    /// Paths of the written files.
     files: Vec<String>,
-    /// The checksum of the machine file, as it stands in the files.
+    /// Checksum of the machine file, as written in the tables.
     machine: String,
-    /// Where the axes stand that a table does not go over, mm and deg.
+    /// Positions of the axes over which a table does not vary, mm and deg.
     at: ByAxis,
-    /// What a number in the files says.
+    /// Meaning of the sign of the numbers in the files.
     sign: &'static str,
-    /// What the sign rests on, and whether it is proven.
+    /// Basis of the sign convention, and whether it is proven.
     trust: &'static str,
-    /// The tables that were made; what the files do not hold of them stands among the notes.
+    /// The written tables. The notes describe errors that the files cannot represent.
     tables: Vec<Made>,
-    /// What the files do not hold, and what the control has to be told besides.
+    /// Errors that the files cannot represent, and settings required at the control.
     notes: Vec<String>,
-    /// What the control loses with these files against the model.
+    /// Difference between these tables and the model.
     loss: Loss,
 }
 
-/// A table that was made.
+/// A written table.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Made {
-    /// The axis whose position chooses the value.
+    /// The axis whose position selects the value.
     input: AxisName,
-    /// What the values are of: the letter of the axis that deviates, or the name of an error.
+    /// The axis letter or error name of the values.
     output: String,
-    /// How many positions.
+    /// Number of positions.
     positions: usize,
     /// The first position, mm or deg.
     first: f64,
     /// The last position, mm or deg.
     last: f64,
-    /// Whether the directions of motion have values of their own.
+    /// Whether each direction of motion has separate values.
     both_directions: bool,
-    /// The largest value, by size.
+    /// Largest magnitude of a value.
     largest: f64,
     /// The unit of the largest value: `um` or `urad`.
     unit: &'static str,
@@ -236,7 +236,7 @@ impl Place {
         Ok(Self::Folder(path.clone()))
     }
 
-    /// Returns the written files, and those of them that replaced files with different text.
+    /// Returns the written files, and the ones among them that replaced files with different text.
     fn write(
         self,
         files: &[TextFile],

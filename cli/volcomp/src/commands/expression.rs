@@ -29,29 +29,29 @@ pub(crate) struct ExpressionArguments {
 pub(crate) struct Formulas {
     /// Displacement of the tool tip along X, Y and Z (`dX dY dZ`), then rotation of the tool about them (`dA dB dC`).
     formulas: Vec<Formula>,
-    /// The coordinates of the tool tip at machine zero that stand in the formulas, mm.
+    /// Coordinates of the tool tip at machine zero that occur in the formulas, mm.
     tool_mm: BTreeMap<String, f64>,
 }
 
 /// One component of the volumetric error.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Formula {
-    /// The left side.
+    /// Left side of the formula.
     name: String,
-    /// The whole formula in a form that Python and spreadsheets read.
+    /// The whole formula in a syntax valid in Python and spreadsheets.
     text: String,
-    /// The same in LaTeX, for an `align` environment.
+    /// The whole formula in LaTeX, for an `align` environment.
     latex: String,
-    /// The errors by their levers.
+    /// Errors grouped by lever.
     terms: Vec<Term>,
 }
 
-/// Errors that act through the same lever.
+/// Errors with the same lever.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Term {
-    /// The lever, mm, or a number without unit.
+    /// Lever, mm, or a number without unit.
     lever: String,
-    /// The errors, with a minus sign before those that count negative.
+    /// Names of the errors; a minus sign marks negative terms.
     errors: Vec<String>,
 }
 

@@ -88,7 +88,7 @@ enum Method {
 pub(crate) struct FittedCurve {
     /// The unit of the readings.
     unit: DeviationUnit,
-    /// The curve as it stands in the machine file.
+    /// The fitted curve, as in a machine file.
     curve: Value,
     /// Readings minus curve, µm.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -96,30 +96,31 @@ pub(crate) struct FittedCurve {
     /// Readings minus curve, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     residual_urad: Option<Spread>,
-    /// Root mean square of the leave-one-out errors, µm; absent where a target cannot be predicted from the others.
+    /// Root mean square of the leave-one-out errors, µm; missing if a target cannot be predicted
+    /// from the others.
     #[serde(skip_serializing_if = "Option::is_none")]
     leave_one_out_um: Option<f64>,
-    /// Root mean square of the leave-one-out errors, µrad; absent where a target cannot be predicted from the others.
+    /// Root mean square of the leave-one-out errors, µrad; missing if a target cannot be predicted
+    /// from the others.
     #[serde(skip_serializing_if = "Option::is_none")]
     leave_one_out_urad: Option<f64>,
-    /// The curve at the coordinates of `--at`.
+    /// Values of the curve at the coordinates of `--at`.
     values: Vec<Point>,
-    /// Whether the residual of `--residual` is met; only with `--auto --residual`.
+    /// Whether the curve meets the residual of `--residual`; only with `--auto --residual`.
     #[serde(skip_serializing_if = "Option::is_none")]
     meets_required: Option<bool>,
-    /// The orders and supports of moving least squares that the targets carry; only with `--scan`.
+    /// Orders and supports of moving least squares that the targets permit; only with `--scan`.
     #[serde(skip_serializing_if = "Option::is_none")]
     scan: Option<Vec<MlsTrial>>,
-    /// How the kind of curve was chosen; only with `--method auto`.
+    /// Choice of the kind of curve; only with `--method auto`.
     #[serde(skip_serializing_if = "Option::is_none")]
     choice: Option<Choice>,
-    /// How far the true curve may be from this one, with a probability of 95 % at each target by itself; only with `--method auto`, and
-    /// absent where it is not known.
+    /// Pointwise 95 % confidence band; only with `--method auto`, missing if unknown.
     #[serde(skip_serializing_if = "Option::is_none")]
     band: Option<Band>,
 }
 
-/// The range and the size of the residuals, readings minus curve, in the unit of the key.
+/// Range and root mean square of the residuals (readings minus curve), in the unit of the key.
 #[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 struct Spread {
     /// The smallest residual, with its sign.
@@ -141,25 +142,26 @@ struct Point {
     /// Value of the curve, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     value_urad: Option<f64>,
-    /// Whether the coordinate is outside the measured range: the value is then the one at its end.
+    /// Whether the coordinate is outside the measured range. The value is then that at the end of
+    /// the range.
     outside_range: bool,
 }
 
-/// A band of 95 % about the curve.
+/// A 95 % confidence band about the curve.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Band {
-    /// What was resampled: `runs`, or the `residuals` of the only one.
+    /// Resampled quantities: `runs`, or the `residuals` of a single run.
     from: BandSource,
-    /// Half of its width at each target and at places between neighbours; straight between these.
+    /// Half widths at each target and at places between targets, interpolated linearly.
     half_widths: Vec<HalfWidth>,
 }
 
-/// Half of the width of a band at one place.
+/// Half width of a band at one coordinate.
 #[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 struct HalfWidth {
-    /// The place, mm or deg.
+    /// Coordinate, mm or deg.
     at: f64,
-    /// Half of the width.
+    /// Half width, in `unit` of the document.
     half_width: f64,
 }
 

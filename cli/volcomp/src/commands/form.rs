@@ -103,43 +103,46 @@ pub(crate) struct EvaluatedForm {
     feature: String,
     /// The number of points.
     points: usize,
-    /// Centre of a circle, apex of a cone, mean of the points of a plane, middle of a line or of the axis of a cylinder, mm.
+    /// Position, mm: centre of a circle, apex of a cone, centroid of the points of a plane,
+    /// midpoint of a line or of the axis of a cylinder.
     position_mm: [f64; 3],
-    /// Unit vector: along a line or an axis, at right angles to a plane or to the plane of a circle; of a cone from the
-    /// apex into it, of all others with the largest component positive.
+    /// Unit vector along a line or an axis, or normal to a plane or to the plane of a circle. For a
+    /// cone it points from the apex into the cone; otherwise its largest component is positive.
     direction: [f64; 3],
     /// Radius of a circle or a cylinder, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     radius_mm: Option<f64>,
-    /// Half of the angle at the apex of a cone, deg.
+    /// Half of the apex angle of a cone, deg.
     #[serde(skip_serializing_if = "Option::is_none")]
     half_angle_deg: Option<f64>,
-    /// The two ends of a line or an axis over the extent of the points, mm.
+    /// Ends of a line or an axis over the extent of the points, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     axis_mm: Option<[[f64; 3]; 2]>,
     /// The form deviation.
     deviation_um: Deviation,
-    /// Range of the points at right angles to the plane of a circle, or of a line in a plane, µm.
+    /// Range of the distances of the points from the plane of a circle, or from the plane of a
+    /// line, µm.
     #[serde(skip_serializing_if = "Option::is_none")]
     out_of_plane_um: Option<f64>,
-    /// The narrowest ring, layer or strip that holds all points; null where none is evaluated.
+    /// Minimum zone: the narrowest ring, layer or strip that contains all points; null if not
+    /// evaluated.
     minimum_zone: Option<Zone>,
     /// Coaxiality (concentricity of a circle's centre) to the axis of `--datum`, µm; only with `--datum`.
     #[serde(skip_serializing_if = "Option::is_none")]
     coaxiality_um: Option<f64>,
-    /// What a person should know besides.
+    /// Warnings and notes on the result.
     notes: Vec<String>,
 }
 
 /// Roundness, straightness, flatness, cylindricity or the form deviation of a cone, µm.
 #[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 struct Deviation {
-    /// About the feature of least squares: the range of the distances from it; of a line in space the diameter of the
-    /// cylinder about it that holds all points.
+    /// From the least-squares feature: range of the distances; for a line in space, diameter of the
+    /// enclosing cylinder about it.
     least_squares: f64,
-    /// By the minimum zone; null where none is evaluated.
+    /// By the minimum zone; null if not evaluated.
     minimum_zone: Option<f64>,
-    /// Root mean square of the distances from the feature of least squares.
+    /// Root mean square of the distances from the least-squares feature.
     rms: f64,
 }
 
@@ -148,12 +151,12 @@ struct Deviation {
 struct Zone {
     /// Centre of the ring, or a point in the middle of the layer or strip, mm.
     position_mm: [f64; 3],
-    /// Unit vector at right angles to the ring or layer, along the strip.
+    /// Unit vector normal to the ring or layer, or along the strip.
     direction: [f64; 3],
     /// Inner and outer radius of the ring, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     radii_mm: Option<[f64; 2]>,
-    /// Lines of the file whose points touch the borders and hold the zone from becoming narrower.
+    /// Line numbers of the contact points, which determine the zone.
     contact_lines: Vec<usize>,
 }
 

@@ -24,10 +24,10 @@ pub(crate) struct IdentifyArguments {
     output: PathBuf,
 }
 
-/// What was found from observations, and where it was written.
+/// Identified parameters and the written machine file.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Identified {
-    /// The machine file that was written.
+    /// Path of the written machine file.
     file: String,
     #[serde(flatten)]
     found: Identification,

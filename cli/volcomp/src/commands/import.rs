@@ -38,17 +38,17 @@ pub(crate) struct ImportArguments {
 /// The document of `volcomp import`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Import {
-    /// The format.
+    /// Name of the format.
     format: String,
-    /// The files that were read.
+    /// Paths of the read files.
     files: Vec<String>,
-    /// What is odd in them, and what was made of it.
+    /// Anomalies in the files and how they were interpreted.
     warnings: Vec<String>,
-    /// The tables as they stand in the files, in the sign of volcomp.
+    /// The tables of the files, in the sign convention of volcomp.
     tables: Vec<ListedTable>,
-    /// The curves as in `[errors]` of a machine file, by the names of the errors.
+    /// The curves by error name, as in `[errors]` of a machine file.
     errors: Value,
-    /// The file with the curves; only with `--output`.
+    /// Path of the file with the curves; only with `--output`.
     #[serde(skip_serializing_if = "Option::is_none")]
     output: Option<String>,
 }

@@ -35,7 +35,7 @@ pub(crate) struct InspectArguments {
     files: Vec<PathBuf>,
 }
 
-/// What one file holds.
+/// Content of one file.
 #[derive(Debug, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub(crate) enum Contents {
@@ -52,22 +52,22 @@ pub(crate) enum Contents {
 pub(crate) struct CaptureSummary {
     /// Anomalies to consider before the samples are used.
     warnings: Vec<String>,
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// `renishaw-capture`.
     kind: &'static str,
-    /// The texts of the header.
+    /// Texts of the header.
     #[serde(flatten)]
     texts: Metadata,
     /// Number of samples.
     samples: usize,
-    /// Samples a second; null: not stated.
+    /// Sample rate; null: not stated.
     sample_rate_hz: Option<f64>,
-    /// Length of the capture; null where the rate is not stated.
+    /// Duration of the capture; null if the rate is not stated.
     duration_s: Option<f64>,
-    /// The smallest sample, in the unit of the program that captured it.
+    /// Smallest sample, in the unit of the capturing program.
     sample_min: Option<f64>,
-    /// The largest sample.
+    /// Largest sample, in the unit of the capturing program.
     sample_max: Option<f64>,
 }
 
@@ -76,22 +76,22 @@ pub(crate) struct CaptureSummary {
 pub(crate) struct LogSummary {
     /// Anomalies to consider before the log is used.
     warnings: Vec<String>,
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// `camonitor-log`.
     kind: &'static str,
     /// Date of the first line.
     date: Option<String>,
-    /// Length of the log, s.
+    /// Duration of the log, s.
     duration_s: f64,
-    /// The channels.
+    /// The channels of the log with their ranges.
     channels: Vec<Channel>,
 }
 
-/// One channel of a log.
+/// One channel of a log, with its range.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Channel {
-    /// Its name.
+    /// Name of the channel.
     name: String,
     /// Number of values.
     values: usize,
@@ -101,31 +101,31 @@ struct Channel {
     max: Option<f64>,
 }
 
-/// What a file with readings at targets says about itself, and its readings in short.
+/// Header and summary of a file with readings at targets.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct MeasurementSummary {
     /// Anomalies to consider before the readings are used.
     warnings: Vec<String>,
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// The kind of file.
     kind: Option<FileFormat>,
     /// The instrument or program that writes such files.
     instrument: Option<&'static str>,
-    /// What was measured; null: the file does not say.
+    /// Measured quantity; null: not stated.
     quantity: Option<Quantity>,
-    /// How the sign of a deviation is meant.
+    /// Sign convention of the deviations.
     sign: Option<&'static str>,
-    /// The texts of the header; a text that the file does not state is left out.
+    /// Texts of the header; texts that the file does not state are missing.
     #[serde(flatten)]
     texts: Metadata,
-    /// The unit of the deviations; null: the file does not say.
+    /// Unit of the deviations; null: not stated.
     unit: Option<DeviationUnit>,
     /// The targets, mm or deg, ascending.
     targets: Vec<f64>,
-    /// Number of runs approached forward.
+    /// Number of runs in the positive direction of approach.
     runs_forward: usize,
-    /// Number of runs approached backward.
+    /// Number of runs in the negative direction of approach.
     runs_backward: usize,
     /// Number of readings over all targets and runs.
     readings: usize,
@@ -133,9 +133,10 @@ pub(crate) struct MeasurementSummary {
     deviation_min: Option<f64>,
     /// The largest deviation, in the unit of the file.
     deviation_max: Option<f64>,
-    /// How the file states that the readings were brought to 20 °C; null where a file of its kind cannot.
+    /// How the file states that the readings were corrected to 20 °C; null if this kind of file
+    /// cannot state it.
     material_compensation: Option<String>,
-    /// The surroundings at the start and the end of the test; only what the file states.
+    /// Environment at the start and the end of the test, as far as stated.
     environment: Environment,
 }
 
@@ -267,7 +268,8 @@ pub(crate) fn run(arguments: &InspectArguments) -> Result<Answer, Failure> {
     })
 }
 
-/// The files to read, and whether each was named explicitly. A folder stands for all files below it.
+/// The files to read, and whether each was named explicitly. A folder is replaced by all files
+/// below it.
 fn paths(named: &[PathBuf]) -> Result<Vec<(PathBuf, bool)>, Failure> {
     let mut all = Vec::new();
     for path in named {

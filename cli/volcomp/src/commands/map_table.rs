@@ -74,73 +74,74 @@ pub(crate) struct MapTableArguments {
 /// The document of `volcomp map-table`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct MapTable {
-    /// The file that was written.
+    /// Path of the written file.
     file: String,
     /// The size of the file, bytes.
     bytes: usize,
     /// The number of the map.
     counter: u16,
-    /// The first 32 bits of the checksum of the machine file, as hexadecimal digits.
+    /// First 32 bits of the checksum of the machine file, as hexadecimal digits.
     model: String,
-    /// The axes that the map goes over, the slowest first.
+    /// Axes of the grid, the slowest first.
     grid: Vec<GridAxis>,
-    /// The axes that it corrects.
+    /// Corrected axes.
     outputs: Vec<Output>,
-    /// Parts of a value in one step of the output.
+    /// Number of map units per output step.
     scale: u16,
-    /// Words of the map.
+    /// Size of the map, words.
     words: usize,
-    /// Words that the control has for one map.
+    /// Space for one map in the control, words.
     capacity: usize,
-    /// The largest error between the map and the model, µm.
+    /// Largest difference between map and model, µm.
     error_max_um: f64,
-    /// Root of the mean square of that error, µm.
+    /// Root mean square difference between map and model, µm.
     error_rms_um: f64,
-    /// Where the largest error is, mm and deg.
+    /// Position of the largest difference, mm and deg.
     at: ByAxis,
-    /// At how many positions the error was looked at.
+    /// Number of positions at which map and model were compared.
     positions: usize,
-    /// What rounding to the output's step adds at the most on one axis, µm.
+    /// Maximum additional error on one axis by rounding to the output step, µm.
     step_um: f64,
-    /// Where the axes stand that the map does not go over, mm and deg.
+    /// Positions of the axes that are not in the grid, mm and deg.
     held: ByAxis,
-    /// How much the correction differs at the most where they stand elsewhere, µm; only where axes are held.
+    /// Largest change of the correction if these axes are at other positions, µm; only with such
+    /// axes.
     #[serde(skip_serializing_if = "Option::is_none")]
     elsewhere_um: Option<f64>,
-    /// The largest change of a correction along an axis, µm for each mm (µm for each deg along a rotary axis).
+    /// Largest gradient of a correction along an axis, µm/mm (µm/deg along a rotary axis).
     steepest_um: f64,
-    /// Frames that bring the map into the control.
+    /// Number of frames to transfer the map.
     frames: usize,
-    /// Bytes that this takes, read-back and reports included, without the protocol of the bus.
+    /// Bytes transferred with the map, including read-back and reports, without the bus protocol.
     transfer_bytes: usize,
-    /// How long it takes over the stated link, s.
+    /// Transfer time over the stated link, s.
     transfer_s: f64,
-    /// The largest change of the correction for a kelvin at each sensor, µm.
+    /// Largest change of the correction per kelvin of each sensor, µm.
     um_per_k: BTreeMap<String, f64>,
-    /// The time after which the map is off by the bound, where every sensor goes by the stated rate, s; `null` where no temperature
-    /// changes it.
+    /// Time until the map is off by the bound if every sensor changes at the stated rate, s; `null`
+    /// if no temperature affects the map.
     refresh_s: Option<f64>,
 }
 
-/// An axis that a map goes over.
+/// A grid axis of a map.
 #[derive(Debug, Serialize, JsonSchema)]
 struct GridAxis {
-    /// Its letter.
+    /// Letter of the axis.
     axis: AxisName,
-    /// How many lines.
+    /// Number of grid lines.
     lines: u16,
-    /// Where the first line is, mm or deg.
+    /// Position of the first line, mm or deg.
     first: f64,
-    /// From line to line, mm or deg.
+    /// Distance between lines, mm or deg.
     pitch: f64,
 }
 
-/// An axis that a map corrects.
+/// A corrected axis of a map.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Output {
-    /// Its letter.
+    /// Letter of the axis.
     axis: AxisName,
-    /// The largest correction on the lines, µm.
+    /// Largest correction at the grid nodes, µm.
     largest_um: f64,
 }
 

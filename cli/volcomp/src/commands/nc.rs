@@ -104,24 +104,24 @@ enum Language {
 /// The document of `volcomp nc`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Nc {
-    /// The file that was written.
+    /// Path of the written file.
     file: String,
-    /// The language of the program: `rs274`, `siemens` or `heidenhain`.
+    /// Dialect of the program: `rs274`, `siemens` or `heidenhain`.
     dialect: &'static str,
-    /// Lines of the program that were read.
+    /// Number of lines read.
     lines: u64,
-    /// Motions in them.
+    /// Number of motions.
     motions: u64,
-    /// Lines that were changed.
+    /// Number of changed lines.
     changed: u64,
-    /// Lines that were added, since a motion was split.
+    /// Number of lines added by splitting motions.
     added: u64,
-    /// Whether the result is byte for byte that of `--strategy plain`; only with `--strategy floyd`.
+    /// Whether the result is identical to that of `--strategy plain`; only with `--strategy floyd`.
     #[serde(skip_serializing_if = "Option::is_none")]
     same_as_plain: Option<bool>,
-    /// Whether the program says where it ends (M2, M30 or a second percent sign).
+    /// Whether the program contains its end (M2, M30 or a second percent sign).
     ended: bool,
-    /// How far the tool is from where the program wants it; only with --verify.
+    /// Deviation of the tool from the programmed path; only with `--verify`.
     #[serde(skip_serializing_if = "Option::is_none")]
     verified: Option<Verified>,
     /// Notes on the program, each once.
@@ -131,49 +131,51 @@ pub(crate) struct Nc {
 /// A note on a program.
 #[derive(Debug, Serialize, JsonSchema)]
 struct NcNote {
-    /// The first line that it is about, counted from 1.
+    /// Line of the first occurrence, from 1.
     line: usize,
-    /// The note.
+    /// Text of the note.
     text: String,
 }
 
 /// The document of `volcomp nc --average`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct NcAverage {
-    /// The file that was written.
+    /// Path of the written file.
     file: String,
-    /// Each work offset with which the program cuts. `before_um` and `left_um` are the maximum and the root of the mean square.
+    /// Work offsets used for cutting. `before_um` and `left_um` are the maximum and the root mean
+    /// square.
     offsets: Vec<Average>,
-    /// How far the tool is from where the program wants it; only with --verify.
+    /// Deviation of the tool from the programmed path; only with `--verify`.
     #[serde(skip_serializing_if = "Option::is_none")]
     verified: Option<Verified>,
 }
 
-/// The program and its result on a virtual machine.
+/// Comparison of the program and its result on a virtual machine.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Verified {
     #[serde(flatten)]
     found: Verification,
-    /// Whether the features are judged after the best rigid alignment of the part by its own points; only with --inspect.
+    /// Whether the features are evaluated after the best rigid alignment of the part by its own
+    /// points; only with `--inspect`.
     #[serde(skip_serializing_if = "Option::is_none")]
     best_fit: Option<bool>,
-    /// The features of the part; only with --inspect.
+    /// Evaluated features of the part; only with `--inspect`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     features: Vec<NcFeature>,
 }
 
-/// A feature of the part that the virtual machine cuts.
+/// A feature of the part, as cut by the virtual machine.
 #[derive(Debug, Serialize, JsonSchema)]
 struct NcFeature {
-    /// Its name in the part file.
+    /// Name in the part file.
     name: String,
     /// Number of points.
     points: usize,
-    /// With the original program; null where it cannot be evaluated.
+    /// Result for the original program; null if it cannot be evaluated.
     before: Option<Found>,
-    /// With the compensated program; null where it cannot be evaluated.
+    /// Result for the compensated program; null if it cannot be evaluated.
     after: Option<Found>,
-    /// Why it cannot be evaluated.
+    /// Why the feature cannot be evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<String>,
 }

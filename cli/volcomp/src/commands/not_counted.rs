@@ -9,19 +9,19 @@ use volcomp_model::{Machine, MapGrid, Temperatures};
 use super::fixed;
 use crate::failure::Failure;
 
-/// An error that the measurements of an uncertainty do not determine, and that the uncertainty does not count: what a plausible
-/// size of it would move the tool by, unseen by the measurements.
+/// An error that the observations do not determine and an uncertainty does not include, and its
+/// effect on the tool for a plausible size.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub(crate) struct NotCounted {
-    /// The name among the unknowns: `ECZ legendre 1`.
+    /// Name of the unknown, such as `ECZ legendre 1`.
     pub(crate) unknown: String,
-    /// The size that is told of.
+    /// Size for which the effect is stated.
     pub(crate) size: f64,
     /// The unit of the size: `um` or `urad`.
     pub(crate) unit: &'static str,
-    /// How far this size moves the tool, µm; of a map the most over its nodes.
+    /// Displacement of the tool by an error of this size, µm; for a map the maximum over its nodes.
     pub(crate) moves_um: f64,
-    /// By how much it turns the tool, µrad; of a map the most over its nodes.
+    /// Rotation of the tool by an error of this size, µrad; for a map the maximum over its nodes.
     pub(crate) turns_urad: f64,
 }
 
@@ -30,8 +30,8 @@ const EXAMPLE: f64 = 10.0;
 /// Minimum effect on the tool that is reported in text, µm.
 const NOTHING_UM: f64 = 5e-4;
 
-/// The errors that observations leave open. Each has a machine in which it is [`EXAMPLE`] larger, while the others are adjusted so that the
-/// observations stay the same.
+/// The errors that observations do not determine. For each one there is a machine in which it is
+/// [`EXAMPLE`] larger and the others are adjusted so that the observations stay the same.
 pub(crate) struct Open {
     found: Machine,
     others: Vec<(UndeterminedError, Machine)>,
@@ -76,7 +76,7 @@ impl Open {
         })
     }
 
-    /// The largest effect of each on the tool at these states, sorted from the largest.
+    /// The largest effect of each error on the tool at these states, largest first.
     pub(crate) fn at(&self, states: &[State]) -> Vec<NotCounted> {
         let place = |machine: &Machine, state: &State| {
             let error = machine.error_at(state, Form::Exact, &Temperatures::default());

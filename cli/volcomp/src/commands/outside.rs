@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::table::folded;
 
-/// The errors and axes for which a position is outside of what the model covers.
+/// Errors and axes whose range the position exceeds.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Outside {
     /// Errors whose curves are evaluated outside their range, sorted by name.
@@ -69,7 +69,7 @@ pub(crate) fn joined<T: ToString>(names: &[T]) -> String {
 pub(crate) struct Remarks(Vec<(String, Vec<[usize; 2]>)>);
 
 impl Remarks {
-    /// Adds the remark on a row after all others; an empty one is none.
+    /// Adds the remark on the next row; empty: no remark.
     pub(crate) fn add(&mut self, row: usize, remark: String) {
         if remark.is_empty() {
             return;

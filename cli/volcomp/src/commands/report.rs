@@ -92,43 +92,46 @@ pub(crate) struct ReportArguments {
 /// The document of `volcomp report`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct WrittenReport {
-    /// The HTML file that was written.
+    /// Path of the written HTML file.
     file: String,
-    /// How the figures stand against the tolerances of `--tolerance`.
-    /// `pass`: each is within; `fail`: one at least is beyond; `undecided`: none is beyond, and one at least is nearer to its limit than
-    /// its uncertainty, or is not given by the measurements; `none`: no tolerance is stated.
+    /// Result against the tolerances of `--tolerance`. `pass`: all within; `fail`: at least one
+    /// exceeded; `undecided`: none exceeded, but at least one is nearer to its limit than its
+    /// uncertainty or not measured; `none`: no tolerance is stated.
     verdict: &'static str,
-    /// Every figure that has a tolerance.
+    /// Every quantity with a tolerance.
     checks: Vec<ReportCheck>,
-    /// How many error curves stand in the report.
+    /// Number of error curves in the report.
     curves: usize,
-    /// The warnings of the report, the gravest first.
+    /// Warnings of the report, most severe first.
     warnings: Vec<String>,
-    /// The volumetric error over poses of all axes in the last state; null without two of the axes X, Y and Z.
+    /// Volumetric error over poses of all axes in the last state; null without at least two of X, Y
+    /// and Z.
     volumetric: Option<Volumetric>,
-    /// The volumetric error before a compensation, or the only one that is known; null without two of the axes X, Y and Z.
+    /// Volumetric error before a compensation, or the only known one; null without at least two of
+    /// X, Y and Z.
     before: Option<Largest>,
-    /// The volumetric error after a compensation; null without `--truth` or `--before`.
+    /// Volumetric error after a compensation; null without `--truth` or `--before`.
     after: Option<Largest>,
 }
 
-/// A figure and its tolerance.
+/// A quantity and its tolerance.
 #[derive(Debug, Serialize, JsonSchema)]
 struct ReportCheck {
-    /// The symbol of the figure.
+    /// Symbol of the quantity.
     symbol: String,
-    /// What it is of: an error and its file; empty where the symbol says it.
+    /// Error and file of the quantity; empty if the symbol identifies it.
     of: String,
-    /// The figure; null: the measurements do not give it.
+    /// Value; null: not measured.
     value: Option<f64>,
-    /// The most that is allowed.
+    /// Upper limit.
     limit: f64,
     /// `µm` or `µrad`.
     unit: String,
-    /// The expanded uncertainty (k = 2) of the figure, of what is stated and, for a squareness, of the slopes of its lines; null without any.
+    /// Expanded uncertainty (k = 2) from the stated contributions and, for a squareness, from the
+    /// slopes of its lines; null if none is known.
     uncertainty: Option<f64>,
-    /// `pass`, `fail`, `undecided` (nearer to the limit than the uncertainty) or `not_evaluated`: by ISO 14253-1 where an uncertainty is
-    /// stated.
+    /// `pass`, `fail`, `undecided` (nearer to the limit than the uncertainty) or `not_evaluated`;
+    /// by ISO 14253-1 if an uncertainty is stated.
     outcome: &'static str,
 }
 
@@ -141,21 +144,21 @@ struct Volumetric {
     tilt_urad: f64,
     /// The pose of the largest error of the tip, mm and deg.
     worst_at: BTreeMap<String, f64>,
-    /// The tool with which it is reached; empty: the one in the spindle.
+    /// Tool with the largest error; empty: the tool in the spindle.
     worst_tool: String,
 }
 
-/// How large the volumetric error is.
+/// Maximum and root mean square of the volumetric error.
 #[derive(Debug, Serialize, JsonSchema)]
 #[expect(clippy::struct_field_names, reason = "the keys end in their unit")]
 struct Largest {
-    /// The largest, µm.
+    /// Maximum, µm.
     max_um: f64,
-    /// The root of the mean square, µm.
+    /// Root mean square, µm.
     rms_um: f64,
-    /// The largest after alignment of the workpiece: where it lies is no error of the machine, µm.
+    /// Maximum after alignment of the workpiece, whose location is not an error of the machine, µm.
     form_max_um: f64,
-    /// The root of the mean square after alignment, µm.
+    /// Root mean square after alignment, µm.
     form_rms_um: f64,
 }
 
@@ -335,7 +338,7 @@ fn working_space(
         resolution: None,
     };
     let truth = Compensation::new(&corrects, machine, &none)?;
-    // The machine of the errors, and whether the correction of FILE is active.
+    // The machine with the errors, and whether the correction of FILE is active.
     let found = (State::Found, machine);
     let corrected = (State::TruthCorrected, truth.actual());
     let (first, second) = match (&before, &arguments.truth) {
@@ -388,7 +391,8 @@ fn working_space(
     Ok(report.leave_out_temperatures(reference_degc, machines.into_iter().flatten()))
 }
 
-/// The name of a tool; the machine with this tool; the correction of that machine on the truth; and the machine before calibration.
+/// Name of a tool; the machine with this tool; the correction of that machine on the truth; the
+/// machine before calibration.
 type Case<'a> = (&'a str, &'a Machine, Compensation<'a>, Option<Machine>);
 
 /// The errors of a machine of a case.

@@ -46,7 +46,8 @@ pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<Stri
     notes
 }
 
-/// A note if axes have their errors stated at another point, so that tilts have another lever, or another travel.
+/// A note if errors of an axis refer to another point, which changes the lever of tilts, or if a
+/// travel differs.
 fn other_places(file: &Path, found: &Machine, machine: &Machine) -> Option<String> {
     let joints = found.chain().joints().iter().zip(machine.chain().joints());
     let points = joints.filter(|(a, b)| a.point_mm != b.point_mm);

@@ -46,12 +46,13 @@ pub(crate) struct SensitivityArguments {
 pub(crate) struct Effects {
     #[serde(flatten)]
     found: Sensitivity,
-    /// Whether the effects are those of the values in the machine file, the largest first (`--values`); else of 1 µm or
-    /// 1 µrad of each error.
+    /// Whether the effects are those of the values in the machine file, largest first (`--values`),
+    /// instead of 1 µm or 1 µrad of each error.
     values: bool,
-    /// The errors of each of `motions`.
+    /// The errors grouped by `motions`.
     groups: Vec<Vec<ErrorTerm>>,
-    /// A column counts as a combination of others when less than this part of it is left beside them.
+    /// A column is treated as a combination of others if the remaining share of it is below this
+    /// value.
     tolerance: f64,
 }
 
@@ -136,7 +137,7 @@ fn grid(machine: &Machine, count: usize) -> Result<Poses, ChainError> {
     Poses::over(machine.chain(), machine.axes().iter().map(inside), count)
 }
 
-/// A note if an axis with a full turn has too few nodes to resolve a run-out, one wave per turn.
+/// A note if an axis with a full turn has too few nodes to resolve a run-out of one wave per turn.
 fn too_few(machine: &Machine, count: usize) -> Option<String> {
     const LEAST: usize = 3;
     let mut turning = machine.axes().iter().filter(|axis| axis.turns_round());

@@ -34,17 +34,17 @@ pub(crate) struct SimulateArguments {
 /// The document of `volcomp simulate`.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Simulate {
-    /// The folder of the files.
+    /// Folder with the files.
     folder: String,
-    /// Names of the files that were written.
+    /// Names of the written files.
     files: Vec<String>,
-    /// Names of those of them that stand in the place of an earlier file.
+    /// Names of those that replaced an earlier file.
     replaced: Vec<String>,
-    /// The calibration file that reads the lines; null where only observations were made.
+    /// Calibration file for the lines; null if only observations were simulated.
     calibration: Option<String>,
-    /// The file of observations that reads the observations; null where none were made.
+    /// Observations file; null if none were simulated.
     observations: Option<String>,
-    /// The commands that make a machine file of them, in their order, to be run where this one was.
+    /// Commands that produce a machine file from the files, in order, for the current folder.
     next: Vec<String>,
 }
 

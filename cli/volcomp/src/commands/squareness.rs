@@ -67,35 +67,36 @@ pub(crate) struct SquarenessTest {
     error: String,
     /// The two straightness errors with their files and slopes.
     parts: [SquarenessPart; 2],
-    /// The angle of the reference beams, less 90°, µrad.
+    /// Angle between the reference beams minus 90°, µrad.
     reference_angle_urad: f64,
-    /// The reference line whose slopes count.
+    /// Kind of reference line of the slopes.
     reference: &'static str,
-    /// The squareness, µrad.
+    /// Squareness error, µrad, positive by the right-hand rule.
     squareness_urad: f64,
-    /// Its expanded uncertainty for 95.45 % (the probability of k = 2), µrad, of what is known; null where a file has one run of two
-    /// targets or with another line than that of least squares.
+    /// Expanded uncertainty for 95.45 % (the probability of k = 2) from the known contributions,
+    /// µrad; null if a file has one run of two targets, or with a reference line other than least
+    /// squares.
     uncertainty_urad: Option<f64>,
-    /// Its contributions; null where it is.
+    /// Contributions to `uncertainty_urad`; null without it.
     uncertainty: Option<SquarenessUncertainty>,
-    /// The squareness as a quantity, with its tolerance.
+    /// The squareness with its tolerance.
     #[serde(flatten)]
     judgement: Judgement,
 }
 
-/// One of the two lines.
+/// One of the two straightness lines.
 #[derive(Debug, Serialize, JsonSchema)]
 struct SquarenessPart {
     /// The straightness error: `EXY`.
     error: String,
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// The slope of its reference line, µrad.
     slope_urad: f64,
 }
 
 const SYMBOL: &str = "squareness";
-/// Two files do not state where their lines ran.
+/// Text used if both files do not state the position of their lines.
 const PLACES: &str = "the squareness holds where the lines were measured: tilts of the other axes there, and those of the measured axis over its Abbe offset, are not removed and not in U; `volcomp calibrate` removes them";
 
 pub(crate) fn run(arguments: &SquarenessArguments) -> Result<Answer, Failure> {

@@ -58,22 +58,23 @@ pub(crate) struct StraightnessArguments {
 /// The straightness of a motion.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct StraightnessTest {
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
-    /// How the readings were made: `direct`, or `angular-method` with `--bridge-mm`.
+    /// Method of measurement: `direct`, or `angular-method` with `--bridge-mm`.
     method: &'static str,
-    /// The slope of each reference line, µrad: least squares, end points, minimum zone.
+    /// Slopes of the reference lines, µrad: least squares, end points, minimum zone.
     slopes_urad: [f64; 3],
-    /// Standard uncertainty of the slope of least squares, µrad: by the slopes of the runs, with one run by its readings; null with one run of
-    /// two targets.
+    /// Standard uncertainty of the least-squares slope, µrad: from the slopes of several runs, or
+    /// from the readings of a single run; null for one run of two targets.
     slope_standard_uncertainty_urad: Option<f64>,
-    /// The largest difference of the two directions, µm; null with one direction or by the angular method.
+    /// Largest difference between the two directions, µm; null with one direction or by the angular
+    /// method.
     reversal_um: Option<f64>,
-    /// The reference line that is taken out of the profile below.
+    /// Reference line that is subtracted from `profile`.
     reference: &'static str,
     /// Targets, mm, and deviations from that line, µm.
     profile: Vec<[f64; 2]>,
-    /// The straightness about each reference line.
+    /// The straightness by each reference line.
     #[serde(flatten)]
     judgement: Judgement,
 }

@@ -68,7 +68,8 @@ impl UncertaintyArguments {
         Ok(Some(measured))
     }
 
-    /// The Monte Carlo samples, with the tool of this machine, and the errors that the measurements leave open.
+    /// The Monte Carlo samples with the tool of this machine, and the errors that the measurements
+    /// do not determine.
     pub(crate) fn ensemble(
         &self,
         measured: &Measured,
@@ -163,7 +164,7 @@ impl UncertaintyArguments {
 }
 
 impl Measured {
-    /// A file with observations only is read like that of `volcomp identify`.
+    /// Reads a file. Files with observations only are read like those of `volcomp identify`.
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
         let document = Document::read(path)?;
         let is_calibration = document.decode(|root| {
@@ -187,7 +188,7 @@ impl Measured {
     }
 }
 
-/// The notes on unmeasured errors, after a sentence on what they mean for an uncertainty.
+/// The notes on unmeasured errors, after a sentence on their effect on an uncertainty.
 fn as_if_known(not_measured: Vec<String>) -> Vec<String> {
     let what = "errors that were not measured are in the uncertainty as if they were known";
     let heading = (!not_measured.is_empty()).then(|| what.to_owned());

@@ -10,14 +10,15 @@ use volcomp_vocabulary::{Component, Direction, ErrorName};
 use crate::{abbe::Lever, profile::Profile};
 
 const TIMES_NOISE: f64 = 3.0;
-/// Differences up to this are irrelevant for any machine tool, µm or µrad.
+/// Differences up to this value are irrelevant for any machine tool, µm or µrad.
 const NEVER_BELOW: f64 = 0.5;
 /// Minimum noise of an instrument, µm or µrad.
 const LEAST_NOISE: f64 = 0.01;
 
 pub(crate) struct Tilts<'a> {
     pub(crate) machine: &'a Machine,
-    /// Standard deviation of each tilt at a target, µrad; a tilt without one is treated as known.
+    /// Standard deviation of each tilt at a target, µrad. Tilts without a value are treated as
+    /// exact.
     pub(crate) noise_urad: &'a BTreeMap<ErrorName, f64>,
 }
 
@@ -98,9 +99,9 @@ impl Tilts<'_> {
     }
 }
 
-/// Standard deviation of the mean of the lines of one error at a target: from repeated runs, otherwise from the
-/// unevenness of each line from target to target. No curve through the lines has more noise. `None` if it is not known
-/// for one line.
+/// Standard deviation of the mean of the lines of one error at a target: from repeated runs,
+/// otherwise from the unevenness of each line between targets, which is an upper bound. `None` if
+/// it is unknown for one line.
 pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
     let mut variance = 0.0;
     for profile in profiles {
@@ -110,13 +111,14 @@ pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
     (!profiles.is_empty()).then(|| variance.sqrt() / profiles.len() as f64)
 }
 
-/// Standard deviation of the difference of two lines: from repeated runs, otherwise from the unevenness of each from
-/// target to target, which also covers the loss by interpolated targets.
+/// Standard deviation of the difference of two lines: from repeated runs, otherwise from the
+/// unevenness of each line between targets, which also covers the error of interpolated targets.
 fn noise(profiles: [&Profile<'_>; 2], beside: &ParallelReadings) -> Option<f64> {
     let mut variance = 0.0;
     for (profile, values) in profiles.iter().zip(&beside.lines) {
         let points = beside.places.iter().zip(values);
-        // Each direction separately: between the end of one and the beginning of the other a value jumps by the whole slope.
+        // Each direction separately: between the end of one direction and the beginning of the
+        // other, a value jumps by the total slope.
         let uneven = Direction::BOTH.into_iter().filter_map(|direction| {
             let own = points.clone().filter(|((of, _), _)| *of == direction);
             unevenness(
@@ -184,7 +186,8 @@ impl ParallelReadings {
         Some(side_by_side)
     }
 
-    /// Subtracts the mean from the values of a line, or, for straightness, their least-squares line.
+    /// Subtracts from the values of a line their mean, or, for straightness, their least-squares
+    /// line.
     pub(crate) fn without_zero(&self, values: Vec<f64>, is_straightness: bool) -> Vec<f64> {
         let targets = self.places.iter().map(|(_, target)| *target);
         let points: Vec<(f64, f64)> = targets.zip(values.iter().copied()).collect();

@@ -18,9 +18,9 @@ use crate::{
 pub(crate) const NEVER_ABOVE: f64 = 1e5;
 /// Maximum variation of an angle along or about an axis of a machine tool: 5 mrad, in µrad. Arc seconds read as mrad exceed it.
 const ANGLE_NEVER_VARIES: f64 = 5e3;
-/// Rejects a line of an error motion that rotates with its axis: an instrument that does not rotate measures a mixture
-/// of two of them. Only those along and about the axis itself are the same in both frames. `name` is the value that
-/// names the error.
+/// Rejects a line of an error motion that rotates with its axis: an instrument that does not rotate
+/// measures a mixture of two such error motions. Only error motions along and about the axis itself
+/// are equal in both frames. `name` is the value that names the error.
 pub(crate) fn refuse_turning(
     name: &Value<'_>,
     error: ErrorName,
@@ -43,11 +43,11 @@ pub(crate) fn refuse_turning(
 /// file.
 ///
 /// * A file that another line of the same error names already.
-/// * A second file of one error along one line, over the same targets in the same direction: the operator must state
-///   which of them holds, because their mean would be neither. Files that continue where another ends, or contain the
-///   other direction, are one test.
-/// * The file of another error, read in the same way. Angles of a bridge may give the angular error itself and, summed,
-///   a straightness.
+/// * A second file of one error along one line, over the same targets in the same direction: the operator must
+///   select one, because their mean would be neither. Files that continue where another ends, or contain the other
+///   direction, are one test.
+/// * The file of another error, read in the same way. Angles of a bridge may give the angular error itself and,
+///   summed, a straightness.
 pub(crate) fn refuse_twice(
     before: &[Line],
     line: &Line,
@@ -55,7 +55,7 @@ pub(crate) fn refuse_twice(
 ) -> Result<(), InputError> {
     let error = line.setup.error;
     let named = quoted(file.text()?);
-    // Both were read; a file that no longer exists is compared by name.
+    // Both files were read; a file that no longer exists is compared by name.
     let path = |line: &Line| line.file.canonicalize().unwrap_or(line.file.clone());
     let name = |line: &Line| {
         let name = line.file.file_name().unwrap_or_default();
@@ -116,8 +116,9 @@ fn covers(one: &Measurement, other: &Measurement) -> bool {
     2 * covered > other.readings.len()
 }
 
-/// Rejects readings (µm or µrad) that cannot belong to this line: of another axis of the machine, none of them within
-/// the travel, or of a size that only a wrong unit gives. `file` is the value that names the file.
+/// Rejects readings (µm or µrad) that cannot belong to this line: they are of another axis of the
+/// machine, none of them is within the travel, or their size indicates a wrong unit. `file` is the
+/// value that names the file.
 pub(crate) fn refuse(
     file: &Value<'_>,
     setup: &Setup,
@@ -171,7 +172,7 @@ pub(crate) fn refuse(
     Ok(())
 }
 
-/// Rejects a stated value (µm or µrad) of a size that only a wrong unit gives.
+/// Rejects a stated value (µm or µrad) whose size indicates a wrong unit.
 pub(crate) fn refuse_value(
     value: &Value<'_>,
     kind: AxisKind,
@@ -294,7 +295,8 @@ pub(crate) fn ends(readings: &Measurement) -> Option<[f64; 2]> {
     })
 }
 
-/// Notes on stated location and squareness errors, and on their uncertainties, of a size that only a wrong unit gives.
+/// Notes on stated location and squareness errors, and on their uncertainties, whose size indicates
+/// a wrong unit.
 pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
     let stated = Stated::all(file);
     let note = |of: &Stated, what: &str, micro: f64| {

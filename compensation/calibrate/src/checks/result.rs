@@ -71,11 +71,13 @@ fn files(lines: &[FittedLine], error: ErrorName) -> String {
 pub(crate) fn contradicted_values(
     lines: &LineContribution<'_>,
 ) -> Result<Vec<(ErrorName, Note)>, CalibrateError> {
-    /// Minimum contradiction, in the combined standard uncertainty and as a share of the value.
+    /// Minimum contradiction as a multiple of the combined standard uncertainty, and as a share of
+    /// the value.
     const UNCERTAINTIES: f64 = 4.0;
     const SHARE: f64 = 0.4;
     let all = Stated::all(lines.file);
-    // To the opposite value, or further if the value is much smaller than the change that may be supported.
+    // Changes to the opposite value, or farther if the value is much smaller than the change that
+    // may be supported.
     let step = |of: &Stated| {
         if 2.0 * of.value.abs() > CHANGE {
             -2.0 * of.value

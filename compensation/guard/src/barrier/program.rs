@@ -38,8 +38,9 @@ pub struct Protection {
 }
 
 impl Default for Protection {
-    /// For simulated machines: 250 µm and 250 µrad, 1000 µm/s and 1000 µrad/s (twice the slew of the simulated machine's guard), frames at most 50
-    /// ms old, a timeout of 200 ms, a scan every 2 ms.
+    /// Settings for simulated machines: 250 µm and 250 µrad, 1000 µm/s and 1000 µrad/s (twice the
+    /// slew of the simulated machine's guard), frames at most 50 ms old, a timeout of 200 ms, a
+    /// scan every 2 ms.
     fn default() -> Self {
         Self {
             machine: 1,
@@ -66,7 +67,8 @@ impl Protection {
             .iter()
             .map(|axis| 1.0 / self.counts_in_a_scan(axis))
             .fold(1.0, f64::max);
-        // A rate too slow to be represented is rejected below: no count in the longest step time.
+        // A rate too slow to be represented becomes zero counts in the longest step time, and is
+        // rejected below.
         let step_scans = whole(libm::ceil(step_scans - 1e-9));
         let (mut limit, mut rate) = (Counts::default(), Counts::default());
         for ((limit, rate), axis) in limit.iter_mut().zip(&mut rate).zip(axes) {
@@ -134,7 +136,7 @@ impl Program {
         })
     }
 
-    /// The barrier as it is now.
+    /// The barrier in its present state.
     #[must_use]
     pub fn barrier(&self) -> &Barrier {
         &self.barrier

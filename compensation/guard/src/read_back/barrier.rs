@@ -30,9 +30,10 @@ pub struct BarrierLink {
     layout: Layout,
     scan: Duration,
     settings: Option<Settings>,
-    /// When the last report, new or not, was valid.
+    /// Time at which the last report, new or not, was valid.
     last_received: Option<Duration>,
-    /// When the last new report was valid, its epoch and tick, and the scans since `counted_from`.
+    /// Last new report: the time at which it was valid, its epoch and tick, and the scans since
+    /// `counted_from`.
     last: Option<(Duration, u16, u16)>,
     counted_from: Option<Duration>,
     counted: u32,
@@ -42,7 +43,8 @@ pub struct BarrierLink {
     scan_counted: Duration,
     /// The last sent correction.
     last_sent: Option<Counts>,
-    /// The correction at which the control has stopped although it accepted another one, and since when.
+    /// The correction at which the control has stopped although it accepted another one, with the
+    /// time since then.
     stands: Option<(Counts, Duration)>,
     held_by_other: bool,
     can_send: bool,
@@ -85,7 +87,7 @@ impl BarrierLink {
         let report = Report::decode(self.machine, self.layout, words);
         self.is_foreign_report = report.is_none();
         let Some(report) = report.filter(|_| self.layout.count() == limits.count) else {
-            // Torn, or of another machine or other axes: ignored.
+            // The report is torn, or of another machine or other axes: it is ignored.
             return Arrival::Unknown;
         };
         // Reports of a stopped program arrive as well, but are not new.
@@ -162,7 +164,7 @@ impl BarrierLink {
             .confirmed
             .map(|confirmed| now.saturating_sub(confirmed.at));
         status.motion_delay = self.motion_delay(limits);
-        // The time at which it could have moved, by the last report, which has this age.
+        // Time from which the control could have moved; the age is that of the last report.
         status.stationary_since = age.zip(self.stands).map(|(age, (_, since))| {
             since
                 .saturating_add(status.motion_delay)
@@ -258,8 +260,8 @@ const SCAN_WITHIN: RangeInclusive<f64> = 0.8..=1.25;
 /// Minimum ratio of the barrier's rate to the guard's slew, so that it can follow.
 pub const RATE_OVER_SLEW: f64 = 2.0;
 
-/// All settings of a barrier, with a scan period of `scan`, that do not fit the limits: it must pass every correction of the guard, follow it, and
-/// time out early enough.
+/// Settings of a barrier, with a scan period of `scan`, that do not fit the limits: the barrier
+/// must pass every correction of the guard, follow it, and time out early enough.
 pub fn barrier_misfits(
     settings: &Settings,
     scan: Duration,

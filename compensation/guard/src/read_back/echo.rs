@@ -42,20 +42,21 @@ struct Equal {
 /// - `equal` counts only readings that are later than every write by more than the age of the oldest possible reading.
 #[derive(Clone, Debug)]
 pub(super) struct Echo {
-    /// Time before the first write in which nothing else may change the values.
+    /// Time before the first write during which the values must not change.
     watch: Duration,
     /// Values that may be applied, oldest first: the confirmed one, and those sent since. Consecutive equal ones are merged.
     candidates: [Candidate; MOST],
     count: usize,
-    /// When the last reading was valid.
+    /// Time at which the last reading was valid.
     last_received: Option<Duration>,
-    /// The value of the last readings that are all later than every write, how many of them count, and when the last counted one was valid.
+    /// Value of consecutive equal readings that are later than every write, their number, and the
+    /// time at which the last counted one was valid.
     equal: Option<Equal>,
-    /// When something was last sent, on any path.
+    /// Time of the last write on any path.
     sent: Option<Duration>,
     /// Whether this path has sent a value, since the start or since a value of another origin was last confirmed.
     has_sent: bool,
-    /// Since when only this gateway has changed the values.
+    /// Time since which only this gateway has changed the values.
     alone_since: Option<Duration>,
     other: Option<Duration>,
 }
@@ -89,13 +90,13 @@ impl Echo {
             return Arrival::Unknown;
         }
         if self.last_received.replace(taken) == Some(taken) {
-            // The same message as before: ignored.
+            // The driver has repeated the previous message: it is ignored.
             return Arrival::Unknown;
         }
         let found = self.find(values, taken, limits);
         let is_same = self.count_equal(values, taken, limits);
         if found.is_none() && is_same == Some(false) && !self.has_sent {
-            // Something else changes the values.
+            // Another sender changes the values.
             self.alone_since = Some(now);
         }
         if self
@@ -170,7 +171,7 @@ impl Echo {
             values: *values,
             at: taken,
         });
-        // If the memory is full, nothing more is sent.
+        // If the memory is full, nothing more may be sent.
         status.writable = self.count < MOST;
     }
 

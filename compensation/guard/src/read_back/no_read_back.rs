@@ -36,7 +36,8 @@ impl ControlTimeOut {
 #[expect(clippy::struct_excessive_bools, reason = "five separate facts")]
 pub(super) struct NoReadBack {
     control: Option<ControlTimeOut>,
-    /// Times from which, without another write, the control may start its ramp, and is at zero.
+    /// Times, counted without another write, at which the control may start its ramp, and at which
+    /// it must be at zero.
     acts: Option<[Duration; 2]>,
     last_received: Option<Duration>,
     unknown: bool,
@@ -138,7 +139,7 @@ impl NoReadBack {
             });
         }
         if let Some(confirmed) = status.confirmed.as_mut().filter(|_| !self.has_reported) {
-            // Only this gateway changes it, so it does not expire.
+            // Only this gateway changes the correction, so the confirmation does not expire.
             confirmed.at = now;
         }
         status.writable = status.confirmed.is_some() && !self.unknown;
@@ -159,7 +160,7 @@ impl NoReadBack {
             return;
         }
         self.has_written = true;
-        // The control may have received it at the begin of the cycle, or only now.
+        // The control may have received the write at the beginning of the cycle, or only now.
         self.wait([self.last_received.unwrap_or(now), now], Duration::ZERO);
         if self.reports_now {
             return;

@@ -103,7 +103,7 @@ impl ReadBackStatus {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Arrival {
-    /// Nothing is known, or nothing new.
+    /// Nothing is known, or there is no new information.
     Unknown,
     /// All have arrived, or are obsolete.
     All,
@@ -118,7 +118,7 @@ pub(super) enum Arrival {
 /// - No word is missing if nothing was sent for longer than the path's delay.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ArrivalMonitor {
-    /// When the control was last read, and when something was last sent to it.
+    /// Time of the last reading of the control, and time of the last write to it.
     last_received: Option<Duration>,
     sent: Option<Duration>,
     /// Since when a sent correction has not arrived; `None`: all have.

@@ -15,7 +15,8 @@ pub(super) struct Cycle<'a> {
     pub(super) dt_s: f64,
     /// Range of each axis, downwards and upwards, mm or rad.
     pub(super) spans: PerChannel<[f64; 2]>,
-    /// Maximum absolute value of each axis, mm or rad: its limit, or its present value outside a lowered limit.
+    /// Maximum absolute value of each axis, mm or rad: its limit, or its present value if that is
+    /// outside a lowered limit.
     pub(super) reach: PerChannel<f64>,
     /// Acceleration of each axis, mm/s² or rad/s²: its limit, or a higher one that was valid when the motion started.
     pub(super) accel: PerChannel<f64>,
@@ -23,7 +24,7 @@ pub(super) struct Cycle<'a> {
 
 /// The motion that a common factor from 0 to 1 scales in a cycle.
 pub(super) struct Advance {
-    /// Movement of each rotary axis at factor 0, braking at maximum, and at factor 1, rad.
+    /// Movement of each rotary axis, rad: at factor 0 (maximum braking), and at factor 1.
     pub(super) least: PerChannel<f64>,
     pub(super) most: PerChannel<f64>,
     /// Fraction of the remaining ramp that passes at factor 1.
@@ -104,7 +105,8 @@ impl Cycle<'_> {
     }
 }
 
-/// Half a step plus 20 %: the quantised output stays while the value is closer.
+/// Hysteresis of the quantisation, in steps: half a step plus 20 %. The output changes only if the
+/// value is farther away.
 const HYSTERESIS_STEPS: f64 = 0.6;
 
 /// Largest rate from which an axis stops within `distance` at a constant deceleration, regardless of the lengths of later cycles: v²/(2a) +
@@ -113,7 +115,8 @@ pub(super) fn stopping_rate(distance: f64, accel: f64, dt_s: f64) -> f64 {
     if distance <= 0.0 {
         return 0.0;
     }
-    // Avoids the difference of nearly equal numbers, and the square of a possibly huge one.
+    // This form avoids the difference of nearly equal numbers, and the square of a possibly huge
+    // one.
     let cycles = 2.0 * distance / (accel * dt_s * dt_s);
     2.0 * distance / dt_s / (libm::sqrt(1.0 + cycles) + 1.0)
 }

@@ -19,8 +19,8 @@ pub struct RequestedCorrection {
     pub position: PerChannel<f64>,
     /// The shares of the rotary axes, rad; zero for linear axes.
     pub rotary: PerChannel<f64>,
-    /// For each rotary axis r and linear axis l, `follow[r][l]` is how l follows r so that the tool tip stays in place, mm/rad. All other entries
-    /// are zero.
+    /// For each rotary axis r and linear axis l, `follow[r][l]` is the movement of l per movement
+    /// of r that keeps the tool tip in place, mm/rad. All other entries are zero.
     pub follow: PerChannel<PerChannel<f64>>,
 }
 

@@ -262,7 +262,8 @@ pub(crate) fn times_by_file<'a>(
     files
 }
 
-/// Warning if residuals exceed what the stated uncertainties and chance explain, with the files that fit worst.
+/// Warning if residuals exceed the stated uncertainties by more than chance, with the files that
+/// fit worst.
 pub(crate) fn contradiction(
     observations: &Observations,
     rows: &Rows,

@@ -95,7 +95,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
     }
     let columns = [
         "figure",
-        // Visible on a small screen too.
+        // Also visible on a small screen.
         "Verdict",
         "of",
         ">value",

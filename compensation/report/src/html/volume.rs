@@ -252,7 +252,7 @@ pub(super) fn volume(page: &mut Page, report: &Report) {
     vectors(page, volume);
 }
 
-/// Lists the axes that do not move, and what the maps therefore omit.
+/// Lists the axes that do not move, and the errors that the maps therefore omit.
 fn standing(page: &mut Page, volume: &Volume) {
     if volume.standing.is_empty() {
         return;

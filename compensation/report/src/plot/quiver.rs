@@ -27,7 +27,7 @@ pub struct Quiver {
     pub words: String,
     /// The ends of the travels, mm.
     pub travels_mm: [[f64; 2]; 3],
-    /// The vectors.
+    /// The error vectors to be drawn.
     pub arrows: Vec<Arrow>,
     /// Label of the scale arrow.
     pub scale_word: String,

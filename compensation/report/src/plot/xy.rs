@@ -111,7 +111,7 @@ pub struct XyPlot {
     pub width: f64,
     /// Height of the plot area.
     pub height: f64,
-    /// The series.
+    /// The series of points, drawn in order.
     pub series: Vec<Series>,
     /// The bands, drawn behind the series.
     pub bands: Vec<Band>,

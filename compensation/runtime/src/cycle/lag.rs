@@ -21,9 +21,10 @@ const MAX_AHEAD: Duration = Duration::from_secs(10);
 /// Interval at which past corrections are stored, and their number.
 const SPACING: Duration = Duration::from_millis(10);
 const REMEMBERED: usize = 3;
-/// Maximum relative change of the requested correction, over a past interval as long as the time ahead, for which no prediction is made;
-/// over a longer interval proportionally more, up to `MOST_CHANGE`. If the change is parabolic, the change ahead is at most eleven times as
-/// large, which is less than half of the correction.
+/// Maximum relative change of the requested correction for which no prediction is made. It applies
+/// to a past interval as long as the time ahead; over a longer interval proportionally more is
+/// allowed, up to `MOST_CHANGE`. If the change is parabolic, the change ahead is at most eleven
+/// times as large, which is less than half of the correction.
 const CALM_CHANGE: f64 = 1.0 / 32.0;
 const MOST_CHANGE: f64 = 1.0 / 8.0;
 
@@ -59,7 +60,8 @@ pub(super) struct PredictionInputs<'a> {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reduction {
-    /// Largest factor of the correction that is still better than no correction, 0 to 1.
+    /// Largest factor of the correction, 0 to 1, with which the error is smaller than without
+    /// correction.
     pub(super) part: f64,
     /// Positions are stale, and the held correction would become worse than no correction.
     pub(super) fast_ramp_out: bool,
@@ -84,9 +86,11 @@ impl Lag {
         self.before = Some((place.positions, taken));
     }
 
-    /// The share of a correction c that is better than no correction if positions have this `age`. Until the correction reaches the axes,
-    /// the machine continues at its speed, and the required correction changes by some distance d. While d ≤ c/2, the whole correction is
-    /// better than none, whatever the direction of the change. For larger d only the share 2·(1 − d/c) is; at d = c no correction is.
+    /// The share of a correction c that is better than no correction if positions have this `age`.
+    /// Until the correction reaches the axes, the machine continues at its speed, and the required
+    /// correction changes by some distance d. If d ≤ c/2, the whole correction is better than none,
+    /// in whatever direction it changes. For larger d only the share 2·(1 − d/c) is better; at d =
+    /// c the share is 0.
     pub(super) fn reduction(
         &mut self,
         inputs: &PredictionInputs<'_>,
@@ -125,8 +129,8 @@ impl Lag {
 }
 
 impl Lag {
-    /// Whether the correction changed so little before the positions of `taken` that a prediction would reduce nothing. A prediction costs
-    /// as much as the rest of the cycle.
+    /// Whether the correction changed so little before the positions of `taken` that a prediction
+    /// would not reduce it. A prediction costs as much as the rest of the cycle.
     fn is_calm(&self, inputs: &PredictionInputs<'_>, taken: Duration, ahead: Duration) -> bool {
         let Some((_, begun)) = self.wanted[REMEMBERED - 1] else {
             return false;
@@ -199,7 +203,8 @@ impl PredictionInputs<'_> {
     /// Compares the present correction with `then`, the one required ahead; for linear axes, then for rotary axes.
     fn compare(&self, then: &CoupledCorrection) -> [Comparison; 2] {
         let now = self.wanted;
-        // The effect of the present linear corrections at the pose ahead, where the levers of the rotary corrections differ.
+        // The effect of the present linear corrections at the pose ahead, where the levers of the
+        // rotary corrections differ.
         let mut does = now.position;
         let rows = now.follow.iter().zip(&then.follow).zip(&now.rotary);
         for ((now, then), share) in rows.filter(|(_, share)| **share != 0.0) {
@@ -220,7 +225,8 @@ impl PredictionInputs<'_> {
     }
 }
 
-/// Size of a correction and its distance from the required one; a distance of up to one step counts as none.
+/// Size of a correction and its distance from the required one; a distance of up to one step is
+/// treated as zero.
 struct Comparison {
     size: f64,
     differs: f64,

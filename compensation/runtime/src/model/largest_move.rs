@@ -10,7 +10,8 @@ use super::{Model, nodes::GridNodes};
 const MAX_STATES: usize = 5000;
 /// Maximum number of states at curve nodes. With more the result is infinite, and the operator must check the change.
 const MAX_NODE_STATES: usize = 100_000;
-/// Number of additional equidistant intervals per axis, since an axis without errors has no curve, but may be a lever.
+/// Number of additional equidistant intervals per axis: an axis without errors has no curve, but
+/// its position may change the lever of others.
 const PLACES: usize = 25;
 /// Maximum number of states in the coordinate ascent, or those of one pass (at most `MAX_NODE_STATES`) if these are more.
 const MAX_CLIMB_STATES: usize = 40_000;
@@ -22,9 +23,9 @@ const MAX_BEST_NODES: usize = 20;
 /// nodes to compare.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LargestMove {
-    /// Linear axes.
+    /// Largest change of a linear axis.
     pub linear: Mm,
-    /// Rotary axes.
+    /// Largest change of a rotary axis.
     pub rotary: Rad,
 }
 
@@ -112,9 +113,10 @@ impl<'a> Pair<'a> {
 }
 
 impl Model {
-    /// Largest change of the correction in the work space when `other` replaces this model, from either direction of approach. `ways` are
-    /// the correcting axes of each controller path with this model and with the other one. The change depends on them, so the correction of
-    /// each path is compared, and that of all axes.
+    /// Largest change of the correction in the work space when `other` replaces this model, from
+    /// either direction of approach. `ways` are the correcting axes of each controller path, with
+    /// this model and with the other one. The change depends on them, so it is evaluated for each
+    /// path, and for all axes together.
     pub fn largest_move(
         &self,
         other: &Self,
@@ -158,7 +160,8 @@ struct Space {
     places: Vec<Vec<f64>>,
     /// Nodes of grids over two axes, and positions of pairs of rotary axes, since the product of two rotations is largest with both turned.
     grids: Vec<GridNodes>,
-    /// The relevant directions of approach: all axes the same, and each reversing axis opposite to the others.
+    /// The relevant directions of approach: all axes in the same direction, and each reversing axis
+    /// opposite to the others.
     directions: Vec<PerAxis<Option<Direction>>>,
 }
 
@@ -236,7 +239,8 @@ impl Space {
         let whole = pair.left.saturating_sub(self.node_states());
         // A third for the corners, the rest for the points with the largest changes.
         self.corners(pair, whole / 3);
-        // Positions along each axis, with all others centred, at which the correction of each axis changes most.
+        // Positions along each axis, with all others centred, at which the correction of an axis
+        // changes most.
         let mut along = Vec::new();
         for (axis, places) in self.places.iter().enumerate() {
             let before = std::mem::take(&mut pair.most);
@@ -381,7 +385,7 @@ impl Space {
         }
     }
 
-    /// Four corners that are far apart.
+    /// The indices of four corners that are far apart.
     fn diagonals(&self) -> impl Iterator<Item = PerAxis<f64>> + '_ {
         (0..4_usize).map(|number| {
             let mut q = PerAxis::default();

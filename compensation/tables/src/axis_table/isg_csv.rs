@@ -12,7 +12,7 @@ use super::{
     text::{ExchangeError, FilePosition, TextFile, number, short},
 };
 
-/// Decimals of lengths (mm); below those of angles (rad) and of positions.
+/// Decimals of lengths in mm. The constants below are those of angles in rad and of positions.
 const MM: usize = 7;
 const RAD: usize = 10;
 const POSITION: usize = 9;

@@ -215,7 +215,7 @@ impl Lines<'_> {
                 (place + step, low)
             };
             if (end - inner).abs() < 1e-6 * step {
-                // There is no travel, so the single value applies.
+                // The axis has no travel, so the single value applies.
                 return Node::Beyond {
                     inner: end,
                     end: end + step.copysign(place - end),

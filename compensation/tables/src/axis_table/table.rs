@@ -22,9 +22,10 @@ pub struct AxisTable {
     pub positions: Vec<f64>,
     /// Deviation at each position after positive motion of the input axis, mm or rad of the output axis.
     pub forward: Vec<f64>,
-    /// Deviation after negative motion; `None`: as `forward`.
+    /// Deviation after negative motion; `None`: the same as `forward`.
     pub backward: Option<Vec<f64>>,
-    /// Whether the table repeats after its length, as for an axis that turns round.
+    /// Whether the table repeats with the period of its length, as for a rotary axis over a full
+    /// turn.
     pub modulo: bool,
 }
 
@@ -252,7 +253,7 @@ pub struct ListedTable {
     pub positions: Vec<f64>,
     /// Values after positive motion, or after either motion if `backward` is `None`.
     pub forward: Vec<f64>,
-    /// Values after negative motion; `None`: as `forward`.
+    /// Values after negative motion; `None`: the same as `forward`.
     pub backward: Option<Vec<f64>>,
     /// Unit of the values: `um` or `urad`.
     pub unit: &'static str,

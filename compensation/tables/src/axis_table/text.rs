@@ -7,12 +7,12 @@ use volcomp_vocabulary::Displacement;
 use super::format::Format;
 use crate::TablesError;
 
-/// A text file.
+/// A text file with its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TextFile {
     /// File name; without folders if it is to be written.
     pub name: String,
-    /// The content.
+    /// Text of the file.
     pub text: String,
 }
 
@@ -81,7 +81,7 @@ pub struct Warning {
     pub file: String,
     /// Line, counted from 1; `None` for the whole file.
     pub line: Option<usize>,
-    /// The anomaly, and how it was treated.
+    /// The anomaly and its treatment.
     pub text: String,
 }
 

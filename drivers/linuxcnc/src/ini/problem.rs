@@ -81,7 +81,7 @@ pub enum Problem {
         "[HAL]HALFILE: found {found} after {BRIDGE}, expected {BRIDGE} as the last one: pins that it has connected, such as motion.probe-input, take no signal of a later file"
     )]
     Behind {
-        /// The later file.
+        /// Name of the later file.
         found: String,
     },
     /// A HAL file of the display cannot be read.

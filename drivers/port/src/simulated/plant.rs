@@ -46,8 +46,9 @@ impl Machine {
         self.started(None)
     }
 
-    /// Starts a machine whose control runs a program once per `scan` (at least 1 µs): corrections are sent in frames
-    /// ([`Controller::post`]), and the axes get what the program applies.
+    /// Starts a machine whose control runs a program once per `scan` (at least 1 µs): corrections
+    /// are sent in frames ([`Controller::post`]), and the axes get the corrections that the program
+    /// applies.
     pub fn start_with(
         self,
         program: Box<dyn ControlProgram>,

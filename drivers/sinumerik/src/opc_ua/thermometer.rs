@@ -18,7 +18,7 @@ use crate::{error::SinumerikError, server::Server};
 /// A temperature sensor of a control.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sensor {
-    /// Name.
+    /// Name of the sensor.
     pub name: String,
     /// The node id with the temperature in °C, such as `/Plc/DB5.DBD0:REAL`.
     pub node: String,

@@ -14,7 +14,8 @@ use crate::FitError;
 const ROWS_TO_CHOOSE: usize = 2000;
 /// Number of time blocks of the forward validation. The first two are used for training only.
 pub(super) const BLOCKS: usize = 10;
-/// Choices whose error exceeds that of the best by more than this factor are left out of the mean.
+/// Maximum ratio of the error of a choice to that of the best one; choices above it are excluded
+/// from the mean.
 const MEAN_WITHIN: f64 = 1.25;
 
 /// Lags, sensors and penalty of one regression.
@@ -32,8 +33,8 @@ pub struct ThermalChoice {
     pub forward_rms: f64,
 }
 
-/// The best choices among all lags, alone and in pairs, with every penalty; with sensor selection, restricted to the sensors that the best of them
-/// needs.
+/// The best choices among all lags, alone and in pairs, with every penalty. With sensor selection,
+/// they are restricted to the sensors that the best choice needs.
 pub(super) fn best_choices(
     features: &Features,
     record: &ThermalRecord,
@@ -120,7 +121,7 @@ impl ThermalChoice {
         self
     }
 
-    /// Root mean square error of predicting each block from all before it.
+    /// Root mean square error of predicting each block from all earlier ones.
     fn validated(&self, features: &Features, blocks: &[DMatrix<f64>]) -> f64 {
         let plan = self.columns(features);
         let mut past = &blocks[0] + &blocks[1];

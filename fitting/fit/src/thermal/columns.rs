@@ -9,7 +9,7 @@ use super::{
     record::{ThermalRecord, ThermalRun},
 };
 
-/// Number of columns of the moments before the features: the constant 1 and the displacement.
+/// Number of columns of the moments that precede the features: the constant 1 and the displacement.
 pub(super) const BEFORE: usize = 2;
 
 /// Splits rows into `parts` stretches that are as equal as possible.
@@ -50,7 +50,7 @@ impl Features {
         }
     }
 
-    /// Σ z zᵀ over every `stride`-th row, z = (1, displacement, features).
+    /// Σ z zᵀ over every `stride`-th row, with z = (1, displacement, features).
     pub(super) fn moments(
         &self,
         record: &ThermalRecord,
@@ -150,7 +150,7 @@ pub(super) fn stretches(
     let (positions, places) = run.places();
     let mut values = vec![run.record.displacement.clone()];
     values.extend(columns.iter().map(|column| column.values(run, between)));
-    // Every position has its own zero.
+    // Every position has a separate zero.
     let known = run.record.known_rows(&(0..run.record.len()), lags_s);
     let zero_rows = ThermalRun::zero_rows(&known, &places, positions.len());
     let zeros: Vec<Vec<f64>> = zero_rows
@@ -185,7 +185,8 @@ pub(super) fn stretches(
     split(&rows, parts).map(sums).collect()
 }
 
-/// Sums of several stretches: by run and position, and all of them about the mean of each position.
+/// Sums of several stretches: by run and position, and for all of them about the mean of each
+/// position.
 pub(super) struct Sums {
     groups: Vec<((usize, usize), DMatrix<f64>)>,
     centred: DMatrix<f64>,
@@ -241,8 +242,8 @@ impl Sums {
             .collect()
     }
 
-    /// Mean square error in a stretch, for weights fitted on these sums. The offset is known where the position was part of the fit; elsewhere it is
-    /// that at the start of the run.
+    /// Mean square error in a stretch, for weights fitted on these sums. The offset is known if the
+    /// position was part of the fit; otherwise it is that at the start of the run.
     pub(super) fn error_in(&self, stretch: &Stretch, columns: &[usize], weights: &[f64]) -> f64 {
         let v = error_of(columns, weights);
         let (mut sum, mut rows) = (0.0, 0.0);

@@ -16,31 +16,37 @@ const STRETCHES: usize = 10;
 /// Relative change of a root mean square error below which it is insignificant.
 const NO_DIFFERENCE: f64 = 0.1;
 
-/// How well a fit predicts rows that it was not found from, in the unit of the displacement.
+/// Prediction error of a fit on rows that were not used to find it, in the unit of the
+/// displacement.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ThermalPrediction {
-    /// Root mean square error of the prediction. Of terms with few numbers it includes what the temperatures may have done between rows.
+    /// Root mean square error of the prediction. For terms with few coefficients it includes the
+    /// possible effect of temperature changes between rows.
     pub rms: f64,
-    /// The stretch with the largest error, of ten of equally many rows; of a single run only.
+    /// The stretch with the largest error, of ten with equal numbers of rows; only for a single
+    /// run.
     #[cfg_attr(feature = "serde", serde(rename = "worst_segment"))]
     pub worst: Option<ThermalSegment>,
-    /// The mean square error in each part: a run, or a stretch of the rows that are predicted. NaN where a gap leaves out all rows.
+    /// Mean square error in each part: a run, or a stretch of the predicted rows. NaN if a gap
+    /// excludes all rows.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub parts: Vec<f64>,
-    /// Root mean square error by which penalty, time constants and sensors were chosen.
+    /// Root mean square error of the forward validation, by which penalty, time constants and
+    /// sensors were chosen.
     pub forward_rms: f64,
     /// Ridge penalties of the models that are averaged.
     pub penalties: Vec<f64>,
     /// Time constants of the drift terms, s.
     pub lags_s: Vec<f64>,
-    /// The sensors with a weight, by their places.
+    /// Indices of the sensors with a nonzero weight.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub sensors: Vec<usize>,
 }
 
-/// Thermal terms of a displacement, with the errors that terms of the same kind leave in data they were not found from.
+/// Thermal terms of a displacement, with the prediction errors of terms of the same kind on data
+/// that were not used to find them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JudgedThermal {
     /// Regression without time constants.
@@ -49,13 +55,14 @@ pub struct JudgedThermal {
     pub dense: Option<ThermalPrediction>,
     /// Few terms with time constants.
     pub few: ThermalPrediction,
-    /// Root mean square of the displacement itself in the predicted rows.
+    /// Root mean square of the displacement in the predicted rows, which is the error without
+    /// terms.
     pub none_rms: f64,
     /// Mean square of the displacement in each part.
     pub none_of_parts: Vec<f64>,
     /// Few terms, found from all data.
     pub terms: ThermalTerms,
-    /// Root mean square error in each run that was left out; empty for a single run.
+    /// Root mean square error in each run by terms found without it; empty for a single run.
     pub left_out: Vec<f64>,
 }
 
@@ -79,7 +86,7 @@ pub struct CoarseRows {
     pub interval_s: f64,
     /// Shortest non-zero time constant of the terms, s.
     pub shortest_lag_s: f64,
-    /// Root mean square that unknown temperatures between the rows add to the error of the prediction.
+    /// Root mean square increase of the prediction error by unknown temperatures between the rows.
     pub adds_rms: f64,
     /// Interval at which this contribution is insignificant, s.
     pub enough_s: f64,
@@ -164,12 +171,14 @@ impl JudgedThermal {
         verdict(&self.few.parts, &self.plain.parts, &self.none_of_parts)
     }
 
-    /// Mean square error without terms minus that with them, and the standard error of this difference over the parts.
+    /// Mean square error without terms minus that with terms, and the standard error of this
+    /// difference over the parts.
     pub fn gain(&self) -> (f64, f64) {
         difference(&self.none_of_parts, &self.few.parts)
     }
 
-    /// Mean square error with time constants minus that without, and the standard error of this difference over the parts.
+    /// Mean square error with time constants minus that without, and the standard error of this
+    /// difference over the parts.
     pub fn loss(&self) -> (f64, f64) {
         difference(&self.few.parts, &self.plain.parts)
     }
@@ -284,7 +293,7 @@ fn difference(these: &[f64], those: &[f64]) -> (f64, f64) {
     )
 }
 
-/// Difference of mean squares that is insignificant compared with these.
+/// Difference of mean squares that is insignificant relative to these mean squares.
 fn unseen(squares: &[f64]) -> f64 {
     let known = || squares.iter().filter(|square| !square.is_nan());
     let mean = known().sum::<f64>() / known().count().max(1) as f64;
@@ -293,7 +302,7 @@ fn unseen(squares: &[f64]) -> f64 {
 
 fn verdict(few: &[f64], plain: &[f64], none: &[f64]) -> ThermalVerdict {
     let (gain, scatter) = difference(none, few);
-    // NaN: nothing to compare, or an undefined value.
+    // NaN: there is nothing to compare, or a value is undefined.
     if gain.is_nan() || gain <= scatter.max(unseen(none)) {
         return ThermalVerdict::NoBetterThanNone;
     }
@@ -304,7 +313,7 @@ fn verdict(few: &[f64], plain: &[f64], none: &[f64]) -> ThermalVerdict {
     ThermalVerdict::Good
 }
 
-/// The next lower of 1, 2 and 5 and their tens, hundreds and so on, s: at least 1.
+/// The next lower number of the series 1, 2, 5, 10, 20, … s; at least 1.
 fn rounded_down(seconds: f64) -> f64 {
     let ten = 10_f64.powf(seconds.max(1.0).log10().floor());
     let steps = [5.0, 2.0].into_iter().map(|step| step * ten);
@@ -323,7 +332,7 @@ mod tests {
         let none = [900.0, 800.0, 950.0, 1000.0];
         let plain = [0.048, 0.05, 0.047, 0.049];
         for (few, expected) in [
-            // 0.23 against 0.22.
+            // The error is 0.23 with the terms and 0.22 without.
             (&[0.052, 0.055, 0.05, 0.053][..], Verdict::Good),
             (&[0.1; 4], Verdict::WorseThanPlain),
             // Worse in one part of four only.

@@ -17,11 +17,13 @@ pub(super) fn lagged(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
 
 /// Lag of a signal that curves between its rows minus that of the linear one, in each row.
 ///
-/// The curvature x″ is the difference of the slopes of two intervals over the time between their middles. It is taken between an interval and the one
-/// before or after it, whichever gives less, since a heating that begins or ends curves one of them and not the other. Over an interval h such a
-/// signal lies x″·t·(h − t)/2 below the straight line. The lag of this signal is, with p = h/lag and k = exp(−p), −x″·h²/2·((1 + k)/p − 2·(1 −
-/// k)/p²), which decays by k in each later interval. Without a lag it is 0, because the signal is known in the rows. Changes that begin and end
-/// within one interval are invisible in the rows.
+/// The curvature x″ is the difference of the slopes of two intervals over the time between their
+/// middles. The smaller of the values with the preceding and with the following interval is used,
+/// because the begin or end of heating curves only one of them. Over an interval h such a signal
+/// lies x″·t·(h − t)/2 below the straight line. The lag of this signal is, with p = h/lag and k =
+/// exp(−p), −x″·h²/2·((1 + k)/p − 2·(1 − k)/p²), which decays by k in each later interval. Without
+/// a lag it is 0, because the signal is known in the rows. Changes that begin and end within one
+/// interval are invisible in the rows.
 pub(super) fn bent(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     let rows = time_s.len().min(signal.len());
     let mut found = vec![0.0; rows];
@@ -37,7 +39,8 @@ pub(super) fn bent(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
         )
     };
     for row in 1..rows {
-        // Change of slope to a neighbouring interval; the first has none before it and the last none after it.
+        // Change of slope to a neighbouring interval; the first interval has no predecessor and the
+        // last no successor.
         let against = |beside: usize| {
             let ((own, own_s), (other, other_s)) = (slope(row), slope(beside));
             (own - other) / (own_s - other_s)
@@ -68,7 +71,7 @@ fn below_line(p: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// The lag of a signal in a million short steps of the explicit midpoint rule.
+    /// Reference: the lag of a signal in a million short steps of the explicit midpoint rule.
     fn fine(signal: impl Fn(f64) -> f64, time_s: &[f64], lag_s: f64) -> Vec<f64> {
         let mut value = signal(time_s[0]);
         let mut found = vec![value];

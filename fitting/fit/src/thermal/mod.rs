@@ -1,5 +1,5 @@
-//! From temperatures and a displacement over time to drift terms: ridge regression on first-order lags of temperature differences, with lags, sensors
-//! and penalty chosen by forward validation in time.
+//! Drift terms from temperatures and a displacement over time: ridge regression on first-order lags
+//! of temperature differences, with lags, sensors and penalty chosen by forward validation in time.
 //!
 //! Neighbouring rows are nearly equal, so a random split would be no test: each block of time is predicted from the blocks before it, never from
 //! later ones.

@@ -10,8 +10,8 @@ pub struct ThermalOptions {
     pub penalties: Vec<f64>,
     /// Whether to remove sensors one by one while the forward validation does not get worse.
     pub select_sensors: bool,
-    /// Number of the best choices that are averaged, because which of them is the very best is partly chance. 0 is treated
-    /// as 1.
+    /// Number of the best choices that are averaged, because the ranking among them is partly
+    /// chance. 0 is treated as 1.
     pub mean_of: usize,
 }
 

@@ -131,7 +131,8 @@ pub struct ThermalRun {
 
 /// Maximum number of positions of a run: each needs readings over the whole time.
 const MAX_POSITIONS: usize = 100;
-/// Number of rows of a position averaged for its zero: a hundredth of them, within these limits.
+/// Number of rows averaged for the zero of a position: a hundredth of its rows, within these
+/// limits.
 const ZERO_ROWS: [usize; 2] = [3, 20];
 
 impl From<ThermalRecord> for ThermalRun {

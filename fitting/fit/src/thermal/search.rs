@@ -25,10 +25,12 @@ const MIN_ROWS: usize = 20;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalSearch {
-    /// Time constants to choose from, s; 0 is no lag. With expansions, 0 is always among those chosen.
+    /// Time constants to choose from, s; 0 is no lag. With expansions, 0 is always chosen in
+    /// addition.
     pub lags_s: Vec<f64>,
-    /// Ridge penalties to choose from, as shares of the variance of what a coefficient multiplies. With small penalties, correlated sensors get large
-    /// coefficients of opposite sign.
+    /// Ridge penalties to choose from, as shares of the variance of the quantity that a coefficient
+    /// multiplies. With small penalties, correlated sensors get large coefficients of opposite
+    /// sign.
     pub penalties: Vec<f64>,
     /// Maximum number of sensors.
     pub most_sensors: usize,
@@ -39,7 +41,7 @@ pub struct ThermalSearch {
 }
 
 impl Default for ThermalSearch {
-    /// Ten time constants up to an hour and a half, at most six sensors and three time constants.
+    /// Ten time constants up to 90 minutes, at most six sensors and three time constants.
     fn default() -> Self {
         Self {
             lags_s: ThermalOptions::default().lags_s,

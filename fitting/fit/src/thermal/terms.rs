@@ -39,7 +39,7 @@ pub struct ThermalFit {
     pub choices: Vec<ThermalChoice>,
 }
 
-/// A stretch of time, and how far off a fit is in it.
+/// A stretch of time, with the error of a fit in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -72,8 +72,9 @@ impl ThermalFit {
         predicted
     }
 
-    /// Root mean square of record minus prediction (µm or µrad) over some rows, and the worst of ten equal stretches of them. Rows that are not in
-    /// the record or that a gap excludes are skipped; without any row the result is NaN.
+    /// Root mean square of record minus prediction (µm or µrad) over some rows, and the worst of
+    /// ten equal stretches of these rows. Rows that are not in the record or that a gap excludes
+    /// are skipped; without any row the result is NaN.
     pub fn residual(
         &self,
         record: &ThermalRecord,
@@ -109,7 +110,8 @@ impl ThermalFit {
     }
 }
 
-/// Root mean square error over some rows, and the worst of ten equal stretches of them; NaN without any row.
+/// Root mean square error over some rows, and the worst of ten equal stretches of these rows; NaN
+/// without any row.
 pub(super) fn judged(
     time_s: &[f64],
     errors: &[f64],
@@ -171,7 +173,7 @@ pub struct TestedRange {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalTerms {
-    /// Coefficients.
+    /// Coefficients of the terms.
     pub numbers: Vec<ThermalNumber>,
     /// Ridge penalty of the regression.
     pub penalty: f64,
@@ -281,9 +283,10 @@ impl ThermalTerms {
         run.rms_of_errors(&errors, &self.lags_s())
     }
 
-    /// Error of the prediction of a run (root mean square, µm or µrad) from the unknown temperatures between its rows: the difference between
-    /// temperatures that curve between the rows and linear ones. A machine that reads its sensors in every cycle has this error in addition to what
-    /// the rows of the run show.
+    /// Error of the prediction of a run (root mean square, µm or µrad) from the unknown
+    /// temperatures between its rows: the difference between temperatures that curve between the
+    /// rows and linear ones. A machine that reads its sensors in every cycle has this error in
+    /// addition to the error in the rows of the run.
     pub fn rms_between_rows(&self, run: &ThermalRun) -> f64 {
         let bent = self.unknown_zero(run, Between::Bent);
         let straight = self.unknown_zero(run, Between::Straight);
@@ -293,7 +296,8 @@ impl ThermalTerms {
         rms(known.iter().map(|&row| bent[row] - straight[row]))
     }
 
-    /// Record minus prediction in every row of the run that the terms were found from, or of a part of it.
+    /// Record minus prediction in every row of the run, or part of a run, from which the terms were
+    /// found.
     pub fn errors(&self, run: &ThermalRun) -> Vec<f64> {
         let predicted = self.unknown_zero(run, Between::Straight);
         let (positions, places) = run.places();
@@ -306,8 +310,9 @@ impl ThermalTerms {
             .collect()
     }
 
-    /// Root mean square of [`errors`](Self::errors) (µm or µrad) over some rows of the run that the terms were found from, and the worst of ten equal
-    /// stretches of them. Rows that are not in the run or that a gap excludes are skipped; without any row the result is NaN.
+    /// Root mean square of [`errors`](Self::errors) (µm or µrad) over some rows of the run from
+    /// which the terms were found, and the worst of ten equal stretches of these rows. Rows that
+    /// are not in the run or that a gap excludes are skipped; without any row the result is NaN.
     pub fn residual(&self, run: &ThermalRun, rows: Range<usize>) -> (f64, Option<ThermalSegment>) {
         let known = run.record.known_rows(&rows, &self.lags_s());
         judged(&run.record.time_s, &self.errors(run), &known)

@@ -10,13 +10,15 @@ use crate::{MetrologyError, StandardQuantity};
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct CircularDeviations {
-    /// Circular deviation G of each sense, counter-clockwise first: range of the radii about its own centre.
+    /// Circular deviation G of each direction of rotation, counter-clockwise first: range of the
+    /// radii about the centre of that direction.
     pub g_um: [Option<f64>; 2],
     /// Bidirectional circular deviation G(b): range of the radii of both senses about their common centre.
     pub g_b_um: Option<f64>,
     /// Largest radial deviation F_max from the nominal radius about the centre of each sense; only with a stated radius.
     pub f_max_um: [Option<f64>; 2],
-    /// Smallest radial deviation F_min, under the same conditions.
+    /// Smallest radial deviation F_min from the nominal radius about the centre of each sense; only
+    /// with a stated radius.
     pub f_min_um: [Option<f64>; 2],
     /// Mean bidirectional radial deviation D: radius of the circle through both senses minus nominal radius.
     pub d_um: Option<f64>,

@@ -20,13 +20,13 @@ use super::{CircularTrace, Sense, TracePoint};
 use crate::number::range;
 use crate::{DeviationUnit, MetrologyError};
 
-/// What a part of the deviation comes from.
+/// Error source of a signature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum SignatureKind {
-    /// The axes are not square.
+    /// Squareness error of the two axes.
     Squareness,
     /// The scales of the two axes differ.
     ScaleMismatch,
@@ -34,11 +34,11 @@ pub enum SignatureKind {
     BacklashFirst,
     /// Reversal value of the second axis.
     BacklashSecond,
-    /// The axes follow with different delays.
+    /// Different delays of the two axes.
     ServoMismatch,
-    /// Spikes where the first axis turns round, at 0° and 180°.
+    /// Reversal spikes of the first axis, at 0° and 180°.
     SpikesFirst,
-    /// Spikes where the second axis turns round, at 90° and 270°.
+    /// Reversal spikes of the second axis, at 90° and 270°.
     SpikesSecond,
 }
 
@@ -57,23 +57,24 @@ impl SignatureKind {
     }
 }
 
-/// One signature with its size and its share.
+/// One fitted signature.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Signature {
-    /// What it is.
+    /// Error source.
     pub kind: SignatureKind,
-    /// Its size: squareness µrad, opening the angle between the axes; scale mismatch µm/m (µrad); reversal value µm, as
-    /// B = x̄↑ − x̄↓; servo mismatch µm, radial at 45°; spikes µm, the mean of the two places, outward.
+    /// Size: squareness µrad, positive if it opens the angle between the axes; scale mismatch µm/m
+    /// (µrad); reversal value µm, as B = x̄↑ − x̄↓; servo mismatch µm, radial at 45°; spikes µm,
+    /// positive outward, the mean of both places.
     pub size: f64,
     /// The unit of the size.
     pub unit: DeviationUnit,
-    /// Expanded uncertainty (k = 2) of the size by what the fit leaves, in the same unit.
+    /// Expanded uncertainty (k = 2) of the size, from the residuals of the fit, in the same unit.
     pub uncertainty: f64,
     /// Circular deviation due to this signature alone: the range of its radial deviation, µm.
     pub range_um: f64,
-    /// Its range as a share of the ranges of all signatures.
+    /// `range_um` divided by the sum of the ranges of all signatures.
     pub share: f64,
 }
 
@@ -81,23 +82,25 @@ pub struct Signature {
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Signatures {
-    /// By descending range. A trace in one sense has no servo mismatch, because it cannot be separated from the squareness, which then contains both.
+    /// Signatures by descending range. A trace in one sense has no servo mismatch, because it
+    /// cannot be separated from the squareness, which then contains both.
     pub ranked: Vec<Signature>,
     /// Centre offset that was removed, along the first and the second axis, µm: a property of the set-up, not of the machine.
     pub centre_um: [f64; 2],
     /// Mean deviation of the radius, µm: depends on the length of the ballbar, the feed and the mean scale.
     pub radius_um: f64,
-    /// Spikes at 0°, 90°, 180° and 270°, µm outward; `None` where the trace does not pass the place, so that the spike is unknown. The ranked
-    /// signatures omit the spikes of an axis with neither place passed; with one place passed they use that spike alone.
+    /// Spikes at 0°, 90°, 180° and 270°, µm, positive outward; `None` if the trace does not pass
+    /// the place. The ranked signatures use the mean of the passed places of an axis, and omit the
+    /// spikes of an axis with none.
     pub spikes_um: [Option<f64>; 4],
-    /// Angle in which a spike decays to 1/e, deg; undefined if no place is passed.
+    /// Angle over which a spike decays to 1/e, deg; undefined if no place is passed.
     pub spike_width_deg: f64,
     /// Root mean square of the residuals after all signatures, µm.
     pub rms_left_um: f64,
 }
 
 const WIDTHS_DEG: [f64; 8] = [0.7, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0, 9.0];
-/// Maximum condition number: columns above it are not separable.
+/// Maximum condition number of the normal equations: above it, signatures are not separable.
 const WORST_CONDITION: f64 = 1e4;
 
 /// Fits all signatures to a trace.
@@ -169,7 +172,7 @@ const COUNT: usize = 11;
 /// Column of the spike at 0°.
 const FIRST_SPIKE: usize = 7;
 
-/// Angle travelled since a place, modulo a full turn.
+/// Angle travelled since a place, in the sense of motion, modulo a full turn.
 fn since(p: &TracePoint, place: f64) -> f64 {
     (p.sense.sign() * (p.angle_rad - place)).rem_euclid(TAU)
 }

@@ -151,7 +151,7 @@ pub(crate) fn looks_like_circle(text: &str, name: &str) -> bool {
         let mut heads = table.names();
         heads.any(|(_, head)| unit_of(head, name).is_some())
     };
-    // Angles fit every plane, coordinates only their own.
+    // Columns of angles fit every plane; columns of coordinates only their own plane.
     !has("target") && matches!((fitting.count(), has("angle")), (1, false) | (3, true))
 }
 

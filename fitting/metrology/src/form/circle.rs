@@ -24,7 +24,8 @@ pub(super) struct FlatCircle {
 }
 
 impl FlatCircle {
-    /// Algebraic circle, the least-squares solution of x² + y² − 2 a x − 2 b y − c, which is near that of the distances; `None` for points on a line.
+    /// Circle from the linear least-squares problem x² + y² − 2 a x − 2 b y − c, which is near the
+    /// circle of least squares of the distances; `None` for points on a line.
     pub(super) fn algebraic(points: &[Vector3<f64>]) -> Option<Self> {
         let n = points.len() as f64;
         let mean = points.iter().map(Vector3::xy).sum::<Vector2<f64>>() / n;
@@ -135,7 +136,8 @@ struct Ring {
     contacts: Vec<usize>,
 }
 
-/// Narrowest ring, by linear minimax problems about successively better centres, from the least-squares centre on.
+/// Narrowest ring, by linear minimax problems about successively better centres, starting from the
+/// least-squares centre.
 ///
 /// It stops when a linear problem gains nothing. The weights of its contact points then prove that no small motion of the centre makes the ring
 /// narrower. As distances are convex functions of the centre, another narrowest ring could only have a centre that is away by a good part of the

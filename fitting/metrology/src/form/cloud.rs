@@ -1,13 +1,14 @@
-//! Points relative to their mean and scaled, so that neither a large offset nor a unit costs digits.
+//! Points relative to their mean and scaled, so that neither a large offset nor the unit reduces
+//! the precision.
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 use super::{FeatureKind, FormError, LARGEST_MM};
 
-/// Ratio of two principal extents below which the smaller one is rounding.
+/// Ratio of two principal extents below which the smaller one is rounding error.
 const ROUNDING: f64 = 1e-7;
 
-/// Points minus their mean, divided by a power of two so that they are about 1 apart.
+/// Points minus their mean, divided by a power of two so that their extent is about 1.
 pub(super) struct Cloud {
     mean_mm: Vector3<f64>,
     pub(super) scale_mm: f64,

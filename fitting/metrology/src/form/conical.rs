@@ -10,7 +10,7 @@ use super::{
 };
 use crate::number::range;
 
-/// Number of points from which the start is found.
+/// Maximum number of points from which the start is found.
 const FEW: usize = 200;
 
 /// Number of axis directions tried as a start, over a hemisphere: 0.2 rad apart.
@@ -118,7 +118,8 @@ fn directions() -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
-/// Selects at most [`FEW`] points without periodicity: every n-th of points that were taken at a few heights in turn may be of the same height.
+/// Selects at most [`FEW`] points aperiodically: of points measured in turn at a few heights, every
+/// n-th may be at the same height.
 fn few(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     // Prime steps: they alias only with a period that is a multiple of the step.
     const STEP: usize = 7919;
@@ -134,7 +135,7 @@ fn few(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     (0..FEW).map(|k| points[k * step % points.len()]).collect()
 }
 
-/// Best surface from starts in every direction.
+/// Best surface of the fits that start from every axis direction.
 fn best<const N: usize>(
     cloud: &Cloud,
     is_possible: impl Fn(&Conical<N>, &[Vector3<f64>]) -> bool,

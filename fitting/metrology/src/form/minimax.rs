@@ -12,7 +12,7 @@ pub(super) struct Minimax {
     pub(super) contacts: [Contact; 4],
 }
 
-/// Row at which the largest |b − A x| is reached.
+/// A row with the largest |b − A x|.
 #[derive(Clone, Copy)]
 pub(super) struct Contact {
     pub(super) row: usize,
@@ -26,7 +26,7 @@ pub(super) struct Contact {
 /// Each exchange of a contact point increases the largest |b − A x| over four points, until no other point lies outside.
 pub(super) fn minimax(rows: &[Vector3<f64>], b: &[f64], rounding: f64) -> Option<Minimax> {
     let mut contacts = first_contacts(rows, b)?;
-    // Exchanges without gain could cycle: after many of them Bland's rule prevents it.
+    // Exchanges without gain could cycle; after a number of them Bland's rule prevents this.
     let patience = 100;
     for exchange in 0..1000 {
         let bland = exchange > patience;
@@ -103,7 +103,8 @@ fn first_contacts(rows: &[Vector3<f64>], b: &[f64]) -> Option<[Contact; 4]> {
     let residual = |row: usize| b[row] - rows[row].dot(&x);
     let others = (0..rows.len()).filter(|row| !chosen.contains(row));
     let fourth = others.max_by(|&p, &q| residual(p).abs().total_cmp(&residual(q).abs()))?;
-    // The fourth row as a combination of the three: with the opposite signs the signed sum of the four is zero.
+    // Express the fourth row as a combination of the three: with the opposite signs the signed sum
+    // of the four is zero.
     let shares = of_three.transpose().lu().solve(&rows[fourth])?;
     let turn = if residual(fourth) < 0.0 { -1.0 } else { 1.0 };
     let contact = |row: usize, share: f64| Contact {

@@ -10,7 +10,7 @@ use super::{
 use crate::number::range;
 use crate::reference_line::half_hull;
 
-/// Maximum ratio of the next extent to the one before for points of a line, or of a plane.
+/// Maximum ratio of an extent to the next larger one for points of a line, or of a plane.
 const SLENDER: f64 = 0.5;
 
 /// Evaluates a line: in space, or of the points projected to a plane of two coordinates.
@@ -79,7 +79,7 @@ fn line_in_plane(points_mm: &[[f64; 3]], plane: CoordinatePlane) -> Result<Form,
     let normal: Vector3<f64> = plane.normal().into();
     let third = normal.iamax();
     let [below, above] = range(points_mm.iter().map(|p| p[third]));
-    // NaN and infinite coordinates are rejected with the others, unchanged.
+    // NaN and infinite coordinates pass unchanged and are rejected with the others.
     let middle = 0.5 * (below + above);
     let is_finite = points_mm.iter().all(|p| p[third].is_finite());
     let image = |p: &[f64; 3]| {

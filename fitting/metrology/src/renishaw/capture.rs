@@ -16,7 +16,7 @@ const END: &[u8] = b"EOF::";
 pub struct Capture {
     /// Source file, for messages.
     pub name: String,
-    /// Information in the file about itself and its machine.
+    /// Header texts about the file and the machine.
     pub metadata: Metadata,
     /// Sample rate in the header, Hz; the actual rate if it gives both.
     pub sample_rate_hz: Option<f64>,
@@ -100,7 +100,8 @@ fn split(bytes: &[u8]) -> Option<(&[u8], &[u8], usize)> {
     None
 }
 
-/// Samples before the end mark: at the position given by the stated count, else at the last mark in the file.
+/// Samples without the end mark, which is at the position given by the stated count, else at the
+/// last mark in the file.
 fn without_end(data: &[u8], count: Option<usize>) -> Option<&[u8]> {
     let is_end = |rest: &[u8]| rest.trim_ascii() == END;
     if let Some(count) = count {

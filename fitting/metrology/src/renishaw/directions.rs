@@ -1,4 +1,4 @@
-//! Directions of the passes, and passes that hold no measurement.
+//! Directions of the passes, and detection of passes without a measurement.
 
 use std::collections::BTreeMap;
 
@@ -9,9 +9,11 @@ use crate::{Direction, MetrologyError, Reading};
 
 /// Assigns directions and run numbers to the readings, with notes for the user.
 ///
-/// The order of the targets in a pass decides: ascending is forward. The second flag is checked: a file that states "bidirectional" and holds only
-/// passes of one order is rejected, since its reverse passes may have been sorted. Any other difference is noted, and the order has priority. Reverse
-/// (even) passes of nothing but zeros next to real forward ones are omitted, with a note.
+/// The order of the targets in a pass decides: ascending is forward. The second flag is compared
+/// with it. A file that states "bidirectional" but holds only passes of one order is rejected,
+/// since its reverse passes may have been sorted. Any other difference is noted, and the order has
+/// priority. Reverse (even) passes that contain only zeros, next to forward passes with values, are
+/// omitted, with a note.
 pub(super) fn readings(
     file: &str,
     rows: Vec<Row>,

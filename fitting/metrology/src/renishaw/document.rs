@@ -98,7 +98,8 @@ impl<'t> Document<'t> {
     }
 }
 
-/// Section name: `NAME::` alone on its line, in capitals. Free text may contain colons, so a name may not.
+/// Section name: `NAME::` in capitals, alone on its line. A name must not contain a colon, because
+/// free text may.
 pub(super) fn section_name(line: &str) -> Option<String> {
     let name = line.strip_suffix("::")?.trim_ascii_end();
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, ' ' | '-' | '_');

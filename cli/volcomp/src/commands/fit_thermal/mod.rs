@@ -308,8 +308,8 @@ const GAP: &str = "???";
 pub(crate) struct FitThermal<'a> {
     /// One entry for each fitted displacement.
     displacements: Vec<Displacement<'a>>,
-    /// Share of the rows, the first ones, from which terms were found to be judged; the others were predicted. Of a single
-    /// file only.
+    /// Share of the rows, from the first, used to find the terms that are then tested on the
+    /// others; only for a single file.
     #[serde(skip_serializing_if = "Option::is_none")]
     train: Option<f64>,
     /// The temperature columns, without `_degc`.
@@ -319,51 +319,53 @@ pub(crate) struct FitThermal<'a> {
 /// One displacement, with values in its unit.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Displacement<'a> {
-    /// The name of the column in the file.
+    /// Column name in the file.
     name: &'a str,
-    /// The error that it is; null where the call does not name it, and the terms have a gap.
+    /// Name of the error; null if the call does not name it, and the terms have a placeholder.
     error: Option<ErrorName>,
     /// The unit of the displacement.
     unit: DeviationUnit,
-    /// Whether the terms predict better than no terms, and no worse than regression without time constants (`baseline`),
-    /// within what the tests show.
+    /// Whether the terms predict better than no terms, and no worse than regression without time
+    /// constants (`baseline`), within the accuracy of the tests.
     recommended: bool,
-    /// Root mean square of the displacement itself where it is predicted.
+    /// Root mean square of the displacement over the predicted rows.
     without_terms_rms: f64,
-    /// Ridge regression on the temperatures as they are.
+    /// Ridge regression on the temperatures without time constants.
     baseline: Prediction<'a>,
-    /// Regression on all sensors with many time constants, as a measure of what few terms lose; of a single file only.
+    /// Regression on all sensors with many time constants, for comparison with few terms; only for
+    /// a single file.
     #[serde(skip_serializing_if = "Option::is_none")]
     dense: Option<Prediction<'a>>,
-    /// Few terms with time constants. What the temperatures may have done between the rows is part of its errors, and of
-    /// those in `left_out`.
+    /// Prediction by few terms with time constants. Its errors, and those in `left_out`, include
+    /// the possible effect of temperature changes between rows.
     fit: Prediction<'a>,
-    /// The error in each file that was left out; empty for a single file.
+    /// Prediction error of each file by terms found from the others; empty for a single file.
     left_out: Vec<LeftOut>,
-    /// The numbers of the terms, found from all rows.
+    /// Coefficients of the terms, found from all rows.
     numbers: Vec<Number>,
-    /// The error of validation against the number of numbers, many first.
+    /// Validation error by number of coefficients, in descending order of that number.
     sizes: &'a [ThermalSize],
     /// The drift terms, found from all rows.
     drift: Vec<DriftTerm>,
-    /// The expansion terms, found from all rows; only where an axis was moved.
+    /// The expansion terms, found from all rows; only if an axis was moved.
     expansion: Vec<Expansion>,
-    /// The temperatures and rates of the sensors of the terms.
+    /// Ranges of temperature and rate of the sensors in the terms.
     seen: Vec<Seen>,
-    /// The constant that belongs to the terms.
+    /// Constant of the fitted terms.
     constant: f64,
-    /// Range of the constants of the files and positions.
+    /// Range of the constants over files and positions.
     constant_spread: f64,
-    /// The terms as text for a machine file; where `error` is null each `error` in it is a gap to be filled in.
+    /// The terms as text for a machine file; if `error` is null, each `error` is a placeholder to
+    /// be filled in.
     toml: String,
 }
 
-/// How well a fit predicts rows that it was not found from.
+/// Prediction error of a fit on rows that were not used to find it.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Prediction<'a> {
     #[serde(flatten)]
     found: &'a ThermalPrediction,
-    /// Sensors with a weight.
+    /// Sensors with a nonzero weight.
     sensors: Vec<&'a str>,
 }
 
@@ -374,7 +376,7 @@ struct Expansion {
     sensor: String,
     /// The expansion, µm/(m·K).
     um_per_m_k: f64,
-    /// The coordinate at which nothing moves, mm.
+    /// Fixed point of the expansion: the coordinate that does not move, mm.
     fixed_mm: f64,
 }
 
@@ -383,32 +385,32 @@ struct Expansion {
 struct DriftTerm {
     /// Time constant of the first-order lag, s.
     lag_s: f64,
-    /// Drift of each sensor by kelvin, in the unit of the displacement.
+    /// Drift per kelvin of each sensor, in the unit of the displacement.
     sensors: BTreeMap<String, f64>,
 }
 
-/// The error in a file that was left out.
+/// Prediction error of one file by terms that were found without it.
 #[derive(Debug, Serialize, JsonSchema)]
 struct LeftOut {
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// Root mean square error, in the unit of the displacement.
     rms: f64,
 }
 
-/// One number of the terms.
+/// One coefficient of the terms.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Number {
     /// Name of the sensor.
     sensor: String,
-    /// Time constant of the lag, s; not there for an expansion.
+    /// Time constant of the lag, s; missing for an expansion.
     #[serde(skip_serializing_if = "Option::is_none")]
     lag_s: Option<f64>,
-    /// The value.
+    /// Value of the coefficient.
     value: f64,
-    /// Its standard uncertainty (k = 1).
+    /// Standard uncertainty (k = 1) of the coefficient.
     uncertainty: f64,
-    /// The unit of both: `um_per_k`, `urad_per_k` or, of an expansion, `um_per_m_k`.
+    /// Unit of value and uncertainty: `um_per_k`, `urad_per_k` or, for an expansion, `um_per_m_k`.
     unit: &'static str,
 }
 

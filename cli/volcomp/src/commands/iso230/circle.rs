@@ -49,39 +49,41 @@ enum Plane {
     Zx,
 }
 
-/// A circular test.
+/// A circular test evaluated by ISO 230-4.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct CircularTest {
-    /// The file as it was named in the call.
+    /// Path as named in the call.
     file: String,
     /// The plane: `xy`, `yz` or `zx`.
     plane: &'static str,
     /// The nominal radius, mm; without `--radius-mm` the mean radius of the points.
     radius_mm: f64,
-    /// Number of points run counter-clockwise, and clockwise.
+    /// Number of points of the counter-clockwise and of the clockwise run.
     points: [usize; 2],
-    /// The least-squares centre that was removed, along the two axes, µm. Of positions, what is left after their centre was
-    /// removed when they were read.
+    /// The least-squares centre that was removed, along the two axes, µm. For positions, the centre
+    /// that remains after removal during reading.
     centre_um: [f64; 2],
-    /// Error sources fitted to the shape, the largest first; empty where the points do not determine them.
+    /// Error sources fitted to the shape, largest first; empty if the points do not determine them.
     signatures: Vec<NamedSignature>,
-    /// Spikes at 0°, 90°, 180° and 270°, µm outward, null at an angle that the points do not pass; null without signatures.
+    /// Spikes at 0°, 90°, 180° and 270°, µm, positive outward; null at an angle without points, or
+    /// without signatures.
     spikes_um: Option<[Option<f64>; 4]>,
-    /// Root mean square of the residuals of all signatures, µm; null without signatures.
+    /// Root mean square of the residuals after all signatures, µm; null without signatures.
     rms_left_um: Option<f64>,
-    /// G of each sense, G(b), F and D.
+    /// G of each direction of rotation, G(b), F and D.
     #[serde(flatten)]
     judgement: Judgement,
 }
 
-/// A signature by the axes of its plane; the size of a squareness has the sign of the error.
+/// A fitted error source with the axes of its plane. The size of a squareness has the sign of the
+/// error.
 #[derive(Debug, Serialize, JsonSchema)]
 struct NamedSignature {
-    /// The error or the axes that it belongs to: `EC0Y`, `X`, `X − Y`.
+    /// Error or axes of the signature: `EC0Y`, `X`, `X − Y`.
     of: String,
     #[serde(flatten)]
     signature: Signature,
-    /// Of a servo mismatch the delay of the first axis behind the second, ms; only with `--feed`.
+    /// For a servo mismatch, the delay of the first axis behind the second, ms; only with `--feed`.
     #[serde(skip_serializing_if = "Option::is_none")]
     delay_ms: Option<f64>,
 }

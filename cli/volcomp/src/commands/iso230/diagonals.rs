@@ -76,9 +76,9 @@ impl DiagonalOptions {
 pub(crate) struct MeasuredDiagonals {
     #[serde(flatten)]
     found: Iso230Part6,
-    /// Files that are refused; the others are evaluated.
+    /// Refused files; the others are evaluated.
     refused: Vec<RefusedFile>,
-    /// E_d, B_d, M_d and the spread, over all.
+    /// E_d, B_d, M_d and the spread over all diagonals.
     #[serde(flatten)]
     judgement: Judgement,
 }

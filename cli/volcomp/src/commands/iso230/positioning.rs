@@ -30,25 +30,26 @@ use crate::{
 const IS_ANGLE: &str = "the readings are angles of a linear axis: the statistics of the standard are of an angular error motion here, not of \
      positioning (of a rotary axis state --axis)";
 
-/// A positioning test evaluated by ISO 230-2; a value that cannot be evaluated is null.
+/// A positioning test evaluated by ISO 230-2. A value that cannot be evaluated is null.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct PositioningTest {
     /// The unit of every deviation.
     unit: DeviationUnit,
     #[serde(flatten)]
     symbols: Symbols,
-    /// The table by targets, ascending.
+    /// Results at each target, in ascending order.
     targets: Vec<TargetRow>,
     /// Runs and readings that differ from the others; none is removed.
     hints: Vec<OutlierHint>,
-    /// The file as it was named in the call; only of several files.
+    /// Path as named in the call; only with several files.
     #[serde(skip_serializing_if = "Option::is_none")]
     file: Option<String>,
-    /// The edition of ISO 230-2.
+    /// Edition of ISO 230-2, as a year.
     edition: u16,
-    /// The measurement uncertainty; null where none of its contributions is stated.
+    /// Measurement uncertainty; null if none of its contributions is stated.
     uncertainty: Option<PositioningUncertainty>,
-    /// How the file states that the readings were brought to 20 °C; null where a file of its kind cannot.
+    /// How the file states that the readings were corrected to 20 °C; null if this kind of file
+    /// cannot state it.
     material_compensation: Option<String>,
     #[serde(flatten)]
     judgement: Judgement,

@@ -75,21 +75,23 @@ pub(crate) struct Map {
     nodes: usize,
     /// Form of the model: exact, htm, twist or compiled.
     model: String,
-    /// How far a curve of the compiled machine may be from its source, nm and nrad; only with the compiled form.
+    /// Maximum deviation of a curve of the compiled machine from its source, nm and nrad; only with
+    /// the compiled form.
     #[serde(skip_serializing_if = "Option::is_none")]
     tolerance_nm: Option<f64>,
     /// Length of the largest position error, µm.
     largest_um: f64,
-    /// Where the largest position error is, mm.
+    /// Node with the largest position error, mm.
     at: ByAxis,
-    /// The position error there, in workpiece axes, µm.
+    /// Position error at `at`, in workpiece axes, µm.
     position_um: [f64; 3],
-    /// The rotation error there, in workpiece axes, µrad.
+    /// Rotation error at `at`, in workpiece axes, µrad.
     rotation_urad: [f64; 3],
-    /// Root of the mean square of the length of the position error over all nodes, µm.
+    /// Root mean square length of the position error over all nodes, µm.
     rms_um: f64,
-    /// The same after alignment of the workpiece (three shifts and three small rotations by least squares): where the workpiece lies
-    /// is a convention and no error, µm.
+    /// Root mean square length of the position error after best-fit alignment of the workpiece
+    /// (three shifts, three small rotations), µm. The location of the workpiece is a convention and
+    /// not an error.
     form_rms_um: f64,
     /// Length of the largest position error after alignment, µm.
     form_max_um: f64,
@@ -98,10 +100,10 @@ pub(crate) struct Map {
     /// The largest standard uncertainty; only with `--uncertainty`.
     #[serde(skip_serializing_if = "Option::is_none")]
     uncertainty: Option<Uncertainty>,
-    /// How the correction was applied; only with `--compensated`, `--truth` or `--resolution`.
+    /// Settings of the correction; only with `--compensated`, `--truth` or `--resolution`.
     #[serde(skip_serializing_if = "Option::is_none")]
     compensated: Option<Compensated>,
-    /// The file with the field; only with `--output`.
+    /// Path of the file with the field; only with `--output`.
     #[serde(skip_serializing_if = "Option::is_none")]
     file: Option<String>,
 }
@@ -115,18 +117,19 @@ struct Uncertainty {
     seed: u64,
     /// Length of the standard uncertainty of the position error, µm.
     largest_um: f64,
-    /// Where it is, mm.
+    /// Node with the largest standard uncertainty, mm.
     at: ByAxis,
-    /// Standard uncertainty of the position error there, µm.
+    /// Standard uncertainty of the position error at `at`, µm.
     position_um: [f64; 3],
-    /// Standard uncertainty of the rotation error there, µrad.
+    /// Standard uncertainty of the rotation error at `at`, µrad.
     rotation_urad: [f64; 3],
-    /// The errors that the observations do not determine, which no uncertainty here counts, the one that moves the tool most first.
+    /// Errors that the observations do not determine and the uncertainties do not include, sorted
+    /// by their effect on the tool.
     not_counted: Vec<NotCounted>,
 }
 
 impl MapArguments {
-    /// The form of the model; a correction is available in the exact form only.
+    /// The form of the model. A correction is available only in the exact form.
     fn model(&self) -> Result<Model, Failure> {
         let exact = Model::Form(Form::Exact);
         match self.model.or(self.exact.then_some(exact)) {
@@ -577,36 +580,37 @@ fn length([x, y, z, ..]: &[f64; 6]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
 
-/// The volumetric error over poses of all axes, the same ones each time.
+/// The volumetric error over a fixed set of poses of all axes.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct AllAxes {
     /// Number of poses.
     pub(crate) poses: usize,
-    /// Root of the mean square of the length of the position error, µm.
+    /// Root mean square length of the position error, µm.
     pub(crate) rms_um: f64,
     /// Length of the largest position error, µm.
     pub(crate) max_um: f64,
-    /// Root of the mean square after alignment of the workpiece, µm.
+    /// Root mean square length of the position error after alignment of the workpiece, µm.
     pub(crate) form_rms_um: f64,
-    /// Largest error of the tool tip after alignment, searched from the worst poses, µm.
+    /// Largest error of the tool tip after alignment, found by a search from the worst poses, µm.
     pub(crate) form_max_um: f64,
-    /// The pose of that error, mm and deg.
+    /// Pose with `form_max_um`, mm and deg.
     pub(crate) at: ByAxis,
     /// Largest tilt of the tool axis after alignment, µrad.
     pub(crate) tilt_max_urad: f64,
-    /// Root of the mean square of the rotation error, µrad.
+    /// Root mean square of the rotation error, µrad.
     pub(crate) rms_urad: f64,
-    /// The same after alignment, µrad.
+    /// Root mean square of the rotation error after alignment, µrad.
     pub(crate) form_rms_urad: f64,
-    /// Root of the mean square of the tilt of the tool axis: the part of the rotation error across it, µrad.
+    /// Root mean square of the tilt of the tool axis (the rotation error across it), µrad.
     pub(crate) tilt_rms_urad: f64,
-    /// The same after alignment, µrad.
+    /// Root mean square of the tilt after alignment, µrad.
     pub(crate) form_tilt_rms_urad: f64,
-    /// Root of the mean square of the rotation error about the tool axis, which no tool that turns shows, µrad.
+    /// Root mean square of the rotation error about the tool axis, which has no effect on a
+    /// rotating tool, µrad.
     pub(crate) about_tool_rms_urad: f64,
-    /// The same after alignment, µrad.
+    /// Root mean square of the rotation error about the tool axis after alignment, µrad.
     pub(crate) form_about_tool_rms_urad: f64,
-    /// The standard uncertainty of the errors over these poses; only with `--uncertainty`.
+    /// Standard uncertainty of the errors over these poses; only with `--uncertainty`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) uncertainty: Option<AllAxesUncertainty>,
 }
@@ -614,15 +618,17 @@ pub(crate) struct AllAxes {
 /// The standard uncertainty (k = 1) of the errors over poses of all axes.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct AllAxesUncertainty {
-    /// Root of the mean square of its length, position, µm.
+    /// Standard uncertainty of the position error (length of its three components), root mean
+    /// square over the poses, µm.
     pub(crate) rms_um: f64,
-    /// The largest length, position, µm.
+    /// Largest standard uncertainty of the position error (length), µm.
     pub(crate) largest_um: f64,
-    /// The pose with the largest, mm and deg.
+    /// Pose with `largest_um`, mm and deg.
     pub(crate) at: ByAxis,
-    /// Root of the mean square of its length, rotation, µrad.
+    /// Standard uncertainty of the rotation error (length of its three components), root mean
+    /// square over the poses, µrad.
     pub(crate) rms_urad: f64,
-    /// The largest length, rotation, µrad.
+    /// Largest standard uncertainty of the rotation error (length), µrad.
     pub(crate) largest_urad: f64,
 }
 

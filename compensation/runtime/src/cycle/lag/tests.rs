@@ -6,7 +6,8 @@ use volcomp_vocabulary::PerChannel;
 
 use super::*;
 
-/// The share is never worse than no correction, for any change of the required correction by a distance.
+/// The reduced correction is never worse than no correction, for any distance by which the required
+/// correction changes.
 #[test]
 fn a_reduced_correction_is_never_worse_than_none() {
     let of = |x: f64, y: f64| PerAxis::from_fn(|i| [x, y].get(i).copied().unwrap_or(0.0));
@@ -65,8 +66,8 @@ fn random_model(random: &mut ChaCha8Rng) -> Model {
     Model::new(&machine, Fading::default()).expect("compiles")
 }
 
-/// Number of predictions that were skipped, made, and reduced the correction; and the smallest share that a skipped prediction would have
-/// kept.
+/// Number of predictions that were skipped, that were made, and that reduced the correction; and
+/// the smallest share that a skipped prediction would have kept.
 #[derive(Debug)]
 struct Looks {
     spared: u32,
@@ -143,7 +144,7 @@ const NO_LOOKS: Looks = Looks {
     least: 1.0,
 };
 
-/// On random machines, and paths with corners and speed ramps.
+/// Tests random machines, on paths with corners and speed ramps.
 #[test]
 fn a_skipped_prediction_would_reduce_nothing() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
@@ -183,7 +184,7 @@ fn a_skipped_prediction_would_reduce_nothing() {
     assert!(looks.spared > 50_000 && looks.reduced > 5_000, "{looks:?}");
 }
 
-/// A curve is flat up to a node and steep after it.
+/// Tests a curve that is flat up to a node and steep after it.
 #[test]
 fn no_prediction_is_skipped_before_a_bend() {
     let text = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 400]\nY.travel = [0, 400]\nZ.travel = [0, 400]\n[errors]\nEXX = { table = [[0.0, 10.0], [200.0, 10.0], [204.0, -10.0], [400.0, -10.0]] }\n";
