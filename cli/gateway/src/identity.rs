@@ -7,7 +7,7 @@ use std::{
 
 use sha2::{Digest, Sha256};
 use volcomp_port::Description;
-use volcomp_runtime::Model;
+use volcomp_runtime::{LargestMove, Model};
 use volcomp_vocabulary::Um;
 
 use crate::{
@@ -113,7 +113,7 @@ impl Judge {
             old.warmed(degc).largest_move(&new.warmed(degc), ways())
         });
         let [old_now, new_now] = [old, new].map(|model| model.in_place_of(&self.running, degc));
-        let worst = warm.into_iter().fold(cold, |worst, warm| worst.max(warm));
+        let worst = warm.into_iter().fold(cold, LargestMove::max);
         let worst = worst.max(old_now.largest_move(&new_now, ways()));
         let (worst_um, worst_urad) = (worst.linear.to_um().0, worst.rotary.to_urad().0);
         let moves =

@@ -312,7 +312,7 @@ fn the_first_correction_with_an_assumed_offset_is_noted() {
     let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
     let setup = SetUp::parse("[start]\nX = 0.0\nY = 0.0\nZ = 0.0\n", "s.toml");
     let setup = setup.expect("a good set-up");
-    let program = "G21 G90 G54\nG1 X0 Y0 Z0 F900\nX0.5\nX0.7\nG56\nX0.8\n";
+    let program = "G21 G90 G54\nG1 X0 Y0 Z0 F900\nX5\nX7\nG56\nX8\n";
     let way = (Strategy::Plain, Dialect::Rs274);
     let (out, summary) = compensated(&corrector, &setup, way, program);
     let notes = summary.expect("compensated").notes;
