@@ -16,6 +16,7 @@ mod offsets;
 mod play;
 mod polar;
 mod printers;
+mod random_play;
 mod random_programs;
 mod rows;
 mod siemens;
