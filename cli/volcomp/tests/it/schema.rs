@@ -182,7 +182,7 @@ fn a_failure_is_one_object_on_standard_error() {
     );
     let (status, error) = failure(&["check", "nowhere.toml"]);
     assert_eq!((status, &error["file"]), (Some(2), &"nowhere.toml".into()));
-    let (status, error) = failure(&["map", "-m", GANTRY]);
+    let (status, error) = failure(&["error", "-m", GANTRY]);
     assert_eq!((status, &error["kind"]), (Some(2), &"call".into()));
     let (status, error) = failure(&["nothing"]);
     assert_eq!((status, &error["kind"]), (Some(2), &"call".into()));
