@@ -101,7 +101,7 @@ pub enum StudioError {
     Send {
         /// Address of the gateway or the centre.
         address: String,
-        /// Response, or the reason why there is none.
+        /// Response, or the reason why it is missing.
         why: String,
     },
     /// The operating system provides no socket, thread or random numbers.

@@ -547,8 +547,8 @@ fn rewindable(path: &Path) -> Result<File, Failure> {
     copied.map_err(|error| Failure::Work(format!("temporary file: {error}")))
 }
 
-/// Adds the line to the failure of a file of positions. The line is known only from the whole text;
-/// without it, returns `failure`.
+/// The failure of a file of positions with its line, which only the whole text shows; `failure` itself if
+/// the whole text has no fault.
 fn refused(machine: &Machine, path: &Path, mut text: &File, failure: Failure) -> Failure {
     let mut bytes = Vec::new();
     let read = text.rewind().and_then(|()| text.read_to_end(&mut bytes));

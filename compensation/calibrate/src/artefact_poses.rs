@@ -67,7 +67,7 @@ impl ArtefactPoses {
 
     /// Set-up with the axes at `reference` (mm or deg, in machine order; an axis without a value is
     /// at 0) along the reference lines of two axes. The reference line of a straightness is fitted
-    /// at the `targets` (mm), or at 21 targets over the travel if there are none.
+    /// at the `targets` (mm), or at 21 targets over the travel if `targets` is empty.
     pub fn of(
         machine: &Machine,
         reference: &[f64],

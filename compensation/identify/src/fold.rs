@@ -112,7 +112,7 @@ axes.C.travel = [-180.0, 180.0]
     const POSES: u32 = 80;
     const FOLDS: usize = 4;
 
-    /// A target 250 mm beside the axis C, with errors of some 10 µm; `c_deg` turns the axis C at a row.
+    /// A target 250 mm from the axis C, with errors of some 10 µm; `c_deg` turns the axis C at a row.
     fn observations(keys: &str, c_deg: impl Fn(u32) -> f64) -> Observations {
         let mut text = String::from("X,Y,Z,C,x,y,z\n");
         for k in 1..=POSES {

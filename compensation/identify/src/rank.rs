@@ -80,16 +80,16 @@ pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> R
         }
     }
     // The triangular factor has the same combinations and is smaller.
-    let triangle = triangle(scaled);
-    let mut left = left_out(&triangle);
+    let factor = triangle(scaled);
+    let mut left = left_out(&factor);
     left.extend(without);
     left.sort_unstable();
     left.dedup();
-    let kept: Vec<usize> = (0..triangle.ncols())
+    let kept: Vec<usize> = (0..matrix.ncols())
         .filter(|column| left.binary_search(column).is_err())
         .collect();
-    let own = triangle.select_columns(&kept);
-    let ordered = self::triangle(triangle.select_columns(&[&kept[..], &left].concat()));
+    let own = factor.select_columns(&kept);
+    let ordered = triangle(factor.select_columns(&[&kept[..], &left].concat()));
     let r = ordered.view((0, 0), (kept.len(), kept.len()));
     let null = left.iter().enumerate().map(|(place, &column)| {
         let right = ordered.view((0, kept.len() + place), (kept.len(), 1));

@@ -17,7 +17,7 @@ use crate::{
     line::{NewWord, Script},
     line_ends::{end_of_added, leader_of, split_lines},
     modal::{NUMBERED, SYSTEMS, name_of_offset},
-    motion::{ExecutedMotion, Move, Path, half_deep},
+    motion::{ExecutedMotion, Path, half_deep},
     motion_queue::MotionReceiver,
     notes::Note,
     number::Number,
@@ -287,15 +287,12 @@ fn at_places(
                 None => None,
             };
             corrector.take_tool(&made.tool)?;
-            corrector.begin_motion(&made.motion.arrives_from_unknown);
             // The correction is constant: the drives move as programmed.
-            let Move { path, from, to, .. } = &made.motion;
-            if let Path::Home { through, .. } = path {
-                corrector.move_uncorrected(through, [from, through]);
+            let mut from = &made.motion.from;
+            for to in made.motion.stops() {
                 corrector.begin_motion(&made.motion.arrives_from_unknown);
-                corrector.move_uncorrected(to, [through, to]);
-            } else {
                 corrector.move_uncorrected(to, [from, to]);
+                from = to;
             }
             let Some(at) = cuts_at(&made) else { continue };
             let moved_at = beside.as_ref().and_then(cuts_at).unwrap_or(at);

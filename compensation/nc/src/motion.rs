@@ -71,6 +71,15 @@ pub(crate) struct Move {
 }
 
 impl Move {
+    /// Machine coordinates at which the motion ends or, with an intermediate point, stops before.
+    pub(crate) fn stops(&self) -> impl Iterator<Item = &Axes> {
+        let through = match &self.path {
+            Path::Home { through, .. } => Some(through),
+            _ => None,
+        };
+        through.into_iter().chain([&self.to])
+    }
+
     /// True if the motion cuts in the active work offset.
     pub(crate) fn cuts(&self) -> bool {
         !self.in_machine && matches!(self.path, Path::Line | Path::Arc(_) | Path::Hole { .. })

@@ -370,25 +370,19 @@ impl Comparison {
 
     fn motion(&mut self, original: &ExecutedMotion) {
         let path = original.motion.path;
-        self.begin_motion(&original.motion.arrives_from_unknown);
         if original.motion.in_machine || matches!(path, Path::Spline | Path::Other) {
-            if let Path::Home { through, .. } = path {
-                self.truth.move_to(&through);
-                self.before.move_to(&self.truth, &through);
-                if let Some(part) = self.parts.last()
-                    && let Path::Home { through, .. } = part.made.motion.path
-                {
-                    self.after.move_to(&self.truth, &through);
-                }
+            for (place, to) in original.motion.stops().enumerate() {
                 self.begin_motion(&original.motion.arrives_from_unknown);
-            }
-            self.truth.move_to(&original.motion.to);
-            self.before.move_to(&self.truth, &original.motion.to);
-            if let Some(part) = self.parts.last() {
-                self.after.move_to(&self.truth, &part.made.motion.to);
+                self.truth.move_to(to);
+                self.before.move_to(&self.truth, to);
+                let part = self.parts.last();
+                if let Some(to) = part.and_then(|part| part.made.motion.stops().nth(place)) {
+                    self.after.move_to(&self.truth, to);
+                }
             }
             return;
         }
+        self.begin_motion(&original.motion.arrives_from_unknown);
         self.found.motions += 1;
         self.found.in_inches |= original.in_inches;
         self.of_motion = Default::default();

@@ -77,7 +77,7 @@ pub(crate) struct SquarenessTest {
     /// µrad; null if a file has one run of two targets, or with a reference line other than least
     /// squares.
     uncertainty_urad: Option<f64>,
-    /// Contributions to `uncertainty_urad`; null without it.
+    /// Contributions to `uncertainty_urad`; null if that is null.
     uncertainty: Option<SquarenessUncertainty>,
     /// The squareness with its tolerance.
     #[serde(flatten)]

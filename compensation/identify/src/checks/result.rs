@@ -219,7 +219,7 @@ pub(crate) fn inverted(
         columns.set_column(kept + 1 + place, &(&equations.residuals + change));
     }
     let triangle = triangle(columns);
-    // What remains of a column of residuals beside the unknowns.
+    // Squares of a column of residuals that no change of the unknowns reduces.
     let left = |place: usize| {
         triangle
             .column(kept + place)

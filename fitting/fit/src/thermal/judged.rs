@@ -62,7 +62,7 @@ pub struct JudgedThermal {
     pub none_of_parts: Vec<f64>,
     /// Few terms, found from all data.
     pub terms: ThermalTerms,
-    /// Root mean square error in each run by terms found without it; empty for a single run.
+    /// Root mean square error in each run by terms found from the others; empty for a single run.
     pub left_out: Vec<f64>,
 }
 

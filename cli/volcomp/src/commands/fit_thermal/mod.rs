@@ -389,7 +389,7 @@ struct DriftTerm {
     sensors: BTreeMap<String, f64>,
 }
 
-/// Prediction error of one file by terms that were found without it.
+/// Prediction error of one file by terms that were found from the others.
 #[derive(Debug, Serialize, JsonSchema)]
 struct LeftOut {
     /// Path as named in the call.
