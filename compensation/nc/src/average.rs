@@ -17,7 +17,7 @@ use crate::{
     line::{NewWord, Script},
     line_ends::{end_of_added, leader_of, split_lines},
     modal::{NUMBERED, SYSTEMS, name_of_offset},
-    motion::{ExecutedMotion, Path, half_deep},
+    motion::{ExecutedMotion, Path, at_height},
     motion_queue::MotionReceiver,
     notes::Note,
     number::Number,
@@ -288,12 +288,32 @@ fn at_places(
             };
             corrector.take_tool(&made.tool)?;
             // The correction is constant: the drives move as programmed.
-            let mut from = &made.motion.from;
-            for to in made.motion.stops() {
-                corrector.begin_motion(&made.motion.arrives_from_unknown);
-                corrector.move_uncorrected(to, [from, to]);
-                from = to;
-            }
+            let mut from = made.motion.from;
+            let mut go = |corrector: &mut Corrector, to: &Axes| {
+                corrector.move_uncorrected(to, [&from, to]);
+                from = *to;
+            };
+            let from_unknown = &made.motion.arrives_from_unknown;
+            let hole = heights_of_hole(&made);
+            let delta = match &hole {
+                // The hole is cut on the way down from the plane R.
+                Some([plane, half, bottom]) => {
+                    corrector.begin_motion(from_unknown);
+                    go(&mut corrector, plane);
+                    go(&mut corrector, half);
+                    let delta = corrector.at(half).delta;
+                    go(&mut corrector, bottom);
+                    go(&mut corrector, &made.motion.to);
+                    delta
+                }
+                None => {
+                    for to in made.motion.stops() {
+                        corrector.begin_motion(from_unknown);
+                        go(&mut corrector, to);
+                    }
+                    corrector.at(&made.motion.to).delta
+                }
+            };
             let Some(at) = cuts_at(&made) else { continue };
             let moved_at = beside.as_ref().and_then(cuts_at).unwrap_or(at);
             let stated = job.setup.offset(made.system);
@@ -309,7 +329,6 @@ fn at_places(
                     "the positions of X, Y and Z are unknown here: state [start] in the set-up file",
                 ));
             }
-            let delta = corrector.at(&at).delta;
             let place = CutPlace {
                 line: made.line,
                 system: made.system,
@@ -332,19 +351,24 @@ fn cuts_at(made: &ExecutedMotion) -> Option<Axes> {
     match motion.path {
         _ if motion.in_machine => None,
         Path::Line | Path::Arc(_) => Some(motion.to),
-        Path::Hole {
-            bottom,
-            clearance,
-            depth,
-        } => {
-            let hole = made.frame.to_program(&motion.to);
-            Some(
-                made.frame
-                    .to_machine(&half_deep(&hole, depth, [bottom, clearance])),
-            )
-        }
+        Path::Hole { .. } => heights_of_hole(made).map(|[_, half, _]| half),
         Path::Rapid | Path::Home { .. } | Path::Spline | Path::Other => None,
     }
+}
+
+/// Positions at the plane R, half-way down and at the bottom of a hole.
+fn heights_of_hole(made: &ExecutedMotion) -> Option<[Axes; 3]> {
+    let Path::Hole {
+        bottom,
+        clearance,
+        depth,
+    } = made.motion.path
+    else {
+        return None;
+    };
+    let hole = made.frame.to_program(&made.motion.to);
+    let heights = [clearance, 0.5 * (bottom + clearance), bottom];
+    Some(heights.map(|height| made.frame.to_machine(&at_height(&hole, depth, height))))
 }
 
 /// Writes the program with lines that set its work offsets, after the leading percent sign, program number and comments.

@@ -424,3 +424,21 @@ fn a_resting_axis_keeps_its_side_of_approach() {
     assert!(out.contains("G10 L2 P1 X0.000 Y-0.004 Z0.000"), "{out}");
     assert!((found[0].left_um[0] - 10.0).abs() < 0.01, "{found:?}");
 }
+
+/// Where Z comes from above it is 10 µm too far on one machine, and lags so on the other. A hole is cut on the way down, the line after it
+/// at the height that Z has reached from the bottom: by hand the corrections cancel. Holes alone are all cut from above.
+#[test]
+fn a_hole_is_cut_from_above_and_left_from_below() {
+    let setup = "[work_offset.G54]\nX = 0\nY = 0\nZ = 0\n[start]\nX = 0\nY = 0\nZ = 60\n";
+    for (reversal, of_holes) in [("20.0", "Z0.010"), ("-20.0", "Z-0.010")] {
+        let errors = format!("EZZ = {{ mean = {{ poly = [0.0] }}, reversal = {reversal} }}\n");
+        for (program, offset) in [
+            ("G90 G54 G81 X0 Y0 Z-10 R2 F100\nG80\nG1 X20\n", "Z0.000"),
+            ("G90 G54 G0 Z80\nG81 X0 Y0 Z-10 R2 F100\nX10\nG80\n", of_holes),
+        ] {
+            let (out, found) = run(&errors, setup, program).expect("averaged");
+            assert!(out.contains(&format!("Y0.000 {offset}\n")), "{out}");
+            assert_eq!(found[0].places, 2, "{found:?}");
+        }
+    }
+}
