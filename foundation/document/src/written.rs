@@ -31,9 +31,9 @@ pub fn toml_key(name: &str) -> String {
     toml_string(name)
 }
 
-/// A text as a cell of a comma-separated CSV table, quoted only if necessary.
+/// A text of one line as a cell of a comma-separated CSV table, quoted only if necessary.
 pub fn csv_cell(text: &str) -> String {
-    if text.contains(['"', ',', ';', '\t', '\n', '\r', '#']) {
+    if text.contains(['"', ',', ';', '\t', '#']) {
         format!("\"{}\"", text.replace('"', "\"\""))
     } else {
         text.to_owned()
@@ -65,7 +65,8 @@ mod tests {
             assert_eq!(line.lines().count(), 1);
             let table: toml::Table = line.parse().expect("TOML");
             assert_eq!(table.get(text).and_then(|t| t.as_str()), Some(text));
-            let csv = format!("x,name\n1,{}\n", csv_cell(text));
+            let text = text.replace(['\n', '\r'], " ");
+            let csv = format!("x,name\n1,{}\n", csv_cell(&text));
             let table = CsvTable::parse("t.csv", &csv).expect("CSV");
             let column = table.require("name").expect("there");
             let cells: Vec<&str> = table.rows().map(|row| row.cell(column).text()).collect();

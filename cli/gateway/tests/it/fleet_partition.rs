@@ -235,7 +235,7 @@ fn alone(whole: &Whole, program: &Client) {
     // One audit record and one order during the partition.
     assert_eq!(program.post("/api/disarm", "").status, 200);
     program.wait_for("disarmed");
-    assert_eq!(program.post("/api/arm", "").status, 200);
+    program.must_arm();
     program.wait_for("compensating");
     corrects_y(program, -25.0);
     whole.done("machine disable mill-1");
