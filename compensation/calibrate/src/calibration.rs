@@ -61,24 +61,54 @@ pub fn calibrate(
     file: &CalibrationFile,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<Calibration, CalibrateError> {
-    calibrated(file, Scope::Everything, &mut progress)
+    let (mut stages, identified, of_observations) =
+        stages_of(file, Scope::Everything, &mut progress)?;
+    let (curves, lines) = (stages.curves(), stages.lines());
+    let mut warnings = file.machine.notes();
+    warnings.extend(different_machines(&files_of(&file.measurements)));
+    warnings.extend(same_readings(&file.measurements));
+    let measured = file.measurements.iter();
+    warnings.extend(measured.flat_map(|line| odd(line, &file.machine)));
+    warnings.extend(without_point(&file.measurements, &stages.machine));
+    warnings.extend(odd_values(file));
+    warnings.extend(notes_of(&file.measurements));
+    warnings.append(&mut stages.notes);
+    warnings.extend(of_observations);
+    warnings.extend(not_followed(&curves, &lines));
+    stages.machine = with_provenance(file, &stages, (&curves, &lines))?;
+    let not_measured = not_measured(file, &stages);
+    warnings.extend(not_measured.iter().cloned());
+    Ok(Calibration {
+        machine: stages.machine,
+        curves,
+        lines,
+        squareness: stages.squareness,
+        square_uncertainties: stages.square_uncertainties,
+        locations: file.locations.clone(),
+        identified,
+        warnings,
+        contradictions: stages.contradictions,
+        not_measured,
+    })
 }
 
-/// Computes the machine of [`calibrate`] without the uncertainties of the parameters identified
-/// from observations, which take longer.
+/// Computes the errors of the machine of [`calibrate`] without its provenance, the quality of its
+/// curves, the uncertainties of the parameters identified from observations, and messages. Together
+/// these take longer than the errors.
 ///
 /// # Errors
 ///
 /// Same as [`calibrate`].
 pub fn calibrated_machine(file: &CalibrationFile) -> Result<Machine, CalibrateError> {
-    calibrated(file, Scope::Machine, &mut |_, _| {}).map(|calibration| calibration.machine)
+    stages_of(file, Scope::Machine, &mut |_, _| {}).map(|(stages, ..)| stages.machine)
 }
 
-fn calibrated(
+/// The stages with what was identified from observations, and notes on the latter.
+fn stages_of(
     file: &CalibrationFile,
     wanted: Scope,
     progress: &mut dyn FnMut(usize, usize),
-) -> Result<Calibration, CalibrateError> {
+) -> Result<(Stages, Option<Identified>, Vec<String>), CalibrateError> {
     let count = measured(file).len();
     let mut done = 0;
     let known = located(file)?;
@@ -96,32 +126,7 @@ fn calibrated(
         stages.machine = found.found.machine.clone();
         identified = Some(found);
     }
-    let mut warnings = file.machine.notes();
-    warnings.extend(different_machines(&files_of(&file.measurements)));
-    warnings.extend(same_readings(&file.measurements));
-    let lines = file.measurements.iter();
-    warnings.extend(lines.flat_map(|line| odd(line, &file.machine)));
-    warnings.extend(without_point(&file.measurements, &stages.machine));
-    warnings.extend(odd_values(file));
-    warnings.extend(notes_of(&file.measurements));
-    warnings.append(&mut stages.notes);
-    warnings.extend(of_observations);
-    warnings.extend(not_followed(&stages.curves, &stages.lines));
-    stages.machine = with_provenance(file, &stages)?;
-    let not_measured = not_measured(file, &stages);
-    warnings.extend(not_measured.iter().cloned());
-    Ok(Calibration {
-        machine: stages.machine,
-        curves: stages.curves,
-        lines: stages.lines,
-        squareness: stages.squareness,
-        square_uncertainties: stages.square_uncertainties,
-        locations: file.locations.clone(),
-        identified,
-        warnings,
-        contradictions: stages.contradictions,
-        not_measured,
-    })
+    Ok((stages, identified, of_observations))
 }
 
 fn notes_of(lines: &[Line]) -> Vec<String> {

@@ -4,8 +4,8 @@ use volcomp_sensitivity::{ErrorTerm, Poses, sensitivity};
 use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName};
 
 use crate::{
-    branches::FittedCurve,
     calibration_file::CalibrationFile,
+    fitted::Fitted,
     squareness::{is_square, partner_of, reference_of, square_of},
     stages::Stages,
 };
@@ -19,10 +19,10 @@ const EXAMPLE: f64 = 10.0;
 pub(crate) fn not_measured(file: &CalibrationFile, stages: &Stages) -> Vec<String> {
     let unknown: Vec<ErrorName> = file.observations.iter().flat_map(unknown).collect();
     let is_measured = |name: ErrorName| {
-        let fitted = |curve: &FittedCurve| curve.error == name;
+        let fitted = |fitted: &Fitted| fitted.error == name;
         stages.measured.contains(&name)
             || unknown.contains(&name)
-            || stages.curves.iter().any(fitted)
+            || stages.fitted.iter().any(fitted)
     };
     let is_stated = |square: ErrorName| {
         let mut locations = file.locations.iter();

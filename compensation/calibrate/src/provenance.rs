@@ -9,6 +9,7 @@ use crate::{
     calibration_file::{CalibrationFile, Squareness, SquarenessSource, lines_of},
     curve_choice::CurveChoice,
     error::CalibrateError,
+    fitted::FittedLine,
     squareness::tilt_of,
     stages::Stages,
 };
@@ -20,16 +21,17 @@ const STATED: &str = "stated in the calibration file";
 pub(crate) fn with_provenance(
     file: &CalibrationFile,
     stages: &Stages,
+    (curves, lines): (&[FittedCurve], &[FittedLine]),
 ) -> Result<Machine, CalibrateError> {
     let mut machine = stages.machine.clone();
-    let not_followed = stages.curves.iter().filter(|curve| !curve.follows());
+    let not_followed = curves.iter().filter(|curve| !curve.follows());
     machine.leave_undecided(
         (not_followed.map(|curve| curve.error))
             .chain(stages.contradictions.iter().map(|(error, _)| *error))
             .chain(stages.undecided.iter().copied()),
     );
     let mut found = machine.provenance().clone();
-    let mut origins = of_curves(file, stages);
+    let mut origins = of_curves(file, curves, lines);
     for square in &file.squareness {
         origins.push(of_square(file, square)?);
     }
@@ -61,15 +63,15 @@ pub(crate) fn with_provenance(
     Ok(machine)
 }
 
-fn of_curves(file: &CalibrationFile, stages: &Stages) -> Vec<Origin> {
+fn of_curves(file: &CalibrationFile, curves: &[FittedCurve], lines: &[FittedLine]) -> Vec<Origin> {
     let mut origins: Vec<Origin> = Vec::new();
-    for curve in &stages.curves {
+    for curve in curves {
         if origins.iter().any(|origin| origin.error == curve.error) {
             continue;
         }
         let of_error = |other: &&FittedCurve| other.error == curve.error;
-        let branches: Vec<&FittedCurve> = stages.curves.iter().filter(of_error).collect();
-        let lines = stages.lines.iter().filter(|line| line.error == curve.error);
+        let branches: Vec<&FittedCurve> = curves.iter().filter(of_error).collect();
+        let lines = lines.iter().filter(|line| line.error == curve.error);
         let is_own = lines.clone().all(|line| line.line.is_some());
         let parallel = if is_own {
             ""

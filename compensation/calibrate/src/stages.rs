@@ -14,7 +14,7 @@ use crate::{
     calibration_file::{CalibrationFile, Line, SquarenessSource, measured},
     checks::contradictions::Tilts,
     error::CalibrateError,
-    fitted::FittedLine,
+    fitted::{Fitted, FittedLine},
     linear::linear,
     squareness::{set_square, tilt_of},
     squares::{slopes, square_uncertainties, squares},
@@ -26,8 +26,7 @@ const PASSES: usize = 4;
 pub(crate) struct Stages {
     pub(crate) machine: Machine,
     pub(crate) measured: Vec<ErrorName>,
-    pub(crate) curves: Vec<FittedCurve>,
-    pub(crate) lines: Vec<FittedLine>,
+    pub(crate) fitted: Vec<Fitted>,
     pub(crate) squareness: Vec<(ErrorName, Urad)>,
     pub(crate) square_uncertainties: BTreeMap<ErrorName, Urad>,
     pub(crate) notes: Vec<String>,
@@ -114,11 +113,7 @@ impl Stages {
             }
             squareness.extend(found.errors);
         }
-        let angles = angular.fitted.iter().chain(&parallel.fitted);
-        let fitted = angles.chain(&linear.fitted);
-        let lines = fitted.clone().flat_map(|fitted| fitted.lines.clone());
-        let lines = lines.collect();
-        let curves = fitted.flat_map(|fitted| fitted.branches.fitted(fitted.error));
+        let angles = angular.fitted.into_iter().chain(parallel.fitted);
         let mut notes = angular.notes;
         notes.extend(parallel.notes);
         notes.extend(linear.notes);
@@ -127,8 +122,7 @@ impl Stages {
         Ok(Self {
             machine,
             measured: measured(file),
-            curves: curves.collect(),
-            lines,
+            fitted: angles.chain(linear.fitted).collect(),
             squareness,
             square_uncertainties,
             notes,
@@ -137,9 +131,22 @@ impl Stages {
         })
     }
 
+    /// The curves with their quality, angular errors first. The quality takes longer than the fit.
+    pub(crate) fn curves(&self) -> Vec<FittedCurve> {
+        let curves = self.fitted.iter();
+        let curves = curves.flat_map(|fitted| fitted.branches.fitted(fitted.error));
+        curves.collect()
+    }
+
+    /// The lines of the curves, in the same order.
+    pub(crate) fn lines(&self) -> Vec<FittedLine> {
+        let lines = self.fitted.iter().flat_map(|fitted| &fitted.lines);
+        lines.cloned().collect()
+    }
+
     pub(crate) fn is_as_measured(&self, other: &Self) -> bool {
         let same = |name: &ErrorName| self.machine.error(*name) == other.machine.error(*name);
-        let mut filled = self.curves.iter().map(|curve| curve.error);
+        let mut filled = self.fitted.iter().map(|fitted| fitted.error);
         filled.all(|name| same(&name)) && self.squareness == other.squareness
     }
 }

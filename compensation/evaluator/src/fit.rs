@@ -34,12 +34,13 @@ fn fit(
             return Err(FitFailure::NotFinite(point));
         }
     }
+    let chebyshev = Chebyshev::new();
     let mut pieces = vec![Piece::held(ends[0], function(ends[0]))];
     for ends in points.windows(2) {
         let mut pending = vec![(ends[0], ends[1])];
         while let Some((from, to)) = pending.pop() {
             let middle = 0.5 * (from + to);
-            let piece = Sampled::over(function, from, to);
+            let piece = Sampled::over(function, &chebyshev, from, to);
             if !piece.is_finite() {
                 return Err(FitFailure::NotFinite(middle));
             }
@@ -48,7 +49,7 @@ fn fit(
                 if pieces.len() + 1 >= MAX_PIECES {
                     return Err(FitFailure::TooManyPieces);
                 }
-                pieces.push(Piece::new(from, to, piece.powers()));
+                pieces.push(Piece::new(from, to, piece.powers(function)));
             } else {
                 if pending.len() + pieces.len() + 1 >= MAX_PIECES {
                     return Err(FitFailure::TooManyPieces);
@@ -125,16 +126,41 @@ impl CurveFit<'_> {
     }
 }
 
-/// Six functions over one interval: values at Chebyshev–Lobatto points and their Chebyshev series.
+/// Chebyshev–Lobatto points, descending from 1 to −1, and for each coefficient of the series the weights of the values at them.
+struct Chebyshev {
+    points: [f64; NODES],
+    weights: [[f64; NODES]; NODES],
+}
+
+impl Chebyshev {
+    fn new() -> Self {
+        let last = (NODES - 1) as f64;
+        let angle = |j: usize| core::f64::consts::PI * j as f64 / last;
+        let end = |i: usize| if i == 0 || i == NODES - 1 { 0.5 } else { 1.0 };
+        let weight =
+            |k: usize, j: usize| 2.0 / last * end(j) * end(k) * libm::cos(angle(j) * k as f64);
+        Self {
+            points: core::array::from_fn(|j| libm::cos(angle(j))),
+            weights: core::array::from_fn(|k| core::array::from_fn(|j| weight(k, j))),
+        }
+    }
+}
+
+/// Six functions over one interval: their values at its ends, and their Chebyshev series from values at Chebyshev–Lobatto points.
 struct Sampled {
+    from: f64,
     length: f64,
-    /// Values at −1, −½, ½, 1 of the interval.
-    corners: [[f64; LANES]; 4],
+    ends: [[f64; LANES]; 2],
     series: [[f64; LANES]; NODES],
 }
 
 impl Sampled {
-    fn over(function: &dyn Fn(f64) -> [f64; LANES], from: f64, to: f64) -> Self {
+    fn over(
+        function: &dyn Fn(f64) -> [f64; LANES],
+        chebyshev: &Chebyshev,
+        from: f64,
+        to: f64,
+    ) -> Self {
         let length = to - from;
         // From both ends inward, so that the end points are exact.
         let at = |t: f64| {
@@ -146,22 +172,20 @@ impl Sampled {
                 function(from + 0.5 * (t + 1.0) * length)
             }
         };
-        let last = (NODES - 1) as f64;
-        let angle = |j: usize| core::f64::consts::PI * j as f64 / last;
-        let values: [[f64; LANES]; NODES] = core::array::from_fn(|j| at(libm::cos(angle(j))));
+        let values = chebyshev.points.map(at);
         let mut series = [[0.0; LANES]; NODES];
-        for (k, row) in series.iter_mut().enumerate() {
-            for (j, value) in values.iter().enumerate() {
-                let end = |i: usize| if i == 0 || i == NODES - 1 { 0.5 } else { 1.0 };
-                let weight = 2.0 / last * end(j) * end(k) * libm::cos(angle(j) * k as f64);
+        for (row, weights) in series.iter_mut().zip(&chebyshev.weights) {
+            for (value, weight) in values.iter().zip(weights) {
                 for lane in 0..LANES {
                     row[lane] += weight * value[lane];
                 }
             }
         }
         Self {
+            from,
             length,
-            corners: [at(-1.0), at(-0.5), at(0.5), at(1.0)],
+            // The first and the last point are the ends, in descending order.
+            ends: [values[NODES - 1], values[0]],
             series,
         }
     }
@@ -182,11 +206,14 @@ impl Sampled {
         })
     }
 
-    fn powers(&self) -> [[f64; LANES]; 4] {
+    /// Powers of the cubic through the values at −1, −½, ½, 1 of the interval.
+    fn powers(&self, function: &dyn Fn(f64) -> [f64; LANES]) -> [[f64; LANES]; 4] {
         let mut powers = [[0.0; LANES]; 4];
         let h = self.length;
+        let inner = [-0.5, 0.5].map(|t| function(self.from + 0.5 * (t + 1.0) * h));
+        let corners = [self.ends[0], inner[0], inner[1], self.ends[1]];
         for lane in 0..LANES {
-            let [v0, v1, v2, v3] = self.corners.map(|corner| corner[lane]);
+            let [v0, v1, v2, v3] = corners.map(|corner| corner[lane]);
             // Through the points at 0, ¼, ¾ and 1 of the length.
             let c1 = (-19.0 * v0 + 24.0 * v1 - 8.0 * v2 + 3.0 * v3) / 3.0;
             let c2 = (32.0 * v0 - 56.0 * v1 + 40.0 * v2 - 16.0 * v3) / 3.0;

@@ -146,10 +146,7 @@ impl MovingLeastSquares {
     pub fn influence(&self, x: f64, node: usize) -> f64 {
         domain::held(self.domain(), x, |x| {
             let z = self.triangle(x).first_column_of_inverse();
-            let mut active = self.active(x).filter(|n| n.index == node);
-            active
-                .next()
-                .map_or(0.0, |n| n.weight * self.dot(&z, &self.powers(n.t)))
+            self.influence_of(node, &self.weighting(x), &z)
         })
     }
 
@@ -163,9 +160,16 @@ impl MovingLeastSquares {
         let x = x.clamp(lower, upper);
         let triangle = self.triangle(x);
         let z = triangle.first_column_of_inverse();
-        let own = self.active(x).find(|n| n.index == node);
-        let influence = own.map_or(0.0, |n| n.weight * self.dot(&z, &self.powers(n.t)));
+        let influence = self.influence_of(node, &self.weighting(x), &z);
         (triangle.coefficients()[0], influence)
+    }
+
+    /// The influence of a node, from the first column of the inverse of the normal matrix.
+    fn influence_of(&self, node: usize, weighting: &Weighting, z: &[f64; SIZE]) -> f64 {
+        self.nodes.get(node).map_or(0.0, |&node| {
+            let node = weighting.of(node);
+            node.weight * self.dot(z, &self.powers(node.t))
+        })
     }
 
     /// Whether at least `count` nodes have a positive weight everywhere in the range.
@@ -248,42 +252,33 @@ impl MovingLeastSquares {
         self.range().min(self.half_width())
     }
 
-    /// Nodes with a positive weight at `x`. Weights are divided by the Gaussian of the nearest node: this factor cancels, and the division prevents
-    /// underflow.
+    /// Nodes with a positive weight at `x`.
     fn active(&self, x: f64) -> impl Iterator<Item = Active> + '_ {
-        let h = self.half_width();
-        let a2 = self.shape * self.shape;
+        let weighting = self.weighting(x);
+        let h = weighting.h;
         let first = self.nodes.partition_point(|n| n[0] <= x - h);
+        self.nodes[first..].iter().map_while(move |&node| {
+            let r = (node[0] - x) / h;
+            let beyond = 1.0 - r * r <= 0.0 && node[0] > x;
+            (!beyond).then(|| weighting.of(node))
+        })
+    }
+
+    fn weighting(&self, x: f64) -> Weighting {
+        let h = self.half_width();
         let distance = |i: usize| {
             self.nodes
                 .get(i)
                 .map_or(f64::INFINITY, |n| (n[0] - x).abs())
         };
         let above = self.nodes.partition_point(|n| n[0] <= x);
-        let nearest = distance(above).min(distance(above.wrapping_sub(1))) / h;
-        let scale = self.scale();
-        self.nodes[first..]
-            .iter()
-            .zip(first..)
-            .map_while(move |(&[xj, u], index)| {
-                let r = (xj - x) / h;
-                let inside = 1.0 - r * r;
-                if inside <= 0.0 && xj > x {
-                    return None;
-                }
-                let gauss = libm::exp(-a2 * (r * r - nearest * nearest));
-                Some(Active {
-                    index,
-                    t: (xj - x) / scale,
-                    u,
-                    weight: (-gauss * libm::expm1(-a2 * inside)).max(0.0),
-                    weight_slope: if inside > 0.0 {
-                        2.0 * a2 * r / h * gauss
-                    } else {
-                        0.0
-                    },
-                })
-            })
+        Weighting {
+            x,
+            h,
+            a2: self.shape * self.shape,
+            nearest: distance(above).min(distance(above.wrapping_sub(1))) / h,
+            scale: self.scale(),
+        }
     }
 
     fn powers(&self, t: f64) -> [f64; SIZE] {
@@ -347,8 +342,36 @@ pub struct NestedSolutions {
     pub conditions: [f64; 9],
 }
 
+/// The weights of nodes at `x`. They are divided by the Gaussian of the nearest node: this factor cancels, and the division prevents
+/// underflow.
+struct Weighting {
+    x: f64,
+    h: f64,
+    a2: f64,
+    /// Distance of the nearest node, divided by `h`.
+    nearest: f64,
+    scale: f64,
+}
+
+impl Weighting {
+    fn of(&self, [xj, u]: [f64; 2]) -> Active {
+        let r = (xj - self.x) / self.h;
+        let inside = 1.0 - r * r;
+        let gauss = libm::exp(-self.a2 * (r * r - self.nearest * self.nearest));
+        Active {
+            t: (xj - self.x) / self.scale,
+            u,
+            weight: (-gauss * libm::expm1(-self.a2 * inside)).max(0.0),
+            weight_slope: if inside > 0.0 {
+                2.0 * self.a2 * r / self.h * gauss
+            } else {
+                0.0
+            },
+        }
+    }
+}
+
 struct Active {
-    index: usize,
     /// `(x_j − x) / scale`, the local argument.
     t: f64,
     u: f64,

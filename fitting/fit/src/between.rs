@@ -61,41 +61,29 @@ impl Band {
         }
     }
 
+    /// Whether the curve stays within the band between the targets.
     pub(crate) fn holds(&self, curve: &Curve) -> bool {
-        let beyond = |value: f64, _| (self.low - value).max(value - self.high);
-        self.worst(curve, PIECES, beyond).is_none()
+        let stays = |gap: &[f64]| {
+            self.parts(PIECES).all(|part| {
+                let value = curve.value(gap[0] + part * (gap[1] - gap[0]));
+                (self.low..=self.high).contains(&value)
+            })
+        };
+        self.targets.windows(2).all(stays)
     }
 
     /// Neighbouring targets between which the curve departs most from its own chord; `None` if it departs nowhere by more than the limit. A wave of
     /// four gaps departs by a fifth of the height of the readings, a wave of three gaps by a third.
     fn swings(&self, curve: &Curve, scatter: f64) -> Option<[f64; 2]> {
-        let most = (LEFT_BY * self.height()).max(MORE_THAN_REPEATS * scatter);
-        self.worst(curve, FINE_PIECES, |value, straight| {
-            (value - straight).abs() - most
-        })
-    }
-
-    fn height(&self) -> f64 {
-        (self.high - self.low) / (1.0 + 2.0 * LEFT_BY)
-    }
-
-    /// Neighbouring targets between which the curve exceeds the limit most. `beyond(value, chord)` returns the excess; `chord` is linear between the
-    /// values of the curve at both targets.
-    fn worst(
-        &self,
-        curve: &Curve,
-        pieces: usize,
-        beyond: impl Fn(f64, f64) -> f64,
-    ) -> Option<[f64; 2]> {
-        let pieces = (MAX_PIECES / self.targets.len().max(1)).clamp(2, pieces);
+        let limit = (LEFT_BY * self.height()).max(MORE_THAN_REPEATS * scatter);
         let at = |&x: &f64| curve.value(x);
         let values: Vec<f64> = self.targets.iter().map(at).collect();
         let mut worst = None;
         let mut most = 0.0;
         for (gap, ends) in self.targets.windows(2).zip(values.windows(2)) {
-            for part in (1..pieces).map(|piece| piece as f64 / pieces as f64) {
+            for part in self.parts(FINE_PIECES) {
                 let value = curve.value(gap[0] + part * (gap[1] - gap[0]));
-                let by = beyond(value, ends[0] + part * (ends[1] - ends[0]));
+                let by = (value - (ends[0] + part * (ends[1] - ends[0]))).abs() - limit;
                 // NaN is treated as beyond any limit.
                 if by.is_nan() || by > most {
                     most = by;
@@ -104,6 +92,16 @@ impl Band {
             }
         }
         worst
+    }
+
+    /// Places within a gap, as shares of its width: `pieces` parts, fewer with many targets.
+    fn parts(&self, pieces: usize) -> impl Iterator<Item = f64> {
+        let pieces = (MAX_PIECES / self.targets.len().max(1)).clamp(2, pieces);
+        (1..pieces).map(move |piece| piece as f64 / pieces as f64)
+    }
+
+    fn height(&self) -> f64 {
+        (self.high - self.low) / (1.0 + 2.0 * LEFT_BY)
     }
 }
 

@@ -186,6 +186,9 @@ fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
     let stated = &mut file.uncertainty;
     (stated.reading_um, stated.reading_urad) = (1.0, 1.0);
     let found = calibrate(&file, |_, _| {}).expect("found");
+    let alone = calibrated_machine(&file).expect("found");
+    assert!(alone.errors().eq(found.machine.errors()));
+    assert_eq!(alone.locations(), found.machine.locations());
     let found = found.identified.expect("unknowns").found;
     let repeat = |trial| calibrated_machine(&file.varied(3, trial)).expect("found");
     // Half of the repeats on another core.
