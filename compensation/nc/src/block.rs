@@ -124,7 +124,7 @@ pub(crate) enum Command {
         adds: bool,
     },
     /// Rotates the coordinates by an angle, deg, about the axis normal to X and Y (ROT, AROT).
-    Reversal {
+    Rotation {
         adds: bool,
         angle_deg: Value,
     },
@@ -174,6 +174,16 @@ pub(crate) enum Command {
         tool: Value,
         length: Value,
     },
+}
+
+impl Command {
+    /// True if positions of X, Y and Z are in other coordinates afterwards.
+    pub(crate) fn changes_coordinates(&self) -> bool {
+        matches!(
+            self,
+            Self::Shift { .. } | Self::Rotation { .. } | Self::WorkOffset(_) | Self::Edge(_)
+        )
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]

@@ -156,11 +156,15 @@ impl Codes {
         self.unknown.filter(|_| !are_taken)
     }
 
-    /// Treats G5 and G5.1 without axes as look-ahead, not as splines: FANUC programs have G05 P10000 and G05.1 Q1.
-    pub(crate) fn ends_smoothing(&mut self, names_axes: bool) {
+    /// Treats G5 and G5.1 without axes as look-ahead, not as splines: FANUC programs have G05 P10000
+    /// and G05.1 Q1. True if the block names axes and the control has no such splines: there,
+    /// G05.1 Q2 X0 Y0 Z0 only names the axes that are smoothed.
+    pub(crate) fn ends_smoothing(&mut self, names_axes: bool, control: Option<Control>) -> bool {
         if !names_axes && matches!(self.motion, Some(50 | 51)) {
             self.motion = None;
         }
+        let has_splines = !control.is_some_and(Control::is_fanuc_like);
+        !has_splines && matches!(self.motion, Some(50..=52))
     }
 
     /// Field of a code's modal group; `None` if it belongs to no group.

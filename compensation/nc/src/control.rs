@@ -130,6 +130,15 @@ impl Control {
                 "Klipper ignores it and moves in the coordinates of the program: remove it, or program the position in these coordinates",
             ),
             (Self::Haas, 70 | 80) => Some("it is unknown for this control"),
+            (Self::Fanuc | Self::Haas | Self::Mazak, 281 | 301) => {
+                Some("it moves to a reference position that only the machine knows")
+            }
+            (Self::Fanuc | Self::Haas | Self::Mazak, 411 | 421) => {
+                Some("it turns the tool along the path")
+            }
+            (Self::Fanuc | Self::Haas | Self::Mazak, 431) => {
+                Some("it applies the tool length along the tilted tool")
+            }
             (Self::Fanuc | Self::Haas | Self::Mazak, 591..=593) => {
                 Some("it is unknown for this control")
             }

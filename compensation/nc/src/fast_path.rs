@@ -303,7 +303,7 @@ impl Interpreter {
             length: _,
             centre_point: _,
             rotation: _,
-            rotation_is_new,
+            frame_is_new,
             programmed: _,
             // Only relevant to arcs, cycles and other words.
             plane: _,
@@ -328,7 +328,7 @@ impl Interpreter {
             && polar.is_none()
             && !*motion_unsure
             && !*clamped
-            && !*rotation_is_new
+            && *frame_is_new == [false; 9]
     }
 }
 

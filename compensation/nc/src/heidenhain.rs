@@ -11,6 +11,7 @@ use crate::{
     error::{Column, FLOW, Fault, OWN_RULE, UNKNOWN},
     expression::{Formulas, Operator, finite, operate, plain_number, takes_name, whole_number},
     interpreter::Interpreter,
+    modal::CentrePoint,
     parameters::Value,
 };
 
@@ -351,8 +352,34 @@ impl Reader<'_, '_> {
             (false, None) => f64::from(u8::from(!rapid)),
         };
         self.block.words[place].value = Some(code);
+        self.check_end_of_block()?;
         self.turns(kind, clockwise)?;
         Ok(true)
+    }
+
+    /// Refuses M127 and M129, which act at the end of their block, beside a motion that they change.
+    fn check_end_of_block(&self) -> Result<(), Fault> {
+        let modal = &self.values.interpreter.modal;
+        let is_place = |letter: u8| axis_of(letter).is_some() || POLAR.contains(&letter);
+        let names_axes = self.block.words.iter().any(|word| is_place(word.letter));
+        let found = self
+            .block
+            .commands
+            .iter()
+            .find_map(|command| match command {
+                Command::CentrePoint(false) if modal.centre_point != CentrePoint::Off => {
+                    Some("M129")
+                }
+                Command::Shorter(false) if modal.shorter => Some("M127"),
+                _ => None,
+            });
+        match found.filter(|_| names_axes) {
+            Some(name) => Err(self.scanner.column().not_followed(
+                name,
+                "it acts at the end of its block: write it in a block of its own after the motion",
+            )),
+            None => Ok(()),
+        }
     }
 
     fn column(&mut self) -> Column {
@@ -765,6 +792,13 @@ impl Reader<'_, '_> {
             94 => return refused("another number for the position of a rotary axis"),
             104 | 114 | 115 | 130 | 138 | 142..=144 => {
                 return refused("it changes what coordinates mean");
+            }
+            118 if self
+                .scanner
+                .peek()
+                .is_some_and(|letter| axis_of(letter).is_some()) =>
+            {
+                return refused("its words limit the handwheel, and are no coordinates");
             }
             140 => return refused(OWN_RULE),
             _ => None,

@@ -383,7 +383,9 @@ impl Interpreter {
             return Err(given.refused(&what));
         }
         self.check_meaning(&codes, &given)?;
-        codes.ends_smoothing(given.names_axes());
+        if codes.ends_smoothing(given.names_axes(), self.control) {
+            return Err(given.refused("smooth interpolation of the named axes (G5.1)"));
+        }
         self.check_skipped(&codes, &given)?;
         let length =
             (self.modal.centre_point != CentrePoint::Off).then_some(self.modal.tool_offset);
@@ -556,7 +558,7 @@ impl Interpreter {
         }
         match codes.rotation {
             Some(680) => self.rotation(given)?,
-            Some(690) => (self.modal.rotation, self.modal.rotation_is_new) = (None, false),
+            Some(690) => (self.modal.rotation, self.modal.frame_is_new) = (None, [false; 9]),
             _ => {}
         }
         if codes.tool_length.is_some()

@@ -153,8 +153,9 @@ pub(crate) struct Modal {
     pub(crate) centre_point: CentrePoint,
     /// Rotation of G68, deg, and its centre.
     pub(crate) rotation: Option<(f64, [f64; 2])>,
-    /// Set while no position in the plane of the rotation has been named since the rotation was set.
-    pub(crate) rotation_is_new: bool,
+    /// Axes that no absolute position has named since their coordinates changed, where controls
+    /// differ in what an incremental word then means.
+    pub(crate) frame_is_new: Axes<bool>,
     pub(crate) programmed: ProgrammedFrame,
     /// Centre of arcs and polar coordinates set by a separate block: a position in X and Y.
     pub(crate) pole: Option<[f64; 2]>,
@@ -204,7 +205,7 @@ impl Default for Modal {
             length: None,
             centre_point: CentrePoint::Off,
             rotation: None,
-            rotation_is_new: false,
+            frame_is_new: [false; 9],
             programmed: ProgrammedFrame::default(),
             pole: None,
             polar: None,

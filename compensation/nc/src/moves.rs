@@ -84,7 +84,9 @@ impl Interpreter {
             Manner::Modal => !self.modal.absolute && !codes.in_machine,
             manner => manner == Manner::Incremental,
         });
-        self.check_rotation(given, &incremental)?;
+        if !codes.in_machine {
+            self.check_new_frame(given, &incremental)?;
+        }
         let mut motion = Move {
             path,
             from: self.position,
@@ -277,21 +279,30 @@ impl Interpreter {
         }
     }
 
-    /// Rejects incremental words before a position has been named under a new rotation: some controls rotate them about the tool position.
-    fn check_rotation(
+    /// Rejects incremental words of an axis before an absolute position names it in new coordinates.
+    /// After G68 some controls rotate the word about the tool position. On SINUMERIK, setting data
+    /// decide whether the axis also moves by the change.
+    fn check_new_frame(
         &mut self,
         given: &BlockWords<'_>,
         incremental: &Axes<bool>,
     ) -> Result<(), NcError> {
-        if !self.modal.rotation_is_new {
-            return Ok(());
+        let names = |axis: usize| given.word(axis).is_some();
+        let is_unclear =
+            |axis: usize| self.modal.frame_is_new[axis] && names(axis) && incremental[axis];
+        if (0..9).any(is_unclear) {
+            return Err(given.refused(if self.dialect == Dialect::Siemens {
+                "an incremental motion (G91, IC) of an axis whose frame, work offset or tool length has changed since its last absolute position: program an absolute position first, because setting data 42440 and 42442 decide whether the axis moves by the change too"
+            } else {
+                "an incremental motion (G91) after G68 before X or Y was programmed in G90, which FANUC controls rotate about the tool position"
+            }));
         }
-        let is_way = |axis: usize| given.word(axis).is_some() && incremental[axis];
-        if is_way(0) || is_way(1) {
-            return Err(given.refused("an incremental motion (G91) after G68 before X or Y was programmed in G90, which FANUC controls rotate about the tool position"));
+        let is_turned = self.modal.rotation.is_some() || self.modal.programmed.angle_deg != 0.0;
+        if given.polar.is_some() || is_turned && (names(0) || names(1)) {
+            self.modal.frame_is_new[..2].fill(false);
         }
-        if given.word(0).is_some() || given.word(1).is_some() || given.polar.is_some() {
-            self.modal.rotation_is_new = false;
+        for axis in (0..9).filter(|axis| names(*axis)) {
+            self.modal.frame_is_new[axis] = false;
         }
         Ok(())
     }

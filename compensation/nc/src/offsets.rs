@@ -5,7 +5,7 @@ use crate::{
     NcError,
     block::{Command, Cycle, Manner},
     codes::{BlockWords, Codes, whole},
-    control::Control,
+    control::{Control, Dialect},
     coordinates::{LETTERS, each, turned},
     interpreter::{Interpreter, Outcome},
     modal::{
@@ -95,7 +95,7 @@ impl Interpreter {
             *centre = given.axis(axis)?.unwrap_or(0.0) * self.modal.scale(axis);
         }
         self.modal.rotation = Some((angle, centre));
-        self.modal.rotation_is_new = true;
+        self.modal.frame_is_new[..2].fill(true);
         Ok(())
     }
 
@@ -435,6 +435,9 @@ impl Interpreter {
         let mut takes_words = false;
         self.modal.goes_on = false;
         for command in &given.block.commands {
+            if self.dialect == Dialect::Siemens && command.changes_coordinates() {
+                self.modal.frame_is_new[..3].fill(true);
+            }
             match command {
                 Command::Shift { adds } => {
                     takes_words = true;
@@ -447,7 +450,7 @@ impl Interpreter {
                     }
                     self.modal.programmed.shift(&by);
                 }
-                Command::Reversal { adds, angle_deg } => {
+                Command::Rotation { adds, angle_deg } => {
                     takes_words = true;
                     if !adds {
                         self.modal.programmed = ProgrammedFrame::default();

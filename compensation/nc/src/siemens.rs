@@ -337,7 +337,7 @@ impl Reader<'_, '_> {
                 Some(number.ok_or_else(|| column.no_number(b'Z'))?.0)
             };
         }
-        self.block.commands.push(Command::Reversal {
+        self.block.commands.push(Command::Rotation {
             adds,
             angle_deg: angle,
         });

@@ -282,6 +282,13 @@ const REFUSED: &str = r#"
  | G54.1 P2 | G54.1 is not supported: it is supported with control = "fanuc" or "mazak"
 fanuc | G103 P1 | G103 is not supported: it is supported with control = "haas"
 fanuc | G223 | G223 is unknown: it may move an axis
+fanuc | G5.1 Q2 X0 Y0 Z0 | smooth interpolation of the named axes
+mazak | G5.1 Q1 X0 | smooth interpolation of the named axes
+haas | G5.2 X0 Y0 | smooth interpolation of the named axes
+fanuc | G30.1 X0 | G30.1 is not supported: it moves to a reference position
+haas | G28.1 | G28.1 is not supported: it moves to a reference position
+fanuc | G41.1 D1 | G41.1 is not supported: it turns the tool along the path
+fanuc | G43.1 H1 | G43.1 is not supported: it applies the tool length along the tilted tool
 fanuc | G7 X0 | G7 is not supported: it makes an axis hypothetical
 haas | G112 | G112 is not supported: polar interpolation
 haas | G8 | G8 is not supported: it is unknown for this control

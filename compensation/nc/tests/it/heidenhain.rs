@@ -305,6 +305,24 @@ fn m128_has_the_numbers_of_m428() {
     }
 }
 
+/// M127 and M129 act at the end of their block: a motion beside them is still made under M126, M128.
+#[test]
+fn the_end_of_a_mode_stands_in_a_block_of_its_own() {
+    let example = include_str!("../../../../examples/table-tilting.toml");
+    let machine = Machine::parse(example, "m.toml").expect("a good machine");
+    let begins = "L X+300 Y+250 Z-100 A-10 C+0 FMAX\n";
+    for (on, off) in [("M126", "M127"), ("M128", "M129")] {
+        let beside = format!("L Z-50 F500 {off}\n");
+        written(&machine, "", &format!("{begins}{beside}")).expect("it was not on");
+        let behind = format!("{begins}L {on}\nL Z-50 F500\nL {off}\n");
+        written(&machine, "", &behind).expect("a block of its own");
+        let refused = written(&machine, "", &format!("{begins}L {on}\n{beside}"));
+        let expected = format!("{off} is not supported: it acts at the end of its block");
+        let found = refused.expect_err(off).to_string();
+        assert!(found.contains(&expected), "{found}");
+    }
+}
+
 fn compensated(errors: &str, setup: &str, program: &str) -> Result<(String, Vec<String>), NcError> {
     let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a good machine");
     written(&machine, setup, program)
@@ -434,6 +452,7 @@ FUNCTION TCPM F CONT AXIS SPAT PATHCTRL VECTOR | column 1: FUNCTION TCPM is not 
 L X+1 R+ | column 7: R+ is not supported: the radius of the tool along one axis
 L X+1 FT2 | column 7: FT2 is not supported
 L X+1 M89 | column 7: M89 is not supported
+L X+1 M118 X1 Y1 | column 7: M118 is not supported: its words limit the handwheel
 L X+1 M92 | column 7: M92 is not supported
 L X+1 M140 MB MAX | column 7: M140 is not supported
 CP IPA+720 IZ-5 DR+ | column 20: CP is not supported: a helix of more than one turn
