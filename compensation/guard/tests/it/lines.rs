@@ -197,6 +197,25 @@ fn levels_of_a_control_that_times_out_count_only_while_it_is_written() {
     world.run_to(3 * SECOND, State::Compensating);
 }
 
+/// A stored correction counts until the control starts to ramp to zero, is unknown during the ramp, and is zero afterwards.
+#[test]
+fn a_stored_correction_counts_until_the_control_times_out() {
+    let stored = Some(0.040);
+    for (age_ms, expected) in [
+        (0, stored),
+        (199, stored),
+        (200, None),
+        (500, None),
+        (501, Some(0.0)),
+    ] {
+        let mut world = World::lines(&limits());
+        world.read_back = ReadBack::no_read_back(Some(TIME_OUT));
+        restore(&mut world, 0.040, Duration::from_millis(age_ms));
+        let x = confirmed(&world).map(|values| values[0]);
+        assert_eq!(x, expected, "{age_ms} ms");
+    }
+}
+
 /// Lines without read-back that take over again start at their last write, because the control keeps its correction.
 #[test]
 fn lines_that_take_over_again_start_at_their_last_write() {
