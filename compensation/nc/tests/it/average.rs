@@ -434,7 +434,10 @@ fn a_hole_is_cut_from_above_and_left_from_below() {
         let errors = format!("EZZ = {{ mean = {{ poly = [0.0] }}, reversal = {reversal} }}\n");
         for (program, offset) in [
             ("G90 G54 G81 X0 Y0 Z-10 R2 F100\nG80\nG1 X20\n", "Z0.000"),
-            ("G90 G54 G0 Z80\nG81 X0 Y0 Z-10 R2 F100\nX10\nG80\n", of_holes),
+            (
+                "G90 G54 G0 Z80\nG81 X0 Y0 Z-10 R2 F100\nX10\nG80\n",
+                of_holes,
+            ),
         ] {
             let (out, found) = run(&errors, setup, program).expect("averaged");
             assert!(out.contains(&format!("Y0.000 {offset}\n")), "{out}");
