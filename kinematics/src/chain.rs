@@ -30,7 +30,7 @@ pub enum MotionFrame {
 pub struct Joint {
     /// The letter of the axis.
     pub name: AxisName,
-    /// Linear or rotary.
+    /// Whether the axis is linear or rotary.
     pub kind: AxisKind,
     /// The side of the bed: the axis carries the workpiece or the tool.
     pub side: Side,

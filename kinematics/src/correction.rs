@@ -13,7 +13,7 @@ use crate::{
     source::{ErrorSource, State},
 };
 
-/// Options of a correction.
+/// The axes that may correct, and when the iteration stops.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionOptions {

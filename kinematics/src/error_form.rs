@@ -162,7 +162,7 @@ fn actual_product<M: SmallMotion, S: ErrorSource>(
     pose
 }
 
-/// E(q) = Trans(c)·[Rot(ε), δ]·Trans(−c).
+/// Error motion about its point c: E(q) = Trans(c)·[Rot(ε), δ]·Trans(−c).
 fn error_pose<M: SmallMotion>(error: &ErrorMotion, point_mm: &Vector3<f64>) -> Pose {
     let mut pose = Pose::about_point(M::rotation(&error.angular_rad), *point_mm);
     pose.translation_mm += error.linear_mm;

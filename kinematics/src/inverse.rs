@@ -16,7 +16,8 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 
-/// Maximum angle between coinciding directions, rad: a tool axis along a rotary axis does not depend on it.
+/// Maximum angle between directions that are treated as parallel, rad. A rotary axis parallel to
+/// the tool axis does not turn it.
 const ALONG_BELOW_RAD: f64 = 1e-9;
 /// Maximum tool-axis deviation of a solution, rad.
 const REACHED_WITHIN_RAD: f64 = 1e-9;
@@ -46,7 +47,7 @@ pub struct Pointing {
     pub free: Option<usize>,
 }
 
-/// Why no solution exists.
+/// Why the axes cannot reach a pose.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoSolution {
@@ -59,7 +60,7 @@ pub enum NoSolution {
     /// The linear axes cannot reach the tip position.
     #[error("the tool tip cannot be reached: the linear axes miss it by {miss_mm:.6} mm")]
     Tip {
-        /// Smallest remaining distance, mm.
+        /// Smallest distance from the position that the axes can reach, mm.
         miss_mm: f64,
     },
 }

@@ -215,7 +215,8 @@ impl LinearColumns {
         }
     }
 
-    /// Length of the part of an error that these shares cover, mm.
+    /// Length of the sum of the columns times these shares, mm: the part of the error that the
+    /// columns represent.
     pub fn seen_mm(&self, shares: &[f64; 3]) -> f64 {
         let [x, y, z] = shares;
         let [first, second, third] = &self.columns;

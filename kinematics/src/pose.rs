@@ -13,9 +13,9 @@ use crate::math::{atan2, sin_cos, sqrt};
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pose {
-    /// The 3×3 rotation matrix.
+    /// Rotation, applied first; a small-angle matrix in the `htm` form.
     pub rotation: Matrix3<f64>,
-    /// The translation in mm.
+    /// Translation after the rotation, mm.
     pub translation_mm: Vector3<f64>,
 }
 

@@ -61,7 +61,7 @@ pub enum StructureError {
         /// The expected letter.
         missing: char,
     },
-    /// The same axis twice.
+    /// An axis appears twice in the code.
     #[error("axis {axis} appears twice in the structure, expected each letter once")]
     RepeatedAxis {
         /// The repeated axis.

@@ -498,7 +498,7 @@ impl Live {
 /// Record of the centre's own audit log. Its hash covers the previous record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AuditRecord {
-    /// Number, from 1.
+    /// Number of the record, from 1.
     pub number: u64,
     pub at_s: f64,
     /// Author: a user name, or `centre` for automatic actions.

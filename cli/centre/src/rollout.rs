@@ -278,7 +278,7 @@ pub struct Observation {
     pub corrects: bool,
     /// Reason, if the guard is faulted or was since the last pass.
     pub faulted: Option<String>,
-    /// Residual during compensation, µm.
+    /// Residual error while the machine compensates, µm.
     pub residual_um: Option<f64>,
 }
 
@@ -318,7 +318,7 @@ pub enum UserRequest {
     Pause,
     /// Continue in spite of the reason for the stop.
     Resume,
-    /// Abort. Sent versions remain.
+    /// Abort: nothing more is sent; machines keep versions that were sent.
     Abort,
     /// Confirm the change of one machine; a stopped roll-out does not send it.
     Confirm {

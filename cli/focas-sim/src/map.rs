@@ -19,8 +19,9 @@ const REPORT: u16 = 144;
 const BUFFERS: u16 = 200;
 /// Maximum number of words in a buffer; two buffers fit into the 10 000 bytes of the data table.
 pub(crate) const MOST_WORDS: u16 = (10_000 - BUFFERS) / 4;
-/// Step of positions and corrections, and minimum travel of a reversal: 1 µm and 5 µm.
+/// Step of positions and corrections, nm.
 const STEP_NM: u32 = 1000;
+/// Minimum travel of a reversal, steps: 5 µm.
 const TURNED: i32 = 5;
 
 pub(crate) struct MapLadder {

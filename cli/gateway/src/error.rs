@@ -75,7 +75,7 @@ pub enum GatewayError {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, Serialize, JsonSchema)]
 #[error("{what}")]
 pub struct Failure {
-    /// The message in words.
+    /// The message, in English.
     #[serde(rename = "error")]
     pub what: String,
     /// Exit status: 1 if the operation failed, 2 if the configuration or the call is invalid.

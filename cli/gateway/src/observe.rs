@@ -400,7 +400,7 @@ pub(crate) struct Times {
     /// Time of the exchanges with controllers.
     pub exchange: IntervalHistogram,
     pub count: u64,
-    /// Number of missed periods.
+    /// Number of cycle starts that were missed.
     pub overruns: u64,
 }
 

@@ -6,7 +6,7 @@ use volcomp_devices::config::ms;
 
 use crate::{config::Config, error::GatewayError, simulate};
 
-/// How the gateway is called.
+/// Command-line options of the gateway.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct Options {
     /// The TOML file of the configuration

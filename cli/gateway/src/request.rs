@@ -43,13 +43,13 @@ pub enum Operation {
 pub struct ModelActivation {
     /// Path of the machine file.
     pub machine: PathBuf,
-    /// Expected hash.
+    /// Hash that the machine file must have.
     pub hash: String,
-    /// Origin of the model.
+    /// How the model reached the gateway.
     pub from: ModelSource,
-    /// Description of the origin.
+    /// File path of the model, or the upload.
     pub file: String,
-    /// The confirmed hash.
+    /// Hash that the user confirmed, if any.
     pub confirm: Option<String>,
     /// Indications that the file belongs to another machine.
     pub differences: Differences,

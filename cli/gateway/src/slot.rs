@@ -24,7 +24,7 @@ pub struct Slot {
     life: Life,
 }
 
-/// Phase of a machine.
+/// Whether the machine is starting, runs, has failed or was stopped.
 #[derive(Clone, Default)]
 pub enum Phase {
     /// Files are being read and devices opened; nothing can be written yet.
@@ -34,7 +34,7 @@ pub enum Phase {
     Launching,
     /// The machine runs.
     Running(Live),
-    /// The machine has failed.
+    /// The machine has ended with this failure.
     Failed(Failure),
     /// The machine was stopped.
     Ended,
@@ -86,7 +86,7 @@ impl Slot {
         self.reloads.load(Ordering::Relaxed)
     }
 
-    /// The current phase.
+    /// Current phase of the machine.
     pub fn phase(&self) -> Phase {
         locked(&self.phase).clone()
     }

@@ -13,9 +13,9 @@ pub enum StudioError {
     /// A file or folder cannot be read or written.
     #[error("{place}: {source}")]
     Disk {
-        /// The file or folder.
+        /// The file or folder, for the message.
         place: String,
-        /// Error of the operating system.
+        /// Why the operating system cannot read or write it.
         source: io::Error,
     },
     /// The folder holds more files than measurements of one machine.
@@ -23,15 +23,15 @@ pub enum StudioError {
         "{folder}: found more than {most} files, expected a folder that holds the measurement files of one machine"
     )]
     TooManyFiles {
-        /// Path of the folder.
+        /// The folder, for the message.
         folder: String,
-        /// The largest number of files.
+        /// Maximum number of files.
         most: usize,
     },
     /// An uploaded file is rejected.
     #[error("{name}: {why}")]
     Upload {
-        /// The name of the file.
+        /// Name of the uploaded file.
         name: String,
         /// Reason with the found and the expected value.
         why: String,
@@ -39,12 +39,12 @@ pub enum StudioError {
     /// An answer is invalid for its question.
     #[error(transparent)]
     Answer(#[from] AnswerError),
-    /// Questions are open.
+    /// The fit needs answers to questions that are still open.
     #[error(
         "{count} open questions, the first: {first}; answer each, take its default, or leave the measurement out"
     )]
     Open {
-        /// Number of open questions.
+        /// Number of unanswered questions.
         count: usize,
         /// The file and the key of the first one.
         first: String,
@@ -71,7 +71,7 @@ pub enum StudioError {
     /// The machine file is invalid, or cannot be evaluated.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// The calibration fails.
+    /// The measurements cannot be calibrated.
     #[error(transparent)]
     Calibrate(#[from] Box<CalibrateError>),
     /// A tolerance is invalid.
@@ -83,7 +83,7 @@ pub enum StudioError {
     /// The NC program cannot be compensated.
     #[error("{name}: {source}")]
     Nc {
-        /// The name of the program.
+        /// File name of the program.
         name: String,
         /// The line and the reason.
         source: Box<NcError>,
@@ -91,7 +91,7 @@ pub enum StudioError {
     /// A value of a request is invalid.
     #[error("{key}: {why}")]
     Request {
-        /// Key of the field.
+        /// Field of the request.
         key: &'static str,
         /// Reason with the found and the expected value.
         why: String,
@@ -99,7 +99,7 @@ pub enum StudioError {
     /// The gateway or the centre cannot be reached, or rejects the machine file.
     #[error("{address}: {why}")]
     Send {
-        /// Address of the gateway or the centre.
+        /// URL of the gateway or the centre.
         address: String,
         /// Response, or the reason why it is missing.
         why: String,
@@ -107,9 +107,9 @@ pub enum StudioError {
     /// The operating system provides no socket, thread or random numbers.
     #[error("{what}: {source}")]
     System {
-        /// The operation that failed.
+        /// The failed operation, for the message.
         what: &'static str,
-        /// Error of the operating system.
+        /// Why it failed.
         source: io::Error,
     },
 }

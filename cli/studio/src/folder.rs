@@ -34,8 +34,9 @@ pub(crate) const SETUP: &str = "setup.toml";
 const ANSWERS: &str = "answers.json";
 pub(crate) const RESULT: &str = "result";
 pub(crate) const FITTED: &str = "result/machine.toml";
-/// Compensation tables for controls, and NC programs.
+/// Folder of compensation tables for controls.
 pub(crate) const TABLES: &str = "result/tables";
+/// Folder of compensated NC programs.
 pub(crate) const PROGRAMS: &str = "result/nc";
 /// Prefix of the folders of earlier tables and programs; a number follows.
 const EARLIER_PREFIX: &str = "result/before-";
@@ -60,7 +61,7 @@ pub struct Folder {
 pub struct State {
     /// The path of the folder.
     pub folder: String,
-    /// The measurement files.
+    /// Measurement files, used or not.
     pub files: Vec<FileState>,
     /// The machine; `None` without a valid machine file.
     pub machine: Option<MachineState>,
@@ -81,7 +82,7 @@ pub struct State {
 /// A measurement file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FileState {
-    /// Name in the folder.
+    /// File name, relative to the folder.
     pub name: String,
     /// The measured error, if the file or an answer states it.
     pub error: Option<String>,

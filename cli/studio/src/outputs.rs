@@ -73,16 +73,16 @@ pub struct NcProgram {
     pub changed: u64,
     /// Number of added lines.
     pub added: u64,
-    /// Notes for the user.
+    /// Notes on lines of the program.
     pub notes: Vec<NcNote>,
 }
 
 /// A note on a line of a program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct NcNote {
-    /// The line, from 1.
+    /// Line of the program, from 1.
     pub line: usize,
-    /// Text of the note.
+    /// What the user must know about the line.
     pub text: String,
 }
 

@@ -37,7 +37,7 @@ pub struct DraftQuestion {
 pub struct DraftState {
     /// Every question, the answered ones included.
     pub questions: Vec<DraftQuestion>,
-    /// The answers so far.
+    /// Answers that the user has given so far.
     pub answers: Vec<TypedAnswer>,
     /// Number of questions without an answer.
     pub open: usize,

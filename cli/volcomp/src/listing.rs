@@ -50,7 +50,7 @@ pub(crate) struct Listing {
     remarks: Remarks,
 }
 
-/// Consecutive rows, formatted.
+/// Formatted text of consecutive rows, with the column widths that they need.
 struct Formatted {
     written: Vec<u8>,
     widths: Vec<usize>,

@@ -474,7 +474,7 @@ fn number(option: &str, name: &str, text: &str, unit: &str) -> Result<f64, Failu
 /// A table of positions, one state per row, read in batches: a file may have any number of rows.
 struct PointFile {
     path: PathBuf,
-    /// The text, for messages.
+    /// The same file, reread to find the line of an error.
     text: File,
     batches: CsvBatches<BufReader<File>>,
     /// The axes with a column of coordinates.

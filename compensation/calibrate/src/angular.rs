@@ -77,7 +77,7 @@ pub(crate) fn angular(
 /// Minimum difference of lever arms, as a share of the diagonal of the working space. A smaller
 /// difference does not determine a tilt that acts over the whole space.
 const LEAST_PART: f64 = 0.02;
-/// Lever arms that differ by less are equal, mm.
+/// Maximum difference of lever arms that are treated as equal, mm.
 const SAME_LEVER_MM: f64 = 1.0;
 
 /// Determines tilts from several lines, with notes on tilts that cannot be separated. Checks every

@@ -15,12 +15,12 @@ pub const LEAVE_OUT: &str = "leave_out";
 
 const UNITS: [&str; 8] = ["mm", "um", "nm", "urad", "mrad", "rad", "arcsec", "deg"];
 
-/// Subject of a question.
+/// What a question refers to.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Subject {
     /// A measurement, by its index in [`Draft::proposed`].
     Measurement(usize),
-    /// A squareness, by its error.
+    /// A squareness: `EC0Y`, `EA0Z` or `EB0Z`.
     Squareness(ErrorName),
 }
 
@@ -66,7 +66,7 @@ pub enum Turn {
 }
 
 impl Turn {
-    /// All turns, in order.
+    /// All turns, in the order in which answers are applied.
     pub const ALL: [Self; 3] = [Self::Error, Self::Unit, Self::Other];
 
     /// Turn of the answer to this key.

@@ -71,7 +71,7 @@ pub struct Line {
 /// A location error measured by an instrument: `EX0C`, `EA0C`, `EC0Y`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Location {
-    /// The location error.
+    /// Name of the location error.
     pub error: ErrorName,
     /// Value, µm or µrad.
     pub value: f64,
@@ -91,14 +91,14 @@ pub struct Squareness {
 /// Source of a squareness value in a calibration file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SquarenessSource {
-    /// The value itself.
+    /// The value is stated.
     Value(Urad),
     /// The slopes of the two straightness errors, with the angle of their reference.
     Slopes {
         /// φ − π/2, φ the angle between the + directions of the two reference beams.
         reference_angle: Urad,
     },
-    /// Diagonals ([`CalibrationFile::diagonals`]).
+    /// Body diagonals, [`CalibrationFile::diagonals`].
     Diagonals,
 }
 
@@ -126,7 +126,7 @@ impl CalibrationFile {
 /// Diagonals that determine one to three squareness errors together.
 #[derive(Clone, Debug)]
 pub struct Diagonals {
-    /// The squareness errors.
+    /// The squareness errors that the diagonals determine.
     pub errors: Vec<ErrorName>,
     /// The diagonals as lines of sight. Unknowns are the offset of each diagonal, and a common
     /// scale of the laser, its material temperature and the mean of the diagonals.

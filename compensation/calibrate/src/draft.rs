@@ -47,7 +47,7 @@ pub struct Draft {
     pub(crate) squares: Vec<Square>,
 }
 
-/// An unused file.
+/// A file that the draft does not use.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -240,7 +240,8 @@ fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
     *proposed = kept;
 }
 
-/// Messages on measurements that answers have moved to the same place. Those that the draft already knew of have been merged.
+/// Messages on measurements that answers have moved to the same place. Those that were at the same
+/// place before have been merged already.
 pub(crate) fn conflicts_of(now: &[Proposed]) -> Vec<String> {
     let conflict = |(place, of): (usize, &Proposed)| {
         let mut before = now[..place].iter();

@@ -23,7 +23,7 @@ const ROUNDS: usize = 60;
 /// solved together instead of alternately.
 const TOGETHER_ABOVE: f64 = 0.9;
 
-/// Errors found from observations.
+/// Errors identified from volumetric observations.
 #[derive(Clone, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

@@ -14,9 +14,9 @@ pub(crate) type Run = (Vec<f64>, Vec<f64>);
 /// Repeated readings used for a curve.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Repeated {
-    /// Runs that all hold all targets, or means of lines.
+    /// Complete runs, each with all targets, or means of lines.
     Runs(Vec<Run>),
-    /// Runs of which some lack targets, and the means of one direction.
+    /// Runs, some without readings at some targets, and the means of one direction.
     Incomplete {
         runs: Box<IncompleteRuns>,
         direction: Direction,

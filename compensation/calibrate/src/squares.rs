@@ -30,9 +30,10 @@ const TIMES_NOISE: f64 = 3.0;
 /// Slope differences up to this are irrelevant for any machine tool, µrad.
 const NEVER_BELOW_URAD: f64 = 0.5;
 
-/// Ratio of the uncertainty of a slope by its runs to that by the readings of its line above which the slopes of the runs
-/// scatter more than the readings explain. Independent scatter of the readings exceeds it for one in twenty lines of two
-/// runs, and more rarely with more runs.
+/// Maximum ratio of two estimates of the uncertainty of a slope: from the slopes of the runs, and
+/// from the readings about the line. Above it, the runs scatter more than the readings explain.
+/// Independent scatter of the readings exceeds it for one in twenty lines of two runs, and more
+/// rarely with more runs.
 const TIMES_OF_LINE: f64 = 2.0;
 
 /// Least-squares slope of each measured straightness error, by the coordinate of the machine coordinate system.

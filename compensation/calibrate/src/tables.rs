@@ -391,8 +391,8 @@ fn end(section: &Section<'_>, key: &str, machine: &Machine) -> Result<Vec<f64>, 
     Ok(coordinates)
 }
 
-/// A row for each mean reading of a diagonal, with its standard uncertainty, µm; `offset` and `scale` are the indices
-/// of the numbers of its set-up.
+/// One row per mean reading of a diagonal, with its standard uncertainty, µm. `offset` and `scale`
+/// are indices into the numbers of the set-up.
 fn rows(
     file: &Value<'_>,
     machine: &Machine,

@@ -271,8 +271,10 @@ fn vary(
     }
 }
 
-/// Adds the deviation of each run from the means of the targets, times its factor, divided by √(n (n − 1)), to the shifts of the targets. If not all
-/// runs hold all targets, see [`volcomp_metrology::IncompleteRuns::sampled`]: then `next` returns the numbers that are not of a run.
+/// Adds the deviation of each run from the means of the targets, times its factor, divided by √(n
+/// (n − 1)), to the shifts of the targets. If not all runs hold all targets, see
+/// [`volcomp_metrology::IncompleteRuns::sampled`]: only then is `next` used, for the random numbers
+/// that do not belong to a run.
 fn add_runs(
     shifts: &mut BTreeMap<(Direction, u64), f64>,
     line: &Line,

@@ -32,9 +32,10 @@ struct Directions {
     tool_axis: Vector3<f64>,
 }
 
-/// A first-order correction split into the parts of a coupled correction, and the error that it corrects. The linear shares for any rotary
-/// shares δ_r (limited, ramped, rounded to controller increments) are `position` + Σ `follow[r]`·δ_r; with the δ_r of `rotary` they are
-/// those of [`FirstOrder::delta`].
+/// A first-order correction split into the parts of a coupled correction, and the error that it
+/// corrects. A share is the part of the correction that one axis makes. The linear shares for any
+/// rotary shares δ_r (limited, ramped, rounded to controller increments) are `position` + Σ
+/// `follow[r]`·δ_r; with the δ_r of `rotary` they are those of [`FirstOrder::delta`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CorrectionParts {
     /// The corrected error.

@@ -168,7 +168,7 @@ impl CompiledMachine {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutsideRange<'a> {
     names: &'a [AxisName],
-    /// Bit axis × 6 + component.
+    /// Bit mask: bit 6 × axis + component.
     outside: u64,
 }
 

@@ -199,13 +199,15 @@ impl Tables {
 pub(crate) struct Bounds {
     /// The largest |slope| of each component at the axis's point.
     pub(crate) slopes: [f64; LANES],
-    /// The largest displacement of the tool tip, and the largest tilt.
+    /// The largest displacement of the tool tip, mm.
     pub(crate) linear_mm: f64,
+    /// The largest tilt, rad.
     pub(crate) angular_rad: f64,
 }
 
 impl Bounds {
-    /// Bounds over `pieces`, with displacements transformed back from the end of `arm_mm` and without `slide`.
+    /// Bounds over `pieces`. Slopes are those of the displacements at the start of the lever arm
+    /// `arm_mm`, without the constant slope `slide`.
     pub(crate) fn of<'a>(
         pieces: impl Iterator<Item = &'a Piece>,
         arm_mm: &Vector3<f64>,

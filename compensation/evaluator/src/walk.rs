@@ -40,7 +40,7 @@ impl<R: Registers> Tip<R> {
         }
     }
 
-    /// Adds a motion stated at the tip at machine zero.
+    /// Adds an error motion whose displacement is that of the tip at machine zero.
     #[inline(always)]
     fn add(&mut self, error: &[f64; WIDE]) {
         self.errors = self.registers.sum(&self.errors, error);

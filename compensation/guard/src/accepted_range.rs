@@ -31,8 +31,9 @@ struct SentRange {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct AcceptedRange {
     largest: PerChannel<f64>,
-    /// Words sent recently, and words of the interval before that.
+    /// Range of the words sent recently.
     recent: SentRange,
+    /// Range of the words sent in the interval before that.
     earlier: SentRange,
     /// Readings valid at this time or later no longer show the `earlier` words.
     earlier_until: Duration,

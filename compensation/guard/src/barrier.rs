@@ -40,7 +40,7 @@ pub struct Settings {
     pub time_out_scans: u16,
 }
 
-/// An invalid setting.
+/// Why the settings of a barrier are invalid.
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SettingsError {
@@ -473,7 +473,7 @@ impl Barrier {
         Ok(Some(frame))
     }
 
-    /// The goal by the word on the digital lines, if the word is accepted.
+    /// The goal that the word on the digital lines requests; `None` unless a word is accepted.
     fn latched(&mut self, lines: &DigitalLines) -> Option<Counts> {
         let before = self.state.latch.replace(lines.latch);
         self.state.latched = (self.state.latched + 1).min(self.settings.hold_scans);

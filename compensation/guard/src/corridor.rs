@@ -8,8 +8,9 @@ use crate::{Limits, step::ROUNDING_STEPS};
 /// Range of the next word of each axis; state of the guard.
 ///
 /// Invariants:
-/// - The range of an axis is not empty, except for rounding. It contains no word farther from an earlier one than the slew since then plus a step,
-///   until something else moves the axis out of it.
+/// - The range of an axis is not empty, except for rounding. Every value in it differs from each
+///   earlier word by at most the slew since that word plus one step, unless something else has
+///   moved the axis out of the range.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Corridor {
     lowest: PerChannel<f64>,

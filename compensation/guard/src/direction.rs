@@ -27,9 +27,10 @@ pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Durati
     least.max(steps + lag)
 }
 
-/// Number of compared readings, and number of them that must agree. Two wrong ones in any five have
-/// no effect, because at least one of three that agree is correct.
+/// Number of compared readings.
 const READINGS: usize = 5;
+/// Number of compared readings that must agree. Two wrong ones in any five have no effect, because
+/// at least one of three that agree is correct.
 const AGREE: u32 = 3;
 /// Number of whole turns in one direction after which they are subtracted from the positions.
 const MANY_TURNS: f64 = 1000.0;
@@ -48,10 +49,11 @@ const ALL: u8 = (1 << READINGS) - 1;
 pub struct DirectionMemory {
     /// Time at which the last reading was valid.
     taken: Option<Duration>,
-    /// The last positions, newest first, unwrapped; the number of stored positions; the number of
-    /// them that may define the extreme.
+    /// The last positions, newest first, unwrapped.
     positions: [f64; READINGS],
+    /// Number of stored positions.
     seen: usize,
+    /// Number of stored positions that may define the extreme.
     count: usize,
     extreme: Option<f64>,
     /// Bit masks of the last readings since the extreme that exceeded the threshold, towards larger and towards smaller positions; the newest

@@ -10,8 +10,8 @@ pub const MAX_PATHS: usize = 4;
 pub struct PathHealth {
     /// The controller's positions are fresh, and every position that its correction depends on is available.
     pub usable: bool,
-    /// Whether the correction applied once this path writes will be known: the control reports it,
-    /// or no correction of the previous path remains.
+    /// Whether the applied correction will be known after this path has begun to write: the control
+    /// reports it, or no correction of the previous path remains.
     pub ready: bool,
 }
 

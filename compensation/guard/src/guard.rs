@@ -330,7 +330,7 @@ impl Guard {
         if is_seen && self.is_stationary_elsewhere(inputs) {
             self.held = Some(values);
         }
-        // A control that moves no longer holds.
+        // The control moves, so it no longer holds its axes.
         let present = |held: &PerChannel<f64>| are_equal(held, &values, &self.limits);
         self.held = self.held.filter(present);
     }
@@ -528,7 +528,8 @@ impl Guard {
         since.is_some_and(|since| inputs.now.saturating_sub(since) > hold)
     }
 
-    /// Validity of the last confirmed correction: on a path with a longer hold than others, not beyond the timeout of its barrier.
+    /// Time for which the last confirmed correction is valid: `hold`, but on a path with a longer
+    /// hold than others at most the timeout of its barrier.
     fn hold_unconfirmed(&self, status: &ReadBackStatus) -> Duration {
         let most = status
             .barrier_time_out

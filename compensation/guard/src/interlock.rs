@@ -85,7 +85,8 @@ impl Interlocks {
         (0..MAX_PATHS).fold(Reasons::NONE, |all, path| all | self.path_reasons(path))
     }
 
-    /// The last flags of the path at this index, and whether it has been silent since.
+    /// Reasons from the last flags of the path at this index, and [`Reasons::INTERLOCK_UNSEEN`] if
+    /// a flag was set and the path has been silent since.
     #[must_use]
     pub fn path_reasons(&self, path: usize) -> Reasons {
         let (Some(flags), Some(silent)) = (self.flags.get(path), self.silent.get(path)) else {

@@ -101,7 +101,7 @@ impl core::fmt::Display for Quantity {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{what}: found {}, expected {expected}", self.found())]
 pub struct LimitsError {
-    /// Which number is wrong.
+    /// The limit that is wrong.
     pub what: Quantity,
     /// Index and kind of the axis, if the number belongs to an axis.
     pub axis: Option<(usize, AxisKind)>,

@@ -9,10 +9,11 @@ use crate::{
     step::{ROUNDING, ROUNDING_STEPS, shortest_way},
 };
 
-/// Number of new consecutive readings, and minimum time, at standstill before and after each shift.
-/// The time exceeds the maximum update interval of most controls; if positions are updated more
-/// slowly, the number of readings determines the duration.
+/// Number of new consecutive readings at standstill before and after each shift.
 const STILL_READINGS: u32 = 5;
+/// Minimum time at standstill before and after each shift. It exceeds the maximum update interval
+/// of most controls; if positions are updated more slowly, the number of readings determines the
+/// duration.
 const STILL_FOR: Duration = Duration::from_millis(250);
 /// Maximum number of attempts while a position neither follows a shift nor stays.
 const MOST_ATTEMPTS: u8 = 3;
@@ -44,13 +45,13 @@ pub enum AxisProof {
 /// Result of a proof: the finding for each axis, and whether it contradicts the configuration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Verdict {
-    /// The finding for each axis.
+    /// What the test shift has shown for each axis.
     pub axes: PerChannel<AxisProof>,
     /// The axes whose configuration contradicts the test. A reported position that follows the test shift both ways, but by 2.5 times or half its
     /// amount, shows that the control applies corrections in another unit. If reported positions do not contain the correction, the unit cannot be
     /// tested.
     pub contradicts: PerChannel<bool>,
-    /// The axes with a finding.
+    /// The axes for which the test shift was conclusive.
     pub proven: PerChannel<bool>,
 }
 
@@ -185,8 +186,9 @@ struct Findings {
 pub struct Proof {
     /// Time at which the last reading was valid.
     taken: Option<Duration>,
-    /// Positions at the start of the standstill, and its duration.
+    /// Positions at the start of the standstill.
     positions: PerChannel<f64>,
+    /// Duration of the standstill.
     still: Span,
     /// Duration for which the correction has been at the goal of the leg, with the time at which it
     /// was first found there.
@@ -438,7 +440,8 @@ fn way(limits: &Limits, axis: usize, from: f64, to: f64) -> f64 {
     shortest_way(to - from, rolls_over.then_some(TAU))
 }
 
-/// Whether a position followed both ways by the same fraction of the shift, as no machine motion does.
+/// Whether a position followed both shifts by the same fraction of the shift; a motion of the
+/// machine would not.
 fn is_one_factor([one, two]: [f64; 2]) -> bool {
     (one - two).abs() <= STAYED_SHARE * one.abs().max(two.abs())
 }

@@ -36,7 +36,7 @@ impl Head {
         [self.epoch, self.tick, self.sequence, self.owner]
     }
 
-    /// Decodes these words.
+    /// Decodes the words, in the order of the fields.
     #[must_use]
     pub fn of([epoch, tick, sequence, owner]: [u16; HEAD_WORDS]) -> Self {
         Self {
@@ -81,7 +81,7 @@ pub enum Refusal {
     /// Another sender owns the control, or the frame names no sender.
     #[error("another sender holds the control")]
     Owner,
-    /// A later frame has arrived before.
+    /// A frame with a later sequence was accepted before.
     #[error("a later frame has overtaken it")]
     Sequence,
     /// A value exceeds the limit of the control for its axis. A map must be transferred from the

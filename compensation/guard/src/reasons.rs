@@ -27,7 +27,7 @@ macro_rules! effect {
 /// the required operator action first, then consequences.
 macro_rules! reasons {
     ($($(#[$doc:meta])* $name:ident = $effect:ident, $text:literal;)*) => {
-        /// Positions in the list.
+        /// Position of each reason in the list: its bit number.
         #[allow(non_camel_case_types, clippy::upper_case_acronyms)]
         enum Place {
             $($name,)*

@@ -18,7 +18,7 @@ pub enum State {
     Faulted(Cause),
 }
 
-/// The phase of arming.
+/// Phase from arming until the full correction is applied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// The test shift is testing whether positions contain the correction.
@@ -87,7 +87,7 @@ pub enum Request {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Facts {
     pub(crate) request: Option<Request>,
-    /// Not referenced, alarm, emergency stop.
+    /// True during an alarm or emergency stop, or if an axis is not referenced.
     pub(crate) interlocked: bool,
     /// Positions or target are older than `hold`.
     pub(crate) stale: bool,

@@ -60,8 +60,9 @@ enum Motion {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vector {
     output: PerChannel<f64>,
-    /// The correction before quantisation, and its rate per second.
+    /// The correction before quantisation, mm and rad.
     smooth: PerChannel<f64>,
+    /// Rate of the correction before quantisation, per second.
     rate: PerChannel<f64>,
     /// The part of the rate of each linear axis that follows the rotary axes.
     following: PerChannel<f64>,
@@ -75,7 +76,7 @@ pub struct Vector {
     /// The remaining offset of the ramp: distance of the position share from the requested one, and of linear axes from a lowered limit.
     offset: PerChannel<f64>,
     excess: PerChannel<f64>,
-    /// Reachable fraction of the offset of each linear axis in the last cycle.
+    /// Fraction of the kept offset of each linear axis that was within reach in the last cycle.
     reachable: PerChannel<f64>,
     motion: Motion,
 }
@@ -269,8 +270,9 @@ impl Vector {
         }
     }
 
-    /// Brakes before another motion starts: rotary axes and the linear axes that follow them stop with one common factor, the remaining motion
-    /// of the linear axes with another. Returns whether this cycle was needed; not for axes without an acceleration limit.
+    /// Brakes before another motion starts: rotary axes and the linear axes that follow them stop
+    /// with one common factor, the remaining motion of the linear axes with another. Returns
+    /// whether this cycle was needed to brake; axes without an acceleration limit never need one.
     fn brakes(&mut self, cycle: &Cycle) -> bool {
         let (mut moving, mut alone) = (PerChannel::ZERO, PerChannel::ZERO);
         for i in cycle.of_kind(AxisKind::Linear) {
@@ -478,9 +480,10 @@ impl Vector {
         offset
     }
 
-    /// The fraction of the offset of a linear axis for which its position share is within the limit of the axis at any rotary position. It is 1
-    /// unless the request exceeds the limit now, or did at the start of the ramp. The excess has no effect: the ramp of the other axes continues, the
-    /// excess can only shrink, and the error of the tool does not grow.
+    /// The fraction of the offset of a linear axis with which its position share is within the
+    /// limit of the axis at some possible rotary position. It is 1 unless the request exceeds the
+    /// limit now, or did at the start of the ramp. The rest of the offset is dropped: the ramp of
+    /// the other axes continues, the rest can only shrink, and the error of the tool does not grow.
     fn reachable_offset(&self, axis: usize, requested: &RequestedCorrection, cycle: &Cycle) -> f64 {
         let following = cycle.of_kind(AxisKind::Rotary);
         let following: f64 = following

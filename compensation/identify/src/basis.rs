@@ -43,9 +43,11 @@ impl Basis {
 pub(crate) struct Modes {
     basis: Basis,
     domain: [f64; 2],
-    /// B-spline only: its knots, the spline coefficients of each mode (one column each), and the spline of each mode.
+    /// Knots of a B-spline; empty for other bases.
     knots: Vec<f64>,
+    /// Spline coefficients of each mode of a B-spline, one column each.
     columns: DMatrix<f64>,
+    /// The spline of each mode of a B-spline.
     splines: Vec<BSpline>,
     weights: Vec<f64>,
 }
@@ -136,7 +138,7 @@ impl Modes {
         &self.weights
     }
 
-    /// Suffix that names a mode after the name of the error.
+    /// Label of a mode; it follows the name of the error in the name of the coefficient.
     pub(crate) fn label(&self, mode: usize) -> String {
         match (self.basis, mode) {
             (_, 0) => "constant".to_owned(),

@@ -246,7 +246,7 @@ impl Products {
         own.order(first) + self.modes.order(second)
     }
 
-    /// Suffix that names a product after the name of the error.
+    /// Label of a product; it follows the name of the error in the name of the coefficient.
     pub(crate) fn label(&self, own: &Modes, place: usize) -> String {
         let (first, second) = self.pairs[place];
         let of_second = self.modes.label(second);

@@ -223,8 +223,8 @@ impl System {
     /// get the approach direction that fits them best, or a fraction of it.
     pub(crate) fn residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
         const ROUNDS: usize = 5;
-        /// Margin of an approach direction beyond ±1, in uncertainties of a reading, because the reversal value is uncertain as well if a
-        /// row hardly depends on it.
+        /// Margin of an approach direction beyond ±1, in uncertainties of a reading: the reversal
+        /// value itself is uncertain if a row hardly depends on it.
         const WITHIN: f64 = 8.0;
         let mut equations = self.equations_in(0, rows, values, false);
         if equations.sides.len() > 0 {

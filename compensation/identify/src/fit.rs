@@ -198,9 +198,10 @@ pub(crate) struct Uncertain {
 }
 
 impl Uncertain {
-    /// The kept unknown to fix at zero first; `jacobian` has the derivatives of all readings, each divided by its
-    /// uncertainty. Of similarly uncertain unknowns it is the last, because fixing it leaves more known of the others.
-    /// `None` if all are sufficiently certain.
+    /// The kept unknown to fix at zero first; `None` if all are sufficiently certain. `jacobian`
+    /// has the derivatives of all readings, each divided by its uncertainty. Of several similarly
+    /// uncertain unknowns, the last one is chosen: the others are then better known than if one of
+    /// them were fixed.
     pub(crate) fn among(system: &System, kept: &[usize], jacobian: &DMatrix<f64>) -> Option<Self> {
         let own = jacobian.select_columns(kept);
         let lengths: Vec<f64> = own.column_iter().map(|column| column.norm()).collect();

@@ -24,7 +24,7 @@ pub(crate) struct Folds<'a> {
     fitted: &'a Fitted,
     equations: Equations,
     q: DMatrix<f64>,
-    /// R⁻¹.
+    /// Inverse of the triangular factor, R⁻¹.
     root: DMatrix<f64>,
 }
 

@@ -64,7 +64,7 @@ pub struct Identification {
         schemars(with = "Vec<std::collections::BTreeMap<String, f64>>")
     )]
     pub null: Vec<Vec<(String, f64)>>,
-    /// Undetermined errors that are not conventions.
+    /// Undetermined errors, without those that are zero by convention.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub undetermined: Vec<UndeterminedError>,
     /// Residuals of the fitted rows.
@@ -202,8 +202,8 @@ fn followed(
         |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
     let null: Vec<Vec<(String, f64)>> = fitted.rank.null.iter().map(names).collect();
     let warning = |text: &String| Note::warning("", text.as_str());
-    // Warnings that make the result wrong come first, then those that make it uncertain, then those
-    // of every run.
+    // Warnings of a wrong result come first, then those of an uncertain result, then those that
+    // every run may have.
     let mut warnings = inverted(system, observations, &rows, &fitted);
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(outliers(observations, &rows, &residuals));

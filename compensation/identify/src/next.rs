@@ -28,7 +28,7 @@ pub struct Next {
     pub pose: BTreeMap<AxisName, f64>,
     /// File whose set-up is to be used.
     pub file: String,
-    /// Kind of observation.
+    /// What the instrument is to measure at the pose.
     pub kind: Kind,
     /// Sphere, ball or target at this pose; `None` if there is no choice.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
@@ -176,8 +176,9 @@ fn most_informative(
     const LARGEST_ERROR: f64 = 1e-1;
     /// Prior standard uncertainty of set-ups, mm and rad: the size of a workspace, anywhere in which a set-up may be.
     const ANYWHERE: f64 = 1e3;
-    /// Minimum reduction factor of the assumed uncertainty for a pose to inform about an unknown. The factor is near 1
-    /// for an unknown that has no effect at the pose, or whose effect is that of others as uncertain.
+    /// Minimum reduction factor of the assumed uncertainty for a pose to inform about an unknown.
+    /// The factor is near 1 for an unknown that has no effect at the pose, or whose effect equals
+    /// that of equally uncertain unknowns.
     const MIN_REDUCTION: f64 = 2.0;
     let sizes = DVector::from_fn(system.params.len(), |column, _| {
         if column < system.params.setup() {
@@ -351,9 +352,10 @@ fn between(from: Vector3<f64>, to: Vector3<f64>, share: f64) -> Option<Vector3<f
     Some(direction.try_normalize(STEP_MM)? * length)
 }
 
-/// Shares of the travel, and of one turn for an axis that covers a full turn. Linear axes: the ends and the middle.
-/// Rotary axes: uneven spacing, so that no harmonic of a Fourier series is zero at all of them.
+/// Shares of the travel of a linear axis: the ends and the middle.
 const LINEAR: [f64; 3] = [0.0, 0.5, 1.0];
+/// Shares of the travel of a rotary axis, or of one turn if it covers a full turn: uneven spacing,
+/// so that no harmonic of a Fourier series is zero at all of them.
 const ROTARY: [f64; 4] = [0.0, 0.27, 0.53, 0.81];
 
 /// Largest tip displacement, mm, per unit (mm or rad) of every parameter, over a grid of the travels; 0 for set-ups.

@@ -41,7 +41,7 @@ pub struct Observations {
 /// An error to be identified.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unknown {
-    /// Name of the error.
+    /// The error whose curve, location or reversal value is identified.
     pub error: ErrorName,
     /// Curve, a constant for a location error; `None` if only the reversal value is unknown.
     pub basis: Option<Basis>,
@@ -70,7 +70,7 @@ impl Unknown {
 /// well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SecondAxis {
-    /// The second axis.
+    /// The axis, another one than that of the error.
     pub axis: AxisName,
     /// Kind of curve along the second axis. Modes of the error's own curve up to the order of this one form products.
     pub basis: Basis,
@@ -163,7 +163,7 @@ impl NumberKind {
 pub struct Observation {
     /// Name of the row file, as stated in the file of observations.
     pub file: String,
-    /// Kind of reading.
+    /// What the instrument measures.
     pub kind: Kind,
     /// Whether the rows are only predicted, not fitted.
     pub judge: bool,
@@ -171,7 +171,7 @@ pub struct Observation {
     pub rows: Vec<Row>,
 }
 
-/// The kinds of observation.
+/// The quantity that an instrument measures at each pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -224,7 +224,7 @@ impl MachinePose {
 pub struct Row {
     /// Line in the row file, from 1; 0 if the row is from no file.
     pub line: usize,
-    /// Pose of the machine.
+    /// Pose at which the reading was taken.
     pub pose: MachinePose,
     /// Reading with the parts of the set-up to which it refers.
     pub reading: RowReading,

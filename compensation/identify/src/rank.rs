@@ -46,7 +46,8 @@ impl Rank {
         }
     }
 
-    /// Whether the kept columns remain independent if this share of the square of every combination remains.
+    /// Whether the kept columns stay independent if only this share of the squared length of every
+    /// combination of them remains.
     pub(crate) fn is_independent_with(&self, share: f64) -> bool {
         self.singular[0] * share.sqrt() > INDEPENDENT_ABOVE
     }

@@ -74,9 +74,10 @@ impl Response {
         Ok(&self.gain * self.changed(machine)?)
     }
 
-    /// Returns the share of each machine's change to the known errors that the observations support, 1 for the whole
-    /// change, after the unknowns have followed; with its standard uncertainty. All changes are estimated together.
-    /// `None` for a change that the unknowns compensate, about which the observations contain no information.
+    /// Each of `machines` changes the known errors. Returns the share of each change that the
+    /// observations support after the unknowns have followed, 1 for the whole change, with its
+    /// standard uncertainty. All changes are estimated together. `None` for a change that the
+    /// unknowns compensate: the observations contain no information about it.
     ///
     /// # Errors
     /// Same as [`Response::to`].

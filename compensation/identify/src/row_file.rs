@@ -178,7 +178,7 @@ pub(crate) enum RowKind {
         slope: usize,
     },
     Ball {
-        /// Index of the row file.
+        /// Index in `rows_of_balls`.
         balls: usize,
         origin: usize,
         tilts: [usize; 2],

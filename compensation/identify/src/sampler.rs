@@ -24,7 +24,7 @@ pub struct MachineSampler {
     found: Vec<f64>,
     /// Indices in `found` of the determined coefficients.
     determined: Vec<usize>,
-    /// Square root of their covariance: its product with its transpose.
+    /// Square root of their covariance, which is the product of this matrix and its transpose.
     root: DMatrix<f64>,
 }
 

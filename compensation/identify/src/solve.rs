@@ -13,7 +13,7 @@ use crate::{
     triangle::{inverse, triangle},
 };
 
-/// Required accuracy of a search, which defines the step, in standard uncertainties, below which it has converged.
+/// Required accuracy of a search: it defines the convergence limit on the step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Exactness {
     Rough,
@@ -109,7 +109,7 @@ impl Solution {
     }
 }
 
-/// Upper limit by chance of the sum of the squares of `freedom` numbers of variance 1.
+/// Largest sum of the squares of `freedom` numbers of variance 1 that chance explains.
 pub(crate) fn max_squares_by_chance(freedom: f64) -> f64 {
     const CHANCE: f64 = 4.0;
     freedom + CHANCE * (2.0 * freedom).sqrt()

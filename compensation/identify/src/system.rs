@@ -333,7 +333,7 @@ impl System {
     }
 }
 
-/// Linear dependence of the other errors of a machine on one unknown, as far as they are known.
+/// Linear dependence of the known errors of a machine on one unknown.
 #[derive(Clone, Debug)]
 pub struct Follower {
     parameter: String,

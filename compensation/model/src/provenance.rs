@@ -83,7 +83,7 @@ fn as_map<S: serde::Serializer>(at: &[(AxisName, f64)], serializer: S) -> Result
 }
 
 impl Provenance {
-    /// Whether the provenance is empty.
+    /// True if nothing is recorded.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }

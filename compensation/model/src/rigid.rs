@@ -117,7 +117,7 @@ pub struct RigidMotion {
     pub about_mm: Vector3<f64>,
     /// Translation of that point, mm.
     pub shift_mm: Vector3<f64>,
-    /// The rotation vector, rad.
+    /// Small rotation about `about_mm`, as a vector along its axis, rad.
     pub rotation_rad: Vector3<f64>,
 }
 

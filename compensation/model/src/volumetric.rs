@@ -465,7 +465,8 @@ impl<'a> Ascent<'a> {
         place
     }
 
-    /// Samples the nodes of grids, then the axes, including the places of curves.
+    /// Samples the nodes of grids over two axes, then positions along each axis, including the
+    /// nodes of its curves.
     fn sample(&mut self, size: &dyn Fn(&At) -> f64) -> Result<(), ModelError> {
         for [(first, of_first), (second, of_second)] in &self.ground.grids {
             for a in of_first {

@@ -29,7 +29,8 @@ const ARC_SAMPLES_PER_TURN: u32 = 64;
 
 const MAX_ARC_SAMPLES: f64 = 4096.0;
 
-/// Twice the travel, mm, of an axis of the plane near its turning point that counts as standstill.
+/// Twice the travel near its turning point within which an axis of the plane counts as stationary,
+/// mm. On an arc of radius r it extends √(`HARDLY_MM`·r) to either side.
 const HARDLY_MM: f64 = 5e-4;
 
 /// Minimum length of a part of an arc, in steps (last decimals) of its words: shorter parts are not split.

@@ -33,7 +33,7 @@ pub struct Average {
     /// The work offset, `G54` to `G59.3`.
     #[cfg_attr(feature = "schema", serde(rename = "work_offset"))]
     pub system: String,
-    /// Number of positions.
+    /// Number of positions over which the error is averaged.
     pub places: u64,
     /// Error of the machine at the zero of the work offset; `None` if it rounds to zero.
     #[cfg_attr(feature = "schema", serde(skip))]
@@ -119,7 +119,7 @@ impl Sums {
         }
     }
 
-    /// Maximum and RMS, µm.
+    /// Maximum and root mean square length of the errors, µm.
     fn um(&self) -> [f64; 2] {
         [1e3 * self.lengths.max(), 1e3 * self.lengths.rms()]
     }

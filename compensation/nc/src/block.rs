@@ -58,8 +58,9 @@ pub(crate) enum Parameter {
 pub(crate) struct Assignment {
     pub(crate) parameter: Parameter,
     pub(crate) value: Value,
-    /// Byte range of the assignment, and of its value alone.
+    /// Byte range of the assignment.
     pub(crate) all: Range<usize>,
+    /// Byte range of the assigned value.
     pub(crate) text: Range<usize>,
 }
 

@@ -370,7 +370,7 @@ impl<'a> BlockWords<'a> {
         Ok(self.letter(letter)?.and_then(|value| whole(value, 99_999)))
     }
 
-    /// The word of the polar distance (`of` 0) or angle (1).
+    /// The word of the polar distance (`of` = 0) or of the polar angle (`of` = 1).
     pub(crate) fn polar_word(&self, of: usize) -> Option<&'a Word> {
         self.block.words.get(self.polar?[of]?)
     }

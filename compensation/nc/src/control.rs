@@ -48,15 +48,15 @@ impl Dialect {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Control {
-    /// LinuxCNC.
+    /// LinuxCNC: RS-274 with O-words.
     LinuxCnc,
-    /// FANUC.
+    /// FANUC controls with G-code programs.
     Fanuc,
-    /// Haas.
+    /// Haas controls: like FANUC, with their own codes for work offsets.
     Haas,
     /// Mazak, in EIA/ISO programs.
     Mazak,
-    /// SINUMERIK.
+    /// SINUMERIK controls in their own language.
     Siemens,
     /// HEIDENHAIN, in conversational programs.
     Heidenhain,
@@ -64,7 +64,7 @@ pub enum Control {
     Marlin,
     /// Printers with Klipper.
     Klipper,
-    /// Grbl.
+    /// Grbl firmware on small mills and lasers.
     Grbl,
 }
 

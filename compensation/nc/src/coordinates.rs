@@ -113,8 +113,9 @@ pub(crate) struct Frame {
     pub(crate) shift: Axes,
     /// Tool offset of G43.
     pub(crate) tool: Axes,
-    /// Rotation about Z, deg, and its centre in X and Y.
+    /// Rotation about Z, deg.
     pub(crate) rotation_deg: f64,
+    /// Centre of the rotation in X and Y, mm.
     pub(crate) centre: [f64; 2],
     /// Kinematics of the control, while coordinates are those of the tool centre point.
     pub(crate) tip: Option<TipFrame>,
@@ -245,8 +246,9 @@ struct RotaryPose {
     others: [f64; 6],
     /// Centre point with X, Y and Z at zero.
     base_mm: Vector3<f64>,
-    /// Displacement of the centre point per unit of X, Y and Z, as columns, and the inverse matrix.
+    /// Displacement of the centre point per unit of X, Y and Z, as columns.
     columns: Matrix3<f64>,
+    /// Inverse of `columns`.
     inverse: Matrix3<f64>,
 }
 

@@ -124,8 +124,9 @@ pub(crate) struct MachineWithTool {
     neglected: Neglected,
     /// Maximum unsplit travel of each axis if it moves alone, mm and deg.
     unsplit: Axes,
-    /// Longest lever, mm, and maximum change of the error per mm of the linear axes.
+    /// Longest lever, mm.
     reach_mm: f64,
+    /// Maximum change of the error per mm of the linear axes.
     steepness: f64,
 }
 

@@ -1,5 +1,5 @@
-//! Fast path for the usual line: a straight motion to a position in plain numbers, of which long programs consist, perhaps with a
-//! block number, F and a comment at its end.
+//! Fast path for the most frequent line of long programs: a straight motion to a position in plain
+//! numbers, optionally with a block number, F and a comment at its end.
 //!
 //! It compensates such a line in one pass, in a fraction of the time of the general path ([`Rewriter::line`]), with identical output and
 //! state. Any other line is left to that path, before any state has changed.
@@ -64,7 +64,8 @@ impl Syntax {
                 _ => b"(;",
             },
             dialect: interpreter.dialect,
-            // A line with the other sign takes the general path, which changes the sign of the next lines.
+            // A line with the other decimal sign takes the general path, which sets the sign for
+            // the lines after it.
             decimal_sign: if comma { b',' } else { b'.' },
             needs_points: interpreter.points.means_increments,
         }
@@ -255,7 +256,7 @@ fn ends_in_comment(text: &[u8]) -> bool {
     is_closed && !text.contains(&0)
 }
 
-/// True if a text begins with this name, which does not go on.
+/// True if a text begins with this name and no letter, digit or underscore follows.
 #[inline]
 fn begins_with(text: &[u8], name: &[u8]) -> bool {
     let goes_on = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_';
@@ -498,7 +499,9 @@ impl Rewriter {
     ) -> Option<Axes> {
         let [from, to] = ends;
         let is_unknown = || self.corrector.axes_with_unknown_approach().next().is_some();
-        // A motion that cuts with an unknown direction of approach needs a note. The carriages of a rapid motion are not those of its ends.
+        // The general path adds the note that a cutting motion with an unknown direction of
+        // approach needs, and handles rapid motions with backlash, whose carriage positions do not
+        // follow from the ends alone.
         if code != 0 && is_unknown()
             || code == 0 && self.corrector.play.any
             || self.reversal_steps(ends, in_program) > 1

@@ -157,7 +157,8 @@ impl Rewriter {
             Vec::new()
         };
         self.carried = frame.moved_in_machine(&end, &carried);
-        // The tool may be above the hole with the correction of half its depth. It arrives there from the bottom.
+        // After the cycle the tool may be above the hole with the correction of half the depth, and
+        // arrives there from the bottom.
         self.mark_outdated();
         let at_bottom = frame.to_machine(&at_height(&end, depth, bottom));
         self.corrector.move_to(&at_bottom);
@@ -326,7 +327,7 @@ impl Rewriter {
                 }
             }
             let at = self.interpreter.position;
-            // It comes back from the bottom, which is unknown.
+            // The tool returns from the bottom, whose position is unknown.
             self.corrector.begin_motion(&moved);
             self.corrector.move_to(&at);
             self.carried = frame.moved_in_machine(&frame.to_program(&at), &carried);

@@ -55,7 +55,7 @@ pub enum Alignment {
     BestFit,
 }
 
-/// A part to be inspected.
+/// Features of a part whose errors are computed from the program and the machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Part {
     /// Coordinate system of the inspection.

@@ -52,8 +52,9 @@ pub(crate) struct Outcome {
 pub(crate) struct Interpreter {
     pub(crate) modal: Modal,
     pub(crate) frame: Frame,
-    /// Axis positions in machine coordinates, mm and deg, and whether they are known.
+    /// Axis positions in machine coordinates, mm and deg.
     pub(crate) position: Axes,
+    /// Whether each axis position is known.
     pub(crate) known: Axes<bool>,
     pub(crate) assumptions: Assumptions,
     pub(crate) parameters: Parameters,
@@ -65,8 +66,9 @@ pub(crate) struct Interpreter {
     pub(crate) states_rotary_words: bool,
     pub(crate) points: DecimalPoints,
     pub(crate) extruder: Extruder,
-    /// Tool put into the spindle by M6, and whether the program has an M6.
+    /// Tool put into the spindle by M6.
     pub(crate) in_spindle: Option<u32>,
+    /// Whether the program has an M6.
     pub(crate) changes_tools: bool,
     machine: Arc<Machine>,
     /// Kinematics with the active tool; `None` for machines without tool centre point control.
@@ -435,7 +437,7 @@ impl Interpreter {
         true
     }
 
-    /// Errors: words that controls interpret differently.
+    /// Rejects words that controls interpret differently.
     fn check_meaning(&self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         if self.dialect != Dialect::Rs274 {
             return Ok(());
@@ -842,7 +844,7 @@ impl Interpreter {
         }
     }
 
-    /// Errors: a block that may be skipped changes the meaning of later coordinates.
+    /// Rejects a block that may be skipped but changes the meaning of later coordinates.
     fn check_skipped(&mut self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         if given.block.begins != BlockStart::Slash {
             return Ok(());

@@ -71,7 +71,8 @@ pub(crate) struct Ends {
 }
 
 impl Ends {
-    /// Errors: a carriage return only, in a file that has line feeds (or the reverse): controls interpret it differently.
+    /// Rejects a carriage return without a line feed in a file that has line feeds, and the
+    /// reverse: controls interpret it differently.
     pub(crate) fn check(&mut self, line: &[u8], end: &[u8], number: usize) -> Result<(), NcError> {
         if end.is_empty() {
             return Ok(());
@@ -115,7 +116,7 @@ pub(crate) fn is_trailer(line: &[u8]) -> bool {
     !line.is_empty() && (line.iter()).all(|byte| is_of_tape(*byte) || *byte == 0x1a)
 }
 
-/// NUL, DC1 to DC4.
+/// True for a control character of paper tape: NUL, DC1 to DC4.
 fn is_of_tape(byte: u8) -> bool {
     matches!(byte, 0 | 0x11..=0x14)
 }

@@ -105,8 +105,9 @@ impl ProgrammedFrame {
 /// Values of a canned cycle that persist from hole to hole, in program coordinates, mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sticky {
-    /// Tool position along the depth axis before the first hole, and whether it is known.
+    /// Tool position along the depth axis before the first hole.
     pub(crate) initial: Option<f64>,
+    /// Whether that position is known.
     pub(crate) initial_is_known: Option<bool>,
     /// Words of depth and R: absolute in G90; in G91 R counts from the initial position and the depth from R.
     pub(crate) depth: Option<f64>,

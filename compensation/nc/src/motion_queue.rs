@@ -12,8 +12,9 @@ use std::{
 
 use crate::motion::ExecutedMotion;
 
-/// Maximum number of batches that wait, and number of motions in a batch.
+/// Maximum number of batches that wait.
 const WAITING: usize = 16;
+/// Number of motions in a batch.
 const BATCH: usize = 64;
 
 /// Clones append to the same batch, which is sent when it is full or the last clone is dropped.

@@ -137,7 +137,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Errors: printer coordinates without a motion code.
+    /// Rejects printer coordinates without a motion code.
     fn check_code(&self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         if self.is_printer() && codes.motion.is_none() && given.names_axes() {
             return Err(given.refused(
@@ -147,7 +147,8 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Errors: a word that the motion does not use: LinuxCNC rejects it, and another control may interpret it.
+    /// Rejects a word that the motion does not use: LinuxCNC rejects it, and another control may
+    /// interpret it.
     fn check_words(
         &self,
         codes: &Codes,
@@ -188,7 +189,8 @@ impl Interpreter {
         Err(given.refused(&format!("{letter} with {code}, {why}")))
     }
 
-    /// Errors: an arc after an M code with axis words that may have moved the axes: whether its start is corrected is unknown.
+    /// Rejects an arc that follows an M code with axis words: the M code may have moved the axes,
+    /// so it is unknown whether the start of the arc is corrected.
     fn check_beginning(&self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let [first, second, _] = self.modal.plane.axes();
         let Some(axis) = [first, second]
@@ -203,7 +205,8 @@ impl Interpreter {
         )))
     }
 
-    /// Errors: a rotary axis that the machine file lacks moves while tool centre point control is active.
+    /// Rejects a motion of a rotary axis that the machine file lacks, while tool centre point
+    /// control is active.
     fn check_axes_of_tip(&self, motion: &Move, given: &BlockWords<'_>) -> Result<(), NcError> {
         if self.modal.centre_point != CentrePoint::Off
             && let Some(axis) = (3..9).find(|axis| {
@@ -659,7 +662,7 @@ impl Interpreter {
         self.modal.polar.is_some() && !codes.in_machine && !says_no_place
     }
 
-    /// Errors: polar coordinates that controls interpret differently.
+    /// Rejects polar coordinates that controls interpret differently.
     fn check_polar(&self, codes: &Codes, given: &BlockWords<'_>) -> Result<(), NcError> {
         let under_g16 = self.modal.polar.is_some();
         if given.polar.is_none() && !under_g16 {

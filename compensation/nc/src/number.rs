@@ -253,7 +253,7 @@ pub(crate) struct Number {
 pub(crate) enum Form {
     /// A decimal point is written only if there are decimals.
     Plain,
-    /// Always with a point.
+    /// A decimal point is always written.
     Point,
     /// As a number of least increments, without a point.
     Increments,

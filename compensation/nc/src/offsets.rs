@@ -190,7 +190,7 @@ impl Interpreter {
         self.control.is_some_and(Control::is_fanuc_like)
     }
 
-    /// Errors: G92.1 that cancels only some of the active shifts.
+    /// Rejects a G92.1 that cancels only some of the active shifts.
     fn check_end_of_shift(&self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let stays = |axis: &usize| {
             self.modal.shifted && self.modal.shift[*axis] != 0.0 && given.word(*axis).is_none()
@@ -397,7 +397,8 @@ impl Interpreter {
             && matches!(self.control, Some(Control::Fanuc | Control::Mazak))
     }
 
-    /// Errors: U, V or W without such an axis: incremental X, Y or Z on lathes with these controls.
+    /// Rejects U, V or W on a machine without this axis: lathes with these controls read it as an
+    /// incremental X, Y or Z.
     pub(crate) fn check_incremental_letters(
         &self,
         codes: &Codes,

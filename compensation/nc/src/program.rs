@@ -47,7 +47,7 @@ pub struct Summary {
 /// Options of a compensation.
 #[derive(Clone, Copy, Debug)]
 pub struct Job<'a> {
-    /// Correction of the machine.
+    /// Computes the corrections.
     pub corrector: &'a Corrector,
     /// Set-up that the program relies on but does not contain.
     pub setup: &'a SetUp,
@@ -188,12 +188,14 @@ enum Next {
 
 struct Stream {
     rewriter: Rewriter,
-    /// Bytes before the program in the last line read, and whether the program has begun.
+    /// Number of bytes before the program in the last line read.
     leader: usize,
+    /// Whether the program has begun.
     has_begun: bool,
     ends: Ends,
-    /// Number of lines read so far, and of percent signs among them.
+    /// Number of lines read so far.
     number: usize,
+    /// Number of percent signs in these lines.
     percents: usize,
     ended: bool,
     written: Vec<u8>,

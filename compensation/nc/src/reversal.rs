@@ -169,8 +169,8 @@ impl Corrector {
     }
 
     /// Correction at a position for the axes with lost motion, without its backlash part. It moves
-    /// their carriages; where its direction reverses, the backlash must be crossed. 0 for the other
-    /// axes, whose direction is that of the uncorrected command.
+    /// their carriages, so a reversal of the correction crosses the backlash. 0 for the other axes,
+    /// whose direction is that of the uncorrected command.
     pub(crate) fn without_play(&self, at: &Axes) -> Axes {
         if !self.play.any {
             return [0.0; MAX_AXES];

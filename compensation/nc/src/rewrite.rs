@@ -34,11 +34,11 @@ pub(crate) const MAX_LINE_BYTES: usize = 254;
 /// Counters of a compensation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Counts {
-    /// Lines read.
+    /// Number of lines read.
     pub lines: u64,
     /// Number of motions in the program.
     pub motions: u64,
-    /// Lines changed.
+    /// Number of lines whose numbers changed.
     pub changed: u64,
     /// Lines added for split motions.
     pub added: u64,
@@ -85,7 +85,7 @@ pub(crate) struct Rewriter {
     pub(crate) counts: Counts,
     /// Ends of the parts of each motion (0 to 1), concatenated; `None` if not requested.
     pub(crate) shares: Option<Vec<f64>>,
-    /// Receives each motion.
+    /// Passes each motion on to another thread.
     pub(crate) motion_sender: Option<MotionSender>,
     /// The last block; `None` while it is processed.
     block: Option<Box<Block>>,
@@ -735,7 +735,7 @@ impl Rewriter {
         }
     }
 
-    /// Errors: a motion that is split has an E word that cannot be divided between its parts.
+    /// Rejects an E word that cannot be divided between the parts of a split motion.
     pub(crate) fn check_extrusion(&self, line: Line<'_>) -> Result<(), NcError> {
         match self.extrusion.and_then(|extrusion| extrusion.unknown) {
             None => Ok(()),

@@ -11,7 +11,7 @@ pub enum GraphError {
     /// The length of a matrix row differs from the number of rows.
     #[error("found {found} weights from node {node}, expected {expected}: one to each node")]
     NotSquare {
-        /// The node, from 0.
+        /// Node whose row has the wrong length, from 0.
         node: usize,
         /// Number of weights in the row of the node.
         found: usize,

@@ -92,8 +92,9 @@ pub(crate) enum WriteRule {
 pub(crate) struct AxisWay {
     pub(crate) from: f64,
     pub(crate) to: f64,
-    /// Correction required at the end, and the correction applied at the start.
+    /// Correction required at the end.
     pub(crate) delta: f64,
+    /// Correction applied at the start.
     pub(crate) carried: f64,
     pub(crate) incremental: bool,
     pub(crate) manner: Manner,
@@ -529,7 +530,7 @@ impl Rewriter {
         *parts = shares;
     }
 
-    /// Errors: F (in G93) or E of the parts of a motion is unknown.
+    /// Rejects a split motion whose parts have an unknown F (in G93) or E.
     pub(crate) fn check_shares(&mut self, line: Line<'_>) -> Result<(), NcError> {
         self.check_extrusion(line)?;
         if self.interpreter.modal.exact_stop {

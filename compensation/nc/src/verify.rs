@@ -234,9 +234,11 @@ struct Comparison {
     before: Carriages,
     after: Carriages,
     turns: Reversals,
-    /// Parts of the motion, index of the part that the result has reached, and the completed share of that part.
+    /// Parts of the motion.
     parts: Vec<PartOfMotion>,
+    /// Index of the part that the result has reached.
     at_part: usize,
+    /// Completed share of that part.
     of_part: f64,
     found: Verification,
     cut: Option<Collector>,
@@ -249,9 +251,9 @@ struct Comparison {
     zeros: Vec<Option<[[f64; 3]; 2]>>,
     /// Every `stride`-th position is stored.
     stride: u64,
-    /// Sums over all positions, and over those of the current motion, with the original and with the compensated
-    /// program.
+    /// Sums over all positions, with the original and with the compensated program.
     sums: [Sums; 2],
+    /// Sums over the positions of the current motion, with both programs.
     of_motion: [Lengths; 2],
 }
 

@@ -14,7 +14,7 @@ pub struct Report {
     pub checks: Vec<Check>,
     /// Warnings, shown before any number.
     pub warnings: Vec<Warning>,
-    /// Every error curve.
+    /// Curves of all errors, measured or from the machine file.
     pub curves: Vec<Curve>,
     /// Positioning tests to ISO 230-2.
     pub positioning: Vec<Positioning>,
@@ -42,7 +42,7 @@ pub struct Report {
     pub has_assembly: bool,
     /// Results of an identification from observations of the whole machine.
     pub identified: Option<Identified>,
-    /// The version of volcomp that made the report.
+    /// Version of volcomp that wrote the report.
     pub version: String,
 }
 
@@ -63,15 +63,15 @@ impl Report {
 pub struct Head {
     /// The file from which the report is made.
     pub source: String,
-    /// The name of the machine.
+    /// Name of the machine, from the caller or the measurement files.
     pub machine: Option<String>,
     /// Serial number.
     pub serial: Option<String>,
-    /// The date of the measurement.
+    /// Date of the measurement, as written in the file or option.
     pub date: Option<String>,
     /// The person who measured.
     pub operator: Option<String>,
-    /// Name of the instrument.
+    /// Name of the measuring instrument.
     pub instrument: Option<String>,
     /// Minimum and maximum air temperature, °C.
     pub air_degc: Option<[f64; 2]>,
@@ -79,15 +79,15 @@ pub struct Head {
     pub material_degc: Option<[f64; 2]>,
     /// The structure code of the machine.
     pub structure: String,
-    /// The axes and their travels.
+    /// Travel of every axis of the machine.
     pub axes: Vec<AxisTravel>,
     /// The tool tip to which volumetric errors refer, mm.
     pub tool_tip_mm: [f64; 3],
-    /// The measurement files.
+    /// The measurement files, with their dates and numbers of runs.
     pub files: Vec<SourceFile>,
 }
 
-/// An axis and its travel.
+/// An axis, with its travel in mm (linear) or deg (rotary).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisTravel {
     /// The axis letter.
@@ -345,7 +345,7 @@ pub struct Positioning {
 /// The expanded uncertainty of one figure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FigureUncertainty {
-    /// The symbol of the figure.
+    /// Symbol of the figure, as in [`Check::symbol`].
     pub symbol: String,
     /// Expanded uncertainty (k = 2), in the unit of the figure.
     pub expanded: f64,
@@ -358,7 +358,7 @@ pub struct Square {
     pub first: String,
     /// The axis to which the angle is counted.
     pub second: String,
-    /// The angle minus 90°, µrad.
+    /// Angle between the axes minus 90°, µrad.
     pub angle_urad: f64,
     /// The location errors that contribute to the squareness.
     pub from: Vec<Tilt>,
@@ -407,9 +407,9 @@ pub enum State {
 /// A result and the state of the machine to which it belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OfState<T> {
-    /// State of the machine.
+    /// State of the machine that has this result.
     pub state: State,
-    /// Result for this state.
+    /// The result, such as the volumetric error.
     pub found: T,
 }
 
@@ -422,7 +422,7 @@ pub struct Diagonals {
     pub after: Option<OfState<Vec<Diagonal>>>,
 }
 
-/// One diagonal.
+/// Deviations along one body diagonal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Diagonal {
     /// `PPP`, `NPP`, `PNP`, `PPN`.
@@ -512,15 +512,15 @@ pub(crate) fn place(at: &[Standing]) -> String {
 /// The magnitude of the error over a plane, after alignment of the workpiece.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Slice {
-    /// The axis to the right.
+    /// Axis drawn to the right.
     pub across: String,
-    /// The axis upwards.
+    /// Axis drawn upwards.
     pub up: String,
     /// The axis that does not move; `None` on a machine without a third axis.
     pub held: Option<Standing>,
-    /// The nodes to the right, mm.
+    /// Positions of the nodes on the axis to the right, mm.
     pub x: Vec<f64>,
-    /// The nodes upwards, mm.
+    /// Positions of the nodes on the upward axis, mm.
     pub y: Vec<f64>,
     /// The magnitude of the error before compensation, µm; the axis to the right varies fastest.
     pub before_um: Vec<f64>,
@@ -566,7 +566,7 @@ pub struct Contribution {
 pub struct Drawn {
     /// Number of Monte Carlo samples, at least 2.
     pub trials: u64,
-    /// The random seed.
+    /// Seed of the random numbers.
     pub seed: u64,
     /// Root mean square of the standard uncertainty (k = 1) of the position error over poses of all axes, µm.
     pub rms_um: f64,

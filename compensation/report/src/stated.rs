@@ -8,17 +8,17 @@ use crate::report::{AxisTravel, Head};
 /// Values from the caller, which override those of the files.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Stated {
-    /// The name of the machine.
+    /// Name of the machine, instead of that in the measurement files.
     pub machine: Option<String>,
     /// Serial number.
     pub serial: Option<String>,
-    /// The date of the measurement.
+    /// Date of the measurement, instead of that in the files.
     pub date: Option<String>,
     /// The person who measured.
     pub operator: Option<String>,
-    /// Name of the instrument.
+    /// Name of the measuring instrument.
     pub instrument: Option<String>,
-    /// The edition of ISO 230-2.
+    /// Edition of ISO 230-2 by which the tests are evaluated.
     pub edition: Edition,
 }
 

@@ -324,7 +324,8 @@ fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
     Some(of_readings.hypot(of_scale))
 }
 
-/// The standard uncertainty of a squareness: that of its unknown if it was identified, otherwise that of its lines and reference angle.
+/// The standard uncertainty of a squareness: from the identification if the squareness was
+/// identified, otherwise from its straightness lines and reference angle.
 fn of_square(report: &Report, square: &Square, name: &str) -> Option<f64> {
     let mut from = square.from.iter();
     let of_lines = || from.find(|of| of.error == name)?.uncertainty;

@@ -15,9 +15,11 @@ const VECTORS: usize = 5;
 /// The error at a pose: position (mm) and rotation (rad) in workpiece axes.
 pub type ErrorAt<'a> = &'a dyn Fn(&Pose) -> [f64; 6];
 
-/// The errors of one or two states of a machine: their size over poses of all axes, and maps over the working space with other axes at
-/// `others` (mm or deg). `judged` is the machine whose errors the last state has. Each state has one field per tool; the maps use the
-/// first. `None` for a machine that lacks two of the axes X, Y and Z.
+/// The volumetric error of a machine in one or two states, before and after a compensation: its
+/// size over poses of all axes, and maps over the working space with the other axes at `others` (mm
+/// or deg). `judged` is the machine that has the errors of the last state. Each state has one error
+/// field per tool; the maps use the first. `None` for a machine that lacks two of the axes X, Y and
+/// Z.
 ///
 /// # Errors
 /// The errors of [`Machine::state`] for `others`.

@@ -108,7 +108,7 @@ pub enum PlanError {
     },
     #[error("{device}: axis {axis} is rotary: [guard] limit_urad and slew_urad_per_s are missing")]
     NoRotaryLimits { device: String, axis: AxisName },
-    /// A limit is invalid.
+    /// A limit of the guard is invalid.
     #[error("{}", limits_text(.device, *.axis, .source))]
     Limits {
         device: String,

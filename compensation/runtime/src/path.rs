@@ -44,8 +44,9 @@ pub struct ControlPath {
     pub(crate) reported: ReportedPositions,
     /// Resolution of the positions, mm or rad, from which the thresholds of a reversal follow.
     position_steps: PerChannel<f64>,
-    /// Letters of the written axes, and of those that correct with the active model.
+    /// Letters of the written axes.
     names: Vec<AxisName>,
+    /// The axes that correct with the active model.
     pub(crate) correctors: Correctors,
     /// The axes that follow a remaining correction on rotary axes, if the correcting axes cannot.
     pub(crate) followers: Option<Correctors>,

@@ -1,4 +1,4 @@
-//! The control thread, and its lock-free rings to other threads. State: the cycle.
+//! The control thread, which owns the cycle, and its lock-free rings to other threads.
 
 use std::{
     sync::{

@@ -44,7 +44,7 @@ pub struct PathReport {
     pub holds: bool,
     /// The first value of its barrier that does not fit the limits; axes in the order of the path.
     pub barrier_misfit: Option<BarrierMisfit>,
-    /// Reasons reported for the path.
+    /// Reasons from the read-back and the interlocks of this path.
     pub reasons: Reasons,
 }
 

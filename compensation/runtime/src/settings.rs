@@ -176,9 +176,9 @@ pub struct BarrierSettings {
 /// size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WithoutBarrier {
-    /// Limit of linear axes.
+    /// Largest correction of a linear axis.
     pub linear: Um,
-    /// Limit of rotary axes.
+    /// Largest correction of a rotary axis.
     pub rotary: Urad,
 }
 

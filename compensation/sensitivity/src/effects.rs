@@ -22,11 +22,11 @@ pub struct Effect {
     pub term: ErrorTerm,
     /// Root mean square of the displacement of the tool tip, µm.
     pub position_rms_um: f64,
-    /// The largest displacement, µm.
+    /// Largest displacement of the tool tip, µm.
     pub position_max_um: f64,
     /// Root mean square of the rotation of the tool, µrad.
     pub orientation_rms_urad: f64,
-    /// The largest rotation, µrad.
+    /// Largest rotation of the tool, µrad.
     pub orientation_max_urad: f64,
     /// Share of the error in the mean square displacement if all errors are independent.
     pub share: f64,

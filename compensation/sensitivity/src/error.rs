@@ -9,7 +9,7 @@ pub enum SensitivityError {
     Poses {
         /// Number of poses; `None` if it overflows.
         found: Option<usize>,
-        /// Maximum number.
+        /// Maximum number of poses.
         most: usize,
     },
     /// The list of errors is empty.
@@ -18,7 +18,7 @@ pub enum SensitivityError {
     /// An error belongs to an axis that the chain lacks.
     #[error("{term}: the structure has no axis {axis}")]
     NoSuchAxis {
-        /// The named error.
+        /// Name of the error.
         term: String,
         /// The missing axis.
         axis: AxisName,

@@ -152,7 +152,7 @@ impl Polynomial {
         }
     }
 
-    /// The sum in LaTeX.
+    /// Writes the polynomial as a LaTeX formula.
     pub fn latex(&self) -> String {
         self.written("\\,", Factor::latex)
     }

@@ -15,7 +15,7 @@ pub enum Poses {
         /// Number of nodes of each axis.
         count: usize,
     },
-    /// A list of poses.
+    /// These poses, in order.
     List(Vec<State>),
 }
 

@@ -19,7 +19,7 @@ pub enum ShopError {
     /// The instrument of a line is invalid (only possible when built in code).
     #[error("the line of {error}: {source}")]
     Instrument {
-        /// The error to be measured.
+        /// The error that the line measures.
         error: ErrorName,
         /// Why the instrument is rejected.
         source: InstrumentError,
@@ -27,7 +27,7 @@ pub enum ShopError {
     /// An error cannot be measured by the requested method (only possible when built in code).
     #[error("the line of {error}: {source}")]
     Method {
-        /// The error to be measured.
+        /// The error that the line should measure.
         error: ErrorName,
         /// Why the method does not fit the error.
         source: MetrologyError,
@@ -39,15 +39,15 @@ pub enum ShopError {
     Readings {
         /// Number of readings of all lines and observations.
         found: usize,
-        /// Maximum number.
+        /// Maximum number of readings.
         most: usize,
     },
     /// An observation cannot be made.
     #[error("the observation {name}: {source}")]
     Observation {
-        /// The name of the observation's row file.
+        /// Name of the observation's row file, without extension.
         name: String,
-        /// Reason of the failure.
+        /// Why it cannot be made.
         source: Box<ObservationError>,
     },
 }
@@ -92,11 +92,11 @@ pub enum ObservationError {
         at[0], at[1], at[2]
     )]
     PlannedReach {
-        /// The row of the plan, from 1.
+        /// Row of the plan, from 1.
         pose: usize,
-        /// The sphere, from 1.
+        /// Number of the sphere, from 1, as in `S1`.
         sphere: usize,
-        /// Centre, mm in workpiece axes.
+        /// Centre of the sphere, mm in workpiece axes.
         at: [f64; 3],
     },
     /// The tip is too far from a sphere at a planned pose.
@@ -104,29 +104,29 @@ pub enum ObservationError {
         "row {pose} of the plan: found the tool {apart_mm:.3} mm from sphere S{sphere}, expected at most {most_mm} mm; without columns of linear axes these follow to the sphere by themselves"
     )]
     PlannedApart {
-        /// The row of the plan, from 1.
+        /// Row of the plan, from 1.
         pose: usize,
-        /// The sphere, from 1.
+        /// Number of the sphere, from 1, as in `S1`.
         sphere: usize,
         /// Distance of the nominal tip from the centre, mm.
         apart_mm: f64,
-        /// Maximum distance, mm.
+        /// Maximum of this distance, mm.
         most_mm: f64,
     },
     /// A plan contains a sphere that does not exist (only possible when built in code).
     #[error("found sphere S{found} in the plan, expected S1 to S{most}")]
     NoSphere {
-        /// The sphere, from 1.
+        /// Number of the sphere in the plan, from 1.
         found: usize,
-        /// The number of spheres.
+        /// Number of spheres in the plan.
         most: usize,
     },
     /// Too few or too many poses, marks or diagonals (only possible when built in code).
     #[error("found {found} {what}, expected {least} to {most}")]
     Count {
-        /// What was counted, for the message.
+        /// Plural noun of the counted things: poses, marks or diagonals.
         what: &'static str,
-        /// The number found.
+        /// Number of these things.
         found: usize,
         /// Minimum number.
         least: usize,
@@ -136,7 +136,7 @@ pub enum ObservationError {
     /// The diagonal does not exist (only possible when built in code).
     #[error("found the diagonal {name:?}, expected one of PPP, NPP, PNP, PPN")]
     NoDiagonal {
-        /// Name of the diagonal.
+        /// The unknown name.
         name: String,
     },
     /// A direction has zero length.
@@ -151,9 +151,9 @@ pub enum InstrumentError {
     /// Too few or too many targets.
     #[error("found {found} targets, expected 2 to {most}")]
     Targets {
-        /// The number of targets.
+        /// Number of targets of the instrument.
         found: usize,
-        /// Maximum number.
+        /// Maximum number of targets.
         most: usize,
     },
     /// The number of runs is zero.
@@ -162,7 +162,7 @@ pub enum InstrumentError {
     /// More readings than allowed for a line.
     #[error("found {targets} targets in {runs} runs, expected at most {most} readings")]
     Readings {
-        /// The number of targets.
+        /// Number of targets of the line.
         targets: usize,
         /// The number of runs in each direction.
         runs: u32,

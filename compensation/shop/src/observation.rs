@@ -38,7 +38,7 @@ pub enum Setting {
     Sphere {
         /// The poses: random ones for each sphere, or those of a plan.
         poses: Poses,
-        /// Centres of the spheres.
+        /// Centres of the spheres, mm in workpiece axes.
         centres: Vec<[f64; 3]>,
         /// The recorded quantity.
         reads: Reads,
@@ -56,7 +56,7 @@ pub enum Setting {
     },
     /// A step gauge: distances between its faces.
     StepGauge(Bar),
-    /// A row of balls.
+    /// A ball bar whose balls are probed in order.
     BallRow {
         /// The bar with the balls.
         bar: Bar,

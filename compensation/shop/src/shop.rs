@@ -72,7 +72,7 @@ pub const CALIBRATED: &str = "calibrated.toml";
 /// A location error that is measured directly, with a mandrel and an indicator or by a probing cycle of the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShopLocation {
-    /// The location error.
+    /// Name of the location error.
     pub error: ErrorName,
     /// Standard deviation of the reading, µm or µrad; written as its standard uncertainty.
     pub noise: f64,

@@ -16,8 +16,9 @@ const GUIDE_UM: f64 = 0.06;
 const SCREW_UM: f64 = 0.08;
 /// Growth of the backlash per month, µm and µrad. It reduces the reversal value (forward minus backward), because the carriage lags.
 const PLAY: f64 = 0.05;
-/// Growth per month of the eccentricity of a rotary axis's gear, µrad, and of the run-out of its bearing, µm.
+/// Growth per month of the eccentricity of a rotary axis's gear, µrad.
 const GEAR_URAD: f64 = 0.2;
+/// Growth per month of the run-out of a rotary axis's bearing, µm.
 const BEARING_UM: f64 = 0.02;
 /// Standard deviation per month of the drift of a squareness or parallelism, µrad.
 const SETTLED_URAD: f64 = 0.15;
@@ -57,7 +58,7 @@ pub enum WearError {
     Machine(#[from] ModelError),
 }
 
-/// A worn machine.
+/// The result of ageing a machine.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Worn {

@@ -39,7 +39,7 @@ impl<F: Fn(&[f64; GRID_AXES]) -> [f64; OUTPUTS]> Field for F {
 /// An input axis of a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridAxis {
-    /// Name of the axis.
+    /// Letter of the axis, linear or rotary.
     pub name: AxisName,
     /// Travel, mm or deg.
     pub travel: [f64; 2],
@@ -146,7 +146,7 @@ pub enum TablesError {
     )]
     Memory {
         within_um: f64,
-        /// `None`: more than 32767.
+        /// Size of the map, words; `None`: more than 32767.
         needed: Option<usize>,
         lines: String,
         words: usize,

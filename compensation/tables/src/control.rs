@@ -24,7 +24,7 @@ const _: () = assert!(HEADER_WORDS == 68 && MAX_WORDS == 32767);
 pub struct Settings {
     /// Input axes of the maps, in the order of [`Position`].
     pub grid: Layout,
-    /// Corrected axes, machine number and bounds of the corrections, as for a barrier, 1 to 32767 each.
+    /// Corrected axes, machine number and limits, as for a barrier; each limit is 1 to 32767.
     pub outputs: barrier::Settings,
     /// Position step of each axis of the grid, millionths of a mm (nm) or of a deg.
     pub position_step_millionths: [u32; GRID_AXES],
@@ -142,12 +142,12 @@ pub const FRAME_WORDS: usize = BODY + 2 + DATA_WORDS + 2;
 
 const BODY: usize = HEAD_WORDS;
 
-/// Content of a frame.
+/// What a frame asks of the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Body {
     /// Starts a transfer, which continues with the map's first word.
     Begin {
-        /// Number of the map.
+        /// Number that distinguishes the map from earlier ones.
         counter: u16,
         /// Length of the map, words.
         words: u16,
@@ -161,14 +161,14 @@ pub enum Body {
     },
     /// The map is complete and is to become active.
     Swap {
-        /// Number of the map.
+        /// Number that distinguishes the map from earlier ones.
         counter: u16,
         /// Checksum of the map's words.
         check: [u16; 2],
     },
     /// Keep-alive: the active map stays valid.
     Keep {
-        /// Number of the map.
+        /// Number that distinguishes the map from earlier ones.
         counter: u16,
     },
 }
@@ -419,11 +419,11 @@ pub struct Memory {
     pub counter: u16,
     /// Index of the active buffer; maps are loaded into the other one.
     pub buffer: usize,
-    /// Map being loaded.
+    /// The map being loaded, if any.
     pub loading: Option<Loading>,
-    /// Applied corrections, steps.
+    /// Correction applied to each axis, output steps.
     pub applied: [i16; OUTPUTS],
-    /// Target corrections, steps.
+    /// Correction towards which each axis moves, output steps.
     pub goal: [i16; OUTPUTS],
     /// Number of scans since the last movement.
     pub waited: u16,
@@ -435,7 +435,7 @@ pub struct Memory {
 /// A map being loaded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Loading {
-    /// Number of the map.
+    /// Number that distinguishes the map from earlier ones.
     pub counter: u16,
     /// Length of the map, words.
     pub words: u16,

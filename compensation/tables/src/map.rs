@@ -67,7 +67,7 @@ impl Lines {
     }
 }
 
-/// Header of a map.
+/// Axes, grid lines, reversal values and steps of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
     /// Number that distinguishes the map from earlier ones; never 0.
@@ -143,7 +143,7 @@ impl Header {
         Ok(())
     }
 
-    /// Encodes the header.
+    /// Encodes the header as the first words of the map.
     #[must_use]
     pub fn encode(&self) -> [u16; HEADER_WORDS] {
         let mut words = [0; HEADER_WORDS];
@@ -374,7 +374,7 @@ impl Map {
         Ok(Self { header, words })
     }
 
-    /// Header of the map.
+    /// Decoded header of the map.
     #[must_use]
     pub fn header(&self) -> &Header {
         &self.header

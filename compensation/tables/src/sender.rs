@@ -7,7 +7,7 @@ use crate::{
     map::{HEADER_WORDS, Map, OUTPUTS},
 };
 
-/// The next action of a sender.
+/// What a sender must do next so that the control uses its map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NextAction {
     /// Write a frame with this content to the mailbox.
@@ -80,7 +80,7 @@ fn words_from(map: &Map, place: u16) -> Body {
 
 /// Transport of words to and from a control.
 pub trait Exchange {
-    /// Transport error.
+    /// Error of the transport.
     type Error;
 
     /// Reads the words of the report; additional words may follow.
@@ -216,7 +216,7 @@ fn step_mm(map: &Map, output: usize) -> f64 {
     f64::from(map.header().output_step_nm[output]) * 1e-6
 }
 
-/// Result of one step.
+/// What a step of the sender achieved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// The report was torn or belongs to another machine; nothing was sent.

@@ -67,7 +67,7 @@ enum Transport {
     ReadOnly,
 }
 
-/// A controller over plain frames.
+/// Reads and corrects a control with cyclic CAN frames, which a signal table describes.
 pub struct CanController<P> {
     receiver: Receiver<P>,
     description: Description,

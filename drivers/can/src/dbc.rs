@@ -13,7 +13,7 @@ pub enum DbcError {
     /// The text is not a DBC file.
     #[error("{file}: {message}")]
     Syntax {
-        /// The name of the DBC file.
+        /// Name of the file, for messages.
         file: String,
         /// The message of the parser, with the position of the error.
         message: String,
@@ -21,7 +21,7 @@ pub enum DbcError {
     /// A message or signal is invalid.
     #[error("{file}:{line}: {place}: found {found}, expected {expected}")]
     Entry {
-        /// The name of the DBC file.
+        /// Name of the file, for messages.
         file: String,
         /// The line of the message or signal, from 1.
         line: usize,

@@ -149,7 +149,7 @@ pub(crate) const REPORTED_WITHIN: Duration = Duration::from_millis(100);
 pub struct Settings {
     /// Maximum time until a correction appears in readings; `None`: in the next cycle.
     pub shown_within: Option<Duration>,
-    /// Resolution of quantised positions.
+    /// Step of the positions of each axis whose control reports them coarsely.
     pub position_steps: BTreeMap<AxisName, Displacement>,
     /// Whether positions are too coarse for the test shift at arming.
     pub is_coarse: bool,

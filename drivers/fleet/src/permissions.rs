@@ -57,7 +57,7 @@ impl Permissions {
     }
 }
 
-/// A machine with the nkey of its user.
+/// A machine and the public key by which the NATS server recognises it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MachineUser {
     pub identity: Identity,

@@ -84,7 +84,7 @@ pub fn largest_moves(worst_um: &str, worst_urad: &str) -> String {
     }
 }
 
-/// Response to a manifest.
+/// Response of a gateway to a manifest of the centre.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Acknowledgement {
     /// Version of the manifest; 0 if it could not be read.

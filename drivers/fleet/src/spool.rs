@@ -25,7 +25,7 @@ const FILE: usize = 256 * 1024;
 pub enum Lane {
     /// Acknowledgements and audit records: sent first, and never dropped in favour of telemetry.
     Kept,
-    /// Conditions and telemetry.
+    /// Conditions and telemetry: sent last, and dropped first.
     Passing,
 }
 
@@ -58,7 +58,7 @@ impl Default for SpoolLimits {
     }
 }
 
-/// A waiting message.
+/// A message that waits to be sent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Waiting {
     pub kind: Kind,
@@ -184,7 +184,7 @@ struct Queue {
     /// The message returned last, and whether it came from the open file. It is not in the queue, so that it cannot be among the messages
     /// dropped meanwhile.
     given: Option<(Waiting, bool)>,
-    /// The newest messages.
+    /// The newest messages, not yet in a file.
     memory: VecDeque<Waiting>,
     next_file: u64,
     dropped: u64,

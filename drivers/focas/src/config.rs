@@ -280,8 +280,9 @@ pub(crate) fn check_disjoint(one: &Block, other: &Block) -> Result<(), FocasErro
     })
 }
 
-/// Blocks of a configuration, with shift words for `slots` axes, from which the control must not take shifts if a ladder copies them. With
-/// a barrier the shift words are excluded, because only the control reports where they are.
+/// Memory blocks of a configuration, with shift words for `slots` axes: the control must not be set
+/// to read its shifts there if a ladder copies them. With a barrier the shift words are excluded,
+/// because only the control reports where they are.
 pub(crate) fn without_axis_words(
     config: &FocasConfig,
     slots: usize,

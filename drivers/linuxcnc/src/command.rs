@@ -20,11 +20,11 @@ pub struct Command {
     /// Run and sequence number of the state to which the command responds. The bridge rejects frames that respond to none of the states of
     /// its last second. Zeros before the first state; such a command only requests states.
     pub answers: [u32; 2],
-    /// Content of the command.
+    /// Request for states, or a frame.
     pub content: Content,
 }
 
-/// The content of a [`Command`].
+/// What a [`Command`] asks of the bridge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
     /// Requests that the bridge continues to send states, without a frame.

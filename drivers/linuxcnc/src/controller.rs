@@ -58,10 +58,10 @@ pub struct LinuxCncConfig {
 }
 
 impl LinuxCncConfig {
-    /// One nanometre.
+    /// Default size of a count of linear axes: 1 nm.
     pub const STEP_LINEAR: Displacement = Displacement::Length(Mm(1e-6));
 
-    /// One millionth of a degree.
+    /// Default size of a count of rotary axes: a millionth of a degree.
     pub fn step_rotary() -> Displacement {
         Displacement::Angle(Deg(1e-6).to_rad())
     }
@@ -158,7 +158,7 @@ pub struct Health {
     pub restarts: u64,
 }
 
-/// A LinuxCNC control.
+/// Reads and corrects a LinuxCNC control through its bridge.
 pub struct LinuxCncController {
     socket: UdpSocket,
     description: Description,
@@ -197,7 +197,7 @@ impl LinuxCncController {
         })
     }
 
-    /// The counters so far.
+    /// Counters of rejected, late and lost states.
     pub fn health(&self) -> Health {
         self.health
     }

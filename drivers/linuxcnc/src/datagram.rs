@@ -12,9 +12,9 @@ pub enum DatagramError {
     /// The length in bytes is wrong.
     #[error("found {found} bytes, expected {expected}")]
     Length {
-        /// The number of bytes that were found.
+        /// Length of the datagram, bytes.
         found: usize,
-        /// The number that was expected.
+        /// Length that its content requires, bytes.
         expected: usize,
     },
     /// The magic bytes are wrong.
@@ -23,7 +23,7 @@ pub enum DatagramError {
     /// The other side uses another version of the protocol.
     #[error("found version {found} of the protocol, expected {VERSION}")]
     Version {
-        /// The version that was found.
+        /// Version of the protocol in the datagram.
         found: u8,
     },
     /// The message authentication code does not match our key.
@@ -34,19 +34,19 @@ pub enum DatagramError {
     /// The number of axes exceeds the maximum.
     #[error("found {found} axes, expected at most {MAX_AXES}")]
     Axes {
-        /// The number that was found.
+        /// Number of axes in the datagram.
         found: usize,
     },
     /// The number of words exceeds the maximum.
     #[error("found {found} words, expected at most {MOST_WORDS}")]
     Words {
-        /// The number that was found.
+        /// Number of words in the datagram.
         found: usize,
     },
     /// A letter is not an axis, or occurs twice.
     #[error("found the letter {:?}, expected those of axes, each once", char::from(*found))]
     Letter {
-        /// The byte that was found.
+        /// The rejected byte.
         found: u8,
     },
     /// A position or velocity is not finite, or the size of a count is zero.
@@ -54,13 +54,13 @@ pub enum DatagramError {
         "axis {axis}: found a position or velocity that is not finite, or a count of size 0, expected numbers and a size of 1 or more"
     )]
     Number {
-        /// The axis whose numbers these are.
+        /// The axis with this position, velocity or size.
         axis: AxisName,
     },
     /// The content is of an unknown kind.
     #[error("found the kind {found} of content, expected 0 (request for states) or 1 (a frame)")]
     Kind {
-        /// The kind that was found.
+        /// The rejected number of the kind.
         found: u16,
     },
 }

@@ -9,15 +9,18 @@ use volcomp_vocabulary::MAX_AXES;
 
 use crate::{Flags, State};
 
-/// Tolerance of an offset in addition to the recent movement of its value: three counts, plus the distance at which the planner stops (nm
-/// or millionths of a degree). It is small, so that a small missing correction is also detected.
+/// Tolerance of an offset, in addition to the recent movement of its value: three counts plus
+/// `TOLERANCE_NANO` (nm or millionths of a degree), within which the planner stops. It is small, so
+/// that even a small missing correction is detected.
 const TOLERANCE_COUNTS: f64 = 3.0;
 const TOLERANCE_NANO: f64 = 10.0;
 /// Maximum lag of the control's planner; time constant with which recent movement decays.
 const MAX_PLANNER_LAG: Duration = Duration::from_millis(250);
+/// Time out of tolerance after which the offset is treated as lost.
 const LOST_AFTER: Duration = Duration::from_millis(500);
-/// Number of report words before those of the axes, and number of words per axis.
+/// Number of report words before those of the axes.
 const HEADER_WORDS: usize = 8;
+/// Number of report words per axis.
 const WORDS_PER_AXIS: usize = 3;
 
 #[derive(Clone, Copy, Debug, Default)]

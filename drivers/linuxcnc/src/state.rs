@@ -80,11 +80,11 @@ impl fmt::Display for Flags {
 /// One flag and its texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flag {
-    /// Bit mask.
+    /// Mask with the bit of the flag.
     pub bit: u16,
     /// Name in the protocol.
     pub name: &'static str,
-    /// Text if set.
+    /// Text that is shown if the flag is set.
     pub set: &'static str,
     /// Text if not set; empty for none.
     pub unset: &'static str,

@@ -34,7 +34,7 @@ pub struct ThermometerUnit {
     pub names: Vec<String>,
 }
 
-/// Modules on one line.
+/// Temperature modules on one TCP connection or serial line.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermometerConfig {

@@ -6,7 +6,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES, PerChannel}
 
 use crate::{Fault, Words};
 
-/// One axis of a controller.
+/// Properties of an axis as the controller reports and corrects it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Axis {
@@ -90,7 +90,7 @@ pub struct Description {
     pub barrier: bool,
     /// Whether the applied correction can be read back, as values or in reports.
     pub tells_applied: bool,
-    /// The states that the controller shows.
+    /// The operating states that the controller reports.
     pub shown: ShownStates,
     /// Whether the driver detects a second gateway on the same controller.
     pub sees_other_gateways: bool,
@@ -213,7 +213,7 @@ pub struct Snapshot {
     pub applied: Option<PerChannel<f64>>,
     /// The last report of the barrier as received; its checksum shows whether it is complete. `None` without a barrier, or before the first report.
     pub report: Option<Words>,
-    /// When the oldest part of `applied` or `report` was valid, as `taken`.
+    /// When the oldest part of `applied` or `report` was valid, on the same clock as `taken`.
     pub correction_taken: Instant,
 }
 

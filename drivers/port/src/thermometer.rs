@@ -75,14 +75,14 @@ pub enum Quality {
 pub struct Temperature {
     /// Temperature, °C; `None` if bad.
     pub degc: Option<f64>,
-    /// Quality of the temperature.
+    /// Whether the temperature is usable, by the device's own report.
     pub quality: Quality,
     /// When the temperature was measured; `None` before the first reading.
     pub taken: Option<Instant>,
 }
 
 impl Temperature {
-    /// No reading yet.
+    /// The state of a sensor before its first reading.
     pub const NOT_READ: Self = Self {
         degc: None,
         quality: Quality::Bad(Reason::NotRead),

@@ -50,7 +50,7 @@ pub struct SinumerikConfig {
     pub reads: Vec<AxisName>,
     /// Numbers of the axes in the control, from 1: of `axes`, then of `reads`. Empty: 1, 2, 3, ….
     pub numbers: Vec<u16>,
-    /// The node ids.
+    /// Ids of the OPC UA nodes that are read and written.
     pub nodes: Nodes,
     /// Name of the channel through which corrections reach the axes.
     pub channel: String,

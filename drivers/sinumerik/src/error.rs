@@ -15,15 +15,15 @@ pub enum SinumerikError {
         "numbers: found {found:?}, expected {axes} different numbers from 1 on, one for each axis"
     )]
     Numbers {
-        /// The configured numbers.
+        /// The configured axis numbers.
         found: Vec<u16>,
-        /// Number of axes.
+        /// Number of configured axes, each of which needs a number.
         axes: usize,
     },
     /// A required node id pattern is empty.
     #[error("nodes.{key}: found an empty text, expected a node id")]
     EmptyPattern {
-        /// The key of the pattern.
+        /// Key of the pattern below `nodes`.
         key: &'static str,
     },
     /// A pattern yields the same node for several axes.
@@ -31,9 +31,9 @@ pub enum SinumerikError {
         "nodes.{key}: found {found:?}, expected {{axis}} or {{db}} in it: every axis has its own node"
     )]
     OnePattern {
-        /// The key of the pattern.
+        /// Key of the pattern below `nodes`.
         key: &'static str,
-        /// The pattern.
+        /// The pattern, which contains neither `{axis}` nor `{db}`.
         found: String,
     },
     /// The period is shorter than the sampling period of the control's server.
@@ -55,9 +55,9 @@ pub enum SinumerikError {
     /// A certificate or key is missing, invalid, expired, or readable by others.
     #[error("{}: found {found}, expected {expected}", .file.display())]
     Certificate {
-        /// The file.
+        /// Certificate or key file.
         file: PathBuf,
-        /// What was found.
+        /// The state of the file.
         found: String,
         /// The required state.
         expected: String,
@@ -87,7 +87,7 @@ pub enum SinumerikError {
     /// The OPC UA client rejects its configuration.
     #[error("the OPC UA client cannot be set up: {0}")]
     Client(String),
-    /// There is no connection.
+    /// The server cannot be reached.
     #[error("no connection: {0}")]
     Connect(String),
     /// The server did not answer in time; the session was closed.
@@ -104,7 +104,7 @@ pub enum SinumerikError {
     /// A node cannot be read, or its value is not a number.
     #[error("node {node}: {found}, expected a readable value")]
     Node {
-        /// The node id.
+        /// Id of the node.
         node: String,
         /// The server's status or value of the node.
         found: String,
@@ -114,9 +114,9 @@ pub enum SinumerikError {
         "axis {axis}: MD32750 $MA_TEMP_COMP_TYPE is {found}, expected bit 0 set (1 or 3): the control ignores SD43900 otherwise, and writing would not move the axis; set it at the control and activate it there"
     )]
     SwitchedOff {
-        /// The axis.
+        /// Axis with a correction that has no effect.
         axis: AxisName,
-        /// The value of the machine data.
+        /// Value of machine data 32750.
         found: u32,
     },
     /// The axis with this number has another name in the control.
@@ -126,7 +126,7 @@ pub enum SinumerikError {
     OtherAxis {
         /// The axis of the configuration.
         axis: AxisName,
-        /// Number in the control.
+        /// Number of the axis in the control, from 1.
         number: u16,
         /// The name that the control reports.
         found: String,

@@ -36,7 +36,7 @@ pub struct Server {
 /// A user name and its password.
 #[derive(Clone, PartialEq, Eq)]
 pub struct User {
-    /// Name of the user.
+    /// Login name.
     pub name: String,
     /// The password; it never appears in messages or `Debug` output.
     pub password: String,

@@ -94,7 +94,7 @@ impl BSpline {
         &self.coefficients
     }
 
-    /// Degree, 1 to 5.
+    /// Degree of the polynomial pieces, 1 to 5.
     pub fn degree(&self) -> usize {
         self.degree
     }

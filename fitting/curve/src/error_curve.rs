@@ -91,7 +91,7 @@ pub enum ErrorCurve {
     },
     /// Mean and the reversal value of ISO 230-2, B = forward − backward.
     Reversal {
-        /// Mean of both directions.
+        /// Mean of the errors in both directions.
         mean: Field,
         /// Reversal value B, in value units.
         #[cfg_attr(

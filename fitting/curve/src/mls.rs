@@ -333,12 +333,12 @@ impl MovingLeastSquares {
 /// Curves of all orders up to that of [`MovingLeastSquares::nested`] at one place, by order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NestedSolutions {
-    /// Value of the curve.
+    /// Value of the curve of each order.
     pub values: [f64; 9],
     /// [`influence`](MovingLeastSquares::influence) of the node at this place; 0 if there is none.
     pub influences: [f64; 9],
-    /// Lower bound of the reciprocal condition number of [`design`](MovingLeastSquares::design), at most that number over order + 1; not a
-    /// number if the design is singular.
+    /// Lower bound of the reciprocal condition number of [`design`](MovingLeastSquares::design); it
+    /// is smaller by a factor of at most order + 1. NaN if the design is singular.
     pub conditions: [f64; 9],
 }
 

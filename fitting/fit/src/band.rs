@@ -39,7 +39,7 @@ impl Default for BandOptions {
     serde(rename_all = "snake_case")
 )]
 pub enum BandSource {
-    /// Whole runs of several; if some runs lack targets, the scatter of their readings.
+    /// Whole runs, if there are several; the scatter of their readings if some runs lack targets.
     Runs,
     /// The residuals of a single run, which do not show differences between runs.
     Residuals,

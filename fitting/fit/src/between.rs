@@ -8,9 +8,11 @@ use crate::{Fit, Noise};
 
 /// Share of the height of the mean readings by which a curve may leave their band, or a straight line, between targets.
 const LEFT_BY: f64 = 0.25;
-/// Samples per gap when choosing a curve, and when assessing one; fewer with many targets.
+/// Samples per gap when choosing a curve.
 const PIECES: usize = 4;
+/// Samples per gap when assessing a curve.
 const FINE_PIECES: usize = 64;
+/// Maximum number of samples; with many targets there are fewer per gap.
 const MAX_PIECES: usize = 4000;
 /// Targets are treated as too sparse only if the leave-one-out RMS exceeds this multiple of both
 /// the repeatability and the RMS residual: smaller errors are explained by scatter.

@@ -10,9 +10,11 @@ use crate::{FitError, FitOptions, Method, fourier, mls, polynomial, readings, ta
 
 const SHAPE: f64 = 3.0;
 const MLS_TARGETS: usize = 7;
-/// Highest order of a polynomial in powers, and of a Chebyshev series.
+/// Highest order of a polynomial in powers.
 const HIGHEST_POWER: usize = 8;
+/// Highest order of a Chebyshev series.
 const HIGHEST_ORDER: usize = 15;
+/// Highest number of harmonics of a Fourier series.
 const HIGHEST_HARMONIC: usize = 20;
 /// Tested orders and supports of moving least squares: the published pair, and stiffer and looser
 /// ones. The list is deliberately short: over the whole grid of the automatic mode, the
@@ -35,8 +37,9 @@ pub(crate) struct Candidate {
     /// Leave-one-out errors of the inner targets.
     pub(crate) errors: Vec<f64>,
     pub(crate) largest_residual: f64,
-    /// Sum of squared residuals, each weighted by the number of readings, and its degrees of freedom.
+    /// Sum of squared residuals, each weighted by the number of readings.
     pub(crate) squares: f64,
+    /// Degrees of freedom of that sum.
     pub(crate) freedom: f64,
     /// Diagonal of the hat matrix for the targets of the first set.
     pub(crate) leverages: Vec<f64>,

@@ -78,7 +78,7 @@ impl fmt::Display for Reason {
 pub struct Choice {
     /// The method chosen.
     pub method: Method,
-    /// Reason for the choice.
+    /// Rule by which the method was chosen.
     pub reason: Reason,
     /// All candidates, simplest first.
     pub scores: Vec<Score>,

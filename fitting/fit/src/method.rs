@@ -31,7 +31,7 @@ pub enum Method {
     },
     /// A smoothing B-spline, smoothed by generalised cross-validation.
     BSpline,
-    /// Moving least squares.
+    /// Moving least squares: a local polynomial about each place.
     MovingLeastSquares {
         /// Order of the local polynomials.
         order: usize,

@@ -338,8 +338,9 @@ pub(crate) struct Candidate {
     curve: MovingLeastSquares,
     /// Each target with the value of the curve there.
     values: Vec<[f64; 2]>,
-    /// Residual of each target, and its leverage: the weight of the reading in the curve there.
+    /// Residual of each target.
     pub(crate) residuals: Vec<f64>,
+    /// Leverage of each target: the weight of its reading in the curve there.
     pub(crate) influences: Vec<f64>,
     /// Largest deviation of a target's mean reading from the curve.
     max_residual: f64,
@@ -375,7 +376,8 @@ impl Candidate {
         }
     }
 
-    /// Fit to the readings whose means are the targets.
+    /// Assessment of the curve against the single readings `u` at `x`, to whose means it was
+    /// fitted.
     pub(crate) fn fit(self, x: &[f64], u: &[f64]) -> Fit {
         let errors = self.residuals.iter().zip(&self.influences);
         let missed = errors.map(|(&e, &influence)| left_out(e, influence));

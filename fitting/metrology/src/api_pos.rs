@@ -11,7 +11,7 @@ use crate::text_report::{decimals_of, head_of, metadata_of, step_of};
 use crate::{DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Quantity, Reading};
 
 const EXPECTED: &str = "a table headed `Position   Bidirectional Avg Error`";
-/// The file uses mm, memory µm.
+/// Factor from the unit of the file, mm, to µm.
 const UM_PER_MM: f64 = 1e3;
 
 /// Reads a position file of an API laser (`.pos`): the tables headed `Position  Bidirectional | Forward Directional | Backward Directional Avg

@@ -30,7 +30,7 @@ pub struct ChannelLog {
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channel {
-    /// Name of the channel.
+    /// Name of the process variable.
     pub name: String,
     /// Time (s since the earliest line of the log) and value, by ascending time.
     pub samples: Vec<(f64, f64)>,

@@ -116,7 +116,7 @@ struct DwellReadings {
     skipped: usize,
     /// Number of standstills merged with the one before, because the axis had not left the target.
     joined: usize,
-    /// Largest change of the instrument during a standstill, µm or µrad.
+    /// Largest change of the instrument's reading during a standstill, µm or µrad.
     widest: f64,
 }
 

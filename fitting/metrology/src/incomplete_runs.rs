@@ -20,9 +20,10 @@ pub type AtTargets = [Vec<f64>; 2];
 pub struct IncompleteRuns {
     alignment: Alignment,
     scatter: Option<RunScatter>,
-    /// Shift of the means by one standard deviation of each run: by its line, and by its residuals
-    /// at targets that all runs hold.
+    /// Shift of the means by one standard deviation of the line of each run.
     of_lines: BTreeMap<u32, AtTargets>,
+    /// Shift of the means by one standard deviation of the residuals of each run, at targets that
+    /// all runs hold.
     of_residuals: BTreeMap<u32, AtTargets>,
 }
 
@@ -63,8 +64,9 @@ impl IncompleteRuns {
         self.of_lines.values()
     }
 
-    /// Degrees of freedom of these shifts in some directions. Runs made in both directions have one
-    /// mean; runs numbered separately have one mean in each direction.
+    /// Degrees of freedom of [`shifts_by_lines`](Self::shifts_by_lines) in some directions. Runs
+    /// made in both directions have one mean; runs numbered separately have one mean in each
+    /// direction.
     pub fn freedom_of_lines(&self, directions: &[Direction]) -> usize {
         if !self.has_separate_numbers() {
             return self.of_lines.len().saturating_sub(1);

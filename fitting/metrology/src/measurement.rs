@@ -60,9 +60,9 @@ pub struct Metadata {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StartEnd {
-    /// Value at the start.
+    /// Value at the start of the test, in the unit of the file.
     pub start: f64,
-    /// Value at the end.
+    /// Value at the end of the test, in the unit of the file.
     pub end: f64,
     /// Unit code of the file, if stated.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]

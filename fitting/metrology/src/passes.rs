@@ -26,9 +26,9 @@ const ZERO: ReferenceLine = ReferenceLine {
 /// and a straightness reference aligned, before each run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunAlignment {
-    /// Offset.
+    /// Only the zero of the instrument.
     Offset,
-    /// Offset and slope.
+    /// Zero and slope, as of a straightness reference.
     Line,
 }
 

@@ -59,7 +59,7 @@ pub struct PositioningUncertainty {
     pub b_um: f64,
     /// U(R), of the bidirectional repeatability.
     pub r_um: f64,
-    /// U(R↑) and U(R↓).
+    /// U(R↑) and U(R↓), of the unidirectional repeatabilities.
     pub r_unidirectional_um: f64,
     /// Contributions that were not stated and are not included, one text each; empty if all were
     /// stated.

@@ -89,7 +89,8 @@ pub struct SquarenessInputs {
     pub temperature_urad: Option<f64>,
 }
 
-/// Expanded uncertainties of a squareness for 95.45 %, the probability of k = 2, µrad; `None` is not stated, and left out.
+/// Expanded uncertainties of a squareness for 95.45 %, the probability of k = 2, µrad. A
+/// contribution that was not stated is `None` and is not included in the combined one.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -103,7 +104,7 @@ pub struct SquarenessUncertainty {
     pub straight_edge_urad: Option<f64>,
     /// Contribution of temperature changes.
     pub temperature_urad: Option<f64>,
-    /// Combined expanded uncertainty.
+    /// Expanded uncertainty from all contributions, µrad.
     pub whole_urad: f64,
     /// Contributions that were not stated, one text each.
     pub left_out: Vec<String>,

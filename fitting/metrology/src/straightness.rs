@@ -83,9 +83,9 @@ pub fn angular_method_um(
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct StraightnessAbout {
-    /// Definition of the line.
+    /// How the reference line is defined.
     pub kind: ReferenceKind,
-    /// The reference line.
+    /// Line from which the deviations are counted.
     pub line: ReferenceLine,
     /// Straightness error: the range of the profile about the line, µm.
     pub error_um: f64,

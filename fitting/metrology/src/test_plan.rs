@@ -119,7 +119,7 @@ pub fn shortfalls(measurement: &Measurement, kind: AxisKind, edition: Edition) -
     said
 }
 
-/// `1 run`, `2 runs`.
+/// Formats a count with its noun: `1 run`, `2 runs`.
 pub(crate) fn counted(n: usize, noun: &str) -> String {
     format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
 }

@@ -8,7 +8,7 @@ use crate::{DeviationUnit, MetrologyError};
 pub struct StandardQuantity {
     /// Symbol in plain letters, as in tolerances: `A`, `A_forward`, `mean_B`, `Ps_max`.
     pub symbol: &'static str,
-    /// Name in the standard.
+    /// Name of the quantity in the standard, in words.
     pub name: &'static str,
     /// Value in the unit of the evaluation; `None` if it cannot be evaluated.
     pub value: Option<f64>,

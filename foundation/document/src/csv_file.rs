@@ -181,7 +181,7 @@ impl CsvTable {
         })
     }
 
-    /// An error at the header.
+    /// Error with this message, located at the header.
     pub fn header_error(&self, message: impl Into<String>) -> InputError {
         self.error(&self.header, "header", message.into())
     }
@@ -267,7 +267,7 @@ impl<R: BufRead + Seek> CsvBatches<R> {
         Ok(batches)
     }
 
-    /// The table without rows.
+    /// The header, as a table without rows.
     pub fn head(&self) -> &CsvTable {
         &self.head
     }
@@ -323,7 +323,7 @@ impl<'t> CsvRow<'t> {
         Cell { row: *self, column }
     }
 
-    /// An error at this row.
+    /// Error with this message, located at this row.
     pub fn error(&self, message: impl Into<String>) -> InputError {
         self.table.error(self.record, "row", message.into())
     }
@@ -369,7 +369,7 @@ impl<'t> Cell<'t> {
         })
     }
 
-    /// An error at this cell.
+    /// Error with this message, located at this cell.
     pub fn error(&self, message: impl Into<String>) -> InputError {
         let table = self.row.table;
         let name = table.header.cells.get(self.column.0).unwrap_or_default();

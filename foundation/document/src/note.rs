@@ -4,7 +4,7 @@ use core::fmt::{self, Display, Formatter};
 
 use serde::{Serialize, Serializer};
 
-/// Severity of a note.
+/// How serious a note is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
     /// The result could mislead.
@@ -16,7 +16,7 @@ pub enum Severity {
 /// A note on a result: location, statement and recommendation. Its [`Display`] is one sentence, and so is its JSON.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
-    /// Severity of the note.
+    /// How serious the note is.
     pub severity: Severity,
     /// File, `file:line` or name concerned; empty if the whole result is concerned.
     pub place: String,

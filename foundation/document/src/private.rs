@@ -14,9 +14,9 @@ pub enum PrivateError {
     /// The file cannot be read.
     #[error("{}: {source}", file.display())]
     Read {
-        /// Path of the file.
+        /// Path of the secret.
         file: PathBuf,
-        /// Error of the operating system.
+        /// Why the operating system cannot open or read it.
         source: io::Error,
     },
     /// Other users may read the file.
@@ -24,9 +24,9 @@ pub enum PrivateError {
         "{}: found mode {mode:03o}, expected 600: a secret that others can read is none", file.display()
     )]
     Mode {
-        /// Path of the file.
+        /// Path of the secret.
         file: PathBuf,
-        /// Mode bits of the file.
+        /// Permission bits of the file, which let other users access it.
         mode: u32,
     },
 }

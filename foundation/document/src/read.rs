@@ -15,15 +15,15 @@ pub enum ReadError {
     /// The operating system cannot read the file: it is missing, a folder, or not readable for this user.
     #[error("{file}: cannot be read: {source}")]
     System {
-        /// Name of the file.
+        /// Path as given by the caller.
         file: String,
-        /// Error of the operating system.
+        /// Why the operating system cannot read it.
         source: io::Error,
     },
     /// The file holds bytes that are not UTF-8.
     #[error("{file}: byte {offset} is not UTF-8, expected a text file in UTF-8")]
     Encoding {
-        /// Name of the file.
+        /// Path as given by the caller.
         file: String,
         /// Offset of the first byte that is not UTF-8, from 0.
         offset: usize,

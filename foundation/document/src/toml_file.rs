@@ -162,7 +162,7 @@ impl<'a> Section<'a> {
         &self.key
     }
 
-    /// An error at this table.
+    /// Error with this message, located at this table.
     pub fn error(&self, message: impl Into<String>) -> InputError {
         self.document
             .error(self.span.clone(), self.key.clone(), message)
@@ -226,7 +226,7 @@ impl<'a> Value<'a> {
         &self.key
     }
 
-    /// An error at this value.
+    /// Error with this message, located at the line and key of this value.
     pub fn error(&self, message: impl Into<String>) -> InputError {
         self.document
             .error(self.node.span(), self.key.clone(), message)

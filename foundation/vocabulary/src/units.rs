@@ -21,7 +21,7 @@ macro_rules! unit {
         pub struct $name(pub f64);
 
         impl $name {
-            /// Unit for display.
+            /// Symbol of the unit, for display.
             pub const SYMBOL: &'static str = $symbol;
 
             /// Magnitude, without the sign.

@@ -26,9 +26,9 @@ pub enum TlsError {
     /// A certificate or key is invalid, or the two do not match.
     #[error("{}: {source}", file.display())]
     Certificate {
-        /// Path of the file.
+        /// File with the rejected certificate or key.
         file: PathBuf,
-        /// Reason of the rejection.
+        /// Why it is rejected.
         source: CertificateError,
     },
     /// A key that cannot be read, or that other users can read.
@@ -37,23 +37,23 @@ pub enum TlsError {
     /// Names for which no certificate can be generated.
     #[error("{names}: {source}")]
     Names {
-        /// Names as given.
+        /// The requested host names and addresses, for the message.
         names: String,
-        /// Reason of the failure.
+        /// Why no certificate can be generated for them.
         source: rcgen::Error,
     },
     /// A file that exists already: it is never overwritten.
     #[error("{}: exists and is not replaced; name another folder, or move it away first", file.display())]
     There {
-        /// Path of the file.
+        /// The existing file.
         file: PathBuf,
     },
     /// A file or folder that cannot be written.
     #[error("{}: {source}", file.display())]
     Write {
-        /// Path of the file or folder.
+        /// The file or folder that cannot be written.
         file: PathBuf,
-        /// Error of the operating system.
+        /// Why the operating system cannot write it.
         source: std::io::Error,
     },
 }

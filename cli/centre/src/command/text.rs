@@ -41,7 +41,7 @@ fn short(sha256: &str) -> &str {
     sha256.get(..12).unwrap_or(sha256)
 }
 
-/// "1 machine", "2 machines".
+/// Formats a number of machines: "1 machine", "2 machines".
 pub(super) fn counted(machines: usize) -> String {
     let end = if machines == 1 { "" } else { "s" };
     format!("{machines} machine{end}")

@@ -55,7 +55,8 @@ pub struct Engine {
     hub: Hub,
     settings: Settings,
     ingest: Mutex<Ingest>,
-    /// Values that this centre has written under the keys: version and bytes.
+    /// Last value that this centre wrote to the key-value store for each machine: version and
+    /// bytes.
     put: Mutex<BTreeMap<MachineId, (u64, bytes::Bytes)>>,
     clobbered: Mutex<BTreeMap<MachineId, Instant>>,
     failures: Mutex<BTreeMap<AlarmKind, Failure>>,

@@ -49,8 +49,9 @@ struct Row<'a> {
     model: Option<&'a str>,
     correction_um: Option<f64>,
     residual_um: Option<f64>,
-    /// Lowest and highest sensor temperature, °C, and the number of broken sensors.
+    /// Lowest sensor temperature, °C.
     coldest_degc: Option<f64>,
+    /// Highest sensor temperature, °C.
     warmest_degc: Option<f64>,
     broken_sensors: usize,
     alarms: usize,

@@ -25,11 +25,11 @@ const DAY_S: f64 = 86_400.0;
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct Retention {
-    /// Every condition, hours.
+    /// Time for which every condition is kept, hours.
     pub raw_h: f64,
-    /// One-minute means, days.
+    /// Time for which one-minute means are kept, days.
     pub minutes_d: f64,
-    /// Every full telemetry message, hours.
+    /// Time for which every full telemetry message is kept, hours.
     pub telemetry_h: f64,
     /// One full telemetry message an hour, days.
     pub telemetry_hourly_d: f64,

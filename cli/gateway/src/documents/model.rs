@@ -42,7 +42,7 @@ pub struct ModelEntry {
     pub hash: String,
     /// Name of the machine in the file.
     pub name: String,
-    /// Source of the model.
+    /// How the model reached the gateway.
     pub from: ModelSource,
     /// Description of the source: a file path, or the upload.
     pub file: String,

@@ -56,7 +56,7 @@ pub struct FleetPlan {
 pub struct OnlinePlan {
     /// The URL of the control.
     pub url: String,
-    /// The reported properties.
+    /// Properties reported by the control.
     #[serde(flatten)]
     pub control: Inspected,
     /// The barrier according to its report; missing if none is configured.
@@ -70,7 +70,7 @@ pub struct OnlinePlan {
 /// configured `scan_ms`.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct OnlineBarrier {
-    /// Machine number.
+    /// Number of the machine, which every frame carries.
     pub machine: u16,
     /// Number that encodes the axes and their order, as the key `layout` of the barrier.
     pub layout: u32,

@@ -45,7 +45,7 @@ fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
-/// Details of a record.
+/// State at the time of a record, and details of the event.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Details {
     /// Hash of the active machine file.
@@ -93,7 +93,7 @@ pub enum Event {
     },
     /// A refusal, with its reason.
     Refused(String),
-    /// No further details.
+    /// The event has no details.
     Nothing,
 }
 

@@ -31,7 +31,7 @@ pub struct RehearsalDocument {
     pub catalogue: usize,
     /// Seed of the random number generator.
     pub seed: u64,
-    /// Cycle time, ms.
+    /// Cycle time of the gateway, ms.
     pub cycle_ms: f64,
     /// Simulated time, s.
     pub simulated_s: f64,
@@ -69,9 +69,9 @@ pub struct RehearsedPath {
 /// Settings of the barrier in the simulated control. The real control must have the same.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedBarrier {
-    /// Machine number.
+    /// Number of the machine, which every frame carries.
     pub machine: u16,
-    /// Scan time, ms.
+    /// Scan time of the control, ms.
     pub scan_ms: f64,
     /// Maximum age of the report that a frame answers, ms.
     pub hold_ms: f64,
@@ -98,7 +98,7 @@ pub struct RehearsedLimits {
 pub struct AxisBounds {
     /// Maximum correction in either direction.
     pub limit: f64,
-    /// Maximum rate, per second.
+    /// Maximum rate of the correction, per second.
     pub slew_per_s: f64,
     /// Maximum acceleration, per second squared; null: unlimited.
     pub accel_per_s2: Option<f64>,

@@ -377,7 +377,7 @@ pub struct ErrorMap {
     pub error_um: Vec<Vec<f64>>,
 }
 
-/// One axis of the map.
+/// An axis of the map, with its travel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MapAxis {
     /// The letter of the axis.

@@ -496,7 +496,7 @@ impl ManifestActivator {
             .map_err(|_| RetryReason("the gateway is stopping".to_owned()))
     }
 
-    /// Sends a request for the audit log without waiting for the response.
+    /// Sends a request to record an event in the audit log, without waiting for the response.
     fn tell(&self, operation: CentreOperation, who: String) {
         if self.service.request(operation, who, None).is_err() {
             tracing::warn!("fleet: too many requests wait");

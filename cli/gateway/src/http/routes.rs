@@ -70,13 +70,13 @@ pub struct Dashboard {
     pub models: Models,
     /// State, history and model published by the service.
     pub published: Published,
-    /// Quantities of the gateway.
+    /// Quantities that `/metrics` reports.
     pub quantities: Vec<Quantity>,
     /// Queue of requests to the service.
     pub requests: RequestSender,
     /// Disarms without waiting for the service.
     pub switch: DisarmSwitch,
-    /// Access control.
+    /// Tokens, and host names by which browsers may reach the dashboard.
     pub access: Arc<AccessControl>,
     /// Number of open event streams.
     pub streams: AtomicUsize,

@@ -29,9 +29,9 @@ pub struct Shape {
 pub enum Part {
     /// The gateway itself.
     Gateway,
-    /// An axis.
+    /// An axis of the machine.
     Axis(AxisName),
-    /// The tool.
+    /// The tool tip.
     Tool,
     /// A temperature sensor, by its index.
     Sensor(usize),
@@ -90,7 +90,7 @@ pub enum Kind {
     Count,
     /// A boolean.
     Truth,
-    /// A text.
+    /// A string.
     Text,
 }
 
@@ -103,7 +103,7 @@ pub enum Value {
     Whole(u64),
     /// A boolean.
     Truth(bool),
-    /// A text.
+    /// A string.
     Text(String),
 }
 
@@ -141,9 +141,9 @@ pub struct Quantity {
     pub key: String,
     /// Name of the axis, sensor or controller; empty for other parts.
     pub of: String,
-    /// Data type.
+    /// Data type of the values.
     pub kind: Kind,
-    /// Description.
+    /// Description of the quantity, in English.
     pub help: &'static str,
     read: Box<dyn Fn(&Status) -> Reading + Send + Sync>,
 }

@@ -65,7 +65,7 @@ const AVAILABILITY: &str = "avail";
 
 /// The data items of a gateway, in order.
 pub struct Items {
-    /// Items with values.
+    /// Data items that report a value.
     pub quantities: Vec<Quantity>,
     /// Items with conditions: key and place.
     pub conditions: Vec<(String, Place)>,

@@ -135,7 +135,7 @@ impl Store {
         }
     }
 
-    /// Newest first, without duplicates.
+    /// Hashes of the kept models whose file exists, newest first, without duplicates.
     pub(crate) fn stored_hashes(&self, kept: &ModelsKept) -> Vec<String> {
         let mut seen = BTreeSet::new();
         let all = hashes(kept).filter(|hash| seen.insert(hash.to_owned()));

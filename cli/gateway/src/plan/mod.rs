@@ -28,7 +28,7 @@ mod describe;
 
 /// A checked configuration with everything it refers to. No device has been opened.
 pub struct Plan {
-    /// The source configuration.
+    /// The configuration from which the plan was made.
     pub config: Config,
     /// The machine with its thermal terms.
     pub model: Model,
@@ -60,7 +60,7 @@ struct Devices {
 
 /// A plan with open devices.
 pub struct OpenedPlan {
-    /// The source configuration.
+    /// The configuration from which the plan was made.
     pub config: Config,
     /// The cycle before its first run.
     pub cycle: Cycle,

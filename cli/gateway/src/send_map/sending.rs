@@ -514,9 +514,12 @@ pub fn request_replacement(checked: &Checked) -> Result<(), GatewayError> {
 /// A replacement map, or the reason why it is refused.
 type NewMap = Result<Box<Checked>, String>;
 
-/// Polls for confirmations of a replacement map until the receiver is dropped. A confirmation is a file in the folder of the audit log. This thread
-/// does the disk work, because the map in use must be kept valid meanwhile; the replacement is activated without ramping the corrections to zero.
-/// Errors: the operating system cannot create a thread.
+/// Polls for confirmations of a replacement map until the receiver is dropped. A confirmation is a
+/// file in the folder of the audit log. This thread does the disk work, because the map in use must
+/// be kept valid meanwhile; the replacement is activated without ramping the corrections to zero.
+///
+/// # Errors
+/// The operating system cannot create a thread.
 fn watch(running: &Checked) -> std::io::Result<Receiver<NewMap>> {
     let (sender, receiver) = channel();
     let (path, config) = (running.path.clone(), running.config.clone());

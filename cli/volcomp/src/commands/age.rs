@@ -56,7 +56,7 @@ pub(crate) struct AgeArguments {
 pub(crate) struct Age {
     /// Path of the written machine file.
     file: String,
-    /// Months of work.
+    /// Operating time, months.
     months: f64,
     /// Relative load, as a factor on the wear.
     load: f64,

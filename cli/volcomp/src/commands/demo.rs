@@ -202,11 +202,11 @@ struct DiagonalRange {
 /// Mean changes by the correction, percent.
 #[derive(Debug, Serialize, JsonSchema)]
 struct MeanPercent {
-    /// Over the positioning lines.
+    /// Mean over the positioning lines.
     positioning: f64,
-    /// Over the straightness lines.
+    /// Mean over the straightness lines.
     straightness: f64,
-    /// Over the body diagonals.
+    /// Mean over the body diagonals.
     diagonals: f64,
 }
 
@@ -215,11 +215,11 @@ struct MeanPercent {
 struct IrregularCurve {
     /// Name of the fitted error, such as `EXX`.
     error: &'static str,
-    /// Polynomial of order 6, µm.
+    /// Difference with a polynomial of order 6, µm.
     polynomial_um: f64,
-    /// Moving least squares, µm.
+    /// Difference with moving least squares, µm.
     mls_um: f64,
-    /// Smoothing B-spline, µm.
+    /// Difference with a smoothing B-spline, µm.
     bspline_um: f64,
 }
 

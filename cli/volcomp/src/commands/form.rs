@@ -118,7 +118,7 @@ pub(crate) struct EvaluatedForm {
     /// Ends of a line or an axis over the extent of the points, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     axis_mm: Option<[[f64; 3]; 2]>,
-    /// The form deviation.
+    /// Form deviation by least squares and by the minimum zone.
     deviation_um: Deviation,
     /// Range of the distances of the points from the plane of a circle, or from the plane of a
     /// line, µm.

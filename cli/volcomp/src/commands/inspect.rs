@@ -54,7 +54,7 @@ pub(crate) struct CaptureSummary {
     warnings: Vec<String>,
     /// Path as named in the call.
     file: String,
-    /// `renishaw-capture`.
+    /// Always `renishaw-capture`.
     kind: &'static str,
     /// Texts of the header.
     #[serde(flatten)]
@@ -78,7 +78,7 @@ pub(crate) struct LogSummary {
     warnings: Vec<String>,
     /// Path as named in the call.
     file: String,
-    /// `camonitor-log`.
+    /// Always `camonitor-log`.
     kind: &'static str,
     /// Date of the first line.
     date: Option<String>,
@@ -91,7 +91,7 @@ pub(crate) struct LogSummary {
 /// One channel of a log, with its range.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Channel {
-    /// Name of the channel.
+    /// Name of the process variable.
     name: String,
     /// Number of values.
     values: usize,
@@ -108,7 +108,7 @@ pub(crate) struct MeasurementSummary {
     warnings: Vec<String>,
     /// Path as named in the call.
     file: String,
-    /// The kind of file.
+    /// Format of the file; null: not recognised.
     kind: Option<FileFormat>,
     /// The instrument or program that writes such files.
     instrument: Option<&'static str>,

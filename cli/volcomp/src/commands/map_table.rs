@@ -78,7 +78,7 @@ pub(crate) struct MapTable {
     file: String,
     /// The size of the file, bytes.
     bytes: usize,
-    /// The number of the map.
+    /// Number that distinguishes the map from earlier ones.
     counter: u16,
     /// First 32 bits of the checksum of the machine file, as hexadecimal digits.
     model: String,

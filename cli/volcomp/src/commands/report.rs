@@ -395,7 +395,7 @@ fn working_space(
 /// machine before calibration.
 type Case<'a> = (&'a str, &'a Machine, Compensation<'a>, Option<Machine>);
 
-/// The errors of a machine of a case.
+/// Error of the machine of a case in this state, as a function of the pose.
 fn errors_of<'a>(
     (_, with_tool, truth, before): &'a Case<'a>,
     state: State,

@@ -71,7 +71,8 @@ fn contradiction(
 }
 
 impl Tilts<'_> {
-    /// Contribution of the noise of the tilts to the difference of two lines, µm: each over the difference of the lines' lever arms.
+    /// Contribution of the noise of the tilts to the difference of two lines, µm: RMS over the
+    /// targets of each tilt's noise times the difference of the lines' lever arms.
     fn noise_um(
         &self,
         error: ErrorName,

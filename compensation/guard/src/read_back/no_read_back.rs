@@ -42,8 +42,9 @@ pub(super) struct NoReadBack {
     last_received: Option<Duration>,
     unknown: bool,
     echo: Echo,
-    /// Whether the device has ever reported its output levels, and whether it did in this cycle.
+    /// Whether the device has ever reported its output levels.
     has_reported: bool,
+    /// Whether the device has reported its output levels in this cycle.
     reports_now: bool,
     has_written: bool,
     acknowledged: bool,
@@ -73,7 +74,7 @@ impl NoReadBack {
         self.reports_now
     }
 
-    /// Lowest and highest value of each axis that may be applied, if the outputs are reported.
+    /// Range of the values that each axis may apply; `None` unless the outputs are reported.
     pub(super) fn between(&self) -> Option<[PerChannel<f64>; 2]> {
         self.echo.between().filter(|_| self.reports_now)
     }

@@ -105,21 +105,22 @@ impl ReadBackStatus {
 pub(super) enum Arrival {
     /// Nothing is known, or there is no new information.
     Unknown,
-    /// All have arrived, or are obsolete.
+    /// All sent words have arrived or are obsolete.
     All,
     /// Words sent from this time on have not arrived.
     Before(Duration),
 }
 
-/// State: since when a sent correction has not arrived.
+/// Tracks since when a sent correction has not arrived.
 ///
 /// Invariants:
 /// - Both times advance while the control does not answer: only time with readings counts against it.
 /// - No word is missing if nothing was sent for longer than the path's delay.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ArrivalMonitor {
-    /// Time of the last reading of the control, and time of the last write to it.
+    /// Time of the last reading of the control.
     last_received: Option<Duration>,
+    /// Time of the last write to the control.
     sent: Option<Duration>,
     /// Since when a sent correction has not arrived; `None`: all have.
     since: Option<Duration>,

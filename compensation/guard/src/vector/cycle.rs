@@ -24,10 +24,11 @@ pub(super) struct Cycle<'a> {
 
 /// The motion that a common factor from 0 to 1 scales in a cycle.
 pub(super) struct Advance {
-    /// Movement of each rotary axis, rad: at factor 0 (maximum braking), and at factor 1.
+    /// Movement of each rotary axis at factor 0 (maximum braking), rad.
     pub(super) least: PerChannel<f64>,
+    /// Movement of each rotary axis at factor 1, rad.
     pub(super) most: PerChannel<f64>,
-    /// Fraction of the remaining ramp that passes at factor 1.
+    /// Fraction by which the remaining ramp shrinks at factor 1.
     pub(super) ramp: f64,
 }
 

@@ -11,7 +11,8 @@ use crate::{
 /// Number of reduced rotary shares that are tried if no neighbouring whole steps fit the limits.
 const SHARES: u32 = 8;
 
-/// The correction by a model, in channel order. For any rotary shares δ_r during a motion, the matching linear shares are `position` + Σ
+/// The correction by a model, in channel order. A share is the part of it that one axis makes. For
+/// any rotary shares δ_r during a motion, the matching linear shares are `position` + Σ
 /// `follow[r]`·δ_r.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RequestedCorrection {
@@ -31,7 +32,8 @@ pub struct RequestedCorrection {
     reason = "four answers that do not exclude one another"
 )]
 pub struct FollowResult {
-    /// Slew or acceleration limits the correction: the ramp, the rotary axes on the way to their goal, or the linear axes (`behind`).
+    /// The correction is limited by slew or acceleration: on the ramp, of rotary axes on the way to
+    /// their goal, or of linear axes (`behind`).
     pub slewing: bool,
     /// A linear axis has not reached the position for the present rotary shares. Only then, or if its limits make this position unreachable, the
     /// error of the tool may exceed the error without correction or at the start of the ramp, apart from the rounding of the output. Implies

@@ -16,8 +16,9 @@ pub(crate) const MAX_DRIFT_ORDER: usize = 12;
 pub(crate) const MAX_FOLDS: usize = 100;
 /// Maximum number of coefficients of one curve; more do not describe an error of an axis.
 pub(crate) const MAX_COEFFICIENTS: usize = 60;
-/// Maximum order along a second axis, and maximum number of spline coefficients along it.
+/// Maximum order along a second axis, also the maximum number of spline coefficients along it.
 pub(crate) const MAX_SECOND_ORDER: usize = 8;
+/// Minimum number of coefficients of a spline.
 pub(crate) const MIN_SPLINE_COEFFICIENTS: usize = 4;
 
 /// Returns a standard uncertainty, µm, if it is usable as a weight: 1e-6 to 1e6.
@@ -197,9 +198,10 @@ pub(crate) fn refuse_units(
     /// Ratio between the spread of targets and that of the tool, either way, that indicates another unit: an inch is 25 times a mm.
     const OTHER_UNIT: f64 = 15.0;
     const MIN_MOTION_MM: f64 = 1.0;
-    /// Largest difference between a measured and the nominal length between two poses, mm and per mm of length, for rows with an extent of a usual
-    /// machine tool; [`limit_mm`] scales it to other extents.
+    /// Largest difference between a measured and the nominal length between two poses, mm, for rows
+    /// with an extent of a usual machine tool; [`limit_mm`] scales it to other extents.
     const MAX_APART_MM: f64 = 5.0;
+    /// Additional difference per mm of length.
     const MAX_APART_SHARE: f64 = 2e-3;
     /// Maximum length in diagonals of the travels: no ballbar or tracer is longer.
     const MAX_DIAGONALS: f64 = 20.0;

@@ -14,8 +14,9 @@ const USUAL_EXTENT_MM: [f64; 2] = [300.0, 2000.0];
 /// Minimum factor on a limit, for rows in a corner of a machine.
 const SMALLEST_FACTOR: f64 = 0.1;
 
-/// Diagonal, mm, of the box around all coordinates of the linear axes, or of the box around all nominal tips in workpiece axes if that is
-/// larger: with the tip on a sphere only the linear axes move, and rotary axes move a tip while the linear axes are at rest.
+/// Diagonal of the box around all coordinates of the linear axes, or of the box around all nominal
+/// tips in workpiece axes, whichever is larger, mm. Both are needed: with the tip on a sphere only
+/// the linear axes move, and rotary axes move the tip while the linear axes are at rest.
 fn extent_mm<'r>(machine: &Machine, rows: impl Iterator<Item = &'r Row>) -> f64 {
     let is_linear: Vec<bool> = (machine.axes().iter())
         .map(|axis| axis.name.kind() == AxisKind::Linear)

@@ -32,7 +32,7 @@ impl Svg {
         self.text += markup;
     }
 
-    /// A straight line.
+    /// Adds a straight line with this CSS class.
     pub fn line(&mut self, class: &str, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2]) {
         if [x1, y1, x2, y2].iter().all(|x| x.is_finite()) {
             let [x1, y1, x2, y2] = [x1, y1, x2, y2].map(finite);
@@ -42,21 +42,21 @@ impl Svg {
         }
     }
 
-    /// A line through points.
+    /// Adds a line through these points.
     pub fn polyline(&mut self, class: &str, points: impl IntoIterator<Item = [f64; 2]>) {
         self.put(format_args!("<polyline class=\"{class}\" points=\""));
         self.coordinates(points);
         self.text += "\"/>";
     }
 
-    /// A closed area.
+    /// Adds a closed polygon with these corners.
     pub fn polygon(&mut self, class: &str, points: impl IntoIterator<Item = [f64; 2]>) {
         self.put(format_args!("<polygon class=\"{class}\" points=\""));
         self.coordinates(points);
         self.text += "\"/>";
     }
 
-    /// A text, escaped.
+    /// Adds a text, which is escaped.
     pub(crate) fn text(&mut self, class: &str, [x, y]: [f64; 2], anchor: Anchor, text: &str) {
         if x.is_finite() && y.is_finite() {
             let anchor = match anchor {

@@ -31,9 +31,9 @@ pub enum Look {
     Backward,
     /// A curve of both directions, or their mean.
     Both,
-    /// A limit, forward.
+    /// Mean ± 2 s of the forward runs.
     LimitForward,
-    /// A limit, backward.
+    /// Mean ± 2 s of the backward runs.
     LimitBackward,
     /// The state before a compensation.
     Before,
@@ -94,7 +94,7 @@ pub struct Bracket {
     pub at: Option<f64>,
 }
 
-/// One plot.
+/// Series, bands and labelled spans over one coordinate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct XyPlot {
     /// Text alternative for a screen reader.

@@ -18,8 +18,9 @@ const BASE: Duration = Duration::from_millis(20);
 const REPORTED_FOR: Duration = Duration::from_secs(2);
 const MAX_AHEAD: Duration = Duration::from_secs(10);
 
-/// Interval at which past corrections are stored, and their number.
+/// Interval at which past corrections are stored.
 const SPACING: Duration = Duration::from_millis(10);
+/// Number of past corrections that are stored.
 const REMEMBERED: usize = 3;
 /// Maximum relative change of the requested correction for which no prediction is made. It applies
 /// to a past interval as long as the time ahead; over a longer interval proportionally more is
@@ -177,7 +178,8 @@ impl Lag {
 }
 
 impl PredictionInputs<'_> {
-    /// The smaller of the shares of the correction that are better than none at half and at the whole of the path covered in `ahead`.
+    /// Share of the correction that is better than no correction: the smaller of the shares
+    /// half-way and at the end of the path covered in `ahead`.
     fn part_ahead(&self, speed: &PerAxis<f64>, ahead: Duration) -> f64 {
         // Half the path is also checked, because a periodic error may have the same value at its end.
         let half = self.part_after(speed, ahead / 2);

@@ -268,7 +268,7 @@ struct Points {
 #[derive(Default)]
 struct PitchData {
     axes: Vec<Points>,
-    /// Increments by point.
+    /// Number of each point, and its pitch error increment.
     data: Vec<(u32, i64)>,
     next: u32,
     /// Axes with increments that not every control accepts.

@@ -12,9 +12,11 @@ use super::{
     text::{ExchangeError, FilePosition, TextFile, number, short},
 };
 
-/// Decimals of lengths in mm. The constants below are those of angles in rad and of positions.
+/// Decimals of lengths, mm.
 const MM: usize = 7;
+/// Decimals of angles, rad.
 const RAD: usize = 10;
+/// Decimals of positions.
 const POSITION: usize = 9;
 
 fn value(name: ErrorName, value: f64) -> String {

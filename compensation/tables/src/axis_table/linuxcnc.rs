@@ -12,8 +12,9 @@ use super::{
 };
 
 const MAX_LINES: usize = 256;
-/// Decimals of mm (1 nm); `DECIMALS_ROTARY`: of deg.
+/// Number of decimals of values in mm: 1 nm.
 const DECIMALS: usize = 6;
+/// Number of decimals of values in deg.
 const DECIMALS_ROTARY: usize = 8;
 
 /// Whether values are trims, nominal − actual (COMP_FILE_TYPE 1), instead of actual positions (0).

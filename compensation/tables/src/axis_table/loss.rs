@@ -45,7 +45,7 @@ pub enum Category {
 }
 
 impl Category {
-    /// All categories.
+    /// All categories, in the order in which residuals are listed.
     pub const ALL: [Self; 8] = [
         Self::Positioning,
         Self::Straightness,

@@ -73,7 +73,7 @@ pub fn is_facts_file(name: &str) -> bool {
 const FACTS_STEM: &str = "volcomp-tables";
 const NUMBERS: &str = "Axis numbers:";
 
-/// Origin of tables.
+/// Machine, reference position and temperatures for which tables were computed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Facts {
     /// Name of the machine.
@@ -250,7 +250,7 @@ pub(crate) fn facts_with(format: Format, options: &WriteOptions, written: &Writt
     }
 }
 
-/// Options for writing tables.
+/// Machine data and control settings that the written tables depend on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WriteOptions {
     /// Origin of the tables.
@@ -263,7 +263,7 @@ pub struct WriteOptions {
     pub detection_unit: f64,
 }
 
-/// Options for reading tables.
+/// Control settings that the meaning of the read tables depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadOptions {
     /// Axis numbers in the control, if known.

@@ -232,7 +232,7 @@ pub struct ErrorTables {
     pub locations: Vec<(ErrorName, f64)>,
 }
 
-/// Tables of one kind.
+/// Axis tables, or tables of component errors.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
     /// Tables of one axis over another.
@@ -245,7 +245,7 @@ pub enum Content {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct ListedTable {
-    /// Input axis.
+    /// Axis over whose positions the values are tabulated.
     pub input: AxisName,
     /// Letter of the deviating axis, or name of an error.
     pub output: String,

@@ -137,9 +137,9 @@ pub struct LineError {
     pub file: String,
     /// Line, counted from 1; `None` for the whole file.
     pub line: Option<usize>,
-    /// The invalid text.
+    /// Text in the file that is invalid.
     pub found: String,
-    /// Expected content.
+    /// What a valid file would contain instead.
     pub expected: String,
 }
 

@@ -19,7 +19,7 @@ impl<P: CanPort> SdoClient<P> {
         Self { port }
     }
 
-    /// Returns the bus.
+    /// Ends the client and returns its bus.
     pub fn into_port(self) -> P {
         self.port
     }

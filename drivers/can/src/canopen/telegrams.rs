@@ -38,7 +38,7 @@ pub enum Telegram {
     Heartbeat {
         /// The number of the node, 1 to 127.
         node: u8,
-        /// The reported state.
+        /// State of the node at the time of the heartbeat.
         state: NodeState,
     },
     /// Emergency message of a node.
@@ -59,7 +59,7 @@ pub enum Telegram {
     Sdo {
         /// The number of the node, 1 to 127.
         node: u8,
-        /// The answer of the node.
+        /// Result of the transfer.
         answer: SdoAnswer,
     },
 }
@@ -72,17 +72,17 @@ pub enum SdoAnswer {
     Read {
         /// The index and subindex of the object.
         object: (u16, u8),
-        /// The value of the object.
+        /// Bytes of the object as a little-endian number; unused bytes are 0.
         value: u32,
-        /// Number of valid bytes.
+        /// Number of bytes of the object in `value`, 1 to 4.
         bytes: u8,
     },
-    /// An object was written.
+    /// Confirms that an object was written.
     Written {
         /// The index and subindex of the object.
         object: (u16, u8),
     },
-    /// The transfer was rejected.
+    /// Rejects the transfer.
     Aborted {
         /// The index and subindex of the object.
         object: (u16, u8),

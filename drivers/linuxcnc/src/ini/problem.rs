@@ -16,7 +16,7 @@ pub enum Problem {
     /// A key of the bridge is missing.
     #[error("[VOLCOMP]{key} is missing, expected {expected}")]
     Missing {
-        /// The key.
+        /// Key in the section `[VOLCOMP]`.
         key: &'static str,
         /// The expected value, in words.
         expected: &'static str,
@@ -24,7 +24,7 @@ pub enum Problem {
     /// A key of the bridge differs from the gateway's configuration.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} as in the gateway's configuration")]
     Other {
-        /// The key.
+        /// Key in the section `[VOLCOMP]`.
         key: &'static str,
         /// The value of this key in the INI file.
         found: String,
@@ -45,7 +45,7 @@ pub enum Problem {
     /// A value of the bridge is not a number. LinuxCNC treats a comment after a value as part of the value.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} and nothing behind it")]
     Number {
-        /// The key.
+        /// Key in the section `[VOLCOMP]`.
         key: &'static str,
         /// The value of this key in the INI file.
         found: String,
@@ -55,11 +55,11 @@ pub enum Problem {
     /// A value of the bridge is below the gateway's minimum, or less than one count or scan.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} or more: {why}")]
     TooSmall {
-        /// The key.
+        /// Key in the section `[VOLCOMP]`.
         key: &'static str,
         /// The value of this key in the INI file, or its default.
         found: f64,
-        /// The minimum.
+        /// Minimum, in the unit of the key.
         expected: f64,
         /// The reason for the bound.
         why: &'static str,
@@ -67,11 +67,11 @@ pub enum Problem {
     /// A value of the bridge exceeds the gateway's maximum, or the range of a word.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} or less: {why}")]
     TooLarge {
-        /// The key.
+        /// Key in the section `[VOLCOMP]`.
         key: &'static str,
         /// The value of this key in the INI file, or its default.
         found: f64,
-        /// The maximum.
+        /// Maximum, in the unit of the key.
         expected: f64,
         /// The reason for the bound.
         why: &'static str,
@@ -111,9 +111,9 @@ pub enum Problem {
     /// The bridge's section contains an unknown key.
     #[error("[VOLCOMP]{key}: unknown key, expected one of {known}")]
     Unknown {
-        /// The key as written.
+        /// The unknown key, as written in the file.
         key: String,
-        /// The known keys.
+        /// The keys that the bridge accepts, for the message.
         known: String,
     },
     /// The bridge has another key than the gateway.
@@ -141,15 +141,15 @@ pub enum Problem {
         "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected {expected} or more: of MAX_VELOCITY = {velocity} that is the rate of the bridge, [VOLCOMP]{key}, which the offset has to follow"
     )]
     Slow {
-        /// The axis.
+        /// Axis whose `OFFSET_AV_RATIO` is too small.
         axis: AxisName,
         /// The value of this key in the INI file.
         found: f64,
-        /// The minimum.
+        /// Minimum `OFFSET_AV_RATIO`, a share of `velocity`.
         expected: f64,
         /// The velocity of the axis, mm/s or deg/s.
         velocity: f64,
-        /// The key of the rate.
+        /// Key in `[VOLCOMP]` with the rate of the bridge that the offset must follow.
         key: &'static str,
     },
     /// An axis has no share of velocity for its offset.
@@ -157,7 +157,7 @@ pub enum Problem {
         "[AXIS_{axis}]OFFSET_AV_RATIO is missing, expected a number such as 0.02: by default LinuxCNC applies no offset"
     )]
     NoRatio {
-        /// The axis.
+        /// Axis whose section lacks `OFFSET_AV_RATIO`.
         axis: AxisName,
     },
     /// The velocity share of an axis is out of range.
@@ -165,7 +165,7 @@ pub enum Problem {
         "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected more than 0 and at most 0.2: it is taken from the velocity of programs"
     )]
     Ratio {
-        /// The axis.
+        /// Axis whose `OFFSET_AV_RATIO` is out of range.
         axis: AxisName,
         /// The value of this key in the INI file.
         found: String,
@@ -175,7 +175,7 @@ pub enum Problem {
         "[JOINT_{joint}]COMP_FILE: found {found}, expected none: its correction and that of the gateway would add up"
     )]
     CompFile {
-        /// The joint.
+        /// Number of the joint, as in `[JOINT_0]`.
         joint: String,
         /// The name of the table's file in the INI file.
         found: String,
@@ -185,7 +185,7 @@ pub enum Problem {
         "[JOINT_{joint}]BACKLASH: found {found}, expected none or 0: the model of the machine has the reversal errors, and both would add up"
     )]
     Backlash {
-        /// The joint.
+        /// Number of the joint, as in `[JOINT_0]`.
         joint: String,
         /// The backlash in the INI file.
         found: String,
@@ -193,7 +193,7 @@ pub enum Problem {
     /// A unit is missing, and LinuxCNC uses its default.
     #[error("[TRAJ]{key} is missing, expected {expected}: the bridge counts in this unit")]
     NoUnits {
-        /// The key.
+        /// Key in the section `[TRAJ]`.
         key: &'static str,
         /// The words for the expected unit.
         expected: &'static str,
@@ -203,7 +203,7 @@ pub enum Problem {
         "[TRAJ]{key}: found {found}, expected {expected}: the bridge counts in this unit, and no other is supported. Do not change this key alone: all lengths or angles of the INI file are in it"
     )]
     Units {
-        /// The key.
+        /// Key in the section `[TRAJ]`.
         key: &'static str,
         /// The unit in the INI file.
         found: String,

@@ -102,22 +102,22 @@ pub enum Injection {
     TornWrite,
     /// The next write is delivered after the one that follows.
     ReorderedWrite,
-    /// The delay of the next answer, within its deadline.
+    /// The next answer is delayed by this time, within its deadline.
     LateAnswer(Duration),
     /// The positions of the next reading are repeated.
     FrozenPositions { readings: u32 },
     /// Readings report a wrong position of an axis, as after a jump or in another unit.
     WrongPosition {
         axis: usize,
-        /// Factor of the position.
+        /// Factor by which the position is multiplied.
         factor: f64,
         /// Offset added after the multiplication, mm or rad.
         add: f64,
         readings: u32,
     },
-    /// Duration for which the program stops after the next reading.
+    /// The program stops for this time after the next reading.
     StopAfterRead(Duration),
-    /// Duration for which the program stops before the next write is sent.
+    /// The program stops for this time before the next write is sent.
     StopBeforeWrite(Duration),
     /// Readings report: referenced, no alarm, no emergency stop.
     DroppedFlag { readings: u32 },
@@ -125,12 +125,12 @@ pub enum Injection {
     Flicker { axis: usize },
     /// Number of readings by which positions lag from now on, at most 63.
     Lag(u32),
-    /// Calls find no connection.
+    /// The next calls find no connection.
     Disconnect { calls: u32 },
     /// One sensor of a thermometer has this offset from now on; 0 K ends it.
     Jump {
         sensor: usize,
-        /// Offset, K.
+        /// Offset of the temperature, K.
         kelvin: f64,
     },
     /// The next call on an open connection delivers all delayed writes.

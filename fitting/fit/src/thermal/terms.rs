@@ -35,7 +35,7 @@ pub struct ThermalFit {
     /// Root mean square error of the best choice over the blocks of the forward validation, µm or µrad.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub forward_rms: f64,
-    /// Choices whose mean the terms are.
+    /// The choices that are averaged to obtain the terms.
     pub choices: Vec<ThermalChoice>,
 }
 
@@ -149,7 +149,7 @@ pub struct ThermalNumber {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ThermalSize {
-    /// Number of coefficients.
+    /// Number of coefficients of the terms.
     pub numbers: usize,
     /// Root mean square of the errors of validation, µm or µrad.
     pub rms: f64,
@@ -173,7 +173,7 @@ pub struct TestedRange {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalTerms {
-    /// Coefficients of the terms.
+    /// Coefficients that the search kept.
     pub numbers: Vec<ThermalNumber>,
     /// Ridge penalty of the regression.
     pub penalty: f64,

@@ -57,12 +57,12 @@ impl SignatureKind {
     }
 }
 
-/// One fitted signature.
+/// Fitted effect of one error source on a circular trace.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Signature {
-    /// Error source.
+    /// The error source.
     pub kind: SignatureKind,
     /// Size: squareness µrad, positive if it opens the angle between the axes; scale mismatch µm/m
     /// (µrad); reversal value µm, as B = x̄↑ − x̄↓; servo mismatch µm, radial at 45°; spikes µm,
@@ -136,8 +136,9 @@ pub fn circular_signatures(trace: &CircularTrace) -> Result<Signatures, Metrolog
     Ok(fit.signatures(points, both, trace.radius_mm))
 }
 
-/// Whether the trace passes each place where an axis reverses: some point follows it within 2°, or within 1.5 times the median spacing if that is
-/// more. The size of a spike that has decayed before the first point after it is undetermined.
+/// Whether some point follows each reversal of an axis within 2°, or within 1.5 times the median
+/// spacing of the points if that is more. If none does, the size of the reversal spike is
+/// undetermined, because the spike has decayed.
 fn passed(points: &[TracePoint]) -> [bool; 4] {
     const NEAR_DEG: f64 = 2.0;
     let mut steps: Vec<f64> = (points.windows(2))

@@ -13,12 +13,12 @@ use crate::MetrologyError;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum CircularPlane {
-    /// From X to Y.
+    /// The XY plane; angles run from X to Y.
     #[default]
     Xy,
-    /// From Y to Z.
+    /// The YZ plane; angles run from Y to Z.
     Yz,
-    /// From Z to X.
+    /// The ZX plane; angles run from Z to X.
     Zx,
 }
 
@@ -74,7 +74,7 @@ impl Sense {
     }
 }
 
-/// Point of a trace.
+/// Radial deviation at one angle of a circular path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TracePoint {

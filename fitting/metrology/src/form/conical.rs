@@ -32,7 +32,7 @@ struct Conical<const N: usize> {
 }
 
 impl<const N: usize> Conical<N> {
-    /// r and s of a point.
+    /// Distance r of a point from the axis, and its coordinate s along it.
     fn polar(&self, point: &Vector3<f64>) -> (f64, f64) {
         let from = point - self.point;
         let s = from.dot(&self.axis);

@@ -51,15 +51,15 @@ pub enum Feature {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum FeatureKind {
-    /// A circle.
+    /// Circle, in a plane or in space.
     Circle,
-    /// A straight line.
+    /// Straight line, in a plane or in space.
     Line,
-    /// A plane.
+    /// Plane.
     Plane,
-    /// A cylinder.
+    /// Circular cylinder.
     Cylinder,
-    /// A cone.
+    /// Circular cone.
     Cone,
 }
 
@@ -100,7 +100,7 @@ pub enum CoordinatePlane {
 }
 
 impl CoordinatePlane {
-    /// Unit normal of the plane.
+    /// Unit normal, along the third axis.
     pub const fn normal(self) -> [f64; 3] {
         match self {
             Self::Xy => [0.0, 0.0, 1.0],
@@ -114,9 +114,9 @@ impl CoordinatePlane {
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Form {
-    /// Kind of the feature.
+    /// Kind of the fitted feature.
     pub feature: FeatureKind,
-    /// Number of points.
+    /// Number of evaluated points.
     pub points: usize,
     /// Centre of the circle, apex of the cone, mean of the points of a plane; for a line or cylinder the middle of its axis over the extent of the
     /// points. mm.
@@ -158,7 +158,7 @@ pub struct MinimumZone {
     pub contacts: Vec<usize>,
 }
 
-/// Segment of an axis.
+/// Segment of the axis of a feature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Axis {

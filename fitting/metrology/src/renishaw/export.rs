@@ -115,7 +115,7 @@ fn is_head(line: &str) -> bool {
     line.starts_with("no.") && line.contains("axis position")
 }
 
-/// Values in the lines above the rows.
+/// Ends and spacing of the positions, from the lines above the table.
 #[derive(Default)]
 struct Grid {
     start: Option<f64>,

@@ -303,7 +303,7 @@ fn channel(
 /// Placeholder for an error that the call does not name.
 const GAP: &str = "???";
 
-/// Thermal terms of displacements.
+/// Thermal terms fitted to measured displacements.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct FitThermal<'a> {
     /// One entry for each fitted displacement.
@@ -323,7 +323,7 @@ struct Displacement<'a> {
     name: &'a str,
     /// Name of the error; null if the call does not name it, and the terms have a placeholder.
     error: Option<ErrorName>,
-    /// The unit of the displacement.
+    /// Unit of the displacement and of its residuals.
     unit: DeviationUnit,
     /// Whether the terms predict better than no terms, and no worse than regression without time
     /// constants (`baseline`), within the accuracy of the tests.
@@ -374,7 +374,7 @@ struct Prediction<'a> {
 struct Expansion {
     /// Name of the sensor.
     sensor: String,
-    /// The expansion, µm/(m·K).
+    /// Coefficient of thermal expansion, µm/(m·K).
     um_per_m_k: f64,
     /// Fixed point of the expansion: the coordinate that does not move, mm.
     fixed_mm: f64,
@@ -406,7 +406,7 @@ struct Number {
     /// Time constant of the lag, s; missing for an expansion.
     #[serde(skip_serializing_if = "Option::is_none")]
     lag_s: Option<f64>,
-    /// Value of the coefficient.
+    /// The coefficient, in `unit`.
     value: f64,
     /// Standard uncertainty (k = 1) of the coefficient.
     uncertainty: f64,
@@ -414,7 +414,7 @@ struct Number {
     unit: &'static str,
 }
 
-/// The range of a sensor in the tests.
+/// Range of the temperature of a sensor, and of its rate of change, in the test files.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Seen {
     /// Name of the sensor.

@@ -71,7 +71,7 @@ pub(crate) struct MapArguments {
 pub(crate) struct Map {
     /// Nodes along the axes of the grid, in the order X, Y, Z.
     counts: Vec<usize>,
-    /// Number of nodes.
+    /// Number of nodes of the whole grid.
     nodes: usize,
     /// Form of the model: exact, htm, twist or compiled.
     model: String,
