@@ -104,7 +104,7 @@ impl Provenance {
         let names: Vec<String> = self.undecided.iter().map(ErrorName::to_string).collect();
         (!names.is_empty()).then(|| {
             format!(
-                "the measurements that this file comes from do not bear out {}: figures that rest on them are undecided",
+                "the measurements that this file comes from do not confirm {}: figures that rest on them are undecided",
                 names.join(" ")
             )
         })

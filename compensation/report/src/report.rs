@@ -124,7 +124,7 @@ pub enum CheckOf {
     /// An error over the part of the travel that its curve covers.
     Part,
     /// Errors that the measurements do not determine, at least in part.
-    NotBorneOut,
+    NotConfirmed,
     /// The residual after correction, whereas figures of tests refer to the uncorrected machine.
     Corrected,
     /// The machine at the reference temperature, without its thermal terms.
@@ -145,7 +145,7 @@ impl core::fmt::Display for CheckOf {
             Self::Symbol => Ok(()),
             Self::MeasuredAlone => f.write_str("the measured errors alone"),
             Self::Part => f.write_str("the part of the travel that its curve covers"),
-            Self::NotBorneOut => f.write_str("errors that the measurements do not bear out"),
+            Self::NotConfirmed => f.write_str("errors that the measurements do not confirm"),
             Self::Corrected => f.write_str("what the correction leaves"),
             Self::AtReference => f.write_str("the machine at the reference temperature alone"),
             Self::Test { error, file } => write!(f, "{error}, {file}"),

@@ -128,7 +128,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let uncertainty = u.filter(|_| value.is_some());
             let outcome = match decide(value, tolerance.limit, uncertainty) {
                 // At another temperature the figure differs, and an undetermined error may have any size.
-                Verdict::Pass if matches!(of, CheckOf::AtReference | CheckOf::NotBorneOut) => {
+                Verdict::Pass if matches!(of, CheckOf::AtReference | CheckOf::NotConfirmed) => {
                     Verdict::Undecided
                 }
                 outcome => outcome,
@@ -191,7 +191,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let of = if value.is_some() && volume.is_some_and(|volume| volume.has_thermal) {
                 CheckOf::AtReference
             } else if value.is_some() && volume.is_some_and(|volume| !volume.undecided.is_empty()) {
-                CheckOf::NotBorneOut
+                CheckOf::NotConfirmed
             } else if value.is_some() && is_partly {
                 CheckOf::MeasuredAlone
             } else if last.is_some_and(|last| last.state == State::TruthCorrected) {
@@ -219,7 +219,7 @@ fn of_error_on(report: &Report, error: ErrorName) -> CheckOf {
     let is_it = |of: ErrorName| of == error || of.location && pair.is_some() && pair_of(of) == pair;
     let mut undecided = report.undecided.iter().filter_map(|of| of.parse().ok());
     if !is_of_readings && undecided.any(is_it) {
-        CheckOf::NotBorneOut
+        CheckOf::NotConfirmed
     } else if report.partly_measured.contains(&name) {
         CheckOf::Part
     } else {

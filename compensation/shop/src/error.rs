@@ -140,7 +140,7 @@ pub enum ObservationError {
         name: String,
     },
     /// A direction has zero length.
-    #[error("found a direction of no length, expected one that points somewhere")]
+    #[error("found a direction of zero length, expected a vector with a length above 0")]
     NoDirection,
 }
 

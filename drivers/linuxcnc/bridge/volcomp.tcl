@@ -36,7 +36,7 @@ proc number_of {section key default expected} {
     set value [value_of $section $key]
     # Tcl alone takes others: 0x10.
     if {![regexp {^[+-]?([0-9]+[.]?[0-9]*|[.][0-9]+)([eE][+-]?[0-9]+)?$} $value] || abs($value) > 1e9} {
-        refuse "\[$section\]$key: found $value, expected $expected and nothing behind it"
+        refuse "\[$section\]$key: found $value, expected $expected without further text"
     }
     return $value
 }
@@ -71,7 +71,7 @@ proc joints {} {
     set expected "the number of joints, 1 to 16"
     set joints [number_of KINS JOINTS "" $expected]
     if {$joints != int($joints) || $joints < 1 || $joints > 16} {
-        refuse "\[KINS\]JOINTS: found $joints, expected $expected and nothing behind it"
+        refuse "\[KINS\]JOINTS: found $joints, expected $expected without further text"
     }
     return [expr {int($joints)}]
 }
@@ -122,7 +122,7 @@ proc read_pin {signal from to} {
 proc whole {key {default ""}} {
     set value [number_of VOLCOMP $key $default "a whole number"]
     if {$value != floor($value)} {
-        refuse "\[VOLCOMP\]$key: found $value, expected a whole number and nothing behind it"
+        refuse "\[VOLCOMP\]$key: found $value, expected a whole number without further text"
     }
     return [expr {int($value)}]
 }

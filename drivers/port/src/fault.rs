@@ -12,7 +12,7 @@ pub enum Fault {
     #[error("connection lost")]
     Disconnected,
     /// The answer violates the protocol.
-    #[error("broken answer: {0}")]
+    #[error("invalid answer: {0}")]
     Protocol(&'static str),
     /// The device refused the request.
     #[error("refused with code {code}: {what}")]

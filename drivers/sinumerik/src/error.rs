@@ -132,7 +132,7 @@ pub enum SinumerikError {
         found: String,
     },
     /// A response that violates the protocol.
-    #[error("broken answer: {0}")]
+    #[error("invalid answer: {0}")]
     Answer(&'static str),
 }
 

@@ -21,7 +21,7 @@ pub enum PrivateError {
     },
     /// Other users may read the file.
     #[error(
-        "{}: found mode {mode:03o}, expected 600: a secret that others can read is none", file.display()
+        "{}: found mode {mode:03o}, expected 600: others may read this secret", file.display()
     )]
     Mode {
         /// Path of the secret.

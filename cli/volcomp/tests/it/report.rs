@@ -264,7 +264,7 @@ fn what_observations_leave_open_is_not_met() {
     }
     assert_eq!(
         checks[2]["of"],
-        "errors that the measurements do not bear out"
+        "errors that the measurements do not confirm"
     );
     assert_eq!(checks[2]["outcome"], "undecided");
     // A wave that no unknown describes makes the fit inconsistent with the readings.
@@ -278,7 +278,7 @@ fn what_observations_leave_open_is_not_met() {
     write("points.csv", &format!("X,Y,Z,C,x,y,z\n{rows}"));
     let (document, _) = report(&[&observations, "--tolerance", "EXX=500,V=500"]);
     for check in list(&document["checks"]) {
-        assert_eq!(check["of"], "errors that the measurements do not bear out");
+        assert_eq!(check["of"], "errors that the measurements do not confirm");
         assert_eq!(check["outcome"], "undecided", "{check}");
     }
     assert!(page.contains("not determined by the observations, taken as 0: EX0C, EB0C"));

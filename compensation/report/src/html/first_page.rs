@@ -119,11 +119,11 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
             Cell::Path(match &check.of {
                 CheckOf::Symbol if check.symbol == VOLUME => LARGEST.to_owned(),
                 CheckOf::Symbol => described(&check.symbol),
-                CheckOf::Part | CheckOf::NotBorneOut if check.symbol != VOLUME => {
+                CheckOf::Part | CheckOf::NotConfirmed if check.symbol != VOLUME => {
                     format!("{}; of {}", described(&check.symbol), check.of)
                 }
                 CheckOf::MeasuredAlone
-                | CheckOf::NotBorneOut
+                | CheckOf::NotConfirmed
                 | CheckOf::Part
                 | CheckOf::Corrected
                 | CheckOf::AtReference => {

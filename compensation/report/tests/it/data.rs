@@ -277,7 +277,7 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     let found = checks(&report, &limits);
     assert_eq!(
         (found[0].outcome, &found[0].of),
-        (Verdict::Undecided, &CheckOf::NotBorneOut)
+        (Verdict::Undecided, &CheckOf::NotConfirmed)
     );
     assert_eq!(found[1].outcome, Verdict::Pass);
     // The machine file reports the undecided error until the error is set again.
@@ -289,14 +289,14 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     for check in checks(&report, &limits) {
         assert_eq!(
             (check.outcome, &check.of),
-            (Verdict::Undecided, &CheckOf::NotBorneOut)
+            (Verdict::Undecided, &CheckOf::NotConfirmed)
         );
     }
     assert!(
         report
             .warnings
             .iter()
-            .any(|of| of.text.contains("do not bear out EXX"))
+            .any(|of| of.text.contains("do not confirm EXX"))
     );
     assert!(report.not_measured.iter().any(|of| of.contains("EZX")));
     let name = "EXX".parse().expect("a name");

@@ -43,7 +43,7 @@ pub enum Problem {
         found: String,
     },
     /// A value of the bridge is not a number. LinuxCNC treats a comment after a value as part of the value.
-    #[error("[VOLCOMP]{key}: found {found}, expected {expected} and nothing behind it")]
+    #[error("[VOLCOMP]{key}: found {found}, expected {expected} without further text")]
     Number {
         /// Key in the section `[VOLCOMP]`.
         key: &'static str,
@@ -212,7 +212,7 @@ pub enum Problem {
     },
     /// The number of joints is invalid.
     #[error(
-        "[KINS]JOINTS: found {found}, expected the number of joints, 1 to {MAX_JOINTS} and nothing behind it"
+        "[KINS]JOINTS: found {found}, expected the number of joints, 1 to {MAX_JOINTS} without further text"
     )]
     Joints {
         /// The value of this key in the INI file.

@@ -47,17 +47,17 @@ const REFUSED: &str = r"
 LINEAR_UNITS = mm\n |  | [TRAJ]LINEAR_UNITS is missing, expected mm or metric: the bridge counts in this unit
 ANGULAR_UNITS = degree\n |  | [TRAJ]ANGULAR_UNITS is missing, expected degree or deg: the bridge counts in this unit
 JOINTS = 3\n |  | [KINS]JOINTS is missing, expected the number of joints, 1 to 16
-JOINTS = 3 | JOINTS = three | [KINS]JOINTS: found three, expected the number of joints, 1 to 16 and nothing behind it
+JOINTS = 3 | JOINTS = three | [KINS]JOINTS: found three, expected the number of joints, 1 to 16 without further text
 JOINTS = 3 | JOINTS = 3 # X Y Z | [KINS]JOINTS: found 3 # X Y Z, expected the number of joints, 1 to 16
 JOINTS = 3 | JOINTS = 2.5 | [KINS]JOINTS: found 2.5, 
 JOINTS = 3 | JOINTS = 0 | [KINS]JOINTS: found 0, 
 JOINTS = 3 | JOINTS = 17 | [KINS]JOINTS: found 17, 
 SERVO_PERIOD = 1000000 | SERVO_PERIOD = 1 ms | [EMCMOT]SERVO_PERIOD: found 1 ms
 SERVO_PERIOD = 1000000 | SERVO_PERIOD = 0 | [EMCMOT]SERVO_PERIOD: found 0
-LIMIT_UM = 30 | LIMIT_UM = 30 # um | [VOLCOMP]LIMIT_UM: found 30 # um, expected a number and nothing behind it
-LIMIT_UM = 30 | LIMIT_UM = 3_0 | [VOLCOMP]LIMIT_UM: found 3_0, expected a number and nothing behind it
-LIMIT_UM = 30 | LIMIT_UM = 0x1e | [VOLCOMP]LIMIT_UM: found 0x1e, expected a number and nothing behind it
-LIMIT_UM = 30 | LIMIT_UM = nan | [VOLCOMP]LIMIT_UM: found nan, expected a number and nothing behind it
+LIMIT_UM = 30 | LIMIT_UM = 30 # um | [VOLCOMP]LIMIT_UM: found 30 # um, expected a number without further text
+LIMIT_UM = 30 | LIMIT_UM = 3_0 | [VOLCOMP]LIMIT_UM: found 3_0, expected a number without further text
+LIMIT_UM = 30 | LIMIT_UM = 0x1e | [VOLCOMP]LIMIT_UM: found 0x1e, expected a number without further text
+LIMIT_UM = 30 | LIMIT_UM = nan | [VOLCOMP]LIMIT_UM: found nan, expected a number without further text
 ";
 
 /// Settings that only the bridge checks.

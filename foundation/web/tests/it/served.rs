@@ -157,9 +157,7 @@ async fn a_tls_page_serves_clients_that_trust_its_certificate() {
     ));
     let reported = refused.to_string();
     assert!(
-        reported.ends_with(
-            "key.pem: found mode 640, expected 600: a secret that others can read is none"
-        ),
+        reported.ends_with("key.pem: found mode 640, expected 600: others may read this secret"),
         "{reported}"
     );
 }
