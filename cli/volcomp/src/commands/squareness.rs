@@ -244,7 +244,8 @@ impl SquarenessArguments {
     }
 }
 
-/// The uncertainty, if that of both slopes is known: for least-squares lines with at least three targets or several runs.
+/// The uncertainty, if the uncertainties of both slopes are known: for least-squares lines with at
+/// least three targets or several runs.
 fn uncertainty(
     arguments: &SquarenessArguments,
     kind: ReferenceKind,
