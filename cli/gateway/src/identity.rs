@@ -40,7 +40,8 @@ const CONFIRMED_KEYS: [&str; 17] = [
 /// Key of the maximum step of the tool tip with which a rotary axis is corrected. It determines which axes correct.
 const ROTARY_STEP: &str = "rotary_step_um";
 
-/// Two models are also compared with all temperatures this much below and above the current ones, K.
+/// Offset of all temperatures, K, below and above the current ones, at which two models are
+/// compared in addition.
 const SHIFT_K: f64 = 10.0;
 
 /// The limits of a configuration by key. An unlimited acceleration has no entry.
