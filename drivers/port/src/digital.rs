@@ -49,8 +49,8 @@ pub trait DigitalIo: Send {
     /// See [`Fault`]. The levels of the outputs are then unknown.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault>;
 
-    /// The output levels that the device confirmed last: those of its last accepted write, or those found at start if nothing was written.
-    /// `None` if unknown.
+    /// The output levels that the device confirmed last: the levels of its last accepted write or,
+    /// if nothing was written, the levels found at start. `None` if unknown.
     fn confirmed(&self) -> Option<u64>;
 
     /// Whether the device can report its output levels. If it cannot, unused outputs are written as off; otherwise nothing is written until

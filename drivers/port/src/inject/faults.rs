@@ -65,7 +65,7 @@ pub enum Lie {
     NotANumber,
     /// Two axes, or two words, are exchanged.
     OtherAxis,
-    /// Some axes or words are those of the previous reading.
+    /// Some axes or words have the values of the previous reading.
     Torn,
     /// All axes, or words, are zero.
     Zero,
