@@ -39,7 +39,8 @@ const SHORTEST_IN_STEPS: f64 = 20.0;
 /// Minimum distance between two axis reversals at which an arc is split, in steps of its words.
 const SHORTEST_TURN_IN_STEPS: f64 = 100.0;
 
-/// A part of an arc that is written as one arc: its start and end as shares (0 to 1) of the whole arc.
+/// A part of an arc that is written as one arc: its start and end as fractions (0 to 1) of the
+/// whole arc.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stretch {
     pub(crate) from: f64,
@@ -454,8 +455,9 @@ impl Rewriter {
         }
     }
 
-    /// Writes a line that applies the correction missing at a share of the motion. `from` is the program position there, `carried` the
-    /// correction applied so far. Returns the new correction, or `None` if nothing is missing. At `share` 0 the caller writes the line end.
+    /// Writes a line that applies the correction missing at a fraction of the motion. `from` is the
+    /// program position there, `carried` the correction applied so far. Returns the new correction,
+    /// or `None` if nothing is missing. At `share` 0 the caller writes the line end.
     fn take_up_here(
         &mut self,
         motion: &Move,

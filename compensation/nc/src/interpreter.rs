@@ -104,7 +104,7 @@ impl Extruder {
 }
 
 impl Extrusion {
-    /// E word of the part of the motion between two shares; `None` if the part extrudes nothing.
+    /// E word of the part of the motion between two fractions; `None` if the part extrudes nothing.
     pub(crate) fn of_part(&self, [from, to]: [f64; 2]) -> Option<Number> {
         let decimals = self.decimals.clamp(DECIMALS, MAX_DECIMALS);
         let written = self.decimals.min(MAX_DECIMALS);
@@ -742,7 +742,7 @@ impl Interpreter {
         self.assumptions.places[axis] = self.basis(axis);
     }
 
-    /// G10 L20 has defined the current position under a work offset.
+    /// Updates the assumptions after G10 L20, which sets a work offset from the current position.
     pub(crate) fn set_offset_from_position(&mut self, system: usize, axis: usize, line: usize) {
         let mixed = self.mixed_with(axis);
         let known = mixed.clone().all(|axis| self.known[axis]);
