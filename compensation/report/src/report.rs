@@ -125,7 +125,8 @@ pub enum CheckOf {
     Part,
     /// Errors that the measurements do not determine, at least in part.
     NotBorneOut,
-    /// The residual after correction, whereas figures of tests refer to the uncorrected machine.
+    /// The figure is the residual after correction; figures of tests are of the uncorrected
+    /// machine.
     Corrected,
     /// The machine at the reference temperature, without its thermal terms.
     AtReference,
@@ -259,7 +260,7 @@ pub struct CurveLine {
 pub struct Run {
     /// The direction of travel.
     pub direction: Direction,
-    /// Number of the run among those of its direction.
+    /// Number of the run among the runs of its direction.
     pub number: u32,
     /// Targets and deviations.
     pub points: Vec<(f64, f64)>,
