@@ -183,7 +183,7 @@ pub struct WithoutBarrier {
 }
 
 impl Default for WithoutBarrier {
-    /// 30 µm and 30 µrad.
+    /// 30 µm for linear axes and 30 µrad for rotary axes.
     fn default() -> Self {
         Self {
             linear: Um(30.0),
