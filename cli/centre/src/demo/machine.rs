@@ -170,8 +170,9 @@ impl SimulatedMachine {
         self.since = Instant::now();
     }
 
-    /// Maximum change of the correction when a model replaces the active one, over a grid in the work space with the rotary axes at the ends and
-    /// near the middle of their travels: of linear axes in µm, of rotary axes in µrad.
+    /// Maximum change of the correction when a model replaces the active one: of linear axes in µm,
+    /// of rotary axes in µrad. It is sampled on a grid in the work space, with the rotary axes at
+    /// the ends and near the middle of their travels.
     fn largest_move(&self, new: &Model) -> [f64; 2] {
         let old = self.active.as_ref().map(|(model, _)| model);
         let mut worst = [0.0_f64; 2];
