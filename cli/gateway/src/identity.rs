@@ -86,9 +86,11 @@ pub(crate) struct Judge {
 }
 
 impl Judge {
-    /// The largest change of the correction if `new` replaces `old`, and the question to confirm first. The change is
-    /// evaluated at the reference temperature, in the steady state at the current temperatures and [`SHIFT_K`] below and above them, since a
-    /// changed thermal term shows only away from the reference temperature, and in the present state with the lags of the running model.
+    /// The largest change of the correction if `new` replaces `old`, and the question to confirm
+    /// first. The change is evaluated at the reference temperature; in the steady state at the
+    /// current temperatures and [`SHIFT_K`] below and above them, because a changed thermal term
+    /// has no effect at the reference temperature; and in the present state, with the lags of the
+    /// running model.
     pub(crate) fn judged(
         &self,
         [old, new]: [&Model; 2],

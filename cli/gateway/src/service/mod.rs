@@ -107,7 +107,7 @@ pub struct Service {
     standing_receipt: Option<Receipt>,
     /// Whether the standing state could not be written.
     standing_lost: bool,
-    /// Time of the last retry of that write.
+    /// When a failed write of the standing state was last retried.
     standing_tried: Instant,
     trouble: Option<&'static str>,
     /// Reasons of the service itself, shown with those of the guards: the last reload was refused, or the service is
