@@ -266,7 +266,6 @@ impl World {
         self.started.elapsed()
     }
 
-    /// Whether the emergency stop is pressed.
     pub fn emergency_stop(&self) -> bool {
         self.stopped_at.is_some()
     }
