@@ -27,10 +27,10 @@ pub trait DigitalIo: Send {
     /// Name of the device in the configuration.
     fn device(&self) -> &str;
 
-    /// Number of inputs.
+    /// Number of inputs, at most 64.
     fn inputs(&self) -> u32;
 
-    /// Number of outputs.
+    /// Number of outputs, at most 64.
     fn outputs(&self) -> u32;
 
     /// Shortest duration of one exchange: a lower bound for the cycle time of a controller on this port.
@@ -100,9 +100,9 @@ impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
 pub struct UnopenedLines {
     /// Name of the device in the configuration.
     pub device: String,
-    /// The number of inputs.
+    /// Number of inputs, at most 64.
     pub inputs: u32,
-    /// The number of outputs.
+    /// Number of outputs, at most 64.
     pub outputs: u32,
     /// Shortest time of one exchange.
     pub shortest_cycle: Duration,

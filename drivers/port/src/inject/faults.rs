@@ -72,7 +72,7 @@ pub enum Lie {
 }
 
 impl Lie {
-    /// All kinds.
+    /// All kinds of read-back faults.
     pub const ALL: [Self; 5] = [
         Self::Value,
         Self::NotANumber,

@@ -81,7 +81,7 @@ struct Inner {
     frozen_at: Option<PerChannel<f64>>,
     /// Clock time up to which the machine was simulated.
     until: Duration,
-    /// Part of that time during which the machine moved along its program.
+    /// Part of the simulated time in which the machine moved along its program.
     moved: Duration,
     control: Option<Control>,
 }
