@@ -312,9 +312,9 @@ pub struct FitNumbers {
 /// Residuals of a fit: readings minus curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
-    /// Minimum.
+    /// Smallest residual, with its sign.
     pub min: f64,
-    /// Maximum.
+    /// Largest residual, with its sign.
     pub max: f64,
     /// Root mean square.
     pub rms: f64,
@@ -485,7 +485,7 @@ pub struct Size {
     pub tilt_urad: f64,
     /// The pose of the largest error of the tip after alignment.
     pub at: Vec<Standing>,
-    /// The tool with that error; empty: the tool in the spindle.
+    /// The tool with the largest error after alignment; empty: the tool in the spindle.
     pub tool: String,
 }
 
