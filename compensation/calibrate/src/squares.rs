@@ -120,9 +120,9 @@ fn heights(line: &Line) -> Option<Cow<'_, Measurement>> {
 }
 
 /// Standard uncertainty of each squareness of a file whose contributions are known, widened so that
-/// twice its value is a 95.45 % interval. A squareness from slopes has that of its reference angle,
-/// the scatter of the slopes with Student's t, and the stated uncertainty of the readings; a stated
-/// value that of the reference angle.
+/// twice its value is a 95.45 % interval. The contributions to a squareness from slopes are
+/// its reference angle, the scatter of the slopes with Student's t, and the stated uncertainty of
+/// the readings; the contribution to a stated value is its reference angle.
 pub(crate) fn square_uncertainties(
     file: &CalibrationFile,
     removed: &[RemovedSlope<'_>],
