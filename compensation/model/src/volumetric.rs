@@ -308,7 +308,8 @@ struct LinearSample {
     at: At,
 }
 
-/// Samples of all fields: at few equidistant shares and at the places of their curves, from either side if that matters.
+/// Samples of all fields: at few equidistant fractions of the travels and at the places of their
+/// curves, from either side if that matters.
 fn rotary_samples(grounds: &[SearchGround<'_>]) -> Result<Vec<RotarySample>, ModelError> {
     let mut samples = Vec::new();
     for (number, ground) in grounds.iter().enumerate() {
@@ -390,7 +391,7 @@ fn rotary_poses(ground: &SearchGround<'_>) -> Vec<Place> {
 /// Two axes, and the fractions of their travels at which a grid over them has nodes.
 type GridNodes = [(usize, Vec<f64>); 2];
 
-/// Equidistant fractions of a travel, and the places of curves.
+/// Equidistant fractions of a travel, and the places of curves as fractions.
 fn shares(equal: u32, places: &[f64]) -> impl Iterator<Item = f64> {
     let share = move |sample| f64::from(sample) / f64::from(equal - 1);
     (0..equal).map(share).chain(places.iter().copied())
