@@ -404,7 +404,8 @@ impl Corrector {
     }
 }
 
-/// Number of steps with which no reversal is missed on a motion with this bulge.
+/// Number of steps with which no reversal is missed on a motion whose axes deviate from a straight
+/// line by at most `bulge_mm`.
 pub(crate) fn steps_of(bulge_mm: f64) -> f64 {
     (bulge_mm / REVERSAL_TOLERANCE_MM)
         .sqrt()

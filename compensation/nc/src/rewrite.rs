@@ -171,9 +171,11 @@ const FINER: u8 = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Computed {
     Kept,
-    /// Values that depend on the return value of a subroutine, because its call is unrolled.
+    /// Values that depend on the return value of a subroutine are written as numbers, because its
+    /// call is unrolled.
     ReturnedWritten,
-    /// All values, because the lines that compute them are not executed in this order.
+    /// All values are written as numbers, because the lines that compute them are not executed in
+    /// this order.
     OriginalWord,
 }
 
@@ -713,7 +715,7 @@ impl Rewriter {
         }
     }
 
-    /// Number format of an axis: that of the word to be replaced, or of an added one.
+    /// Number format of an axis: the format of the word to be replaced, or of an added word.
     #[inline]
     pub(crate) fn numerals(&self, axis: usize, word: Option<&Word>) -> Numerals {
         let points = &self.interpreter.points;

@@ -156,7 +156,7 @@ const PLACES_OF_HOLE: u32 = 2;
 /// Fraction of a motion, to either side, from which its direction is computed.
 const NEAR: f64 = 1e-6;
 
-/// Tip travel, mm, within twice `NEAR` below which the tip rests except for rounding.
+/// Tip travel over twice `NEAR`, mm, below which the tip counts as resting: it is a rounding error.
 const RESTING_WITHIN_MM: f64 = 1e-11;
 
 /// Minimum increase of the deviation, µm, to count a motion as worse than before.
