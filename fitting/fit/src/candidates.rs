@@ -56,7 +56,8 @@ impl Candidate {
         }
     }
 
-    /// Combines this candidate with the one of the same method for another set; `None` if that set has none.
+    /// Combines this candidate with the candidate of the same method for another set; `None` if the
+    /// other set has none.
     pub(crate) fn with(mut self, others: &[Self]) -> Option<Self> {
         let same = others.iter().find(|other| other.method == self.method)?;
         self.coefficients += same.coefficients;
