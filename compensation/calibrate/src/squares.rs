@@ -92,7 +92,8 @@ impl<'a> RemovedSlope<'a> {
     }
 }
 
-/// The readings of a line as straightness, with those of a bridge summed for each run; `None` if the runs of a bridge are not complete.
+/// The readings of a line as straightness; readings of a bridge are summed for each run. `None` if
+/// the runs of a bridge are not complete.
 fn heights(line: &Line) -> Option<Cow<'_, Measurement>> {
     let Method::Angular { bridge_mm, reading } = line.setup.method else {
         return Some(Cow::Borrowed(&line.readings));
