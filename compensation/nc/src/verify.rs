@@ -241,7 +241,7 @@ struct Comparison {
     parts: Vec<PartOfMotion>,
     /// Index of the part that the result has reached.
     at_part: usize,
-    /// Completed fraction of that part.
+    /// Completed fraction of the part that the result has reached.
     of_part: f64,
     found: Verification,
     cut: Option<Collector>,
