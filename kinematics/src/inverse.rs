@@ -81,7 +81,8 @@ impl Chain {
         pair: &[usize],
         held: &State,
     ) -> Result<ArrayVec<Pointing, 2>, NoSolution> {
-        // Scaled first: the square of a large length overflows, that of a small one underflows.
+        // Scaled first: otherwise the square of a large length overflows, and the square of a small
+        // one underflows.
         let wanted = (tool_axis / tool_axis.amax()).normalize();
         if !wanted.iter().all(|x| x.is_finite()) {
             return Err(NO_DIRECTION);

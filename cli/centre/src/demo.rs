@@ -64,7 +64,7 @@ fn io(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> Error {
     |source| Error::File { file, source }
 }
 
-/// Random numbers or keys are not available.
+/// Error for a key that cannot be generated.
 fn key(error: impl Display) -> Error {
     Error::Failed(format!("a key: {error}"))
 }

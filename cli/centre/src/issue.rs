@@ -341,7 +341,8 @@ mod tests {
         assert_eq!((issued.version, issued.model), (4, old));
     }
 
-    /// There is no value under its key, and the withdrawn version is active: changed settings still reach it.
+    /// The key of the machine has no value, and the withdrawn version is active: changed settings
+    /// still reach the machine.
     #[test]
     fn a_machine_without_a_value_can_be_disabled() {
         let fixture = Fixture::new();

@@ -157,7 +157,7 @@ pub enum Origin {
         #[serde(default)]
         name: String,
     },
-    /// A calibration file; only in databases of earlier programs.
+    /// A calibration file; only in databases of earlier program versions.
     Calibration { path: String },
 }
 
@@ -337,9 +337,9 @@ pub struct Point {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub temperatures_degc: BTreeMap<String, f64>,
     pub cycle_p99_us: f64,
-    /// Number of cycles that exceeded their time since the gateway started, latest value.
+    /// Number of cycles since the gateway started that exceeded their period; latest value.
     pub overruns: u64,
-    /// Number of failed exchanges with controllers since the gateway started, latest value.
+    /// Number of failed exchanges with controllers since the gateway started; latest value.
     pub faults: u64,
 }
 

@@ -74,8 +74,9 @@ fn load_active_model(
     Ok(version.map(|version| version.model.clone()))
 }
 
-/// Days since a machine's calibration became due; see [`due_days`]. A calibration that was rejected or waits for confirmation does not count.
-/// `models` are those of the newest versions; an older one is read.
+/// Days since a machine's calibration became due; see [`due_days`]. A calibration that was rejected
+/// or waits for confirmation does not count. `models` holds the models of the newest versions; an
+/// older model is read from the store.
 pub(crate) fn overdue_days(
     store: &Store,
     machine: &Machine,

@@ -148,8 +148,8 @@ impl Reporter {
 }
 
 impl Report {
-    /// Text form: positions, and the tool error without and with the correction, or the correction if the error is unknown. Text beyond 80 columns
-    /// continues on another line.
+    /// Formats positions and the tool error without and with the correction; if the error is
+    /// unknown, positions and corrections. Lines have at most 80 columns.
     pub(crate) fn text(&self) -> String {
         let mut items = Vec::new();
         let kinds = [
@@ -178,7 +178,8 @@ impl Report {
     }
 }
 
-/// JSON form. Keys are letters and names, and numbers are finite, so this cannot fail.
+/// Serializes a line as JSON. Keys are letters and names, and numbers are finite, so this cannot
+/// fail.
 pub(crate) fn json(line: &impl Serialize) -> String {
     serde_json::to_string(line).unwrap_or_default()
 }

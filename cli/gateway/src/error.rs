@@ -128,7 +128,8 @@ impl GatewayError {
         Self::Failed(Failure { what, status: 1 })
     }
 
-    /// The configuration does not give the address of a running gateway.
+    /// Error for a configuration that does not give the address of a running gateway. It names the
+    /// option that replaces the file.
     pub fn status_without(source: &Self) -> Self {
         Self::invalid(format!(
             "{source}; a running gateway also reports its state without this file: volcomp-gateway status --listen ADDRESS, its address and port"

@@ -40,7 +40,8 @@ const CONFIRMED_KEYS: [&str; 17] = [
 /// Key of the maximum step of the tool tip with which a rotary axis is corrected. It determines which axes correct.
 const ROTARY_STEP: &str = "rotary_step_um";
 
-/// Two models are also compared with all temperatures this much below and above the current ones, K.
+/// Offset of all temperatures, K, below and above the current ones, at which two models are
+/// compared in addition.
 const SHIFT_K: f64 = 10.0;
 
 /// The limits of a configuration by key. An unlimited acceleration has no entry.
@@ -85,9 +86,11 @@ pub(crate) struct Judge {
 }
 
 impl Judge {
-    /// The largest change of the correction if `new` replaces `old`, and the question to confirm first. The change is
-    /// evaluated at the reference temperature, in the steady state at the current temperatures and [`SHIFT_K`] below and above them, since a
-    /// changed thermal term shows only away from the reference temperature, and in the present state with the lags of the running model.
+    /// The largest change of the correction if `new` replaces `old`, and the question to confirm
+    /// first. The change is evaluated at the reference temperature; in the steady state at the
+    /// current temperatures and [`SHIFT_K`] below and above them, because a changed thermal term
+    /// has no effect at the reference temperature; and in the present state, with the lags of the
+    /// running model.
     pub(crate) fn judged(
         &self,
         [old, new]: [&Model; 2],

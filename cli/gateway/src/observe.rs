@@ -327,7 +327,7 @@ fn cycle(facts: &Facts<'_>, report: &Report, times: &Times) -> CycleTimes {
     }
 }
 
-/// The last complete interval and the current one are kept.
+/// Number of cycles in an interval. The last complete interval and the current one are kept.
 const CYCLES_PER_INTERVAL: u64 = 4096;
 
 pub(crate) struct IntervalHistogram {

@@ -15,13 +15,15 @@ use volcomp_vocabulary::AxisKind;
 
 use crate::{commands::thermal_note, failure::Failure, table::folded};
 
-/// Maximum deviation of a compiled curve from its source where many residuals are computed, nm and nrad: far below the last printed digit.
+/// Maximum deviation of a compiled curve from its source, nm and nrad: far below the last printed
+/// digit. Compiled curves are used because many residuals are computed.
 const CURVES_NM: f64 = 0.01;
 
 /// Position (mm) and rotation (rad) of the error at a state, in workpiece axes.
 pub(crate) type ErrorAt<'a> = Box<dyn Fn(&State) -> [f64; 6] + Sync + 'a>;
 
-/// The error to all orders at many states, with curves within [`CURVES_NM`], or those of the machine file if they cannot be compiled.
+/// The error to all orders at many states. Curves are compiled within [`CURVES_NM`]; if they cannot
+/// be compiled, the curves of the machine file are used.
 pub(crate) fn errors<'a>(machine: &'a Machine, temperatures: &Temperatures) -> ErrorAt<'a> {
     match machine.compile_at(Tolerance::from_nm(CURVES_NM), temperatures) {
         Ok(compiled) => errors_by(machine, compiled, Form::Exact),

@@ -20,7 +20,6 @@ const IN_MEMORY: usize = 4 << 20;
 /// Number of rows that a thread formats at a time.
 const CHUNK: usize = 256;
 
-/// A row of an answer.
 pub(crate) trait Row: Serialize + Sync {
     /// Cells of the table after the row number.
     fn cells(&self) -> Vec<String>;

@@ -129,7 +129,7 @@ pub(crate) enum OneOrMany<T> {
 /// Largest number of positions in a [`Batch`].
 pub(crate) const BATCH: usize = 4096;
 
-/// The requested positions, in the order of the rows: a single one, or those of a file.
+/// The requested positions: a single one, or the positions of a file in the order of its rows.
 pub(crate) struct Positions {
     source: Source,
     approach: Vec<(usize, Option<Direction>)>,
@@ -169,7 +169,8 @@ impl Positions {
         Ok(batch)
     }
 
-    /// The table of the positions, without its rows; `None` for a single position from the command line.
+    /// The table of the positions without its rows, for its header; `None` for a single position
+    /// from the command line.
     pub(crate) fn head(&self) -> Option<&CsvTable> {
         match &self.source {
             Source::One(_) => None,
@@ -547,8 +548,8 @@ fn rewindable(path: &Path) -> Result<File, Failure> {
     copied.map_err(|error| Failure::Work(format!("temporary file: {error}")))
 }
 
-/// The failure of a file of positions with its line, which only the whole text shows; `failure` itself if
-/// the whole text has no fault.
+/// Parses the whole file again, to find the line of a failure. Returns `failure` itself if the file
+/// has no fault.
 fn refused(machine: &Machine, path: &Path, mut text: &File, failure: Failure) -> Failure {
     let mut bytes = Vec::new();
     let read = text.rewind().and_then(|()| text.read_to_end(&mut bytes));

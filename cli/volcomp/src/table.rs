@@ -15,7 +15,7 @@ const WIDTH: usize = 80;
 /// Minimum terminal width for layout; narrower terminals wrap lines themselves.
 const NARROWEST: usize = 30;
 
-/// Maximum line width: that of the terminal, at most [`WIDTH`]; fixed for files and pipes.
+/// Maximum line width: the width of the terminal, at most [`WIDTH`]; fixed for files and pipes.
 fn most() -> usize {
     static MOST: OnceLock<usize> = OnceLock::new();
     *MOST.get_or_init(|| {

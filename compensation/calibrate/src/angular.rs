@@ -74,7 +74,7 @@ pub(crate) fn angular(
     Ok(result)
 }
 
-/// Minimum difference of lever arms, as a share of the diagonal of the working space. A smaller
+/// Minimum difference of lever arms, as a fraction of the diagonal of the working space. A smaller
 /// difference does not determine a tilt that acts over the whole space.
 const LEAST_PART: f64 = 0.02;
 /// Maximum difference of lever arms that are treated as equal, mm.

@@ -60,7 +60,8 @@ pub struct Line {
     pub readings: Measurement,
     /// Kind of curve, if stated.
     pub curve: Option<CurveChoice>,
-    /// Line that is removed from a straightness, whose slope contributes to the squareness.
+    /// Reference line that is subtracted from a straightness; its slope contributes to the
+    /// squareness.
     pub reference_line: ReferenceKind,
     /// For a rotary axis: whether the readings were taken relative to the commanded pose, so that
     /// they include the effect of the location errors of the axis; `false` if the instrument was

@@ -25,7 +25,7 @@ pub enum CurveChoice {
     MovingLeastSquares {
         /// Order of the local polynomials.
         order: usize,
-        /// Half width of the weight as a share of the range.
+        /// Half width of the weight as a fraction of the range.
         support: f64,
         /// Steepness of the decay of the weight, α of the Gaussian.
         shape: f64,

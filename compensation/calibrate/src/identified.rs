@@ -14,13 +14,13 @@ use crate::{
     stages::Stages,
 };
 
-/// Convergence limit on the change of any parameter, as a share of its standard uncertainty.
+/// Convergence limit on the change of any parameter, as a fraction of its standard uncertainty.
 const SETTLED: f64 = 0.01;
 /// Lower bound of the standard uncertainty used in this limit, in the unit of the parameter.
 const LEAST: f64 = 1e-6;
 const ROUNDS: usize = 60;
-/// Share of a change that is carried into the next round. Above this share, unknowns and lines are
-/// solved together instead of alternately.
+/// Fraction of a change that is carried into the next round. Above this fraction, unknowns and
+/// lines are solved together instead of alternately.
 const TOGETHER_ABOVE: f64 = 0.9;
 
 /// Errors identified from volumetric observations.
@@ -68,7 +68,7 @@ pub(crate) fn settled(
         let moved = before
             .as_ref()
             .map(|before| moved(before, &found.parameters));
-        // Each round changes the next one by a constant share of its own change, as long as the
+        // Each round changes the next one by a constant fraction of its own change, as long as the
         // change exceeds rounding errors.
         let share = match (last_moved, moved) {
             (Some(before), Some(moved)) if moved > SETTLED => moved / before,

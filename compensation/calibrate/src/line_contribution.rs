@@ -212,7 +212,8 @@ pub(crate) fn take(
     Ok(())
 }
 
-/// Variance contributed by the scatters of lines, each of a few runs, and the degrees of freedom of all scatters together.
+/// Variance contributed by the scatter of lines with few runs, and the effective degrees of freedom
+/// of all these scatters together.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FewRuns {
     variance: f64,
@@ -232,13 +233,13 @@ impl FewRuns {
     /// that ±1.96 times the widened uncertainty is a 95 % interval.
     ///
     /// The formula of Welch and Satterthwaite (JCGM 100, G.4) treats each estimated variance as
-    /// exact. The scatter of two runs is often much too small by chance. Its share of the total is
-    /// then underestimated, and the degrees of freedom are overestimated exactly when the interval
-    /// is too narrow: with one scatter of two runs and well-known contributions, such intervals
-    /// cover as little as 87 %. Here the degrees of freedom are those of the scatters alone. The
-    /// factor is Student's t for them, raised to the power of their share of the variance. Such
-    /// intervals cover 91.5 to 97.5 % in mixtures of one to ten scatters of two to five runs and
-    /// well-known contributions.
+    /// exact. The scatter of two runs is often much too small by chance. Its fraction of the total
+    /// is then underestimated, and the degrees of freedom are overestimated exactly when the
+    /// interval is too narrow: with one scatter of two runs and well-known contributions, such
+    /// intervals cover as little as 87 %. Here the degrees of freedom are those of the scatters
+    /// alone. The factor is Student's t for them, raised to the power of their fraction of the
+    /// variance. Such intervals cover 91.5 to 97.5 % in mixtures of one to ten scatters of two to
+    /// five runs and well-known contributions.
     pub(crate) fn widening(&self, variance: f64) -> f64 {
         let square = self.variance * self.variance;
         if square <= 0.0 || self.over_degrees <= 0.0 {

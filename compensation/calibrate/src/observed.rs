@@ -17,7 +17,7 @@ use crate::{
     squareness::square_of,
 };
 
-/// A location error whose effect on an error motion is below this share of its effect on other
+/// A location error whose effect on an error motion is below this fraction of its effect on other
 /// error motions is treated as not affecting it.
 const NOTHING: f64 = 1e-6;
 

@@ -13,7 +13,8 @@ const TABLES: [&str; 2] = ["measurement", "squareness"];
 /// Tables within a `[[measurement]]` whose values may be open individually.
 const INNER: [&str; 3] = ["at", "columns", "channels"];
 
-/// Question for an open value of a key. `key` is that of a `[[measurement]]` or a `[[squareness]]`, `inner` that of a table in it.
+/// Question for an open value of a key. `key` is a key of a `[[measurement]]` or a
+/// `[[squareness]]`, and `inner` a key of a table in it.
 pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
     match (key, inner) {
         ("at", Some(axis)) => {

@@ -92,7 +92,8 @@ impl<'a> RemovedSlope<'a> {
     }
 }
 
-/// The readings of a line as straightness, with those of a bridge summed for each run; `None` if the runs of a bridge are not complete.
+/// The readings of a line as straightness; readings of a bridge are summed for each run. `None` if
+/// the runs of a bridge are not complete.
 fn heights(line: &Line) -> Option<Cow<'_, Measurement>> {
     let Method::Angular { bridge_mm, reading } = line.setup.method else {
         return Some(Cow::Borrowed(&line.readings));
@@ -120,9 +121,9 @@ fn heights(line: &Line) -> Option<Cow<'_, Measurement>> {
 }
 
 /// Standard uncertainty of each squareness of a file whose contributions are known, widened so that
-/// twice its value is a 95.45 % interval. A squareness from slopes has that of its reference angle,
-/// the scatter of the slopes with Student's t, and the stated uncertainty of the readings; a stated
-/// value that of the reference angle.
+/// twice its value is a 95.45 % interval. The contributions to a squareness from slopes are
+/// its reference angle, the scatter of the slopes with Student's t, and the stated uncertainty of
+/// the readings; the contribution to a stated value is its reference angle.
 pub(crate) fn square_uncertainties(
     file: &CalibrationFile,
     removed: &[RemovedSlope<'_>],

@@ -320,7 +320,8 @@ fn opposite_beams(section: &Section<'_>, error: ErrorName) -> Result<bool, Input
     )))
 }
 
-/// Maximum distance of targets beyond the ends of a diagonal, as a share of its length, for the overrun.
+/// Maximum distance of targets beyond the ends of a diagonal, as a fraction of its length, for the
+/// overrun.
 const BEYOND: f64 = 0.02;
 
 pub(crate) fn decode_diagonals(

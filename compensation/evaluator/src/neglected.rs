@@ -78,8 +78,9 @@ impl Neglected {
         bound + (self.tilts + turned) * (self.tilts + turned) * self.reach_mm
     }
 
-    /// The bound for a correction that was recomputed: `first` is the first result, `second` the one with the errors at the target of
-    /// `first`. The errors change only by the difference of the two; `first` contributes to second order only.
+    /// The bound for a correction that was computed twice: `second` is the result with the errors
+    /// at the target of `first`. The errors change only by the difference of the two; `first`
+    /// contributes to second order only.
     pub fn there_mm(&self, first: &PerAxis<f64>, second: &PerAxis<f64>) -> f64 {
         let mut between = *second;
         let (mut turned, mut moved_mm) = (0.0, 0.0);

@@ -34,9 +34,11 @@ const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 /// The guard of a machine: it decides which correction may reach the axes (rules: see the front page of the crate). One path writes at a time.
 ///
 /// Invariants between two cycles:
-/// - `vector` is the last decision, and `before` the one before its last motion: [`not_sent`](Guard::not_sent) returns to it, so an output that was
-///   not sent is never treated as moved.
-/// - Every word that may be sent next is within `corridor`, which only time widens, by the slew, and which each sent word narrows.
+/// - `vector` is the last decision, and `before` the vector before the last motion.
+///   [`not_sent`](Guard::not_sent) returns to `before`, so an output that was not sent is never
+///   treated as moved.
+/// - Every word that may be sent next is within `corridor`. Only time widens the corridor, by the
+///   slew; each sent word narrows it.
 /// - `accepted` is at least the limit of each axis. It exceeds the limit only by corrections that were sent by this guard, known before, or accepted
 ///   by the operator.
 /// - While `path_changed`, nothing was confirmed on the active path: `confirmed` is that of another path, and nothing is compared with it.

@@ -136,11 +136,12 @@ fn accepted_temperatures(checks: &[SensorCheck]) -> [f64; MAX_SENSORS] {
 /// Largest difference between two readings that is treated as the resolution or noise of a module, not as a jump, K. The billionth covers the
 /// rounding of decimal fractions.
 const STEP_K: f64 = 0.5 + 1e-9;
-/// Largest change of a temperature while its sensor was silent beyond the maximum age, K:
-/// `UNSEEN_MINUTES_K` within minutes, `UNSEEN_K_PER_MIN` per minute from half an hour on (20 K in
-/// an hour), at most `UNSEEN_NIGHT_K`, the overnight cooling of a machine.
+/// Largest change of a temperature, K, while its sensor was silent beyond the maximum age for less
+/// than half an hour.
 const UNSEEN_MINUTES_K: f64 = 10.0;
+/// Largest such change per minute of a longer silence: 20 K in an hour.
 const UNSEEN_K_PER_MIN: f64 = 20.0 / 60.0;
+/// Largest such change in any time, K: the overnight cooling of a machine.
 const UNSEEN_NIGHT_K: f64 = 20.0;
 
 #[derive(Clone, Copy, Debug)]

@@ -158,7 +158,7 @@ impl Modes {
         }
     }
 
-    /// Values of all modes at a coordinate, mm or deg. Outside the range they are those of its nearest end.
+    /// Values of all modes at a coordinate, mm or deg; constant outside the range, except for Fourier.
     pub(crate) fn values(&self, at: f64) -> Vec<f64> {
         let [lower, upper] = self.domain;
         let held = at.clamp(lower, upper);

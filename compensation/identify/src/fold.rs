@@ -65,7 +65,8 @@ impl<'a> Folds<'a> {
         // Information of the others, of which that of all rows is I.
         let others = DMatrix::identity(count, count) - q.transpose() * &q;
         let others_root = inverse(&others.cholesky()?.unpack().transpose())?;
-        // The smallest eigenvalue is at least this: the others retain this share of the information about every unknown.
+        // The smallest eigenvalue is at least this: the others retain this fraction of the
+        // information about every unknown.
         let share = 1.0 / others_root.norm_squared();
         if !rank.is_independent_with(share) {
             return None;

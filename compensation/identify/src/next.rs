@@ -352,10 +352,10 @@ fn between(from: Vector3<f64>, to: Vector3<f64>, share: f64) -> Option<Vector3<f
     Some(direction.try_normalize(STEP_MM)? * length)
 }
 
-/// Shares of the travel of a linear axis: the ends and the middle.
+/// Fractions of the travel of a linear axis: the ends and the middle.
 const LINEAR: [f64; 3] = [0.0, 0.5, 1.0];
-/// Shares of the travel of a rotary axis, or of one turn if it covers a full turn: uneven spacing,
-/// so that no harmonic of a Fourier series is zero at all of them.
+/// Fractions of the travel of a rotary axis, or of one turn if it covers a full turn: uneven
+/// spacing, so that no harmonic of a Fourier series is zero at all of them.
 const ROTARY: [f64; 4] = [0.0, 0.27, 0.53, 0.81];
 
 /// Largest tip displacement, mm, per unit (mm or rad) of every parameter, over a grid of the travels; 0 for set-ups.

@@ -11,7 +11,7 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::basis::Basis;
 
-/// Share of the observed range added at both ends if spheres or balls were probed.
+/// Fraction of the observed range added at both ends if spheres or balls were probed.
 const SPHERE_MARGIN: f64 = 1e-3;
 
 /// Content of a file of observations and of the files that it names.

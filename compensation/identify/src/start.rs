@@ -189,7 +189,8 @@ fn targets_by_matrix(
     true
 }
 
-/// Minimum-norm least squares, without directions whose singular value is a negligible share of the largest.
+/// Minimum-norm least squares, without directions whose singular value is a negligible fraction of
+/// the largest.
 fn least_squares(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     const HARDLY: f64 = 1e-9;
     let svd = matrix.svd(true, true);

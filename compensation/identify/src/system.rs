@@ -192,8 +192,8 @@ impl Rows {
         self.0.iter().map(|row| &row.row)
     }
 
-    /// Index of the pose of each row, from 0, and the number of poses. Rows whose axes agree within 1e-6 mm or deg
-    /// share a pose, also if they are a turn of a `modulo` apart.
+    /// Index of the pose of each row, from 0, and the number of poses. Rows whose axes agree within
+    /// 1e-6 mm or deg share a pose, also if they are a turn of a `modulo` apart.
     pub(crate) fn poses(&self) -> (Vec<usize>, usize) {
         let mut poses: Vec<&[f64; MAX_AXES]> = Vec::new();
         let mut near: BTreeMap<[i64; MAX_AXES], Vec<usize>> = BTreeMap::new();

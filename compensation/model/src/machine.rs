@@ -124,8 +124,9 @@ impl Machine {
         notes
     }
 
-    /// The error motions whose curves cover less than 90 % of the travel of an axis, with that axis and the covered share (for a grid that
-    /// of the axis with the smaller share); sorted by name.
+    /// The error motions whose curves cover less than 90 % of the travel of an axis, with that axis
+    /// and the covered fraction (for a grid that of the axis with the smaller fraction); sorted by
+    /// name.
     pub fn partly_measured(&self) -> Vec<(ErrorName, AxisName, f64)> {
         let share = |(error, curve): (ErrorName, &ErrorCurve)| {
             let own = self.index_of(error.axis).ok()?;

@@ -147,9 +147,9 @@ impl Thermal {
 }
 
 impl Expansion {
-    /// The shares of k along X, Y and Z of MCS, for an axis with this unit direction. An expansion
-    /// p of the positioning deviation acts as δ = u·p; an expansion of any other linear error
-    /// motion acts along the letter of the error.
+    /// The components of k along X, Y and Z of MCS, for an axis with this unit direction. An
+    /// expansion p of the positioning deviation acts as δ = u·p; an expansion of any other linear
+    /// error motion acts along the letter of the error.
     pub(crate) fn shares(&self, direction: &Vector3<f64>) -> [f64; 3] {
         let component = self.error.component.mcs_index();
         if component == self.error.axis.mcs_index() {
@@ -239,7 +239,7 @@ pub(crate) fn beyond([low, high]: [f64; 2], value: f64) -> f64 {
     (low - value).max(value - high).max(0.0)
 }
 
-/// The active share of the terms, 0 to 1, at this distance (K) beyond the tested range.
+/// The active fraction of the terms, 0 to 1, at this distance (K) beyond the tested range.
 pub(crate) fn share_beyond(beyond_k: f64, margin_k: f64) -> f64 {
     (1.0 - beyond_k / margin_k).clamp(0.0, 1.0)
 }
@@ -298,7 +298,7 @@ impl Thermal {
             .map_or(degc, |seen| degc.clamp(seen.degc[0], seen.degc[1]))
     }
 
-    /// The active share of the terms of an error in the steady state, 0 to 1.
+    /// The active fraction of the terms of an error in the steady state, 0 to 1.
     pub(crate) fn steady_share(&self, error: ErrorName, temperatures: &Temperatures) -> f64 {
         let of_error = self.seen.iter().filter(|seen| seen.error == error);
         let beyond = of_error.filter_map(|seen| {

@@ -31,16 +31,18 @@ impl Default for Fading {
     }
 }
 
-/// The thermal terms of a machine over time. State: the lagged temperatures of each term, the time for which its sensors have been missing,
-/// its faded share, and the rates of the sensors. Only [`new`](Self::new) allocates.
+/// The thermal terms of a machine over time. State: the lagged temperatures of each term, the time
+/// for which its sensors have been missing, its faded fraction, and the rates of the sensors. Only
+/// [`new`](Self::new) allocates.
 ///
-/// A lag advances by [`first_order_lag`], which is exact for a temperature that is constant over the step, and starts at its first input. A
-/// term with a missing sensor is held, and then fades ([`Fading`]). When the sensor returns, the lag advances over the whole missing time
-/// with the new temperature, and the faded share returns as slowly as it faded.
+/// A lag advances by [`first_order_lag`], which is exact for a temperature that is constant over
+/// the step, and starts at its first input. A term with a missing sensor is held, and then fades
+/// ([`Fading`]). When the sensor returns, the lag advances over the whole missing time with the new
+/// temperature, and the faded fraction returns as slowly as it faded.
 ///
 /// Beyond their tested ranges ([`Seen`](crate::Seen)) all terms of an error are held and fade
-/// together, so that terms that cancel each other continue to do so; their share changes no faster
-/// than [`Fading::fade_s`] allows.
+/// together, so that terms that cancel each other continue to do so; their fraction changes no
+/// faster than [`Fading::fade_s`] allows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThermalState {
     sensors: Vec<String>,
@@ -62,7 +64,7 @@ struct Term {
     /// Time since the last input of the lag, s.
     unheard_s: f64,
     missing_s: f64,
-    /// The active share of the term, 0 to 1: less than 1 while it fades and while it returns.
+    /// The active fraction of the term, 0 to 1: less than 1 while it fades and while it returns.
     share: f64,
 }
 
@@ -254,19 +256,19 @@ impl ThermalState {
 }
 
 impl Fading {
-    /// The active share of a term, 0 to 1, whose sensor has been missing for this time.
+    /// The active fraction of a term, 0 to 1, whose sensor has been missing for this time.
     fn share(&self, missing_s: f64) -> f64 {
         let faded_s = (missing_s - self.hold_s).max(0.0);
         (1.0 - faded_s / self.fade_s.max(f64::MIN_POSITIVE)).max(0.0)
     }
 
-    /// The share after it moved towards `target` for `dt_s`.
+    /// The fraction after it moved towards `target` for `dt_s`.
     pub(crate) fn towards(self, share: f64, target: f64, dt_s: f64) -> f64 {
         let step = dt_s / self.fade_s.max(f64::MIN_POSITIVE);
         share + (target - share).clamp(-step, step)
     }
 
-    /// The share after `dt_s` in which all sensors delivered temperatures.
+    /// The fraction after `dt_s` in which all sensors delivered temperatures.
     fn returned(&self, share: f64, dt_s: f64) -> f64 {
         (share + dt_s.max(0.0) / self.fade_s.max(f64::MIN_POSITIVE)).min(1.0)
     }
@@ -347,13 +349,15 @@ impl Thermal {
     }
 }
 
-/// Monitors the sensors of the terms of one error. State: the smoothed rates, and the active share of the terms.
+/// Monitors the sensors of the terms of one error. State: the smoothed rates, and the active
+/// fraction of the terms.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Watch {
     pub(crate) error: ErrorName,
     margin_k: f64,
     sensors: Vec<Watched>,
-    /// The active share of the terms, 0 to 1; `None` until every sensor has delivered a temperature.
+    /// The active fraction of the terms, 0 to 1; `None` until every sensor has delivered a
+    /// temperature.
     share: Option<f64>,
 }
 
@@ -442,8 +446,8 @@ impl Watch {
         }
     }
 
-    /// Takes over the rates of another watch for the same sensors (compared by `same`) and, if that monitors the same error, the active
-    /// share.
+    /// Takes over the rates of another watch for the same sensors (compared by `same`) and, if that
+    /// monitors the same error, the active fraction.
     pub(crate) fn carry_over(&mut self, from: &Self, same: impl Fn(usize, usize) -> bool) {
         for watched in &mut self.sensors {
             let other = from.sensors.iter().find(|o| same(watched.sensor, o.sensor));
@@ -471,8 +475,8 @@ impl Watch {
         beyond.fold(0.0, f64::max)
     }
 
-    /// The active share of the terms, 0 to 1. It is 0 until every sensor has delivered a temperature, since only then is it known whether
-    /// they are in the tested range.
+    /// The active fraction of the terms, 0 to 1. It is 0 until every sensor has delivered a
+    /// temperature, since only then is it known whether they are in the tested range.
     pub(crate) fn share(&self) -> f64 {
         self.share.unwrap_or(0.0)
     }

@@ -23,7 +23,7 @@ const SAMPLES: u32 = 33;
 const STARTS_A_DIRECTION: usize = 2;
 /// Number of equidistant samples along an axis for combinations with samples of other axes.
 const COMBINED_SAMPLES: u32 = 9;
-/// Maximum number of combined samples of the rotary axes.
+/// Maximum number of poses of the rotary axes, which combine samples along each of these axes.
 const ROTARY_POSES: usize = 400;
 /// Number of combinations of samples from which the search starts.
 const COMBINATIONS: usize = 48;
@@ -31,7 +31,7 @@ const COMBINATIONS: usize = 48;
 const ROUNDS: usize = 4;
 /// Number of sampled maxima that are refined between the samples.
 const REFINED: usize = 16;
-/// Smallest step of the refinement, as a share of the travel.
+/// Smallest step of the refinement, as a fraction of the travel.
 const MIN_STEP: f64 = 1e-4;
 /// Bases of the Halton sequence, one for each dimension.
 const BASES: [u32; 14] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43];
@@ -156,7 +156,7 @@ struct Search<'a> {
 
 struct SearchGround<'a> {
     field: &'a ErrorField<'a>,
-    /// Sampling positions of the curves along each axis, as shares of the travel.
+    /// Sampling positions of the curves along each axis, as fractions of the travel.
     places: Vec<Vec<f64>>,
     has_directions: Vec<bool>,
     grids: Vec<GridNodes>,
@@ -308,7 +308,8 @@ struct LinearSample {
     at: At,
 }
 
-/// Samples of all fields: at few equidistant shares and at the places of their curves, from either side if that matters.
+/// Samples of all fields: at few equidistant fractions of the travels and at the places of their
+/// curves, from either side if that matters.
 fn rotary_samples(grounds: &[SearchGround<'_>]) -> Result<Vec<RotarySample>, ModelError> {
     let mut samples = Vec::new();
     for (number, ground) in grounds.iter().enumerate() {
@@ -387,16 +388,16 @@ fn rotary_poses(ground: &SearchGround<'_>) -> Vec<Place> {
     poses
 }
 
-/// Two axes, and the shares of their travels at which a grid over them has nodes.
+/// Two axes, and the fractions of their travels at which a grid over them has nodes.
 type GridNodes = [(usize, Vec<f64>); 2];
 
-/// Equidistant shares of a travel, and the places of curves.
+/// Equidistant fractions of a travel, and the places of curves as fractions.
 fn shares(equal: u32, places: &[f64]) -> impl Iterator<Item = f64> {
     let share = move |sample| f64::from(sample) / f64::from(equal - 1);
     (0..equal).map(share).chain(places.iter().copied())
 }
 
-/// Coordinates as shares of the travel of an axis, without those outside it.
+/// Coordinates as fractions of the travel of an axis, without those outside it.
 fn shares_of<'a>(axis: &Axis, at: &'a [f64]) -> impl Iterator<Item = f64> + use<'a> {
     let [low, high] = axis.travel;
     let shares = at.iter().map(move |at| (at - low) / (high - low));
@@ -458,7 +459,7 @@ impl<'a> Ascent<'a> {
         Ok(is_larger)
     }
 
-    /// The place with an axis at another share of its travel.
+    /// The place with an axis at another fraction of its travel.
     fn with(&self, axis: usize, share: f64) -> Place {
         let mut place = self.place.clone();
         place.shares[axis] = share.clamp(0.0, 1.0);
@@ -563,7 +564,7 @@ impl ErrorField<'_> {
     }
 }
 
-/// A pose by shares of the travels, and the side from which each axis is approached.
+/// A pose by fractions of the travels, and the side from which each axis is approached.
 #[derive(Clone, PartialEq)]
 struct Place {
     shares: Vec<f64>,
@@ -589,10 +590,12 @@ impl Place {
     }
 }
 
-/// Shares of the travels of all axes: the Halton sequence, and its mirror image with the opposite approach.
+/// Fractions of the travels of all axes: the Halton sequence, and its mirror image with the
+/// opposite approach.
 fn places(axes: usize) -> impl Iterator<Item = Place> {
     (1..=HALF_POSES).flat_map(move |number| {
-        // Multiples of irrational roots are above and below a half equally often, independent of the shares.
+        // Multiples of irrational roots are above and below a half equally often, independent of
+        // the fractions.
         let side = |axis: usize| {
             let root = f64::from(BASES[axis % BASES.len()]).sqrt();
             Direction::of((f64::from(number) * root).fract() - 0.5)

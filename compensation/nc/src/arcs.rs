@@ -29,8 +29,8 @@ const ARC_SAMPLES_PER_TURN: u32 = 64;
 
 const MAX_ARC_SAMPLES: f64 = 4096.0;
 
-/// Twice the travel near its turning point within which an axis of the plane counts as stationary,
-/// mm. On an arc of radius r it extends √(`HARDLY_MM`·r) to either side.
+/// Twice the travel below which an axis of the plane counts as stationary near its turning point,
+/// mm. On an arc of radius r it is stationary for √(`HARDLY_MM`·r) to either side.
 const HARDLY_MM: f64 = 5e-4;
 
 /// Minimum length of a part of an arc, in steps (last decimals) of its words: shorter parts are not split.
@@ -39,7 +39,8 @@ const SHORTEST_IN_STEPS: f64 = 20.0;
 /// Minimum distance between two axis reversals at which an arc is split, in steps of its words.
 const SHORTEST_TURN_IN_STEPS: f64 = 100.0;
 
-/// A part of an arc that is written as one arc: its start and end as shares (0 to 1) of the whole arc.
+/// A part of an arc that is written as one arc: its start and end as fractions (0 to 1) of the
+/// whole arc.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stretch {
     pub(crate) from: f64,
@@ -147,7 +148,7 @@ impl Bow {
         (self.end[0] - self.start[0]).hypot(self.end[1] - self.start[1])
     }
 
-    /// Direction from the middle of the chord to that of the arc.
+    /// Direction from the middle of the chord to the middle of the arc.
     pub(crate) fn normal(&self) -> [f64; 2] {
         let chord = self.chord();
         let way = [self.end[0] - self.start[0], self.end[1] - self.start[1]];
@@ -454,8 +455,9 @@ impl Rewriter {
         }
     }
 
-    /// Writes a line that applies the correction missing at a share of the motion. `from` is the program position there, `carried` the
-    /// correction applied so far. Returns the new correction, or `None` if nothing is missing. At `share` 0 the caller writes the line end.
+    /// Writes a line that applies the correction missing at a fraction of the motion. `from` is the
+    /// program position there, `carried` the correction applied so far. Returns the new correction,
+    /// or `None` if nothing is missing. At `share` 0 the caller writes the line end.
     fn take_up_here(
         &mut self,
         motion: &Move,

@@ -180,12 +180,13 @@ pub(crate) const INCREMENTS: Decimals = Decimals {
     deg: 3,
 };
 
-/// State: how the program writes coordinates, on a control where the decimal point is significant.
+/// How the program writes coordinates, on a control where the decimal point is significant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct DecimalPoints {
     /// Set if a coordinate without a decimal point counts least increments.
     pub(crate) means_increments: bool,
-    /// The set-up file states the meaning, so that the program may mix coordinates with and without a decimal point.
+    /// Set if the set-up file states the meaning of coordinates without a decimal point, so that
+    /// the program may mix them with coordinates that have one.
     pub(crate) may_mix: bool,
     /// Whether the last non-zero coordinate had no point.
     pub(crate) last_in_increments: Option<bool>,

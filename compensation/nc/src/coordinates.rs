@@ -414,7 +414,7 @@ pub(crate) fn with_tool(machine: &Machine, offset: &Axes) -> Result<Machine, NcE
     Ok(machine)
 }
 
-/// Position at a share (0 to 1) of a straight motion.
+/// Position at a fraction (0 to 1) of a straight motion.
 pub(crate) fn between(from: &Axes, to: &Axes, share: f64) -> Axes {
     each(|axis| from[axis] + share * (to[axis] - from[axis]))
 }

@@ -20,7 +20,8 @@ use crate::{
     error::BoundViolation,
 };
 
-/// Maximum share of the tolerance that a one- or two-step correction may neglect; beyond it the exact correction is computed.
+/// Maximum fraction of the tolerance that a one- or two-step correction may neglect; beyond it the
+/// exact correction is computed.
 const NEGLECTED: f64 = 0.05;
 
 const MAX_TOOLS: usize = 64;
@@ -664,7 +665,8 @@ impl Corrector {
         }
         let off_mm = bulge_mm * self.tool.steepness + coupled_mm;
         if share <= 1.0 {
-            // For shares up to 1 the bound grows at most linearly: if this cheap bound holds, so does the tighter one.
+            // For fractions up to 1 the bound grows at most linearly: if this cheap bound holds, so
+            // does the tighter one.
             let is_near =
                 share * self.split_beyond_mm + off_mm <= ROUNDING_MARGIN * self.split_beyond_mm;
             if is_near || bulge_mm == 0.0 && coupled_mm == 0.0 {
@@ -708,8 +710,8 @@ impl Corrector {
         0.25 * lever_change * change + 0.125 * lever_bend * largest
     }
 
-    /// Maximum deviation of the axes from their straight motion, mm, while the tool centre point moves straight between two program
-    /// positions.
+    /// Maximum deviation of the linear axes from a straight path while the tool centre point moves
+    /// in a straight line between two program positions, mm.
     #[inline]
     pub(crate) fn bulge_in_frame_mm(&self, frame: &Frame, from: &Axes, to: &Axes) -> f64 {
         let Some(tip) = &frame.tip else {
@@ -720,8 +722,9 @@ impl Corrector {
         self.bulge_mm(turned, way.sqrt())
     }
 
-    /// Maximum deviation of the linear axes from their straight motion (mm) while the tool centre point moves straight and the rotary axes
-    /// turn by `turned` rad: from the second derivative of a turning lever.
+    /// Maximum deviation of the linear axes from a straight path, mm, while the tool centre point
+    /// moves in a straight line and the rotary axes turn by `turned` rad. It follows from the
+    /// second derivative of a turning lever.
     pub(crate) fn bulge_mm(&self, turned: f64, way_mm: f64) -> f64 {
         let reach_mm = self.tool.reach_mm;
         0.125 * turned * (turned * reach_mm + 2.0 * way_mm)

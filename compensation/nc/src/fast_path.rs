@@ -40,13 +40,13 @@ impl AxisWord {
 /// Syntax of a language and control.
 #[derive(Clone, Copy, Debug)]
 struct Syntax {
-    /// N at the beginning and F are read.
+    /// Set if N at the beginning of a line, and F, are read.
     reads_others: bool,
     /// Characters that begin a comment.
     comments: &'static [u8],
     dialect: Dialect,
     decimal_sign: u8,
-    /// Coordinates have a decimal point.
+    /// Set if a coordinate without a decimal point counts least increments.
     needs_points: bool,
 }
 

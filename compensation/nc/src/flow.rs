@@ -39,7 +39,7 @@ pub(crate) enum Keyword {
     EndProgram,
 }
 
-/// Longer keywords precede their prefixes.
+/// Keywords of O-words. Longer ones precede their prefixes.
 const KEYWORDS: [(&str, Keyword); 15] = [
     ("ENDWHILE", Keyword::EndWhile),
     ("ENDREPEAT", Keyword::EndRepeat),
@@ -388,7 +388,7 @@ pub(crate) enum Next {
 
 #[derive(Clone, Copy, Debug)]
 struct Count {
-    /// Passes left, including the current one.
+    /// Remaining passes, including the current one.
     left: u64,
     /// Set if the loop was left early; LinuxCNC then continues with its old count.
     is_old: bool,

@@ -822,7 +822,7 @@ enum Kind {
     PolarArc,
 }
 
-/// Longer keywords first.
+/// Keywords of motions, longer ones first.
 const KINDS: [(&str, Kind); 5] = [
     ("LP", Kind::PolarLine),
     ("CP", Kind::PolarArc),

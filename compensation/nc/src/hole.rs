@@ -269,8 +269,10 @@ impl Rewriter {
         [ground, plane].into_iter().flatten().collect()
     }
 
-    /// The new number of a cycle's height word (`None`: unchanged), and the correction that the height then contains, mm. `is` is the
-    /// programmed value, `delta` the required correction, `carried` that of the persistent value if the block lacks the word; mm.
+    /// The new number of a cycle's height word (`None`: unchanged), and the correction that the
+    /// height then contains, mm. `is` is the programmed value, and `delta` the required correction.
+    /// `carried` is the correction in the persistent value, which applies if the block lacks the
+    /// word; mm.
     fn in_cycle(
         &self,
         letter: u8,

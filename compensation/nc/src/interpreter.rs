@@ -28,7 +28,7 @@ pub(crate) struct Outcome {
     pub(crate) motion: Option<Move>,
     /// Further holes of a row (L in G91), after the first one.
     pub(crate) row: Vec<Move>,
-    /// Axis words that define the current position (G92, G10 L20): their indices.
+    /// Indices of the axis words that define the current position (G92, G10 L20).
     pub(crate) presets: Option<Axes<Option<usize>>>,
     /// The work offset that `presets` set (G10 L20), if not the active one: the words are in its coordinates.
     pub(crate) preset_system: Option<usize>,
@@ -104,7 +104,7 @@ impl Extruder {
 }
 
 impl Extrusion {
-    /// E word of the part of the motion between two shares; `None` if the part extrudes nothing.
+    /// E word of the part of the motion between two fractions; `None` if the part extrudes nothing.
     pub(crate) fn of_part(&self, [from, to]: [f64; 2]) -> Option<Number> {
         let decimals = self.decimals.clamp(DECIMALS, MAX_DECIMALS);
         let written = self.decimals.min(MAX_DECIMALS);
@@ -621,7 +621,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Basis of a position of the axis that the program names now.
+    /// Basis of an axis position that the program states now.
     fn basis(&self, axis: usize) -> Basis {
         let (assumptions, modal) = (&self.assumptions, &self.modal);
         // The tool length is along Z; in another plane, or on a lathe, it may be along another linear axis.
@@ -725,7 +725,8 @@ impl Interpreter {
         }
     }
 
-    /// G92 has defined the current position: unless that is known under the active offsets, the shift gets a new identifier.
+    /// Updates the assumptions after G92, which sets the shift from the current position. Unless
+    /// that position is known under the active offsets, the shift gets a new identifier.
     pub(crate) fn set_shift_from_position(&mut self, axis: usize, line: usize) {
         let known = self.mixed_with(axis).all(|axis| self.known[axis]);
         if !(self.mixed_with(axis)).all(|axis| self.assumptions.named[axis])
@@ -742,7 +743,7 @@ impl Interpreter {
         self.assumptions.places[axis] = self.basis(axis);
     }
 
-    /// G10 L20 has defined the current position under a work offset.
+    /// Updates the assumptions after G10 L20, which sets a work offset from the current position.
     pub(crate) fn set_offset_from_position(&mut self, system: usize, axis: usize, line: usize) {
         let mixed = self.mixed_with(axis);
         let known = mixed.clone().all(|axis| self.known[axis]);
@@ -882,7 +883,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// After a motion that the operator may skip, the positions of its axes are unknown.
+    /// Marks the positions of the axes as unknown after a motion that the operator may skip.
     pub(crate) fn forget_skipped_motion(&mut self, motion: &Move) {
         let takes_along = self.frame.tip.is_some();
         for axis in 0..9 {

@@ -23,7 +23,7 @@ impl<'a> Line<'a> {
         self.block.words.get(place?)
     }
 
-    /// Manner of an added word: that of the word at this index of the block, if any.
+    /// Manner of an added word: the manner of the word at this index of the block, if any.
     pub(crate) fn manner(self, place: Option<usize>) -> Manner {
         self.word(place).map_or(Manner::Modal, |word| word.manner)
     }
@@ -140,7 +140,8 @@ impl Script {
         }
     }
 
-    /// Writes a number in place of another, whose signs it takes over.
+    /// Writes a number in place of another, with the same decimal sign. A positive number gets a
+    /// sign only if the other has one.
     #[inline]
     pub(crate) fn write_like(self, before: &[u8], number: Number, out: &mut Vec<u8>) {
         if !self.is_heidenhain() {

@@ -80,7 +80,7 @@ impl Move {
         through.into_iter().chain([&self.to])
     }
 
-    /// True if the motion cuts in the active work offset.
+    /// True if the motion cuts and its coordinates are not machine coordinates.
     pub(crate) fn cuts(&self) -> bool {
         !self.in_machine && matches!(self.path, Path::Line | Path::Arc(_) | Path::Hole { .. })
     }
@@ -94,8 +94,9 @@ impl Arc {
         (way[0].hypot(way[1]), way[1].atan2(way[0]))
     }
 
-    /// Position at a share (0 to 1) of the arc, in program coordinates. Other axes move in proportion. The radius changes linearly from
-    /// start to end, as in controls that tolerate rounding.
+    /// Position at a fraction (0 to 1) of the arc, in program coordinates. Other axes move in
+    /// proportion. The radius changes linearly from start to end, as in controls that tolerate
+    /// rounding.
     pub(crate) fn place(&self, from: &Axes, to: &Axes, part: f64) -> Axes {
         let [first, second, _] = self.axes;
         let (radius, angle) = self.start(from);

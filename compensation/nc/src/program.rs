@@ -39,8 +39,8 @@ pub struct Summary {
     pub ended: bool,
     /// Motions whose numbers differ from those of [`Strategy::Plain`]; if 0, the result is the same, byte for byte.
     pub rounded_otherwise: u64,
-    /// Ends of the parts that each motion was split into, as shares (0 to 1) of the motion, concatenated over all motions. Empty unless
-    /// [`Job::keep_shares`] is set.
+    /// Ends of the parts that each motion was split into, as fractions (0 to 1) of the motion,
+    /// concatenated over all motions. Empty unless [`Job::keep_shares`] is set.
     pub shares: Vec<f64>,
 }
 

@@ -6,7 +6,7 @@ use crate::{coordinates::Axes, correction::Corrector};
 
 /// An axis that moves by less than this rests, mm or deg: rounding of coordinates.
 pub(crate) const RESTING_WITHIN: f64 = 1e-7;
-/// Shares closer than this are treated as equal.
+/// Fractions closer than this are treated as equal.
 pub(crate) const SAME_SHARE: f64 = 1e-6;
 
 /// Maximum error, mm, in locating turning points.
@@ -14,10 +14,11 @@ const REVERSAL_TOLERANCE_MM: f64 = 5e-5;
 
 const MAX_STEPS: f64 = 1024.0;
 
-/// A reversal of an axis. From its share of the motion on, the errors of the other direction apply.
+/// A reversal of an axis. From its fraction of the motion on, the errors of the other direction
+/// apply.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reversal {
-    /// Share of the motion, 0 to 1.
+    /// Fraction of the motion, 0 to 1.
     pub(crate) share: f64,
     pub(crate) axis: usize,
     pub(crate) side: Direction,
@@ -34,7 +35,7 @@ pub(crate) struct Reversals {
 }
 
 impl Reversals {
-    /// Drops the reversals from this share on, which belong to the next motion.
+    /// Drops the reversals from this fraction on, which belong to the next motion.
     pub(crate) fn keep_before(&mut self, share: f64) {
         while let Some(turn) = self.turns.pop_if(|turn| turn.share >= share) {
             self.furthest[turn.axis] = turn.before;
@@ -314,8 +315,9 @@ impl Corrector {
         }
     }
 
-    /// Reversals of the axes along a motion. `at` returns the positions for shares from 0 to 1, and is sampled in `steps` steps. A reversal
-    /// is located at the extreme position, and is reported once the axis has moved back by the minimum reverse travel. At the start, the
+    /// Reversals of the axes along a motion. `at` returns the positions for fractions from 0 to 1,
+    /// and is sampled in `steps` steps. A reversal is located at the extreme position, and is
+    /// reported once the axis has moved back by the minimum reverse travel. At the start, the
     /// extreme of the previous motions is used.
     pub(crate) fn turns(&self, steps: u32, at: impl Fn(f64) -> Axes) -> Reversals {
         let mut turns = Vec::new();
@@ -402,7 +404,8 @@ impl Corrector {
     }
 }
 
-/// Number of steps with which no reversal is missed on a motion with this bulge.
+/// Number of steps with which no reversal is missed on a motion whose axes deviate from a straight
+/// line by at most `bulge_mm`.
 pub(crate) fn steps_of(bulge_mm: f64) -> f64 {
     (bulge_mm / REVERSAL_TOLERANCE_MM)
         .sqrt()

@@ -38,7 +38,7 @@ pub struct Counts {
     pub lines: u64,
     /// Number of motions in the program.
     pub motions: u64,
-    /// Number of lines whose numbers changed.
+    /// Number of lines in which a coordinate or another value changed.
     pub changed: u64,
     /// Lines added for split motions.
     pub added: u64,
@@ -49,7 +49,7 @@ pub struct Counts {
 pub(crate) struct Rewriter {
     pub(crate) interpreter: Interpreter,
     pub(crate) corrector: Corrector,
-    /// E word of the current motion; `extruded` is the share already written.
+    /// E word of the current motion; `extruded` is the fraction already written.
     pub(crate) extrusion: Option<Extrusion>,
     pub(crate) extruded: f64,
     pub(crate) seen: CorrectionCache,
@@ -150,10 +150,11 @@ impl Meaning {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Contour {
     None,
-    /// Compensation starts or ends with this motion, which must not be split.
+    /// Cutter radius compensation starts or ends with this motion, which must not be split.
     Switches,
-    /// Compensation is active: each motion in the plane is a contour element, and is neither split nor preceded by others. At an inside
-    /// corner the control shortens an element by up to the tool radius, which may exceed the length of a part.
+    /// Cutter radius compensation is active: each motion in the plane is a contour element, and is
+    /// neither split nor preceded by others. At an inside corner the control shortens an element by
+    /// up to the tool radius, which may exceed the length of a part.
     Follows,
 }
 
@@ -170,9 +171,11 @@ const FINER: u8 = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Computed {
     Kept,
-    /// Values that depend on the return value of a subroutine, because its call is unrolled.
+    /// Values that depend on the return value of a subroutine are written as numbers, because its
+    /// call is unrolled.
     ReturnedWritten,
-    /// All values, because the lines that compute them are not executed in this order.
+    /// All values are written as numbers, because the lines that compute them are not executed in
+    /// this order.
     OriginalWord,
 }
 
@@ -509,8 +512,8 @@ impl Rewriter {
         [&motion.from, &motion.to].map(|at| frame.to_program(at))
     }
 
-    /// Maximum deviation of the axes from their straight motion while the tool centre point moves straight between two program positions,
-    /// mm.
+    /// Maximum deviation of the linear axes from a straight path while the tool centre point moves
+    /// in a straight line between two program positions, mm.
     pub(crate) fn bulge_mm(&self, from: &Axes, to: &Axes) -> f64 {
         self.corrector
             .bulge_in_frame_mm(&self.interpreter.frame, from, to)
@@ -712,7 +715,7 @@ impl Rewriter {
         }
     }
 
-    /// Number format of an axis: that of the word to be replaced, or of an added one.
+    /// Number format of an axis: the format of the word to be replaced, or of an added word.
     #[inline]
     pub(crate) fn numerals(&self, axis: usize, word: Option<&Word>) -> Numerals {
         let points = &self.interpreter.points;
@@ -746,7 +749,8 @@ impl Rewriter {
         }
     }
 
-    /// E word of the part that ends at a share of its motion; `None` if the block has none or the part extrudes nothing.
+    /// E word of the part that ends at a fraction of its motion; `None` if the block has none or
+    /// the part extrudes nothing.
     pub(crate) fn extrusion_up_to(&mut self, share: f64) -> Option<Number> {
         let from = std::mem::replace(&mut self.extruded, share);
         self.extrusion?.of_part([from, share])

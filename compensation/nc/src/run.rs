@@ -376,7 +376,7 @@ impl<'r, 't> Run<'r, 't> {
 
 trait LineSink {
     fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError>;
-    /// The main program reaches this line.
+    /// Called when the main program reaches this line.
     fn at(&mut self, place: usize) -> Result<(), NcError>;
 }
 

@@ -26,7 +26,7 @@ const MAX_REVERSAL_SAMPLES: f64 = 64.0;
 
 const MAX_FOLLOW_STEPS: f64 = 64.0;
 
-/// A part of a motion: its index, and its end as a share (0 to 1).
+/// A part of a motion: its index, and its end as a fraction (0 to 1).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Part<'a> {
     pub(crate) place: usize,
@@ -154,9 +154,11 @@ impl AxisWay {
 }
 
 impl Rewriter {
-    /// Splits a straight motion into parts within which the correction is linear, and appends the end of each as a share (0 to 1). A first part that
-    /// ends at 0 applies the correction missing at the start; a second part that ends at the same share crosses the backlash of an axis that reverses
-    /// there. `at_ends` are the ends in program coordinates. Errors: more parts than a motion may have, or an unknown F of the parts.
+    /// Splits a straight motion into parts within which the correction is linear, and appends the
+    /// end of each as a fraction (0 to 1). A first part that ends at 0 applies the correction
+    /// missing at the start; a second part that ends at the same fraction crosses the backlash of
+    /// an axis that reverses there. `at_ends` are the ends in program coordinates. Errors: more
+    /// parts than a motion may have, or an unknown F of the parts.
     pub(crate) fn parts(
         &mut self,
         motion: &Move,
@@ -207,7 +209,8 @@ impl Rewriter {
         Ok(())
     }
 
-    /// Applies the reversals up to this share of the motion, beginning with index `next`. Returns true if there were any.
+    /// Applies the reversals up to this fraction of the motion, beginning with index `next`.
+    /// Returns true if there were any.
     pub(crate) fn turn_up_to(&mut self, next: &mut usize, share: f64) -> bool {
         let first = *next;
         while self.turn_once(next, share) {}
@@ -412,7 +415,7 @@ impl Rewriter {
         // Reversals without a separate block are spread over the motion.
         let is_cut =
             (self.turns.turns.iter()).all(|turn| turn.share == 0.0 || parts.contains(&turn.share));
-        // Parts at the same share apply the reversals there one by one.
+        // Parts at the same fraction apply the reversals there one by one.
         if !is_cut {
             self.turn_up_to(&mut next, 1.0);
         } else if parts.first() != Some(&0.0) {
@@ -546,7 +549,7 @@ impl Rewriter {
         Ok(())
     }
 
-    /// F of a part with this share of the motion in inverse-time mode; `None` in other modes.
+    /// F of a part with this fraction of the motion in inverse-time mode; `None` in other modes.
     pub(crate) fn feed_of_part(&self, share: f64) -> Option<Number> {
         let modal = &self.interpreter.modal;
         let feed = modal
@@ -673,8 +676,9 @@ impl Rewriter {
         numbers
     }
 
-    /// Makes the words that apply the correction at a position (in machine and in program coordinates), `rounded` or exact: `numbers` makes those of a range of axes and updates
-    /// `carried`. Returns the required correction, in program coordinates.
+    /// Creates the words that apply the correction at a position (given in machine and in program
+    /// coordinates), `rounded` or exact. `numbers` is called for each range of axes; it creates
+    /// their words and updates `carried`. Returns the required correction, in program coordinates.
     #[inline]
     pub(crate) fn words_at(
         &mut self,
@@ -978,7 +982,7 @@ pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
     )
 }
 
-/// Share of the time of a motion for one of its parts. A part that only crosses backlash gets a
+/// Fraction of the time of a motion for one of its parts. A part that only crosses backlash gets a
 /// minimum.
 fn share_of_time(share: f64) -> f64 {
     if share == 0.0 { 1e-3 } else { share }

@@ -1,7 +1,9 @@
-//! Deviation of the tool of a virtual machine from its programmed path, with the original and with the compensated program.
+//! Deviation of the tool of a virtual machine from its programmed path, with the original and with
+//! the compensated program.
 //!
-//! Both programs are evaluated at the same shares of each motion of the original one. These positions depend only on the original program,
-//! so the deviation before compensation is independent of the result and of all options.
+//! Both programs are evaluated at the same fractions of each motion of the original one. These
+//! positions depend only on the original program, so the deviation before compensation is
+//! independent of the result and of all options.
 
 use std::io::BufRead;
 
@@ -134,7 +136,8 @@ fn other_motions(line: usize) -> NcError {
 
 const MAX_STORED_PLACES: usize = 20_000;
 
-/// Number of evaluated positions per started `LENGTH_MM` of a line or an arc, the last one at its end.
+/// Number of positions evaluated per `LENGTH_MM` of a line or an arc, whose length is rounded up to
+/// a multiple of it. The last position is at the end.
 const PLACES: u32 = 8;
 
 const LENGTH_MM: f64 = 100.0;
@@ -150,10 +153,10 @@ const STEPS_OF_ARC: u32 = 9;
 /// bottom.
 const PLACES_OF_HOLE: u32 = 2;
 
-/// Share of a motion, to either side, from which its direction is computed.
+/// Fraction of a motion, to either side, from which its direction is computed.
 const NEAR: f64 = 1e-6;
 
-/// Tip travel, mm, within twice `NEAR` below which the tip rests except for rounding.
+/// Tip travel over twice `NEAR`, mm, below which the tip counts as resting: it is a rounding error.
 const RESTING_WITHIN_MM: f64 = 1e-11;
 
 /// Minimum increase of the deviation, µm, to count a motion as worse than before.
@@ -161,7 +164,7 @@ const WORSE_BY_UM: f64 = 0.01;
 
 #[derive(Clone, Copy, Debug)]
 struct Stations {
-    /// Index of the first evaluated position: 0 (share 0) for holes, otherwise 1.
+    /// Index of the first evaluated position: 0 (fraction 0) for holes, otherwise 1.
     first: u32,
     last: u32,
     /// Every `stride`-th station is evaluated.
@@ -238,7 +241,7 @@ struct Comparison {
     parts: Vec<PartOfMotion>,
     /// Index of the part that the result has reached.
     at_part: usize,
-    /// Completed share of that part.
+    /// Completed fraction of the part that the result has reached.
     of_part: f64,
     found: Verification,
     cut: Option<Collector>,
@@ -437,12 +440,12 @@ impl Comparison {
         self.after.begin_motion(from_unknown);
     }
 
-    /// Advances the machine with the result to a share of the program's motion.
+    /// Advances the machine with the result to a fraction of the program's motion.
     fn result_goes(&mut self, share: f64) -> Axes {
         while let Some(part) = self.parts.get(self.at_part) {
             let is_last = self.at_part + 1 == self.parts.len();
-            // A part that ends at a reversal ends before the reversal, however the two shares are rounded. A part of zero length crosses
-            // the backlash of an axis.
+            // A part that ends at a reversal ends before the reversal, however the two fractions
+            // are rounded. A part of zero length crosses the backlash of an axis.
             let is_behind = share > part.to + SAME_SHARE && !is_last || part.to == part.from;
             let of_part = if is_behind || share >= part.to {
                 1.0
@@ -461,7 +464,7 @@ impl Comparison {
                 self.after.apply_wraps(&next.made.motion.wraps);
             }
         }
-        // Unreachable: the last part covers every share.
+        // Unreachable: the last part covers every fraction.
         [0.0; 9]
     }
 
@@ -493,7 +496,7 @@ impl Comparison {
         self.keep(place);
     }
 
-    /// Direction of the tip path at a share of a motion, in workpiece axes; zero without a path.
+    /// Direction of the tip path at a fraction of a motion, in workpiece axes; zero without a path.
     fn direction(&self, original: &ExecutedMotion, share: f64) -> [f64; 3] {
         if original.motion.path == Path::Rapid {
             return [0.0; 3];
@@ -669,7 +672,7 @@ fn in_mm(place: &Place, of: DeviationOf) -> [Vector3<f64>; 2] {
     [place.tip_mm, of(place).map(|um| 1e-3 * um)].map(Vector3::from)
 }
 
-/// Axis positions at a share of a motion; for a hole, on its way down from plane R.
+/// Axis positions at a fraction of a motion; for a hole, on its way down from plane R.
 pub(crate) fn place_of(made: &ExecutedMotion, share: f64) -> Axes {
     let ExecutedMotion { motion, frame, .. } = made;
     let [from, to] = &made.in_program;
@@ -688,7 +691,8 @@ pub(crate) fn place_of(made: &ExecutedMotion, share: f64) -> Axes {
     }
 }
 
-/// Positions between two shares of a motion that include every turning point; the last one is at the end.
+/// Positions between two fractions of a motion that include every turning point; the last one is at
+/// the end.
 pub(crate) fn places<'a>(
     truth: &Corrector,
     made: &'a ExecutedMotion,

@@ -157,9 +157,9 @@ impl Report {
     }
 }
 
-/// The standard uncertainty of a squareness: that stated in the calibration file, or that of the
-/// lines and the reference square. `None` if the angle is the sum of several location errors,
-/// because no single one has that uncertainty.
+/// The standard uncertainty of a squareness: the value stated in the calibration file, otherwise
+/// the uncertainty of the lines and of the reference square. `None` if the angle is the sum of
+/// several location errors, because no single one has that uncertainty.
 fn of_square(file: &CalibrationFile, calibration: &Calibration, error: ErrorName) -> Option<f64> {
     let mut locations = file.locations.iter();
     if let Some(own) = locations.find(|of| of.error == error) {

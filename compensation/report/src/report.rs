@@ -125,7 +125,8 @@ pub enum CheckOf {
     Part,
     /// Errors that the measurements do not determine, at least in part.
     NotConfirmed,
-    /// The residual after correction, whereas figures of tests refer to the uncorrected machine.
+    /// The figure is the residual after correction; figures of tests are of the uncorrected
+    /// machine.
     Corrected,
     /// The machine at the reference temperature, without its thermal terms.
     AtReference,
@@ -259,7 +260,7 @@ pub struct CurveLine {
 pub struct Run {
     /// The direction of travel.
     pub direction: Direction,
-    /// Number of the run among those of its direction.
+    /// Number of the run among the runs of its direction.
     pub number: u32,
     /// Targets and deviations.
     pub points: Vec<(f64, f64)>,
@@ -311,9 +312,9 @@ pub struct FitNumbers {
 /// Residuals of a fit: readings minus curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
-    /// Minimum.
+    /// Smallest residual, with its sign.
     pub min: f64,
-    /// Maximum.
+    /// Largest residual, with its sign.
     pub max: f64,
     /// Root mean square.
     pub rms: f64,
@@ -484,7 +485,7 @@ pub struct Size {
     pub tilt_urad: f64,
     /// The pose of the largest error of the tip after alignment.
     pub at: Vec<Standing>,
-    /// The tool with that error; empty: the tool in the spindle.
+    /// The tool with the largest error after alignment; empty: the tool in the spindle.
     pub tool: String,
 }
 

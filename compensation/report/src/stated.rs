@@ -5,7 +5,7 @@ use volcomp_model::Machine;
 
 use crate::report::{AxisTravel, Head};
 
-/// Values from the caller, which override those of the files.
+/// Values from the caller, which override the values in the files.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Stated {
     /// Name of the machine, instead of that in the measurement files.

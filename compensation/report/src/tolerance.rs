@@ -56,8 +56,8 @@ fn is_of(test: &Positioning, of: Option<&str>) -> bool {
     of.is_none_or(|of| test.error == of || axis().is_ok_and(|axis| axis == of))
 }
 
-/// The positioning tests to which a tolerance applies: those of its error, its axis, or all, except tests that have a more specific
-/// tolerance for the same symbol.
+/// The positioning tests to which a tolerance applies: of its error, of its axis, or all. A test
+/// that has a more specific tolerance for the same symbol is excluded.
 fn tests_of<'r>(
     report: &'r Report,
     tolerances: &[Tolerance],

@@ -75,7 +75,8 @@ impl StandbyCheck {
         (low - step..=high + step).contains(&value)
     }
 
-    /// Whether a path reports a correction that differs from every recent output, although all paths lead to the same axes.
+    /// Whether a path reports a correction that differs from every recent output. All paths lead to
+    /// the same axes, so each should report a recent output.
     fn reports_other_correction(&self, path: &ControlPath, confirmed: &Confirmed) -> bool {
         let limits = path.limits();
         (0..limits.count).any(|i| {
@@ -262,7 +263,8 @@ impl Cycle {
         &self.report
     }
 
-    /// The descriptions of the controllers: those of the paths in order, then the read-only ones.
+    /// The descriptions of the controllers: first of the paths in order, then of the read-only
+    /// controllers.
     pub fn descriptions(&self) -> impl Iterator<Item = &Description> {
         let readers = self.readers.iter().map(PositionReader::description);
         let paths = self.paths.iter().map(|path| &path.description);
@@ -509,7 +511,7 @@ impl Cycle {
         place
     }
 
-    /// Whether a path could correct now, and could take over now.
+    /// Whether a path could correct now (`usable`), and whether it could take over now (`ready`).
     fn health(&self, index: usize, now: Duration) -> PathHealth {
         let path = &self.paths[index];
         let place = self.machine_position(index, now);
@@ -819,8 +821,8 @@ impl Cycle {
                 self.standby.holds[index] = self.standby.reports_other_correction(path, confirmed);
             }
             let report = path.report(now);
-            // A control without read-back keeps its correction, which would add to that of another path, unless it ramps to zero on its
-            // own.
+            // A control without read-back keeps its correction unless it ramps to zero on its own.
+            // The correction would add to the correction of another path.
             let keeps = report.scheme == Scheme::NoReadBack
                 && path
                     .read_back
@@ -874,7 +876,7 @@ impl Cycle {
     }
 }
 
-/// The correction by the model in the axis order of a path; zero for axes that do not correct. A
+/// The model's correction in the axis order of a path; zero for axes that do not correct. A
 /// remaining correction on a non-correcting rotary axis ramps to zero; all linear axes of the path
 /// follow it, whether they correct or not.
 fn in_channel(path: &ControlPath, wanted: &CoupledCorrection) -> RequestedCorrection {

@@ -178,7 +178,7 @@ impl Model {
         low < first || high > last || nodes.get(next).is_some_and(|node| *node <= high)
     }
 
-    /// Whether any axis is rotary.
+    /// False if all axes are linear.
     pub fn has_rotary_axes(&self) -> bool {
         self.axes.iter().any(|name| name.is_rotary())
     }

@@ -417,8 +417,8 @@ pub(crate) fn interlock_of(
     flags.at_age(age, hold, shown)
 }
 
-/// An owner number for the next machine of this process ([`ControlPath::with_owner`]), different at every call and from other runs, so that
-/// a barrier reached by two machines of one process can distinguish them.
+/// An owner number for the next machine of this process ([`ControlPath::with_owner`]). It differs
+/// at every call and between runs, so that a barrier can distinguish two machines of one process.
 pub fn next_owner() -> u16 {
     use std::sync::atomic::{AtomicU16, Ordering};
     static NEXT: AtomicU16 = AtomicU16::new(1);

@@ -42,7 +42,7 @@ impl ReportedPositions {
         }
     }
 
-    /// Last position of a machine axis, and when it was valid.
+    /// Last position of a machine axis (mm or rad), and the time at which it was valid.
     pub(crate) fn position_of(&self, machine_axis: usize) -> Option<(f64, Duration)> {
         Some((self.positions[self.place_of(machine_axis)?], self.taken?))
     }

@@ -183,7 +183,7 @@ pub struct WithoutBarrier {
 }
 
 impl Default for WithoutBarrier {
-    /// 30 µm and 30 µrad.
+    /// 30 µm for linear axes and 30 µrad for rotary axes.
     fn default() -> Self {
         Self {
             linear: Um(30.0),
@@ -222,8 +222,9 @@ pub struct PathSettings {
 }
 
 impl Default for PathSettings {
-    /// All axes and states are reported, the control monitors the gateway, the test shift is made, the read-back lags by one write, there
-    /// is no barrier, and the control is watched for 2 s before the first write.
+    /// All axes and states are reported, and the control monitors the gateway. The test shift is
+    /// made, and the read-back lags by one write. There is no barrier, and the control is watched
+    /// for 2 s before the first write.
     fn default() -> Self {
         Self {
             fixed: BTreeMap::new(),

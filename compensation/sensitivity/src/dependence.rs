@@ -2,10 +2,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// A column counts as linearly dependent if a smaller share of it remains after projection.
+/// A column counts as linearly dependent if no more than this fraction of its length remains after
+/// projection onto the previous columns.
 pub const DEPENDENT_BELOW: f64 = 1e-9;
 
-/// Share of a column in a combination, relative to the largest, below which it is a rounding error.
+/// Weight of a column in a combination, relative to the largest weight, below which it is a
+/// rounding error.
 const ROUNDING: f64 = 1e-7;
 
 /// The rank of a matrix, and its linear combinations of columns that are zero.

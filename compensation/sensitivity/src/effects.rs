@@ -159,7 +159,8 @@ fn component_of(six: &ErrorMotion, term: ErrorTerm) -> f64 {
     }
 }
 
-/// The effects of errors from their squares for a value `size` (mm or rad) of each.
+/// The effects of errors with the value `size` (mm or rad), from the squares for one unit of each
+/// error.
 pub(crate) fn effects(
     terms: &[ErrorTerm],
     squares: &[Squares],

@@ -77,7 +77,7 @@ pub(crate) fn twists(chain: &Chain, term: ErrorTerm) -> Vec<InGap> {
 /// The effect at a pose of a twist in each gap on the tool.
 #[derive(Clone, Debug)]
 pub(crate) struct Gaps {
-    /// Rotations from the axes of each gap to those of the workpiece.
+    /// Rotations from the axes of each gap to the axes of the workpiece.
     pub(crate) turned: [Matrix3<f64>; MAX_GAPS],
     /// The tool tip in the coordinates of each gap, mm.
     pub(crate) tip_mm: [Vector3<f64>; MAX_GAPS],

@@ -310,7 +310,7 @@ fn motions(
     groups.into_iter().map(named).collect()
 }
 
-/// The name of a motion: that of the error nearest to the workpiece.
+/// The name of a motion, which is the name of its error nearest to the workpiece.
 fn name(chain: &Chain, terms: &[ErrorTerm], made_of: &[Vec<InGap>], group: &[usize]) -> String {
     let single = group.iter().filter(|&&place| made_of[place].len() == 1);
     let Some(&place) = single.min_by_key(|&&place| made_of[place][0].gap) else {

@@ -75,7 +75,7 @@ pub enum Setting {
 pub enum Poses {
     /// This number of random poses over the travels.
     Drawn(usize),
-    /// The commands of a plan.
+    /// The poses that a plan commands.
     Planned(Plan),
 }
 

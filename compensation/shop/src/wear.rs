@@ -265,7 +265,7 @@ impl Zone {
         -0.5 * std::f64::consts::PI / self.half * (std::f64::consts::PI * at).sin()
     }
 
-    /// The share of the zone below `q`: 0 before the zone, 1 after it.
+    /// The fraction of the zone below `q`: 0 before the zone, 1 after it.
     fn passed(self, q: f64) -> f64 {
         let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
         0.5 * (1.0 + at + (std::f64::consts::PI * at).sin() / std::f64::consts::PI)

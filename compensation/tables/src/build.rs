@@ -160,8 +160,8 @@ pub(crate) fn norm(values: &[f64; OUTPUTS]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>().sqrt()
 }
 
-/// Points of a regular lattice, as shares 0 to 1, with up to `most` points along each of `axes` axes, ends included; the first axis varies
-/// fastest.
+/// Points of a regular lattice with coordinates from 0 to 1, ends included: up to `most` points
+/// along each of `axes` axes; the first axis varies fastest.
 pub(crate) fn lattice(axes: usize, most: usize) -> impl Iterator<Item = [f64; GRID_AXES]> {
     // Fewer points for many axes.
     let places = if axes > 3 { most.min(5) } else { most };
@@ -402,14 +402,15 @@ impl ScaledRequest {
         left
     }
 
-    /// Places `count` lines over the travel of an axis. The pitch is a whole number of places with which a control can compute, so the last
-    /// line may be slightly outside the travel.
+    /// Spreads `count` lines over the travel of an axis. A control interpolates at a whole number
+    /// of places per pitch, so the last line may be slightly outside the travel.
     fn lines(&self, axis: usize, count: u16) -> Lines {
         let (origin, steps, step_millionths) = self.travels[axis];
         let gaps = i32::from(count) - 1;
         let pitch = (steps + gaps - 1) / gaps;
         let mut best = (i32::MAX, 1, 1);
-        // Try numbers of places from the maximum of a control down to a quarter of it, for one that meets the end of travel.
+        // Try numbers of places per pitch, from the maximum of a control down to a quarter of it,
+        // for one that meets the end of travel.
         let least = pitch.div_euclid(32767) + 1;
         for part in (least..=(pitch / 8192).clamp(least, 32767)).take(2000) {
             let parts = (pitch + part - 1) / part;

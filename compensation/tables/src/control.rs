@@ -32,11 +32,12 @@ pub struct Settings {
     pub output_step_nm: [u32; OUTPUTS],
     /// Size of each of the two buffers, words, 69 to 32767.
     pub capacity: u16,
-    /// Travel back after which an axis of the grid is treated as reversed, position steps, 1 to 1000000.
+    /// Travel in the opposite direction after which an axis of the grid is treated as reversed,
+    /// position steps, 1 to 1000000.
     pub turned: [i32; GRID_AXES],
 }
 
-/// Maximum step: the range of a DINT.
+/// Maximum step of positions (millionths) and of corrections (nm): within the range of a DINT.
 const MAX_STEP: i64 = 2_000_000_000;
 
 /// Why settings are invalid.
@@ -142,7 +143,7 @@ pub const FRAME_WORDS: usize = BODY + 2 + DATA_WORDS + 2;
 
 const BODY: usize = HEAD_WORDS;
 
-/// What a frame asks of the control.
+/// Content of a frame to the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Body {
     /// Starts a transfer, which continues with the map's first word.
@@ -702,7 +703,7 @@ impl Lookup {
         }
     }
 
-    /// One movement: all outputs cover the same share of their distance, and none exceeds its rate.
+    /// Moves every output by the same fraction of its distance, such that none exceeds its rate.
     fn step(&mut self) {
         let outputs = self.settings.outputs.axes.count();
         let distance = |memory: &Memory, output: usize| {

@@ -348,7 +348,8 @@ pub fn refresh_s(sensitivities: &[Sensitivity], k_per_h: f64, within_mm: f64) ->
 pub struct Transfer {
     /// Number of frames, written one after the other.
     pub frames: usize,
-    /// Bytes transferred, without those of the bus protocol: the frames, a report before each frame, and the map read back.
+    /// Bytes transferred: the frames, a report before each frame, and the map read back. Bytes of
+    /// the bus protocol are not included.
     pub bytes: usize,
 }
 

@@ -341,10 +341,12 @@ pub struct Map {
 }
 
 impl Map {
-    /// A map with these values in parts of the output steps: all outputs of a node, then those of the next node along the last axis.
+    /// A map with these values in parts of the output steps: all outputs of one node, then all
+    /// outputs of the next node along the last axis.
     ///
     /// # Errors
-    /// The header is unusable for a control, or the number of values differs from that in the header.
+    /// The header is unusable for a control, or the number of values differs from that in the
+    /// header.
     pub fn new(header: Header, values: &[i16]) -> Result<Self, MapError> {
         header.check()?;
         if values.len() != header.values() {

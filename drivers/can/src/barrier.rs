@@ -14,11 +14,12 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
-/// Epoch, tick, sequence, owner.
+/// Number of words before the values of a frame: epoch, tick, sequence, owner.
 const FRAME_HEADER_WORDS: usize = 4;
-/// Epoch, tick, owner, sequence, refusal, scans from step to step, hold, time-out.
+/// Number of words before the axes of a report: epoch, tick, owner, sequence, refusal, scans from
+/// step to step, hold, timeout.
 const REPORT_HEADER_WORDS: usize = 8;
-/// Applied, limit, rate.
+/// Number of words per axis of a report: applied correction, limit, rate.
 const REPORT_WORDS_PER_AXIS: usize = 3;
 /// Number of checksum words at the end of frames and reports.
 const CHECKSUM_WORDS: usize = 2;

@@ -25,7 +25,7 @@ use crate::{
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BridgeConfig {
-    /// The table of signals.
+    /// The messages and signals of the bus.
     pub table: SignalTable,
     /// Name of the channel through which corrections reach the axes.
     pub channel: String,

@@ -8,7 +8,7 @@ use crate::{frame::Frame, quantity::Quantity};
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Signal {
-    /// The name of the signal, without that of its message.
+    /// The name of the signal, without the name of its message.
     pub name: String,
     /// Unit, as written in the file.
     pub unit: String,

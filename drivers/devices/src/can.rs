@@ -114,7 +114,8 @@ fn interface(name: &str) -> String {
     )
 }
 
-/// The signals of a URL: those of the DBC file in the URL, by default the shipped file. Errors: a file that cannot be read or is not a DBC file.
+/// The signals of the DBC file in a URL, by default of the shipped file. Errors: the file cannot be
+/// read or is not a DBC file.
 fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
     let text = match address.get("dbc") {
         None => SHIPPED_DBC.to_owned(),

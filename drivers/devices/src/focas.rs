@@ -155,7 +155,7 @@ impl ControllerDevice for FocasConfig {
     fn settings(&self) -> Settings {
         let axes = self.axes.iter().chain(&self.reads);
         Settings {
-            // Resolution of reported positions: three decimals, or that of the corrections.
+            // Resolution of reported positions: three decimals, or the step of the corrections.
             position_steps: axes
                 .map(|name| (*name, self.position_step(*name)))
                 .collect(),

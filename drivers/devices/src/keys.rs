@@ -225,7 +225,7 @@ impl ControllerConfig {
         }
     }
 
-    /// The configured channel name, or that of the driver.
+    /// The configured channel name, or `default`.
     pub(crate) fn channel_or(&self, default: &str) -> String {
         self.channel.as_deref().unwrap_or(default).to_owned()
     }

@@ -116,7 +116,7 @@ impl ControllerDevice for SinumerikConfig {
         let axes = self.axes.iter().chain(&self.reads);
         Settings {
             shown_within: Some(self.server.read_back()),
-            // Resolution of reported positions: three decimals, or that of the corrections.
+            // Resolution of reported positions: three decimals, or the step of the corrections.
             position_steps: axes
                 .map(|name| (*name, self.position_step(*name)))
                 .collect(),

@@ -74,7 +74,7 @@ pub struct Correction {
 pub struct Coded {
     /// Centre of the interval that the word encodes, mm or rad.
     pub position: f64,
-    /// Half-width of that interval, mm or rad.
+    /// Half-width of the interval that the word encodes, mm or rad.
     pub within: f64,
 }
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 const MAX_ID_BYTES: usize = 64;
 
-/// A name that is invalid in a subject.
+/// A name that is invalid as a token of a NATS subject.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "found {found:?}, expected 1 to 64 lower-case letters, digits and hyphens, a letter or a digit first"

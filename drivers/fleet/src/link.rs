@@ -66,7 +66,7 @@ pub struct LinkSettings {
     pub url: String,
     /// Seed of the user's nkey. Messages and `Debug` never show it.
     pub seed: String,
-    /// File of additional trusted certificates, PEM; those of the system are trusted too.
+    /// File of certificates, PEM, that are trusted in addition to the certificates of the system.
     pub roots: Option<std::path::PathBuf>,
 }
 

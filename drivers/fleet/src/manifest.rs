@@ -50,7 +50,7 @@ pub struct Manifest {
     pub machine: MachineId,
     /// Serial number of the machine tool, so that a gateway computer moved to another machine rejects the manifest.
     pub serial: String,
-    /// Version, higher than that of every earlier manifest.
+    /// Version, higher than in every earlier manifest.
     pub version: u64,
     pub axes: Vec<AxisName>,
     pub model: ModelRef,

@@ -228,7 +228,8 @@ pub struct Cluster {
     /// Addresses of the cluster servers, `nats://HOST:PORT`.
     pub routes: Vec<String>,
     pub password: RoutePassword,
-    /// Certificates that the cluster servers trust, PEM; `None`: those of the system. Unused without TLS.
+    /// Certificates that the cluster servers trust, PEM; `None`: the certificates of the system.
+    /// Unused without TLS.
     pub roots: Option<PathBuf>,
 }
 

@@ -41,7 +41,7 @@ pub struct Condition {
     /// Temperatures by name, °C; `None` if the sensor is broken.
     pub temperatures_degc: BTreeMap<String, Option<f64>>,
     pub cycle_p99_us: f64,
-    /// Number of cycles since the start that exceeded their duration.
+    /// Number of cycles since the start that exceeded their period.
     pub overruns: u64,
     /// Number of failed exchanges with controllers since the start.
     pub faults: u64,

@@ -311,7 +311,8 @@ impl Queue {
         self.front.pop_front().map(|message| (message, true))
     }
 
-    /// Loads the messages of a file. Damaged messages, and those of a kind unknown to this program version, are dropped.
+    /// Loads the messages of a file. Damaged messages, and messages of a kind unknown to this
+    /// program version, are dropped.
     fn give_out(&mut self, file: Stored, bytes: &[u8]) {
         self.open = Some(file);
         self.trouble = None;

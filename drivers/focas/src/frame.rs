@@ -179,7 +179,6 @@ impl Request {
         })
     }
 
-    /// The bytes to send.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }

@@ -325,7 +325,8 @@ fn run_args(from: PmcAddress, width: Width, run: Run, written: usize) -> [i32; 5
     [first, last, from.area as i32, width.code(), written as i32]
 }
 
-/// First byte of the report; without a barrier that of the shift words, because the report is not requested then.
+/// First byte of the report; without a barrier, when no report is requested, the first byte of the
+/// shift words.
 fn report_area(config: &FocasConfig) -> PmcAddress {
     config
         .barrier

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 /// Validity of a comparison of the clocks, which may drift by 100 µs within it (10 ppm).
 const COMPARISON_WINDOW: Duration = Duration::from_secs(10);
 
-/// The offset between our clock and that of the bridge, from the fastest datagrams. The excess of a datagram's own offset is its delay on
-/// the network or in our queue, and adds to its age.
+/// The offset between our clock and the bridge's clock, from the fastest datagrams. The excess of a
+/// datagram's own offset is its delay on the network or in our queue, and adds to its age.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Clocks {
     /// The smallest offset in the current and in the previous window. An offset is the local time at which the bridge's clock was zero.

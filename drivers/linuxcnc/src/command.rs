@@ -24,7 +24,7 @@ pub struct Command {
     pub content: Content,
 }
 
-/// What a [`Command`] asks of the bridge.
+/// Content of a [`Command`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
     /// Requests that the bridge continues to send states, without a frame.

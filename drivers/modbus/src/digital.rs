@@ -17,7 +17,7 @@ use crate::{
     profile::{Digital, Profile},
 };
 
-/// A module with digital lines.
+/// A Modbus module with digital inputs or outputs.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DigitalModule {

@@ -43,7 +43,8 @@ pub(crate) struct Image {
     pub(crate) inputs: Option<InputLevels>,
     /// The exception code with which a module rejected the last reading of its inputs.
     pub(crate) refused: Option<u8>,
-    /// Last confirmed output levels: those of the last write accepted by all modules or, before the first write, those read back.
+    /// Output levels that all modules accepted last or, before the first write, the levels read
+    /// back.
     pub(crate) outputs: Option<u64>,
     /// Set if a module has reported that it cannot read back its outputs.
     pub(crate) lacks_read_back: bool,

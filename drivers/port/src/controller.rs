@@ -80,7 +80,8 @@ pub struct Description {
     pub channel: String,
     /// The written axes in channel order, at most [`MAX_AXES`]. Empty if the controller only reports positions.
     pub axes: Vec<Axis>,
-    /// Axes whose positions the controller reports but which it never writes; they follow those of `axes` in all lists.
+    /// Axes whose positions the controller reports but which it never writes; in all lists they
+    /// follow `axes`.
     #[cfg_attr(feature = "serde", serde(default))]
     pub reads: Vec<AxisName>,
     /// Whether the control ramps the correction out when the gateway stops.
@@ -197,7 +198,7 @@ pub struct ControllerState {
 /// their age.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Snapshot {
-    /// Positions as reported, mm and rad: those of the axes that are written, then those that are only read.
+    /// Positions as reported, mm and rad: first the written axes, then the axes that are only read.
     pub positions: PerChannel<f64>,
     /// When the oldest position was valid, on the monotonic clock: the middle of the exchange or the arrival of its frame, unless the device
     /// reports a better time.

@@ -27,10 +27,10 @@ pub trait DigitalIo: Send {
     /// Name of the device in the configuration.
     fn device(&self) -> &str;
 
-    /// Number of inputs.
+    /// Number of inputs, at most 64.
     fn inputs(&self) -> u32;
 
-    /// Number of outputs.
+    /// Number of outputs, at most 64.
     fn outputs(&self) -> u32;
 
     /// Shortest duration of one exchange: a lower bound for the cycle time of a controller on this port.
@@ -49,8 +49,8 @@ pub trait DigitalIo: Send {
     /// See [`Fault`]. The levels of the outputs are then unknown.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault>;
 
-    /// The output levels that the device confirmed last: those of its last accepted write, or those found at start if nothing was written.
-    /// `None` if unknown.
+    /// The output levels that the device confirmed last: the levels of its last accepted write or,
+    /// if nothing was written, the levels found at start. `None` if unknown.
     fn confirmed(&self) -> Option<u64>;
 
     /// Whether the device can report its output levels. If it cannot, unused outputs are written as off; otherwise nothing is written until
@@ -100,9 +100,9 @@ impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
 pub struct UnopenedLines {
     /// Name of the device in the configuration.
     pub device: String,
-    /// The number of inputs.
+    /// Number of inputs, at most 64.
     pub inputs: u32,
-    /// The number of outputs.
+    /// Number of outputs, at most 64.
     pub outputs: u32,
     /// Shortest time of one exchange.
     pub shortest_cycle: Duration,

@@ -137,7 +137,7 @@ pub enum SinumerikError {
 }
 
 impl SinumerikError {
-    /// Converts the error to that of the device at this URL.
+    /// Converts the error to a [`DeviceError`] of the device at this URL.
     pub fn of(self, device: impl Into<String>) -> DeviceError {
         let text = self.to_string();
         let (found, expected) = text.split_once(", expected ").map_or(

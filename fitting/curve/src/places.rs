@@ -10,7 +10,7 @@ const POSITIONS_PER_PIECE: usize = 8;
 const MAX_POSITIONS: usize = 4096;
 /// Number of parts of a cubic piece between two knots or two nodes.
 const PARTS: u32 = 4;
-/// Golden ratio, as the share of the larger piece of a line.
+/// Golden ratio, as the fraction of the larger piece of a line.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
 impl Curve {

@@ -35,7 +35,8 @@ pub struct Table {
 impl Table {
     /// Straight lines between at least two nodes.
     ///
-    /// At a node the derivative is that of the segment to its right, at the last node that of the last segment.
+    /// At a node the derivative is the slope of the segment to its right, at the last node the slope
+    /// of the last segment.
     ///
     /// # Errors
     /// Too few nodes, a number that is not finite, abscissae that do not increase.

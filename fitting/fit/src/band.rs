@@ -69,7 +69,8 @@ const MAX_POSITIONS: usize = 2000;
 /// steps, or with waves shorter than the gap, it is about equal or smaller. With this weight the 95
 /// % band is also valid between targets of such waves (`examples/bands.rs`).
 const OF_LEFT_OUT: f64 = 1.2;
-/// Share of the residual variance of a single run that is attributed to shape: one run cannot separate scatter from shape.
+/// Fraction of the residual variance of a single run that is attributed to shape: one run cannot
+/// separate scatter from shape.
 const ONE_RUN_SHAPE: f64 = 0.25;
 
 /// 95 % band of the curve that `method` fits to the mean of several runs, each a list of targets and readings, at the places `at`.
@@ -245,7 +246,8 @@ impl Whole {
         leverages[i] + share * (leverages[(i + 1).min(leverages.len() - 1)] - leverages[i])
     }
 
-    /// Index of the target before a place, and the position in the gap after it as a share from 0 to 1.
+    /// Index of the target before a place, and the position in the gap after it as a fraction from
+    /// 0 to 1.
     fn gap(&self, x: f64) -> (usize, f64) {
         let above = self.targets.partition_point(|t| t.x <= x);
         let Some(i) = above.checked_sub(1) else {
@@ -345,7 +347,7 @@ impl Whole {
             let variance = of_runs + of_readings;
             // The formula of Welch and Satterthwaite gives too narrow bands if the scatter of few
             // runs is small by chance. The product of Student's t factors, each raised to the power
-            // of its share of the variance, covers 91 to 97 % of mixtures.
+            // of its fraction of the variance, covers 91 to 97 % of mixtures.
             let share = if variance > 0.0 {
                 of_runs / variance
             } else {

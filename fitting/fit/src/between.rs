@@ -6,7 +6,8 @@ use crate::fit::rms;
 use crate::readings::{self, Target};
 use crate::{Fit, Noise};
 
-/// Share of the height of the mean readings by which a curve may leave their band, or a straight line, between targets.
+/// Fraction of the height of the mean readings by which a curve may leave their band, or a straight
+/// line, between targets.
 const LEFT_BY: f64 = 0.25;
 /// Samples per gap when choosing a curve.
 const PIECES: usize = 4;
@@ -29,13 +30,13 @@ const MORE_THAN_UNEVEN: f64 = 3.0;
 /// Limit of this ratio for four, five and six targets. The residuals of a straight line through an arch are at most 1.2, 2.0 and 3.1
 /// times the unevenness of the arch.
 const OF_FEW_TARGETS: [f64; 3] = [1.1, 1.8, 2.8];
-/// Share of the height of the readings that replaces an unknown repeatability.
+/// Fraction of the height of the readings that replaces an unknown repeatability.
 const OF_HEIGHT: f64 = 0.1;
 /// If the leave-one-out errors exceed the scatter, gaps wider than this multiple of the mean gap are always too sparse: leaving out targets
 /// elsewhere does not test the curve inside such a gap.
 const WIDE_GAP: f64 = 5.0;
 
-/// Positions in a gap, as shares of its width, at which a spline is constrained.
+/// Positions in a gap, as fractions of its width, at which a spline is constrained.
 pub(crate) const PARTS_OF_GAP: [f64; 3] = [0.25, 0.5, 0.75];
 
 /// Band of the mean readings that a chosen curve, or a spline in a wide gap, may not leave between targets: `[low, high]`.
@@ -96,7 +97,7 @@ impl Band {
         worst
     }
 
-    /// Places within a gap, as shares of its width: `pieces` parts, fewer with many targets.
+    /// Places within a gap, as fractions of its width: `pieces` parts, fewer with many targets.
     fn parts(&self, pieces: usize) -> impl Iterator<Item = f64> {
         let pieces = (MAX_PIECES / self.targets.len().max(1)).clamp(2, pieces);
         (1..pieces).map(move |piece| piece as f64 / pieces as f64)

@@ -27,7 +27,7 @@ const MLS_NEAR: [(usize, u32); 2] = [(2, 6), (3, 12)];
 /// Maximum number of node evaluations over all targets for one setting of moving least squares. Above it the setting is skipped: the spline gives the
 /// same result in a fraction of the time.
 const MAX_EVALUATIONS: f64 = 400_000.0;
-/// Minimum share of the period that the targets must cover to determine a Fourier series.
+/// Minimum fraction of the period that the targets must cover to determine a Fourier series.
 const SHARE_OF_PERIOD: f64 = 0.5;
 
 pub(crate) struct Candidate {
@@ -56,7 +56,8 @@ impl Candidate {
         }
     }
 
-    /// Combines this candidate with the one of the same method for another set; `None` if that set has none.
+    /// Combines this candidate with the candidate of the same method for another set; `None` if the
+    /// other set has none.
     pub(crate) fn with(mut self, others: &[Self]) -> Option<Self> {
         let same = others.iter().find(|other| other.method == self.method)?;
         self.coefficients += same.coefficients;
@@ -186,7 +187,7 @@ pub(crate) fn candidates(
     Ok(all)
 }
 
-/// Rounding tolerance of targets, as a share of the period.
+/// Rounding tolerance of targets, as a fraction of the period.
 const HAIR: f64 = 1e-9;
 
 fn through_means(method: Method, means: &[[f64; 2]]) -> Result<Candidate, FitError> {

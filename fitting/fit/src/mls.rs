@@ -11,14 +11,15 @@ const SUPPORTS: std::ops::RangeInclusive<u32> = 3..=20;
 /// The name of the fit in messages about too few targets.
 const PURPOSE: &str = "moving least squares";
 const OF_ORDER: &str = "a curve of moving least squares of this order";
-/// Widest support, as a share of the range: above it every target has nearly the same weight, and the curve is a single polynomial.
+/// Widest support, as a fraction of the range: above it every target has nearly the same weight,
+/// and the curve is a single polynomial.
 const WIDEST: f64 = 1.0;
 /// Published order and support for long gantries, tried in addition to the grid.
 const PUBLISHED: (usize, f64) = (4, 1.0 / 3.0);
 /// Smallest admissible ratio of the smallest to the largest singular value of the weighted design matrix of a candidate.
 const MIN_CONDITION: f64 = 1e-10;
 
-/// Fits moving least squares of the order, the support (a share of the range of the targets, above 0 and at most 1) and
+/// Fits moving least squares of the order, the support (a fraction of the range of the targets, above 0 and at most 1) and
 /// the shape of the weight, through the mean reading of each target.
 ///
 /// # Errors
@@ -97,7 +98,7 @@ pub fn scan_mls(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<MlsTrial>, FitEr
 /// then the wider support. If none meets it, [`Fit::meets_required`] is false, and the candidate
 /// with the smallest leave-one-out RMS of all is chosen.
 ///
-/// Of more than 100 targets these errors are computed at every second, third … one, so that they are at most 100, and supports are shares of the
+/// Of more than 100 targets these errors are computed at every second, third … one, so that they are at most 100, and supports are fractions of the
 /// range of 400 targets if there are more.
 ///
 /// # Errors

@@ -241,7 +241,8 @@ fn scatter(measurement: &Measurement) -> Option<f64> {
     Some((quartile / QUARTILE_OF_GAUSSIAN).max(smallest_scatter(measurement)))
 }
 
-/// Lower bound of the scatter: rounded readings often coincide, so it is at least a share of the rounding step, and at least 0.05 µm or µrad.
+/// Lower bound of the scatter: rounded readings often coincide, so it is at least a fraction of the
+/// rounding step, and at least 0.05 µm or µrad.
 fn smallest_scatter(measurement: &Measurement) -> f64 {
     const STEPS: [f64; 4] = [10.0, 1.0, 0.1, 0.01];
     const SHARE: f64 = 0.6;

@@ -110,8 +110,8 @@ pub struct SquarenessUncertainty {
     pub left_out: Vec<String>,
 }
 
-/// Evaluates the uncertainty of a squareness from those of its two slopes; `lengths_mm` are the
-/// lengths of the two lines.
+/// Evaluates the uncertainty of a squareness from the uncertainties of its two slopes; `lengths_mm`
+/// are the lengths of the two lines.
 ///
 /// The expanded uncertainties are added in quadrature, that of both slopes with Student's t.
 /// Effective degrees of freedom by Welch and Satterthwaite over all contributions would give too

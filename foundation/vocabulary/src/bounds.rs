@@ -50,7 +50,7 @@ pub struct CorrectionLimit {
     micro: f64,
 }
 
-/// A limit that is not above 0, or above the maximum.
+/// A limit that is zero, negative, NaN, or above [`LARGEST_CORRECTION`].
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("found {found}, expected µm above 0, at most 2000")]
 pub struct CorrectionLimitError {

@@ -218,14 +218,14 @@ impl Displacement {
         }
     }
 
-    /// Number in mm or rad.
+    /// The number, in mm for a length and in rad for an angle.
     pub fn mm_or_rad(self) -> f64 {
         match self {
             Self::Length(Mm(number)) | Self::Angle(Rad(number)) => number,
         }
     }
 
-    /// Number in µm or µrad.
+    /// The number, in µm for a length and in µrad for an angle.
     pub fn um_or_urad(self) -> f64 {
         match self {
             Self::Length(length) => length.to_um().0,

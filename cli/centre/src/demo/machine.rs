@@ -28,7 +28,7 @@ const CONFIRM_UM: f64 = 10.0;
 const CONFIRM_URAD: f64 = 10.0;
 /// Nodes along each axis of the grid on which a change is checked.
 const CHECK_NODES: usize = 5;
-/// Factor by which the errors of the machine exceed those of its model.
+/// Factor from the errors of the model to the errors of the simulated machine.
 const ERROR_FACTOR: f64 = 1.08;
 
 pub(super) struct SimulatedMachine {
@@ -170,8 +170,9 @@ impl SimulatedMachine {
         self.since = Instant::now();
     }
 
-    /// Maximum change of the correction when a model replaces the active one, over a grid in the work space with the rotary axes at the ends and
-    /// near the middle of their travels: of linear axes in µm, of rotary axes in µrad.
+    /// Maximum change of the correction when a model replaces the active one: of linear axes in µm,
+    /// of rotary axes in µrad. It is sampled on a grid in the work space, with the rotary axes at
+    /// the ends and near the middle of their travels.
     fn largest_move(&self, new: &Model) -> [f64; 2] {
         let old = self.active.as_ref().map(|(model, _)| model);
         let mut worst = [0.0_f64; 2];
@@ -337,7 +338,8 @@ fn correction(model: Option<&Model>, state: &State) -> [f64; 9] {
     })
 }
 
-/// Tool-tip error with a correction, µm along X, Y, Z, for a machine whose errors are `factor` times those of this model.
+/// Tool-tip error with a correction, µm along X, Y, Z, for a machine whose errors are this model's
+/// errors times `factor`.
 fn left_um(model: &Model, factor: f64, state: &State, applied: &PerAxis<f64>) -> [f64; 3] {
     let error = model.error_at(state, Form::Exact, &Temperatures::new());
     let chain = model.chain();

@@ -67,7 +67,7 @@ pub struct Device {
     pub name: String,
     /// Axis letters in the control's order; empty if it does not report them.
     pub axes: Vec<char>,
-    /// Structure code if reported, as gateways do.
+    /// Structure code; `None` if the device does not report it. Gateways do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub structure: Option<String>,
     pub note: String,

@@ -215,7 +215,7 @@ fn add_centre_causes(
         }
     }
     if !stopped.is_empty() {
-        // Machines that wait, in addition to roll-outs that cannot proceed.
+        // The alarm may already name machines that wait.
         let text = causes.entry((None, AlarmKind::Rollout)).or_default();
         if !text.is_empty() {
             text.push(' ');

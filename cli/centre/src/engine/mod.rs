@@ -136,7 +136,7 @@ impl Engine {
         self.ending.load(Ordering::Relaxed)
     }
 
-    /// Records a failure of the centre itself (`Some`), or its end (`None`).
+    /// Sets (`Some`) or clears (`None`) a failure of the centre itself.
     fn set_failure(&self, kind: AlarmKind, text: Option<String>) {
         let mut failures = lock(&self.failures);
         match text {

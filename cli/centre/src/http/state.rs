@@ -1,6 +1,5 @@
-//! State shared by the routes.
-//!
-//! State: the overview, rebuilt every second; wrong passwords of the last minute; the last network search; computed error maps.
+//! State shared by the routes: the overview, rebuilt every second; wrong passwords of the last
+//! minute; the last network search; computed error maps.
 
 use std::{
     collections::HashMap,

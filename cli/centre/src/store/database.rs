@@ -157,7 +157,8 @@ fn begin_log(connection: &Connection) -> Result<(), Error> {
     }
 }
 
-/// Each step is a list of statements; the database stores the number of applied steps. Steps may only be added.
+/// Steps of the schema, each a list of statements. The database stores the number of applied steps.
+/// Steps may only be added.
 const STEPS: &[&[&str]] = &[FIRST, CLOSED_BY_MACHINE, WISHES, UNIQUE_RECORDS];
 
 const FIRST: &[&str] = &[
@@ -205,7 +206,7 @@ const FIRST: &[&str] = &[
         until_s DOUBLE PRECISION NOT NULL, document TEXT NOT NULL)",
 ];
 
-/// Minutes are closed machine by machine.
+/// Minutes are closed machine by machine, which needs an index by machine.
 const CLOSED_BY_MACHINE: &[&str] = &[
     "DROP INDEX recent_at",
     "CREATE INDEX recent_of ON recent (machine, at_s)",

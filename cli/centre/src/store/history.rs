@@ -31,7 +31,7 @@ pub struct Retention {
     pub minutes_d: f64,
     /// Time for which every full telemetry message is kept, hours.
     pub telemetry_h: f64,
-    /// One full telemetry message an hour, days.
+    /// Time for which one full telemetry message an hour is kept, days.
     pub telemetry_hourly_d: f64,
 }
 

@@ -51,7 +51,7 @@ impl Key {
 struct Counts {
     /// Number of wrong passwords, and the start of the window in which they are counted.
     wrong: HashMap<Key, (u32, Instant)>,
-    /// Delayed attempts by address and account; never zero.
+    /// Number of delayed attempts by address and account, at least 1.
     waiting: HashMap<(IpAddr, String), u32>,
 }
 

@@ -84,7 +84,8 @@ impl Default for GuardTable {
     }
 }
 
-/// The default test shift of an axis is capped at its limit.
+/// The settings of the axes of one kind. A missing key takes its default; the default test shift is
+/// at most `limit`.
 fn axes(
     limit: f64,
     slew_per_s: f64,
@@ -102,7 +103,7 @@ fn axes(
 }
 
 impl GuardTable {
-    /// Converts the table to the settings of the guard.
+    /// Converts the keys to typed units, with defaults for missing ones.
     pub fn settings(&self) -> GuardSettings {
         let linear = axes(
             self.limit_um,

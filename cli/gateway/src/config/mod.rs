@@ -260,7 +260,7 @@ impl Config {
         self.dashboard.join(folder);
     }
 
-    /// Fills in the defaults that follow from other keys and those of the drivers.
+    /// Fills in the defaults that follow from other keys and the defaults of the drivers.
     fn complete(&mut self, folder: &Path) {
         if let Some(guard) = &mut self.guard {
             guard.complete();

@@ -25,7 +25,7 @@ pub enum Level {
     Fault,
 }
 
-/// An active alarm.
+/// An alarm that is active now.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Alarm {
     /// Severity.

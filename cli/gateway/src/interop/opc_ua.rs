@@ -233,7 +233,8 @@ async fn pass(mut client: TcpStream, inner: SocketAddr) -> io::Result<()> {
 /// The root folder and prefix of folder identifiers.
 const ROOT: &str = "volcomp";
 
-/// Creates the nodes. Each reads the latest state on access. Errors: the server was built without the node manager for them.
+/// Creates the nodes. Each reads the latest state on access. Errors: the server was built without a
+/// manager for these nodes.
 fn fill(handle: &ServerHandle, shape: &Shape, published: &Published) -> Result<(), String> {
     let managers = handle.node_managers();
     let manager = managers.get_of_type::<SimpleNodeManager>();

@@ -327,7 +327,8 @@ pub(super) fn key_of(name: &str) -> String {
     name.chars().map(key).collect()
 }
 
-/// Appends a number to each of several equal sensor keys, as of names that differ only in characters replaced by `_`.
+/// Appends a number to sensor keys that equal an earlier one: two names may differ only in
+/// characters that a key replaces by `_`.
 fn number_twins(list: &mut [Quantity]) {
     let mut taken = BTreeSet::new();
     for quantity in list {

@@ -88,8 +88,8 @@ pub(super) fn take(
         if let Some(held) = &*candidate {
             return Err(held.occupied());
         }
-        // A comparison cannot be stopped: without this check, those of discarded candidates would run concurrently with
-        // the next.
+        // A comparison cannot be stopped: without this check, comparisons of discarded candidates
+        // would run concurrently with the next.
         if shared.is_comparing.swap(true, Ordering::AcqRel) {
             let why = "the machine file that was discarded is still being compared: try again";
             return Err(refused(503, why));

@@ -115,8 +115,8 @@ pub(super) fn sensor_names(
     Ok(())
 }
 
-/// Checks that the memory blocks of a controller, which follows those in `before`, do not overlap
-/// each other or those of earlier controllers.
+/// Checks that the memory blocks of a controller, which follows the controllers in `before`,
+/// overlap neither each other nor blocks of earlier controllers.
 pub(super) fn overlap(
     config: &Config,
     before: &[Box<dyn ControllerDevice>],
@@ -134,7 +134,8 @@ pub(super) fn overlap(
     Ok(())
 }
 
-/// The error at the key of the block `one`, or at that of `other` if the driver defines the place of `one`.
+/// The error for two overlapping blocks. It is located at the key of `one`, or at the key of
+/// `other` if the file states only this one.
 fn overlapping(config: &Config, one: (usize, Block), other: (usize, Block)) -> GatewayError {
     let source = &config.source;
     let key = |(index, block): &(usize, Block)| format!("controller[{index}].{}", block.key);

@@ -84,7 +84,7 @@ struct Sending {
     before: Option<Checked>,
     words: Option<Words>,
     log: Log,
-    /// Number of the map in use; while a replacement is loaded, that of the previous map.
+    /// Number of the map in use, which is the previous map while a replacement is loaded.
     in_use: Option<u16>,
     other: Option<OtherSender>,
     last_warning: String,

@@ -103,9 +103,11 @@ pub struct Service {
     published_at: Instant,
     last_state: State,
     standing: Standing,
-    /// Receipt of the last write of the standing state. The fields below hold whether it failed and when it was last retried.
+    /// Receipt of the last write of the standing state.
     standing_receipt: Option<Receipt>,
+    /// Whether the standing state could not be written.
     standing_lost: bool,
+    /// When a failed write of the standing state was last retried.
     standing_tried: Instant,
     trouble: Option<&'static str>,
     /// Reasons of the service itself, shown with those of the guards: the last reload was refused, or the service is

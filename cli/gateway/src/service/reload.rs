@@ -501,7 +501,7 @@ fn plan_with(
 /// Rejects changes of keys that are fixed while the gateway runs.
 fn can_change(old: &Config, config: &Config) -> Result<(), GatewayError> {
     let fixed = |config: &Config| {
-        // Without limits the cycle runs with those of the simulation.
+        // Without limits the cycle runs with the limits of the simulation.
         let guard = config.guard_settings().unwrap_or_else(simulate::guard);
         (
             guard.hand_back,

@@ -84,8 +84,8 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    /// Number of proofs within ten seconds from a watchdog with a timeout of 400 ms, for a cycle of 4 ms that runs only every `every` ms,
-    /// and a gap of `gap_ms` at 5 s.
+    /// Number of proofs within ten seconds. The timeout of the watchdog is 400 ms; a cycle of 4 ms
+    /// runs only every `every` ms, and there is a gap of `gap_ms` at 5 s.
     fn fed(every: u32, gap_ms: u32) -> u32 {
         let begun = Instant::now();
         let mut dog = Watchdog::new(400 * MS, 4 * MS, 100 * MS, begun);

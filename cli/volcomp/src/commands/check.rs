@@ -805,8 +805,9 @@ fn motion(joint: &Joint) -> String {
     }
 }
 
-/// A warning about the signs of errors, for an axis whose direction differs from that of its letter: errors are along and about the axes of MCS,
-/// regardless of the direction of the axis. `None` if both directions agree.
+/// A warning about the signs of errors, for an axis whose direction differs from the direction of
+/// its letter: errors are along and about the axes of MCS, regardless of the direction of the axis.
+/// `None` if both directions agree.
 fn signs(joint: &Joint) -> Option<String> {
     let (name, along) = (joint.name, joint.name.mcs_index());
     let found = along_machine_axis(&joint.direction);

@@ -479,8 +479,8 @@ fn auto(
     Ok((fit, (choice, band)))
 }
 
-/// The period of the targets, deg: that of a rotary axis measured over a full turn. `calibrate` uses the travel of the axis instead, which
-/// a file of readings does not state.
+/// The period of the targets, deg, for a rotary axis measured over a full turn. `calibrate` uses
+/// the travel of the axis instead, which a file of readings does not state.
 fn period(measurement: &Measurement) -> Option<f64> {
     if axis_kind(measurement) != Some(AxisKind::Rotary) {
         return None;

@@ -214,7 +214,8 @@ pub(crate) fn run(arguments: &FormArguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes)
 }
 
-/// A form deviation above this share of the size of the feature and above `DOUBTFUL_MM` is implausible for a machined part.
+/// Form deviation, as a fraction of the size of the feature, that is implausible for a machined
+/// part if it also exceeds `DOUBTFUL_MM`.
 const DOUBTFUL_PART: f64 = 0.01;
 const DOUBTFUL_MM: f64 = 0.1;
 const LARGEST_MM: f64 = 50e3;

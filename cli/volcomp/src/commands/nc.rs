@@ -583,10 +583,12 @@ impl OnTruth<'_> {
     }
 }
 
-/// Rejects a result that is worse than the program; returns a note if the part is shifted as a whole. A result is worse if the form is:
-/// after alignment of the part, the RMS deviation of the tool is larger, or its maximum is more than twice as large. A model with another
-/// zero shifts the whole part, which is not an error of the part; if the deviation before alignment is larger, the form must be better.
-/// Differences below the tolerance plus two increments of the words do not count.
+/// Rejects a result that is worse than the program; returns a note if only the whole part is
+/// shifted. The form is worse if, after alignment of the part, the RMS deviation of the tool is
+/// larger, or its maximum is more than twice as large. A model with another zero shifts the whole
+/// part, which is not an error of the part; so a larger deviation before alignment is accepted if
+/// the form is better. Differences below the tolerance plus two increments of the words do not
+/// count.
 fn is_better(
     found: &Verification,
     arguments: &NcArguments,
@@ -654,7 +656,8 @@ fn left_out(made: &Written) -> String {
     )
 }
 
-/// Maximum ratio of the form deviations, after to before, that makes up for a shifted part: one or two points have no form.
+/// Maximum ratio of the RMS form deviations, after to before, with which a shift of the whole part
+/// is accepted. It is below 1 because one or two points have no form deviation.
 const MUCH_BETTER: f64 = 0.9;
 
 /// Growth of the RMS form deviation above which the summary says that the form is worse, µm: rounded words change less.

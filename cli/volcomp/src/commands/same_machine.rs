@@ -7,7 +7,8 @@ use volcomp_vocabulary::{Component, Direction, ErrorName, MAX_AXES};
 
 /// Differences below this are ignored, µm and µrad: below measurement resolution, and caused by rounding in other program versions.
 const NO_MATTER: f64 = 0.05;
-/// Number of positions along each axis at which curves are compared, in addition to those of the curves.
+/// Number of positions along each axis at which curves are compared, in addition to the curves' own
+/// positions.
 const PLACES: u32 = 41;
 const MOST_NAMED: usize = 6;
 

@@ -160,7 +160,7 @@ struct Line {
     length_mm: f64,
 }
 
-/// A note on lines of one run.
+/// A note that the uncertainty omits a contribution, because a line has only one run.
 fn one_run(lines: [&Line; 2]) -> Option<String> {
     let names = lines.iter().filter(|line| line.has_one_run);
     let names: Vec<&str> = names.map(|line| line.part.error.as_str()).collect();
@@ -244,7 +244,8 @@ impl SquarenessArguments {
     }
 }
 
-/// The uncertainty, if that of both slopes is known: for least-squares lines with at least three targets or several runs.
+/// The uncertainty, if the uncertainties of both slopes are known: for least-squares lines with at
+/// least three targets or several runs.
 fn uncertainty(
     arguments: &SquarenessArguments,
     kind: ReferenceKind,

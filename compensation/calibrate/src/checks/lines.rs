@@ -282,7 +282,7 @@ pub(crate) fn same_readings(lines: &[Line]) -> Vec<String> {
     notes
 }
 
-/// Minimum share of the travel that a line covers without a note.
+/// Minimum fraction of the travel that a line covers without a note.
 const SHORT_BELOW: f64 = 0.5;
 /// Distance of a target beyond the end of the travel, in travels, above which it is noted: targets may be slightly outside for the overrun.
 const BEYOND_ABOVE: f64 = 0.02;

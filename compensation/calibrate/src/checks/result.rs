@@ -73,7 +73,7 @@ pub(crate) fn contradicted_values(
 ) -> Result<Vec<(ErrorName, Note)>, CalibrateError> {
     /// Minimum contradiction as a multiple of the combined standard uncertainty.
     const UNCERTAINTIES: f64 = 4.0;
-    /// Minimum contradiction as a share of the value.
+    /// Minimum contradiction as a fraction of the value.
     const SHARE: f64 = 0.4;
     let all = Stated::all(lines.file);
     // Changes to the opposite value, or farther if the value is much smaller than the change that

@@ -208,8 +208,9 @@ impl NoReadBack {
         status.confirmed = found.map(|values| Confirmed { values, at: now });
     }
 
-    /// Takes over from another path, whose correction is removed. The earlier correction of this path remains, unless the control has dropped it
-    /// (`released`), as a barrier does, or has timed out since the last write.
+    /// Takes over from another path, whose correction is removed. If this path has written a
+    /// correction before, it remains, unless the control has dropped it (`released`; a barrier does
+    /// so) or has timed out since the last write.
     pub(super) fn take_over(&mut self, now: Duration, released: bool, status: &mut ReadBackStatus) {
         if self.has_reported {
             // The outputs keep their levels: they are read before the first write.

@@ -258,7 +258,7 @@ pub(crate) fn refuse_units(
 /// direction.
 pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine) -> Option<String> {
     const ALIGNED_DEG: f64 = 1.0;
-    /// Largest spread across the line as a share of the spread along it.
+    /// Largest spread across the line as a fraction of the spread along it.
     const STRAIGHT: f64 = 1e-3;
     const MIN_SPREAD_MM: f64 = 1.0;
     let tips = rows

@@ -16,7 +16,7 @@ const SUPPORTS: [[f64; 3]; 9] = [
     [254.0, 232.0, 56.0],
 ];
 
-/// The colour of a share from 0 to 1, as `#rrggbb`; grey for NaN.
+/// The colour of a value from 0 to 1, as `#rrggbb`; grey for NaN.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -37,7 +37,7 @@ pub fn colour_at(share: f64) -> String {
     format!("#{:02x}{:02x}{:02x}", channel(0), channel(1), channel(2))
 }
 
-/// Strips of a legend: the share at the lower end of each, and its colour.
+/// Strips of a legend: the value (0 to 1) at the lower end of each, and its colour.
 pub fn colour_scale(strips: usize) -> impl Iterator<Item = (f64, String)> {
     let count = strips.max(1) as f64;
     (0..strips).map(move |strip| {

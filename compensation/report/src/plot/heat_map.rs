@@ -25,7 +25,7 @@ pub struct HeatMap {
     pub y: Vec<f64>,
     /// The values, the first coordinate varying fastest.
     pub values: Vec<f64>,
-    /// The value of the last colour of the scale; that of the first is 0.
+    /// The value of the last colour of the scale; the first colour is 0.
     pub most: f64,
     /// The unit of the values.
     pub unit: String,

@@ -137,7 +137,7 @@ pub fn quiver(quiver: &Quiver) -> String {
 
 /// Pixels per unit of the box, such that the box fits the static view.
 fn fitting(corners: impl Iterator<Item = [f64; 3]>) -> f64 {
-    /// Share of the picture that the box occupies; arrows extend beyond it.
+    /// Fraction of the picture that the box occupies; arrows extend beyond it.
     const FILLED: f64 = 0.76;
     let halves = corners.fold([0.0_f64; 2], |[across, up], corner| {
         let [x, y] = projected(corner, VIEW, 1.0);

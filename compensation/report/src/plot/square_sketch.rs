@@ -24,7 +24,7 @@ const WIDTH: f64 = 210.0;
 const FOOT: [f64; 2] = [52.0, 168.0];
 const LONG: f64 = 128.0;
 
-/// Draws the sketch.
+/// Draws the sketch as one `<svg>` element.
 pub fn square_sketch(sketch: &SquareSketch) -> String {
     let mut svg = Svg::new("plot square", (WIDTH, 226.0), &sketch.words, "");
     let drawn = (sketch.angle_urad * 1e-6 * sketch.exaggeration).clamp(-0.6, 0.6);

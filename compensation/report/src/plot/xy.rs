@@ -123,7 +123,7 @@ pub struct XyPlot {
     pub band_label: String,
 }
 
-/// Draws the plot.
+/// Draws the plot as one `<svg>` element.
 pub fn xy(plot: &XyPlot) -> String {
     let beside = plot.brackets.iter().filter(|b| b.at.is_none()).count();
     let whole = if plot.width.is_finite() {

@@ -22,9 +22,9 @@ const MAX_AHEAD: Duration = Duration::from_secs(10);
 const SPACING: Duration = Duration::from_millis(10);
 /// Number of past corrections that are stored.
 const REMEMBERED: usize = 3;
-/// Maximum relative change of the requested correction for which no prediction is made. It applies
-/// to a past interval as long as the time ahead; over a longer interval proportionally more is
-/// allowed, up to `MOST_CHANGE`. If the change is parabolic, the change ahead is at most eleven
+/// Relative change of the requested correction below which no prediction is made. It applies to a
+/// past interval as long as the time ahead; for a longer interval the threshold grows in
+/// proportion, up to `MOST_CHANGE`. If the change is parabolic, the change ahead is at most eleven
 /// times as large, which is less than half of the correction.
 const CALM_CHANGE: f64 = 1.0 / 32.0;
 const MOST_CHANGE: f64 = 1.0 / 8.0;
@@ -87,11 +87,11 @@ impl Lag {
         self.before = Some((place.positions, taken));
     }
 
-    /// The share of a correction c that is better than no correction if positions have this `age`.
+    /// The largest factor with which a correction c reduces the error if positions have this `age`.
     /// Until the correction reaches the axes, the machine continues at its speed, and the required
     /// correction changes by some distance d. If d ≤ c/2, the whole correction is better than none,
-    /// in whatever direction it changes. For larger d only the share 2·(1 − d/c) is better; at d =
-    /// c the share is 0.
+    /// in whatever direction it changes. For larger d the factor is 2·(1 − d/c), which is 0 at d =
+    /// c.
     pub(super) fn reduction(
         &mut self,
         inputs: &PredictionInputs<'_>,
@@ -178,8 +178,8 @@ impl Lag {
 }
 
 impl PredictionInputs<'_> {
-    /// Share of the correction that is better than no correction: the smaller of the shares
-    /// half-way and at the end of the path covered in `ahead`.
+    /// Factor with which the correction is better than none: the smaller of the factors half-way
+    /// and at the end of the path covered in `ahead`.
     fn part_ahead(&self, speed: &PerAxis<f64>, ahead: Duration) -> f64 {
         // Half the path is also checked, because a periodic error may have the same value at its end.
         let half = self.part_after(speed, ahead / 2);
@@ -202,7 +202,8 @@ impl PredictionInputs<'_> {
         linear.min(rotary)
     }
 
-    /// Compares the present correction with `then`, the one required ahead; for linear axes, then for rotary axes.
+    /// Compares the present correction with `then`, the correction required ahead: first the linear
+    /// axes, then the rotary axes.
     fn compare(&self, then: &CoupledCorrection) -> [Comparison; 2] {
         let now = self.wanted;
         // The effect of the present linear corrections at the pose ahead, where the levers of the

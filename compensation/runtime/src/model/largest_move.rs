@@ -13,7 +13,8 @@ const MAX_NODE_STATES: usize = 100_000;
 /// Number of additional equidistant intervals per axis: an axis without errors has no curve, but
 /// its position may change the lever of others.
 const PLACES: usize = 25;
-/// Maximum number of states in the coordinate ascent, or those of one pass (at most `MAX_NODE_STATES`) if these are more.
+/// Maximum number of states in the coordinate ascent. It is raised to the states of one pass, but
+/// not above `MAX_NODE_STATES`.
 const MAX_CLIMB_STATES: usize = 40_000;
 const MAX_PASSES: usize = 2;
 /// Number of points with the largest changes that are also sampled with the other axes at their ends.

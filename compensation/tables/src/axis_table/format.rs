@@ -29,7 +29,7 @@ pub struct UnknownFormat {
 }
 
 impl Format {
-    /// All formats.
+    /// All formats, in the order in which messages list them.
     pub const ALL: [Self; 7] = [
         Self::Csv,
         Self::Linuxcnc,
@@ -87,7 +87,8 @@ impl Format {
         }
     }
 
-    /// Evidence for the sign. No format was tested on a machine; those of LinuxCNC were tested in LinuxCNC with simulated drives.
+    /// Evidence for the sign. No format was tested on a machine; the LinuxCNC formats were tested
+    /// in LinuxCNC with simulated drives.
     pub fn trust(self) -> &'static str {
         match self {
             Self::Csv => "Sign proven by definition: this is the format of volcomp itself.",

@@ -258,7 +258,8 @@ fn without_number(text: &str) -> &str {
 }
 
 struct Parameters<'a> {
-    /// File of the first statement about the table, with the line of the last one.
+    /// Location for messages about the table: the file of its first statement, and the line of its
+    /// last one.
     last: FilePosition<'a>,
     values: BTreeMap<u32, f64>,
     numbers: BTreeMap<String, f64>,

@@ -136,7 +136,6 @@ impl Simulator {
         self.shared.world()
     }
 
-    /// Number of open sessions.
     pub fn open_sessions(&self) -> usize {
         self.shared.sessions().len()
     }

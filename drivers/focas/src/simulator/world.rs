@@ -57,7 +57,7 @@ pub struct World {
     /// The program that runs in the control; `None`: the axes take the shift words directly.
     pub ladder: Option<Ladder>,
     pub scan: Duration,
-    /// Delay of a response, in addition to that of the options.
+    /// Delay of a response, added to the delay in the options.
     pub latency: Duration,
     /// Whether the control reports the source of the shifts by parameters 1203 and 1280.
     pub reports_shift_source: bool,
@@ -79,7 +79,7 @@ pub struct World {
     lines: Option<(bool, usize, i16)>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
-    /// If set, only this number of bytes of the next longer write arrives at once.
+    /// Number of bytes of the next longer write that arrive at once; `None`: writes arrive whole.
     tear: Option<usize>,
     /// The positions reported while they are frozen.
     frozen: Option<Vec<f64>>,
@@ -266,7 +266,6 @@ impl World {
         self.started.elapsed()
     }
 
-    /// Whether the emergency stop is pressed.
     pub fn emergency_stop(&self) -> bool {
         self.stopped_at.is_some()
     }

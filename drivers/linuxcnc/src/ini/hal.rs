@@ -1,4 +1,5 @@
-//! The HAL files besides that of the bridge: those before it, and those that a display loads after it (`[HAL]POSTGUI_HALFILE`).
+//! The other HAL files: the files before the bridge's file, and the files that a display loads
+//! after it (`[HAL]POSTGUI_HALFILE`).
 
 use std::{
     collections::HashMap,

@@ -211,7 +211,8 @@ impl Ini {
         }
     }
 
-    /// Checks that the bridge reports the axes whose positions the gateway reads: those of `AXES` and `READS`.
+    /// Checks that the bridge reports the axes whose positions the gateway reads. The bridge
+    /// reports the axes in `AXES` and `READS`.
     fn reads(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let [axes, reads] = self.letters();
         for axis in &expected.control.reads {
@@ -237,7 +238,8 @@ impl Ini {
         Some(text.replace(' ', "").to_uppercase())
     }
 
-    /// Checks the axis sections: every corrected axis reserves a share of its velocity for the offset (`OFFSET_AV_RATIO`).
+    /// Checks the axis sections: every corrected axis reserves a fraction of its velocity for the
+    /// offset (`OFFSET_AV_RATIO`).
     fn shares(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         for axis in &expected.control.axes {
             match self.get(&format!("AXIS_{axis}"), "OFFSET_AV_RATIO") {

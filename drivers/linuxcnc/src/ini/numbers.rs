@@ -157,7 +157,8 @@ impl Ini {
         }
     }
 
-    /// Checks that an axis can move its offset at the rate of the bridge, mm/s or deg/s. A missing or invalid share is reported elsewhere.
+    /// Checks that an axis can move its offset at the rate of the bridge, mm/s or deg/s. A missing
+    /// or invalid fraction is reported elsewhere.
     fn check_offset_rate(
         &self,
         axis: AxisName,

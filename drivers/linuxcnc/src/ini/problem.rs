@@ -76,7 +76,7 @@ pub enum Problem {
         /// The reason for the bound.
         why: &'static str,
     },
-    /// A HAL file is listed after that of the bridge.
+    /// A HAL file is listed after the bridge's HAL file.
     #[error(
         "[HAL]HALFILE: found {found} after {BRIDGE}, expected {BRIDGE} as the last one: pins that it has connected, such as motion.probe-input, take no signal of a later file"
     )]
@@ -145,14 +145,14 @@ pub enum Problem {
         axis: AxisName,
         /// The value of this key in the INI file.
         found: f64,
-        /// Minimum `OFFSET_AV_RATIO`, a share of `velocity`.
+        /// Minimum `OFFSET_AV_RATIO`, a fraction of `velocity`.
         expected: f64,
         /// The velocity of the axis, mm/s or deg/s.
         velocity: f64,
         /// Key in `[VOLCOMP]` with the rate of the bridge that the offset must follow.
         key: &'static str,
     },
-    /// An axis has no share of velocity for its offset.
+    /// An axis has no fraction of velocity for its offset.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO is missing, expected a number such as 0.02: by default LinuxCNC applies no offset"
     )]
@@ -160,7 +160,7 @@ pub enum Problem {
         /// Axis whose section lacks `OFFSET_AV_RATIO`.
         axis: AxisName,
     },
-    /// The velocity share of an axis is out of range.
+    /// The velocity fraction of an axis is out of range.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected more than 0 and at most 0.2: it is taken from the velocity of programs"
     )]

@@ -65,14 +65,14 @@ pub enum Lie {
     NotANumber,
     /// Two axes, or two words, are exchanged.
     OtherAxis,
-    /// Some axes or words are those of the previous reading.
+    /// Some axes or words have the values of the previous reading.
     Torn,
     /// All axes, or words, are zero.
     Zero,
 }
 
 impl Lie {
-    /// All kinds.
+    /// All kinds of read-back faults.
     pub const ALL: [Self; 5] = [
         Self::Value,
         Self::NotANumber,

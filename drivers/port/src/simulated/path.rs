@@ -29,7 +29,7 @@ struct Segment {
     from: PerChannel<f64>,
     to: PerChannel<f64>,
     length: f64,
-    /// Duration of the acceleration, equal to that of the deceleration, s.
+    /// Duration of the acceleration, and also of the deceleration, s.
     accelerating_s: f64,
     coasting_s: f64,
     acceleration: f64,

@@ -81,7 +81,7 @@ struct Inner {
     frozen_at: Option<PerChannel<f64>>,
     /// Clock time up to which the machine was simulated.
     until: Duration,
-    /// Part of that time during which the machine moved along its program.
+    /// Part of the simulated time in which the machine moved along its program.
     moved: Duration,
     control: Option<Control>,
 }
@@ -337,8 +337,9 @@ impl SimulatedController {
         }
     }
 
-    /// Another controller of the same machine, like a second gateway or bus; if the control runs a program, it has its own mailbox. `None`
-    /// if [`MOST_WAYS`] exist already.
+    /// Connects another controller to the same machine, as a second gateway or bus would. If the
+    /// control runs a program, each controller has its own mailbox. `None` if [`MOST_WAYS`]
+    /// controllers exist already.
     pub fn another(&self) -> Option<Self> {
         let way = self.plant.another_way()?;
         Some(Self::on(self.plant.clone(), way))

@@ -23,7 +23,7 @@ impl Warming {
     }
 }
 
-/// The thermometer of a simulated machine.
+/// The thermometer of a simulated machine, whose sensors warm up as [`Warming`] states.
 pub struct SimulatedThermometer {
     device: String,
     names: Vec<String>,

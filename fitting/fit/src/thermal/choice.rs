@@ -26,7 +26,7 @@ pub struct ThermalChoice {
     pub lags: Vec<usize>,
     /// Indices of the sensors of this choice in [`ThermalRecord::degc`](crate::ThermalRecord::degc).
     pub sensors: Vec<usize>,
-    /// Penalty of the ridge regression, as a share of the variance of a feature.
+    /// Penalty of the ridge regression, as a fraction of the variance of a feature.
     pub penalty: f64,
     /// Root mean square over the blocks of the forward validation, µm or µrad.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]

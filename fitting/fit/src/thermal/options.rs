@@ -6,7 +6,7 @@ use crate::FitError;
 pub struct ThermalOptions {
     /// Time constants, s; 0 is no lag. Each one alone and each pair is tried.
     pub lags_s: Vec<f64>,
-    /// Penalties of the ridge regression, as shares of the variance of a feature.
+    /// Penalties of the ridge regression, as fractions of the variance of a feature.
     pub penalties: Vec<f64>,
     /// Whether to remove sensors one by one while the forward validation does not get worse.
     pub select_sensors: bool,

@@ -28,9 +28,9 @@ pub struct ThermalSearch {
     /// Time constants to choose from, s; 0 is no lag. With expansions, 0 is always chosen in
     /// addition.
     pub lags_s: Vec<f64>,
-    /// Ridge penalties to choose from, as shares of the variance of the quantity that a coefficient
-    /// multiplies. With small penalties, correlated sensors get large coefficients of opposite
-    /// sign.
+    /// Ridge penalties to choose from, as fractions of the variance of the quantity that a
+    /// coefficient multiplies. With small penalties, correlated sensors get large coefficients of
+    /// opposite sign.
     pub penalties: Vec<f64>,
     /// Maximum number of sensors.
     pub most_sensors: usize,

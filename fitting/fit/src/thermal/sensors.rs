@@ -10,7 +10,8 @@ use super::record::ThermalRun;
 const NOISE_K: f64 = 0.05;
 /// Movement, K, below which a sensor is treated as constant.
 const STILL_K: f64 = 1e-3;
-/// A sensor is redundant, and not chosen, if the chosen ones leave less than this share of its variance.
+/// A sensor is redundant, and not chosen, if the chosen ones leave less than this fraction of its
+/// variance.
 const MIN_SHARE: f64 = 1e-6;
 const MAX_ROWS: usize = 2000;
 

@@ -46,7 +46,7 @@ impl<const N: usize> Normal<N> {
         sum
     }
 
-    /// Solves for the step, with a share `damping` added to the diagonal.
+    /// Solves for the step, with a fraction `damping` added to the diagonal.
     fn step(&self, damping: f64) -> Option<SVector<f64, N>> {
         let mut matrix = self.matrix;
         for k in 0..N {

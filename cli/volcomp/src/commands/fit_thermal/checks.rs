@@ -7,9 +7,10 @@ use volcomp_fit::{ThermalGap, ThermalRecord, ThermalRun, ThermalSearch, search_t
 use super::columns::{Channel, Columns, is_angular};
 use crate::commands::{fixed, range};
 
-/// Temperature change, K, that moves a machine by more than [`LEAST_MOTION`] and takes longer than [`SHORTEST_S`].
+/// Minimum temperature change, K, for the checks of units. Such a change takes longer than
+/// [`SHORTEST_S`] and moves a machine by at least [`LEAST_MOTION`].
 const CHANGE_K: f64 = 5.0;
-/// Minimum motion for that change, µm or µrad.
+/// Motion below which a displacement is probably in another unit, µm or µrad.
 const LEAST_MOTION: f64 = 0.5;
 const SHORTEST_S: f64 = 1800.0;
 
@@ -84,9 +85,10 @@ fn is_still<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
     values.all(|value| Some(value) == first)
 }
 
-/// Minimum unpredicted share of a file's displacement for the file to be checked.
+/// Minimum unpredicted fraction of a file's displacement for the file to be checked.
 const NOT_PREDICTED: f64 = 0.5;
-/// A file looks inverted if the opposite sign leaves no more than this share of the prediction error.
+/// A file looks inverted if the opposite sign leaves no more than this fraction of the prediction
+/// error.
 const EXPLAINED: f64 = 0.3;
 
 /// A note for each file that is predicted by terms from the others only with the opposite sign.

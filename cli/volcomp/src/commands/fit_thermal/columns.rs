@@ -18,7 +18,7 @@ pub(super) struct Columns {
     pub(super) degc: Vec<Vec<f64>>,
     /// Name of the column with its unit, and its values.
     pub(super) displacements: Vec<(String, Vec<f64>)>,
-    /// The axis moved during the test, if named by the column, and its position in each row, mm.
+    /// Position of the moved axis in each row, mm, with its name if the column states one.
     pub(super) position: Option<(Option<AxisName>, Vec<f64>)>,
     pub(super) notes: Vec<String>,
 }
@@ -161,7 +161,7 @@ pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
 }
 
 impl Columns {
-    /// Reorders sensors and displacements like those of another file; further ones are dropped.
+    /// Puts sensors and displacements into the order of another file; further ones are dropped.
     pub(super) fn in_order_of(mut self, first: &Self, path: &Path) -> Result<Self, Failure> {
         let missing = |name: &str| {
             let message = format!("found no column {name}, which the first file has");

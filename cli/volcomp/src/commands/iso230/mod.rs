@@ -207,7 +207,8 @@ impl UncertaintyOptions {
             device_um: self.device_um,
             misalignment_mm: self.misalignment_mm,
             temperature_range_k: self.temperature_range_k,
-            // A coefficient of 0 in a file means no compensation; it is not that of the material.
+            // A coefficient of 0 in a file means no compensation; it is not the coefficient of the
+            // material.
             expansion_um_per_m_k: self.expansion.or(of_file.filter(|c| *c > 0.0)),
             expansion_range_um_per_m_k: self.expansion_range,
             from_20_degc_k: self.machine_degc.map(|t| t - REFERENCE_DEGC).or(farthest),

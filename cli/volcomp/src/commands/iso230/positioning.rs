@@ -200,8 +200,8 @@ fn one(
     })
 }
 
-/// Rejects a file whose title names an error other than positioning, as files of straightness optics are rejected. Angles of a linear axis
-/// are evaluated with a note.
+/// Rejects a file whose title names an error other than positioning, such as a straightness. Angles
+/// of a linear axis are evaluated with a note.
 fn refuse_title(
     path: &Path,
     measurement: &Measurement,

@@ -194,7 +194,8 @@ pub(crate) fn run(arguments: &MapArguments) -> Result<Answer, Failure> {
         work.go_through(pass, &mut field, &mut found)?;
     }
     let beside = work.beside(&found);
-    // To all orders even for a compiled map, so that the figure equals that of the report to the last digit.
+    // To all orders even for a compiled map, so that the figure equals the figure of the report to
+    // the last digit.
     let exact = (model == Model::Compiled).then(|| errors(&machine, &temperatures));
     let errors = exact.as_ref().unwrap_or(&work.errors);
     let curves = vec![&machine, compensation.actual()];

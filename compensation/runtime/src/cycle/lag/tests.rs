@@ -67,7 +67,7 @@ fn random_model(random: &mut ChaCha8Rng) -> Model {
 }
 
 /// Number of predictions that were skipped, that were made, and that reduced the correction; and
-/// the smallest share that a skipped prediction would have kept.
+/// the smallest factor to which a skipped prediction would have reduced it.
 #[derive(Debug)]
 struct Looks {
     spared: u32,
