@@ -275,8 +275,9 @@ impl Service {
             Operation::Centre(CentreOperation::Disable) => {
                 self.parts.forbids |= Reasons::DISABLED_BY_CENTRE;
                 self.update_reasons();
-                // Disarm again: auto-arm may have armed between the order and this reason.
+                // Disarm again: an operator may have armed between the order and this reason.
                 self.switch.disarm();
+                self.received_disarms += 1;
                 let effect = self.ordered(Request::Disarm);
                 self.record_request(&request.who, "disable");
                 return self.begin(request, Step::Effect(effect));
