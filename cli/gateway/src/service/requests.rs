@@ -89,6 +89,12 @@ impl Service {
         }
         let effect = self.ordered(Request::Acknowledge);
         if self.send(Request::Acknowledge, effect.until, request.disarms) {
+            if !report.state.is_armed() {
+                // The operator has decided: auto-arm stays off, also after a restart. This is written before the end of the
+                // fault.
+                let who = request.who.clone();
+                self.change_standing(|standing| standing.disarmed_by = Some(who));
+            }
             self.record_request(&request.who, "acknowledge");
             self.begin(request, Step::Effect(effect));
         } else {

@@ -242,6 +242,48 @@ fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     gateway.wait_for("compensating");
 }
 
+/// A fault that the operator has acknowledged leaves the gateway disarmed, also after a restart, until the operator arms.
+#[test]
+fn an_acknowledged_fault_stays_disarmed_after_a_restart() {
+    for is_from_before in [false, true] {
+        let dir = tempfile::tempdir().expect("writable");
+        let (config, mut gateway) = compensating(dir.path());
+        gateway.fault();
+        gateway.run(Duration::from_secs(1));
+        if is_from_before {
+            gateway = gateway.killed_and_started(&config);
+            gateway.wait_for("faulted");
+            gateway.watch();
+        }
+        assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
+        gateway.wait_for("disarmed");
+        let mut gateway = gateway.killed_and_started(&config);
+        gateway.wait_until_says(DISARMED);
+        gateway.run(Duration::from_secs(10));
+        assert_eq!(gateway.state()["state"], "disarmed");
+        assert_eq!(gateway.shifts(), PerChannel::ZERO);
+        gateway.must_arm();
+        gateway.wait_for("compensating");
+        gateway.wait_until_silent_of(DISARMED);
+        let mut gateway = Gateway::again(gateway.stop(), &config);
+        gateway.wait_for("compensating");
+    }
+}
+
+/// An operator who accepts a jumped temperature while the gateway corrects has not disarmed it: it arms again after a restart.
+#[test]
+fn an_acknowledgement_while_armed_leaves_auto_arm_on() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = with_thermometer(dir.path());
+    let mut gateway = Gateway::start(&config);
+    let_sensor_jump(&mut gateway);
+    assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
+    gateway.wait("believed", |state| quality(state).contains("good"));
+    assert!(!says(&gateway.state(), DISARMED));
+    let mut gateway = gateway.killed_and_started(&config);
+    gateway.wait_for("compensating");
+}
+
 /// Digital lines that become unreachable have an unknown correction: an orderly stop must not record zero, which the next run would
 /// trust.
 #[test]
