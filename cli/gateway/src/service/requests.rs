@@ -50,9 +50,11 @@ impl Service {
 
     /// Records who disarmed; this survives a restart.
     fn record_disarm(&mut self, request: &ServiceRequest) {
-        self.record_request(&request.who, "disarm");
+        // Before the record: the response does not wait for the disk, and a program that is killed soon after it must not
+        // forget the disarm because the disk was still busy with the log.
         let who = request.who.clone();
         self.change_standing(|standing| standing.disarmed_by = Some(who));
+        self.record_request(&request.who, "disarm");
     }
 
     /// Handles requests that arrive while the gateway stops: disarming is recorded, all others are refused.

@@ -5,8 +5,12 @@ use std::{
     io::Write,
     path::{Path, PathBuf},
     process::Command,
-    sync::atomic::Ordering,
-    time::Duration,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
 };
 
 use serde_json::Value;
@@ -95,6 +99,41 @@ fn an_operators_disarm_survives_a_restart() {
     gateway.wait_until_silent_of(DISARMED);
     let mut gateway = Gateway::again(gateway.stop(), &config);
     gateway.wait_for("compensating");
+}
+
+/// The disk is still busy with the audit log when the disarm is answered, and the program is killed: the disarm is on the disk.
+#[test]
+fn an_operators_disarm_does_not_wait_for_its_record() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = configuration(dir.path(), "auto_arm = true");
+    let hangs = Arc::new(AtomicBool::new(false));
+    let of_log = Arc::clone(&hangs);
+    let mut gateway = Gateway::with_log(&config, |log| {
+        log.synced_by(move |file| {
+            while of_log.load(Ordering::Relaxed) {
+                thread::sleep(Duration::from_millis(1));
+            }
+            file.sync_data()
+        })
+    });
+    gateway.wait_for("compensating");
+    hangs.store(true, Ordering::Relaxed);
+    let mut disarms = gateway.begin(Operation::Disarm);
+    for _ in 0..50 {
+        gateway.cycle_alone();
+        gateway.parts.service.poll_within(Duration::ZERO);
+    }
+    assert_eq!(disarms.try_recv().expect("answered").status, 200);
+    let standing = dir.path().join("audit/standing.slots");
+    let end = Instant::now() + Duration::from_secs(10);
+    let is_kept = || standing_text(&standing).contains("\"disarmed_by\":\"anna\"");
+    while !is_kept() && Instant::now() < end {
+        thread::sleep(Duration::from_millis(1));
+    }
+    let is_kept = is_kept();
+    // The thread of the log must not hang until the end of all tests.
+    hangs.store(false, Ordering::Relaxed);
+    assert!(is_kept, "the record of the log comes first");
 }
 
 /// An operator's disarm that a full disk refuses is written as soon as there is space; after a kill and restart the gateway does not arm
