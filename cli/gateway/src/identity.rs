@@ -6,12 +6,14 @@ use std::{
 };
 
 use sha2::{Digest, Sha256};
+use volcomp_model::Machine;
 use volcomp_port::Description;
 use volcomp_runtime::{LargestMove, Model};
 use volcomp_vocabulary::Um;
 
 use crate::{
     config::GuardTable,
+    differences::differences,
     documents::{ConfirmedLimits, LimitChanges, Question},
 };
 
@@ -80,8 +82,8 @@ pub(crate) struct Judge {
     pub confirmed: Option<String>,
     /// While armed: the model from which unconfirmed changes of a reload are measured, so that small ones cannot add up.
     pub confirmed_model: Option<Arc<Model>>,
-    /// Other differences that must be confirmed, one sentence each: signs that the model belongs to another machine.
-    pub differences: Vec<String>,
+    /// What the sentences on differences call the model that is replaced.
+    pub before: &'static str,
 }
 
 impl Judge {
@@ -119,7 +121,8 @@ impl Judge {
         let moves =
             worst_um > self.confirm_um || worst_urad > self.confirm_urad.unwrap_or(f64::INFINITY);
         let hash = hash(new, &limits, to);
-        let is_small = !moves && limits.is_empty() && self.differences.is_empty();
+        let differences = self.differences([old, new]);
+        let is_small = !moves && limits.is_empty() && differences.is_empty();
         let is_confirmed = self.confirmed.as_ref() == Some(&hash);
         // A machine with other axes has an infinite change, which JSON cannot represent.
         let finite = |x: f64| x.is_finite().then_some(x);
@@ -139,12 +142,21 @@ impl Judge {
             confirm_um: self.confirm_um,
             confirm_urad: self.confirm_urad,
             limits,
-            differences: self.differences.clone(),
+            differences,
         };
         Judgement {
             worst,
             question: Some(question),
             is_confirmed,
+        }
+    }
+
+    /// Signs that `new` belongs to another machine, one sentence each. They must be confirmed, however small the change.
+    fn differences(&self, [old, new]: [&Model; 2]) -> Vec<String> {
+        match [old, new].map(|model| Machine::parse(&model.text, &model.name)) {
+            [Ok(old), Ok(new)] => differences(&new, &old, self.before).to_confirm,
+            // Models write their texts from parsed machines, so this is a bug; a change of the correction is still judged.
+            _ => Vec::new(),
         }
     }
 }
@@ -173,12 +185,13 @@ fn hash(model: &Model, changes: &LimitChanges, limits: &ConfirmedLimits) -> Stri
 #[cfg(test)]
 mod tests {
     use std::time::Duration;
-    use volcomp_model::{Fading, Machine};
+    use volcomp_model::Fading;
     use volcomp_port::{Axis, Heartbeat, ShownStates};
 
     use volcomp_vocabulary::{AxisName, Displacement};
 
     use super::*;
+    use crate::differences::ACTIVE;
 
     fn model() -> Model {
         model_with("")
@@ -234,7 +247,7 @@ mod tests {
             confirm_urad: Some(5.0),
             confirmed: None,
             confirmed_model: None,
-            differences: Vec::new(),
+            before: ACTIVE,
         }
     }
 

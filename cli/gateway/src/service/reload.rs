@@ -319,12 +319,7 @@ impl Service {
         machine: PathBuf,
         confirm: Option<String>,
     ) -> Result<Step, Reply> {
-        self.begin_model(
-            machine,
-            confirm.clone(),
-            Vec::new(),
-            ModelOrigin::Centre(confirm),
-        )
+        self.begin_model(machine, confirm.clone(), ModelOrigin::Centre(confirm))
     }
 
     /// Starts reading a machine file selected by an operator. Refused while a model of the centre is active: the
@@ -340,29 +335,18 @@ impl Service {
             ));
         }
         let (machine, confirm) = (activation.machine.clone(), activation.confirm.clone());
-        self.begin_model(
-            machine,
-            confirm,
-            activation.differences.to_confirm.clone(),
-            ModelOrigin::Operator(activation),
-        )
+        self.begin_model(machine, confirm, ModelOrigin::Operator(activation))
     }
 
     /// Starts reading a machine file. The rest of the configuration stays unchanged, even if its
-    /// file on disk has changed. `differences` must be confirmed in addition to a large change of
-    /// the correction.
+    /// file on disk has changed.
     fn begin_model(
         &mut self,
         machine: PathBuf,
         confirm: Option<String>,
-        differences: Vec<String>,
         origin: ModelOrigin,
     ) -> Result<Step, Reply> {
         let judge = self.judge(confirm);
-        let judge = judge.map(|judge| Judge {
-            differences,
-            ..judge
-        });
         let config = Config {
             machine,
             ..self.parts.config.clone()

@@ -67,11 +67,7 @@ fn auto_arm_follows_no_disarm_at_any_stage() {
         assert!(gateway.parts.requests.try_send(disarm).is_ok());
         gateway.run(Duration::from_secs(3));
         let case = format!("{stage} of {steps} steps, then {pause}");
-        assert_eq!(
-            disarms.try_recv().expect("answered").status,
-            200,
-            "{case}"
-        );
+        assert_eq!(disarms.try_recv().expect("answered").status, 200, "{case}");
         assert_eq!(gateway.state()["state"], "disarmed", "{case}");
         assert_eq!(gateway.shifts(), PerChannel::ZERO, "{case}");
         let text = standing_text(&dir.path().join("audit/standing.slots"));

@@ -135,11 +135,7 @@ impl Gateway {
         Self::on(Some(rig), config, |log| log)
     }
 
-    fn on(
-        rig: Option<Rig>,
-        config: &Path,
-        change_log: impl FnOnce(AuditLog) -> AuditLog,
-    ) -> Self {
+    fn on(rig: Option<Rig>, config: &Path, change_log: impl FnOnce(AuditLog) -> AuditLog) -> Self {
         let machine = machine(config);
         let plan = machine.plan().unwrap_or_else(|e| panic!("{e}"));
         let period = plan.config.cycle();
