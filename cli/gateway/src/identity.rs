@@ -1,4 +1,4 @@
-//! What an operator confirms: a machine file together with the limits of its correction.
+//! What an operator confirms: a machine file together with the limits of its correction and the terms that controllers apply.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -6,13 +6,13 @@ use std::{
 };
 
 use sha2::{Digest, Sha256};
-use volcomp_model::Machine;
+use volcomp_model::{Fading, Machine};
 use volcomp_port::Description;
 use volcomp_runtime::{LargestMove, Model};
 use volcomp_vocabulary::Um;
 
 use crate::{
-    config::GuardTable,
+    config::Config,
     differences::differences,
     documents::{ConfirmedLimits, LimitChanges, Question},
 };
@@ -45,14 +45,25 @@ const ROTARY_STEP: &str = "rotary_step_um";
 /// Two models are also compared with all temperatures this much below and above the current ones, K.
 const SHIFT_K: f64 = 10.0;
 
-/// The limits of a configuration by key. An unlimited acceleration has no entry.
-pub(crate) fn limits(guard: &GuardTable) -> ConfirmedLimits {
+/// End of the key of a controller that is corrected by thermal terms only. The value is 1; other controllers have no entry.
+const ONLY_THERMAL: &str = ".terms = [\"thermal\"]";
+
+/// The limits of a configuration by key, and the terms of its controllers; empty without `[guard]`. An unlimited acceleration has no
+/// entry.
+pub(crate) fn limits(config: &Config) -> ConfirmedLimits {
+    let Some(guard) = &config.guard else {
+        return ConfirmedLimits::new();
+    };
+    let controllers = config.controllers.iter().enumerate();
+    let thermal = controllers.filter(|(_, controller)| controller.terms.is_some());
+    let thermal = thermal.map(|(index, _)| (format!("controller[{index}]{ONLY_THERMAL}"), 1.0));
     let keys = serde_json::to_value(guard).unwrap_or_default();
     let has_rotary = guard.limit_urad.is_some();
     CONFIRMED_KEYS
         .into_iter()
         .filter(|key| has_rotary || *key != ROTARY_STEP)
         .filter_map(|key| Some((key.to_owned(), keys.get(key)?.as_f64()?)))
+        .chain(thermal)
         .collect()
 }
 
@@ -117,6 +128,10 @@ impl Judge {
         let [old_now, new_now] = [old, new].map(|model| model.in_place_of(&self.running, degc));
         let worst = warm.into_iter().fold(cold, LargestMove::max);
         let worst = worst.max(old_now.largest_move(&new_now, ways()));
+        let worst = match with_terms([old, new], &limits) {
+            Some([old, new]) => worst.max(old.largest_move(&new, ways())),
+            None => worst,
+        };
         let (worst_um, worst_urad) = (worst.linear.to_um().0, worst.rotary.to_urad().0);
         let moves =
             worst_um > self.confirm_um || worst_urad > self.confirm_urad.unwrap_or(f64::INFINITY);
@@ -170,6 +185,22 @@ pub(crate) struct Judgement {
     pub(crate) is_confirmed: bool,
 }
 
+/// The models as a controller applies them whose `terms` change: without errors before or after the change. `None` if the terms of none
+/// change.
+fn with_terms(models: [&Model; 2], changes: &LimitChanges) -> Option<[Model; 2]> {
+    let mut changes = changes.iter();
+    let (_, only_thermal) = changes.find(|(key, _)| key.ends_with(ONLY_THERMAL))?;
+    let [old, new] = [0, 1].map(|at| {
+        if only_thermal[at].is_none() {
+            return Some(models[at].clone());
+        }
+        let mut machine = Machine::parse(&models[at].text, &models[at].name).ok()?;
+        machine.clear_errors();
+        Model::new(&machine, Fading::default()).ok()
+    });
+    Some([old?, new?])
+}
+
 /// Hash that confirms a change: of the machine file, and of the new limits if limits change.
 fn hash(model: &Model, changes: &LimitChanges, limits: &ConfirmedLimits) -> String {
     if changes.is_empty() {
@@ -185,13 +216,12 @@ fn hash(model: &Model, changes: &LimitChanges, limits: &ConfirmedLimits) -> Stri
 #[cfg(test)]
 mod tests {
     use std::time::Duration;
-    use volcomp_model::Fading;
     use volcomp_port::{Axis, Heartbeat, ShownStates};
 
     use volcomp_vocabulary::{AxisName, Displacement};
 
     use super::*;
-    use crate::differences::ACTIVE;
+    use crate::{config::GuardTable, differences::ACTIVE};
 
     fn model() -> Model {
         model_with("")
@@ -226,14 +256,18 @@ mod tests {
         }
     }
 
-    fn settings(rotary_step_um: f64) -> GuardTable {
-        GuardTable {
+    fn settings(rotary_step_um: f64) -> Config {
+        let guard = GuardTable {
             limit_um: 100.0,
             slew_um_per_s: 500.0,
             limit_urad: Some(300.0),
             slew_urad_per_s: Some(500.0),
             rotary_step_um,
             ..GuardTable::default()
+        };
+        Config {
+            guard: Some(guard),
+            ..Config::default()
         }
     }
 

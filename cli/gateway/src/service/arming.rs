@@ -60,8 +60,7 @@ impl Service {
     }
 
     pub(super) fn limits(&self) -> ConfirmedLimits {
-        let guard = self.parts.config.guard.as_ref();
-        guard.map(identity::limits).unwrap_or_default()
+        identity::limits(&self.parts.config)
     }
 
     /// Starts the comparison with the model and limits armed last; `None` if the worker is still busy.

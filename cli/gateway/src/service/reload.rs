@@ -90,11 +90,11 @@ impl Service {
             );
             return Progress::Done(self.must_be_confirmed(&origin, who, question));
         }
-        let to = plan.config.guard.as_ref().map(identity::limits);
+        let to = identity::limits(&plan.config);
         let event = Event::Reload {
             from: self.parts.model.hash.clone(),
             to: plan.model.hash.clone(),
-            limits: identity::changes(&self.limits(), &to.unwrap_or_default()),
+            limits: identity::changes(&self.limits(), &to),
             model_of: match &origin {
                 ModelOrigin::Operator(activation) => Some(activation.file.clone()),
                 _ => None,
@@ -437,13 +437,13 @@ fn plan_with(
     limits: &ConfirmedLimits,
     judge: Option<&Judge>,
 ) -> PlanResult {
-    let Some(guard) = &config.guard else {
+    if config.guard.is_none() {
         return Err(GatewayError::invalid_in(
             config.file,
             "[guard] is missing, expected it: without limits nothing may be corrected; nothing was changed",
         ));
-    };
-    let new_limits = identity::limits(guard);
+    }
+    let new_limits = identity::limits(&config);
     let plan = Plan::new(config)?;
     let is_other = |(now, opened): &(&Description, &Description)| now != opened;
     let other = plan.descriptions().zip(opened).find(is_other);

@@ -372,7 +372,7 @@ token_file = "tokens"
 }
 
 /// A machine whose X scale expands by 11.5 µm/(m·K).
-fn with_thermometer(dir: &Path) -> PathBuf {
+pub(crate) fn with_thermometer(dir: &Path) -> PathBuf {
     let config = configuration(dir, "auto_arm = true");
     let profile = "name = \"ONE\"\n[channels]\nfunction = 4\naddress = 0\ncount = 1\ntype = \"i16\"\nscale = 0.1\nunit = \"degc\"\nvalid_degc = [-50.0, 200.0]\n";
     let file = dir.join("one.toml");
