@@ -12,9 +12,9 @@ pub struct Differences {
     pub to_confirm: Vec<String>,
 }
 
-/// Compares a model with the active one. A different structure must be confirmed but is not refused: the earlier model
+/// Compares a model with the one that it replaces, which the sentences name `before`, such as "the active model". A different structure must be confirmed but is not refused: the earlier model
 /// may have been wrong (GUARD rule 13 covers structures as well).
-pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
+pub(crate) fn differences(new: &Machine, in_force: &Machine, before: &str) -> Differences {
     let letters = |machine: &Machine| {
         let mut letters: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
         letters.sort_unstable();
@@ -23,7 +23,7 @@ pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
     let (axes, axes_in_force) = (letters(new), letters(in_force));
     let refusal = (axes != axes_in_force).then(|| {
         format!(
-            "This model has the axes {}, the active model has {}: it belongs to another machine and cannot be activated here.",
+            "This model has the axes {}, {before} has {}: it belongs to another machine and cannot be activated here.",
             listed(&axes),
             listed(&axes_in_force)
         )
@@ -31,7 +31,7 @@ pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
     let mut to_confirm = Vec::new();
     if new.name != in_force.name {
         to_confirm.push(format!(
-            "This model is of {}, the active model is of {}.",
+            "This model is of {}, {before} is of {}.",
             called(&new.name),
             called(&in_force.name)
         ));
@@ -40,7 +40,7 @@ pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
     let [structure, in_force_structure] = &structures;
     if structure != in_force_structure {
         to_confirm.push(format!(
-            "The structure is {structure} in this model, {in_force_structure} in the active model."
+            "The structure is {structure} in this model, {in_force_structure} in {before}."
         ));
     }
     for axis in new.axes() {
@@ -49,7 +49,7 @@ pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
             && other.travel != axis.travel
         {
             to_confirm.push(format!(
-                "{} travels {} in this model, {} in the active model.",
+                "{} travels {} in this model, {} in {before}.",
                 axis.name,
                 travel(axis),
                 travel(other)
@@ -61,6 +61,9 @@ pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
         to_confirm,
     }
 }
+
+/// The model that a reload or an activation replaces.
+pub(crate) const ACTIVE: &str = "the active model";
 
 fn called(name: &str) -> String {
     match name {
@@ -99,7 +102,8 @@ mod tests {
 
     #[test]
     fn other_errors_alone_are_no_difference() {
-        let found = differences(&machine(&SMALL.replace("3.0\n", "9.0\n")), &machine(SMALL));
+        let other = machine(&SMALL.replace("3.0\n", "9.0\n"));
+        let found = differences(&other, &machine(SMALL), ACTIVE);
         assert_eq!(found, Differences::default());
     }
 
@@ -109,7 +113,7 @@ mod tests {
             .replace("gantry-3000", "gantry-8000")
             .replace("w b X Y t", "w X' b Y t")
             .replace("3000.0", "8000.0");
-        let found = differences(&machine(&other), &machine(SMALL));
+        let found = differences(&machine(&other), &machine(SMALL), ACTIVE);
         assert_eq!(found.refusal, None);
         assert_eq!(
             found.to_confirm,
@@ -126,7 +130,7 @@ mod tests {
         let more = SMALL
             .replace("X Y t", "X Y Z t")
             .replace("axes.Y", "axes.Z.travel = [0.0, 1.0]\naxes.Y");
-        let found = differences(&machine(&more), &machine(SMALL));
+        let found = differences(&machine(&more), &machine(SMALL), ACTIVE);
         let refusal = found.refusal.expect("a reason");
         assert!(
             refusal.contains("the axes X, Y and Z, the active model has X and Y:"),

@@ -1,4 +1,4 @@
-//! What an operator confirms: a machine file together with the limits of its correction.
+//! What an operator confirms: a machine file together with the limits of its correction and the terms that controllers apply.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -6,12 +6,14 @@ use std::{
 };
 
 use sha2::{Digest, Sha256};
+use volcomp_model::{Fading, Machine};
 use volcomp_port::Description;
 use volcomp_runtime::{LargestMove, Model};
 use volcomp_vocabulary::Um;
 
 use crate::{
-    config::GuardTable,
+    config::Config,
+    differences::differences,
     documents::{ConfirmedLimits, LimitChanges, Question},
 };
 
@@ -44,14 +46,25 @@ const ROTARY_STEP: &str = "rotary_step_um";
 /// compared in addition.
 const SHIFT_K: f64 = 10.0;
 
-/// The limits of a configuration by key. An unlimited acceleration has no entry.
-pub(crate) fn limits(guard: &GuardTable) -> ConfirmedLimits {
+/// End of the key of a controller that is corrected by thermal terms only. The value is 1; other controllers have no entry.
+const ONLY_THERMAL: &str = ".terms = [\"thermal\"]";
+
+/// The limits of a configuration by key, and the terms of its controllers; empty without `[guard]`. An unlimited acceleration has no
+/// entry.
+pub(crate) fn limits(config: &Config) -> ConfirmedLimits {
+    let Some(guard) = &config.guard else {
+        return ConfirmedLimits::new();
+    };
+    let controllers = config.controllers.iter().enumerate();
+    let thermal = controllers.filter(|(_, controller)| controller.terms.is_some());
+    let thermal = thermal.map(|(index, _)| (format!("controller[{index}]{ONLY_THERMAL}"), 1.0));
     let keys = serde_json::to_value(guard).unwrap_or_default();
     let has_rotary = guard.limit_urad.is_some();
     CONFIRMED_KEYS
         .into_iter()
         .filter(|key| has_rotary || *key != ROTARY_STEP)
         .filter_map(|key| Some((key.to_owned(), keys.get(key)?.as_f64()?)))
+        .chain(thermal)
         .collect()
 }
 
@@ -81,8 +94,8 @@ pub(crate) struct Judge {
     pub confirmed: Option<String>,
     /// While armed: the model from which unconfirmed changes of a reload are measured, so that small ones cannot add up.
     pub confirmed_model: Option<Arc<Model>>,
-    /// Other differences that must be confirmed, one sentence each: signs that the model belongs to another machine.
-    pub differences: Vec<String>,
+    /// What the sentences on differences call the model that is replaced.
+    pub before: &'static str,
 }
 
 impl Judge {
@@ -118,11 +131,16 @@ impl Judge {
         let [old_now, new_now] = [old, new].map(|model| model.in_place_of(&self.running, degc));
         let worst = warm.into_iter().fold(cold, LargestMove::max);
         let worst = worst.max(old_now.largest_move(&new_now, ways()));
+        let worst = match with_terms([old, new], &limits) {
+            Some([old, new]) => worst.max(old.largest_move(&new, ways())),
+            None => worst,
+        };
         let (worst_um, worst_urad) = (worst.linear.to_um().0, worst.rotary.to_urad().0);
         let moves =
             worst_um > self.confirm_um || worst_urad > self.confirm_urad.unwrap_or(f64::INFINITY);
         let hash = hash(new, &limits, to);
-        let is_small = !moves && limits.is_empty() && self.differences.is_empty();
+        let differences = self.differences([old, new]);
+        let is_small = !moves && limits.is_empty() && differences.is_empty();
         let is_confirmed = self.confirmed.as_ref() == Some(&hash);
         // A machine with other axes has an infinite change, which JSON cannot represent.
         let finite = |x: f64| x.is_finite().then_some(x);
@@ -142,12 +160,21 @@ impl Judge {
             confirm_um: self.confirm_um,
             confirm_urad: self.confirm_urad,
             limits,
-            differences: self.differences.clone(),
+            differences,
         };
         Judgement {
             worst,
             question: Some(question),
             is_confirmed,
+        }
+    }
+
+    /// Signs that `new` belongs to another machine, one sentence each. They must be confirmed, however small the change.
+    fn differences(&self, [old, new]: [&Model; 2]) -> Vec<String> {
+        match [old, new].map(|model| Machine::parse(&model.text, &model.name)) {
+            [Ok(old), Ok(new)] => differences(&new, &old, self.before).to_confirm,
+            // Models write their texts from parsed machines, so this is a bug; a change of the correction is still judged.
+            _ => Vec::new(),
         }
     }
 }
@@ -159,6 +186,22 @@ pub(crate) struct Judgement {
     pub(crate) question: Option<Question>,
     /// Set if an operator confirmed this change by its hash.
     pub(crate) is_confirmed: bool,
+}
+
+/// The models as a controller applies them whose `terms` change: without errors before or after the change. `None` if the terms of none
+/// change.
+fn with_terms(models: [&Model; 2], changes: &LimitChanges) -> Option<[Model; 2]> {
+    let mut changes = changes.iter();
+    let (_, only_thermal) = changes.find(|(key, _)| key.ends_with(ONLY_THERMAL))?;
+    let [old, new] = [0, 1].map(|at| {
+        if only_thermal[at].is_none() {
+            return Some(models[at].clone());
+        }
+        let mut machine = Machine::parse(&models[at].text, &models[at].name).ok()?;
+        machine.clear_errors();
+        Model::new(&machine, Fading::default()).ok()
+    });
+    Some([old?, new?])
 }
 
 /// Hash that confirms a change: of the machine file, and of the new limits if limits change.
@@ -176,12 +219,12 @@ fn hash(model: &Model, changes: &LimitChanges, limits: &ConfirmedLimits) -> Stri
 #[cfg(test)]
 mod tests {
     use std::time::Duration;
-    use volcomp_model::{Fading, Machine};
     use volcomp_port::{Axis, Heartbeat, ShownStates};
 
     use volcomp_vocabulary::{AxisName, Displacement};
 
     use super::*;
+    use crate::{config::GuardTable, differences::ACTIVE};
 
     fn model() -> Model {
         model_with("")
@@ -216,14 +259,18 @@ mod tests {
         }
     }
 
-    fn settings(rotary_step_um: f64) -> GuardTable {
-        GuardTable {
+    fn settings(rotary_step_um: f64) -> Config {
+        let guard = GuardTable {
             limit_um: 100.0,
             slew_um_per_s: 500.0,
             limit_urad: Some(300.0),
             slew_urad_per_s: Some(500.0),
             rotary_step_um,
             ..GuardTable::default()
+        };
+        Config {
+            guard: Some(guard),
+            ..Config::default()
         }
     }
 
@@ -237,7 +284,7 @@ mod tests {
             confirm_urad: Some(5.0),
             confirmed: None,
             confirmed_model: None,
-            differences: Vec::new(),
+            before: ACTIVE,
         }
     }
 

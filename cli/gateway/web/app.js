@@ -417,7 +417,7 @@ async function operate(what, body) {
   }
 }
 
-/** What a change does, in lines: how far it moves the correction, and the limits that change. */
+/** What a change does, in lines: signs of another machine, how far it moves the correction, and the limits that change. */
 function changesOf(answer) {
   const moved = [[answer.worst_corner_um, answer.confirm_um, "µm"], [answer.worst_corner_urad, answer.confirm_urad, "µrad"]];
   // Rotary axes are omitted if none is corrected.
@@ -425,6 +425,7 @@ function changesOf(answer) {
   const lines = unknown ? ["The machine has other axes than before: the change of the correction is unknown."] : moved
     .filter(([worst]) => worst !== null)
     .map(([worst, least, unit]) => `At the worst point of the work space the correction changes by ${fixed(worst, 1)} ${unit}` + (least === null ? "." : ` (allowed without confirmation: ${least} ${unit}).`));
+  lines.unshift(...(answer.differences || []));
   const value = (number) => (number === null ? "none" : number);
   for (const [key, [from, to]] of Object.entries(answer.limits || {})) lines.push(`${key}: ${value(from)} → ${value(to)}`);
   return lines;

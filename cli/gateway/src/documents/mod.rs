@@ -101,7 +101,7 @@ pub struct Question {
     /// limits.
     pub confirm_urad: Option<f64>,
     /// Changed limits, rates and accelerations by configuration key: old and new value; null if
-    /// missing.
+    /// missing. A controller with `terms = ["thermal"]` has a key with the value 1.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub limits: LimitChanges,
     /// Signs that the model belongs to another machine (name, structure, travels), one sentence

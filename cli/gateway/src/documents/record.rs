@@ -189,5 +189,5 @@ pub struct Standing {
 }
 
 /// The file `confirmed-limits.json` in the folder of the log: the limits, rates and accelerations at the last arming, by
-/// configuration key.
+/// configuration key, and 1 for each controller that was corrected by thermal terms only.
 pub type ConfirmedLimits = BTreeMap<String, f64>;

@@ -22,7 +22,7 @@ use volcomp_web::file_name;
 
 use crate::{
     audit::utc_now,
-    differences::{Differences, differences},
+    differences::{ACTIVE, Differences, differences},
     documents::{
         Candidate, CandidateBrief, CandidateResult, CandidateStep, ModelDiagonal, UploadedFile,
     },
@@ -206,7 +206,7 @@ fn compared(
     let Differences {
         refusal,
         to_confirm,
-    } = differences(&machine, &running);
+    } = differences(&machine, &running, ACTIVE);
     let mut warnings = to_confirm;
     if machine.checksum() == running.checksum() {
         warnings.push("this is the active model: nothing would change".to_owned());

@@ -22,7 +22,7 @@ use super::{
 };
 use crate::{
     audit::utc_now,
-    differences::{Differences, differences},
+    differences::{ACTIVE, Differences, differences},
     documents::{
         Answer, ConfiguredModel, ModelEntry, ModelInForce, ModelOutcome, ModelSource, ModelsKept,
     },
@@ -274,7 +274,7 @@ impl ModelWorker {
         let running = self.shared.published.model();
         let running = Machine::parse(&running.text, "the active model");
         match (new, running) {
-            (Some(new), Ok(running)) => differences(new, &running),
+            (Some(new), Ok(running)) => differences(new, &running, ACTIVE),
             _ => Differences::default(),
         }
     }

@@ -26,6 +26,7 @@ use super::{
 };
 use crate::{
     audit::writer::Receipt,
+    differences::ACTIVE,
     documents::{Answer, ConfirmedLimits, Event},
     identity::{self, Judge},
     request::{Reply, refused},
@@ -54,18 +55,21 @@ impl Service {
             confirm_urad: guard.rotary.as_ref().map(|rotary| rotary.confirm.0),
             confirmed,
             confirmed_model: (self.confirmed_model.clone()).filter(|_| self.last_state.is_armed()),
-            differences: Vec::new(),
+            before: ACTIVE,
         })
     }
 
     pub(super) fn limits(&self) -> ConfirmedLimits {
-        let guard = self.parts.config.guard.as_ref();
-        guard.map(identity::limits).unwrap_or_default()
+        identity::limits(&self.parts.config)
     }
 
     /// Starts the comparison with the model and limits armed last; `None` if the worker is still busy.
     fn comparison(&mut self, confirm: Option<String>) -> Option<Receiver<ComparisonResult>> {
         let judge = self.judge(confirm);
+        let judge = judge.map(|judge| Judge {
+            before: "the model armed last",
+            ..judge
+        });
         let fading = self.parts.config.guard_settings().map(|guard| guard.fading);
         let fading = fading.unwrap_or_default();
         let (paths, limits) = (self.confirmed_paths(), self.limits());

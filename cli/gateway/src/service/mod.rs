@@ -118,6 +118,9 @@ pub struct Service {
     /// Set once an operator has armed, disarmed or acknowledged; auto-arm is off from then on.
     person_decides: bool,
     auto_arm_after: Instant,
+    /// Number of disarm orders whose requests were received. It is less than the switch's count while a request is queued or
+    /// being created; auto-arm waits for it.
+    received_disarms: u64,
     output: LatestOutput,
     lags: Lags,
     watchdog: Watchdog,
@@ -167,6 +170,7 @@ impl Service {
             auto_arm_done: parts.standing.disarmed_by.is_some(),
             person_decides: parts.standing.disarmed_by.is_some(),
             auto_arm_after: now,
+            received_disarms: parts.handle.disarm_switch().count(),
             output: LatestOutput {
                 at: now,
                 correction: PerAxis::ZERO,

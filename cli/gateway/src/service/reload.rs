@@ -90,11 +90,11 @@ impl Service {
             );
             return Progress::Done(self.must_be_confirmed(&origin, who, question));
         }
-        let to = plan.config.guard.as_ref().map(identity::limits);
+        let to = identity::limits(&plan.config);
         let event = Event::Reload {
             from: self.parts.model.hash.clone(),
             to: plan.model.hash.clone(),
-            limits: identity::changes(&self.limits(), &to.unwrap_or_default()),
+            limits: identity::changes(&self.limits(), &to),
             model_of: match &origin {
                 ModelOrigin::Operator(activation) => Some(activation.file.clone()),
                 _ => None,
@@ -275,8 +275,9 @@ impl Service {
             Operation::Centre(CentreOperation::Disable) => {
                 self.parts.forbids |= Reasons::DISABLED_BY_CENTRE;
                 self.update_reasons();
-                // Disarm again: auto-arm may have armed between the order and this reason.
+                // Disarm again: an operator may have armed between the order and this reason.
                 self.switch.disarm();
+                self.received_disarms += 1;
                 let effect = self.ordered(Request::Disarm);
                 self.record_request(&request.who, "disable");
                 return self.begin(request, Step::Effect(effect));
@@ -318,12 +319,7 @@ impl Service {
         machine: PathBuf,
         confirm: Option<String>,
     ) -> Result<Step, Reply> {
-        self.begin_model(
-            machine,
-            confirm.clone(),
-            Vec::new(),
-            ModelOrigin::Centre(confirm),
-        )
+        self.begin_model(machine, confirm.clone(), ModelOrigin::Centre(confirm))
     }
 
     /// Starts reading a machine file selected by an operator. Refused while a model of the centre is active: the
@@ -339,29 +335,18 @@ impl Service {
             ));
         }
         let (machine, confirm) = (activation.machine.clone(), activation.confirm.clone());
-        self.begin_model(
-            machine,
-            confirm,
-            activation.differences.to_confirm.clone(),
-            ModelOrigin::Operator(activation),
-        )
+        self.begin_model(machine, confirm, ModelOrigin::Operator(activation))
     }
 
     /// Starts reading a machine file. The rest of the configuration stays unchanged, even if its
-    /// file on disk has changed. `differences` must be confirmed in addition to a large change of
-    /// the correction.
+    /// file on disk has changed.
     fn begin_model(
         &mut self,
         machine: PathBuf,
         confirm: Option<String>,
-        differences: Vec<String>,
         origin: ModelOrigin,
     ) -> Result<Step, Reply> {
         let judge = self.judge(confirm);
-        let judge = judge.map(|judge| Judge {
-            differences,
-            ..judge
-        });
         let config = Config {
             machine,
             ..self.parts.config.clone()
@@ -452,13 +437,13 @@ fn plan_with(
     limits: &ConfirmedLimits,
     judge: Option<&Judge>,
 ) -> PlanResult {
-    let Some(guard) = &config.guard else {
+    if config.guard.is_none() {
         return Err(GatewayError::invalid_in(
             config.file,
             "[guard] is missing, expected it: without limits nothing may be corrected; nothing was changed",
         ));
-    };
-    let new_limits = identity::limits(guard);
+    }
+    let new_limits = identity::limits(&config);
     let plan = Plan::new(config)?;
     let is_other = |(now, opened): &(&Description, &Description)| now != opened;
     let other = plan.descriptions().zip(opened).find(is_other);

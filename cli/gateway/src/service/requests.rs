@@ -30,6 +30,7 @@ impl Service {
         );
         self.person_decides |= decides;
         self.auto_arm_done |= decides;
+        self.received_disarms += u64::from(request.operation.disarms());
         match request.operation {
             Operation::Arm(_)
             | Operation::Reload(_)
@@ -49,9 +50,11 @@ impl Service {
 
     /// Records who disarmed; this survives a restart.
     fn record_disarm(&mut self, request: &ServiceRequest) {
-        self.record_request(&request.who, "disarm");
+        // Before the record: the response does not wait for the disk, and a program that is killed soon after it must not
+        // forget the disarm because the disk was still busy with the log.
         let who = request.who.clone();
         self.change_standing(|standing| standing.disarmed_by = Some(who));
+        self.record_request(&request.who, "disarm");
     }
 
     /// Handles requests that arrive while the gateway stops: disarming is recorded, all others are refused.
@@ -88,6 +91,12 @@ impl Service {
         }
         let effect = self.ordered(Request::Acknowledge);
         if self.send(Request::Acknowledge, effect.until, request.disarms) {
+            if !report.state.is_armed() {
+                // The operator has decided: auto-arm stays off, also after a restart. This is written before the end of the
+                // fault.
+                let who = request.who.clone();
+                self.change_standing(|standing| standing.disarmed_by = Some(who));
+            }
             self.record_request(&request.who, "acknowledge");
             self.begin(request, Step::Effect(effect));
         } else {
@@ -184,8 +193,9 @@ impl Service {
     fn handle_reply(&mut self, who: &str, reply: &Reply) {
         if who == AUTO_ARM && reply.status != 200 {
             tracing::warn!("auto_arm: {}", describe(&reply.answer));
-            // Auto-arm must not repeat a request that requires the operator's confirmation.
-            self.auto_arm_done = matches!(reply.answer, Answer::Question(_));
+            // Auto-arm must not repeat a request that requires the operator's confirmation. The operator may also have
+            // decided while the request was pending.
+            self.auto_arm_done |= matches!(reply.answer, Answer::Question(_));
         }
     }
 
@@ -236,6 +246,7 @@ impl Service {
             || !self.pending.is_empty()
             || !self.waiting.is_empty()
             || self.clock.now() < self.auto_arm_after
+            || self.switch.count() != self.received_disarms
         {
             return;
         }
@@ -247,8 +258,13 @@ impl Service {
             && against.is_empty()
             && self.trouble.is_none()
         {
-            let request = ServiceRequest::new(Operation::Arm(None), AUTO_ARM, None, &self.switch);
-            self.waiting.push_back(request);
+            self.waiting.push_back(ServiceRequest {
+                operation: Operation::Arm(None),
+                who: AUTO_ARM.to_owned(),
+                answer: None,
+                // Not the switch's count: a disarm that is ordered but not yet received is later than this request.
+                disarms: self.received_disarms,
+            });
         }
     }
 }

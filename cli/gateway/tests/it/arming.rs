@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use serde_json::{Value, json};
+use tokio::sync::oneshot;
 use volcomp_gateway::{
     interop::quantities::quantities,
     metrics,
@@ -30,6 +31,53 @@ fn auto_arm_does_not_overrule_a_person() {
     gateway.run(Duration::from_secs(10));
     assert_eq!(gateway.state()["state"], "disarmed");
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
+}
+
+/// An operator disarms at each stage of an automatic arming: before its request, while it waits, is compared and recorded, and while
+/// its order is carried out. The request to disarm arrives at once, or after a pause, as if its thread stopped between the order and
+/// the queue. No automatic arming follows.
+#[test]
+fn auto_arm_follows_no_disarm_at_any_stage() {
+    const RECORDED: &str = "\"who\":\"auto_arm\",\"what\":\"arm\"";
+    let started = || {
+        let dir = tempfile::tempdir().expect("writable");
+        let gateway = Gateway::start(&configuration(dir.path(), "auto_arm = true"));
+        (dir, gateway)
+    };
+    let (_dir, mut gateway) = started();
+    let mut steps = 0;
+    while !gateway.audit().contains(RECORDED) {
+        gateway.step();
+        steps += 1;
+    }
+    let mut recorded_before = 0;
+    let stages = steps - 4..=steps + 5;
+    for (stage, pause) in stages.flat_map(|stage| [(stage, 0), (stage, 20)]) {
+        let (dir, mut gateway) = started();
+        for _ in 0..stage {
+            gateway.step();
+        }
+        recorded_before += u32::from(gateway.audit().contains(RECORDED));
+        let (answer, mut disarms) = oneshot::channel();
+        let switch = &gateway.parts.switch;
+        let disarm = ServiceRequest::new(Operation::Disarm, "anna", Some(answer), switch);
+        for _ in 0..pause {
+            gateway.step();
+        }
+        assert!(gateway.parts.requests.try_send(disarm).is_ok());
+        gateway.run(Duration::from_secs(3));
+        let case = format!("{stage} of {steps} steps, then {pause}");
+        assert_eq!(disarms.try_recv().expect("answered").status, 200, "{case}");
+        assert_eq!(gateway.state()["state"], "disarmed", "{case}");
+        assert_eq!(gateway.shifts(), PerChannel::ZERO, "{case}");
+        let text = standing_text(&dir.path().join("audit/standing.slots"));
+        assert!(text.contains("\"disarmed_by\":\"anna\""), "{case}: {text}");
+    }
+    let cases = "of 20: before and after the record";
+    assert!(
+        (1..20).contains(&recorded_before),
+        "{recorded_before} {cases}"
+    );
 }
 
 /// Without `[guard]` the gateway runs and reports its state, but an arm request gets status 409: limits are not configured.

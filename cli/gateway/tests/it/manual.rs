@@ -18,6 +18,7 @@ use tokio::{
     sync::oneshot::{self, error::TryRecvError},
 };
 use volcomp_gateway::{
+    audit::AuditLog,
     http,
     interop::{Interop, RunningInterfaces as Others, quantities::Shape},
     machine::{Machine, MachineParts, assemble, open_audit, restore_output},
@@ -109,7 +110,12 @@ pub(crate) fn started(more: &str) -> (tempfile::TempDir, PathBuf, Gateway) {
 
 impl Gateway {
     pub(crate) fn start(config: &Path) -> Self {
-        Self::on(None, config)
+        Self::on(None, config, |log| log)
+    }
+
+    /// Starts it with a changed audit log.
+    pub(crate) fn with_log(config: &Path, change: impl FnOnce(AuditLog) -> AuditLog) -> Self {
+        Self::on(None, config, change)
     }
 
     /// Ends it as a power failure does.
@@ -126,10 +132,10 @@ impl Gateway {
     }
 
     pub(crate) fn again(rig: Rig, config: &Path) -> Self {
-        Self::on(Some(rig), config)
+        Self::on(Some(rig), config, |log| log)
     }
 
-    fn on(rig: Option<Rig>, config: &Path) -> Self {
+    fn on(rig: Option<Rig>, config: &Path, change_log: impl FnOnce(AuditLog) -> AuditLog) -> Self {
         let machine = machine(config);
         let plan = machine.plan().unwrap_or_else(|e| panic!("{e}"));
         let period = plan.config.cycle();
@@ -139,6 +145,7 @@ impl Gateway {
         let mut opened = rig.open(plan).expect("it fits");
         restore_output(&mut opened);
         let mut cycles = None;
+        let audit = change_log(audit);
         let parts = assemble(&machine, opened, audit, &Life::default(), |cycle, _| {
             let (handle, by_hand) = start_manual(cycle);
             cycles = Some(by_hand);

@@ -8,6 +8,7 @@ use volcomp_gateway::request::Operation;
 use crate::{
     manual::{Gateway, configuration, machine, says, started},
     program::change,
+    standing::with_thermometer,
 };
 
 fn reload(gateway: &mut Gateway) -> (u16, Value) {
@@ -196,5 +197,98 @@ fn changed_times_and_thresholds_need_confirmation() {
         let question = asked(&mut gateway);
         assert_eq!(question["limits"][key], json!([before, before - 1.0]));
         confirm(&mut gateway, &question);
+    }
+}
+
+/// A file with another name, structure or travel may belong to another machine. A reload and the arming after a restart ask, however
+/// little it changes the correction.
+#[test]
+fn signs_of_another_machine_need_confirmation() {
+    for (from, to, sign) in [
+        ("\"small\"", "\"neighbour\"", "“neighbour”"),
+        ("w X' b Y Z t", "w X' Y' b Z t", "structure"),
+        ("[0.0, 250.0]", "[0.0, 260.0]", "Z travels"),
+    ] {
+        let dir = tempfile::tempdir().expect("writable");
+        let config = configuration(dir.path(), "auto_arm = true");
+        let file = dir.path().join("machine.toml");
+        let mut gateway = Gateway::start(&config);
+        gateway.wait_for("compensating");
+        let before = gateway.state()["machine"]["hash"].clone();
+        change(&file, from, to);
+        let signs = |question: &Value, before: &str| {
+            assert!(
+                question["worst_corner_um"].as_f64() < Some(1.0),
+                "{question}"
+            );
+            let signs = question["differences"].to_string();
+            assert!(signs.contains(sign) && signs.contains(before), "{question}");
+        };
+        let question = asked(&mut gateway);
+        signs(&question, "the active model");
+        assert_eq!(gateway.state()["machine"]["hash"], before);
+        // Auto-arm asks after a restart.
+        let mut gateway = gateway.killed_and_started(&config);
+        gateway.wait_until_says("must be confirmed");
+        gateway.watch();
+        gateway.run(Duration::from_secs(3));
+        assert_eq!(gateway.state()["state"], "disarmed");
+        let (status, question) = gateway.ask(Operation::Arm(None));
+        assert_eq!(status, 409, "{question}");
+        signs(&question, "the model armed last");
+        let hash = question["model"].as_str().map(str::to_owned);
+        assert_eq!(gateway.ask(Operation::Arm(hash)).0, 200);
+        // It is the reference from now on, for a reload and for a restart.
+        gateway.wait_for("compensating");
+        assert_eq!(reload(&mut gateway).0, 200);
+        let mut gateway = gateway.killed_and_started(&config);
+        gateway.wait_for("compensating");
+        // Back again by a reload.
+        change(&file, to, from);
+        let question = asked(&mut gateway);
+        confirm(&mut gateway, &question);
+        let mut gateway = gateway.killed_and_started(&config);
+        gateway.wait_for("compensating");
+        assert_eq!(gateway.state()["machine"]["hash"], before);
+    }
+}
+
+/// A controller that was corrected by thermal terms only gets all of them after a restart, and back: arming asks, with the size of the
+/// change.
+#[test]
+fn changed_terms_need_confirmation() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = with_thermometer(dir.path());
+    let [all, thermal] = ["heartbeat = ", "terms = [\"thermal\"]\nheartbeat = "];
+    change(&config, all, thermal);
+    let mut gateway = Gateway::start(&config);
+    gateway.wait_for("compensating");
+    wait_for_y(&mut gateway, 0.0);
+    for (from, to, terms, um) in [
+        (thermal, all, json!([1.0, null]), -20.0),
+        (all, thermal, json!([null, 1.0]), 0.0),
+    ] {
+        change(&config, from, to);
+        gateway = gateway.killed_and_started(&config);
+        gateway.wait_until_says("must be confirmed");
+        gateway.watch();
+        gateway.run(Duration::from_secs(3));
+        assert_eq!(gateway.state()["state"], "disarmed");
+        let (status, question) = gateway.ask(Operation::Arm(None));
+        assert_eq!(status, 409, "{question}");
+        assert_eq!(
+            question["limits"],
+            json!({ "controller[0].terms = [\"thermal\"]": terms })
+        );
+        let worst_um = question["worst_corner_um"].as_f64().expect("a number");
+        // `EXX` at the end of X.
+        assert!((worst_um - 40.0).abs() < 0.1, "{question}");
+        let hash = question["model"].as_str().map(str::to_owned);
+        assert_eq!(gateway.ask(Operation::Arm(hash)).0, 200);
+        wait_for_y(&mut gateway, um);
+        // Confirmed: no question after the next restart.
+        gateway = gateway.killed_and_started(&config);
+        gateway.wait_for("compensating");
+        wait_for_y(&mut gateway, um);
     }
 }

@@ -5,8 +5,12 @@ use std::{
     io::Write,
     path::{Path, PathBuf},
     process::Command,
-    sync::atomic::Ordering,
-    time::Duration,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
 };
 
 use serde_json::Value;
@@ -95,6 +99,41 @@ fn an_operators_disarm_survives_a_restart() {
     gateway.wait_until_silent_of(DISARMED);
     let mut gateway = Gateway::again(gateway.stop(), &config);
     gateway.wait_for("compensating");
+}
+
+/// The disk is still busy with the audit log when the disarm is answered, and the program is killed: the disarm is on the disk.
+#[test]
+fn an_operators_disarm_does_not_wait_for_its_record() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = configuration(dir.path(), "auto_arm = true");
+    let hangs = Arc::new(AtomicBool::new(false));
+    let of_log = Arc::clone(&hangs);
+    let mut gateway = Gateway::with_log(&config, |log| {
+        log.synced_by(move |file| {
+            while of_log.load(Ordering::Relaxed) {
+                thread::sleep(Duration::from_millis(1));
+            }
+            file.sync_data()
+        })
+    });
+    gateway.wait_for("compensating");
+    hangs.store(true, Ordering::Relaxed);
+    let mut disarms = gateway.begin(Operation::Disarm);
+    for _ in 0..50 {
+        gateway.cycle_alone();
+        gateway.parts.service.poll_within(Duration::ZERO);
+    }
+    assert_eq!(disarms.try_recv().expect("answered").status, 200);
+    let standing = dir.path().join("audit/standing.slots");
+    let end = Instant::now() + Duration::from_secs(10);
+    let is_kept = || standing_text(&standing).contains("\"disarmed_by\":\"anna\"");
+    while !is_kept() && Instant::now() < end {
+        thread::sleep(Duration::from_millis(1));
+    }
+    let is_kept = is_kept();
+    // The thread of the log must not hang until the end of all tests.
+    hangs.store(false, Ordering::Relaxed);
+    assert!(is_kept, "the record of the log comes first");
 }
 
 /// An operator's disarm that a full disk refuses is written as soon as there is space; after a kill and restart the gateway does not arm
@@ -242,6 +281,48 @@ fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     gateway.wait_for("compensating");
 }
 
+/// A fault that the operator has acknowledged leaves the gateway disarmed, also after a restart, until the operator arms.
+#[test]
+fn an_acknowledged_fault_stays_disarmed_after_a_restart() {
+    for is_from_before in [false, true] {
+        let dir = tempfile::tempdir().expect("writable");
+        let (config, mut gateway) = compensating(dir.path());
+        gateway.fault();
+        gateway.run(Duration::from_secs(1));
+        if is_from_before {
+            gateway = gateway.killed_and_started(&config);
+            gateway.wait_for("faulted");
+            gateway.watch();
+        }
+        assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
+        gateway.wait_for("disarmed");
+        let mut gateway = gateway.killed_and_started(&config);
+        gateway.wait_until_says(DISARMED);
+        gateway.run(Duration::from_secs(10));
+        assert_eq!(gateway.state()["state"], "disarmed");
+        assert_eq!(gateway.shifts(), PerChannel::ZERO);
+        gateway.must_arm();
+        gateway.wait_for("compensating");
+        gateway.wait_until_silent_of(DISARMED);
+        let mut gateway = Gateway::again(gateway.stop(), &config);
+        gateway.wait_for("compensating");
+    }
+}
+
+/// An operator who accepts a jumped temperature while the gateway corrects has not disarmed it: it arms again after a restart.
+#[test]
+fn an_acknowledgement_while_armed_leaves_auto_arm_on() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = with_thermometer(dir.path());
+    let mut gateway = Gateway::start(&config);
+    let_sensor_jump(&mut gateway);
+    assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
+    gateway.wait("believed", |state| quality(state).contains("good"));
+    assert!(!says(&gateway.state(), DISARMED));
+    let mut gateway = gateway.killed_and_started(&config);
+    gateway.wait_for("compensating");
+}
+
 /// Digital lines that become unreachable have an unknown correction: an orderly stop must not record zero, which the next run would
 /// trust.
 #[test]
@@ -291,7 +372,7 @@ token_file = "tokens"
 }
 
 /// A machine whose X scale expands by 11.5 µm/(m·K).
-fn with_thermometer(dir: &Path) -> PathBuf {
+pub(crate) fn with_thermometer(dir: &Path) -> PathBuf {
     let config = configuration(dir, "auto_arm = true");
     let profile = "name = \"ONE\"\n[channels]\nfunction = 4\naddress = 0\ncount = 1\ntype = \"i16\"\nscale = 0.1\nunit = \"degc\"\nvalid_degc = [-50.0, 200.0]\n";
     let file = dir.join("one.toml");
