@@ -138,6 +138,24 @@ fn a_jump_after_a_gap_is_a_jump() {
     }
 }
 
+/// A reading is judged once; another value at the same time is another reading.
+#[test]
+fn another_value_at_the_same_time_is_judged_anew() {
+    let mut machine = Machine::new(1, SensorLimits::default());
+    let at_one = |degc: f64| SensorReading::Temperature {
+        degc,
+        taken: Duration::from_secs(1),
+    };
+    for (degc, flaw) in [
+        (20.0, None),
+        (20.0, None),
+        (60.0, Some(Jumped)),
+        (20.0, Some(Jumped)),
+    ] {
+        assert_eq!(machine.hears(&[at_one(degc)])[0].flaw, flaw, "{degc}");
+    }
+}
+
 /// The jump is reported beside whatever the sensor has later, until it is readmitted or acknowledged.
 #[test]
 fn a_jump_is_reported_beside_every_later_flaw() {
