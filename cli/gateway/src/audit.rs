@@ -23,6 +23,8 @@ const MAX_BYTES: u64 = 4 << 20;
 /// Number of closed files that are kept in addition to the current one.
 const KEPT: usize = 8;
 const CURRENT: &str = "audit.log";
+/// The next file until the current one is closed.
+const NEXT: &str = "audit.log.new";
 
 /// Path of the current file in the log folder.
 pub fn log_file(dir: &Path) -> PathBuf {
@@ -204,19 +206,22 @@ impl AuditLog {
         Ok(())
     }
 
-    /// Renames the current file to the first old one; the chain continues in the next file.
+    /// Renames the current file to the first old one; the chain continues in the next file, which is created first: on a disk without room for it
+    /// nothing is renamed. Repeated after a failure, this overwrites no file but the oldest.
     fn rotate(&mut self) -> io::Result<()> {
-        let old = |n: usize| self.dir.join(format!("audit.{n}.log"));
-        for n in (1..KEPT).rev() {
-            if old(n).exists() {
+        let next = self.dir.join(NEXT);
+        let file = OpenOptions::new().append(true).create(true).open(&next)?;
+        let current = log_file(&self.dir);
+        if current.exists() {
+            let old = |n: usize| self.dir.join(format!("audit.{n}.log"));
+            let free = (1..KEPT).find(|n| !old(*n).exists()).unwrap_or(KEPT);
+            for n in (1..free).rev() {
                 fs::rename(old(n), old(n + 1))?;
             }
+            fs::rename(&current, old(1))?;
         }
-        fs::rename(self.dir.join(CURRENT), old(1))?;
-        self.file = OpenOptions::new()
-            .append(true)
-            .create(true)
-            .open(self.dir.join(CURRENT))?;
+        fs::rename(&next, &current)?;
+        self.file = file;
         self.bytes = 0;
         sync_folder(&self.dir)
     }

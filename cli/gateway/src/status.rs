@@ -1,16 +1,15 @@
 //! Requests the state of a running gateway.
 
-use std::{
-    net::{SocketAddr, TcpStream},
-    path::Path,
-    time::Duration,
-};
+use std::{net::SocketAddr, path::Path, time::Duration};
 
 use tokio_rustls::rustls::{
     ClientConnection, StreamOwned,
     pki_types::{CertificateDer, ServerName, pem::PemObject},
 };
-use volcomp_web::{CertificateError, TlsError, client};
+use volcomp_web::{
+    CertificateError, TlsError,
+    client::{self, Connection},
+};
 
 use crate::{
     config::DashboardConfig,
@@ -18,7 +17,7 @@ use crate::{
     error::GatewayError,
 };
 
-/// Timeout for connecting and for each read.
+/// Timeout for the request as a whole.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Requests the state from the gateway of a dashboard configuration. `token` is required where reading needs one.
@@ -31,10 +30,7 @@ pub fn request(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Statu
         address.set_ip(std::net::Ipv4Addr::LOCALHOST.into());
     }
     let failed = |e: std::io::Error| GatewayError::system(format!("gateway at {address}"), e);
-    let stream = TcpStream::connect_timeout(&address, REQUEST_TIMEOUT).map_err(failed)?;
-    stream
-        .set_read_timeout(Some(REQUEST_TIMEOUT))
-        .map_err(failed)?;
+    let stream = Connection::open(&address, REQUEST_TIMEOUT).map_err(failed)?;
     let authorization = token.map_or(String::new(), |token| {
         format!("Authorization: Bearer {token}\r\n")
     });
@@ -62,10 +58,10 @@ pub fn request(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Statu
 }
 
 fn encrypted(
-    stream: TcpStream,
+    stream: Connection,
     address: SocketAddr,
     certificate: &Path,
-) -> Result<StreamOwned<ClientConnection, TcpStream>, GatewayError> {
+) -> Result<StreamOwned<ClientConnection, Connection>, GatewayError> {
     let wrong = |source: CertificateError| TlsError::Certificate {
         file: certificate.to_owned(),
         source,

@@ -2,7 +2,7 @@
 //! stores it; it is not used for correction until an engineer confirms it there.
 
 use std::{
-    net::{TcpStream, ToSocketAddrs},
+    net::ToSocketAddrs,
     sync::Arc,
     time::{Duration, Instant},
 };
@@ -14,13 +14,17 @@ use tokio_rustls::rustls::{
     pki_types::{CertificateDer, ServerName, pem::PemObject},
 };
 use url::Url;
-use volcomp_web::{CertificateError, client};
+use volcomp_web::{
+    CertificateError,
+    client::{self, Connection},
+};
 
 use crate::{
     error::StudioError,
     folder::{FITTED, Folder, MACHINE},
 };
 
+/// Timeout of one request with its answer.
 const TIMEOUT: Duration = Duration::from_secs(15);
 const COMPARE_TIMEOUT: Duration = Duration::from_secs(60);
 const POLL_INTERVAL: Duration = Duration::from_millis(300);
@@ -224,9 +228,7 @@ impl Server {
     fn exchange(&self, request: &str) -> std::io::Result<String> {
         let mut addresses = (self.host.as_str(), self.port).to_socket_addrs()?;
         let address = addresses.next().ok_or(std::io::ErrorKind::NotFound)?;
-        let stream = TcpStream::connect_timeout(&address, TIMEOUT)?;
-        stream.set_read_timeout(Some(TIMEOUT))?;
-        stream.set_write_timeout(Some(TIMEOUT))?;
+        let stream = Connection::open(&address, TIMEOUT)?;
         let Some(config) = &self.tls else {
             return client::exchange(stream, request);
         };

@@ -36,16 +36,39 @@ struct AcceptedPosition {
     offset_range: [f64; 2],
 }
 
+/// How the axis came to the last rejected position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Way {
+    /// It has moved there: out of its range.
+    Moved,
+    /// It cannot have moved there, by one reading: perhaps only that one is wrong.
+    Jumped,
+    /// Positions were read on the way from a jump: the axis is believed to be elsewhere.
+    Elsewhere,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct RejectedPosition {
+    /// Time of the first rejection.
+    since: Duration,
+    /// Last position on the way, mm or rad.
+    position: f64,
+    taken: Duration,
+    way: Way,
+}
+
 /// The last accepted position of an axis. After a rejection, only a position within the reach that
-/// the axis had at the first rejection is accepted; the reach does not grow with time.
+/// the axis had at the first rejection is accepted; the reach does not grow with time. After two
+/// readings on the way from a jump, it must also have jumped back: a constant error would bring a
+/// wrong position there as the axis moves.
 ///
 /// Invariants:
-/// - `rejected_since` is set only between a rejection and the next accepted position.
+/// - `rejected` is set only between a rejection and the next accepted position.
 /// - The offset range of the accepted position is within the timestamp uncertainty and never empty.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PositionCheck {
     accepted: Option<AcceptedPosition>,
-    rejected_since: Option<Duration>,
+    rejected: Option<RejectedPosition>,
 }
 
 impl PositionCheck {
@@ -59,33 +82,59 @@ impl PositionCheck {
         position: f64,
         taken: Duration,
     ) -> Result<(), PositionFlaw> {
-        let outside = |[low, high]: [f64; 2]| position < low || position > high;
-        let found = if limits.range.is_some_and(outside) {
-            Err(PositionFlaw::OutsideTravel)
-        } else {
-            self.offset_range(limits, position, taken)
-                .ok_or(PositionFlaw::Jumped)
-        };
-        match found {
-            Ok(offset_range) => {
-                self.accepted = Some(AcceptedPosition {
-                    position,
-                    taken,
-                    offset_range,
-                });
-                self.rejected_since = None;
-                Ok(())
-            }
-            Err(flaw) => {
-                self.rejected_since.get_or_insert(taken);
-                Err(flaw)
-            }
+        let is_outside = |[low, high]: [f64; 2]| position < low || position > high;
+        let is_outside = limits.range.is_some_and(is_outside);
+        let offset_range = self.offset_range(limits, position, taken);
+        let offset_range = offset_range.filter(|_| !self.is_elsewhere(limits, position, taken));
+        if let (Some(offset_range), false) = (offset_range, is_outside) {
+            self.accepted = Some(AcceptedPosition {
+                position,
+                taken,
+                offset_range,
+            });
+            self.rejected = None;
+            return Ok(());
         }
+        self.reject(limits, position, taken, offset_range.is_some());
+        Err(if is_outside {
+            PositionFlaw::OutsideTravel
+        } else {
+            PositionFlaw::Jumped
+        })
     }
 
     /// Accepts the next position unconditionally.
     pub fn forget(&mut self) {
         *self = Self::default();
+    }
+
+    fn reject(&mut self, limits: &PositionLimits, position: f64, taken: Duration, moved: bool) {
+        let before = self.rejected;
+        let since = before.map_or(taken, |before| before.since);
+        let way = match before {
+            _ if moved => Way::Moved,
+            Some(before) if before.leads_to(limits, position, taken) => match before.way {
+                // A repeated reading is not a second one.
+                Way::Jumped if before.taken != taken => Way::Elsewhere,
+                way => way,
+            },
+            // A single wrong reading does not end the way.
+            Some(before) if before.way == Way::Elsewhere => return,
+            _ => Way::Jumped,
+        };
+        self.rejected = Some(RejectedPosition {
+            since,
+            position,
+            taken,
+            way,
+        });
+    }
+
+    /// Whether the position continues a way that began with a jump.
+    fn is_elsewhere(&self, limits: &PositionLimits, position: f64, taken: Duration) -> bool {
+        self.rejected.is_some_and(|before| {
+            before.way == Way::Elsewhere && before.leads_to(limits, position, taken)
+        })
     }
 
     /// Range of the offset of the true position from a reported one; `None`: the position is out of reach. It considers all readings since the
@@ -101,12 +150,22 @@ impl PositionCheck {
             return Some([-unsure, unsure]);
         };
         // With two sources, one may report an older position.
-        let passed = self.rejected_since.unwrap_or(taken).abs_diff(before.taken);
+        let until = self.rejected.map_or(taken, |rejected| rejected.since);
+        let passed = until.abs_diff(before.taken);
         let goes = limits.speed * passed.as_secs_f64();
         let way = shortest_way(position - before.position, limits.turn);
         let [low, high] = before.offset_range;
         let low = (low - goes - way).max(-unsure);
         let high = (high + goes - way).min(unsure);
         (low <= high).then_some([low, high])
+    }
+}
+
+impl RejectedPosition {
+    /// Whether the axis can have moved from here to this position.
+    fn leads_to(&self, limits: &PositionLimits, position: f64, taken: Duration) -> bool {
+        let way = shortest_way(position - self.position, limits.turn).abs();
+        let passed_s = taken.abs_diff(self.taken).as_secs_f64();
+        way <= limits.speed * (passed_s + 2.0 * TIMESTAMP_UNCERTAINTY_S)
     }
 }

@@ -88,6 +88,8 @@ pub struct SensorReport {
     pub degc: Option<f64>,
     /// Flaw; `None` for a good temperature, and before the first check.
     pub flaw: Option<SensorFlaw>,
+    /// Whether the sensor has jumped and was not readmitted since, also while `flaw` is another one: it is silent, stale, faulty or out of range now.
+    pub jumped: bool,
 }
 
 /// Checks the received temperatures of a machine at the time `now`. `checks` are the histories of the sensors, `reports` receives the accepted
@@ -112,6 +114,7 @@ pub fn judge_temperatures(
         *report = SensorReport {
             degc: degc.filter(|_| flaw.is_none_or(SensorFlaw::is_used)),
             flaw,
+            jumped: check.jumped.is_some(),
         };
         count = own + 1;
     }

@@ -2,8 +2,9 @@
 
 use std::{
     io::{ErrorKind, Read, Write},
-    net::TcpStream,
+    net::{SocketAddr, TcpStream},
     sync::Arc,
+    time::{Duration, Instant},
 };
 
 use tokio_rustls::rustls::{
@@ -16,7 +17,51 @@ use crate::CertificateError;
 
 const MAX_RESPONSE_BYTES: u64 = 4 * 1024 * 1024;
 
-/// Sends a request, which must contain `Connection: close`, and reads the response to its end. The caller sets the timeouts of the stream.
+/// A connection with one deadline for everything that is done with it: a peer that sends a byte now and then does not extend it.
+pub struct Connection {
+    stream: TcpStream,
+    deadline: Instant,
+}
+
+impl Connection {
+    /// Connects to a server. The deadline is `within` from now.
+    ///
+    /// # Errors
+    /// No connection in this time.
+    pub fn open(address: &SocketAddr, within: Duration) -> std::io::Result<Self> {
+        let deadline = Instant::now() + within;
+        let stream = TcpStream::connect_timeout(address, within)?;
+        Ok(Self { stream, deadline })
+    }
+
+    fn remaining(&self) -> std::io::Result<Option<Duration>> {
+        let remaining = self.deadline.saturating_duration_since(Instant::now());
+        if remaining.is_zero() {
+            return Err(ErrorKind::TimedOut.into());
+        }
+        Ok(Some(remaining))
+    }
+}
+
+impl Read for Connection {
+    fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+        self.stream.set_read_timeout(self.remaining()?)?;
+        self.stream.read(bytes)
+    }
+}
+
+impl Write for Connection {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.stream.set_write_timeout(self.remaining()?)?;
+        self.stream.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.stream.flush()
+    }
+}
+
+/// Sends a request, which must contain `Connection: close`, and reads the response to its end.
 ///
 /// # Errors
 /// The stream fails.
@@ -51,10 +96,10 @@ pub fn trusting(certificate: CertificateDer<'_>) -> Result<Arc<ClientConfig>, Ce
 /// # Errors
 /// A name that is invalid in TLS.
 pub fn encrypted(
-    stream: TcpStream,
+    stream: Connection,
     config: Arc<ClientConfig>,
     name: ServerName<'static>,
-) -> Result<StreamOwned<ClientConnection, TcpStream>, rustls::Error> {
+) -> Result<StreamOwned<ClientConnection, Connection>, rustls::Error> {
     let connection = ClientConnection::new(config, name)?;
     Ok(StreamOwned::new(connection, stream))
 }

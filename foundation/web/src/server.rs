@@ -81,6 +81,8 @@ async fn connection(stream: TcpStream, from: SocketAddr, tls: Option<Tls>, route
 
 async fn exchange(stream: impl AsyncRead + AsyncWrite + Unpin, router: Router) {
     let served = http1::Builder::new()
+        // The date of a header is from 1970 to 9999: with the clock elsewhere, writing it panics and nothing is answered.
+        .auto_date_header(false)
         .timer(TokioTimer::new())
         .header_read_timeout(HEADER_TIMEOUT)
         .max_headers(64)

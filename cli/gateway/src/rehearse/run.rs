@@ -207,6 +207,14 @@ impl<'a> Run<'a> {
                     note(&mut needed, "acknowledge");
                     self.ask(Request::Acknowledge, Duration::from_secs(1));
                 }
+                // Arming accepts positions as they are.
+                State::Holding(_)
+                    if self.reasons().contains(Reasons::JUMPED)
+                        && self.elapsed() > begun + patience =>
+                {
+                    note(&mut needed, "disarm");
+                    self.ask(Request::Disarm, Duration::from_secs(1));
+                }
                 _ => self.step(None),
             }
         }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use volcomp_guard::{Reasons, SensorFlaw, State};
+use volcomp_guard::{Reasons, State};
 use volcomp_runtime::Report;
 
 use super::Service;
@@ -100,10 +100,10 @@ impl Service {
         }
     }
 
-    /// Saves the sensors that have jumped, which stay excluded after a restart.
+    /// Saves the sensors that have jumped, which stay excluded after a restart, also if they are silent or faulty by then.
     pub(super) fn save_jumped(&mut self, report: &Report) {
         let sensors = self.parts.sensors.iter().zip(&report.sensors);
-        let jumped = sensors.filter(|(_, result)| result.flaw == Some(SensorFlaw::Jumped));
+        let jumped = sensors.filter(|(_, result)| result.jumped);
         let jumped = jumped.map(|(name, _)| name.clone()).collect();
         self.change_standing(|standing| standing.jumped = jumped);
     }

@@ -10,7 +10,7 @@ use std::{
 use serde_json::{Value, json};
 use volcomp_gateway::{
     audit::{
-        AuditLog, Entry, verify,
+        AuditLog, Entry, log_files, verify,
         writer::{AuditWriter, Receipt},
     },
     documents::{ByAxis, Details, Event},
@@ -66,6 +66,81 @@ fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     assert_eq!((found.cut_bytes, found.broken), (0, None));
     log.append("anna", "again", details("")).expect("room");
     assert!(read("audit.log").contains("\"seq\":61"));
+}
+
+fn whole_log(dir: &Path) -> String {
+    let read = |path| std::fs::read_to_string(path).expect("readable");
+    log_files(dir).into_iter().map(read).collect()
+}
+
+/// No file can be created when the next one is due: as often as it is tried, no record is lost, and the log goes on once there is room.
+#[test]
+fn a_log_that_cannot_be_rotated_loses_nothing() {
+    let dir = tempfile::tempdir().expect("writable");
+    let folder = dir.path().join("audit");
+    let Some(_disk) = SmallDisk::at(folder.clone()) else {
+        return;
+    };
+    let remounted = std::process::Command::new("mount")
+        .args(["-o", "remount,nr_inodes=40"])
+        .arg(&folder)
+        .status();
+    assert!(remounted.is_ok_and(|status| status.success()));
+    let (log, _) = AuditLog::open(&folder).expect("new");
+    let mut log = log.rotating_at(1000);
+    let mut record = 0;
+    let mut append = || {
+        record += 1;
+        log.append("anna", "test", details(&record.to_string()))
+    };
+    while log_files(&folder).len() < 9 {
+        append().expect("room");
+    }
+    let filler = |n: usize| folder.join(format!("filler{n}"));
+    let full = (0..).find(|n| std::fs::File::create(filler(*n)).is_err());
+    while append().is_ok() {}
+    let before = whole_log(&folder);
+    for _ in 0..20 {
+        assert!(append().is_err());
+        assert!(whole_log(&folder) == before);
+    }
+    (0..full.expect("full")).for_each(|n| std::fs::remove_file(filler(n)).expect("there"));
+    append().expect("room");
+    let after = whole_log(&folder);
+    let found = verify(after.as_bytes());
+    assert_eq!((found.end, found.broken), (after.len(), None));
+    // Only the oldest file has gone.
+    let [before, after] = [before, after].map(|log| log.lines().count());
+    assert!(after > before * 3 / 4, "{before} {after}");
+}
+
+/// The old files were renamed and the current one was not, or it was and the next one was not: the next rotation fills the gap.
+#[test]
+fn a_rotation_that_was_broken_off_is_completed() {
+    for is_current_renamed in [false, true] {
+        let dir = tempfile::tempdir().expect("writable");
+        let (log, _) = AuditLog::open(dir.path()).expect("new");
+        let mut log = log.rotating_at(1000);
+        let mut append_until = |files: usize| {
+            while log_files(dir.path()).len() != files {
+                log.append("anna", "test", details("")).expect("room");
+            }
+        };
+        append_until(8);
+        let path = |n: usize| dir.path().join(format!("audit.{n}.log"));
+        for n in (1..=7).rev() {
+            std::fs::rename(path(n), path(n + 1)).expect("there");
+        }
+        if is_current_renamed {
+            std::fs::rename(dir.path().join("audit.log"), path(1)).expect("there");
+        }
+        let before = whole_log(dir.path());
+        append_until(9);
+        assert!(
+            whole_log(dir.path()).starts_with(&before),
+            "{is_current_renamed}"
+        );
+    }
 }
 
 /// The log is truncated at every byte of its last record: complete records are kept, the partial one is removed, and the log continues.

@@ -421,6 +421,12 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
             disk.fill(0);
         }
         let_sensor_jump(&mut gateway);
+        // The jump is kept while the sensor has another flaw.
+        let (sensor, kelvin) = (0, 500.0);
+        gateway
+            .rig
+            .inject_sensor(Injection::Jump { sensor, kelvin });
+        gateway.wait("out", |state| quality(state).contains("out of range"));
         gateway.run(Duration::from_millis(100));
         assert!(standing_text(&folder.join("standing.slots")).contains("scale_x"));
         if let Some(disk) = &disk {

@@ -98,7 +98,8 @@ fn accepted_positions_of_a_linear_axis() {
     );
 }
 
-/// A wrong position stays rejected, however long it is reported or the axis is silent; motion from the last good position is accepted.
+/// A wrong position stays rejected, however long it is reported or the axis is silent, and if it moves to the last good position; a jump back there is
+/// accepted.
 #[test]
 fn a_jump_is_never_accepted_after_a_while() {
     let mut check = PositionCheck::default();
@@ -108,11 +109,13 @@ fn a_jump_is_never_accepted_after_a_while() {
         assert_eq!(check.judge(&LINEAR, 600.0, ms(at)), JUMP, "{at} ms");
     }
     assert_eq!(check.judge(&LINEAR, 600.0, ms(2e6)), JUMP);
-    // The position moves on from the wrong value, then returns to within reach of the position 10 ms before the jump.
+    // Within reach of the position 10 ms before the jump are 200 mm and less.
     for (position, expected) in [
         (400.0, JUMP),
         (210.0, JUMP),
-        (200.1, JUMP),
+        (199.9, JUMP),
+        (100.0, JUMP),
+        (600.0, JUMP),
         (199.9, OK),
         (299.0, OK),
     ] {
@@ -126,6 +129,78 @@ fn a_jump_is_never_accepted_after_a_while() {
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_300.0)), JUMP);
     check.forget();
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_310.0)), OK);
+}
+
+/// X goes from 300 to 0 mm and back at 20 m/min; meanwhile its position is 200 mm too high, as after a preset. The wrong position is never believed, not where
+/// it passes the last good one, nor after a silence or a single reading of nonsense there; the right one is when the error ends.
+#[test]
+fn a_constant_error_is_not_believed_as_the_axis_moves() {
+    let mut check = PositionCheck::default();
+    let true_x = |at: f64| (300.0 - at / 3.0).abs();
+    for cycle in 0..=450 {
+        let at = f64::from(cycle) * 4.0;
+        let (reported, expected) = match cycle {
+            0 | 450 => (true_x(at), OK),
+            150 => (3000.0, JUMP),
+            155..175 => continue,
+            _ => (true_x(at) + 200.0, JUMP),
+        };
+        assert_eq!(check.judge(&LINEAR, reported, ms(at)), expected, "{at} ms");
+    }
+}
+
+#[test]
+fn wrong_readings_are_forgotten_once_the_position_is_back() {
+    reported(
+        "one wrong reading, one of them repeated, then a silence",
+        &LINEAR,
+        &[
+            (0.0, 300.0, OK),
+            (10.0, 0.0, JUMP),
+            (10.0, 0.0, JUMP),
+            (1000.0, 310.0, OK),
+            (1010.0, 0.0, JUMP),
+            (1020.0, 300.0, OK),
+        ],
+    );
+    reported(
+        "motion far beyond the travel, as to a tool changer, and back",
+        &LINEAR,
+        &[
+            (0.0, 0.0, OK),
+            (100.0, -100.0, OUT),
+            (200.0, -200.0, OUT),
+            (300.0, -300.0, OUT),
+            (400.0, -200.0, OUT),
+            (500.0, -100.0, OUT),
+            (600.0, 0.0, OK),
+        ],
+    );
+    reported(
+        "a jump beyond the travel, and motion back",
+        &LINEAR,
+        &[
+            (0.0, 0.0, OK),
+            (10.0, -200.0, OUT),
+            (20.0, -190.0, OUT),
+            (100.0, -100.0, OUT),
+            (200.0, 0.0, JUMP),
+        ],
+    );
+    reported(
+        "a table with two wrong readings, and one with a constant error",
+        &TABLE,
+        &[
+            (0.0, 350.0, OK),
+            (10.0, 170.0, JUMP),
+            (20.0, 170.0, JUMP),
+            (30.0, 355.0, OK),
+            (40.0, 175.0, JUMP),
+            (50.0, 185.0, JUMP),
+            (100.0, 265.0, JUMP),
+            (150.0, 350.0, JUMP),
+        ],
+    );
 }
 
 /// A jump spread over several readings by a filter: the allowance of 50 ms counts once, and is restored while the axis is at rest.

@@ -468,6 +468,45 @@ fn the_tip_stays_while_a_rotary_axis_is_shifted() {
             NotContained
         };
         assert_eq!(world.guard.verdict().axes[..2], [truth; 2]);
+        let output = world.run(PERIOD);
+        assert!(!output.reasons.contains(Reasons::NOT_PROVEN));
+    }
+}
+
+/// Readings count towards the proof only while the applied correction is confirmed and a correction is requested: the proof waits.
+#[test]
+fn a_disturbed_proof_waits() {
+    let limits = Limits {
+        test_shift: PerChannel([SHIFT; 9]),
+        ..limits()
+    };
+    let arming = || {
+        let mut world = World::new(&limits);
+        world.positions = axes(1.0, 1.0);
+        world.run(PERIOD);
+        world.request(Request::Arm);
+        world
+    };
+    let is_proven = |world: &World| world.guard.verdict().proven[..2] == [true, true];
+    let mut world = arming();
+    let mut cycles = 0;
+    while !is_proven(&world) {
+        world.run(Duration::ZERO);
+        cycles += 1;
+        assert!(cycles < 2000);
+    }
+    for is_confirmed in [false, true] {
+        let mut world = arming();
+        // 120 ms before the end; after 50 ms it is a disturbance, after 500 ms the arming ends.
+        world.run((cycles - 30) * PERIOD);
+        world.hides_correction = !is_confirmed;
+        let target = world.target.take_if(|_| is_confirmed);
+        world.run(100 * PERIOD);
+        assert!(!is_proven(&world), "{is_confirmed}");
+        (world.hides_correction, world.target) = (false, world.target.or(target));
+        world.run(2 * SECOND);
+        assert_eq!(world.guard.state(), State::Compensating);
+        assert!(is_proven(&world), "{is_confirmed}");
     }
 }
 

@@ -5,6 +5,8 @@ use volcomp_guard::{
     SensorCheck, SensorFlaw, SensorLimits, SensorReading, SensorReport, judge_temperatures,
 };
 
+use SensorFlaw::{Broken, Jumped, OutOfRange, Stale};
+
 /// The sensors of a machine, read every `pause` seconds.
 struct Machine {
     limits: SensorLimits,
@@ -134,6 +136,55 @@ fn a_jump_after_a_gap_is_a_jump() {
         }
         assert_eq!(machine.used_after(&[60.0], DAY), None, "{gap:?}");
     }
+}
+
+/// A reading is judged once; another value at the same time is another reading.
+#[test]
+fn another_value_at_the_same_time_is_judged_anew() {
+    let mut machine = Machine::new(1, SensorLimits::default());
+    let at_one = |degc: f64| SensorReading::Temperature {
+        degc,
+        taken: Duration::from_secs(1),
+    };
+    for (degc, flaw) in [
+        (20.0, None),
+        (20.0, None),
+        (60.0, Some(Jumped)),
+        (20.0, Some(Jumped)),
+    ] {
+        assert_eq!(machine.hears(&[at_one(degc)])[0].flaw, flaw, "{degc}");
+    }
+}
+
+/// The jump is reported beside whatever the sensor has later, until it is readmitted or acknowledged.
+#[test]
+fn a_jump_is_reported_beside_every_later_flaw() {
+    let mut machine = Machine::new(1, SensorLimits::default());
+    let at = |degc: f64, seconds: u64| SensorReading::Temperature {
+        degc,
+        taken: Duration::from_secs(seconds),
+    };
+    let mut found = |reading: SensorReading| {
+        let reported = machine.hears(&[reading])[0];
+        (reported.flaw, reported.jumped)
+    };
+    assert_eq!(found(at(20.0, 1)), (None, false));
+    assert_eq!(found(SensorReading::Silence), (Some(Broken), false));
+    assert_eq!(found(at(60.0, 3)), (Some(Jumped), true));
+    for (reading, flaw) in [
+        (SensorReading::Silence, Broken),
+        (SensorReading::Fault, Broken),
+        (at(f64::NAN, 6), OutOfRange),
+        (at(-400.0, 7), OutOfRange),
+    ] {
+        assert_eq!(found(reading), (Some(flaw), true), "{reading:?}");
+    }
+    machine.now = 100.0;
+    let reported = machine.hears(&[at(60.0, 8)])[0];
+    assert_eq!((reported.flaw, reported.jumped), (Some(Stale), true));
+    machine.acknowledge();
+    let reported = machine.hears(&[at(60.0, 102)])[0];
+    assert_eq!((reported.flaw, reported.jumped), (None, false));
 }
 
 #[test]

@@ -43,6 +43,23 @@ async fn a_request_carries_its_client_address() {
     assert!(answer(stream, ask).await.ends_with("127.0.0.1"));
 }
 
+/// The header `Date` cannot hold every time of the computer's clock: an answer has none.
+#[tokio::test]
+async fn an_answer_does_not_depend_on_the_wall_clock() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
+    let address = listener.local_addr().expect("bound");
+    tokio::spawn(volcomp_web::serve(
+        listener,
+        None,
+        Router::new().route("/", get(from)),
+    ));
+    let ask = "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+    let stream = TcpStream::connect(address).await.expect("served");
+    let said = answer(stream, ask).await.to_lowercase();
+    assert!(said.starts_with("http/1.1 200"), "{said}");
+    assert!(!said.contains("\r\ndate:"), "{said}");
+}
+
 /// With more clients than the maximum, the oldest connection is closed and the newest is served.
 #[tokio::test]
 async fn hanging_clients_do_not_block_others() {
