@@ -40,6 +40,9 @@ impl Report {
             ),
             locations: other_locations(machine, &calibration.locations),
             not_measured,
+            without_scatter: (file.without_scatter())
+                .map(|line| line.file.display().to_string())
+                .collect(),
             identified,
             uncertainty: stated_uncertainty(file),
             ..Self::of_statements(source, machine, stated)
@@ -139,6 +142,7 @@ impl Report {
             undecided: (machine.provenance().undecided.iter())
                 .map(ErrorName::to_string)
                 .collect(),
+            without_scatter: Vec::new(),
             partly_measured: (machine.partly_measured().iter())
                 .map(|(error, ..)| error.to_string())
                 .collect(),

@@ -36,6 +36,9 @@ pub struct Report {
     /// contradictory lines, unknowns that the observations leave open, and observations that the
     /// unknowns do not explain.
     pub undecided: Vec<String>,
+    /// Files with the readings of one run, of whose scatter nothing is known: no uncertainty counts it.
+    #[serde(default)]
+    pub without_scatter: Vec<String>,
     /// The errors whose curves cover only part of the travel.
     pub partly_measured: Vec<String>,
     /// Whether axes have assembly errors, so that a squareness or location differs from its location error.
@@ -125,6 +128,8 @@ pub enum CheckOf {
     Part,
     /// Errors that the measurements do not determine, at least in part.
     NotConfirmed,
+    /// A figure whose uncertainty lacks the scatter of a file with one run.
+    ScatterUnknown,
     /// The figure is the residual after correction; figures of tests are of the uncorrected
     /// machine.
     Corrected,
@@ -147,6 +152,7 @@ impl core::fmt::Display for CheckOf {
             Self::MeasuredAlone => f.write_str("the measured errors alone"),
             Self::Part => f.write_str("the part of the travel that its curve covers"),
             Self::NotConfirmed => f.write_str("errors that the measurements do not confirm"),
+            Self::ScatterUnknown => f.write_str("readings of one run, whose scatter is not known"),
             Self::Corrected => f.write_str("what the correction leaves"),
             Self::AtReference => f.write_str("the machine at the reference temperature alone"),
             Self::Test { error, file } => write!(f, "{error}, {file}"),

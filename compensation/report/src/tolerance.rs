@@ -127,8 +127,14 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let value = value.filter(|value| value.is_finite());
             let uncertainty = u.filter(|_| value.is_some());
             let outcome = match decide(value, tolerance.limit, uncertainty) {
-                // At another temperature the figure differs, and an undetermined error may have any size.
-                Verdict::Pass if matches!(of, CheckOf::AtReference | CheckOf::NotConfirmed) => {
+                // At another temperature the figure differs, and an undetermined error or an unknown
+                // scatter may have any size.
+                Verdict::Pass
+                    if matches!(
+                        of,
+                        CheckOf::AtReference | CheckOf::NotConfirmed | CheckOf::ScatterUnknown
+                    ) =>
+                {
                     Verdict::Undecided
                 }
                 outcome => outcome,
@@ -192,6 +198,8 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 CheckOf::AtReference
             } else if value.is_some() && volume.is_some_and(|volume| !volume.undecided.is_empty()) {
                 CheckOf::NotConfirmed
+            } else if u.is_some() && !report.without_scatter.is_empty() {
+                CheckOf::ScatterUnknown
             } else if value.is_some() && is_partly {
                 CheckOf::MeasuredAlone
             } else if last.is_some_and(|last| last.state == State::TruthCorrected) {
@@ -220,6 +228,8 @@ fn of_error_on(report: &Report, error: ErrorName) -> CheckOf {
     let mut undecided = report.undecided.iter().filter_map(|of| of.parse().ok());
     if !is_of_readings && undecided.any(is_it) {
         CheckOf::NotConfirmed
+    } else if identified(report, &name).is_some() && !report.without_scatter.is_empty() {
+        CheckOf::ScatterUnknown
     } else if report.partly_measured.contains(&name) {
         CheckOf::Part
     } else {

@@ -119,11 +119,14 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
             Cell::Path(match &check.of {
                 CheckOf::Symbol if check.symbol == VOLUME => LARGEST.to_owned(),
                 CheckOf::Symbol => described(&check.symbol),
-                CheckOf::Part | CheckOf::NotConfirmed if check.symbol != VOLUME => {
+                CheckOf::Part | CheckOf::NotConfirmed | CheckOf::ScatterUnknown
+                    if check.symbol != VOLUME =>
+                {
                     format!("{}; of {}", described(&check.symbol), check.of)
                 }
                 CheckOf::MeasuredAlone
                 | CheckOf::NotConfirmed
+                | CheckOf::ScatterUnknown
                 | CheckOf::Part
                 | CheckOf::Corrected
                 | CheckOf::AtReference => {

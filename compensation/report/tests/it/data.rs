@@ -1,6 +1,6 @@
 use volcomp_report::{
-    BandSource, CheckOf, Edition, Identified, Left, Parameter, Report, State, Stated, Verdict,
-    WarningKind, checks, tolerances, volume,
+    BandSource, CheckOf, Drawn, Edition, Identified, Left, Parameter, Report, State, Stated,
+    Verdict, WarningKind, checks, tolerances, volume,
 };
 
 use crate::{Shop, machine};
@@ -319,6 +319,48 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     assert_eq!(found[1].outcome, Verdict::NotEvaluated, "{found:?}");
 }
 
+/// A file with one run shows no scatter: a verdict whose uncertainty lacks it is no pass, until the calibration states it.
+#[test]
+fn an_uncertainty_without_the_scatter_of_a_file_passes_nothing() {
+    let shop = Shop::new();
+    let text = shop.read("calibration.toml");
+    let limits = tolerances("V=1000").expect("one");
+    let found = |runs, stated: &str| {
+        shop.write("exx.csv", &crate::csv(17, 50.0, runs, |x, _| 0.01 * x));
+        shop.write(
+            "calibration.toml",
+            &text.replacen("[[m", &format!("{stated}[[m"), 1),
+        );
+        let (_, calibration) = shop.calibrated();
+        let mut report = shop.report();
+        let none = |_: &volcomp_kinematics::State| [0.0; 6];
+        let fields = [field(&calibration.machine, &none)];
+        let both = [&calibration.machine; 2];
+        let of_curves = (State::Found, &fields[..]);
+        report.volume = volume(both, &[], of_curves, None).expect("three axes");
+        assert_eq!(
+            checks(&report, &limits)[0].outcome,
+            Verdict::Pass,
+            "by the figure alone"
+        );
+        report.uncertainty.get_or_insert_default().drawn = Some(Drawn {
+            trials: 100,
+            seed: 1,
+            rms_um: 0.1,
+            max_um: 0.1,
+            at: Vec::new(),
+        });
+        let [check] = &checks(&report, &limits)[..] else {
+            panic!("one check")
+        };
+        (check.outcome, check.of.clone())
+    };
+    assert_eq!(found(1, ""), (Verdict::Undecided, CheckOf::ScatterUnknown));
+    assert_eq!(found(5, "").0, Verdict::Pass);
+    let stated = "[uncertainty]\nreading_um = 1.0\nreading_urad = 1.0\n";
+    assert_eq!(found(1, stated).0, Verdict::Pass);
+}
+
 /// An unknown whose value requires another unknown to be zero is open unless that unknown is known to be zero.
 #[test]
 fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
@@ -367,6 +409,10 @@ fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
     });
     let check = checks(&report, &tolerances("EC0Y=20").expect("one"));
     assert_eq!(check[0].uncertainty, Some(2.0));
+    report.without_scatter.push("one.csv".to_owned());
+    let check = checks(&report, &tolerances("EC0Y=10").expect("one"));
+    let open = (Verdict::Undecided, &CheckOf::ScatterUnknown);
+    assert_eq!((check[0].outcome, &check[0].of), open);
 }
 
 /// A squareness is checked on the axis to which it is assigned, with its own uncertainty, and with readings in one direction only.
