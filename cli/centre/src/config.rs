@@ -49,7 +49,7 @@ impl Default for NatsConfig {
             ca: None,
             replicas: stream_retention.replicas,
             telemetry_d: days(stream_retention.telemetry),
-            telemetry_gib: stream_retention.telemetry_bytes >> 30,
+            telemetry_gib: stream_retention.site_bytes >> 30,
             audit_d: days(stream_retention.audit),
         }
     }
@@ -61,7 +61,7 @@ impl NatsConfig {
         StreamRetention {
             replicas: self.replicas,
             telemetry: days(self.telemetry_d),
-            telemetry_bytes: self.telemetry_gib << 30,
+            site_bytes: self.telemetry_gib << 30,
             audit: days(self.audit_d),
         }
     }

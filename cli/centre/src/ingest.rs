@@ -8,7 +8,7 @@ use std::{
 };
 
 use serde::de::DeserializeOwned;
-use volcomp_fleet::{Acknowledgement, Condition, Envelope, Kind, MachineId, Received};
+use volcomp_fleet::{Acknowledgement, Condition, Envelope, Kind, Lane, MachineId, Received};
 
 use crate::{
     Error,
@@ -24,16 +24,46 @@ const MAX_INSTANCE_BYTES: usize = 256;
 /// Maximum plausible residual, µm (1 km); larger values are discarded.
 const MAX_RESIDUAL_UM: f64 = 1e9;
 
+/// Maximum mean rate at which conditions and telemetry of a machine are stored, bytes a second: 25 times that of the default intervals.
+const MAX_BYTES_PER_S: f64 = 16.0 * 1024.0;
+/// Maximum burst, bytes: twice what a gateway queues on disk while the server is unreachable.
+const MAX_BURST_BYTES: f64 = 128.0 * 1024.0 * 1024.0;
+/// Overhead of a row, bytes.
+const ROW_BYTES: f64 = 256.0;
+
+/// Token bucket for the stored conditions and telemetry of a machine, so that a stolen nkey cannot fill the disk. Audit records and acknowledgements
+/// need none: the server refuses them when their stream is full. The server's time counts, because a backlog is collected in a burst.
+#[derive(Clone, Debug, Default)]
+struct TokenBucket {
+    used_bytes: f64,
+    at_s: f64,
+}
+
+impl TokenBucket {
+    /// Whether a message may be stored.
+    fn take(&mut self, message: &Received) -> bool {
+        let since_s = (message.stored_s - self.at_s).max(0.0);
+        self.at_s = message.stored_s;
+        self.used_bytes = (self.used_bytes - since_s * MAX_BYTES_PER_S).max(0.0);
+        let used_bytes = self.used_bytes + message.bytes.len() as f64 + ROW_BYTES;
+        if used_bytes <= MAX_BURST_BYTES {
+            self.used_bytes = used_bytes;
+        }
+        used_bytes <= MAX_BURST_BYTES
+    }
+}
+
 #[derive(Clone, Debug, Default)]
 pub struct Reception {
     pub live: Option<Live>,
     pub instances: Instances,
     pub events: NewEvents,
-    /// When the last unreadable message arrived, and why it was unreadable.
+    /// When the last message arrived that was unreadable or too much to store, and why.
     pub unreadable: Option<(Instant, String)>,
     /// When the newest condition was created, by a monotonic clock; `None` if none was received since the program started. Other messages do not
     /// show the current state of the machine.
     pub condition_at: Option<Instant>,
+    bucket: TokenBucket,
 }
 
 fn corrects(condition: &Condition) -> bool {
@@ -219,6 +249,15 @@ fn store_message(
     message: &Received,
 ) -> Result<(), Error> {
     let machine = &message.identity.machine;
+    let is_stored = Lane::of(message.kind) == Lane::Kept || reception.bucket.take(message);
+    if !is_stored {
+        let why = format!(
+            "{}: the machine sends more than {} KiB a second, the excess is shown but not stored",
+            message.kind.name(),
+            MAX_BYTES_PER_S / 1024.0
+        );
+        reception.unreadable = Some((Instant::now(), why));
+    }
     let read = match message.kind {
         Kind::Condition => read(message).map(Body::Condition),
         Kind::Telemetry => read(message).map(Body::Telemetry),
@@ -227,6 +266,7 @@ fn store_message(
     };
     let body = match read {
         Ok(body) => body,
+        Err(_) if !is_stored => return Ok(()),
         Err(error) => {
             // Unreadable messages are stored unchanged for inspection.
             let why = format!("{}: {error}", message.kind.name());
@@ -256,8 +296,10 @@ fn store_message(
     match body {
         Body::Condition(envelope) => {
             let condition = envelope.body;
-            let text = serde_json::to_string(&Point::of(&condition, at_s))?;
-            history::add_recent(database, machine, at_s, &text)?;
+            if is_stored {
+                let text = serde_json::to_string(&Point::of(&condition, at_s))?;
+                history::add_recent(database, machine, at_s, &text)?;
+            }
             reception.events.conditions += 1;
             if condition.state == "faulted" {
                 reception.events.faulted = Some(condition.reasons.join("; "));
@@ -281,7 +323,9 @@ fn store_message(
             });
         }
         Body::Telemetry(envelope) => {
-            history::add_telemetry(database, machine, at_s, envelope.body.get())?;
+            if is_stored {
+                history::add_telemetry(database, machine, at_s, envelope.body.get())?;
+            }
         }
         Body::Record(envelope) => {
             let text = String::from_utf8_lossy(&message.bytes);

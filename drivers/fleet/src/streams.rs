@@ -27,19 +27,21 @@ pub struct StreamRetention {
     /// Number of servers of the cluster that store each stream: 1, 3 or 5.
     pub replicas: usize,
     pub telemetry: Duration,
-    /// Maximum size of a site's conditions and telemetry, bytes; the oldest are removed first.
-    pub telemetry_bytes: i64,
+    /// Maximum size of a site's two streams together, bytes. That of conditions and telemetry has three quarters and removes its oldest
+    /// messages. That of audit records and acknowledgements has a quarter and refuses new ones, which wait at their gateways, since the centre
+    /// may not have collected the old ones.
+    pub site_bytes: i64,
     pub audit: Duration,
 }
 
 impl Default for StreamRetention {
-    /// One server; telemetry for a week, up to 4 GiB per site; audit records for a year.
+    /// One server; telemetry for a week, audit records for a year, up to 4 GiB per site.
     fn default() -> Self {
         const DAY: Duration = Duration::from_secs(86_400);
         Self {
             replicas: 1,
             telemetry: 7 * DAY,
-            telemetry_bytes: 4 << 30,
+            site_bytes: 4 << 30,
             audit: 366 * DAY,
         }
     }
@@ -89,6 +91,7 @@ pub async fn prepare(
     };
     create(context, desired).await?;
     for site in sites {
+        let audit_bytes = retention.site_bytes / 4;
         for (name, subjects) in streams_of(site) {
             let is_audit = name.starts_with(AUDIT_PREFIX);
             let config = stream::Config {
@@ -97,9 +100,14 @@ pub async fn prepare(
                 max_messages: -1,
                 max_consumers: -1,
                 max_bytes: if is_audit {
-                    -1
+                    audit_bytes
                 } else {
-                    retention.telemetry_bytes
+                    retention.site_bytes - audit_bytes
+                },
+                discard: if is_audit {
+                    stream::DiscardPolicy::New
+                } else {
+                    stream::DiscardPolicy::Old
                 },
                 max_age: if is_audit {
                     retention.audit

@@ -318,7 +318,7 @@ fn causes_of(known: &MachineState<'_>) -> BTreeMap<AlarmKind, String> {
     if let Some((ago_s, why)) = unreadable.filter(|(ago_s, _)| *ago_s < EVENT_ALARM_S) {
         causes.insert(
             AlarmKind::Unreadable,
-            format!("A message could not be read {ago_s:.0} s ago: {why}."),
+            format!("A message could not be read or stored {ago_s:.0} s ago: {why}."),
         );
     }
     if let Some(days) = known.due_days.filter(|days| *days >= 0.0) {

@@ -33,14 +33,21 @@ fn who_is(user: &User, page: &PageState) -> ApiResult {
     document(&json!({ "name": user.name, "role": user.role, "notice": notice }))
 }
 
-/// Verifies the password of a user who may log in and returns the user. Attempts after wrong passwords are delayed; rejected ones are written to
-/// the audit log.
+/// Records a wrong password in the audit log, and returns the response.
+async fn wrong_password(page: &Arc<PageState>, from: SocketAddr, tried: &str) -> ApiError {
+    page.refused(Refusal::Login, from.ip(), tried).await;
+    let why = "the name or the password is wrong";
+    ApiError::new(StatusCode::UNAUTHORIZED, why)
+}
+
+/// Verifies the password of a user who may log in. Returns the user and the compared hash; the caller must check in its transaction that this is still
+/// the user's hash. Attempts after wrong passwords are delayed; rejected ones are written to the audit log.
 async fn verify_password(
     page: &Arc<PageState>,
     from: SocketAddr,
     name: &str,
     password: String,
-) -> Result<User, ApiError> {
+) -> Result<(User, String), ApiError> {
     let tried: String = name.chars().take(64).collect();
     let known: Option<UserName> = name.parse().ok();
     let user = match known {
@@ -72,13 +79,11 @@ async fn verify_password(
         Err(_) => false,
     };
     match user {
-        Some((user, _)) if right && !user.disabled => Ok(user),
+        Some((user, compared)) if right && !user.disabled => Ok((user, compared)),
         _ => {
             page.throttle.wrong(from.ip(), &tried);
             drop(place);
-            page.refused(Refusal::Login, from.ip(), &tried).await;
-            let why = "the name or the password is wrong";
-            Err(ApiError::new(StatusCode::UNAUTHORIZED, why))
+            Err(wrong_password(page, from, &tried).await)
         }
     }
 }
@@ -89,7 +94,7 @@ pub(super) async fn login(
     body: Bytes,
 ) -> ApiResult {
     let Login { name, password } = read(&body)?;
-    let user = verify_password(&page, from, &name, password).await?;
+    let (user, compared) = verify_password(&page, from, &name, password).await?;
     let token = Token::generate().map_err(ApiError::inside)?;
     let now = BootTime::now();
     let session = Session {
@@ -99,8 +104,10 @@ pub(super) async fn login(
         from: from.ip().to_string(),
     };
     let shown = cookie(&page, token.text())?;
-    page.query(move |store| store.begin_session(&token, &session))
-        .await?;
+    let begun = page.query(move |store| store.begin_session(&token, &session, &compared));
+    if !begun.await? {
+        return Err(wrong_password(&page, from, &name).await);
+    }
     let mut response = who_is(&user, &page)?;
     response.headers_mut().insert(header::SET_COOKIE, shown);
     Ok(response)
@@ -154,11 +161,14 @@ pub(super) async fn password(
     body: Bytes,
 ) -> ApiResult {
     let NewPassword { old, new } = read(&body)?;
-    verify_password(&page, from, user.name.as_str(), old).await?;
+    let name = user.name;
+    let (_, compared) = verify_password(&page, from, name.as_str(), old).await?;
     let hash = hashed(&page, new).await?;
-    let from = from.ip().to_string();
-    page.query(move |store| store.set_password(&user.name, &hash, user.name.as_str(), &from))
-        .await?;
+    let (of, address) = (name.clone(), from.ip().to_string());
+    let replaced = page.query(move |store| store.replace_password(&of, &compared, &hash, &address));
+    if !replaced.await? {
+        return Err(wrong_password(&page, from, name.as_str()).await);
+    }
     done()
 }
 

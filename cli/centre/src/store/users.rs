@@ -35,6 +35,27 @@ fn check_other_admin(database: &Connection, name: &UserName) -> Result<(), Error
     )))
 }
 
+/// True if the user may log in and still has the password hash `compared`. Passwords are verified outside of transactions and after a delay, so the user
+/// may have been changed or removed since.
+fn is_current(database: &Connection, name: &UserName, compared: &str) -> Result<bool, Error> {
+    let sql = "SELECT count(*) FROM users WHERE name = ?1 AND password = ?2 AND disabled = 0";
+    Ok(number(database, sql, [name.as_str(), compared])? > 0)
+}
+
+/// Sets a password hash, and logs the user out everywhere.
+fn set_password(
+    database: &Connection,
+    name: &UserName,
+    password_hash: &str,
+    by: &str,
+    from: &str,
+) -> Result<(), Error> {
+    let sql = "UPDATE users SET password = ?2 WHERE name = ?1";
+    let count = execute(database, sql, [name.as_str(), password_hash])?;
+    let details = json!({ "from": from });
+    changed(database, name, count, by, "user.password", details)
+}
+
 /// Completes a change of a user that affected `changed` rows: logs the user out everywhere and records the change.
 fn changed(
     database: &Connection,
@@ -120,17 +141,24 @@ impl Store {
         by: &str,
         from: &str,
     ) -> Result<(), Error> {
+        self.write(|database| set_password(database, name, password_hash, by, from))
+    }
+
+    /// Replaces the password hash of a user whose password was verified against `compared`, and logs the user out everywhere. Returns false without
+    /// any change if that is no longer the user's hash, or the user may not log in.
+    pub fn replace_password(
+        &self,
+        name: &UserName,
+        compared: &str,
+        password_hash: &str,
+        from: &str,
+    ) -> Result<bool, Error> {
         self.write(|database| {
-            let sql = "UPDATE users SET password = ?2 WHERE name = ?1";
-            let count = execute(database, sql, [name.as_str(), password_hash])?;
-            changed(
-                database,
-                name,
-                count,
-                by,
-                "user.password",
-                json!({ "from": from }),
-            )
+            if !is_current(database, name, compared)? {
+                return Ok(false);
+            }
+            set_password(database, name, password_hash, name.as_str(), from)?;
+            Ok(true)
         })
     }
 
@@ -168,10 +196,20 @@ impl Store {
         })
     }
 
-    pub fn begin_session(&self, token: &Token, session: &Session) -> Result<(), Error> {
+    /// Adds a session of a user whose password was verified against `compared`. Returns false without any change if that is no longer the user's
+    /// hash, or the user may not log in.
+    pub fn begin_session(
+        &self,
+        token: &Token,
+        session: &Session,
+        compared: &str,
+    ) -> Result<bool, Error> {
         let document = serde_json::to_string(session)?;
         let user = session.user.as_str();
         self.write(|database| {
+            if !is_current(database, &session.user, compared)? {
+                return Ok(false);
+            }
             // Delete expired sessions.
             let sql = "SELECT token_sha256, document FROM sessions";
             let sessions = rows(database, sql, [], |row| {
@@ -193,7 +231,8 @@ impl Store {
                     document,
                 ],
             )?;
-            audit::append(database, user, "login", user, json!({ "from": session.from }))
+            audit::append(database, user, "login", user, json!({ "from": session.from }))?;
+            Ok(true)
         })
     }
 

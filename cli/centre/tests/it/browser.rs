@@ -16,6 +16,7 @@ use volcomp_centre::{
     models::NewModel,
     records::{Live, Machine, Origin},
     rollout::{Phase, Rollout, Rules, Step},
+    users::Role,
 };
 use volcomp_fleet::Condition;
 use volcomp_test_support::peers;
@@ -63,6 +64,8 @@ fn reported(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
         "machine": name, "site": format!("hall-{}", number % 7), "serial": "4711",
         "structure": "w X' b Y Z t", "axes": ["X", "Y", "Z"], "enable": true, "note": hostile, "control": hostile,
         "due_days": 30,
+        // No other machine becomes silent on a slow computer.
+        "condition_s": if silent { 1 } else { 86_400 },
     }))
     .expect("a machine");
     page.store.put_machine(&machine, "test").expect("stored");
@@ -82,7 +85,7 @@ fn reported(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
     .expect("a condition");
     let live = Live {
         machine: machine.identity.machine.clone(),
-        heard_s: now_s() - if silent { 3600.0 } else { 0.0 },
+        heard_s: now_s() - if silent { 36_000.0 } else { 0.0 },
         instance: "a".to_owned(),
         version: 0,
         model: String::new(),
@@ -110,6 +113,8 @@ fn shop(count: usize) -> (Page, Arc<AtomicBool>, std::thread::JoinHandle<()>) {
         .map(|number| reported(&page, number, number + 1 == count).1)
         .collect();
     page.store.put_live(&lives).expect("stored");
+    // Later overviews contain the state of every machine.
+    page.overview(&page.session(Role::Viewer));
     let ends = Arc::new(AtomicBool::new(false));
     let (store, ending) = (Arc::clone(&page.store), Arc::clone(&ends));
     let talks = std::thread::spawn(move || {

@@ -9,13 +9,13 @@ use volcomp_centre::{
     models::NewModel,
     records::{Origin, Version},
     rollout::Rules,
-    users::{BootTime, Role, Session},
+    users::{BootTime, Password, Role, Session, UserName, hash},
 };
 use volcomp_fleet::{Kind, Outcome};
 use volcomp_test_support::until;
 
 use crate::{
-    page::{PASSWORD, Page},
+    page::{Answer, PASSWORD, Page},
     shop::LONG,
     support::{condition, envelope, machine, model, received, tell},
 };
@@ -114,6 +114,73 @@ fn login_creates_a_session_that_ends() {
         "{audit}"
     );
     assert!(!audit.contains(PASSWORD) && !audit.contains(&token));
+}
+
+/// Sends a request three times after wrong passwords, which delay it, and runs `change` while two wait: these have read the password hash before.
+/// Returns the responses.
+fn during_delay(
+    page: &Page,
+    request: impl Fn() -> Answer + Sync,
+    change: impl FnOnce(),
+) -> Vec<Answer> {
+    let wrong = json!({ "name": "engineer", "password": "wrong" });
+    for _ in 0..5 {
+        page.posts("/api/login", "", &wrong, 401);
+    }
+    let (sender, answers) = std::sync::mpsc::channel();
+    std::thread::scope(|scope| {
+        for _ in 0..3 {
+            let (sender, request) = (sender.clone(), &request);
+            scope.spawn(move || sender.send(request()).expect("it is received"));
+        }
+        drop(sender);
+        // At most two requests may wait, so the third is refused at once.
+        let first = answers.recv().expect("three are sent");
+        change();
+        [first].into_iter().chain(answers).collect()
+    })
+}
+
+/// "A session ends when the user's password changes": a login with the old password that was delayed gets no session after the change.
+#[test]
+fn a_login_begun_before_a_change_of_password_gets_no_session() {
+    let page = Page::start();
+    let engineer: UserName = "engineer".parse().expect("a name");
+    let new = Password::chosen("another horse battery".to_owned()).expect("long enough");
+    let new = hash(&new).expect("memory");
+    let login = json!({ "name": "engineer", "password": PASSWORD });
+    let answers = during_delay(
+        &page,
+        || page.post("/api/login", "", &login),
+        || {
+            let changed = page.store.set_password(&engineer, &new, "admin", "test");
+            changed.expect("stored");
+        },
+    );
+    for cookie in answers.iter().filter_map(Answer::cookie) {
+        assert_eq!(page.get("/api/me", &cookie).status, 401, "{answers:?}");
+    }
+}
+
+/// A delayed request with the old password does not overwrite the password that an admin has set meanwhile.
+#[test]
+fn a_change_of_password_begun_before_that_of_an_admin_does_not_replace_it() {
+    let page = Page::start();
+    let engineer: UserName = "engineer".parse().expect("a name");
+    let new = Password::chosen("another horse battery".to_owned()).expect("long enough");
+    let new = hash(&new).expect("memory");
+    let cookie = page.session(Role::Engineer);
+    let body = json!({ "old": PASSWORD, "new": "the horse of a thief" });
+    let answers = during_delay(
+        &page,
+        || page.post("/api/password", &cookie, &body),
+        || {
+            let changed = page.store.set_password(&engineer, &new, "admin", "test");
+            changed.expect("stored");
+        },
+    );
+    let (_, stored) = (page.store.user(&engineer).expect("read")).expect("a user");
+    assert_eq!(stored, new, "{answers:?}");
 }
 
 /// Requests that the role forbids, and cross-site changes, are in the audit log once each.

@@ -283,3 +283,83 @@ fn a_machine_is_silent_by_its_conditions_and_interval() {
     let silence_s = ingest.silence_s(&name);
     assert!((20.0..60.0).contains(&silence_s), "{silence_s}");
 }
+
+/// docs/src/fleet.md: of the conditions and states of one machine the centre stores at most 128 MiB at once and then 16 KiB a second. What a week
+/// without the centre leaves at the server is stored.
+#[test]
+fn a_flood_of_one_machine_is_not_stored() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let mut ingest = Ingest::of(&store).unwrap();
+    let large = "z".repeat(1 << 20);
+    let flood = |kind, number: u64, machine: &str, at_s| {
+        let body = serde_json::json!({ "large": large });
+        received(machine, kind, number, at_s, &envelope("a", number, body))
+    };
+    let stored = || {
+        let raw = rusqlite::Connection::open(folder.path().join("centre.db")).unwrap();
+        ["telemetry", "records"].map(|table| {
+            let sql = format!("SELECT count(*) FROM {table} WHERE machine = 'mill-a'");
+            raw.query_row(&sql, [], |row| row.get::<_, u64>(0)).unwrap()
+        })
+    };
+    // Two minutes in which each second brings a megabyte. A condition without its fields is unreadable, which is stored for ever.
+    for number in 0..240 {
+        let kind = [Kind::Telemetry, Kind::Condition][usize::from(number % 2 == 1)];
+        let one = flood(kind, number, "mill-a", FROM_S + number as f64 / 2.0);
+        ingest.take(&store, &[one]).unwrap();
+    }
+    let [states, unreadable] = stored();
+    assert!((63..=66).contains(&states), "{states}");
+    assert!((63..=66).contains(&unreadable), "{unreadable}");
+    let reception = ingest.machine(&identity("mill-a").machine).unwrap();
+    let (_, why) = reception.unreadable.as_ref().unwrap();
+    assert!(why.contains("16 KiB a second"), "{why}");
+    // Its state is still known, and its audit records are stored.
+    let shown = received(
+        "mill-a",
+        Kind::Condition,
+        300,
+        FROM_S + 121.0,
+        &envelope("a", 300, condition(7.0)),
+    );
+    let record = flood(Kind::Audit, 301, "mill-a", FROM_S + 121.0);
+    ingest.take(&store, &[shown, record]).unwrap();
+    let reception = ingest.machine(&identity("mill-a").machine).unwrap();
+    let live = reception.live.as_ref().unwrap();
+    assert_eq!(live.condition.as_ref().unwrap().residual_um, Some(7.0));
+    assert_eq!(stored()[1], unreadable + 1);
+    // Another machine is not concerned.
+    let other = flood(Kind::Telemetry, 1, "mill-b", FROM_S + 121.0);
+    ingest.take(&store, &[other]).unwrap();
+    assert!(
+        store
+            .telemetry(&identity("mill-b").machine)
+            .unwrap()
+            .is_some()
+    );
+    // Nor is one whose messages of four hours, 10 KiB a second, waited at the server while the centre was away.
+    let waited: Vec<Received> = (1..=150)
+        .map(|number| {
+            flood(
+                Kind::Telemetry,
+                number,
+                "mill-c",
+                FROM_S + 100.0 * number as f64,
+            )
+        })
+        .collect();
+    ingest.take(&store, &waited).unwrap();
+    let reception = ingest.machine(&identity("mill-c").machine).unwrap();
+    assert_eq!(reception.unreadable, None);
+    // Nor is the first one two hours later, after its server's clock was set back and forth.
+    for (number, at_s) in [(400, 0.0), (401, 7200.0), (402, 0.0), (403, 7200.0)] {
+        ingest
+            .take(
+                &store,
+                &[flood(Kind::Telemetry, number, "mill-a", FROM_S + at_s)],
+            )
+            .unwrap();
+    }
+    assert!(stored()[0] > states);
+}

@@ -94,7 +94,9 @@ impl Page {
             used: now.clone(),
             from: "test".to_owned(),
         };
-        self.store.begin_session(&token, &session).expect("stored");
+        let (_, hash) = (self.store.user(&session.user).expect("stored")).expect("a user");
+        let begun = self.store.begin_session(&token, &session, &hash);
+        assert!(begun.expect("stored"), "the user may log in");
         format!("volcomp-centre={}", token.text())
     }
 

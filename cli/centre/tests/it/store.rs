@@ -5,6 +5,7 @@ use volcomp_centre::{
     records::Resolution,
     rollout::{Rules, UserRequest},
     store::{Retention, Store},
+    users::{BootTime, Role, Session, Token},
 };
 use volcomp_fleet::{Kind, MachineId, Received};
 
@@ -593,4 +594,44 @@ fn the_sqlite_file_is_private() {
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o644)).unwrap();
     let _store = Store::open(&path).unwrap();
     assert_eq!(modes(), [0o600; 3]);
+}
+
+/// A login compares the password with a hash, and the user is changed before its session begins.
+#[test]
+fn a_session_begins_only_with_the_current_password_of_a_user_who_may_log_in() {
+    let (_place, store) = opened();
+    let [admin, anna] = ["otto", "anna"].map(|name| name.parse().unwrap());
+    store
+        .add_user(&admin, Role::Admin, "x", "test", "")
+        .unwrap();
+    store
+        .add_user(&anna, Role::Viewer, "old", "test", "")
+        .unwrap();
+    let begins = |compared: &str| {
+        let token = Token::generate().unwrap();
+        let session = Session {
+            user: anna.clone(),
+            since: BootTime::now(),
+            used: BootTime::now(),
+            from: String::new(),
+        };
+        let begun = store.begin_session(&token, &session, compared).unwrap();
+        let found = store.session(&token, &BootTime::now()).unwrap();
+        assert_eq!(found.is_some(), begun);
+        begun
+    };
+    let replaces =
+        |compared: &str, new: &str| store.replace_password(&anna, compared, new, "").unwrap();
+    assert!(begins("old") && replaces("old", "new"));
+    assert!(!begins("old") && !replaces("old", "thief's"));
+    let disable = |disabled| {
+        let changed = store.change_user(&anna, Role::Viewer, disabled, "otto", "");
+        changed.unwrap();
+    };
+    disable(true);
+    assert!(!begins("new") && !replaces("new", "thief's"));
+    disable(false);
+    assert!(begins("new"));
+    store.remove_user(&anna, "otto", "").unwrap();
+    assert!(!begins("new") && !replaces("new", "thief's"));
 }

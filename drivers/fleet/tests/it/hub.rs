@@ -89,6 +89,71 @@ fn unacknowledged_messages_are_redelivered() {
     });
 }
 
+/// docs/src/fleet.md: a stolen nkey fills the streams of its site up to `telemetry_gib`. No stored audit record is removed, since the centre may
+/// not have collected it. The stream was created without limit by an earlier version.
+#[test]
+fn a_full_stream_of_audit_records_refuses_new_ones() {
+    Bench::run(async |bench| {
+        let hub = hub(bench).await;
+        let identity = bench.machines[0].0.clone();
+        let mut before = hub.context().get_stream("audit-berlin").await.unwrap();
+        let unlimited = async_nats::jetstream::stream::Config {
+            max_bytes: -1,
+            discard: async_nats::jetstream::stream::DiscardPolicy::Old,
+            ..before.info().await.unwrap().config.clone()
+        };
+        let earlier = hub.context().update_stream(unlimited).await;
+        earlier.unwrap();
+        let limited = |site_bytes| StreamRetention {
+            site_bytes,
+            ..StreamRetention::default()
+        };
+        let sites = [identity.site.clone()];
+        hub.prepare(&sites, limited(100_000)).await.unwrap();
+        let link = MachineLink::connect(&bench.link(0), &identity)
+            .await
+            .unwrap();
+        let mut number = 0;
+        let mut publish = async |kind: Kind| {
+            number += 1;
+            let id = number.to_string();
+            link.publish(kind, &id, vec![b'z'; 1000].into()).await
+        };
+        let refused = async {
+            loop {
+                if let Err(error) = publish(Kind::Audit).await
+                    && error.to_string().contains("maximum bytes")
+                {
+                    return;
+                }
+            }
+        };
+        timeout(SOON, refused)
+            .await
+            .expect("it is full at some time");
+        for _ in 0..200 {
+            publish(Kind::Condition).await.unwrap();
+        }
+        let state = async |stream: &str| {
+            let mut stream = hub.context().get_stream(stream).await.unwrap();
+            stream.info().await.unwrap().state.clone()
+        };
+        let (audit, telemetry) = (state("audit-berlin").await, state("telemetry-berlin").await);
+        assert!(
+            audit.bytes <= 25_000 && audit.first_sequence == 1,
+            "{audit:?}"
+        );
+        assert!(audit.messages > 20, "{audit:?}");
+        assert!(
+            telemetry.bytes <= 75_000 && telemetry.first_sequence > 1,
+            "{telemetry:?}"
+        );
+        // More room helps.
+        hub.prepare(&sites, limited(200_000)).await.unwrap();
+        publish(Kind::Audit).await.unwrap();
+    });
+}
+
 #[test]
 fn the_watch_reports_every_put() {
     Bench::run(async |bench| {
