@@ -23,7 +23,7 @@ const FILE: usize = 256 * 1024;
 /// Priority of a message, by its [`Kind`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
-    /// Acknowledgements and audit records: sent first, and never dropped in favour of telemetry.
+    /// Acknowledgements and audit records: to be sent first, and never dropped in favour of telemetry.
     Kept,
     /// Conditions and telemetry: sent last, and dropped first.
     Passing,
@@ -72,8 +72,6 @@ pub struct Waiting {
 pub struct Spool {
     kept: Queue,
     passing: Queue,
-    /// Lane of the message that `first` returned last.
-    given: Option<Lane>,
 }
 
 impl Spool {
@@ -85,7 +83,6 @@ impl Spool {
         Ok(Self {
             kept: Queue::open(folder.join("kept"), limits.kept_bytes)?,
             passing: Queue::open(folder.join("passing"), limits.passing_bytes)?,
-            given: None,
         })
     }
 
@@ -94,26 +91,14 @@ impl Spool {
         self.lane(Lane::of(message.kind)).push(message);
     }
 
-    /// The next message to send; the same one until [`done`](Self::done).
-    pub fn first(&mut self) -> Option<&Waiting> {
-        let lane = match self.given {
-            Some(lane) => lane,
-            None if self.kept.first().is_some() => Lane::Kept,
-            None => Lane::Passing,
-        };
-        let first = match lane {
-            Lane::Kept => self.kept.first(),
-            Lane::Passing => self.passing.first(),
-        };
-        self.given = first.is_some().then_some(lane);
-        first
+    /// The next message of a lane to send; the same one until [`done`](Self::done).
+    pub fn first(&mut self, lane: Lane) -> Option<&Waiting> {
+        self.lane(lane).first()
     }
 
     /// Removes the message that [`first`](Self::first) returned, after the server has stored it.
-    pub fn done(&mut self) {
-        if let Some(lane) = self.given.take() {
-            self.lane(lane).done();
-        }
+    pub fn done(&mut self, lane: Lane) {
+        self.lane(lane).done();
     }
 
     /// Number of messages dropped for lack of room or with damaged files since the start.
@@ -131,7 +116,6 @@ impl Spool {
 
     /// Writes the messages in memory to disk, before the program ends.
     pub fn flush(&mut self) {
-        self.given = None;
         for queue in [&mut self.kept, &mut self.passing] {
             queue.take_back();
             queue.spill();

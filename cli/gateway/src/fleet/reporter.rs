@@ -31,8 +31,24 @@ const END_TIMEOUT: Duration = Duration::from_secs(1);
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Source {
-    Spool,
+    Spool(Lane),
     Log,
+}
+
+impl Source {
+    fn lane(self) -> Lane {
+        match self {
+            Self::Spool(lane) => lane,
+            Self::Log => Lane::Kept,
+        }
+    }
+}
+
+/// Pause and error after the last message of a lane. They are separate for each lane, because the server may refuse audit
+/// records and acknowledgements (their stream is full) while it accepts states.
+struct Attempts {
+    pause_until: Instant,
+    trouble: Option<String>,
 }
 
 type Sending = Pin<Box<dyn Future<Output = (Source, Result<(), LinkError>)> + Send>>;
@@ -54,8 +70,8 @@ pub(super) struct Reporter {
     begun: Instant,
     next: [Instant; 2],
     kept_at: Instant,
-    pause_until: Instant,
-    trouble: Option<String>,
+    kept: Attempts,
+    passing: Attempts,
 }
 
 impl Reporter {
@@ -66,6 +82,10 @@ impl Reporter {
         link: watch::Receiver<Option<MachineSender>>,
     ) -> Self {
         let now = Instant::now();
+        let untried = || Attempts {
+            pause_until: now,
+            trouble: None,
+        };
         Self {
             log: AuditTail::new(audit_dir, store.audit_cursor()),
             store,
@@ -80,8 +100,15 @@ impl Reporter {
             begun: now,
             next: [now; 2],
             kept_at: now,
-            pause_until: now,
-            trouble: None,
+            kept: untried(),
+            passing: untried(),
+        }
+    }
+
+    fn attempts(&mut self, lane: Lane) -> &mut Attempts {
+        match lane {
+            Lane::Kept => &mut self.kept,
+            Lane::Passing => &mut self.passing,
         }
     }
 
@@ -121,7 +148,9 @@ impl Reporter {
             self.acknowledge(&told);
         }
         let until = Instant::now() + END_TIMEOUT;
-        self.pause_until = Instant::now();
+        for attempts in [&mut self.kept, &mut self.passing] {
+            attempts.pause_until = Instant::now();
+        }
         while Instant::now() < until {
             if sending.is_none() {
                 sending = self.begin_sending();
@@ -154,7 +183,9 @@ impl Reporter {
                     self.push(waiting);
                 }
             }
-            Err(e) => self.trouble = Some(format!("{}: {e}", self.store.spool().display())),
+            Err(e) => {
+                self.passing.trouble = Some(format!("{}: {e}", self.store.spool().display()));
+            }
         }
     }
 
@@ -223,31 +254,43 @@ impl Reporter {
         }
     }
 
-    /// Starts sending the next message if there is one and a connection: acknowledgements first, then the log, then
-    /// states.
+    /// Starts sending the next message if there is one and a connection.
     fn begin_sending(&mut self) -> Option<Sending> {
         let link = self.link.borrow().clone()?;
-        if !link.is_connected() || Instant::now() < self.pause_until {
+        if !link.is_connected() {
             return None;
         }
-        let waiting = {
-            let _waits = self.shared.reporting.wait();
-            self.spool.as_mut().and_then(|spool| spool.first().cloned())
-        };
-        let is_kept = |message: &Waiting| Lane::of(message.kind) == Lane::Kept;
-        let kept = waiting.clone().filter(is_kept);
-        let (source, message) = match kept {
-            Some(message) => (Source::Spool, message),
-            None => match self.next_record() {
-                Some(record) => (Source::Log, record),
-                None => (Source::Spool, waiting?),
-            },
-        };
+        let (source, message) = self.next_message()?;
         Some(Box::pin(async move {
             let Waiting { kind, id, bytes } = message;
             let sent = link.publish(kind, &id, bytes.into()).await;
             (source, sent)
         }))
+    }
+
+    /// The next message of the lanes that are not paused: acknowledgements first, then the log, then states.
+    fn next_message(&mut self) -> Option<(Source, Waiting)> {
+        let now = Instant::now();
+        for lane in [Lane::Kept, Lane::Passing] {
+            if now < self.attempts(lane).pause_until {
+                continue;
+            }
+            let waiting = {
+                let _waits = self.shared.reporting.wait();
+                self.spool
+                    .as_mut()
+                    .and_then(|spool| spool.first(lane).cloned())
+            };
+            if let Some(message) = waiting {
+                return Some((Source::Spool(lane), message));
+            }
+            if lane == Lane::Kept
+                && let Some(record) = self.next_record()
+            {
+                return Some((Source::Log, record));
+            }
+        }
+        None
     }
 
     /// The next log record. A record sent again after a crash has a new number and therefore a new id: the server
@@ -261,27 +304,27 @@ impl Reporter {
     }
 
     fn sent(&mut self, source: Source, sent: Result<(), LinkError>) {
-        match (sent, source) {
-            (Ok(()), Source::Spool) => {
+        let error = sent.err().map(|error| error.to_string());
+        match source {
+            _ if error.is_some() => {}
+            Source::Spool(lane) => {
                 if let Some(spool) = &mut self.spool {
-                    spool.done();
+                    spool.done(lane);
                 }
-                self.trouble = None;
             }
-            (Ok(()), Source::Log) => {
+            Source::Log => {
                 self.record = None;
                 self.log.done();
-                self.trouble = None;
-            }
-            (Err(error), _) => {
-                let error = error.to_string();
-                if self.trouble.as_ref() != Some(&error) {
-                    tracing::warn!("fleet: {error}");
-                }
-                self.trouble = Some(error);
-                self.pause_until = Instant::now() + PAUSE;
             }
         }
+        let attempts = self.attempts(source.lane());
+        if let Some(error) = &error {
+            if attempts.trouble.as_ref() != Some(error) {
+                tracing::warn!("fleet: {error}");
+            }
+            attempts.pause_until = Instant::now() + PAUSE;
+        }
+        attempts.trouble = error;
     }
 
     /// Periodic work: the folder, the cursor of the log, and the published state.
@@ -299,7 +342,7 @@ impl Reporter {
         let waiting = match of_disk {
             Some(trouble) => Some(trouble.to_owned()),
             None if !connected => Some("the server is not connected".to_owned()),
-            None => self.trouble.clone(),
+            None => self.kept.trouble.clone().or(self.passing.trouble.clone()),
         };
         let dropped = self.dropped + self.spool.as_ref().map_or(0, Spool::dropped);
         self.shared.published.update_fleet(|state| {

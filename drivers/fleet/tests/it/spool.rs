@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use volcomp_fleet::{Kind, Spool, SpoolLimits, Waiting};
+use volcomp_fleet::{Kind, Lane, Spool, SpoolLimits, Waiting};
 
 fn message(kind: Kind, number: usize, length: usize) -> Waiting {
     Waiting {
@@ -30,9 +30,11 @@ fn open(folder: &Path) -> Spool {
 
 fn all(spool: &mut Spool) -> Vec<String> {
     let mut ids = Vec::new();
-    while let Some(message) = spool.first() {
-        ids.push(message.id.clone());
-        spool.done();
+    for lane in [Lane::Kept, Lane::Passing] {
+        while let Some(message) = spool.first(lane) {
+            ids.push(message.id.clone());
+            spool.done(lane);
+        }
     }
     ids
 }
@@ -64,10 +66,13 @@ fn a_message_stays_until_it_is_done() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     spool.push(message(Kind::Condition, 1, 10));
-    assert_eq!(spool.first().unwrap().id, "condition-1");
     spool.push(message(Kind::Audit, 1, 10));
-    assert_eq!(spool.first().unwrap().id, "condition-1");
-    spool.done();
+    // Neither lane waits for the other.
+    for _ in 0..2 {
+        assert_eq!(spool.first(Lane::Kept).unwrap().id, "audit-1");
+        assert_eq!(spool.first(Lane::Passing).unwrap().id, "condition-1");
+    }
+    spool.done(Lane::Passing);
     assert_eq!(all(&mut spool), ["audit-1"]);
 }
 
@@ -77,8 +82,11 @@ fn a_reachable_server_causes_no_disk_write() {
     let mut spool = open(folder.path());
     for number in 0..1000 {
         spool.push(message(Kind::Condition, number, 100));
-        assert_eq!(spool.first().unwrap().id, format!("condition-{number}"));
-        spool.done();
+        assert_eq!(
+            spool.first(Lane::Passing).unwrap().id,
+            format!("condition-{number}")
+        );
+        spool.done(Lane::Passing);
         assert_eq!(files(folder.path()), 0);
     }
 }
@@ -90,7 +98,7 @@ fn flushed_messages_survive_and_done_ones_do_not_return() {
     fill(&mut spool, Kind::Condition, 0..300);
     spool.flush();
     let mut spool = open(folder.path());
-    let first = spool.first().unwrap().id.clone();
+    let first = spool.first(Lane::Passing).unwrap().id.clone();
     assert_eq!(first, "condition-0");
     assert_eq!(all(&mut spool).len(), 300);
     assert_eq!(all(&mut open(folder.path())), [""; 0]);
@@ -104,8 +112,8 @@ fn a_crash_loses_no_message_on_disk() {
     fill(&mut spool, Kind::Condition, 0..300);
     spool.flush();
     for _ in 0..10 {
-        assert!(spool.first().is_some());
-        spool.done();
+        assert!(spool.first(Lane::Passing).is_some());
+        spool.done(Lane::Passing);
     }
     drop(spool);
     let again = all(&mut open(folder.path()));
@@ -162,7 +170,7 @@ fn a_temporary_read_failure_loses_no_message() {
     let mut spool = open(&place);
     fill(&mut spool, Kind::Ack, 0..500);
     std::fs::rename(&place, &away).unwrap();
-    assert!(spool.first().is_some(), "what is in memory comes");
+    assert!(spool.first(Lane::Kept).is_some(), "what is in memory comes");
     assert!(spool.trouble().is_some());
     std::fs::rename(&away, &place).unwrap();
     assert_eq!((all(&mut spool).len(), spool.dropped()), (500, 0));
