@@ -6,8 +6,8 @@ use std::{
 };
 
 use volcomp_modbus::{
-    ANSWER_WITHIN, Bus, ByteOrder, DigitalModule, ModbusDigital, ModbusThermometer, Parity,
-    Profile, ThermometerConfig, ThermometerUnit,
+    ANSWER_WITHIN, Bus, ByteOrder, DigitalModule, ModbusDigital, Parity, Profile,
+    ThermometerConfig, ThermometerUnit, poll_temperatures,
 };
 use volcomp_port::{
     Backoff, DeviceError, DigitalIo, Fault, Quality, Reason, Temperature, Thermometer,
@@ -51,7 +51,7 @@ fn thermometer(address: Address, own: &ThermometerTable) -> Result<ThermometerDe
     Ok(ThermometerDevice {
         address,
         names: config.names()?,
-        open: Box::new(move || Ok(Box::new(ModbusThermometer::new(config.clone())?))),
+        open: Box::new(move || Ok(Box::new(poll_temperatures(config.clone())?))),
     })
 }
 
@@ -208,7 +208,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
         address.no_answer("only the echo of the request comes back", remedy)
     };
     if profile.channels.is_some() {
-        let mut thermometer = ModbusThermometer::new(thermometer_config(address, &[])?)?;
+        let mut thermometer = poll_temperatures(thermometer_config(address, &[])?)?;
         let unheard = |t: &Temperature| {
             let Quality::Bad(reason) = t.quality else {
                 return false;

@@ -5,8 +5,8 @@ use std::{collections::BTreeMap, path::Path, time::Duration};
 use volcomp_document::Mistakes;
 use volcomp_port::{Controller, Description, DeviceError};
 use volcomp_sinumerik::{
-    Nodes, SHORTEST_PERIOD, Security, Sensor, Server, SinumerikConfig, SinumerikController,
-    SinumerikThermometer, User, inspect, lag, list_axes,
+    Nodes, SHORTEST_PERIOD, Security, Sensor, Server, SinumerikConfig, SinumerikController, User,
+    inspect, lag, list_axes, poll_temperatures,
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
@@ -72,7 +72,7 @@ fn thermometer(
         address,
         names: own.names.clone(),
         open: Box::new(move || {
-            let thermometer = SinumerikThermometer::new(server.clone(), &sensors)?;
+            let thermometer = poll_temperatures(server.clone(), &sensors)?;
             Ok(Box::new(thermometer))
         }),
     })

@@ -11,7 +11,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_modbus::{Bus, ModbusThermometer, Profile, ThermometerConfig, ThermometerUnit};
+use volcomp_modbus::{Bus, Profile, ThermometerConfig, ThermometerUnit, poll_temperatures};
 use volcomp_port::{Quality, Reason, Thermometer};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -35,7 +35,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         names: (1..=channels).map(|n| format!("channel {n}")).collect(),
     };
     // A separate thread polls the module every second; `latest` returns the last response.
-    let mut thermometer = ModbusThermometer::new(ThermometerConfig::new(bus, unit))?;
+    let mut thermometer = poll_temperatures(ThermometerConfig::new(bus, unit))?;
     let end = Instant::now() + Duration::from_secs(5);
     let waits = |q: Quality| matches!(q, Quality::Bad(Reason::NotRead | Reason::NoAnswer));
     while thermometer.latest().iter().all(|t| waits(t.quality)) {

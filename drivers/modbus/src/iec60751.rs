@@ -46,29 +46,3 @@ pub fn temperature(ratio: f64) -> Option<f64> {
 pub fn two_wire(ohm: f64, leads_ohm: f64, r0_ohm: f64) -> Option<f64> {
     temperature((ohm - leads_ohm) / r0_ohm)
 }
-
-/// Tolerance classes of the standard.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Class {
-    /// Class AA: the tolerance is ±(0.1 + 0.0017·|t|) K at t in °C.
-    AA,
-    /// Class A: the tolerance is ±(0.15 + 0.002·|t|) K at t in °C.
-    A,
-    /// Class B: the tolerance is ±(0.3 + 0.005·|t|) K at t in °C.
-    B,
-    /// Class C: the tolerance is ±(0.6 + 0.01·|t|) K at t in °C.
-    C,
-}
-
-impl Class {
-    /// Tolerance at a temperature, ±K. The figures are from memory, not checked against the standard.
-    pub fn tolerance_k(self, degc: f64) -> f64 {
-        let (constant, slope) = match self {
-            Self::AA => (0.1, 0.0017),
-            Self::A => (0.15, 0.002),
-            Self::B => (0.3, 0.005),
-            Self::C => (0.6, 0.01),
-        };
-        constant + slope * degc.abs()
-    }
-}

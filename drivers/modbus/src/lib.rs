@@ -14,4 +14,4 @@ pub use profile::{
     ByteOrder, Channels, Digital, Fault, NumberType, Profile, ProfileError, Unit, WordOrder,
 };
 pub use registers::read_channel;
-pub use thermometer::{ModbusThermometer, ThermometerConfig, ThermometerUnit};
+pub use thermometer::{ThermometerConfig, ThermometerUnit, poll_temperatures};

@@ -1,17 +1,9 @@
 //! Modules that are polled in the background; their temperatures are published as reported. Plausibility is not checked here.
 
-use std::{
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-    time::{Duration, Instant},
-};
+use std::time::{Duration, Instant};
 
 use tokio_modbus::prelude::{Request, Response};
-use volcomp_port::{
-    Backoff, DeviceError, Published, Publisher, Reason, Temperature, Thermometer, published,
-};
+use volcomp_port::{Backoff, DeviceError, Published, Publisher, Reason, Temperature, published};
 
 use crate::{
     bus::{ANSWER_WITHIN, Bus, Line, RequestError, thread_error},
@@ -97,60 +89,31 @@ impl ThermometerConfig {
     }
 }
 
-/// Temperatures from modules on one line, updated by a separate thread that ends with this object.
-pub struct ModbusThermometer {
-    published: Published,
-    stop: Arc<AtomicBool>,
-}
-
-impl ModbusThermometer {
-    /// Starts polling. If the line cannot be opened, opening is retried, and its sensors are bad until then.
-    ///
-    /// # Errors
-    /// An invalid configuration.
-    pub fn new(config: ThermometerConfig) -> Result<Self, DeviceError> {
-        let device = config.bus.device();
-        let names = config.names()?;
-        let count = names.len();
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .map_err(|e| thread_error(&device, e))?;
-        let (publisher, published) = published(&*device, names);
-        let stop = Arc::new(AtomicBool::new(false));
-        let poller = Poller {
-            temperatures: vec![Temperature::NOT_READ; count],
-            outages: vec![Outage::default(); config.units.len()],
-            config,
-            publisher,
-            stop: Arc::clone(&stop),
-        };
-        std::thread::Builder::new()
-            .name("modbus".to_owned())
-            .spawn(move || runtime.block_on(poller.run()))
-            .map_err(|e| thread_error(&device, e))?;
-        Ok(Self { published, stop })
-    }
-}
-
-impl Drop for ModbusThermometer {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-    }
-}
-
-impl Thermometer for ModbusThermometer {
-    fn device(&self) -> &str {
-        self.published.device()
-    }
-
-    fn names(&self) -> &[String] {
-        self.published.names()
-    }
-
-    fn latest(&mut self) -> &[Temperature] {
-        self.published.latest()
-    }
+/// Starts polling the modules of one line in a separate thread, which ends with the returned thermometer. If the line cannot be opened,
+/// opening is retried, and its sensors are bad until then.
+///
+/// # Errors
+/// An invalid configuration.
+pub fn poll_temperatures(config: ThermometerConfig) -> Result<Published, DeviceError> {
+    let device = config.bus.device();
+    let names = config.names()?;
+    let count = names.len();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|e| thread_error(&device, e))?;
+    let (publisher, published) = published(&*device, names);
+    let poller = Poller {
+        temperatures: vec![Temperature::NOT_READ; count],
+        outages: vec![Outage::default(); config.units.len()],
+        config,
+        publisher,
+    };
+    std::thread::Builder::new()
+        .name("modbus".to_owned())
+        .spawn(move || runtime.block_on(poller.run()))
+        .map_err(|e| thread_error(&device, e))?;
+    Ok(published)
 }
 
 /// Number of consecutive rounds in which a module has not answered, and of further rounds that skip it.
@@ -165,7 +128,6 @@ struct Poller {
     temperatures: Vec<Temperature>,
     outages: Vec<Outage>,
     publisher: Publisher,
-    stop: Arc<AtomicBool>,
 }
 
 impl Poller {
@@ -187,7 +149,7 @@ impl Poller {
     }
 
     fn stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        !self.publisher.has_reader()
     }
 
     /// Sleeps, but at most until the thread is stopped.

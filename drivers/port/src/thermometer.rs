@@ -1,6 +1,9 @@
 //! The interface to a thermometer: temperatures in °C, each with its quality.
 
-use std::time::Instant;
+use std::{
+    sync::{Arc, Weak},
+    time::Instant,
+};
 
 /// Why a temperature is bad or uncertain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -143,6 +146,7 @@ impl<T: Thermometer + ?Sized> Thermometer for Box<T> {
 /// The producing end, held by the driver's thread.
 pub struct Publisher {
     into: triple_buffer::Input<Vec<Temperature>>,
+    reader: Weak<()>,
 }
 
 impl Publisher {
@@ -155,6 +159,11 @@ impl Publisher {
         }
         self.into.publish();
     }
+
+    /// False once the thermometer was dropped: the driver's thread then ends.
+    pub fn has_reader(&self) -> bool {
+        self.reader.strong_count() > 0
+    }
 }
 
 /// A thermometer that returns the temperatures published last.
@@ -162,18 +171,26 @@ pub struct Published {
     device: String,
     names: Vec<String>,
     from: triple_buffer::Output<Vec<Temperature>>,
+    /// Shows the publisher that this thermometer exists.
+    _reader: Arc<()>,
 }
 
 /// Creates a thermometer and its publisher.
 pub fn published(device: impl Into<String>, names: Vec<String>) -> (Publisher, Published) {
     let empty = vec![Temperature::NOT_READ; names.len()];
     let (into, from) = triple_buffer::triple_buffer(&empty);
+    let alive = Arc::new(());
+    let publisher = Publisher {
+        into,
+        reader: Arc::downgrade(&alive),
+    };
     let thermometer = Published {
         device: device.into(),
         names,
         from,
+        _reader: alive,
     };
-    (Publisher { into }, thermometer)
+    (publisher, thermometer)
 }
 
 impl Thermometer for Published {

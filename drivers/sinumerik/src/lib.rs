@@ -15,8 +15,8 @@ pub use map_nodes::MapNodes;
 pub use nodes::Nodes;
 #[cfg(feature = "opc-ua")]
 pub use opc_ua::{
-    InspectedAxis, Inspection, MapWords, Sensor, SinumerikController, SinumerikThermometer,
-    inspect, list_axes,
+    InspectedAxis, Inspection, MapWords, Sensor, SinumerikController, inspect, list_axes,
+    poll_temperatures,
 };
 pub use reading::{Reading, Value, is_switched_on};
 pub use server::{PORT, SHORTEST_PERIOD, Security, Server, User};

@@ -11,8 +11,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_modbus::{DigitalModule, ModbusDigital, ModbusThermometer, Profile};
-use volcomp_port::{Backoff, DigitalIo, Fault, Quality, Reason, Thermometer};
+use volcomp_modbus::{DigitalModule, ModbusDigital, Profile, poll_temperatures};
+use volcomp_port::{Backoff, DigitalIo, Fault, Published, Quality, Reason, Thermometer};
 
 use crate::{Wire, config, until};
 
@@ -124,7 +124,7 @@ fn the_echo_of_an_adapter_is_not_a_response() {
             Some((Duration::ZERO, registers(request)))
         }),
     );
-    let mut thermometer = ModbusThermometer::new(config(wire.bus(), &[1])).unwrap();
+    let mut thermometer = poll_temperatures(config(wire.bus(), &[1])).unwrap();
     until("it is good", || {
         thermometer.latest()[0].quality == Quality::Good
     });
@@ -154,7 +154,7 @@ fn exceptions_are_named() {
             Some((Duration::ZERO, refusal))
         }),
     );
-    let mut thermometer = ModbusThermometer::new(config(wire.bus(), &[1])).unwrap();
+    let mut thermometer = poll_temperatures(config(wire.bus(), &[1])).unwrap();
     for (exception, name) in [
         (1, "the device refuses: exception 01, illegal function"),
         (2, "the device refuses: exception 02, illegal data address"),
@@ -186,7 +186,7 @@ fn units_on_one_line_are_polled_in_turn() {
             Some((Duration::ZERO, registers(request)))
         }),
     );
-    let mut thermometer = ModbusThermometer::new(config(wire.bus(), &[1, 2, 3])).unwrap();
+    let mut thermometer = poll_temperatures(config(wire.bus(), &[1, 2, 3])).unwrap();
     until("all are good", || {
         thermometer
             .latest()
@@ -231,7 +231,7 @@ fn a_late_response_is_never_taken_for_another() {
         }),
     );
     let config = config(wire.bus(), &[1, 2]);
-    let mut thermometer = ModbusThermometer::new(config).unwrap();
+    let mut thermometer = poll_temperatures(config).unwrap();
     until("several late responses", || {
         for (sensor, found) in thermometer.latest().iter().enumerate() {
             if let Some(degc) = found.degc {
@@ -278,7 +278,7 @@ fn corrupted_responses_are_rejected() {
     );
     let mut config = config(wire.bus(), &[1]);
     config.answer_within = Duration::from_millis(30);
-    let mut thermometer = ModbusThermometer::new(config).unwrap();
+    let mut thermometer = poll_temperatures(config).unwrap();
     until("every truncation", || {
         for (sensor, found) in thermometer.latest().iter().enumerate() {
             if let Some(degc) = found.degc {
@@ -297,8 +297,8 @@ fn an_unplugged_adapter_reconnects() {
     let bus = wire.bus();
     let answer = || Box::new(|request: &[u8]| Some((Duration::ZERO, registers(request))));
     let modules = Modules::start(&wire, answer());
-    let mut thermometer = ModbusThermometer::new(config(bus, &[1])).unwrap();
-    let good = |t: &mut ModbusThermometer| t.latest()[0].quality == Quality::Good;
+    let mut thermometer = poll_temperatures(config(bus, &[1])).unwrap();
+    let good = |t: &mut Published| t.latest()[0].quality == Quality::Good;
     until("it responds", || good(&mut thermometer));
     let (ours, theirs) = (wire.ours.clone(), wire.theirs.clone());
     drop(wire);
@@ -415,7 +415,7 @@ fn invalid_configurations_are_rejected() {
     let message = |change: fn(&mut volcomp_modbus::ThermometerConfig)| {
         let mut config = config(bus(), &[1, 2]);
         change(&mut config);
-        ModbusThermometer::new(config).err().unwrap().to_string()
+        poll_temperatures(config).err().unwrap().to_string()
     };
     assert!(message(|c| c.units.clear()).contains("modbus://127.0.0.1:1: no sensor is named"));
     assert!(
@@ -443,7 +443,7 @@ fn invalid_configurations_are_rejected() {
             .contains("has no digital lines")
     );
     // Without a server the sensors are bad, but there is no error.
-    let mut thermometer = ModbusThermometer::new(config(bus(), &[1])).unwrap();
+    let mut thermometer = poll_temperatures(config(bus(), &[1])).unwrap();
     until("the reason is reported", || {
         thermometer.latest()[0].quality == Quality::Bad(Reason::NoAnswer)
     });

@@ -6,8 +6,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_modbus::{Bus, DigitalModule, ModbusDigital, ModbusThermometer, Profile};
-use volcomp_port::{Backoff, DigitalIo, Quality, Reason, Thermometer, contract};
+use volcomp_modbus::{Bus, DigitalModule, ModbusDigital, Profile, poll_temperatures};
+use volcomp_port::{Backoff, DigitalIo, Published, Quality, Reason, Thermometer, contract};
 use volcomp_test_support::{
     Running, free_port,
     peers::{not_run, python},
@@ -54,7 +54,7 @@ fn tcp(port: u16) -> Bus {
 
 /// Checks four channels of each unit, which differ by 0.1 K per channel and 10 K per unit.
 fn check(bus: Bus, units: &[u8]) {
-    let mut thermometer = ModbusThermometer::new(config(bus, units)).unwrap();
+    let mut thermometer = poll_temperatures(config(bus, units)).unwrap();
     contract::thermometer(&mut thermometer);
     let latest = thermometer.latest().to_vec();
     for (sensor, found) in latest.iter().enumerate() {
@@ -71,8 +71,8 @@ fn pymodbus_over_tcp_killed_and_restarted() {
         return;
     };
     check(tcp(port), &[1, 2, 3]);
-    let mut thermometer = ModbusThermometer::new(config(tcp(port), &[2])).unwrap();
-    let quality = |t: &mut ModbusThermometer| t.latest()[0].quality;
+    let mut thermometer = poll_temperatures(config(tcp(port), &[2])).unwrap();
+    let quality = |t: &mut Published| t.latest()[0].quality;
     until("it responds", || quality(&mut thermometer) == Quality::Good);
     drop(server);
     until("the outage is reported", || {

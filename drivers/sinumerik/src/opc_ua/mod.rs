@@ -12,5 +12,5 @@ mod worker;
 
 pub use controller::SinumerikController;
 pub use inspection::{InspectedAxis, Inspection, inspect, list_axes};
-pub use thermometer::{Sensor, SinumerikThermometer};
+pub use thermometer::{Sensor, poll_temperatures};
 pub use words::MapWords;

@@ -1,16 +1,8 @@
 //! Temperatures of a control's PLC, updated by a separate thread.
 
-use std::{
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-    time::{Duration, Instant},
-};
+use std::time::{Duration, Instant};
 
-use volcomp_port::{
-    DeviceError, Published, Publisher, Reason, Temperature, Thermometer, published,
-};
+use volcomp_port::{DeviceError, Published, Publisher, Reason, Temperature, published};
 
 use super::{controller::start, failure_log::FailureLog, link::Link};
 use crate::{error::SinumerikError, server::Server};
@@ -24,54 +16,25 @@ pub struct Sensor {
     pub node: String,
 }
 
-/// Temperatures of a control, read once per period of its server, at most once a second.
-pub struct SinumerikThermometer {
-    published: Published,
-    ends: Arc<AtomicBool>,
-}
-
-impl SinumerikThermometer {
-    /// Starts reading. A control that does not answer is retried, and its sensors are bad until then.
-    ///
-    /// # Errors
-    /// An invalid server configuration, or the thread cannot be started.
-    pub fn new(server: Server, sensors: &[Sensor]) -> Result<Self, DeviceError> {
-        let device = server.url.clone();
-        server.check().map_err(|error| error.of(&*device))?;
-        let names = sensors.iter().map(|sensor| sensor.name.clone()).collect();
-        let (publisher, published) = published(&*device, names);
-        let ends = Arc::new(AtomicBool::new(false));
-        let asker = SensorPoller {
-            nodes: sensors.iter().map(|sensor| sensor.node.clone()).collect(),
-            latest: vec![Temperature::NOT_READ; sensors.len()],
-            server,
-            publisher,
-            ends: Arc::clone(&ends),
-            opened: None,
-        };
-        start(&device, asker.run())?;
-        Ok(Self { published, ends })
-    }
-}
-
-impl Thermometer for SinumerikThermometer {
-    fn device(&self) -> &str {
-        self.published.device()
-    }
-
-    fn names(&self) -> &[String] {
-        self.published.names()
-    }
-
-    fn latest(&mut self) -> &[Temperature] {
-        self.published.latest()
-    }
-}
-
-impl Drop for SinumerikThermometer {
-    fn drop(&mut self) {
-        self.ends.store(true, Ordering::Release);
-    }
+/// Starts reading temperatures of a control in a separate thread, once per period of its server, at most once a second; the thread ends with
+/// the returned thermometer. A control that does not answer is retried, and its sensors are bad until then.
+///
+/// # Errors
+/// An invalid server configuration, or the thread cannot be started.
+pub fn poll_temperatures(server: Server, sensors: &[Sensor]) -> Result<Published, DeviceError> {
+    let device = server.url.clone();
+    server.check().map_err(|error| error.of(&*device))?;
+    let names = sensors.iter().map(|sensor| sensor.name.clone()).collect();
+    let (publisher, published) = published(&*device, names);
+    let poller = SensorPoller {
+        nodes: sensors.iter().map(|sensor| sensor.node.clone()).collect(),
+        latest: vec![Temperature::NOT_READ; sensors.len()],
+        server,
+        publisher,
+        opened: None,
+    };
+    start(&device, poller.run())?;
+    Ok(published)
 }
 
 struct SensorPoller {
@@ -79,7 +42,6 @@ struct SensorPoller {
     nodes: Vec<String>,
     latest: Vec<Temperature>,
     publisher: Publisher,
-    ends: Arc<AtomicBool>,
     opened: Option<Instant>,
 }
 
@@ -87,7 +49,7 @@ impl SensorPoller {
     async fn run(mut self) {
         let mut pause = Duration::ZERO;
         let mut failures = FailureLog::default();
-        while !self.ends.load(Ordering::Acquire) {
+        while self.publisher.has_reader() {
             let Err(error) = self.session().await else {
                 return;
             };
@@ -106,7 +68,7 @@ impl SensorPoller {
 
     async fn sleep(&self, pause: Duration) {
         let end = Instant::now() + pause;
-        while !self.ends.load(Ordering::Acquire) && Instant::now() < end {
+        while self.publisher.has_reader() && Instant::now() < end {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
     }
@@ -115,7 +77,7 @@ impl SensorPoller {
         let link = Link::open(&self.server).await?;
         self.opened = Some(Instant::now());
         let every = self.server.period.max(Duration::from_secs(1));
-        while !self.ends.load(Ordering::Acquire) {
+        while self.publisher.has_reader() {
             let answer = link.read(&self.nodes).await?;
             let middle = answer.begun + answer.ended.saturating_duration_since(answer.begun) / 2;
             for (into, value) in self.latest.iter_mut().zip(answer.numbers()) {

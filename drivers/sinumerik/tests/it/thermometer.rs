@@ -1,7 +1,7 @@
 use std::time::Duration;
 
 use volcomp_port::{Backoff, Quality, Thermometer};
-use volcomp_sinumerik::{Sensor, Server, SinumerikThermometer};
+use volcomp_sinumerik::{Sensor, Server, poll_temperatures};
 use volcomp_test_support::until;
 
 use crate::peer::{Peer, TIMEOUT};
@@ -27,7 +27,7 @@ fn temperatures_keep_their_age() {
         sensor("bed", "/Plc/DB5.DBD0:REAL"),
         sensor("nothing", "/Plc/DB6.DBD0:REAL"),
     ];
-    let mut thermometer = SinumerikThermometer::new(server, &sensors).unwrap();
+    let mut thermometer = poll_temperatures(server, &sensors).unwrap();
     until("both are good", TIMEOUT, || {
         thermometer.latest()[1].quality == Quality::Good
     });
