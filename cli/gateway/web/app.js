@@ -1,37 +1,19 @@
 "use strict";
-/* global drawLines, drawBars, drawMap, clearMap */
+/* global drawLines, drawBars, drawMap, clearMap, element, token, headers, fixed, text, make, movesOf, guard */
 
-const HOLD_MS = 1000, LOST_AFTER_MS = 2000, SILENT_MS = 2000, ANSWER_MS = 5000, POLL_MS = 3000;
+const LOST_AFTER_MS = 2000, SILENT_MS = 2000, ANSWER_MS = 5000, POLL_MS = 3000;
 // A reduction in % of an error below this says nothing: µm.
 const LEAST_FOR_PERCENT_UM = 1;
 const LETTERS = "XYZABCUVW";
-const element = (id) => document.getElementById(id);
 const trend = { span_s: 120, points: [] };
 let map = null, lastHeard = 0, current = null;
 /** Whether the token that was entered may operate: the gateway said so. */
 let mayOperate = false;
 
-// The token stays in this tab only; it is never in an address.
-const token = () => sessionStorage.getItem("token") || "";
-const headers = () => (token() ? { Authorization: `Bearer ${token()}` } : {});
-
 const length = (v) => (v ? Math.hypot(...v) : null);
 const inOrder = (names) => [...names].sort((a, b) => LETTERS.indexOf(a) - LETTERS.indexOf(b));
-const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
 /** A change, with its sign also where it is positive. */
 const signed = (value, digits) => (value > 0 ? "+" : "") + fixed(value, digits);
-
-function text(id, value) {
-  const target = element(id);
-  if (target.textContent !== value) target.textContent = value;
-}
-
-function make(tag, name, parent) {
-  const made = document.createElement(tag);
-  if (name) made.className = name;
-  parent.append(made);
-  return made;
-}
 
 const KINDS = [
   { unit: "mm", small: "um", digits: 3 },
@@ -419,13 +401,7 @@ async function operate(what, body) {
 
 /** What a change does, in lines: signs of another machine, how far it moves the correction, and the limits that change. */
 function changesOf(answer) {
-  const moved = [[answer.worst_corner_um, answer.confirm_um, "µm"], [answer.worst_corner_urad, answer.confirm_urad, "µrad"]];
-  // Rotary axes are omitted if none is corrected.
-  const unknown = answer.worst_corner_um === null;
-  const lines = unknown ? ["The machine has other axes than before: the change of the correction is unknown."] : moved
-    .filter(([worst]) => worst !== null)
-    .map(([worst, least, unit]) => `At the worst point of the work space the correction changes by ${fixed(worst, 1)} ${unit}` + (least === null ? "." : ` (allowed without confirmation: ${least} ${unit}).`));
-  lines.unshift(...(answer.differences || []));
+  const lines = [...(answer.differences || []), ...movesOf(answer)];
   const value = (number) => (number === null ? "none" : number);
   for (const [key, [from, to]] of Object.entries(answer.limits || {})) lines.push(`${key}: ${value(from)} → ${value(to)}`);
   return lines;
@@ -438,33 +414,8 @@ function confirmModel(what, answer) {
   if (window.confirm(question)) operate(what, JSON.stringify({ confirm: answer.model }));
 }
 
-/** A press counts after a second: a glove or a tool that touches the glass does nothing. */
-function guard(button, act) {
-  let timer = null;
-  const begin = (event) => {
-    if (button.disabled || (event.type === "keydown" && event.key !== "Enter" && event.key !== " ") || event.repeat) return;
-    event.preventDefault();
-    button.classList.add("holding");
-    timer = timer || setTimeout(() => { end(); act(); }, HOLD_MS);
-  };
-  const end = () => {
-    clearTimeout(timer);
-    timer = null;
-    button.classList.remove("holding");
-  };
-  for (const name of ["pointerdown", "keydown"]) button.addEventListener(name, begin);
-  for (const name of ["pointerup", "pointerleave", "pointercancel", "keyup", "blur"]) button.addEventListener(name, end);
-  button.addEventListener("contextmenu", (event) => event.preventDefault());
-}
-
 for (const button of document.querySelectorAll("button[data-hold]")) guard(button, () => operate(button.id));
 element("disarm").addEventListener("click", () => operate("disarm"));
-element("token-form").addEventListener("submit", (event) => {
-  event.preventDefault();
-  sessionStorage.setItem("token", element("token").value.trim());
-  element("token").value = "";
-  checkToken();
-});
 if (token()) checkToken();
 setInterval(() => {
   if (lastHeard && Date.now() - lastHeard > LOST_AFTER_MS) lost("nothing received for two seconds; the state of the machine is unknown here");

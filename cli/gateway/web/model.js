@@ -1,28 +1,11 @@
 "use strict";
-/* global diagonalOf, leftOf, ends */
+/* global diagonalOf, leftOf, ends, element, token, headers, text, make, movesOf, guard */
 
-const HOLD_MS = 1000, LOOK_MS = 1000;
-const element = (id) => document.getElementById(id);
-// The token stays in this tab only; it is never in an address.
-const token = () => sessionStorage.getItem("token") || "";
-const headers = () => (token() ? { Authorization: `Bearer ${token()}` } : {});
+const LOOK_MS = 1000;
 let isEngineer = false, mayOperate = false, state = null, candidate = null;
 /** What a person has to confirm: the request that is repeated with the hash. */
 let pending = null;
 let drawn = "", busy = false, wantsResult = false;
-
-function text(id, value) {
-  const target = element(id);
-  if (target.textContent !== value) target.textContent = value;
-}
-
-function make(tag, name, parent, said) {
-  const made = document.createElement(tag);
-  if (name) made.className = name;
-  if (said !== undefined) made.textContent = said;
-  parent.append(made);
-  return made;
-}
 
 const short = (hash) => hash.replace("sha256:", "").slice(0, 12);
 const when = (time) => time.replace("T", " ").slice(0, 19);
@@ -144,21 +127,11 @@ function drawPlots(result) {
   element("diagonals").replaceChildren(...result.diagonals.map((diagonal) => diagonalOf(diagonal, range)));
 }
 
-/** What a change does, in lines. */
-function changesOf(answer) {
-  const moved = [[answer.worst_corner_um, answer.confirm_um, "µm"], [answer.worst_corner_urad, answer.confirm_urad, "µrad"]];
-  const differences = answer.differences || [];
-  if (answer.worst_corner_um === null) return [...differences, "The machine has other axes than before: the change of the correction is unknown."];
-  const moves = moved.filter(([worst]) => worst !== null)
-    .map(([worst, least, unit]) => `At the worst point of the work space the correction changes by ${worst.toFixed(1).replace("-", "−")} ${unit}` + (least === null ? "." : ` (allowed without confirmation: ${least} ${unit}).`));
-  return [...differences, ...moves];
-}
-
 function question(answer, repeat) {
   pending = repeat;
   element("confirm-panel").hidden = !answer;
   if (!answer) return;
-  list("confirm-lines", changesOf(answer));
+  list("confirm-lines", [...(answer.differences || []), ...movesOf(answer)]);
   text("confirm-hash", answer.model);
   pending.hash = answer.model;
   element("confirm-panel").scrollIntoView({ block: "center" });
@@ -251,27 +224,6 @@ async function checkToken() {
   await look();
 }
 
-/** A press counts after a second: a glove or a tool that touches the glass does nothing. */
-/** A button that is held. `what` is evaluated when the press begins, so that it refers to what is shown then. */
-function guard(button, act, what = () => null) {
-  let timer = null;
-  const end = () => {
-    clearTimeout(timer);
-    timer = null;
-    button.classList.remove("holding");
-  };
-  const begin = (event) => {
-    if (button.disabled || (event.type === "keydown" && event.key !== "Enter" && event.key !== " ") || event.repeat) return;
-    event.preventDefault();
-    button.classList.add("holding");
-    const meant = what();
-    timer = timer || setTimeout(() => { end(); act(meant); }, HOLD_MS);
-  };
-  for (const name of ["pointerdown", "keydown"]) button.addEventListener(name, begin);
-  for (const name of ["pointerup", "pointerleave", "pointercancel", "keyup", "blur"]) button.addEventListener(name, end);
-  button.addEventListener("contextmenu", (event) => event.preventDefault());
-}
-
 element("disarm").addEventListener("click", async () => {
   let { ok, answer } = await ask("/api/disarm", {});
   // On the gateway's own computer disarming needs no token, also where the one that was entered does not allow it.
@@ -285,12 +237,6 @@ element("not-now").addEventListener("click", () => { question(null, null); text(
 guard(element("activate"), (shown) => putInForce("activate", shown), () => ({ candidate: candidate.id, hash: candidate.result.hash }));
 guard(element("configured"), () => putInForce("back", { hash: null }));
 guard(element("confirm"), () => putInForce(pending.what, { ...pending.body, confirm: pending.hash }));
-element("token-form").addEventListener("submit", (event) => {
-  event.preventDefault();
-  sessionStorage.setItem("token", element("token").value.trim());
-  element("token").value = "";
-  checkToken();
-});
 window.addEventListener("resize", () => { if (candidate && candidate.result) drawPlots(candidate.result); });
 checkToken();
 setInterval(look, LOOK_MS);

@@ -52,8 +52,9 @@ const JS: &str = "text/javascript; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const SVG: &str = "image/svg+xml";
 
-const PAGES: [(&str, &str, &str); 9] = [
+const PAGES: [(&str, &str, &str); 10] = [
     ("/", HTML, include_str!("../../web/index.html")),
+    ("/common.js", JS, include_str!("../../web/common.js")),
     ("/app.js", JS, include_str!("../../web/app.js")),
     ("/plot.js", JS, volcomp_web::PLOT_JS),
     ("/style.css", CSS, include_str!("../../web/style.css")),

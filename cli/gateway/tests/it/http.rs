@@ -42,7 +42,14 @@ pub(crate) fn the_simulation_lives(program: &Program) {
     assert!(metrics.body.contains("volcomp_correction_um{axis=\"X\"}"));
     let map = program.get("/api/map").json();
     assert_eq!(map["error_um"].as_array().map(Vec::len), Some(25));
-    for page in ["/", "/app.js", "/plot.js", "/style.css", "/icon.svg"] {
+    for page in [
+        "/",
+        "/common.js",
+        "/app.js",
+        "/plot.js",
+        "/style.css",
+        "/icon.svg",
+    ] {
         let page = program.get(page);
         assert_eq!(page.status, 200);
         assert!(
