@@ -315,7 +315,7 @@ fn checksum(previous: &str, record: &str) -> String {
         .chain_update("\n")
         .chain_update(record)
         .finalize();
-    crate::hex(&digest)
+    volcomp_model::hexadecimal(&digest)
 }
 
 /// The kernel's boot ID; empty if it cannot be read.

@@ -213,7 +213,7 @@ fn hash(model: &Model, changes: &LimitChanges, limits: &ConfirmedLimits) -> Stri
     for (key, value) in limits {
         digest.update(format!("\n{key} = {value}"));
     }
-    format!("sha256:{}", crate::hex(&digest.finalize()))
+    format!("sha256:{}", volcomp_model::hexadecimal(&digest.finalize()))
 }
 
 #[cfg(test)]

@@ -31,18 +31,31 @@ pub mod slot;
 pub mod status;
 mod toml_text;
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::{
+    io::Write,
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+use error::GatewayError;
+
+/// Prints to standard output; a closed pipe is not an error.
+///
+/// # Errors
+/// Standard output cannot be written.
+pub fn print(text: &str) -> Result<(), GatewayError> {
+    let mut output = std::io::stdout().lock();
+    match output
+        .write_all(text.as_bytes())
+        .and_then(|()| output.flush())
+    {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(GatewayError::system("standard output", e))
+        }
+        _ => Ok(()),
+    }
+}
 
 /// Locks a mutex and ignores poisoning: no holder leaves the data in an inconsistent state.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-fn hex(bytes: &[u8]) -> String {
-    use std::fmt::Write;
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        // Writing to a string never fails.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }

@@ -94,7 +94,7 @@ fn lock_device(url: &str, device: &str) -> Result<UnixListener, GatewayError> {
 
 /// `None`: another program holds the lock.
 fn try_lock(name: &str) -> std::io::Result<Option<UnixListener>> {
-    let digest = crate::hex(&Sha256::digest(name.as_bytes())[..8]);
+    let digest = volcomp_model::hexadecimal(&Sha256::digest(name.as_bytes())[..8]);
     let address = SocketAddr::from_abstract_name(format!("volcomp-gateway-{digest}"))?;
     match UnixListener::bind_addr(&address) {
         Ok(lock) => Ok(Some(lock)),

@@ -1,7 +1,6 @@
 //! The `volcomp-gateway` command: corrects a machine tool in real time.
 
 use std::{
-    io::Write,
     net::SocketAddr,
     path::{Path, PathBuf},
     process::ExitCode,
@@ -18,6 +17,7 @@ use volcomp_gateway::{
     http::tls,
     options::Options,
     plan::Plan,
+    print,
     rehearse::{self, Rehearsal},
     run, send_map, status,
 };
@@ -319,16 +319,6 @@ fn status(
         check::line(&status)
     } else {
         Ok(status::text(&status))
-    }
-}
-
-/// Prints to standard output; a closed pipe is not an error.
-fn print(text: &str) -> Result<(), GatewayError> {
-    match std::io::stdout().write_all(text.as_bytes()) {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(GatewayError::system("standard output", e))
-        }
-        _ => Ok(()),
     }
 }
 

@@ -45,7 +45,7 @@ fn hash(before: &str, document: &str) -> String {
     let mut digest = Sha256::new();
     digest.update(before);
     digest.update(document);
-    crate::hex(&digest.finalize())
+    volcomp_model::hexadecimal(&digest.finalize())
 }
 
 fn record(row: &Row<'_>) -> Result<AuditRecord, Error> {

@@ -243,7 +243,7 @@ impl Token {
     pub fn generate() -> Result<Self, getrandom::Error> {
         let mut bytes = [0; 32];
         getrandom::fill(&mut bytes)?;
-        Ok(Self(crate::hex(&bytes)))
+        Ok(Self(volcomp_model::hexadecimal(&bytes)))
     }
 
     /// Parses a token received from a browser; `None` if it is malformed.
@@ -259,7 +259,7 @@ impl Token {
     /// Hash of the token, under which the session is stored. A timing attack on the look-up by hash may reveal part of a hash, but nothing of the
     /// token.
     pub fn hash(&self) -> String {
-        crate::hex(&Sha256::digest(self.0.as_bytes()))
+        volcomp_model::hexadecimal(&Sha256::digest(self.0.as_bytes()))
     }
 }
 

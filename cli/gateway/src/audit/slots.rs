@@ -93,7 +93,7 @@ fn slot(count: u64, text: &str) -> io::Result<String> {
 }
 
 fn checksum(content: &str) -> String {
-    crate::hex(&Sha256::digest(content.as_bytes()))
+    volcomp_model::hexadecimal(&Sha256::digest(content.as_bytes()))
 }
 
 /// The intact text with the largest counter, and that counter; `None` if no slot is intact.

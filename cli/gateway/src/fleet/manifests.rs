@@ -135,7 +135,7 @@ impl ManifestReceiver {
     }
 
     fn judge(&mut self, value: &[u8]) -> JudgedValue {
-        let value_sha256 = crate::hex(&Sha256::digest(value));
+        let value_sha256 = volcomp_model::hexadecimal(&Sha256::digest(value));
         let parsed = Desired::parse(value);
         let mut desired = match parsed {
             Ok(desired) => desired,

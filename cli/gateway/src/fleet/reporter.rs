@@ -364,7 +364,7 @@ async fn pending_send(sending: &mut Option<Sending>) -> (Source, Result<(), Link
 fn instance() -> String {
     let mut bytes = [0; 8];
     match rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty()) {
-        Ok(_) => crate::hex(&bytes),
+        Ok(_) => volcomp_model::hexadecimal(&bytes),
         // The kernel has no entropy yet: use the process ID and the time since boot.
         Err(_) => format!(
             "{:08x}{:08x}",

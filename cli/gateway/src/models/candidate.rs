@@ -68,7 +68,7 @@ pub(super) fn take(
         let why = "the name has no letter or digit, expected a file name";
         return Err(refused(400, why));
     };
-    let id = crate::hex(&rand::random::<u64>().to_be_bytes());
+    let id = volcomp_model::hexadecimal(&rand::random::<u64>().to_be_bytes());
     let document = Candidate {
         brief: CandidateBrief {
             id: id.clone(),

@@ -297,7 +297,10 @@ impl Head {
             time: utc_now(),
             user: user.unwrap_or_else(|| format!("uid {}", rustix::process::getuid().as_raw())),
             host: host.trim().to_owned(),
-            config_hash: format!("sha256:{}", crate::hex(&Sha256::digest(&text))),
+            config_hash: format!(
+                "sha256:{}",
+                volcomp_model::hexadecimal(&Sha256::digest(&text))
+            ),
         })
     }
 }

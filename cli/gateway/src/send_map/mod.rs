@@ -45,7 +45,7 @@ pub fn check(path: &Path) -> Result<Checked, GatewayError> {
     let map = Map::from_image(&bytes, config.keys.number).map_err(|e| wrong(e.to_string()))?;
     let admitted = config.allowed.check_map(&map);
     admitted.map_err(|e| wrong(e.to_string()))?;
-    let hash = crate::hex(&Sha256::digest(&bytes)[..8]);
+    let hash = volcomp_model::hexadecimal(&Sha256::digest(&bytes)[..8]);
     Ok(Checked {
         config,
         map,

@@ -5,8 +5,7 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
-    io::{self, Write as _},
+    fs, io,
     path::{Path, PathBuf},
     sync::mpsc::{Receiver, channel},
     thread,
@@ -255,7 +254,7 @@ impl Sending {
                 if self.in_use != Some(number) {
                     self.in_use = Some(number);
                     self.record("the map is in use");
-                    print_line(&format!("map {number} is in use"))?;
+                    crate::print(&format!("map {number} is in use\n"))?;
                 }
                 self.last_warning.clear();
                 Ok(self.place.period)
@@ -372,24 +371,13 @@ impl Sending {
             return Err(ended(&self.checked, what));
         }
         self.record("the corrections are zero");
-        print_line("the corrections are zero")
+        crate::print("the corrections are zero\n")
     }
 }
 
 /// Whether the control has lost the map in use: it uses none, or another one that is not the map being sent.
 fn is_lost(was: Option<u16>, sent: u16, is: Option<u16>) -> bool {
     was.is_some() && is != was && is != Some(sent)
-}
-
-/// Prints a line to standard output; a closed pipe is not an error.
-fn print_line(text: &str) -> Result<(), GatewayError> {
-    let mut output = std::io::stdout().lock();
-    match writeln!(output, "{text}").and_then(|()| output.flush()) {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(GatewayError::system("standard output", e))
-        }
-        _ => Ok(()),
-    }
 }
 
 /// Timeout for the record of a new map, which is then not sent.
