@@ -295,24 +295,21 @@ fn at_places(
             };
             let from_unknown = &made.motion.arrives_from_unknown;
             let hole = heights_of_hole(&made);
-            let delta = match &hole {
+            let delta = if let Some([plane, half, bottom]) = &hole {
                 // The hole is cut on the way down from the plane R.
-                Some([plane, half, bottom]) => {
+                corrector.begin_motion(from_unknown);
+                go(&mut corrector, plane);
+                go(&mut corrector, half);
+                let delta = corrector.at(half).delta;
+                go(&mut corrector, bottom);
+                go(&mut corrector, &made.motion.to);
+                delta
+            } else {
+                for to in made.motion.stops() {
                     corrector.begin_motion(from_unknown);
-                    go(&mut corrector, plane);
-                    go(&mut corrector, half);
-                    let delta = corrector.at(half).delta;
-                    go(&mut corrector, bottom);
-                    go(&mut corrector, &made.motion.to);
-                    delta
+                    go(&mut corrector, to);
                 }
-                None => {
-                    for to in made.motion.stops() {
-                        corrector.begin_motion(from_unknown);
-                        go(&mut corrector, to);
-                    }
-                    corrector.at(&made.motion.to).delta
-                }
+                corrector.at(&made.motion.to).delta
             };
             let Some(at) = cuts_at(&made) else { continue };
             let moved_at = beside.as_ref().and_then(cuts_at).unwrap_or(at);

@@ -84,9 +84,7 @@ impl Interpreter {
             Manner::Modal => !self.modal.absolute && !codes.in_machine,
             manner => manner == Manner::Incremental,
         });
-        if !codes.in_machine {
-            self.check_new_frame(given, &incremental)?;
-        }
+        self.check_new_frame(given, &incremental, codes.in_machine)?;
         let mut motion = Move {
             path,
             from: self.position,
@@ -289,7 +287,11 @@ impl Interpreter {
         &mut self,
         given: &BlockWords<'_>,
         incremental: &Axes<bool>,
+        in_machine: bool,
     ) -> Result<(), NcError> {
+        if in_machine {
+            return Ok(());
+        }
         let names = |axis: usize| given.word(axis).is_some();
         let is_unclear =
             |axis: usize| self.modal.frame_is_new[axis] && names(axis) && incremental[axis];

@@ -97,7 +97,7 @@ fn a_log_that_cannot_be_rotated_loses_nothing() {
         append().expect("room");
     }
     let filler = |n: usize| folder.join(format!("filler{n}"));
-    let full = (0..).find(|n| std::fs::File::create(filler(*n)).is_err());
+    let full = (0..100_000).find(|n| std::fs::File::create(filler(*n)).is_err());
     while append().is_ok() {}
     let before = whole_log(&folder);
     for _ in 0..20 {
