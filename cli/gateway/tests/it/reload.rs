@@ -269,7 +269,9 @@ fn changed_terms_need_confirmation() {
         (all, thermal, json!([null, 1.0]), 0.0),
     ] {
         change(&config, from, to);
-        gateway = gateway.killed_and_started(&config);
+        // A rig keeps the terms of its first start.
+        drop(gateway);
+        gateway = Gateway::start(&config);
         gateway.wait_until_says("must be confirmed");
         gateway.watch();
         gateway.run(Duration::from_secs(3));
