@@ -11,6 +11,7 @@
 pub mod barrier;
 #[cfg(feature = "book")]
 pub mod book;
+pub mod corpus;
 pub mod machines;
 #[cfg(feature = "man-pages")]
 pub mod man_pages;

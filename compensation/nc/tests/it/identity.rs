@@ -5,7 +5,7 @@ use volcomp_nc::{
     Corrector, Dialect, Job, NcError, SetUp, Strategy, Summary, Verification, Virtual, compensate,
     verify,
 };
-use volcomp_test_support::cases;
+use volcomp_test_support::{cases, corpus};
 
 pub(crate) const TRAVELS: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n";
 
@@ -254,12 +254,9 @@ fn unreadable_lines_are_refused_with_position_and_reason() {
 /// A machine without errors copies all accepted seeds and findings of the fuzz targets unchanged.
 #[test]
 fn fuzz_inputs_are_copied_byte_for_byte() {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fuzz/corpus/nc");
     let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
     let (mut taken, mut taken_in_others) = (0, 0);
-    for entry in std::fs::read_dir(folder).expect("the kept inputs") {
-        let path = entry.expect("an entry").path();
-        let program = std::fs::read(&path).expect("readable");
+    for (name, program) in corpus::files("nc") {
         for dialect in [Dialect::Siemens, Dialect::Heidenhain] {
             let taken = crate::random_programs::copy_unchanged(&machine, dialect, &program);
             taken_in_others += usize::from(taken.is_ok());
@@ -269,8 +266,7 @@ fn fuzz_inputs_are_copied_byte_for_byte() {
             assert_eq!(
                 String::from_utf8_lossy(&out),
                 String::from_utf8_lossy(&program),
-                "{}",
-                path.display()
+                "{name}"
             );
         }
     }
