@@ -53,6 +53,15 @@ pub fn cases<const CELLS: usize>(table: &str) -> Vec<[String; CELLS]> {
     .collect()
 }
 
+/// The rows of a table of test cases, as for [`cases`], with static lifetime. A line that begins with `//` is a comment.
+pub fn rows<const CELLS: usize>(table: &str) -> Vec<[&'static str; CELLS]> {
+    let rows = table.lines().filter(|row| !row.starts_with("//"));
+    let rows = cases(&rows.collect::<Vec<_>>().join("\n"));
+    rows.into_iter()
+        .map(|row| row.map(|cell| &*cell.leak()))
+        .collect()
+}
+
 /// Waits until `holds` returns true; panics with `what` after the timeout `within`.
 pub fn until(what: &str, within: Duration, mut holds: impl FnMut() -> bool) {
     let end = Instant::now() + within;
