@@ -11,6 +11,7 @@
 pub mod barrier;
 #[cfg(feature = "book")]
 pub mod book;
+pub mod corpus;
 pub mod machines;
 #[cfg(feature = "man-pages")]
 pub mod man_pages;
@@ -50,6 +51,15 @@ pub fn cases<const CELLS: usize>(table: &str) -> Vec<[String; CELLS]> {
         cells.unwrap_or_else(|| panic!("{row}: found {count} cells, expected {CELLS}"))
     })
     .collect()
+}
+
+/// The rows of a table of test cases, as for [`cases`], with static lifetime. A line that begins with `//` is a comment.
+pub fn rows<const CELLS: usize>(table: &str) -> Vec<[&'static str; CELLS]> {
+    let rows = table.lines().filter(|row| !row.starts_with("//"));
+    let rows = cases(&rows.collect::<Vec<_>>().join("\n"));
+    rows.into_iter()
+        .map(|row| row.map(|cell| &*cell.leak()))
+        .collect()
 }
 
 /// Waits until `holds` returns true; panics with `what` after the timeout `within`.

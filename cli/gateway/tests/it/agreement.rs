@@ -7,7 +7,7 @@ use volcomp_gateway::check;
 use crate::{
     manual::machine,
     program::{MACHINE, path, token_file},
-    wrong_configurations::{CASES, FOCAS, RIGHT},
+    wrong_configurations::{FOCAS, RIGHT, cases},
 };
 
 /// A DBC file without counter signals, and one whose X is an angle.
@@ -42,11 +42,10 @@ fn folder() -> tempfile::TempDir {
 fn check_and_the_daemon_refuse_alike() {
     let dir = folder();
     let config = dir.path().join("G.toml");
-    for case in CASES {
+    for case in cases() {
         std::fs::write(dir.path().join("machine.toml"), case.machine).expect("writable");
-        let text = case.text();
         // Files in URLs are relative to the working directory.
-        let text = text.replace("dbc=", &format!("dbc={}/", path(dir.path())));
+        let text = (case.text).replace("dbc=", &format!("dbc={}/", path(dir.path())));
         std::fs::write(&config, &text).expect("writable");
         let check = check::check(&config, false, false).expect_err(&text);
         let daemon = machine(&config).plan().err().expect(&text);

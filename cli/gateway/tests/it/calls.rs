@@ -7,7 +7,7 @@ use std::{
 };
 
 use serde_json::Value;
-use volcomp_test_support::{Running, free_port};
+use volcomp_test_support::{Running, free_port, rows};
 
 use crate::{
     manual::served_configuration,
@@ -22,28 +22,18 @@ fn check_names_the_wrong_key() {
     let (text, message, status) = check(&config, &[]);
     assert_eq!(status, 0, "{message}");
     assert!(text.contains("axes = [\"X\", \"Y\", \"Z\"]"), "{text}");
-    for (from, to, expected) in [
-        ("limit_um = 150.0", "limit_um = \"much\"", "guard.limit_um"),
-        ("slew_um_per_s = 500.0", "", "slew_um_per_s"),
-        ("hold_ms = 200", "hold_ms = 200\nhold_s = 1", "hold_s"),
-        (
-            "axes = [\"X\", \"Y\", \"Z\"]",
-            "axes = [\"X\", \"W\"]",
-            "axis W",
-        ),
-        ("heartbeat = { pmc = \"R\", at = 120 }", "", "heartbeat"),
-        (
-            "machine = \"machine.toml\"",
-            "machine = \"missing.toml\"",
-            "missing.toml",
-        ),
-        (
-            "[dashboard]",
-            "[dashboard]\nlisten = \"0.0.0.0:0\"",
-            "tls_certificate",
-        ),
-        ("token_file = \"tokens\"", "token_file = \"G.toml\"", "mode"),
-    ] {
+    for [from, to, expected] in rows(
+        r#"
+limit_um = 150.0 | limit_um = "much" | guard.limit_um
+slew_um_per_s = 500.0 |  | slew_um_per_s
+hold_ms = 200 | hold_ms = 200\nhold_s = 1 | hold_s
+axes = ["X", "Y", "Z"] | axes = ["X", "W"] | axis W
+heartbeat = { pmc = "R", at = 120 } |  | heartbeat
+machine = "machine.toml" | machine = "missing.toml" | missing.toml
+[dashboard] | [dashboard]\nlisten = "0.0.0.0:0" | tls_certificate
+token_file = "tokens" | token_file = "G.toml" | mode
+"#,
+    ) {
         let text = std::fs::read_to_string(&config).expect("readable");
         assert!(text.contains(from), "{from}");
         let wrong = dir.path().join("wrong.toml");

@@ -9,11 +9,11 @@ use std::{
 use volcomp_gateway::simulate::{self, Simulation, protection};
 use volcomp_guard::{Reasons, Request};
 use volcomp_port::{
-    Clock, Controller, Fault,
+    Clock, Fault,
     inject::{Faults, Faulty, Injection},
 };
 use volcomp_runtime::{BarrierSettings, Model, PathSettings};
-use volcomp_vocabulary::{PerAxis, PerChannel};
+use volcomp_vocabulary::PerAxis;
 
 use crate::bench::{Bench, Seen, Watched, cycle, path, unproven};
 
@@ -95,31 +95,6 @@ fn the_reported_correction_replaces_the_remembered_one() {
     }
 }
 
-/// The second path to the same axes takes over from the correction that is applied, without a step, and hands back to the first.
-#[test]
-fn a_standby_path_takes_over_without_a_step() {
-    for barrier in [false, true] {
-        let mut bench = armed(two_ways(barrier, false));
-        for fault in [Fault::TimedOut, Fault::NotConnected] {
-            let before = bench.controls.axes.applied();
-            assert!(before.iter().any(|value| value.abs() > 0.005), "{before:?}");
-            silence_first(&bench, Some(fault));
-            let report = bench.run(3 * SECOND);
-            let got = (report.state.name(), report.active);
-            assert_eq!(
-                got,
-                ("compensating", 1),
-                "barrier {barrier}: {:?}",
-                report.reasons
-            );
-            silence_first(&bench, None);
-            let report = bench.run(8 * SECOND);
-            assert_eq!((report.state.name(), report.active), ("compensating", 0));
-            assert!(largest_change(&bench) <= MOST, "{}", largest_change(&bench));
-        }
-    }
-}
-
 /// The first path reports an emergency stop and then falls silent. The second path cannot read the stop and must not take over; no axis
 /// moves.
 #[test]
@@ -153,59 +128,4 @@ fn an_emergency_stop_causes_no_change_of_path() {
         assert_eq!(report.state.name(), "compensating", "{:?}", report.reasons);
         assert!(largest_change(&bench) <= MOST, "{}", largest_change(&bench));
     }
-}
-
-/// Writes are lost while readings still arrive: the state becomes `faulted`, and no correction is applied.
-#[test]
-fn lost_writes_are_reported() {
-    for barrier in [false, true] {
-        let mut bench = two_ways(barrier, false);
-        bench.seen.lock().expect("no panic").deaf = true;
-        bench.request(Request::Arm);
-        let report = bench.run(5 * SECOND);
-        assert_eq!(report.state.name(), "faulted", "{:?}", report.reasons);
-        assert_eq!(bench.controls.axes.applied(), PerChannel::ZERO);
-    }
-}
-
-/// A second path holds 77 µm while the first path corrects: the reason `STANDBY_HOLDS` is reported.
-#[test]
-fn a_correction_left_on_a_standby_path_is_reported() {
-    let clock = Clock::manual();
-    let guard = simulate::guard();
-    let made = [(); 2].map(|()| Simulation::new(clock.clone()).expect("built in"));
-    let model = Model::new(&made[0].model, guard.fading).expect("built in");
-    let seen = Arc::new(Mutex::new(Seen::default()));
-    let [first, mut second] = made;
-    let left = PerChannel::leading([0.0, 0.077]);
-    let soon = std::time::Instant::now() + SECOND;
-    second
-        .controller
-        .apply(&left, soon)
-        .expect("no barrier there");
-    let paths = vec![
-        path(
-            Watched::new(first.controller, &seen),
-            &model,
-            &guard,
-            &unproven(),
-        ),
-        path(second.controller, &model, &guard, &unproven()),
-    ];
-    let mut bench = Bench {
-        cycle: cycle(model, paths, &guard, Box::new(first.thermometer), &clock),
-        clock,
-        controls: first.controls,
-        truth: first.truth,
-        seen,
-        forbids: Reasons::NONE,
-    };
-    bench.run(SECOND / 2);
-    let mut bench = armed(bench);
-    let report = bench.run(2 * SECOND);
-    assert!(
-        report.reasons.contains(Reasons::STANDBY_HOLDS),
-        "{:?}",
-        report.reasons
-    );
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use volcomp_gateway::config::Config;
+use volcomp_test_support::rows;
 
 const KEY: &str = "6kpsY+KcUgq+9VB7Ey7F+ZVHdq6+vnuSQh7qaRRG0iw=";
 
@@ -35,34 +36,24 @@ fn each_wrong_key_is_named() {
     let fleet = config.fleet.expect("there");
     assert_eq!(fleet.dir, Path::new("folder/fleet"));
     assert_eq!(fleet.nkey_file, Path::new("folder/nkey"));
-    for (key, line, expected) in [
-        ("url", "", "url"),
-        ("url", "url = \"http://a:1\"", "expected nats://HOST:PORT"),
-        ("url", "url = \"nats://a:1,\"", "expected nats://HOST:PORT"),
-        (
-            "url",
-            "url = \"nats://user:secret@a:1\"",
-            "expected nats://HOST:PORT",
-        ),
-        ("site", "site = \"Berlin\"", "lower-case"),
-        ("machine", "machine = \"mill.1\"", "lower-case"),
-        ("serial", "serial = \" \"", "serial number"),
-        ("nkey_file", "nkey_file = \"\"", "expected a path"),
-        ("trusted_keys", "trusted_keys = []", "at least one"),
-        (
-            "trusted_keys",
-            "trusted_keys = [\"abc\"]",
-            "base64 of 32 bytes",
-        ),
-        // A trusted key that is publicly known, so that anyone can sign.
-        (
-            "trusted_keys",
-            "trusted_keys = [\"AQAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA=\"]",
-            "of large order",
-        ),
-        ("", "ca = \"ca.pem\"", "tls://"),
-        ("", "password = \"x\"", "password"),
-    ] {
+    for [key, line, expected] in rows(
+        r#"
+url |  | url
+url | url = "http://a:1" | expected nats://HOST:PORT
+url | url = "nats://a:1," | expected nats://HOST:PORT
+url | url = "nats://user:secret@a:1" | expected nats://HOST:PORT
+site | site = "Berlin" | lower-case
+machine | machine = "mill.1" | lower-case
+serial | serial = " " | serial number
+nkey_file | nkey_file = "" | expected a path
+trusted_keys | trusted_keys = [] | at least one
+trusted_keys | trusted_keys = ["abc"] | base64 of 32 bytes
+// A trusted key that is publicly known, so that anyone can sign.
+trusted_keys | trusted_keys = ["AQAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA="] | of large order
+ | ca = "ca.pem" | tls://
+ | password = "x" | password
+"#,
+    ) {
         let message = with(key, line).expect_err(line);
         assert!(message.contains(expected), "{line}: {message}");
         assert!(message.starts_with("G.toml:"), "{message}");

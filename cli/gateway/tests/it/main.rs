@@ -53,7 +53,6 @@ mod shipped;
 mod sinumerik;
 mod standing;
 mod texts;
-mod three_of_five;
 mod two_mailboxes;
 mod verbs;
 

@@ -13,7 +13,7 @@ use volcomp_gateway::send_map;
 use volcomp_tables::{
     ByteOrder, GRID_AXES, GridAxis, Output as MapOutput, Request, build, vocabulary::AxisName,
 };
-use volcomp_test_support::{Running, peers, root, until};
+use volcomp_test_support::{Running, peers, root, rows, until};
 
 use crate::{
     hung_disk::preloaded,
@@ -456,44 +456,16 @@ fn a_fanuc_control_looks_up_as_well() {
 #[test]
 fn files_of_a_sender_that_are_wrong() {
     let dir = tempfile::tempdir().expect("writable");
-    for (url, from, to, words) in [
-        (
-            "modbus://127.0.0.1",
-            "",
-            "",
-            "expected opc.tcp://HOST:4840 (SINUMERIK) or focas://HOST:8193 (FANUC)",
-        ),
-        (
-            "focas://127.0.0.1",
-            "",
-            "",
-            "expected it only for opc.tcp://",
-        ),
-        (
-            "opc.tcp://127.0.0.1",
-            "[sinumerik]\ntime_out_ms",
-            "[pmc]\ntime_out_ms",
-            "expected it only for focas://",
-        ),
-        (
-            "focas://127.0.0.1",
-            "[sinumerik]\ntime_out_ms = 2000.0",
-            "[pmc]\nreport = { pmc = \"D\", at = 100 }",
-            "mailbox and report",
-        ),
-        (
-            "focas://127.0.0.1",
-            "[sinumerik]\ntime_out_ms = 2000.0",
-            "[pmc]\nbuffers = { pmc = \"D\", at = 64000 }",
-            "byte 65535",
-        ),
-        (
-            "focas://127.0.0.1",
-            "[sinumerik]\ntime_out_ms = 2000.0",
-            "[pmc]\nmailbox = { pmc = \"G\", at = 0 }",
-            "expected R or D",
-        ),
-    ] {
+    for [url, from, to, words] in rows(
+        r#"
+modbus://127.0.0.1 |  |  | expected opc.tcp://HOST:4840 (SINUMERIK) or focas://HOST:8193 (FANUC)
+focas://127.0.0.1 |  |  | expected it only for opc.tcp://
+opc.tcp://127.0.0.1 | [sinumerik]\ntime_out_ms | [pmc]\ntime_out_ms | expected it only for focas://
+focas://127.0.0.1 | [sinumerik]\ntime_out_ms = 2000.0 | [pmc]\nreport = { pmc = "D", at = 100 } | mailbox and report
+focas://127.0.0.1 | [sinumerik]\ntime_out_ms = 2000.0 | [pmc]\nbuffers = { pmc = "D", at = 64000 } | byte 65535
+focas://127.0.0.1 | [sinumerik]\ntime_out_ms = 2000.0 | [pmc]\nmailbox = { pmc = "G", at = 0 } | expected R or D
+"#,
+    ) {
         let file = write(dir.path(), url, 80.0);
         if !from.is_empty() {
             change(&file, from, to);

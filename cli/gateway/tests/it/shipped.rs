@@ -13,14 +13,14 @@ use volcomp_test_support::Running;
 use crate::program::{Program, change};
 
 /// The simulated control and its latest report line.
-pub(crate) struct Control {
+struct Control {
     _running: Running,
-    pub(crate) address: String,
+    address: String,
     report: Arc<Mutex<Option<Value>>>,
 }
 
 impl Control {
-    pub(crate) fn start(folder: &Path, arguments: &[&str]) -> Self {
+    fn start(folder: &Path, arguments: &[&str]) -> Self {
         let (running, line, output) = Running::start_and_hear(
             Command::new(simulator())
                 .args(arguments)
@@ -45,7 +45,7 @@ impl Control {
         control
     }
 
-    pub(crate) fn report(&self) -> Option<Value> {
+    fn report(&self) -> Option<Value> {
         self.report.lock().expect("no panic").clone()
     }
 
@@ -93,7 +93,7 @@ fn arguments<'a>(text: &'a str, program: &str) -> Vec<&'a str> {
     command.split_whitespace().collect()
 }
 
-pub(crate) fn copied_examples() -> (tempfile::TempDir, PathBuf) {
+fn copied_examples() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().expect("writable");
     let examples = dir.path().join("examples");
     std::fs::create_dir(&examples).expect("writable");

@@ -5,6 +5,7 @@ use volcomp_nc::{
     Average, Corrector, Dialect, Job, MeanOf, NcError, Note, Part, Reading, SetUp, Virtual,
     average, verify_average,
 };
+use volcomp_test_support::rows;
 
 use crate::identity::{TRAVELS, begins, has};
 
@@ -166,50 +167,17 @@ fn measured_errors_become_axis_offsets() {
             direction,
             error_mm: mm,
         });
-    for (correct, x, y, words, left_um, zero) in [
-        (
-            "",
-            "[1, 0, 0]",
-            "[0, 1, 0]",
-            "X-0.010 Y-0.004",
-            0.0,
-            [100, 40],
-        ),
-        (
-            "",
-            "[-1, 0, 0]",
-            "[0, 1, 0]",
-            "X0.010 Y-0.004",
-            0.0,
-            [-100, 40],
-        ),
-        // -(10, 4) = -7·(1, 0) - 5·(0.6, 0.8).
-        (
-            "",
-            "[1, 0, 0]",
-            "[0.6, 0.8, 0]",
-            "X-0.007 Y-0.005",
-            0.0,
-            [70, 50],
-        ),
-        // X alone corrects 10·0.6 + 4·0.8 = 9.2; 4.48 and -3.36 remain.
-        (
-            "correct = [\"X\"]",
-            "[0.6, 0.8, 0]",
-            "[0, 1, 0]",
-            "X-0.009 Y0.000",
-            4.48,
-            [92, 0],
-        ),
-        (
-            "correct = [\"Y\"]",
-            "[-1, 0, 0]",
-            "[0, 1, 0]",
-            "X0.000 Y-0.004",
-            10.0,
-            [0, 40],
-        ),
-    ] {
+    for [correct, x, y, words, left_um, x_tenths, y_tenths] in rows(
+        r#"
+ | [1, 0, 0] | [0, 1, 0] | X-0.010 Y-0.004 | 0.0 | 100 | 40
+ | [-1, 0, 0] | [0, 1, 0] | X0.010 Y-0.004 | 0.0 | -100 | 40
+// -(10, 4) = -7·(1, 0) - 5·(0.6, 0.8).
+ | [1, 0, 0] | [0.6, 0.8, 0] | X-0.007 Y-0.005 | 0.0 | 70 | 50
+// X alone corrects 10·0.6 + 4·0.8 = 9.2; 4.48 and -3.36 remain.
+correct = ["X"] | [0.6, 0.8, 0] | [0, 1, 0] | X-0.009 Y0.000 | 4.48 | 92 | 0
+correct = ["Y"] | [-1, 0, 0] | [0, 1, 0] | X0.000 Y-0.004 | 10.0 | 0 | 40
+"#,
+    ) {
         let axis = |direction: &str| format!("travel = [-500, 500]\ndirection = {direction}\n");
         let machine = format!(
             "structure = \"w b X Y Z t\"\n{correct}\n[axes.X]\n{}[axes.Y]\n{}[axes.Z]\n{}",
@@ -231,8 +199,10 @@ fn measured_errors_become_axis_offsets() {
         .expect("averaged");
         let out = String::from_utf8(out).expect("text");
         begins(&out, &format!("G21 G90\nG10 L2 P1 {words} Z0.000\n"));
+        let left_um: f64 = left_um.parse().expect("a number");
         assert!((found[0].left_um[0] - left_um).abs() < 1e-9, "{found:?}");
-        let zero = Note::OffAtZero("G54".to_owned(), [zero[0], zero[1], 0]);
+        let [x, y] = [x_tenths, y_tenths].map(|um| um.parse().expect("a number"));
+        let zero = Note::OffAtZero("G54".to_owned(), [x, y, 0]);
         assert_eq!(found[0].off_at_zero, Some(zero));
     }
 }

@@ -5,7 +5,9 @@ use rand_chacha::ChaCha8Rng;
 use volcomp_model::{Machine, Temperatures, vocabulary::CorrectionLimit};
 use volcomp_nc::{BoundViolation, Corrector, Dialect, Job, MeanOf, NcError, SetUp, average};
 
-use crate::identity::{result_of, rows};
+use volcomp_test_support::rows;
+
+use crate::identity::result_of;
 
 const TRAVELS: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0, 600]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-400, 0]\n[errors]\n";
 

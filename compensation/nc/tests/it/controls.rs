@@ -6,9 +6,9 @@ use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, Note, SetUp, Strategy};
-use volcomp_test_support::cases;
+use volcomp_test_support::{cases, rows};
 
-use crate::identity::{TRAVELS, begins, compensated_in, has, rows, verified_in, written};
+use crate::identity::{TRAVELS, begins, compensated_in, has, verified_in, written};
 
 /// X is corrected by 1 µm per mm of Y.
 const ERRORS: &str = "[errors]\nEC0Y = 1000.0\n";

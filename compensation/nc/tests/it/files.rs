@@ -2,6 +2,7 @@
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{Corrector, Dialect, Job, MeanOf, NcError, SetUp, average, compensate};
+use volcomp_test_support::rows;
 
 use crate::identity::{TRAVELS, compensated_in};
 
@@ -88,40 +89,27 @@ fn line_ends_across_buffers() {
 /// Bytes that no such file contains are refused with their position. Lines are counted as in an editor.
 #[test]
 fn other_bytes_are_refused() {
-    for (program, expected) in [
-        (&b"G0 X0\nG1 X1\0\n"[..], "line 2: byte 0x00 at column 6"),
-        (
-            b"G0 X0\nG1 X1\rX2\n",
-            "line 2: column 6: found a carriage return alone as the end of the line, expected the same as before it, line feeds",
-        ),
-        (
-            b"G0 X0\r\nG1 X1\rX2\r\n",
-            "line 2: column 6: found a carriage return alone as the end of the line, expected the same as before it, line feeds",
-        ),
-        (
-            b"G0 X0\rG1 X1\rX2\nX3\r",
-            "line 3: column 3: found a line feed as the end of the line, expected the same as before it, carriage returns alone",
-        ),
-        (b"G0 X0\r\rG1 X1 Q\r", "line 3: column 7: expected a number"),
-        (
-            b"G0 X0\n\r\rG1 X1 Q\n\r\r",
-            "line 2: column 7: expected a number",
-        ),
+    let texts = rows(
+        r"
+G0 X0\nG1 X1\rX2\n | line 2: column 6: found a carriage return alone as the end of the line, expected the same as before it, line feeds
+G0 X0\r\nG1 X1\rX2\r\n | line 2: column 6: found a carriage return alone as the end of the line, expected the same as before it, line feeds
+G0 X0\rG1 X1\rX2\nX3\r | line 3: column 3: found a line feed as the end of the line, expected the same as before it, carriage returns alone
+G0 X0\r\rG1 X1 Q\r | line 3: column 7: expected a number
+G0 X0\n\r\rG1 X1 Q\n\r\r | line 2: column 7: expected a number
+G0 X0\no1 repeat [2]\rX2\no1 endrepeat\n | line 2: column 14: found a carriage return alone
+:12 G0 X0\n | line 1: expected nothing but a comment after the number of a program
+<PART> G0 X0\n | line 1: expected nothing but a comment after the name of a program
+",
+    );
+    let texts = texts
+        .into_iter()
+        .map(|[program, expected]| (program.as_bytes(), expected));
+    let bytes: [(&[u8], &str); 3] = [
+        (b"G0 X0\nG1 X1\0\n", "line 2: byte 0x00 at column 6"),
         (b"\0\0\nG1 X1 Q\n", "line 2: column 7: expected a number"),
-        (
-            b"G0 X0\no1 repeat [2]\rX2\no1 endrepeat\n",
-            "line 2: column 14: found a carriage return alone",
-        ),
         (b"G0 X0 \xef\xbb\xbf\n", "line 1: column 7: found"),
-        (
-            b":12 G0 X0\n",
-            "line 1: expected nothing but a comment after the number of a program",
-        ),
-        (
-            b"<PART> G0 X0\n",
-            "line 1: expected nothing but a comment after the name of a program",
-        ),
-    ] {
+    ];
+    for (program, expected) in texts.chain(bytes) {
         let error = result(program).expect_err("refused").to_string();
         assert!(error.starts_with(expected), "{error}, expected {expected}");
     }

@@ -5,7 +5,7 @@ use volcomp_nc::{
     Corrector, Dialect, Job, NcError, SetUp, Strategy, Summary, Verification, Virtual, compensate,
     verify,
 };
-use volcomp_test_support::cases;
+use volcomp_test_support::{corpus, rows};
 
 pub(crate) const TRAVELS: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n";
 
@@ -17,15 +17,6 @@ pub(crate) fn begins(text: &str, expected: &str) {
 #[track_caller]
 pub(crate) fn has(text: &str, expected: &str) {
     assert!(text.contains(expected), "{text}");
-}
-
-/// The rows of a table of cases (see [`cases`]) with static lifetime. A line that begins with `//` is a comment.
-pub(crate) fn rows<const CELLS: usize>(table: &str) -> Vec<[&'static str; CELLS]> {
-    let rows = table.lines().filter(|row| !row.starts_with("//"));
-    let rows = cases(&rows.collect::<Vec<_>>().join("\n"));
-    rows.into_iter()
-        .map(|row| row.map(|cell| &*cell.leak()))
-        .collect()
 }
 
 /// Compensates a program on a machine with these errors; tolerance of splitting 0.5 µm.
@@ -195,54 +186,34 @@ fn long_programs_are_streamed() {
 
 #[test]
 fn unreadable_lines_are_refused_with_position_and_reason() {
-    let cases: [(&[u8], &str); 12] = [
-        (
-            b"G1 X1\nG1 X Y2\n",
-            "line 2: column 4: expected a number, a parameter or an expression after 'X'",
-        ),
-        (
-            b"G1 (open\n",
-            "line 1: column 4: the comment that begins here does not end in its line",
-        ),
-        (
-            b"G1 X[1/0]\n",
-            "line 1: column 7: this calculation has no result (a division by zero, or a function outside its range)",
-        ),
-        (
-            b"G1 X#5061\n",
-            "line 1: the value of X is only known at the machine, so that its motion cannot be compensated",
-        ),
-        (
-            b"G1 X#<nothing>\n",
-            "line 1: the parameter #<nothing> has no value here",
-        ),
-        (
-            b"G1 X1 X2\n",
-            "line 1: found X and X in one block, expected only one of them",
-        ),
-        (
-            b"G0 G1 X1\n",
-            "line 1: found G1 and G0 in one block, expected only one of them",
-        ),
-        (
-            b"G223 X1\n",
-            "line 1: G223 is unknown: it may move an axis, so the program cannot be compensated",
-        ),
-        (b"X1\n", "line 1: axis words without a motion code"),
+    let texts = rows(
+        r"
+G1 X1\nG1 X Y2\n | line 2: column 4: expected a number, a parameter or an expression after 'X'
+G1 (open\n | line 1: column 4: the comment that begins here does not end in its line
+G1 X[1/0]\n | line 1: column 7: this calculation has no result (a division by zero, or a function outside its range)
+G1 X#5061\n | line 1: the value of X is only known at the machine, so that its motion cannot be compensated
+G1 X#<nothing>\n | line 1: the parameter #<nothing> has no value here
+G1 X1 X2\n | line 1: found X and X in one block, expected only one of them
+G0 G1 X1\n | line 1: found G1 and G0 in one block, expected only one of them
+G223 X1\n | line 1: G223 is unknown: it may move an axis, so the program cannot be compensated
+X1\n | line 1: axis words without a motion code
+G2 X1 Y1\n | line 1: an arc without a centre and without a radius R
+",
+    );
+    let texts = texts
+        .into_iter()
+        .map(|[program, expected]| (program.as_bytes(), expected));
+    let bytes: [(&[u8], &str); 2] = [
         (
             b"\x7fELF\x00",
             "line 1: byte 0x00 at column 5; this is no NC program",
-        ),
-        (
-            b"G2 X1 Y1\n",
-            "line 1: an arc without a centre and without a radius R",
         ),
         (
             b"G1 X\xff\n",
             "line 1: column 4: expected a number, a parameter or an expression after 'X'",
         ),
     ];
-    for (program, expected) in cases {
+    for (program, expected) in texts.chain(bytes) {
         let error = compensated("", program).expect_err("refused");
         assert_eq!(error.to_string(), expected);
     }
@@ -254,12 +225,9 @@ fn unreadable_lines_are_refused_with_position_and_reason() {
 /// A machine without errors copies all accepted seeds and findings of the fuzz targets unchanged.
 #[test]
 fn fuzz_inputs_are_copied_byte_for_byte() {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fuzz/corpus/nc");
     let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
     let (mut taken, mut taken_in_others) = (0, 0);
-    for entry in std::fs::read_dir(folder).expect("the kept inputs") {
-        let path = entry.expect("an entry").path();
-        let program = std::fs::read(&path).expect("readable");
+    for (name, program) in corpus::files("nc") {
         for dialect in [Dialect::Siemens, Dialect::Heidenhain] {
             let taken = crate::random_programs::copy_unchanged(&machine, dialect, &program);
             taken_in_others += usize::from(taken.is_ok());
@@ -269,8 +237,7 @@ fn fuzz_inputs_are_copied_byte_for_byte() {
             assert_eq!(
                 String::from_utf8_lossy(&out),
                 String::from_utf8_lossy(&program),
-                "{}",
-                path.display()
+                "{name}"
             );
         }
     }

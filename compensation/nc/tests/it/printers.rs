@@ -3,9 +3,9 @@
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_nc::{NcError, SetUp, Summary};
-use volcomp_test_support::cases;
+use volcomp_test_support::{cases, rows};
 
-use crate::identity::{begins, compensated_in, rows};
+use crate::identity::{begins, compensated_in};
 
 const PRINTERS: [&str; 2] = ["klipper", "marlin"];
 /// Y bends at X 50, so lines across it are split there.

@@ -3,10 +3,10 @@
 use std::fmt::Write as _;
 
 use volcomp_nc::Dialect;
+use volcomp_test_support::rows;
 
 use crate::{
     flow::text,
-    identity::rows,
     random_programs::{Draw, judged, worn},
 };
 

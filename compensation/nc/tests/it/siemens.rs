@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, NcError};
-use volcomp_test_support::cases;
+use volcomp_test_support::{cases, rows};
 
 use crate::{
-    identity::{self, TRAVELS, rows},
+    identity::{self, TRAVELS},
     random_programs::{
         Draw, Step, Way, accepts_with_result, assert_copied, assert_equal_paths,
         assert_same_positions, judged, path, worn,

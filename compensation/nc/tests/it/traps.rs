@@ -1,9 +1,9 @@
 //! Programs in which small corrections could do great harm; the behaviour of controls is worked out by hand or by LinuxCNC's interpreter.
 
 use volcomp_nc::{Dialect, NcError, Note, Strategy, Summary};
-use volcomp_test_support::cases;
+use volcomp_test_support::{cases, rows};
 
-use crate::identity::{begins, compensated, rows, verified_in};
+use crate::identity::{begins, compensated, verified_in};
 
 const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n[errors]\n";
 const START: &str = "[work_offset.G54]\nX = 0\n[start]\nX = 0\nY = 0\nZ = 0\n";

@@ -4,11 +4,11 @@
 
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, NcError, SetUp, Summary};
-use volcomp_test_support::cases;
+use volcomp_test_support::{cases, rows};
 
 use crate::{
     flow::text,
-    identity::{TRAVELS, begins, compensated, compensated_in, has, rows, written},
+    identity::{TRAVELS, begins, compensated, compensated_in, has, written},
 };
 
 /// Z is 0.1 µm per mm of X too high: 40 µm at 400 mm.

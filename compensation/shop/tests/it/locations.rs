@@ -5,6 +5,7 @@ use std::{fs, path::Path};
 use volcomp_calibrate::{CalibrationFile, calibrate};
 use volcomp_model::Machine;
 use volcomp_shop::{Shop, ShopError};
+use volcomp_test_support::rows;
 use volcomp_vocabulary::ErrorName;
 
 const TRUTH: &str = "structure = \"w C' B' X' b Y Z t\"
@@ -114,26 +115,19 @@ fn lines_of_the_axis_are_freed_of_it() {
 
 #[test]
 fn what_is_wrong_is_named() {
-    for (text, expected) in [
-        ("error = \"EXX\"\n", "expected a location error E?0N"),
-        ("error = \"EC0Y\"\n", "found EC0Y, a squareness"),
-        (
-            "errors = [\"EX0C\", \"EA0C\"]\n",
-            "give each kind its own table",
-        ),
-        (
-            "error = \"EX0C\"\nnoise_urad = 1.0\n",
-            "EX0C is in um, expected `noise_um`",
-        ),
-        ("error = \"EX0C\"\nnoise_um = -1.0\n", "noise_um"),
-        ("error = \"EX0A\"\n", "no axis A"),
-        (
-            "error = \"EX0C\"\n[[location]]\nerror = \"EX0C\"\n",
-            "EX0C stands in two [[location]] tables",
-        ),
-        ("errors = []\n", "expected at least one"),
-        ("error = \"EX0C\"\nvalue_um = 3.0\n", "unknown key"),
-    ] {
+    for [text, expected] in rows(
+        r#"
+error = "EXX"\n | expected a location error E?0N
+error = "EC0Y"\n | found EC0Y, a squareness
+errors = ["EX0C", "EA0C"]\n | give each kind its own table
+error = "EX0C"\nnoise_urad = 1.0\n | EX0C is in um, expected `noise_um`
+error = "EX0C"\nnoise_um = -1.0\n | noise_um
+error = "EX0A"\n | no axis A
+error = "EX0C"\n[[location]]\nerror = "EX0C"\n | EX0C stands in two [[location]] tables
+errors = []\n | expected at least one
+error = "EX0C"\nvalue_um = 3.0\n | unknown key
+"#,
+    ) {
         let message = match shop(&format!("[[location]]\n{text}")) {
             Ok(_) => panic!("read: {text}"),
             Err(error) => error.to_string(),

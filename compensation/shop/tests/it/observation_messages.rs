@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 use volcomp_model::Machine;
 use volcomp_shop::{Shop, ShopError};
+use volcomp_test_support::rows;
 
 const TRUTH: &str = "structure = \"w C' X' b Y Z t\"
 [axes]
@@ -34,83 +35,34 @@ const BAR: &str = "kind = \"ball-row\"\norigin = [0, 0, 0]\ndirection = [1, 0, 0
 /// Each message names the error. `U:` abbreviates the unknowns and the head of an observation, `B:` the start of a ball row.
 #[test]
 fn what_is_wrong_is_named() {
-    for (text, expected) in [
-        ("unknown = [\"EX0C\"]\n", "expected an [[observation]]"),
-        (
-            "[[observation]]\nkind = \"points\"\n",
-            "key `unknown` is missing",
-        ),
-        (
-            "unknown = [\"EXA\"]\n[[observation]]\nkind = \"points\"\n",
-            "has no axis A",
-        ),
-        ("U:kind = \"laser\"\n", "found \"laser\", expected"),
-        ("U:kind = \"points\"\nradius_mm = 3\n", "unknown key"),
-        ("U:kind = \"points\"\nposes = 0\n", "1 to 100000"),
-        (
-            "U:kind = \"points\"\ntools = [\"T9\"]\n",
-            "found \"T9\", expected a tool of the machine file: T1",
-        ),
-        (
-            "U:kind = \"points\"\ntools = [\"T1\", \"T1\"]\n",
-            "tool T1 stands twice",
-        ),
-        ("U:kind = \"points\"\nat = { B = 3 }\n", "has no axis B"),
-        (
-            "U:kind = \"points\"\nat = { X = 900 }\n",
-            "found 900 mm, expected a position within the travel of X, 0 to 500 mm",
-        ),
-        (
-            "U:kind = \"points\"\nnoise_um = -1\n",
-            "found -1, expected 0 or more",
-        ),
-        (
-            "U:kind = \"sphere\"\ncentres = []\n",
-            "expected at least one centre",
-        ),
-        (
-            "U:kind = \"sphere\"\ncentres = [[9000, 0, 0]]\nposes = 7\n",
-            "sphere S1 at [9000, 0, 0] mm in workpiece axes: found 0 of 7 poses within travel",
-        ),
-        ("U:kind = \"distance\"\n", "key `point` is missing"),
-        (
-            "U:kind = \"distance\"\npoint = [0, 0, 0]\nradius_mm = 0\n",
-            "radius_mm",
-        ),
-        (
-            "U:kind = \"ball-row\"\norigin = [0, 0, 0]\ndirection = [0, 0, 0]\ndistances = [0, 1]\n",
-            "found a zero direction",
-        ),
-        ("U:B:distances = [0]\n", "found 1 distances, expected 2"),
-        (
-            "U:B:distances = [0, 100, 100]\n",
-            "found 100 mm after 100 mm, expected rising distances",
-        ),
-        (
-            "U:B:distances = [0, 600]\n",
-            "found no position within travel with the tool at [600.000, 0.000, 0.000] mm",
-        ),
-        (
-            "U:kind = \"diagonals\"\ndiagonals = [\"PPP\", \"PPP\"]\n",
-            "PPP stands twice",
-        ),
-        (
-            "U:kind = \"diagonals\"\nat = { X = 3 }\n",
-            "X moves along the diagonals",
-        ),
-        (
-            "U:kind = \"points\"\nfile = \"a/b\"\n",
-            "expected a name without a folder",
-        ),
-        (
-            "U:kind = \"points\"\nfile = \"observations\"\n",
-            "the file observations is written already",
-        ),
-        (
-            "U:B:distances = [0, 9]\n[[observation]]\nkind = \"points\"\nfile = \"ball-row-row\"\n",
-            "the file ball-row-row is written already",
-        ),
-    ] {
+    for [text, expected] in rows(
+        r#"
+unknown = ["EX0C"]\n | expected an [[observation]]
+[[observation]]\nkind = "points"\n | key `unknown` is missing
+unknown = ["EXA"]\n[[observation]]\nkind = "points"\n | has no axis A
+U:kind = "laser"\n | found "laser", expected
+U:kind = "points"\nradius_mm = 3\n | unknown key
+U:kind = "points"\nposes = 0\n | 1 to 100000
+U:kind = "points"\ntools = ["T9"]\n | found "T9", expected a tool of the machine file: T1
+U:kind = "points"\ntools = ["T1", "T1"]\n | tool T1 stands twice
+U:kind = "points"\nat = { B = 3 }\n | has no axis B
+U:kind = "points"\nat = { X = 900 }\n | found 900 mm, expected a position within the travel of X, 0 to 500 mm
+U:kind = "points"\nnoise_um = -1\n | found -1, expected 0 or more
+U:kind = "sphere"\ncentres = []\n | expected at least one centre
+U:kind = "sphere"\ncentres = [[9000, 0, 0]]\nposes = 7\n | sphere S1 at [9000, 0, 0] mm in workpiece axes: found 0 of 7 poses within travel
+U:kind = "distance"\n | key `point` is missing
+U:kind = "distance"\npoint = [0, 0, 0]\nradius_mm = 0\n | radius_mm
+U:kind = "ball-row"\norigin = [0, 0, 0]\ndirection = [0, 0, 0]\ndistances = [0, 1]\n | found a zero direction
+U:B:distances = [0]\n | found 1 distances, expected 2
+U:B:distances = [0, 100, 100]\n | found 100 mm after 100 mm, expected rising distances
+U:B:distances = [0, 600]\n | found no position within travel with the tool at [600.000, 0.000, 0.000] mm
+U:kind = "diagonals"\ndiagonals = ["PPP", "PPP"]\n | PPP stands twice
+U:kind = "diagonals"\nat = { X = 3 }\n | X moves along the diagonals
+U:kind = "points"\nfile = "a/b"\n | expected a name without a folder
+U:kind = "points"\nfile = "observations"\n | the file observations is written already
+U:B:distances = [0, 9]\n[[observation]]\nkind = "points"\nfile = "ball-row-row"\n | the file ball-row-row is written already
+"#,
+    ) {
         let text = text.replace("U:", UNKNOWN).replace("B:", BAR);
         let message = refused(&text);
         assert!(message.contains(expected), "{text}\n{message}\n{expected}");

@@ -6,6 +6,7 @@ use volcomp_identify::{Identification, Observations, identify};
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
 use volcomp_shop::Shop;
+use volcomp_test_support::rows;
 
 /// A head with one rotary axis on three linear axes: the machine of the hand-written chain.
 const HEAD: &str = "structure = \"w X' b Y Z B t\"
@@ -498,16 +499,12 @@ axes = { X.travel = [0, 600], Y.travel = [0, 600], Z.travel = [0, 600] }
 [errors]
 EXX = { mean = { poly = [0.0] }, reversal = 20.0 }
 ";
-    for (table_of, column) in [
-        (
-            "kind = \"points\"\nposes = 5\nframe = [0, 0, 0, 0, 0, 0]\n",
-            "x",
-        ),
-        (
-            "kind = \"distance\"\nposes = 5\npoint = [-500, 300, 300]\n",
-            "length_mm",
-        ),
-    ] {
+    for [table_of, column] in rows(
+        r#"
+kind = "points"\nposes = 5\nframe = [0, 0, 0, 0, 0, 0]\n | x
+kind = "distance"\nposes = 5\npoint = [-500, 300, 300]\n | length_mm
+"#,
+    ) {
         let mut seen = [0; 2];
         for seed in 0..40 {
             let folder = tempfile::tempdir().expect("a folder");

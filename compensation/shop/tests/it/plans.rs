@@ -4,6 +4,7 @@ use std::{fs, path::Path};
 
 use volcomp_identify::{Observations, RowReading};
 use volcomp_shop::{Shop, ShopError};
+use volcomp_test_support::rows;
 
 /// C carries the table, 20 µm too far along X and −10 µm along Y; there are no other errors.
 const TRUTH: &str = "structure = \"w C' X' b Y Z t\"
@@ -118,52 +119,23 @@ fn files_that_were_read_are_named() {
 #[test]
 fn what_is_wrong_with_a_plan_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
-    let sphere = "kind = \"sphere\"\ncentres = [[150, 0, 20]]\n";
-    let two = "kind = \"sphere\"\ncentres = [[150, 0, 20], [0, 150, 120]]\n";
-    let points = "kind = \"points\"\n";
-    for (observation, plan, expected) in [
-        (
-            points,
-            "X,A\n0,0\n",
-            "plan.csv:1: header: found a column `A`",
-        ),
-        (points, "x\n0\n", "found a column `x`, expected the letters"),
-        (points, "X_in\n0\n", "found a column `X_in`"),
-        (points, "X,X mm\n0,0\n", "found two columns of X"),
-        (points, "X\n", "found 0 rows, expected 1 to 100000"),
-        (points, "X\nnan\n", "plan.csv:2: X: found `nan`"),
-        (
-            points,
-            "X\n0\n501\n",
-            "plan.csv:3: X: found 501 mm, expected a position within the travel of X, -500 to 500 mm",
-        ),
-        (
-            "kind = \"points\"\nat = { X = 3 }\n",
-            "X\n0\n",
-            "which `at` of the shop file holds",
-        ),
-        (two, "C\n0\n", "found no column `sphere`"),
-        (
-            two,
-            "C,sphere\n0,S3\n",
-            "plan.csv:2: sphere: found `S3`, expected one of the spheres S1 to S2",
-        ),
-        (
-            "kind = \"distance\"\npoint = [0, 0, 0]\nradius_mm = 100\n",
-            "X\n0\n",
-            "radius_mm",
-        ),
-        (
-            sphere,
-            "X,Y,Z\n150,0,20\n150,3,20\n",
-            "the observation sphere: row 2 of the plan: found the tool 3.000 mm from sphere S1, expected at most 2 mm",
-        ),
-        (
-            "kind = \"sphere\"\ncentres = [[600, 0, 0]]\n",
-            "C\n90\n0\n",
-            "row 1 of the plan: found no position within travel",
-        ),
-    ] {
+    for [observation, plan, expected] in rows(
+        r#"
+kind = "points"\n | X,A\n0,0\n | plan.csv:1: header: found a column `A`
+kind = "points"\n | x\n0\n | found a column `x`, expected the letters
+kind = "points"\n | X_in\n0\n | found a column `X_in`
+kind = "points"\n | X,X mm\n0,0\n | found two columns of X
+kind = "points"\n | X\n | found 0 rows, expected 1 to 100000
+kind = "points"\n | X\nnan\n | plan.csv:2: X: found `nan`
+kind = "points"\n | X\n0\n501\n | plan.csv:3: X: found 501 mm, expected a position within the travel of X, -500 to 500 mm
+kind = "points"\nat = { X = 3 }\n | X\n0\n | which `at` of the shop file holds
+kind = "sphere"\ncentres = [[150, 0, 20], [0, 150, 120]]\n | C\n0\n | found no column `sphere`
+kind = "sphere"\ncentres = [[150, 0, 20], [0, 150, 120]]\n | C,sphere\n0,S3\n | plan.csv:2: sphere: found `S3`, expected one of the spheres S1 to S2
+kind = "distance"\npoint = [0, 0, 0]\nradius_mm = 100\n | X\n0\n | radius_mm
+kind = "sphere"\ncentres = [[150, 0, 20]]\n | X,Y,Z\n150,0,20\n150,3,20\n | the observation sphere: row 2 of the plan: found the tool 3.000 mm from sphere S1, expected at most 2 mm
+kind = "sphere"\ncentres = [[600, 0, 0]]\n | C\n90\n0\n | row 1 of the plan: found no position within travel
+"#,
+    ) {
         let result = shop(folder.path(), observation, plan).and_then(|shop| shop.files(|_, _| {}));
         let message = match result {
             Ok(_) => panic!("made: {plan}"),

@@ -10,6 +10,7 @@ use volcomp_kinematics::{
 };
 use volcomp_model::{Machine, Temperatures};
 use volcomp_shop::Shop;
+use volcomp_test_support::rows;
 use volcomp_vocabulary::{AxisName, Um};
 
 /// All errors of three axes: polynomials of order 3 with constants and slopes.
@@ -241,22 +242,16 @@ fn a_shop_repeats_itself_and_lines_do_not_disturb_each_other() {
 
 #[test]
 fn every_error_comes_back_on_every_three_axis_structure() {
-    for (structure, axes, reference) in [
-        ("w X' b Y Z t", "", ""),
-        ("w X' Y' b Z t", "", ""),
-        ("w b X Y Z t", "", ""),
-        ("w X' Y' Z' b t", "", "reference_axes = [\"Y\", \"Z\"]\n"),
-        (
-            "w Y' b Z X t",
-            "Y.point = [20, -40, 30]\nX.point = [5, 6, 7]",
-            "reference_axes = [\"Z\", \"X\"]\n",
-        ),
-        (
-            "w X' b Y Z t",
-            "X.direction = [-1, 0, 0]\nY.direction = [0, -1, 0]",
-            "",
-        ),
-    ] {
+    for [structure, axes, reference] in rows(
+        r#"
+w X' b Y Z t |  |
+w X' Y' b Z t |  |
+w b X Y Z t |  |
+w X' Y' Z' b t |  | reference_axes = ["Y", "Z"]\n
+w Y' b Z X t | Y.point = [20, -40, 30]\nX.point = [5, 6, 7] | reference_axes = ["Z", "X"]\n
+w X' b Y Z t | X.direction = [-1, 0, 0]\nY.direction = [0, -1, 0] |
+"#,
+    ) {
         let folder = tempfile::tempdir().expect("a folder");
         let truth = truth(structure, axes, "EC0Y = 12.0\nEA0Z = -7.0\nEB0Z = 9.0\n");
         let (truth, found) = round_trip(folder.path(), &truth, LINES, reference);

@@ -127,17 +127,3 @@ pub(crate) fn somewhere(rng: &mut ChaCha8Rng, header: &Header) -> [i32; GRID_AXE
         lines.origin.saturating_add(rng.random_range(-40..way))
     })
 }
-
-pub(crate) fn corpus(target: &str) -> Vec<(String, Vec<u8>)> {
-    let folder = volcomp_test_support::root()
-        .join("tests/fuzz/corpus")
-        .join(target);
-    let entries = std::fs::read_dir(&folder);
-    let entries = entries.unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
-    let read = |entry: std::io::Result<std::fs::DirEntry>| {
-        let entry = entry.expect("an entry");
-        let name = entry.file_name().to_string_lossy().into_owned();
-        (name, std::fs::read(entry.path()).expect("read"))
-    };
-    entries.map(read).collect()
-}

@@ -1,12 +1,11 @@
 //! Frames compared with bytes from public captures and the protocol description.
 
-use std::path::Path;
-
 use proptest::prelude::*;
 use volcomp_focas::frame::{
     Blocks, Command, FrameError, HEAD, Head, Kind, Request, Target, close_frame, frame, number,
     number_bytes, open_frame, parse_commands, push_block,
 };
+use volcomp_test_support::corpus;
 
 fn hex(text: &str) -> Vec<u8> {
     let digits: String = text.split_whitespace().collect();
@@ -160,12 +159,8 @@ fn truncated_responses_are_rejected() {
 /// Corpus responses, requests and headers parse as their file names say.
 #[test]
 fn corpus_frames_parse() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus/focas");
     let mut seen = 0;
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        let name = path.file_name().unwrap().to_string_lossy().into_owned();
-        let bytes = std::fs::read(&path).unwrap();
+    for (name, bytes) in corpus::files("focas") {
         let head = bytes.first_chunk().map(Head::parse);
         let blocks = Blocks::parse(&bytes).map(Iterator::collect::<Vec<_>>);
         let commands = parse_commands(&bytes);

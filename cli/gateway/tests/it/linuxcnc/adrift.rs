@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use volcomp_test_support::rows;
+
 use super::{
     MOST, PORT, alone::alone, corrected_at, gateway, no_jump, offsets, peer::LinuxCnc, wait_zero,
 };
@@ -78,38 +80,16 @@ fn an_offset_that_does_not_come_is_an_alarm() {
 
 /// Each wrong setting is named in the log of LinuxCNC, which does not start.
 fn settings_that_do_not_fit_start_nothing() {
-    for (from, to, says) in [
-        (
-            "LINEAR_UNITS = mm",
-            "LINEAR_UNITS = inch",
-            "[TRAJ]LINEAR_UNITS: found inch, expected mm",
-        ),
-        (
-            "ANGULAR_UNITS = degree\n",
-            "",
-            "[TRAJ]ANGULAR_UNITS is missing, expected degree",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 30 # um",
-            "[VOLCOMP]LIMIT_UM: found 30 # um, expected a number",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 30\nHOLD_MS = 65636\nTIME_OUT_MS = 65836",
-            "hold_scans (HOLD_MS): found 65636 cycles, expected 1 to 16383",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 40",
-            "limit (LIMIT_UM, LIMIT_MDEG) of axis X: found 40000 counts, expected 1 to 32767",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 30\nKEY_FILE = other.key",
-            "other.key cannot be read: No such file or directory",
-        ),
-    ] {
+    for [from, to, says] in rows(
+        r"
+LINEAR_UNITS = mm | LINEAR_UNITS = inch | [TRAJ]LINEAR_UNITS: found inch, expected mm
+ANGULAR_UNITS = degree\n |  | [TRAJ]ANGULAR_UNITS is missing, expected degree
+LIMIT_UM = 30 | LIMIT_UM = 30 # um | [VOLCOMP]LIMIT_UM: found 30 # um, expected a number
+LIMIT_UM = 30 | LIMIT_UM = 30\nHOLD_MS = 65636\nTIME_OUT_MS = 65836 | hold_scans (HOLD_MS): found 65636 cycles, expected 1 to 16383
+LIMIT_UM = 30 | LIMIT_UM = 40 | limit (LIMIT_UM, LIMIT_MDEG) of axis X: found 40000 counts, expected 1 to 32767
+LIMIT_UM = 30 | LIMIT_UM = 30\nKEY_FILE = other.key | other.key cannot be read: No such file or directory
+",
+    ) {
         let dir = tempfile::tempdir().expect("writable");
         let started = std::panic::catch_unwind(|| {
             LinuxCnc::start(dir.path(), |ini| {

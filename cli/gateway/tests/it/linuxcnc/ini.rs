@@ -2,7 +2,7 @@
 
 use std::os::unix::fs::PermissionsExt as _;
 
-use volcomp_test_support::root;
+use volcomp_test_support::{root, rows};
 
 use crate::{manual::machine, online};
 
@@ -27,49 +27,19 @@ fn check(from: &str, to: &str) -> (u8, String) {
 fn check_names_what_is_missing_in_the_file() {
     let (status, said) = check("[JOINT_0]", "[JOINT_0]");
     assert_eq!(status, 0, "{said}");
-    for (from, to, says) in [
-        (
-            "[JOINT_0]\n",
-            "[JOINT_0]\nBACKLASH = 0.01\n",
-            "[JOINT_0]BACKLASH",
-        ),
-        (
-            "[JOINT_2]\n",
-            "[JOINT_2]\nCOMP_FILE = z.comp\n",
-            "[JOINT_2]COMP_FILE",
-        ),
-        ("volcomp.tcl", "nothing.tcl", "[HAL]HALFILE"),
-        (
-            "[AXIS_Z]\nOFFSET_AV_RATIO = 0.02",
-            "[AXIS_Z]",
-            "[AXIS_Z]OFFSET_AV_RATIO is missing",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 5",
-            "[VOLCOMP]LIMIT_UM: found 5, expected 30 or more",
-        ),
-        (
-            "RATE_UM_PER_S = 2000",
-            "RATE_UM_PER_S = 10",
-            "[VOLCOMP]RATE_UM_PER_S: found 10, expected 1000 or more",
-        ),
-        (
-            "RATE_UM_PER_S = 2000",
-            "RATE_UM_PER_S = 2000\nTIME_OUT_MS = 1100",
-            "[VOLCOMP]TIME_OUT_MS: found 1100, expected 1000 or less",
-        ),
-        (
-            "[JOINT_1]\n",
-            "[JOINT_1]\n#INCLUDE comp.inc\n",
-            "#INCLUDE comp.inc",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 30\nKEY_FILE = other.key",
-            "[VOLCOMP]KEY_FILE: ",
-        ),
-    ] {
+    for [from, to, says] in rows(
+        r"
+[JOINT_0]\n | [JOINT_0]\nBACKLASH = 0.01\n | [JOINT_0]BACKLASH
+[JOINT_2]\n | [JOINT_2]\nCOMP_FILE = z.comp\n | [JOINT_2]COMP_FILE
+volcomp.tcl | nothing.tcl | [HAL]HALFILE
+[AXIS_Z]\nOFFSET_AV_RATIO = 0.02 | [AXIS_Z] | [AXIS_Z]OFFSET_AV_RATIO is missing
+LIMIT_UM = 30 | LIMIT_UM = 5 | [VOLCOMP]LIMIT_UM: found 5, expected 30 or more
+RATE_UM_PER_S = 2000 | RATE_UM_PER_S = 10 | [VOLCOMP]RATE_UM_PER_S: found 10, expected 1000 or more
+RATE_UM_PER_S = 2000 | RATE_UM_PER_S = 2000\nTIME_OUT_MS = 1100 | [VOLCOMP]TIME_OUT_MS: found 1100, expected 1000 or less
+[JOINT_1]\n | [JOINT_1]\n#INCLUDE comp.inc\n | #INCLUDE comp.inc
+LIMIT_UM = 30 | LIMIT_UM = 30\nKEY_FILE = other.key | [VOLCOMP]KEY_FILE:
+",
+    ) {
         let (status, said) = check(from, to);
         assert_eq!(status, 2, "{said}");
         assert!(said.contains(says) && said.contains("mill.ini"), "{said}");
