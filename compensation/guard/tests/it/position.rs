@@ -110,17 +110,20 @@ fn a_jump_is_never_accepted_after_a_while() {
     }
     assert_eq!(check.judge(&LINEAR, 600.0, ms(2e6)), JUMP);
     // Within reach of the position 10 ms before the jump are 200 mm and less.
-    for (position, expected) in [
-        (400.0, JUMP),
-        (210.0, JUMP),
-        (199.9, JUMP),
-        (100.0, JUMP),
-        (600.0, JUMP),
-        (199.9, OK),
-        (299.0, OK),
+    for (at, position, expected) in [
+        (0.0, 400.0, JUMP),
+        (10.0, 310.0, JUMP),
+        (20.0, 220.0, JUMP),
+        (30.0, 199.9, JUMP),
+        (40.0, 110.0, JUMP),
+        (50.0, 200.0, JUMP),
+        (60.0, 290.0, JUMP),
+        (70.0, 380.0, JUMP),
+        (80.0, 199.9, OK),
+        (180.0, 299.0, OK),
     ] {
         assert_eq!(
-            check.judge(&LINEAR, position, ms(3e6 + position)),
+            check.judge(&LINEAR, position, ms(3e6 + at)),
             expected,
             "{position}"
         );
