@@ -55,12 +55,14 @@ struct RejectedPosition {
     position: f64,
     taken: Duration,
     way: Way,
+    /// The last reading, if the way does not lead to it: position, mm or rad, and time.
+    stray: Option<(f64, Duration)>,
 }
 
 /// The last accepted position of an axis. After a rejection, only a position within the reach that
 /// the axis had at the first rejection is accepted; the reach does not grow with time. After two
 /// readings on the way from a jump, it must also have jumped back: a constant error would bring a
-/// wrong position there as the axis moves.
+/// wrong position there as the axis moves. An axis that moved out of its range must move back.
 ///
 /// Invariants:
 /// - `rejected` is set only between a rejection and the next accepted position.
@@ -85,7 +87,7 @@ impl PositionCheck {
         let is_outside = |[low, high]: [f64; 2]| position < low || position > high;
         let is_outside = limits.range.is_some_and(is_outside);
         let offset_range = self.offset_range(limits, position, taken);
-        let offset_range = offset_range.filter(|_| !self.is_elsewhere(limits, position, taken));
+        let offset_range = offset_range.filter(|_| !self.refutes(limits, position, taken));
         if let (Some(offset_range), false) = (offset_range, is_outside) {
             self.accepted = Some(AcceptedPosition {
                 position,
@@ -110,30 +112,49 @@ impl PositionCheck {
 
     fn reject(&mut self, limits: &PositionLimits, position: f64, taken: Duration, moved: bool) {
         let before = self.rejected;
-        let since = before.map_or(taken, |before| before.since);
+        let leads = |from: (f64, Duration)| leads_to(limits, from, (position, taken));
         let way = match before {
             _ if moved => Way::Moved,
-            Some(before) if before.leads_to(limits, position, taken) => match before.way {
+            Some(before) if leads((before.position, before.taken)) => match before.way {
                 // A repeated reading is not a second one.
                 Way::Jumped if before.taken != taken => Way::Elsewhere,
                 way => way,
             },
-            // A single wrong reading does not end the way.
-            Some(before) if before.way == Way::Elsewhere => return,
-            _ => Way::Jumped,
+            None
+            | Some(RejectedPosition {
+                way: Way::Jumped, ..
+            }) => Way::Jumped,
+            Some(before) => match before.stray {
+                Some(stray) if stray.1 != taken && leads(stray) => Way::Elsewhere,
+                // A single wrong reading does not end the way.
+                _ => {
+                    self.rejected = Some(RejectedPosition {
+                        stray: Some((position, taken)),
+                        ..before
+                    });
+                    return;
+                }
+            },
         };
         self.rejected = Some(RejectedPosition {
-            since,
+            since: before.map_or(taken, |before| before.since),
             position,
             taken,
             way,
+            stray: None,
         });
     }
 
-    /// Whether the position continues a way that began with a jump.
-    fn is_elsewhere(&self, limits: &PositionLimits, position: f64, taken: Duration) -> bool {
+    /// Whether the way of the rejected positions excludes a position that is within reach of the
+    /// accepted one: a jump that goes on, or an axis that cannot have come back yet.
+    fn refutes(&self, limits: &PositionLimits, position: f64, taken: Duration) -> bool {
         self.rejected.is_some_and(|before| {
-            before.way == Way::Elsewhere && before.leads_to(limits, position, taken)
+            let leads = leads_to(limits, (before.position, before.taken), (position, taken));
+            match before.way {
+                Way::Moved => !leads,
+                Way::Jumped => false,
+                Way::Elsewhere => leads,
+            }
         })
     }
 
@@ -161,11 +182,9 @@ impl PositionCheck {
     }
 }
 
-impl RejectedPosition {
-    /// Whether the axis can have moved from here to this position.
-    fn leads_to(&self, limits: &PositionLimits, position: f64, taken: Duration) -> bool {
-        let way = shortest_way(position - self.position, limits.turn).abs();
-        let passed_s = taken.abs_diff(self.taken).as_secs_f64();
-        way <= limits.speed * (passed_s + 2.0 * TIMESTAMP_UNCERTAINTY_S)
-    }
+/// Whether the axis can have moved from one reading (position, time) to another.
+fn leads_to(limits: &PositionLimits, from: (f64, Duration), to: (f64, Duration)) -> bool {
+    let way = shortest_way(to.0 - from.0, limits.turn).abs();
+    let passed_s = to.1.abs_diff(from.1).as_secs_f64();
+    way <= limits.speed * (passed_s + 2.0 * TIMESTAMP_UNCERTAINTY_S)
 }

@@ -57,7 +57,7 @@ fn accepted_positions_of_a_linear_axis() {
             (0.0, -5.0, OK),
             (10.0, -5.1, OUT),
             (1e6, 200.0, JUMP),
-            (1e6, 90.0, OK),
+            (1e6 + 100.0, 90.0, OK),
         ],
     );
     reported(
@@ -177,6 +177,37 @@ fn wrong_readings_are_forgotten_once_the_position_is_back() {
             (400.0, -200.0, OUT),
             (500.0, -100.0, OUT),
             (600.0, 0.0, OK),
+        ],
+    );
+    for wrong in [50.0, 500.0] {
+        reported(
+            "one wrong reading while the axis is beyond the travel",
+            &LINEAR,
+            &[
+                (0.0, 0.0, OK),
+                (100.0, -100.0, OUT),
+                (200.0, -200.0, OUT),
+                (300.0, -300.0, OUT),
+                (310.0, wrong, JUMP),
+                (320.0, -300.0, OUT),
+                (420.0, -200.0, OUT),
+                (520.0, -100.0, OUT),
+                (620.0, 0.0, OK),
+            ],
+        );
+    }
+    reported(
+        "a constant error that begins while the axis is beyond the travel",
+        &LINEAR,
+        &[
+            (0.0, 0.0, OK),
+            (100.0, -100.0, OUT),
+            (200.0, -200.0, OUT),
+            (300.0, -300.0, OUT),
+            (310.0, 200.0, JUMP),
+            (320.0, 190.0, JUMP),
+            (400.0, 60.0, JUMP),
+            (410.0, 0.0, JUMP),
         ],
     );
     reported(
