@@ -177,16 +177,6 @@ pub(crate) enum Command {
     },
 }
 
-impl Command {
-    /// True if positions of X, Y and Z are in other coordinates afterwards.
-    pub(crate) fn changes_coordinates(&self) -> bool {
-        matches!(
-            self,
-            Self::Shift { .. } | Self::Rotation { .. } | Self::WorkOffset(_) | Self::Edge(_)
-        )
-    }
-}
-
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Cycle {
     pub(crate) name: String,

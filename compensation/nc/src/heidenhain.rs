@@ -7,7 +7,7 @@ use std::{io::Write as _, ops::Range};
 
 use crate::{
     block::{Assignment, Block, Command, Cycle, LAST, Manner, OTHER, POLAR, Parameter, Scanner},
-    coordinates::axis_of,
+    coordinates::{axis_of, is_rotary},
     error::{Column, FLOW, Fault, OWN_RULE, UNKNOWN},
     expression::{Formulas, Operator, finite, operate, plain_number, takes_name, whole_number},
     interpreter::Interpreter,
@@ -360,8 +360,9 @@ impl Reader<'_, '_> {
     /// Refuses M127 and M129, which act at the end of their block, beside a motion that they change.
     fn check_end_of_block(&self) -> Result<(), Fault> {
         let modal = &self.values.interpreter.modal;
-        let is_place = |letter: u8| axis_of(letter).is_some() || POLAR.contains(&letter);
-        let names_axes = self.block.words.iter().any(|word| is_place(word.letter));
+        let words = || self.block.words.iter().map(|word| word.letter);
+        let names_axes = words().any(|letter| axis_of(letter).is_some() || POLAR.contains(&letter));
+        let turns = words().any(|letter| axis_of(letter).is_some_and(is_rotary));
         let found = self
             .block
             .commands
@@ -370,7 +371,7 @@ impl Reader<'_, '_> {
                 Command::CentrePoint(false) if modal.centre_point != CentrePoint::Off => {
                     Some("M129")
                 }
-                Command::Shorter(false) if modal.shorter => Some("M127"),
+                Command::Shorter(false) if modal.shorter && turns => Some("M127"),
                 _ => None,
             });
         match found.filter(|_| names_axes) {

@@ -6,7 +6,7 @@ use crate::{
     block::{Command, Cycle, Manner},
     codes::{BlockWords, Codes, whole},
     control::{Control, Dialect},
-    coordinates::{LETTERS, each, turned},
+    coordinates::{Axes, LETTERS, each, turned},
     interpreter::{Interpreter, Outcome},
     modal::{
         CentrePoint, Code, MAX_NUMBERED_OFFSET, NUMBERED, Plane, ProgrammedFrame, RS274_SYSTEMS,
@@ -435,10 +435,12 @@ impl Interpreter {
     ) -> Result<bool, NcError> {
         let mut takes_words = false;
         self.modal.goes_on = false;
+        let before = (
+            self.modal.system,
+            self.modal.programmed,
+            self.modal.tool_offset,
+        );
         for command in &given.block.commands {
-            if self.dialect == Dialect::Siemens && command.changes_coordinates() {
-                self.modal.frame_is_new[..3].fill(true);
-            }
             match command {
                 Command::Shift { adds } => {
                     takes_words = true;
@@ -533,7 +535,29 @@ impl Interpreter {
         if !given.block.commands.is_empty() {
             self.update_frame();
         }
+        if self.dialect == Dialect::Siemens {
+            self.mark_new_coordinates(before);
+        }
         Ok(takes_words)
+    }
+
+    /// Marks the axes whose coordinates differ from those before the block: work offset, programmed
+    /// frame and tool offset.
+    fn mark_new_coordinates(
+        &mut self,
+        (system, programmed, tool_offset): (usize, ProgrammedFrame, Axes),
+    ) {
+        let modal = &self.modal;
+        let is_turned = modal.programmed.angle_deg != programmed.angle_deg;
+        let is_new: Axes<bool> = each(|axis| {
+            axis < 2 && is_turned
+                || self.machine_has(axis) && modal.system != system
+                || modal.programmed.by[axis] != programmed.by[axis]
+                || modal.tool_offset[axis] != tool_offset[axis]
+        });
+        for (marked, is_new) in self.modal.frame_is_new.iter_mut().zip(is_new) {
+            *marked |= is_new;
+        }
     }
 
     fn tool_command(&mut self, command: &Command, given: &BlockWords<'_>) -> Result<(), NcError> {

@@ -312,10 +312,12 @@ fn the_end_of_a_mode_stands_in_a_block_of_its_own() {
     let machine = Machine::parse(example, "m.toml").expect("a good machine");
     let begins = "L X+300 Y+250 Z-100 A-10 C+0 FMAX\n";
     for (on, off) in [("M126", "M127"), ("M128", "M129")] {
-        let beside = format!("L Z-50 F500 {off}\n");
+        let beside = format!("L Z-50 C+20 F500 {off}\n");
         written(&machine, "", &format!("{begins}{beside}")).expect("it was not on");
         let behind = format!("{begins}L {on}\nL Z-50 F500\nL {off}\n");
         written(&machine, "", &behind).expect("a block of its own");
+        let linear = format!("{begins}L M126\nL Z-50 F500 M127\n");
+        written(&machine, "", &linear).expect("M127 concerns rotary axes");
         let refused = written(&machine, "", &format!("{begins}L {on}\n{beside}"));
         let expected = format!("{off} is not supported: it acts at the end of its block");
         let found = refused.expect_err(off).to_string();

@@ -282,6 +282,8 @@ R1=40 R2=60\nG0 X=R1+R2\n | R1=40 R2=60\nG0 X=99.990\n
 DEF REAL LENGTH=50\nG0X=LENGTH*2\n | DEF REAL LENGTH=50\nG0X=99.990\n
 G0 X=1EX2\n | G0 X=99.990\n
 TRANS X100\nG0 X0\n | TRANS X100\nG0 X-0.010\n
+G0 X0\nTRANS Y50\nX=IC(100)\n | G0 X0\nTRANS Y50\nX=IC(99.990)\n
+G54\nG0 X0\nG54\nX=IC(100)\n | G54\nG0 X0\nG54\nX=IC(99.990)\n
 TRANS X100\nG0 X0\nG91 X100\n | TRANS X100\nG0 X-0.010\nG91 X99.990\n
 G70 G0 X10\nG71 X254\n | G70 G0 X9.9990\nG71 X253.975\n
 /2 N5 G0 X100 M5\nX200\n | /2 N5 G0 X99.990 M5\nX199.980\n
@@ -431,8 +433,8 @@ G0 X=1/0 | column 7: this calculation has no result
 R1=5 X=R1 | column 8: a parameter that the same block sets before
 G2 X10 | an arc without a centre and without a radius
 TRANS X50\nG91 X10 | an incremental motion (G91, IC) of an axis whose frame
-ROT RPL=30\nG0 X5 Z=IC(1) | an incremental motion (G91, IC) of an axis whose frame
 G57\nG0 X=IC(10) | an incremental motion (G91, IC) of an axis whose frame
+ATRANS X5\nROT RPL=30\nG0 Z=IC(1) Y=IC(1) | an incremental motion (G91, IC) of an axis whose frame
 TRANS X50\nSUPA G0 X0\nX=IC(10) | an incremental motion (G91, IC) of an axis whose frame
 G91 SUPA G0 X0 | incremental machine coordinates (G53, G153, SUPA, M91)
 G0 X1 & | column 7: found '&'
