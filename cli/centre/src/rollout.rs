@@ -110,6 +110,9 @@ pub enum Step {
         worst_um: String,
         /// Largest change of a rotary axis, µrad, as reported by the machine.
         worst_urad: String,
+        /// Signs that the model belongs to another machine, as reported by the machine.
+        #[serde(default)]
+        differences: Vec<String>,
     },
     Soaking {
         version: u64,
@@ -527,11 +530,13 @@ impl Rollout {
                 hash,
                 worst_um,
                 worst_urad,
+                differences,
             } => Step::NeedsConfirmation {
                 version: answered,
                 hash,
                 worst_um,
                 worst_urad,
+                differences,
             },
             Outcome::Refused { why } => dropped_out(
                 Some(answered),

@@ -4,8 +4,8 @@
 const ROLLOUTS_EVERY_MS = 2000;
 const STEP_COLOURS = { done: "#0b6e3a", soaking: "#2f7fd0", sent: "#7cb8f2", "needs-confirmation": "#c77700", out: "#b3261e" };
 
-/** Largest change of the axis positions, as reported by the machine. */
-const movesOf = ({ worst_um: um, worst_urad: urad }) => [um && `${um} µm`, urad && `${urad} µrad`].filter(Boolean).join(" and ") || "a distance that is not finite";
+/** Largest change of the axis positions, and signs of another machine, as reported by the machine. */
+const movesOf = ({ worst_um: um, worst_urad: urad, differences }) => [[um && `${um} µm`, urad && `${urad} µrad`].filter(Boolean).join(" and ") || "a distance that is not finite", ...(differences || [])].join("; ");
 
 /** Names of the steps on the page. */
 const STEP_NAMES = { waiting: "not sent yet", sent: "sent", "needs-confirmation": "needs confirmation", soaking: "observed", done: "done", out: "dropped out" };

@@ -69,19 +69,26 @@ pub enum Outcome {
         worst_um: String,
         /// Largest change of a rotary axis, µrad, as text; empty if there is none or it is not finite.
         worst_urad: String,
+        /// Signs that the model belongs to another machine, one sentence each.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        differences: Vec<String>,
     },
     /// The manifest is rejected, or its machine file is unusable; the previous state stays active.
     Refused { why: String },
 }
 
-/// Describes the moves of [`Outcome::NeedsConfirmation`] in words.
-pub fn largest_moves(worst_um: &str, worst_urad: &str) -> String {
-    match (worst_um, worst_urad) {
+/// Describes the moves of [`Outcome::NeedsConfirmation`] in words, and the signs of another machine.
+pub fn largest_moves(worst_um: &str, worst_urad: &str, differences: &[String]) -> String {
+    let mut words = match (worst_um, worst_urad) {
         ("", "") => "a distance that is not finite".to_owned(),
         (um, "") => format!("{um} µm"),
         ("", urad) => format!("{urad} µrad"),
         (um, urad) => format!("{um} µm and {urad} µrad"),
+    };
+    for difference in differences {
+        words.extend(["; ", difference]);
     }
+    words
 }
 
 /// Response of a gateway to a manifest of the centre.
@@ -102,9 +109,11 @@ mod tests {
     /// No sentence ends with a unit without a number.
     #[test]
     fn unknown_values_are_omitted() {
-        assert_eq!(largest_moves("75.0", ""), "75.0 µm");
-        assert_eq!(largest_moves("", "20.0"), "20.0 µrad");
-        assert_eq!(largest_moves("75.0", "20.0"), "75.0 µm and 20.0 µrad");
-        assert!(!largest_moves("", "").contains('µ'));
+        assert_eq!(largest_moves("75.0", "", &[]), "75.0 µm");
+        assert_eq!(largest_moves("", "20.0", &[]), "20.0 µrad");
+        assert_eq!(largest_moves("75.0", "20.0", &[]), "75.0 µm and 20.0 µrad");
+        assert!(!largest_moves("", "", &[]).contains('µ'));
+        let other = ["another name".to_owned()];
+        assert_eq!(largest_moves("0.0", "", &other), "0.0 µm; another name");
     }
 }

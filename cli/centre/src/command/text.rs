@@ -209,10 +209,11 @@ fn step(step: &Step) -> String {
             hash,
             worst_um,
             worst_urad,
+            differences,
         } => {
             format!(
                 "version {version} moves its axes by up to {}: to be confirmed with {hash}",
-                largest_moves(worst_um, worst_urad)
+                largest_moves(worst_um, worst_urad, differences)
             )
         }
         Step::Soaking {

@@ -157,6 +157,7 @@ impl SimulatedMachine {
                 } else {
                     String::new()
                 },
+                differences: Vec::new(),
             };
         }
         self.disabled = !manifest.enable;

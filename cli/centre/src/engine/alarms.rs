@@ -234,10 +234,11 @@ fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
                 version,
                 worst_um,
                 worst_urad,
+                differences,
                 ..
             } => (
                 AlarmKind::NeedsConfirmation,
-                needs_confirmation(*version, worst_um, worst_urad),
+                needs_confirmation(*version, (worst_um, worst_urad), differences),
             ),
             Step::Soaking {
                 version, idle_s, ..
@@ -336,10 +337,14 @@ fn causes_of(known: &MachineState<'_>) -> BTreeMap<AlarmKind, String> {
     causes
 }
 
-fn needs_confirmation(version: u64, worst_um: &str, worst_urad: &str) -> String {
+fn needs_confirmation(
+    version: u64,
+    (worst_um, worst_urad): (&str, &str),
+    differences: &[String],
+) -> String {
     format!(
         "Version {version} moves the axes by up to {}: a user must confirm it.",
-        largest_moves(worst_um, worst_urad)
+        largest_moves(worst_um, worst_urad, differences)
     )
 }
 
@@ -355,11 +360,12 @@ fn add_version_causes(known: &MachineState<'_>, causes: &mut BTreeMap<AlarmKind,
         Some(Outcome::NeedsConfirmation {
             worst_um,
             worst_urad,
+            differences,
             ..
         }) => {
             causes.insert(
                 AlarmKind::NeedsConfirmation,
-                needs_confirmation(version.version, worst_um, worst_urad),
+                needs_confirmation(version.version, (worst_um, worst_urad), differences),
             );
         }
         Some(Outcome::Activated) | None => {}

@@ -203,6 +203,7 @@ fn a_confirmation_without_effect_is_rejected() {
                 hash: "abcd".into(),
                 worst_um: "80.0".into(),
                 worst_urad: String::new(),
+                differences: Vec::new(),
             };
             rollout.phase = phase;
             rollout

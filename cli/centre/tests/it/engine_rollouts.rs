@@ -241,6 +241,7 @@ fn settings_do_not_send_an_unconfirmed_model() {
                 hash: "ab".into(),
                 worst_um: "120.0".into(),
                 worst_urad: String::new(),
+                differences: Vec::new(),
             },
         };
         let message = envelope("b", 1, answer);

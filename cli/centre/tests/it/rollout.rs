@@ -113,6 +113,7 @@ fn needs() -> Outcome {
         hash: "abc".to_owned(),
         worst_um: "120.0".to_owned(),
         worst_urad: String::new(),
+        differences: Vec::new(),
     }
 }
 
@@ -360,6 +361,7 @@ fn event(happens: &Happens, machines: usize) -> Event {
                     hash: "h".to_owned(),
                     worst_um: String::new(),
                     worst_urad: String::new(),
+                    differences: Vec::new(),
                 },
                 _ => Outcome::Activated,
             },

@@ -215,9 +215,10 @@ pub(super) fn in_words(outcome: &Outcome) -> String {
             hash,
             worst_um,
             worst_urad,
+            differences,
         } => format!(
             "a person must confirm it with {hash}: it moves the axes by up to {}",
-            largest_moves(worst_um, worst_urad)
+            largest_moves(worst_um, worst_urad, differences)
         ),
         Outcome::Refused { why } => format!("refused: {why}"),
     }
@@ -558,6 +559,7 @@ fn needs_confirmation(question: &Question) -> Outcome {
         hash: question.model.clone(),
         worst_um: text(question.worst_corner_um),
         worst_urad: text(question.worst_corner_urad),
+        differences: question.differences.clone(),
     }
 }
 
