@@ -392,7 +392,13 @@ impl Interpreter {
         let length =
             (self.modal.centre_point != CentrePoint::Off).then_some(self.modal.tool_offset);
         self.switch(&codes, &given)?;
+        let before = (
+            self.modal.system,
+            self.modal.programmed,
+            self.modal.tool_offset,
+        );
         let mut uses_words = self.commands(&given, outcome)?;
+        self.mark_new_coordinates(before);
         codes.in_machine |= outcome.in_machine;
         let is_longer = length.is_some_and(|length| length != self.modal.tool_offset);
         if is_longer && self.modal.centre_point != CentrePoint::Off {

@@ -435,11 +435,6 @@ impl Interpreter {
     ) -> Result<bool, NcError> {
         let mut takes_words = false;
         self.modal.goes_on = false;
-        let before = (
-            self.modal.system,
-            self.modal.programmed,
-            self.modal.tool_offset,
-        );
         for command in &given.block.commands {
             match command {
                 Command::Shift { adds } => {
@@ -535,18 +530,16 @@ impl Interpreter {
         if !given.block.commands.is_empty() {
             self.update_frame();
         }
-        if self.dialect == Dialect::Siemens {
-            self.mark_new_coordinates(before);
-        }
         Ok(takes_words)
     }
 
-    /// Marks the axes whose coordinates differ from those before the block: work offset, programmed
-    /// frame and tool offset.
-    fn mark_new_coordinates(
-        &mut self,
-        (system, programmed, tool_offset): (usize, ProgrammedFrame, Axes),
-    ) {
+    /// Marks the axes whose coordinates on SINUMERIK differ from those `before`: work offset,
+    /// programmed frame and tool offset.
+    pub(crate) fn mark_new_coordinates(&mut self, before: (usize, ProgrammedFrame, Axes)) {
+        if self.dialect != Dialect::Siemens {
+            return;
+        }
+        let (system, programmed, tool_offset) = before;
         let modal = &self.modal;
         let is_turned = modal.programmed.angle_deg != programmed.angle_deg;
         let is_new: Axes<bool> = each(|axis| {
