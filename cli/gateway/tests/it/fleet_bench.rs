@@ -109,25 +109,6 @@ impl Centre {
         self.runtime.block_on(made).expect("streams");
     }
 
-    /// Fills the stream of audit records until the server refuses one, as another machine of the site can.
-    pub(crate) fn fill_audit(&self) {
-        let context = self.context();
-        self.runtime.block_on(async move {
-            // Down to the last bytes.
-            for length in [10_000, 100, 0] {
-                loop {
-                    let subject = "volcomp.berlin.mill-2.audit";
-                    let record = format!("{{\"z\":\"{}\"}}", "z".repeat(length));
-                    let sent = context.publish(subject, record.into()).await;
-                    if let Err(error) = sent.expect("sent").await {
-                        assert!(error.to_string().contains("maximum bytes"), "{error}");
-                        break;
-                    }
-                }
-            }
-        });
-    }
-
     /// Stores a value under the machine's key.
     pub(crate) fn put(&self, value: &[u8]) {
         let context = self.context();

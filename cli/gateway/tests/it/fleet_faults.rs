@@ -7,7 +7,6 @@ use std::{
     time::Duration,
 };
 
-use volcomp_fleet::StreamRetention;
 use volcomp_focas::simulator::Simulator;
 use volcomp_gateway::audit::verify;
 
@@ -105,54 +104,6 @@ fn messages_queued_while_the_centre_is_away_arrive_later() {
     let whole = centre.bodies("telemetry", "telemetry");
     let last = whole.last().expect("some");
     crate::documents::validate("gateway-state.json", last);
-}
-
-/// Another machine of the site fills the stream of audit records and acknowledgements. Those of this gateway wait, its states arrive, and with a larger
-/// limit everything does.
-#[test]
-fn a_full_stream_of_audit_records_delays_no_state() {
-    let Some(centre) = Centre::start() else {
-        return;
-    };
-    let limited = |site_bytes| StreamRetention {
-        site_bytes,
-        ..StreamRetention::default()
-    };
-    centre.prepare(limited(1 << 20));
-    centre.fill_audit();
-    centre.roll_out(1, &machine_with(25.0));
-    let dir = tempfile::tempdir().expect("writable");
-    let config = centre.configuration(dir.path());
-    let program = compensating(&config);
-    wait(&program, "it reports why its records wait", |state| {
-        let waiting = state["fleet"]["waiting"].as_str();
-        waiting.is_some_and(|waiting| waiting.contains("maximum bytes"))
-    });
-    let conditions = || centre.bodies("telemetry", "condition").len();
-    let before = conditions();
-    volcomp_test_support::until("its states arrive", Duration::from_secs(60), || {
-        conditions() >= before + 5
-    });
-    let is_own = |(_, document): &(String, serde_json::Value)| document["instance"].is_string();
-    let arrived = || {
-        centre
-            .reported("audit")
-            .iter()
-            .filter(|one| is_own(one))
-            .count()
-    };
-    assert_eq!(arrived(), 0);
-    centre.prepare(limited(2 << 20));
-    centre.acknowledged(1, "activated");
-    volcomp_test_support::until("its records arrive", Duration::from_secs(60), || {
-        !centre
-            .bodies("audit", "audit")
-            .iter()
-            .all(serde_json::Value::is_null)
-    });
-    wait(&program, "nothing waits", |state| {
-        state["fleet"]["waiting"].is_null()
-    });
 }
 
 /// Two gateways run with the identity of one machine: the centre reports two instances at a time.
