@@ -41,6 +41,17 @@ fn wait_for_y(gateway: &mut Gateway, um: f64) {
     gateway.wait("applied", |state| state["correction_um"]["Y"] == um);
 }
 
+/// Waits until arming needs a confirmation, and returns its question; auto-arm leaves the gateway disarmed.
+fn arming_asks(gateway: &mut Gateway) -> Value {
+    gateway.wait_until_says("must be confirmed");
+    gateway.watch();
+    gateway.run(Duration::from_secs(3));
+    assert_eq!(gateway.state()["state"], "disarmed");
+    let (status, question) = gateway.ask(Operation::Arm(None));
+    assert_eq!(status, 409, "{question}");
+    question
+}
+
 #[test]
 fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let dir = tempfile::tempdir().expect("writable");
@@ -229,12 +240,7 @@ fn signs_of_another_machine_need_confirmation() {
         assert_eq!(gateway.state()["machine"]["hash"], before);
         // Auto-arm asks after a restart.
         let mut gateway = gateway.killed_and_started(&config);
-        gateway.wait_until_says("must be confirmed");
-        gateway.watch();
-        gateway.run(Duration::from_secs(3));
-        assert_eq!(gateway.state()["state"], "disarmed");
-        let (status, question) = gateway.ask(Operation::Arm(None));
-        assert_eq!(status, 409, "{question}");
+        let question = arming_asks(&mut gateway);
         signs(&question, "the model armed last");
         let hash = question["model"].as_str().map(str::to_owned);
         assert_eq!(gateway.ask(Operation::Arm(hash)).0, 200);
@@ -272,12 +278,7 @@ fn changed_terms_need_confirmation() {
         // A rig keeps the terms of its first start.
         drop(gateway);
         gateway = Gateway::start(&config);
-        gateway.wait_until_says("must be confirmed");
-        gateway.watch();
-        gateway.run(Duration::from_secs(3));
-        assert_eq!(gateway.state()["state"], "disarmed");
-        let (status, question) = gateway.ask(Operation::Arm(None));
-        assert_eq!(status, 409, "{question}");
+        let question = arming_asks(&mut gateway);
         assert_eq!(
             question["limits"],
             json!({ "controller[0].terms = [\"thermal\"]": terms })

@@ -82,23 +82,27 @@ fn compensating(dir: &Path) -> (PathBuf, Gateway) {
     (config, gateway)
 }
 
+/// Kills and restarts a disarmed gateway: auto-arm stays off until an operator arms, and works after the next restart.
+fn stays_disarmed_until_armed(gateway: Gateway, config: &Path) {
+    let mut gateway = gateway.killed_and_started(config);
+    gateway.wait_until_says(DISARMED);
+    gateway.run(Duration::from_secs(10));
+    assert_eq!(gateway.state()["state"], "disarmed");
+    assert_eq!(gateway.shifts(), PerChannel::ZERO);
+    gateway.must_arm();
+    gateway.wait_for("compensating");
+    gateway.wait_until_silent_of(DISARMED);
+    let mut gateway = Gateway::again(gateway.stop(), config);
+    gateway.wait_for("compensating");
+}
+
 #[test]
 fn an_operators_disarm_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
     let (config, mut gateway) = compensating(dir.path());
     assert_eq!(gateway.ask(Operation::Disarm).0, 200);
     gateway.wait_for("disarmed");
-    let mut gateway = gateway.killed_and_started(&config);
-    gateway.wait_until_says(DISARMED);
-    gateway.run(Duration::from_secs(10));
-    assert_eq!(gateway.state()["state"], "disarmed");
-    assert_eq!(gateway.shifts(), PerChannel::ZERO);
-    // Once an operator arms again, auto-arm works after the next restart.
-    gateway.must_arm();
-    gateway.wait_for("compensating");
-    gateway.wait_until_silent_of(DISARMED);
-    let mut gateway = Gateway::again(gateway.stop(), &config);
-    gateway.wait_for("compensating");
+    stays_disarmed_until_armed(gateway, &config);
 }
 
 /// The disk is still busy with the audit log when the disarm is answered, and the program is killed: the disarm is on the disk.
@@ -296,16 +300,7 @@ fn an_acknowledged_fault_stays_disarmed_after_a_restart() {
         }
         assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
         gateway.wait_for("disarmed");
-        let mut gateway = gateway.killed_and_started(&config);
-        gateway.wait_until_says(DISARMED);
-        gateway.run(Duration::from_secs(10));
-        assert_eq!(gateway.state()["state"], "disarmed");
-        assert_eq!(gateway.shifts(), PerChannel::ZERO);
-        gateway.must_arm();
-        gateway.wait_for("compensating");
-        gateway.wait_until_silent_of(DISARMED);
-        let mut gateway = Gateway::again(gateway.stop(), &config);
-        gateway.wait_for("compensating");
+        stays_disarmed_until_armed(gateway, &config);
     }
 }
 
