@@ -25,8 +25,6 @@ mod parts;
 mod patch;
 mod single;
 mod slides;
-#[cfg(feature = "std")]
-mod states;
 mod table;
 mod terms;
 mod turn;
@@ -42,7 +40,5 @@ pub use neglected::Neglected;
 pub use parts::{AxisParts, MachineParts, RawCurve, Tolerance};
 pub use patch::Patch;
 pub use slides::Slides;
-#[cfg(feature = "std")]
-pub use states::States;
 pub use volcomp_kinematics as kinematics;
 pub use volcomp_vocabulary as vocabulary;

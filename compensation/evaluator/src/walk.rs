@@ -161,23 +161,12 @@ impl CompiledMachine {
             registers.value(&self.tables, heads[1], q_mm[1]),
             registers.value(&self.tables, heads[2], q_mm[2]),
         ];
-        Self::sum_of_slides(axes, errors.each_ref(), q_mm, registers)
-    }
-
-    /// The error of three linear axes from the values of their tables.
-    #[inline(always)]
-    pub(crate) fn sum_of_slides(
-        axes: [&CompiledAxis; 3],
-        errors: [&[f64; WIDE]; 3],
-        q_mm: [f64; 3],
-        registers: impl Registers,
-    ) -> Evaluation {
-        let sum = registers.sum(&registers.sum(errors[0], errors[1]), errors[2]);
+        let sum = registers.sum(&registers.sum(&errors[0], &errors[1]), &errors[2]);
         // Linear joints leave no constant error at the tool end. Before the last of them, a tilt
         // has no lever.
         let mut tip = Tip::new(registers, &ErrorMotion::ZERO);
         let mut levered = false;
-        for ((axis, &q), error) in axes.iter().zip(&q_mm).zip(errors).rev() {
+        for ((axis, &q), error) in axes.iter().zip(&q_mm).zip(&errors).rev() {
             if axis.before_motion && levered {
                 tip.carry(error);
             }

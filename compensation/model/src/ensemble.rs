@@ -1,9 +1,6 @@
-use volcomp_evaluator::{CompiledMachine, States};
+use volcomp_evaluator::CompiledMachine;
 use volcomp_fit::student_widening;
 use volcomp_kinematics::State;
-
-/// Number of states whose sums stay in the cache of a core.
-const STATES_AT_ONCE: usize = 1024;
 
 /// Monte Carlo samples of a machine within the measurement uncertainty (JCGM 101, propagation of distributions).
 #[derive(Clone, Debug)]
@@ -61,15 +58,13 @@ impl Ensemble {
     }
 
     /// The standard uncertainty at each of many states. Several times faster than one state after another, because the tables of a machine
-    /// stay in the cache and are looked up once for each coordinate.
+    /// stay in the cache.
     pub fn standard_uncertainties(&self, states: &[State]) -> Vec<[f64; 6]> {
-        let blocks = states.chunks(STATES_AT_ONCE).flat_map(|states| {
-            let states = States::new(states.to_vec());
-            self.uncertainties_of(states.len(), |machine, found| {
-                machine.evaluate_states(&states, found);
-            })
-        });
-        blocks.collect()
+        self.uncertainties_of(states.len(), |machine, found| {
+            for (state, found) in states.iter().zip(found) {
+                *found = machine.evaluate(state).into_six();
+            }
+        })
     }
 
     /// Standard uncertainty (k = 1) of quantities computed from a machine: their standard deviation over the samples, summed in sample

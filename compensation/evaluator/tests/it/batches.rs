@@ -2,7 +2,7 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use volcomp_evaluator::{EvaluatorError, States};
+use volcomp_evaluator::EvaluatorError;
 use volcomp_kinematics::State;
 use volcomp_model::{Machine, Tolerance};
 use volcomp_test_support::structures::all_types;
@@ -42,30 +42,6 @@ fn batches_are_the_same_as_single_poses() {
                 assert!((single.position_mm[k] - found[k]).abs() <= 1e-12 * largest);
                 assert!((single.rotation_rad[k] - found[k + 3]).abs() <= 1e-12 * largest);
             }
-        }
-    }
-}
-
-/// Scattered states, and the combinations of the coordinates of six of them along three axes.
-#[test]
-fn many_states_are_the_same_as_single_ones() {
-    for (index, structure) in all_types().iter().enumerate() {
-        let machine = machine(structure, 500 + index as u64);
-        let compiled = machine.compile(Tolerance::default()).unwrap();
-        let mut rng = ChaCha8Rng::seed_from_u64(10);
-        let mut states: Vec<State> = (0..20).map(|_| random_state(&machine, &mut rng)).collect();
-        for node in 0..216 {
-            let mut state = states[node / 36];
-            for (axis, other) in [(1, node / 6 % 6), (2, node % 6)] {
-                state.q[axis] = states[other].q[axis];
-                state.approach[axis] = states[other].approach[axis];
-            }
-            states.push(state);
-        }
-        let mut errors = vec![[0.0; 6]; states.len()];
-        compiled.evaluate_states(&States::new(states.clone()), &mut errors);
-        for (state, found) in states.iter().zip(&errors) {
-            assert_eq!(compiled.evaluate(state).into_six(), *found, "{structure}");
         }
     }
 }

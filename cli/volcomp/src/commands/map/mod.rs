@@ -435,12 +435,18 @@ impl Work<'_> {
         let bar = progress::bar(self.grid.len(), "nodes");
         let format = field.text_format().map(|(format, _)| format);
         let count = self.grid.len();
-        let at_once = CHUNK * 4 * rayon::current_num_threads();
+        // With an uncertainty a node takes as long as hundreds without, so chunks are smaller.
+        let size = if self.ensemble.is_some() {
+            CHUNK / 64
+        } else {
+            CHUNK
+        };
+        let at_once = size * 4 * rayon::current_num_threads();
         for from in (0..count).step_by(at_once) {
-            let starts: Vec<usize> = (from..count.min(from + at_once)).step_by(CHUNK).collect();
+            let starts: Vec<usize> = (from..count.min(from + at_once)).step_by(size).collect();
             let chunks: Vec<Chunk> = starts
                 .into_par_iter()
-                .map(|start| self.chunk(start..count.min(start + CHUNK), pass, format))
+                .map(|start| self.chunk(start..count.min(start + size), pass, format))
                 .collect();
             for chunk in &chunks {
                 field.write(&chunk.nodes, &chunk.text)?;
