@@ -109,10 +109,7 @@ pub(crate) fn settled(
             "the unknowns were identified {rounds} times, each time with the lines cleared of what was found before, until they settled"
         ));
     }
-    let single: Vec<String> = file
-        .without_scatter()
-        .map(|line| line.file.display().to_string())
-        .collect();
+    let single = file.files_without_scatter();
     if !single.is_empty() && wanted == Scope::Everything {
         notes.push(format!(
             "the uncertainties of the unknowns do not count the noise of {}: one run only in each direction shows none. Take two runs or more, or state reading_um or reading_urad in [uncertainty]",

@@ -99,16 +99,19 @@ impl CalibrationFile {
         shifted
     }
 
-    /// Lines whose scatter is not known: only one run in each direction, or runs without repeated targets, and nothing stated in `[uncertainty]` for
-    /// their readings.
-    pub fn without_scatter(&self) -> impl Iterator<Item = &Line> {
+    /// Files of lines whose scatter is not known: only one run in each direction, or runs without
+    /// repeated targets, and nothing stated in `[uncertainty]` for their readings.
+    pub fn files_without_scatter(&self) -> Vec<String> {
         let is_stated = |line: &Line| independent(line, &self.uncertainty) > 0.0;
         let is_repeated = |readings: &Measurement| match readings.incomplete_runs() {
             Some(runs) => runs.scatter().is_some(),
             None => readings.most_runs() > 1,
         };
         let lines = self.measurements.iter();
-        lines.filter(move |line| !is_repeated(&line.readings) && !is_stated(line))
+        lines
+            .filter(|line| !is_repeated(&line.readings) && !is_stated(line))
+            .map(|line| line.file.display().to_string())
+            .collect()
     }
 }
 

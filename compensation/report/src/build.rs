@@ -40,9 +40,7 @@ impl Report {
             ),
             locations: other_locations(machine, &calibration.locations),
             not_measured,
-            without_scatter: (file.without_scatter())
-                .map(|line| line.file.display().to_string())
-                .collect(),
+            without_scatter: file.files_without_scatter(),
             identified,
             uncertainty: stated_uncertainty(file),
             ..Self::of_statements(source, machine, stated)

@@ -54,10 +54,7 @@ impl UncertaintyArguments {
         }
         refuse_other_geometry(path, measured.machine(), machine, &"--machine")?;
         if let Measured::Calibration(file) = &measured {
-            let single: Vec<String> = file
-                .without_scatter()
-                .map(|line| line.file.display().to_string())
-                .collect();
+            let single = file.files_without_scatter();
             if !single.is_empty() {
                 notes.push(format!(
                     "one run only, no scatter known: {}; state reading_um or reading_urad in [uncertainty]",

@@ -111,5 +111,5 @@ fn a_sample_does_not_depend_on_earlier_samples() {
     assert_eq!(deviations(1, 5), fifth);
     assert_ne!(deviations(1, 6), fifth);
     assert_ne!(deviations(2, 5), fifth);
-    assert_eq!(file.without_scatter().count(), 0);
+    assert_eq!(file.files_without_scatter().len(), 0);
 }
