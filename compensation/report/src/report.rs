@@ -5,6 +5,8 @@ use volcomp_fit::BandSource;
 use volcomp_metrology::{Iso230Part2, Vdi3441, Verdict};
 use volcomp_vocabulary::{Direction, ErrorName};
 
+use crate::tolerance::VOLUME;
+
 /// A report of a calibration, an identification or a machine file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
@@ -179,6 +181,17 @@ pub struct Check {
     pub outcome: Verdict,
 }
 
+impl Check {
+    /// Why a figure has no uncertainty: that of `V` is evaluated only on request, whatever is stated.
+    pub(crate) fn without_uncertainty(&self) -> &'static str {
+        if self.symbol == VOLUME {
+            "uncertainty not evaluated: --trials"
+        } else {
+            "no uncertainty given"
+        }
+    }
+}
+
 /// Writes a line such as `V of the measured errors alone: 3.13 ± 0.40 µm, allowed 5.00 µm: pass`.
 impl core::fmt::Display for Check {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
@@ -194,7 +207,7 @@ impl core::fmt::Display for Check {
         }
         write!(f, "allowed {:.2} {unit}: {}", self.limit, self.outcome)?;
         if self.value.is_some() && self.uncertainty.is_none() {
-            f.write_str(" (no uncertainty given)")?;
+            write!(f, " ({})", self.without_uncertainty())?;
         }
         Ok(())
     }

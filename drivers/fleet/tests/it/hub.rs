@@ -89,8 +89,9 @@ fn unacknowledged_messages_are_redelivered() {
     });
 }
 
-/// docs/src/fleet.md: a stolen nkey fills the streams of its site up to `telemetry_gib`. No stored audit record is removed, since the centre may
-/// not have collected it. The stream was created without limit by an earlier version.
+/// docs/src/fleet.md: a stolen nkey fills the streams of its site up to `telemetry_gib`. A stored audit record is not removed for one that does not
+/// fit, since the centre may not have collected it. The server compares the body alone with the room that is left, so these bodies are large
+/// against the 65 bytes that it stores beside each. The stream was created without limit by an earlier version.
 #[test]
 fn a_full_stream_of_audit_records_refuses_new_ones() {
     Bench::run(async |bench| {
