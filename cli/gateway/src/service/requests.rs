@@ -78,6 +78,8 @@ impl Service {
         if !(from_before || needs_acknowledgement(&report)) {
             let why = if shows_interlock(&report) {
                 "an interlock is on: it ends at the control, and cannot be acknowledged"
+            } else if report.sensors.iter().any(|sensor| sensor.jumped) {
+                "a temperature that jumped has no valid reading now: it can be acknowledged when its sensor works again"
             } else {
                 "there is nothing to acknowledge: no fault, no interlock of a silent controller, and no temperature that jumped"
             };

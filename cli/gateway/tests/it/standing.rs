@@ -451,6 +451,19 @@ fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
     gateway.run(Duration::from_secs(5));
     let state = gateway.state();
     assert!(quality(&state).contains("jumped"), "{state}");
+    let jump = |gateway: &Gateway, kelvin| {
+        let sensor = 0;
+        let jump = Injection::Jump { sensor, kelvin };
+        gateway.rig.inject_sensor(jump);
+    };
+    jump(&gateway, 500.0);
+    gateway.wait("out", |state| quality(state).contains("out of range"));
+    let (status, answer) = gateway.ask(Operation::Acknowledge);
+    assert_eq!(status, 409);
+    let why = "a temperature that jumped has no valid reading now";
+    assert!(answer.to_string().contains(why), "{answer}");
+    jump(&gateway, 15.0);
+    gateway.wait("jumped", |state| quality(state).contains("jumped"));
     assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
     gateway.wait("believed", |state| quality(state).contains("good"));
 }
