@@ -2,14 +2,15 @@
 
 use rand::RngExt;
 use volcomp_kinematics::{
-    Chain, Correction, CorrectionOptions, ErrorMotion, ErrorSource, GivenErrors,
+    Chain, Correction, CorrectionOptions, Correctors, ErrorMotion, ErrorSource, GivenErrors,
     NEAR_SINGULAR_BELOW, SINGULAR_BELOW, State, actual_pose, correct,
+    least_norm::LinearColumns,
     nalgebra::{DMatrix, Vector3},
 };
 use volcomp_test_support::structures::all_types;
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
-use crate::{every_error, motion, placed, seeded, state};
+use crate::{every_error, motion, placed, seeded, state, vector};
 
 /// Error motions of ±20 µm and ±30 µrad that vary with the coordinate, with location errors.
 struct Wavy {
@@ -47,6 +48,32 @@ fn nominal_singular_values(chain: &Chain, state: &State) -> Vec<f64> {
     let mut values: Vec<f64> = rows.singular_values().iter().copied().collect();
     values.truncate(rotary.len());
     values
+}
+
+#[test]
+fn shares_of_skew_columns_add_up_to_the_error() {
+    let mut rng = seeded(41);
+    for _ in 0..100 {
+        let columns = [(); 3].map(|()| Vector3::from(vector(&mut rng, 1.0)).normalize());
+        let error = Vector3::from(vector(&mut rng, 0.1));
+        let skew = LinearColumns::new(columns, 3);
+        if skew.is_near_singular(3) {
+            continue;
+        }
+        let shares = skew.shares(&error);
+        let sum: Vector3<f64> = columns.iter().zip(shares).map(|(u, s)| u * s).sum();
+        assert!((sum - error).norm() < 1e-12, "{columns:?}: {sum}");
+    }
+}
+
+#[test]
+fn rotary_axes_that_are_not_kept_do_not_correct() {
+    let chain = Chain::new("w C' A' b X Y Z t".parse().unwrap());
+    let mut correctors = Correctors::all(&chain);
+    let c = chain.structure().index_of(AxisName::C).unwrap();
+    correctors.retain_rotary(|axis| axis == c);
+    assert_eq!(correctors.rotary(), [c]);
+    assert_eq!(correctors.linear().len(), 3);
 }
 
 fn tool_axis_error_rad(chain: &Chain, source: &impl ErrorSource, state: &State) -> f64 {

@@ -120,12 +120,14 @@ proptest! {
     }
 
     #[test]
-    fn offset_adds_a_constant(curve in curve(), place in 0.0..1.0, c in -100.0..100.0) {
+    fn offset_adds_and_scaled_multiplies_by_a_constant(curve in curve(), place in 0.0..1.0, c in -100.0..100.0) {
         let x = inside(&curve, place);
         let raised = curve.clone().offset(c);
         prop_assert_eq!(std::mem::discriminant(&raised), std::mem::discriminant(&curve));
         prop_assert!((raised.value(x) - curve.value(x) - c).abs() < 1e-8);
         prop_assert!((raised.derivative(x) - curve.derivative(x)).abs() < 1e-7);
+        let scaled = curve.clone().scaled(c);
+        prop_assert!((scaled.value(x) - c * curve.value(x)).abs() < 1e-8);
     }
 
     #[test]
