@@ -31,8 +31,10 @@ fn arming_ramps_in_and_disarming_ramps_out() {
     assert_eq!(world.run(half).state.name(), "arming");
     let x = world.applied[0];
     assert!((0.015..0.022).contains(&x), "{x}");
-    world.run_to(SECOND, State::Compensating);
+    let armed = world.run_to(SECOND, State::Compensating);
     world.assert_applied(axes(0.040, -0.020), "armed");
+    // It is applied as intended, not left over.
+    assert!(!armed.reasons.contains(Reasons::CORRECTION_LEFT));
     assert_eq!(world.request(Request::Disarm).state.name(), "ramping-out");
     world.run(half);
     let x = world.applied[0];
