@@ -27,6 +27,8 @@ pub struct FitResult {
     pub checks: Vec<String>,
     /// Largest volumetric error over poses of all axes after best-fit rigid-body alignment, µm; `None` for a machine without two linear axes.
     pub position_um: Option<f64>,
+    /// The same of the earlier model that was compared.
+    pub before_um: Option<f64>,
     /// The pose of the largest volumetric error.
     pub worst_at: Option<String>,
     /// Number of fitted curves.
@@ -70,11 +72,12 @@ struct MachineWithReport {
 
 impl Folder {
     /// Fits the measurements: writes `result/machine.toml` and `result/report.html`. Without measurement files the result is the machine file with
-    /// the errors that it states. `allowed` holds tolerances as in `volcomp report --tolerance`, `A=10,EC0Y=20`; it may be empty.
+    /// the errors that it states. `allowed` holds tolerances as in `volcomp report --tolerance`, `A=10,EC0Y=20`; it may be empty. With `earlier`,
+    /// one of [`State::models`](crate::State::models), the report compares the errors with those of that file.
     ///
     /// # Errors
-    /// Open questions, readings that do not determine any error, invalid tolerances.
-    pub fn fit(&self, allowed: &str) -> Result<FitResult, StudioError> {
+    /// Open questions, readings that do not determine any error, invalid tolerances, an earlier model of another geometry.
+    pub fn fit(&self, allowed: &str, earlier: Option<&str>) -> Result<FitResult, StudioError> {
         let limits = match allowed.trim() {
             "" => Vec::new(),
             text => tolerances(text)?,
@@ -85,17 +88,23 @@ impl Folder {
             missed,
             inputs,
         } = self.found()?;
-        report.add_working_space(&machine)?;
+        let earlier = earlier
+            .map(|name| self.earlier(name, &machine))
+            .transpose()?;
+        report.add_working_space(&machine, earlier.as_ref())?;
         refuse_two_units(&report, &limits)?;
         report.checks = checks(&report, &limits);
         // File names are relative to the folder, as in the calibration file.
         let folder = escaped(&self.at("").display().to_string());
         let page = html(&report).replace(&folder, "");
-        self.set_outputs_aside()?;
-        self.write(FITTED, machine.to_toml().as_bytes())?;
+        let text = machine.to_toml();
+        self.set_outputs_aside(&text)?;
+        self.write(FITTED, text.as_bytes())?;
         self.write(REPORT, page.as_bytes())?;
         self.write(INPUTS, inputs.as_bytes())?;
-        let size = report.volume.as_ref().map(|volume| &volume.before.found);
+        let volume = report.volume.as_ref();
+        let size = volume.map(|volume| &volume.after.as_ref().unwrap_or(&volume.before).found);
+        let before = volume.filter(|volume| volume.after.is_some());
         let warnings = report.warnings.iter().map(|of| of.text.clone());
         let warnings = missed.into_iter().chain(warnings);
         Ok(FitResult {
@@ -103,10 +112,30 @@ impl Folder {
             verdict: Verdict::of(&report, &limits),
             checks: report.checks.iter().map(|of| self.relative(of)).collect(),
             position_um: size.map(|size| size.form_max_um),
+            before_um: before.map(|volume| volume.before.found.form_max_um),
             worst_at: size.map(volcomp_report::Size::place),
             curves: report.curves.len(),
             warnings: warnings.map(|text| self.relative(&text)).collect(),
         })
+    }
+
+    /// An earlier model, with the tool of the present one.
+    fn earlier(&self, name: &str, machine: &Machine) -> Result<Machine, StudioError> {
+        if !self.models()?.iter().any(|known| known.name == name) {
+            return Err(StudioError::Request {
+                key: "earlier",
+                why: format!("found {name:?}, expected one of the earlier models"),
+            });
+        }
+        let mut earlier = Machine::read(self.at(name))?;
+        if let Some(difference) = earlier.other_geometry(machine) {
+            return Err(StudioError::Request {
+                key: "earlier",
+                why: format!("{name}: {difference} of the machine"),
+            });
+        }
+        earlier.use_tool_of(machine)?;
+        Ok(earlier)
     }
 
     fn found(&self) -> Result<MachineWithReport, StudioError> {

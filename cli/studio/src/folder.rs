@@ -8,6 +8,7 @@ use std::{
     collections::BTreeMap,
     fs, io,
     path::{Path, PathBuf},
+    time::SystemTime,
 };
 
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,7 @@ use volcomp_web::file_name;
 
 use crate::{
     error::StudioError,
+    fit::REPORT,
     questions::{AnsweredDraft, DraftState, TypedAnswer, questions, with_answers},
 };
 
@@ -75,8 +77,19 @@ pub struct State {
     pub draft: Option<DraftState>,
     /// The files below `result/`.
     pub results: Vec<String>,
+    /// The earlier machine files of this folder, the latest first.
+    pub models: Vec<EarlierModel>,
     /// True if an input has changed since the fit.
     pub is_stale: bool,
+}
+
+/// A machine file that a later fit replaced.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct EarlierModel {
+    /// File name, relative to the folder.
+    pub name: String,
+    /// When it was written, seconds since 1970 (UTC).
+    pub written_s: u64,
 }
 
 /// A measurement file.
@@ -158,6 +171,7 @@ impl Folder {
             machine_error: None,
             by_hand: self.is_by_hand(),
             draft: None,
+            models: self.models()?,
             is_stale: self.is_stale(&paths),
             results,
         };
@@ -377,21 +391,50 @@ impl Folder {
     }
 
     /// Moves the tables and programs of the previous result to another folder: next to a new machine file they would be mistaken for its own.
-    pub(crate) fn set_outputs_aside(&self) -> Result<(), StudioError> {
-        let output_folders = [TABLES, PROGRAMS].map(|name| self.at(name));
-        if !output_folders.iter().any(|path| path.is_dir()) {
+    /// Its machine file and report go with them if the new machine file, with the content `fitted`, is another one.
+    pub(crate) fn set_outputs_aside(&self, fitted: &str) -> Result<(), StudioError> {
+        let before = fs::read_to_string(self.at(FITTED));
+        let is_other = before.is_ok_and(|before| before != fitted);
+        let mut outputs = vec![TABLES, PROGRAMS];
+        outputs.extend(is_other.then_some([FITTED, REPORT]).into_iter().flatten());
+        let mut outputs: Vec<PathBuf> = outputs.into_iter().map(|name| self.at(name)).collect();
+        outputs.retain(|path| path.exists());
+        if outputs.is_empty() {
             return Ok(());
         }
         let mut folders = (1_u64..).map(|number| self.at(&format!("{EARLIER_PREFIX}{number}")));
         let aside = folders.find(|path| !path.exists()).unwrap_or_default();
         let moved = || {
             fs::create_dir(&aside)?;
-            for path in output_folders.iter().filter(|path| path.is_dir()) {
-                fs::rename(path, aside.join(path.file_name().unwrap_or_default()))?;
+            for path in outputs {
+                fs::rename(&path, aside.join(path.file_name().unwrap_or_default()))?;
             }
             Ok(())
         };
         moved().map_err(StudioError::disk(aside.display()))
+    }
+
+    /// The machine files that [`Self::set_outputs_aside`] moved.
+    pub(crate) fn models(&self) -> Result<Vec<EarlierModel>, StudioError> {
+        let mut models = Vec::new();
+        for number in 1_u64.. {
+            let folder = format!("{EARLIER_PREFIX}{number}");
+            if !self.at(&folder).exists() {
+                break;
+            }
+            let name = format!("{folder}/{MACHINE}");
+            let Ok(file) = fs::metadata(self.at(&name)) else {
+                continue;
+            };
+            let written = file.modified().map_err(StudioError::disk(&name))?;
+            let since = written.duration_since(SystemTime::UNIX_EPOCH);
+            models.push(EarlierModel {
+                name,
+                written_s: since.unwrap_or_default().as_secs(),
+            });
+        }
+        models.reverse();
+        Ok(models)
     }
 
     /// Files below `result/`, by their names relative to the folder.

@@ -314,11 +314,12 @@ async fn answers(Shared(page): Shared<Page>, body: Bytes) -> Response {
 #[derive(Deserialize)]
 struct FitRequest {
     tolerance: String,
+    earlier: Option<String>,
 }
 
 async fn fit(Shared(page): Shared<Page>, body: Bytes) -> Response {
     respond_to(page, &body, |folder, of: FitRequest| {
-        folder.fit(&of.tolerance)
+        folder.fit(&of.tolerance, of.earlier.as_deref())
     })
     .await
 }

@@ -10,7 +10,7 @@ mod send;
 
 pub use error::StudioError;
 pub use fit::{FitResult, Verdict};
-pub use folder::{FileState, Folder, MAX_FILE_BYTES, MAX_FILES, MachineState, State};
+pub use folder::{EarlierModel, FileState, Folder, MAX_FILE_BYTES, MAX_FILES, MachineState, State};
 pub use http::Studio;
 pub use outputs::{AxisResidual, NcNote, NcProgram, TableFiles, TableRequest};
 pub use questions::{DraftQuestion, DraftState, TypedAnswer};

@@ -69,6 +69,7 @@ function show(now) {
   if (draft) showQuestions(draft);
   element("fit-panel").hidden = !state.machine;
   element("fit").textContent = state.files.length || state.by_hand ? "Fit the measurements" : "Take the errors that the machine file states";
+  showEarlier();
   const hasReport = state.results.includes("result/report.html");
   element("stale").hidden = !state.is_stale;
   element("report-part").hidden = !hasReport;
@@ -85,6 +86,16 @@ function showFiles() {
     if (what) make("small", "", line, what);
   }
   if (state.files.length === 0) make("li", "not-used", target, "no files yet");
+}
+
+/** The models that later fits replaced, by the time at which they were written. */
+function showEarlier() {
+  element("earlier-line").hidden = state.models.length === 0;
+  const field = element("earlier"), chosen = field.value;
+  field.replaceChildren();
+  make("option", "", field, "none").value = "";
+  for (const model of state.models) make("option", "", field, `${new Date(model.written_s * 1000).toLocaleString()}: ${model.name}`).value = model.name;
+  field.value = state.models.some((model) => model.name === chosen) ? chosen : "";
 }
 
 function showMachine() {
@@ -265,13 +276,13 @@ async function fit() {
     return;
   }
   element("working").hidden = false;
-  const fitted = await ask("api/fit", { tolerance: element("tolerance").value });
+  const fitted = await ask("api/fit", { tolerance: element("tolerance").value, earlier: element("earlier").value || null });
   element("working").hidden = true;
   element("fitted").hidden = !fitted;
   if (!fitted) return;
   const verdict = element("verdict");
   verdict.dataset.verdict = fitted.verdict;
-  verdict.textContent = `${VERDICTS[fitted.verdict]} ${fitted.curves} curves` + (fitted.position_um === null ? "." : `; the tool tip errs by up to ${fitted.position_um.toFixed(1)} µm after best-fit alignment, at ${fitted.worst_at}.`);
+  verdict.textContent = `${VERDICTS[fitted.verdict]} ${fitted.curves} curves` + (fitted.position_um === null ? "." : `; the tool tip errs by up to ${fitted.position_um.toFixed(1)} µm after best-fit alignment, at ${fitted.worst_at}${fitted.before_um === null ? "" : `; by the earlier model by up to ${fitted.before_um.toFixed(1)} µm`}.`);
   list("checks", fitted.checks);
   list("warnings", fitted.warnings);
   element("report").src = `report.html?${fitted.machine.slice(-12)}${Date.now()}`;

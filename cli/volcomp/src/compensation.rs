@@ -7,11 +7,10 @@ use clap::Args;
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_kinematics::{
-    CorrectionOptions, ErrorSource, Form, MotionFrame, State, actual_pose, correct,
-    vector_from_rotation, volumetric_error,
+    CorrectionOptions, ErrorSource, Form, State, actual_pose, correct, vector_from_rotation,
+    volumetric_error,
 };
 use volcomp_model::{CompiledMachine, Machine, Temperatures, Tolerance, corrected, quantised};
-use volcomp_vocabulary::AxisKind;
 
 use crate::{commands::thermal_note, failure::Failure, table::folded};
 
@@ -222,66 +221,8 @@ pub(crate) fn refuse_other_geometry(
     machine: &Machine,
     of: &dyn std::fmt::Display,
 ) -> Result<(), Failure> {
-    match other_geometry(found, machine) {
+    match found.other_geometry(machine) {
         Some(difference) => Err(Failure::in_file(path, format_args!("{difference} of {of}"))),
         None => Ok(()),
-    }
-}
-
-/// The first difference in the structure, the direction of an axis, the point of a rotary one, or the frame of its error motions.
-fn other_geometry(found: &Machine, expected: &Machine) -> Option<String> {
-    let (found, expected) = (found.chain(), expected.chain());
-    let differs = |what: &str, found: &dyn std::fmt::Display, expected: &dyn std::fmt::Display| {
-        Some(format!("{what} is `{found}`, expected `{expected}`"))
-    };
-    if found.structure() != expected.structure() {
-        return differs("structure", &found.structure(), &expected.structure());
-    }
-    for (found, expected) in found.joints().iter().zip(expected.joints()) {
-        let name = found.name;
-        let shown = |v: &[f64; 3]| format!("[{}, {}, {}]", v[0], v[1], v[2]);
-        let [direction, asked] = [found.direction.into(), expected.direction.into()];
-        if direction != asked {
-            let what = format!("direction of axis {name}");
-            return differs(&what, &shown(&direction), &shown(&asked));
-        }
-        let [point, asked] = [found.point_mm.into(), expected.point_mm.into()];
-        if found.kind == AxisKind::Rotary && point != asked {
-            let what = format!("point of axis {name}");
-            return differs(&what, &shown(&point), &shown(&asked));
-        }
-        if found.motion_frame != expected.motion_frame {
-            let word = |frame| match frame {
-                MotionFrame::Fixed => "fixed",
-                MotionFrame::Turning => "turning",
-            };
-            let [frame, asked] = [found.motion_frame, expected.motion_frame].map(word);
-            return differs(&format!("motion_frame of axis {name}"), &frame, &asked);
-        }
-    }
-    None
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_frame_of_the_error_motions_is_part_of_the_geometry() {
-        let machine = |frame: &str| {
-            let text = format!(
-                "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 500]\nY.travel = [0, 500]\nZ.travel = [0, 500]\n\
-                 C = {{ travel = [0, 360], motion_frame = \"{frame}\" }}\n"
-            );
-            Machine::parse(&text, "machine.toml").expect("a machine")
-        };
-        assert_eq!(
-            other_geometry(&machine("turning"), &machine("turning")),
-            None
-        );
-        assert_eq!(
-            other_geometry(&machine("turning"), &machine("fixed")).as_deref(),
-            Some("motion_frame of axis C is `turning`, expected `fixed`")
-        );
     }
 }

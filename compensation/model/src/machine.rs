@@ -1,6 +1,6 @@
 //! A machine: its kinematic chain, its errors in the units of the machine file, its thermal terms.
 
-use std::{collections::BTreeMap, f64::consts::TAU};
+use std::{collections::BTreeMap, f64::consts::TAU, fmt};
 
 use volcomp_curve::{Curve, ErrorCurve, Field};
 use volcomp_document::{InputError, Value};
@@ -287,6 +287,41 @@ impl Machine {
     pub fn set_tool(&mut self, tool: &Tool) -> Result<(), ModelError> {
         let (tip, axis) = tool.over(&self.tool).tip_and_axis();
         Ok(self.chain.set_tool(tip, axis)?)
+    }
+
+    /// The first difference from `expected` in the structure, the direction of an axis, the point of a rotary one, or the frame of its error
+    /// motions; `None` if both machines have the same geometry.
+    pub fn other_geometry(&self, expected: &Self) -> Option<String> {
+        let (found, expected) = (self.chain(), expected.chain());
+        let differs = |what: &str, found: &dyn fmt::Display, expected: &dyn fmt::Display| {
+            Some(format!("{what} is `{found}`, expected `{expected}`"))
+        };
+        if found.structure() != expected.structure() {
+            return differs("structure", &found.structure(), &expected.structure());
+        }
+        for (found, expected) in found.joints().iter().zip(expected.joints()) {
+            let name = found.name;
+            let shown = |v: &[f64; 3]| format!("[{}, {}, {}]", v[0], v[1], v[2]);
+            let [direction, asked] = [found.direction.into(), expected.direction.into()];
+            if direction != asked {
+                let what = format!("direction of axis {name}");
+                return differs(&what, &shown(&direction), &shown(&asked));
+            }
+            let [point, asked] = [found.point_mm.into(), expected.point_mm.into()];
+            if found.kind == AxisKind::Rotary && point != asked {
+                let what = format!("point of axis {name}");
+                return differs(&what, &shown(&point), &shown(&asked));
+            }
+            if found.motion_frame != expected.motion_frame {
+                let word = |frame| match frame {
+                    MotionFrame::Fixed => "fixed",
+                    MotionFrame::Turning => "turning",
+                };
+                let [frame, asked] = [found.motion_frame, expected.motion_frame].map(word);
+                return differs(&format!("motion_frame of axis {name}"), &frame, &asked);
+            }
+        }
+        None
     }
 
     /// Puts the tool in the spindle of another machine into the spindle of this one.

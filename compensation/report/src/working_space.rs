@@ -14,46 +14,57 @@ use crate::{
 };
 
 impl Report {
-    /// Adds the body diagonals and the volumetric error of `machine` without correction, for the shortest and the longest tool. Returns the
-    /// note on thermal terms, which are not included.
+    /// Adds the body diagonals and the volumetric error of `machine` without correction, over the tools of its file; with `before`, an earlier
+    /// machine file of the same geometry, also its own. Returns the note on thermal terms, which are not included.
     ///
     /// # Errors
     /// A machine whose errors cannot be evaluated.
-    pub fn add_working_space(&mut self, machine: &Machine) -> Result<Option<String>, ModelError> {
-        let along = body_diagonals(machine, machine, &[], |pose| *pose)?;
-        self.diagonals = along.map(|found| Diagonals {
-            before: OfState {
-                state: State::Found,
-                found,
-            },
-            after: None,
-        });
-        let tools = tools(machine)?;
-        let none = Temperatures::new();
-        let errors_of = |(_, machine)| {
-            let (machine, none): (&Machine, _) = (machine, &none);
-            move |pose: &Pose| {
-                let source = machine.source(none);
-                let found = volumetric_error(machine.chain(), &source, pose, Form::Exact);
-                let (p, r) = (found.position_mm, found.rotation_rad);
-                [p.x, p.y, p.z, r.x, r.y, r.z]
-            }
+    pub fn add_working_space(
+        &mut self,
+        machine: &Machine,
+        before: Option<&Machine>,
+    ) -> Result<Option<String>, ModelError> {
+        let found = (State::Found, machine);
+        let (first, second) = match before {
+            Some(before) => ((State::GivenBefore, before), Some(found)),
+            None => (found, None),
         };
-        let errors: Vec<_> = tools
+        let along = |(state, of): (State, &Machine)| {
+            let found = body_diagonals(machine, of, &[], |pose| *pose)?;
+            Ok::<_, ModelError>(found.map(|found| OfState { state, found }))
+        };
+        self.diagonals = match along(first)? {
+            Some(before) => Some(Diagonals {
+                before,
+                after: second.map(along).transpose()?.flatten(),
+            }),
+            None => None,
+        };
+        let tools = tools(machine)?;
+        let with_tools = tools.iter().map(|(_, with_tool)| {
+            let mut of = before.unwrap_or(machine).clone();
+            of.use_tool_of(with_tool)?;
+            Ok(of)
+        });
+        let earlier = with_tools.collect::<Result<Vec<_>, ModelError>>()?;
+        let now: Vec<_> = tools
             .iter()
-            .map(|(tool, machine)| errors_of((tool, machine)))
+            .map(|(_, with_tool)| errors(with_tool))
             .collect();
-        let fields = tools.iter().zip(&errors);
-        let fields: Vec<_> = fields
-            .map(|((tool, machine), errors)| ErrorField {
-                tool,
-                machine,
-                curves: vec![machine],
-                errors,
-            })
-            .collect();
-        self.volume = volume([machine; 2], &[], (State::Found, &fields), None)?;
-        Ok(self.leave_out_temperatures(machine.thermal().reference_degc, [machine]))
+        let then: Vec<_> = earlier.iter().map(errors).collect();
+        let now = fields(&tools, &earlier, &now);
+        let then = fields(&tools, &earlier, &then);
+        self.volume = match before {
+            Some(_) => volume(
+                [machine; 2],
+                &[],
+                (State::GivenBefore, &then),
+                Some((State::Found, &now)),
+            ),
+            None => volume([machine; 2], &[], (State::Found, &now), None),
+        }?;
+        let machines = [Some(machine), before].into_iter().flatten();
+        Ok(self.leave_out_temperatures(machine.thermal().reference_degc, machines))
     }
 
     /// Records that the thermal terms of these machines are not included, which makes a figure within its tolerance undecided. Returns the
@@ -83,6 +94,33 @@ impl Report {
         });
         Some(text)
     }
+}
+
+/// Position (mm) and rotation (rad) of the error at a pose, in workpiece axes, at the reference temperature.
+fn errors(machine: &Machine) -> impl Fn(&Pose) -> [f64; 6] {
+    let none = Temperatures::new();
+    move |pose| {
+        let source = machine.source(&none);
+        let found = volumetric_error(machine.chain(), &source, pose, Form::Exact);
+        let (p, r) = (found.position_mm, found.rotation_rad);
+        [p.x, p.y, p.z, r.x, r.y, r.z]
+    }
+}
+
+/// The errors of each tool; the curves of both machines contribute, so that both are searched at the same poses.
+fn fields<'a>(
+    tools: &'a [(&'a str, Machine)],
+    earlier: &'a [Machine],
+    errors: &'a [impl Fn(&Pose) -> [f64; 6]],
+) -> Vec<ErrorField<'a>> {
+    let all = tools.iter().zip(earlier).zip(errors);
+    all.map(|(((tool, machine), earlier), errors)| ErrorField {
+        tool,
+        machine,
+        curves: vec![machine, earlier],
+        errors,
+    })
+    .collect()
 }
 
 /// The body diagonals of a machine with the errors of `actual`, other axes at `others` (mm or deg); `command` returns the commanded pose of

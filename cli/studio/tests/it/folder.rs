@@ -35,21 +35,24 @@ fn one_file_with_defaults_yields_a_machine_file() {
     assert_eq!(state.files[0].error.as_deref(), Some("EXX"));
     let open = state.draft.expect("drafted").open;
     assert!(open > 0, "where the other axes were is not in the file");
-    let refused = folder.fit("").expect_err("open").to_string();
+    let refused = folder.fit("", None).expect_err("open").to_string();
     assert!(
         refused.starts_with(&format!("{open} open questions")),
         "{refused}"
     );
     folder.answer(&defaults(&folder)).expect("answers");
-    let fitted = folder.fit("EXX=100,V=100").expect("fitted");
+    let fitted = folder.fit("EXX=100,V=100", None).expect("fitted");
     assert_eq!((fitted.curves, fitted.verdict), (1, Verdict::Pass));
     let of_v = &fitted.checks[1];
     assert!(
         of_v.starts_with("V of the measured errors alone: "),
         "{of_v}"
     );
-    assert_eq!(folder.fit("EXX=1").expect("fitted").verdict, Verdict::Fail);
-    assert_eq!(folder.fit("").expect("fitted").verdict, Verdict::None);
+    assert_eq!(
+        folder.fit("EXX=1", None).expect("fitted").verdict,
+        Verdict::Fail
+    );
+    assert_eq!(folder.fit("", None).expect("fitted").verdict, Verdict::None);
     let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
     assert_eq!(machine.checksum(), fitted.machine);
     let curve = machine
@@ -97,7 +100,7 @@ fn a_hand_edited_calibration_file_is_not_overwritten() {
     let changed = format!("{text}\n[uncertainty]\nlaser_um_per_m = 1.0\n");
     fs::write(&path, &changed).expect("writable");
     assert!(folder.state().expect("readable").by_hand);
-    folder.fit("").expect("fitted");
+    folder.fit("", None).expect("fitted");
     let refused = folder.answer(&[]).expect_err("changed").to_string();
     assert!(refused.contains("changed since"), "{refused}");
     assert_eq!(fs::read_to_string(&path).expect("there"), changed);
@@ -165,7 +168,7 @@ fn the_gantry_files_reproduce_their_machine() {
     for _ in 0..2 {
         folder.answer(&answers()).expect("answers");
     }
-    let fitted = folder.fit("").expect("fitted");
+    let fitted = folder.fit("", None).expect("fitted");
     assert!(fitted.curves >= 18, "{}", fitted.curves);
     let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
     let truth = Machine::read(example.join("truth.toml")).expect("valid");
@@ -193,7 +196,7 @@ fn a_user_calibration_file_is_never_replaced() {
     let folder = Folder::open(dir.path()).expect("there");
     let state = folder.state().expect("readable");
     assert!(state.by_hand && state.draft.is_none());
-    folder.fit("").expect("fitted");
+    folder.fit("", None).expect("fitted");
     let refused = folder.answer(&[]).expect_err("not replaced").to_string();
     assert!(refused.starts_with("calibration.toml: "), "{refused}");
     let after = fs::read_to_string(dir.path().join("calibration.toml")).expect("there");
@@ -211,7 +214,7 @@ fn without_measurements_the_machine_file_is_the_result() {
     let text = fs::read_to_string(dir.path().join("machine.toml")).expect("there");
     let text = format!("{text}\n[errors]\nEC0Y = 12.0\n");
     folder.set_machine("machine.toml", &text).expect("valid");
-    let fitted = folder.fit("EC0Y=20").expect("stated");
+    let fitted = folder.fit("EC0Y=20", None).expect("stated");
     assert_eq!((fitted.curves, fitted.verdict), (0, Verdict::Pass));
     let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
     assert!(machine.locations().values().eq([&12.0]));
@@ -232,7 +235,7 @@ fn the_error_answer_determines_the_open_questions() {
     assert!(asks("error") && asks("at.Y") && !asks("at.X"));
     answers = [answers, defaults(&folder)].concat();
     folder.answer(&answers).expect("taken");
-    folder.fit("").expect("fitted");
+    folder.fit("", None).expect("fitted");
     // With another error, answers without a question are ignored, and new questions are open.
     answers[0] = given("scan.csv", "error", "EYX");
     folder.answer(&answers).expect("taken");
@@ -281,12 +284,15 @@ fn an_unused_file_is_named_with_its_error() {
     let reason = state.files.iter().find(|of| of.name == "EYY-report.xlsx");
     assert!(reason.expect("listed").not_used.is_some());
     folder.answer(&defaults(&folder)).expect("answers");
-    let warnings = folder.fit("").expect("fitted").warnings;
+    let warnings = folder.fit("", None).expect("fitted").warnings;
     let first = "EYY is taken as 0, because its file was not used: EYY-report.xlsx: ";
     assert!(warnings[0].starts_with(first), "{warnings:?}");
     let out = [given("exx.csv", "leave_out", "true")];
     folder.answer(&out).expect("taken");
-    let refused = folder.fit("").expect_err("nothing is left").to_string();
+    let refused = folder
+        .fit("", None)
+        .expect_err("nothing is left")
+        .to_string();
     assert!(refused.contains("exx.csv are left out"), "{refused}");
 }
 
@@ -338,7 +344,7 @@ fn tables_and_programs_contain_the_correction() {
             .starts_with("result/machine.toml: not found")
     );
     folder.answer(&defaults(&folder)).expect("answers");
-    folder.fit("").expect("fitted");
+    folder.fit("", None).expect("fitted");
     let done = folder.tables(&request(250.0)).expect("written");
     assert!(
         !done.files.is_empty()
@@ -377,12 +383,32 @@ fn tables_and_programs_contain_the_correction() {
     // Written programs are not listed as measurements.
     assert_eq!(folder.state().expect("readable").files.len(), 1);
     // Tables and programs belong to the current result only.
-    folder.fit("").expect("fitted");
+    folder.fit("", None).expect("fitted");
     let left = folder.state().expect("readable").results;
     assert_eq!(left, ["result/machine.toml", "result/report.html"]);
     // They are kept, since the user may have edited them.
     let aside = dir.path().join("result/before-1/nc/part.ngc");
     assert_eq!(fs::read_to_string(aside).expect("kept"), text);
+    // The same readings give the same model, which replaces no other.
+    assert!(folder.state().expect("readable").models.is_empty());
+    let readings = fs::read_to_string(dir.path().join("exx.csv")).expect("there");
+    let doubled = [("8", "16"), ("4", "8"), ("2", "4"), ("6", "12")];
+    let doubled = doubled.iter().fold(readings, |text, (um, twice)| {
+        text.replace(&format!(",+,{um}"), &format!(",+,{twice}"))
+    });
+    fs::write(dir.path().join("exx.csv"), doubled).expect("writable");
+    let fitted = folder.fit("", None).expect("fitted");
+    assert_eq!(fitted.before_um, None);
+    let models = folder.state().expect("readable").models;
+    let names: Vec<&str> = models.iter().map(|model| model.name.as_str()).collect();
+    assert_eq!(names, ["result/before-2/machine.toml"]);
+    let compared = folder.fit("", Some(names[0])).expect("fitted");
+    assert_eq!(compared.position_um, fitted.position_um);
+    assert!(compared.before_um < compared.position_um, "{compared:?}");
+    let refused = folder
+        .fit("", Some("machine.toml"))
+        .expect_err("no earlier model");
+    assert!(refused.to_string().contains("earlier models"), "{refused}");
     // Earlier programs, however many, leave room for the measurements.
     let earlier = dir.path().join("result/before-7/nc");
     fs::create_dir_all(&earlier).expect("writable");

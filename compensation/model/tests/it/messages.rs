@@ -132,3 +132,20 @@ proptest::proptest! {
         }
     }
 }
+
+#[test]
+fn the_frame_of_the_error_motions_is_part_of_the_geometry() {
+    let machine = |frame: &str| {
+        let text = format!(
+            "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 500]\nY.travel = [0, 500]\nZ.travel = [0, 500]\n\
+             C = {{ travel = [0, 360], motion_frame = \"{frame}\" }}\n"
+        );
+        Machine::parse(&text, "machine.toml").expect("a machine")
+    };
+    let turning = machine("turning");
+    assert_eq!(turning.other_geometry(&machine("turning")), None);
+    assert_eq!(
+        turning.other_geometry(&machine("fixed")).as_deref(),
+        Some("motion_frame of axis C is `turning`, expected `fixed`")
+    );
+}
