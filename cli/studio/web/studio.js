@@ -217,6 +217,7 @@ function showQuestions(draft) {
   form.replaceChildren();
   if (draft.questions.length === 0) make("p", "", form, state.files.length ? "None: the files say everything." : "No files yet.");
   const saved = new Map(draft.answers.map((answer) => [keyOf(answer.of, answer.key), answer.value]));
+  element("rides").hidden = !draft.questions.some((question) => question.key === "rides");
   showForAll(draft.questions, form);
   const groups = new Map();
   for (const question of draft.questions) groups.set(question.of, [...(groups.get(question.of) || []), question]);
