@@ -93,6 +93,11 @@ impl Drop for InterfaceThread {
     }
 }
 
+/// Stack of a thread. The OPC UA library (0.19) does not limit how deep values of a client are nested, and takes up to 5.4 kB of stack for each
+/// byte of the largest message (32 KiB): nested ones must be errors, not the end of the process. Unused stack takes no memory.
+#[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
+const STACK_BYTES: usize = 32 * 1024 * 8 * 1024;
+
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
 fn start<F: Future<Output = ()>>(
     name: &'static str,
@@ -108,6 +113,7 @@ fn start<F: Future<Output = ()>>(
     let span = tracing::Span::current();
     let thread = thread::Builder::new()
         .name(name.to_owned())
+        .stack_size(STACK_BYTES)
         .spawn(move || {
             let _entered = span.entered();
             runtime.block_on(async {

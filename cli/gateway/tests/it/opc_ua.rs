@@ -213,6 +213,99 @@ fn nothing_can_be_written_called_added_or_deleted() {
     client.end();
 }
 
+/// A text of OPC UA, or none.
+fn text(text: &str) -> Vec<u8> {
+    let length = i32::try_from(text.len()).expect("short");
+    let length = if text.is_empty() { -1 } else { length };
+    [&length.to_le_bytes(), text.as_bytes()].concat()
+}
+
+/// Sends a message and returns the body of the answer.
+fn exchange(stream: &mut TcpStream, kind: &[u8; 4], body: &[u8]) -> std::io::Result<Vec<u8>> {
+    let size = u32::try_from(8 + body.len()).expect("short");
+    stream.write_all(&[kind, &size.to_le_bytes()[..], body].concat())?;
+    let mut header = [0; 8];
+    stream.read_exact(&mut header)?;
+    let size = u32::from_le_bytes(header[4..].try_into().expect("four"));
+    let mut answer = vec![0; size as usize - 8];
+    stream.read_exact(&mut answer)?;
+    Ok(answer)
+}
+
+/// An anonymous message without a session whose values are nested as deep as the largest message allows ends its connection at most.
+#[test]
+fn nested_values_do_not_end_the_gateway() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (config, address) = configuration(dir.path());
+    let program = Served::start(&config);
+    program.wait_for("compensating");
+    let numbers = |numbers: &[u32]| -> Vec<u8> {
+        numbers
+            .iter()
+            .flat_map(|number| number.to_le_bytes())
+            .collect()
+    };
+    // Type of the request, and its header.
+    let request = |of: u16| {
+        let identifier = [&[1, 0][..], &of.to_le_bytes()].concat();
+        let header = [
+            &[0; 2][..],
+            &[0; 8],
+            &numbers(&[1, 0]),
+            &text(""),
+            &numbers(&[10_000]),
+            &[0; 3],
+        ]
+        .concat();
+        [identifier, header].concat()
+    };
+    for level in [&[0x40][..], &[0x17, 1]] {
+        let mut stream = TcpStream::connect(&address).expect("it listens");
+        stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
+        let hello = [
+            numbers(&[0, 65_535, 65_535, 0, 0]),
+            text(&format!("opc.tcp://{address}/")),
+        ];
+        exchange(&mut stream, b"HELF", &hello.concat()).expect("acknowledged");
+        let none = text("http://opcfoundation.org/UA/SecurityPolicy#None");
+        let open = [
+            request(446),
+            numbers(&[0, 0, 1]),
+            text(""),
+            numbers(&[600_000]),
+        ]
+        .concat();
+        let open = [
+            numbers(&[0]),
+            none,
+            text(""),
+            text(""),
+            numbers(&[1, 1]),
+            open,
+        ]
+        .concat();
+        let opened = exchange(&mut stream, b"OPNF", &open).expect("opened");
+        let channel = &opened[..4];
+        // A write of one value.
+        let write = [
+            request(673),
+            numbers(&[1]),
+            vec![0, 0x54],
+            numbers(&[13]),
+            text(""),
+            vec![1],
+        ]
+        .concat();
+        let kind: &[u8] = if level.len() == 1 { &[0x19] } else { &[] };
+        let nested = level.repeat((32 * 1024 - 200) / level.len());
+        let token = [channel, &numbers(&[1, 2, 2])].concat();
+        let body = [&token[..], &write, kind, &nested, &[0]].concat();
+        // Whether it answers or closes is the library's choice.
+        let _ = exchange(&mut stream, b"MSGF", &body);
+    }
+    program.wait_for("compensating");
+}
+
 /// Whether the other side has not closed a connection on which it says nothing.
 fn is_open(stream: &mut TcpStream) -> bool {
     stream.set_nonblocking(true).expect("a socket");

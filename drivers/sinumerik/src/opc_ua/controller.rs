@@ -11,6 +11,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::{
     inspection::Inspection,
+    link::DECODING_STACK_BYTES,
     worker::{Latest, Shared, Worker, WriteRequest},
 };
 use crate::{config::SinumerikConfig, reading::Reading};
@@ -160,6 +161,7 @@ pub(super) fn start(
         .map_err(no_thread)?;
     std::thread::Builder::new()
         .name("sinumerik".to_owned())
+        .stack_size(DECODING_STACK_BYTES)
         .spawn(move || runtime.block_on(work))
         .map_err(no_thread)?;
     Ok(())

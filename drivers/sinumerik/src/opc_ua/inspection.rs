@@ -3,7 +3,7 @@
 use opcua::types::{DataValue, Variant};
 use volcomp_vocabulary::{AxisName, MAX_AXES};
 
-use super::link::{Link, number_of};
+use super::link::{Link, number_of, runtime};
 use crate::{
     config::SinumerikConfig, error::SinumerikError, nodes::Nodes, reading, server::Server,
 };
@@ -75,11 +75,7 @@ async fn axis_positions(link: &Link, nodes: &Nodes) -> Result<Vec<(String, f64)>
 }
 
 fn block_on<T>(work: impl Future<Output = Result<T, SinumerikError>>) -> Result<T, SinumerikError> {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(|error| SinumerikError::Client(error.to_string()))?;
-    runtime.block_on(work)
+    runtime()?.block_on(work)
 }
 
 pub(super) async fn opened(

@@ -16,7 +16,10 @@ use opcua::{
         StatusCode, TimestampsToReturn, Variant, WriteValue,
     },
 };
-use tokio::task::JoinHandle;
+use tokio::{
+    runtime::{Builder, Runtime},
+    task::JoinHandle,
+};
 
 use super::{socket::ResetOnClose, trust};
 use crate::{
@@ -34,6 +37,23 @@ const REFUSALS: [StatusCode; 6] = [
     StatusCode::BadOutOfRange,
     StatusCode::BadInvalidState,
 ];
+
+/// Maximum size of a chunk, bytes. The library admits one chunk more than [`MAX_CHUNKS`].
+const MAX_CHUNK_BYTES: usize = 32 * 1024;
+const MAX_CHUNKS: usize = 1;
+/// Stack of a thread that decodes what a control sends. The library (0.19) does not limit how deep values are nested, and takes up to 5.4 kB of
+/// stack for each byte of the largest message: nested ones must be errors, not the end of the process. Unused stack takes no memory.
+pub(super) const DECODING_STACK_BYTES: usize = MAX_CHUNK_BYTES * (MAX_CHUNKS + 1) * 8 * 1024;
+
+/// A runtime whose tasks run on a thread with [`DECODING_STACK_BYTES`].
+pub(super) fn runtime() -> Result<Runtime, SinumerikError> {
+    Builder::new_multi_thread()
+        .worker_threads(1)
+        .thread_stack_size(DECODING_STACK_BYTES)
+        .enable_all()
+        .build()
+        .map_err(|error| SinumerikError::Client(error.to_string()))
+}
 
 /// An open session. Dropping it resets the connection and discards undelivered data.
 pub(super) struct Link {
@@ -83,10 +103,16 @@ impl Link {
             Some(user) => IdentityToken::UserName(user.name.clone(), user.password.clone().into()),
         };
         let connect = |error: opcua::types::Error| SinumerikError::Connect(error.to_string());
-        let endpoints = client
-            .get_server_endpoints_from_url(server.url.as_str())
+        // As a task of the runtime, so that the answer is decoded with its stack.
+        let url = server.url.clone();
+        let discovery = tokio::spawn(async move {
+            let endpoints = client.get_server_endpoints_from_url(url.as_str()).await;
+            (client, endpoints)
+        });
+        let (client, endpoints) = discovery
             .await
-            .map_err(connect)?;
+            .map_err(|error| SinumerikError::Connect(error.to_string()))?;
+        let endpoints = endpoints.map_err(connect)?;
         let endpoint = trust::endpoint(&endpoints, policy, mode)?;
         if let Some(folder) = folder {
             trust::admit(folder, endpoint)?;
@@ -311,6 +337,9 @@ fn client(server: &Server) -> Result<Client, SinumerikError> {
         .keep_alive_interval(Duration::from_secs(2))
         // The clocks of controls are set by hand, so that their skew is ignored.
         .ignore_clock_skew(true)
+        .max_message_size(MAX_CHUNK_BYTES)
+        .max_chunk_size(MAX_CHUNK_BYTES)
+        .max_chunk_count(MAX_CHUNKS)
         .trust_server_certs(server.security == Security::None)
         .verify_server_certs(server.security != Security::None);
     if let Some(pki) = &server.pki {

@@ -2,7 +2,7 @@
 
 use opcua::types::{DataValue, Variant};
 
-use super::link::Link;
+use super::link::{Link, runtime};
 use crate::{error::SinumerikError, map_nodes::MapNodes, server::Server};
 
 const MAX_ARRAYS_PER_READ: usize = 16;
@@ -22,10 +22,7 @@ impl MapWords {
     /// # Errors
     /// The server cannot be reached, or rejects the connection.
     pub fn open(server: &Server, nodes: MapNodes, capacity: usize) -> Result<Self, SinumerikError> {
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .map_err(|error| SinumerikError::Client(error.to_string()))?;
+        let runtime = runtime()?;
         let link = runtime.block_on(Link::open(server))?;
         Ok(Self {
             runtime,

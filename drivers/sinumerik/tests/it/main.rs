@@ -4,6 +4,7 @@
 
 mod controller;
 mod map;
+mod nested;
 mod peer;
 mod reading;
 mod secured;
