@@ -9,7 +9,10 @@ use std::{
 };
 
 use axum::{body::Bytes, extract::State};
-use tokio::sync::Semaphore;
+use tokio::{
+    sync::{AcquireError, OwnedSemaphorePermit, Semaphore},
+    task::JoinError,
+};
 
 use serde::Serialize;
 use serde_json::json;
@@ -61,9 +64,9 @@ pub struct PageState {
     pub(super) throttle: Throttle,
     refusals: Refusals,
     /// Hashing a password costs memory and time: at most two at a time.
-    pub(super) passwords: Semaphore,
+    passwords: Arc<Semaphore>,
     /// Models and error maps occupy a processor: at most one at a time.
-    pub(super) works: Semaphore,
+    works: Arc<Semaphore>,
     pub(super) overview: RwLock<Arc<Overview>>,
     search: Mutex<NetworkSearch>,
     maps: Mutex<HashMap<String, Bytes>>,
@@ -76,8 +79,8 @@ impl PageState {
             settings,
             throttle: Throttle::default(),
             refusals: Refusals::default(),
-            passwords: Semaphore::new(2),
-            works: Semaphore::new(1),
+            passwords: Arc::new(Semaphore::new(2)),
+            works: Arc::new(Semaphore::new(1)),
             overview: RwLock::default(),
             search: Mutex::default(),
             maps: Mutex::default(),
@@ -173,14 +176,18 @@ impl PageState {
         }
     }
 
+    /// A place to hash or compare a password; there are two.
+    pub(super) async fn password_place(&self) -> Place {
+        Arc::clone(&self.passwords).acquire_owned().await
+    }
+
     /// Runs a computation on a blocking thread, one at a time.
     pub(super) async fn work<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, ApiError> {
-        let place = self.works.acquire().await;
-        let done = tokio::task::spawn_blocking(work).await;
-        drop(place);
+        let place = Arc::clone(&self.works).acquire_owned().await;
+        let done = in_place(place, work).await;
         done.map_err(|_| ApiError::inside("a computation was cancelled"))
     }
 
@@ -196,4 +203,20 @@ impl PageState {
         }
         maps.insert(sha256.to_owned(), map);
     }
+}
+
+/// A place for work on a blocking thread.
+pub(super) type Place = Result<OwnedSemaphorePermit, AcquireError>;
+
+/// Runs work on a blocking thread. It keeps its place until the work ends, also if the client has hung up by then.
+pub(super) async fn in_place<T: Send + 'static>(
+    place: Place,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, JoinError> {
+    tokio::task::spawn_blocking(move || {
+        let done = work();
+        drop(place);
+        done
+    })
+    .await
 }

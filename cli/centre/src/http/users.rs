@@ -14,7 +14,7 @@ use serde_json::json;
 use super::{
     access,
     response::{ApiError, ApiResult, document, done, read},
-    state::{PageState, Shared},
+    state::{PageState, Shared, in_place},
 };
 use crate::users::{
     BootTime, Password, Refusal, Role, Session, Token, User, UserName, hash, is_right,
@@ -55,37 +55,43 @@ async fn verify_password(
         None => None,
     };
     let stored = user.as_ref().map(|(_, stored)| stored.clone());
-    let mut place = page.passwords.acquire().await;
-    // The attempt is registered while holding the permit, so that concurrent attempts are counted
-    // one after the other.
-    let Some(attempt) = page.throttle.attempt(from.ip(), &tried) else {
-        drop(place);
-        page.refused(Refusal::Throttled, from.ip(), &tried).await;
-        let why = "too many concurrent attempts after wrong passwords: try again in a few seconds";
-        return Err(ApiError::new(StatusCode::TOO_MANY_REQUESTS, why));
-    };
-    if !attempt.delay().is_zero() {
-        // Release the permit so that others can log in meanwhile.
-        drop(place);
-        tokio::time::sleep(attempt.delay()).await;
-        place = page.passwords.acquire().await;
-    }
-    let right = match Password::entered(password) {
-        Ok(password) => {
-            let compared =
-                tokio::task::spawn_blocking(move || is_right(&password, stored.as_deref())).await;
-            compared.unwrap_or(false)
-        }
-        Err(_) => false,
-    };
-    match user {
-        Some((user, compared)) if right && !user.disabled => Ok((user, compared)),
-        _ => {
-            page.throttle.wrong(from.ip(), &tried);
+    let mut place = page.password_place().await;
+    // A client that hangs up ends neither the comparison nor its count: it could start any number of them otherwise.
+    let page = Arc::clone(page);
+    let compared = tokio::spawn(async move {
+        // The attempt is registered while holding the place, so that concurrent attempts are counted
+        // one after the other.
+        let Some(attempt) = page.throttle.attempt(from.ip(), &tried) else {
             drop(place);
-            Err(wrong_password(page, from, &tried).await)
+            page.refused(Refusal::Throttled, from.ip(), &tried).await;
+            let why =
+                "too many concurrent attempts after wrong passwords: try again in a few seconds";
+            return Err(ApiError::new(StatusCode::TOO_MANY_REQUESTS, why));
+        };
+        if !attempt.delay().is_zero() {
+            // Release the place so that others can log in meanwhile.
+            drop(place);
+            tokio::time::sleep(attempt.delay()).await;
+            place = page.password_place().await;
         }
-    }
+        let right = match Password::entered(password) {
+            Ok(password) => {
+                let compared =
+                    tokio::task::spawn_blocking(move || is_right(&password, stored.as_deref()));
+                compared.await.unwrap_or(false)
+            }
+            Err(_) => false,
+        };
+        match user {
+            Some((user, compared)) if right && !user.disabled => Ok((user, compared)),
+            _ => {
+                page.throttle.wrong(from.ip(), &tried);
+                drop(place);
+                Err(wrong_password(&page, from, &tried).await)
+            }
+        }
+    });
+    compared.await.map_err(ApiError::inside)?
 }
 
 pub(super) async fn login(
@@ -147,9 +153,8 @@ struct NewPassword {
 
 async fn hashed(page: &Arc<PageState>, password: String) -> Result<String, ApiError> {
     let password = Password::chosen(password).map_err(|e| ApiError::wrong(e.to_string()))?;
-    let place = page.passwords.acquire().await;
-    let made = tokio::task::spawn_blocking(move || hash(&password)).await;
-    drop(place);
+    let place = page.password_place().await;
+    let made = in_place(place, move || hash(&password)).await;
     made.map_err(|_| ApiError::inside("hashing a password was cancelled"))?
         .map_err(ApiError::inside)
 }

@@ -1,6 +1,6 @@
 //! The HTTP interface: permissions, rejections, responses, and limits on password attempts.
 
-use std::time::Duration;
+use std::{io::Write as _, net::TcpStream, time::Duration};
 
 use serde_json::json;
 use volcomp_centre::{
@@ -686,6 +686,29 @@ fn a_rollout_from_the_page_uses_the_configured_rules() {
     start["rules"] = json!(null);
     page.posts("/api/rollouts", &engineer, &start, 200);
     assert_eq!(page.store.rollouts(1).expect("a store")[0].rules, rules);
+}
+
+/// Clients that hang up before the answer: their wrong passwords are counted all the same.
+#[test]
+fn wrong_passwords_of_clients_that_hang_up_are_counted() {
+    let page = Page::start();
+    let body = json!({ "name": "admin", "password": "wrong" }).to_string();
+    let (address, length) = (page.address, body.len());
+    let request = format!(
+        "POST /api/login HTTP/1.1\r\nHost: {address}\r\nOrigin: http://{address}\r\nX-Volcomp: 1\r\nContent-Type: application/json\r\nContent-Length: {length}\r\n\r\n{body}"
+    );
+    for _ in 0..5 {
+        let mut stream = TcpStream::connect(address).expect("it listens");
+        stream.write_all(request.as_bytes()).expect("sent");
+        // The comparison has begun, and takes longer.
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let admin = page.session(Role::Admin);
+    until("the attempts are recorded", Duration::from_secs(30), || {
+        page.get("/api/audit", &admin)
+            .body
+            .contains("login.refused")
+    });
 }
 
 /// Concurrent wrong passwords exceed the limit by at most one attempt.
