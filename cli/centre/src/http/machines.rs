@@ -11,6 +11,7 @@ use serde_json::json;
 use volcomp_fleet::MachineId;
 
 use super::{
+    overview::store_alarm,
     response::{ApiError, ApiResult, document, done, json_bytes, read},
     state::Shared,
 };
@@ -168,11 +169,13 @@ pub(super) struct AlarmQuery {
 
 pub(super) async fn alarms(State(page): Shared, Query(which): Query<AlarmQuery>) -> ApiResult {
     let alarms = page.query(move |store| {
-        if which.all {
+        let mut alarms = if which.all {
             store.alarms(None, MAX_ALARMS)
         } else {
             store.open_alarms()
-        }
+        }?;
+        alarms.extend(store_alarm(store));
+        Ok(alarms)
     });
     document(&alarms.await?)
 }

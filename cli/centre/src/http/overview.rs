@@ -82,8 +82,8 @@ impl Overview {
                 None => centre.push(alarm),
             }
         }
-        let hang = store.hang_duration().map(hang_alarm);
-        centre.extend(&hang);
+        let trouble = store_alarm(store);
+        centre.extend(&trouble);
         let issued = store.newest_versions()?;
         let (now_s, now) = (now_s(), Instant::now());
         let models = store.newest_models()?;
@@ -172,20 +172,21 @@ impl Overview {
 }
 
 /// Alarm for a database that does not respond; it cannot be stored there.
-fn hang_alarm(for_long: Duration) -> Alarm {
-    let s = for_long.as_secs();
-    Alarm {
+/// An alarm for a database that cannot be written, in which it therefore cannot be stored.
+pub(super) fn store_alarm(store: &Store) -> Option<Alarm> {
+    let (for_long, what) = store.trouble()?;
+    Some(Alarm {
         id: 0,
         machine: None,
         kind: AlarmKind::Store,
         severity: AlarmKind::Store.severity(),
         text: format!(
-            "the database has not completed a change for {s} s: its disk hangs; the machines keep working, their messages wait at the NATS server, and changes made here are not stored"
+            "the database {what}; the machines keep working, their messages wait at the NATS server, and changes made here are not stored"
         ),
         since_s: now_s() - for_long.as_secs_f64(),
         until_s: None,
         seen_by: None,
-    }
+    })
 }
 
 fn largest<K>(values: &BTreeMap<K, f64>) -> Option<f64> {

@@ -34,6 +34,8 @@ pub struct Store {
     writer: Mutex<Connection>,
     reader: Mutex<Connection>,
     writing: Mutex<Option<Instant>>,
+    /// Since when the database has rejected every change, and why.
+    failing: Mutex<Option<(Instant, String)>>,
     /// If set, every use panics.
     #[cfg(test)]
     is_faulty: std::sync::atomic::AtomicBool,
@@ -56,6 +58,7 @@ impl Store {
             writer: Mutex::new(writer),
             reader: Mutex::new(database::open(path)?),
             writing: Mutex::default(),
+            failing: Mutex::default(),
             #[cfg(test)]
             is_faulty: false.into(),
         })
@@ -98,6 +101,22 @@ impl Store {
     ) -> Result<T, Error> {
         #[cfg(test)]
         self.check_fault();
+        let done = self.transaction(work);
+        match &done {
+            Ok(_) => *lock(&self.failing) = None,
+            Err(Error::Sqlite(error)) => {
+                lock(&self.failing).get_or_insert_with(|| (Instant::now(), error.to_string()));
+            }
+            // Refused by the rules, not by the database.
+            Err(_) => {}
+        }
+        done
+    }
+
+    fn transaction<T>(
+        &self,
+        work: impl FnOnce(&Connection) -> Result<T, Error>,
+    ) -> Result<T, Error> {
         let mut writer = lock(&self.writer);
         *lock(&self.writing) = Some(Instant::now());
         let _writes = Writes(&self.writing);
@@ -108,13 +127,19 @@ impl Store {
         Ok(done)
     }
 
-    /// Time for which a change has been blocked, if it exceeds the limit for a hanging disk. Meanwhile nothing else can be written, not even an
-    /// alarm.
-    pub fn hang_duration(&self) -> Option<Duration> {
+    /// Why nothing can be written at present, not even an alarm, and for how long: the disk hangs, or the database rejects every change.
+    pub fn trouble(&self) -> Option<(Duration, String)> {
         let since = *lock(&self.writing);
-        since
-            .map(|since| since.elapsed())
-            .filter(|for_long| *for_long > HANG_TIMEOUT)
+        let hang = since.map(|since| since.elapsed());
+        if let Some(hang) = hang.filter(|hang| *hang > HANG_TIMEOUT) {
+            let s = hang.as_secs();
+            return Some((
+                hang,
+                format!("has not completed a change for {s} s: its disk hangs"),
+            ));
+        }
+        let failing = lock(&self.failing).clone();
+        failing.map(|(since, why)| (since.elapsed(), format!("rejects changes: {why}")))
     }
 }
 

@@ -248,7 +248,10 @@ impl Store {
             session.used = now.clone();
             let document = serde_json::to_string(&session)?;
             let sql = "UPDATE sessions SET document = ?2 WHERE token_sha256 = ?1";
-            self.write(|database| execute(database, sql, [&hash, &document]))?;
+            // On a full disk the page must still show what is wrong; the session ends earlier than it should at worst.
+            if let Err(error) = self.write(|database| execute(database, sql, [&hash, &document])) {
+                tracing::warn!("the last use of a session is not stored: {error}");
+            }
         }
         let user = self.user(&session.user)?;
         Ok(user.map(|(user, _)| user).filter(|user| !user.disabled))

@@ -233,6 +233,25 @@ fn expired_sessions_are_rejected() {
     assert_eq!(page.get("/api/me", &cookie).status, 401);
 }
 
+/// A database that rejects every change cannot hold the alarm that says so: the page shows it all the same, and no longer once it can be written.
+#[test]
+fn a_full_disk_is_an_alarm_that_needs_no_disk() {
+    let page = Page::start();
+    let cookie = page.session(Role::Viewer);
+    let shown = |path: &str| page.get(path, &cookie).body.contains("rejects changes");
+    assert!(!shown("/api/alarms"));
+    page.store.limit_pages(1).expect("limited");
+    let record = json!("x".repeat(10_000));
+    let mut records =
+        std::iter::repeat_with(|| page.store.audit("test", "test", "test", record.clone()));
+    assert!(records.by_ref().take(1000).any(|written| written.is_err()));
+    assert!(shown("/api/alarms") && shown("/api/alarms?all=true"));
+    until("the overview shows it", LONG, || shown("/api/overview"));
+    page.store.limit_pages(u32::MAX - 1).expect("limited");
+    assert!(records.next().is_some_and(|written| written.is_ok()));
+    assert!(!shown("/api/alarms"));
+}
+
 /// A page of another origin makes the browser send the cookie (without SameSite): the change gets status 403.
 #[test]
 fn cross_site_changes_are_rejected() {
