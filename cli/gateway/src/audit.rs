@@ -6,6 +6,7 @@
 use std::{
     fs::{self, File, OpenOptions},
     io::{self, Read, Write},
+    os::unix::fs::MetadataExt as _,
     path::{Path, PathBuf},
 };
 
@@ -107,7 +108,12 @@ impl AuditLog {
             .open(&path)?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes)?;
-        let scanned = verify(&bytes);
+        let mut scanned = verify(&bytes);
+        if bytes.is_empty() {
+            // A rotation was cut off before the first record: the chain continues from the file before.
+            let before = verify(&fs::read(dir.join("audit.1.log")).unwrap_or_default());
+            (scanned.last_checksum, scanned.sequence) = (before.last_checksum, before.sequence);
+        }
         let mut found = LogState {
             records: scanned.records,
             ..LogState::default()
@@ -175,7 +181,11 @@ impl AuditLog {
     /// # Errors
     /// The disk is full or does not respond; no part of the record remains in the file.
     pub fn write(&mut self, entry: &Entry, lost: u64) -> io::Result<()> {
-        if self.bytes > self.max_bytes {
+        let in_place = is_at(&self.file, &log_file(&self.dir));
+        if !in_place {
+            tracing::error!("the audit log was moved or removed: a new file continues its chain");
+        }
+        if !in_place || self.bytes > self.max_bytes {
             self.rotate()?;
         }
         let sequence = self.sequence + 1;
@@ -225,6 +235,14 @@ impl AuditLog {
         self.bytes = 0;
         sync_folder(&self.dir)
     }
+}
+
+/// Whether an open file is still the one at this path.
+fn is_at(file: &File, path: &Path) -> bool {
+    let [Ok(ours), Ok(there)] = [file.metadata(), fs::metadata(path)] else {
+        return false;
+    };
+    (ours.dev(), ours.ino()) == (there.dev(), there.ino())
 }
 
 pub(crate) fn standing_file(dir: &Path) -> PathBuf {

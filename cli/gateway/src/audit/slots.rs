@@ -6,13 +6,13 @@
 use std::{
     fs::{self, File, OpenOptions},
     io,
-    os::unix::fs::{FileExt, MetadataExt},
+    os::unix::fs::FileExt,
     path::PathBuf,
 };
 
 use sha2::{Digest, Sha256};
 
-use super::replace_file;
+use super::{is_at, replace_file};
 
 /// Size of a slot, bytes; larger than the longest text.
 const SLOT: usize = 16 * 1024;
@@ -56,10 +56,8 @@ impl Slots {
     }
 
     fn is_in_place(&self, file: &File) -> bool {
-        let [Ok(ours), Ok(there)] = [file.metadata(), fs::metadata(&self.path)] else {
-            return false;
-        };
-        (ours.dev(), ours.ino()) == (there.dev(), there.ino()) && ours.len() == SLOTS * SLOT as u64
+        let length = file.metadata().map(|of| of.len());
+        is_at(file, &self.path) && length.is_ok_and(|length| length == SLOTS * SLOT as u64)
     }
 
     /// Opens the file. A missing file or one of another size is created completely under a temporary name and then

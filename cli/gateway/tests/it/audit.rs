@@ -143,6 +143,38 @@ fn a_rotation_that_was_broken_off_is_completed() {
     }
 }
 
+/// Somebody moves the current file away while it is written: no record goes into a file that nobody finds, and the chain is one.
+#[test]
+fn a_log_that_is_moved_away_is_continued() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (mut log, _) = AuditLog::open(dir.path()).expect("new");
+    log.append("anna", "first", details("")).expect("room");
+    let moved = dir.path().join("kept.log");
+    std::fs::rename(dir.path().join("audit.log"), &moved).expect("there");
+    log.append("anna", "second", details("")).expect("room");
+    let chain = || std::fs::read_to_string(&moved).expect("there") + &whole_log(dir.path());
+    let whole = chain();
+    let found = verify(whole.as_bytes());
+    assert_eq!((found.records, found.broken), (2, None), "{whole}");
+}
+
+/// The program ends after a rotation, before the first record of the new file.
+#[test]
+fn an_empty_file_continues_the_one_before() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (mut log, _) = AuditLog::open(dir.path()).expect("new");
+    log.append("anna", "first", details("")).expect("room");
+    let path = |name: &str| dir.path().join(name);
+    std::fs::rename(path("audit.log"), path("audit.1.log")).expect("there");
+    std::fs::write(path("audit.log"), "").expect("writable");
+    let (mut log, _) = AuditLog::open(dir.path()).expect("there");
+    log.append("anna", "second", details("")).expect("room");
+    let whole = whole_log(dir.path());
+    let found = verify(whole.as_bytes());
+    assert_eq!((found.records, found.broken), (2, None), "{whole}");
+    assert!(whole.contains("\"seq\":2"), "{whole}");
+}
+
 /// The log is truncated at every byte of its last record: complete records are kept, the partial one is removed, and the log continues.
 #[test]
 fn a_tail_torn_anywhere_is_cut() {
