@@ -66,6 +66,9 @@ pub(super) struct Reporter {
     /// The record being sent, in its envelope, so that a retry sends the same message.
     record: Option<Waiting>,
     instance: String,
+    /// Prefix of the message ids. The server drops a message with an id that it has seen in this site, so nobody else may know it: pages show
+    /// the instance.
+    ids: String,
     number: u64,
     begun: Instant,
     next: [Instant; 2],
@@ -95,7 +98,8 @@ impl Reporter {
             without_folder: Vec::new(),
             dropped: 0,
             record: None,
-            instance: instance(),
+            instance: random_name(),
+            ids: random_name(),
             number: 0,
             begun: now,
             next: [now; 2],
@@ -218,7 +222,7 @@ impl Reporter {
         };
         Some(Waiting {
             kind,
-            id: format!("{}-{}", self.instance, self.number),
+            id: format!("{}-{}", self.ids, self.number),
             bytes: serde_json::to_vec(&envelope).ok()?,
         })
     }
@@ -361,7 +365,7 @@ async fn pending_send(sending: &mut Option<Sending>) -> (Source, Result<(), Link
     }
 }
 
-fn instance() -> String {
+fn random_name() -> String {
     let mut bytes = [0; 8];
     match rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty()) {
         Ok(_) => volcomp_model::hexadecimal(&bytes),

@@ -169,7 +169,11 @@ impl Centre {
             for sequence in state.first_sequence.max(1)..=state.last_sequence {
                 let message = stream.get_raw_message(sequence).await.expect("it is there");
                 let kind = message.subject.rsplit('.').next().unwrap_or("").to_owned();
-                let document = serde_json::from_slice(&message.payload).expect("JSON");
+                let document: Value = serde_json::from_slice(&message.payload).expect("JSON");
+                // Whoever knew the id could send it first, and the server would drop the message.
+                let id = message.headers.get("Nats-Msg-Id").expect("an id").as_str();
+                let instance = document["instance"].as_str().expect("text");
+                assert!(!id.contains(instance), "{id}");
                 messages.push((kind, document));
             }
             messages
