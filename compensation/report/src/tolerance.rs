@@ -177,16 +177,14 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let volume = report.volume.as_ref();
             let last = volume.map(|volume| volume.after.as_ref().unwrap_or(&volume.before));
             // The Monte Carlo samples belong to the identified errors.
+            let found = last.filter(|last| last.state == State::Found);
             let drawn = report
                 .uncertainty
                 .as_ref()
                 .and_then(|all| all.drawn.as_ref())
-                // Without any known uncertainty the samples are equal.
-                .filter(|drawn| drawn.max_um > 0.0);
-            let found = last.filter(|last| last.state == State::Found);
-            let u = drawn
-                .filter(|_| found.is_some())
-                .map(|drawn| 2.0 * drawn.max_um);
+                .filter(|_| found.is_some());
+            // Without any known uncertainty the samples are equal.
+            let u = drawn.map(|drawn| 2.0 * drawn.max_um).filter(|u| *u > 0.0);
             // Without any known error of the machine there is no verdict.
             let value = last.filter(|last| match last.state {
                 State::Found => report.knows_errors(),
@@ -198,7 +196,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 CheckOf::AtReference
             } else if value.is_some() && volume.is_some_and(|volume| !volume.undecided.is_empty()) {
                 CheckOf::NotConfirmed
-            } else if u.is_some() && !report.without_scatter.is_empty() {
+            } else if drawn.is_some() && !report.without_scatter.is_empty() {
                 CheckOf::ScatterUnknown
             } else if value.is_some() && is_partly {
                 CheckOf::MeasuredAlone

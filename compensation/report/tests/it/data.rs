@@ -343,17 +343,22 @@ fn an_uncertainty_without_the_scatter_of_a_file_passes_nothing() {
             Verdict::Pass,
             "by the figure alone"
         );
-        report.uncertainty.get_or_insert_default().drawn = Some(Drawn {
-            trials: 100,
-            seed: 1,
-            rms_um: 0.1,
-            max_um: 0.1,
-            at: Vec::new(),
+        let judged = [0.1, 0.0].map(|um| {
+            report.uncertainty.get_or_insert_default().drawn = Some(Drawn {
+                trials: 100,
+                seed: 1,
+                rms_um: um,
+                max_um: um,
+                at: Vec::new(),
+            });
+            let [check] = &checks(&report, &limits)[..] else {
+                panic!("one check")
+            };
+            (check.outcome, check.of.clone())
         });
-        let [check] = &checks(&report, &limits)[..] else {
-            panic!("one check")
-        };
-        (check.outcome, check.of.clone())
+        // Where no file has several runs nothing is drawn at all.
+        assert_eq!(judged[0], judged[1]);
+        judged[0].clone()
     };
     assert_eq!(found(1, ""), (Verdict::Undecided, CheckOf::ScatterUnknown));
     assert_eq!(found(5, "").0, Verdict::Pass);
