@@ -10,6 +10,7 @@ mod calibration_file;
 mod checks;
 mod curve_choice;
 mod draft;
+mod ensemble;
 mod error;
 mod fitted;
 mod identified;
@@ -43,6 +44,7 @@ pub use calibration_file::{
 pub use checks::lines::{different_machines, with_files};
 pub use curve_choice::CurveChoice;
 pub use draft::{Draft, LeftOver, draft, draft_of, files_below};
+pub use ensemble::{Ensemble, Scatter};
 pub use error::CalibrateError;
 pub use fitted::FittedLine;
 pub use identified::Identified;

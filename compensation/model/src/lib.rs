@@ -4,7 +4,6 @@ mod axis;
 mod compile;
 mod curve_file;
 mod diagonals;
-mod ensemble;
 mod error;
 mod error_rules;
 mod free_axis;
@@ -26,7 +25,6 @@ pub use curve_file::write_curve;
 pub use diagonals::{
     BODY_DIAGONALS, DIAGONAL_TARGETS, Diagonal, corrected, diagonal_targets, diagonals, quantised,
 };
-pub use ensemble::{Ensemble, Scatter};
 pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;
 pub use machine::Machine;

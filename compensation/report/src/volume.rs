@@ -1,8 +1,9 @@
 //! Volumetric error over the working space, before and after compensation.
 
+use volcomp_calibrate::Ensemble;
 use volcomp_kinematics::{State as Pose, nalgebra::Vector3};
 use volcomp_model::{
-    Ensemble, ErrorField, Lengths, Machine, MapGrid, ModelError, RigidMotion, UNCERTAINTY_POSES,
+    ErrorField, Lengths, Machine, MapGrid, ModelError, RigidMotion, UNCERTAINTY_POSES,
     VolumetricError, poses_of_all_axes, volumetric,
 };
 use volcomp_vocabulary::{AxisName, Displacement};

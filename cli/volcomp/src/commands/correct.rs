@@ -4,9 +4,10 @@ use csv::WriterBuilder;
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::Serialize;
+use volcomp_calibrate::Ensemble;
 use volcomp_document::{Column, CsvTable};
 use volcomp_kinematics::{CorrectionOptions, State, correct};
-use volcomp_model::{Ensemble, Machine, MachineErrors};
+use volcomp_model::{Machine, MachineErrors};
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use super::{

@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use volcomp_calibrate::{CalibrationFile, calibrate, calibrated_machine, not_observed};
+use volcomp_calibrate::{
+    CalibrationFile, Ensemble, Scatter, calibrate, calibrated_machine, not_observed,
+};
 use volcomp_document::Document;
 use volcomp_identify::{Identification, MachineSampler, Observations, identify};
-use volcomp_model::{CompiledMachine, Ensemble, Machine, Scatter, Tolerance};
+use volcomp_model::{CompiledMachine, Machine, Tolerance};
 
 use super::{not_counted::Open, same_machine};
 use crate::{compensation::refuse_other_geometry, failure::Failure, progress};

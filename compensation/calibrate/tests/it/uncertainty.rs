@@ -4,10 +4,10 @@ use std::fmt::Write;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_calibrate::{CalibrationFile, calibrate};
+use volcomp_calibrate::{CalibrationFile, Ensemble, calibrate};
 use volcomp_vocabulary::AxisName;
 
-use volcomp_model::{Ensemble, Machine, Tolerance};
+use volcomp_model::{Machine, Tolerance};
 
 use crate::lab::Lab;
 

@@ -6,9 +6,9 @@ use proptest::prelude::*;
 use volcomp_curve::{Curve, ErrorCurve, Field, Grid};
 use volcomp_kinematics::{CorrectionOptions, Form, State};
 use volcomp_model::{
-    Component, Drift, Ensemble, ErrorName, ErrorRefusal, Expansion, Fading, Machine, MapGrid,
-    ModelError, Temperatures, Thermal, ThermalRefusal, ThermalState, Tolerance, corrected,
-    diagonals, quantised, write_curve,
+    Component, Drift, ErrorName, ErrorRefusal, Expansion, Fading, Machine, MapGrid, ModelError,
+    Temperatures, Thermal, ThermalRefusal, ThermalState, Tolerance, corrected, diagonals,
+    quantised, write_curve,
 };
 use volcomp_vocabulary::{AxisName, PerAxis};
 
@@ -240,20 +240,6 @@ fn what_is_refused_says_why() {
         Err(ModelError::Thermal(ThermalRefusal::Lag { .. }))
     ));
     assert!(machine.thermal().drift.len() == 1 && machine.thermal().expansion.len() == 1);
-}
-
-#[test]
-fn an_ensemble_needs_machines_of_one_structure() {
-    let compiled = machine().compile(Tolerance::default()).unwrap();
-    assert!(Ensemble::new(Vec::new()).is_none());
-    assert!(Ensemble::new(vec![compiled.clone()]).is_none());
-    let two = Ensemble::new(vec![compiled; 2]).unwrap();
-    let state = State {
-        q: PerAxis([f64::NAN; 9]),
-        ..State::default()
-    };
-    let _ = two.standard_uncertainty(&state);
-    assert_eq!(two.standard_uncertainty(&State::default()), [0.0; 6]);
 }
 
 #[test]

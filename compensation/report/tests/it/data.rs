@@ -527,7 +527,7 @@ fn the_uncertainty_counts_the_longest_tool() {
     let drawn_with = |tools: &str| {
         let tolerance = volcomp_model::Tolerance::from_nm(1.0);
         let drawn = [-5.0, 5.0].map(|urad| machine(tools, urad).compile(tolerance).expect("small"));
-        let ensemble = volcomp_model::Ensemble::new(drawn.to_vec()).expect("two");
+        let ensemble = volcomp_calibrate::Ensemble::new(drawn.to_vec()).expect("two");
         let found = volcomp_report::uncertainty(&machine(tools, 0.0), &ensemble, (2, 1));
         found.expect("evaluated").expect("three axes").max_um
     };

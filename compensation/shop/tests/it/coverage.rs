@@ -7,12 +7,13 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use volcomp_calibrate::{
-    CalibrationFile, LineScatter, Location, SquarenessSource, calibrate, calibrated_machine,
+    CalibrationFile, Ensemble, LineScatter, Location, Scatter, SquarenessSource, calibrate,
+    calibrated_machine,
 };
 use volcomp_identify::{MachineSampler, Observations, identify};
 use volcomp_kinematics::{Form, State};
 use volcomp_metrology::MotionKind;
-use volcomp_model::{Ensemble, Machine, Scatter, Temperatures, Tolerance};
+use volcomp_model::{Machine, Temperatures, Tolerance};
 use volcomp_shop::Shop;
 use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
 

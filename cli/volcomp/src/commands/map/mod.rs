@@ -7,10 +7,11 @@ use std::{fmt::Write, path::PathBuf, str::FromStr};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::Serialize;
+use volcomp_calibrate::Ensemble;
 use volcomp_kinematics::{Form, State, nalgebra::Vector3};
 use volcomp_model::{
-    Ensemble, ErrorField, Lengths, Machine, MapGrid, RigidSums, Temperatures, Tolerance,
-    UNCERTAINTY_POSES, poses_of_all_axes, volumetric,
+    ErrorField, Lengths, Machine, MapGrid, RigidSums, Temperatures, Tolerance, UNCERTAINTY_POSES,
+    poses_of_all_axes, volumetric,
 };
 
 use self::field::{Field, Node, TextFormat};

@@ -1,6 +1,6 @@
-use volcomp_evaluator::CompiledMachine;
 use volcomp_fit::student_widening;
 use volcomp_kinematics::State;
+use volcomp_model::CompiledMachine;
 
 /// Monte Carlo samples of a machine within the measurement uncertainty (JCGM 101, propagation of distributions).
 #[derive(Clone, Debug)]
@@ -160,12 +160,11 @@ fn has_structure_of(machine: &CompiledMachine, other: &CompiledMachine) -> bool 
 
 #[cfg(test)]
 mod tests {
-    use volcomp_evaluator::Tolerance;
+    use volcomp_model::{Machine, ModelError, Tolerance};
 
     use super::*;
-    use crate::Machine;
 
-    fn off(um: f64) -> Result<CompiledMachine, crate::ModelError> {
+    fn off(um: f64) -> Result<CompiledMachine, ModelError> {
         let text = format!(
             "structure = \"w b X t\"\n[axes]\nX.travel = [0.0, 100.0]\n[errors]\nEXX = {um:?}\n"
         );
@@ -174,7 +173,7 @@ mod tests {
 
     /// Factor by which scatters with these variances (µm²) and degrees of freedom widen the
     /// uncertainty of samples with this variance.
-    fn widened(variance: f64, scatters: &[(f64, f64)]) -> Result<f64, crate::ModelError> {
+    fn widened(variance: f64, scatters: &[(f64, f64)]) -> Result<f64, ModelError> {
         let of_x = |ensemble: &Ensemble| ensemble.standard_uncertainty(&State::default())[0] * 1e3;
         // The variance of two values is half the square of their distance.
         let half = (variance / 2.0).sqrt();
@@ -182,7 +181,7 @@ mod tests {
         // Table G.2 of JCGM 100, for one degree of freedom.
         let of_two = 12.706_205 / 1.959_964;
         assert!((of_x(&drawn) / variance.sqrt() / of_two - 1.0).abs() < 2e-3);
-        let scatter = |&(variance, degrees): &(f64, f64)| -> Result<Scatter, crate::ModelError> {
+        let scatter = |&(variance, degrees): &(f64, f64)| -> Result<Scatter, ModelError> {
             // Two runs, each with half of the variance.
             let shifted = off(3.0 + (variance / 2.0).sqrt())?;
             Ok(Scatter {
@@ -196,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn many_states_have_the_uncertainty_of_each() -> Result<(), crate::ModelError> {
+    fn many_states_have_the_uncertainty_of_each() -> Result<(), ModelError> {
         let machine = |slope: f64| {
             let text = format!(
                 "structure = \"w b X t\"\n[axes]\nX.travel = [0.0, 100.0]\n[errors]\nEXX = {{ poly = [1.0, {slope:?}] }}\nEAX = {slope:?}\n"
@@ -205,7 +204,7 @@ mod tests {
         };
         let drawn = [0.1, 0.13, 0.08].map(machine).into_iter();
         let ensemble = Ensemble::new(drawn.collect::<Result<_, _>>()?).expect("three machines");
-        let scatter = |degrees| -> Result<Scatter, crate::ModelError> {
+        let scatter = |degrees| -> Result<Scatter, ModelError> {
             let shifted = vec![machine(0.12)?, machine(0.07)?];
             Ok(Scatter { degrees, shifted })
         };
@@ -230,7 +229,7 @@ mod tests {
 
     /// Welch–Satterthwaite degrees of freedom computed by hand, with the factors of table G.2 of JCGM 100.
     #[test]
-    fn a_band_has_the_effective_degrees_of_freedom() -> Result<(), crate::ModelError> {
+    fn a_band_has_the_effective_degrees_of_freedom() -> Result<(), ModelError> {
         for (variance, scatters, degrees, t) in [
             // One line of three runs contributes the whole variance: its degrees of freedom apply.
             (4.0, &[(4.0, 2.0)][..], 2, 4.302_653),
@@ -248,6 +247,21 @@ mod tests {
             assert!((found - t).abs() < 2e-3, "{degrees}: {found} {t}");
         }
         assert!((widened(4.0, &[])? - 1.0).abs() < 1e-9);
+        Ok(())
+    }
+
+    #[test]
+    fn an_ensemble_needs_machines_of_one_structure() -> Result<(), ModelError> {
+        let compiled = off(1.0)?;
+        assert!(Ensemble::new(Vec::new()).is_none());
+        assert!(Ensemble::new(vec![compiled.clone()]).is_none());
+        let two = Ensemble::new(vec![compiled; 2]).expect("two machines");
+        let state = State {
+            q: volcomp_vocabulary::PerAxis([f64::NAN; 9]),
+            ..State::default()
+        };
+        let _ = two.standard_uncertainty(&state);
+        assert_eq!(two.standard_uncertainty(&State::default()), [0.0; 6]);
         Ok(())
     }
 }
