@@ -145,8 +145,8 @@ impl PositionCheck {
         });
     }
 
-    /// Whether the way of the rejected positions excludes a position that is within reach of the
-    /// accepted one: a jump that goes on, or an axis that cannot have come back yet.
+    /// Whether the rejected positions rule out a position that is within reach of
+    /// the accepted one: the jump continues, or the axis cannot have returned yet.
     fn refutes(&self, limits: &PositionLimits, position: f64, taken: Duration) -> bool {
         self.rejected.is_some_and(|before| {
             let leads = leads_to(limits, (before.position, before.taken), (position, taken));

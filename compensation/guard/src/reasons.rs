@@ -139,7 +139,7 @@ reasons! {
     /// omitted.
     LINEAR_NEAR_SINGULAR = informs, "linear axes nearly in one direction";
     /// Positions are so old for the speed of the axes that the correction is reduced or suspended.
-    LET_GO = informs, "positions too old for the speed: a part of the correction let go";
+    REDUCED_BY_AGE = informs, "correction reduced: positions too old for the speed";
     /// It is not proven for every axis whether positions contain the correction.
     NOT_PROVEN = informs, "not proven what positions contain";
     /// A controller path other than the first is active.

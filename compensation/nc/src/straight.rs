@@ -99,13 +99,14 @@ pub(crate) struct AxisWay {
     pub(crate) incremental: bool,
     pub(crate) manner: Manner,
     pub(crate) keeps: bool,
-    pub(crate) written: Option<OriginalWord>,
+    pub(crate) written: Option<OutputWord>,
     pub(crate) numerals: Numerals,
 }
 
+/// Requirements for the word of an axis in the output.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct OriginalWord {
-    /// Decimals of a plain number.
+pub(crate) struct OutputWord {
+    /// Decimals of the number in the program; 0 if the program has no word for the axis.
     pub(crate) decimals: u8,
     /// The word is written even if nothing changes, because the motion is split.
     pub(crate) anew: bool,
@@ -721,11 +722,11 @@ impl Rewriter {
             }
             let written = match word {
                 _ if writes == WriteRule::IfMoves => None,
-                Some(word) => Some(OriginalWord {
+                Some(word) => Some(OutputWord {
                     decimals: word.decimals.unwrap_or(0),
                     anew: writes != WriteRule::IfChanged,
                 }),
-                None => (writes == WriteRule::Always).then_some(OriginalWord {
+                None => (writes == WriteRule::Always).then_some(OutputWord {
                     decimals: 0,
                     anew: true,
                 }),

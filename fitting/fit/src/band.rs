@@ -30,7 +30,7 @@ impl Default for BandOptions {
     }
 }
 
-/// Resampled quantities of a band.
+/// What the band's width was estimated from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(
@@ -39,9 +39,9 @@ impl Default for BandOptions {
     serde(rename_all = "snake_case")
 )]
 pub enum BandSource {
-    /// Whole runs, if there are several; the scatter of their readings if some runs lack targets.
+    /// Differences between whole runs; if some runs lack targets, the scatter of their readings.
     Runs,
-    /// The residuals of a single run, which do not show differences between runs.
+    /// Residuals of the only run; differences between runs are not included.
     Residuals,
 }
 

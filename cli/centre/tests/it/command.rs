@@ -85,7 +85,7 @@ fn keys_machines_models_and_a_rollout_by_command() {
     wrong(&format!("machine add Mill {add}"), "lower-case");
     let listed = done("machine list");
     assert!(
-        listed.contains("mill-1") && listed.contains("never heard"),
+        listed.contains("mill-1") && listed.contains("never connected"),
         "{listed}"
     );
     let checked = done("check");

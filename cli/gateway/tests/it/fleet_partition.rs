@@ -25,8 +25,8 @@ use crate::{
 const INSIDE: &str = "VOLCOMP_TEST_SITE";
 const SITE: &str = "10.77.0.2";
 const CENTRE: &str = "10.77.0.1";
-/// A MAC address without a card, so that frames to it are lost.
-const NOBODY: &str = "02:00:00:00:00:99";
+/// A MAC address of no interface, so that frames to it are lost.
+const ABSENT_MAC: &str = "02:00:00:00:00:99";
 /// Server settings: a gateway that is silent for three seconds is disconnected. The gateway drops a dead connection within 30 s.
 const SHORT: &str = "ping_interval: \"1s\"\nping_max: 2\nwrite_deadline: \"2s\"\n";
 
@@ -84,7 +84,7 @@ impl Network {
     }
 
     fn cut(&self, lost: Lost) {
-        let to = ["lladdr", NOBODY, "nud", "permanent"];
+        let to = ["lladdr", ABSENT_MAC, "nud", "permanent"];
         if lost != Lost::ToTheSite {
             ip(&[&["neigh", "replace", CENTRE, "dev", "site"], &to[..]].concat());
         }

@@ -196,7 +196,7 @@ fn at_its_own_computer_disarming_needs_no_token() {
         program.wait_for("disarmed");
         assert_eq!(disarm(&own, ""), 200);
         let log = std::fs::read_to_string(audit.join("audit.log")).expect("a log");
-        let record = "\"who\":\"somebody at this computer\",\"what\":\"disarm\"";
+        let record = "\"who\":\"local user without a token\",\"what\":\"disarm\"";
         assert!(log.contains(record), "{log}");
         // Without configured tokens no client may operate.
         for path in ["/api/arm", "/api/disarm", "/api/acknowledge", "/api/reload"] {

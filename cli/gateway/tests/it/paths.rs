@@ -34,7 +34,7 @@ pub(crate) fn two_ways(dir: &Path, first: &Simulator, second: &str) -> PathBuf {
     config
 }
 
-pub(crate) fn nobody() -> String {
+pub(crate) fn closed_address() -> String {
     format!("127.0.0.1:{}", free_port())
 }
 

@@ -185,7 +185,7 @@ fn rotary_note(machine: &Machine) -> Option<String> {
     let names: Vec<String> = rotary.map(|axis| axis.name.to_string()).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "{} stand still here: their location errors move the workpiece as a rigid body and do not show; `volcomp map` gives the error over poses of all axes",
+            "{} do not move here: their location errors move the workpiece as a rigid body and do not show; `volcomp map` gives the error over poses of all axes",
             names.join(", ")
         )
     })

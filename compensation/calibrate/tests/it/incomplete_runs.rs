@@ -296,8 +296,9 @@ fn half_widths(runs: u32, number: impl Fn(u32, &str) -> u32, lacking: usize) -> 
     found.curves.iter().map(band).collect()
 }
 
-/// A backward reading that lacks says nothing about the zeros of the runs: the bands of both directions are as wide as without it, also where the
-/// directions of a run have separate numbers, so that the band of each comes from its own runs.
+/// A missing backward reading does not affect the zeros of the runs: the bands of both directions are as wide as with
+/// the reading. This also holds if the directions of a run have separate numbers, so that the band of each direction
+/// comes from its own runs.
 #[test]
 fn a_direction_that_lacks_a_target_leaves_the_zeros_of_the_runs_in_both_bands() {
     let both = |run: u32, _: &str| run;

@@ -193,7 +193,7 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
                 count += 1;
                 worst = worst.max(with - without);
             }
-            reported += usize::from(report.reasons.contains(Reasons::LET_GO));
+            reported += usize::from(report.reasons.contains(Reasons::REDUCED_BY_AGE));
         }
         let [without, with] = squares.map(|sum: f64| (sum / f64::from(count)).sqrt());
         let left = with / without;
@@ -251,7 +251,7 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
                         report.reasons
                     );
                 }
-                reported |= report.reasons.contains(Reasons::LET_GO);
+                reported |= report.reasons.contains(Reasons::REDUCED_BY_AGE);
             };
             for _ in 0..silent_ms / 4 {
                 look(&mut table, 0.0);
@@ -273,7 +273,7 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
 
 #[test]
 fn no_reduction_is_reported_without_a_correction() {
-    let is_told = |report: &Report| report.reasons.contains(Reasons::LET_GO);
+    let is_told = |report: &Report| report.reasons.contains(Reasons::REDUCED_BY_AGE);
     for disarms in [true, false] {
         let mut table = Table::armed(Duration::ZERO, Duration::from_millis(50));
         for _ in 0..400 {

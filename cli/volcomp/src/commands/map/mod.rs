@@ -115,7 +115,7 @@ struct Uncertainty {
     trials: u64,
     /// Seed of the samples.
     seed: u64,
-    /// Length of the standard uncertainty of the position error, µm.
+    /// Largest standard uncertainty of the position error (length) over all nodes, µm.
     largest_um: f64,
     /// Node with the largest standard uncertainty, mm.
     at: ByAxis,
@@ -581,7 +581,7 @@ fn length([x, y, z, ..]: &[f64; 6]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
 
-/// The volumetric error over a fixed set of poses of all axes.
+/// Volumetric error over a fixed set of poses that covers the travels of all axes, rotary ones too.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct AllAxes {
     /// Number of poses.
