@@ -288,7 +288,8 @@ mod tests {
         }
     }
 
-    /// Closed form: at the reference temperature another expansion changes nothing yet; 10 K beside it, 800 mm of X change by 8 µm.
+    /// Closed form: at the reference temperature a changed expansion coefficient has no effect yet; 10 K from it the
+    /// correction at 800 mm of X changes by 8 µm.
     #[test]
     fn another_expansion_is_a_question_at_the_reference_temperature() {
         let [old, new] = [11.5, 12.5].map(|k| {

@@ -109,7 +109,8 @@ reasons! {
     POSITIONS_STALE = forbids, "positions stale";
     /// The applied correction has not been confirmed for too long.
     UNCONFIRMED = forbids, "applied correction not confirmed";
-    /// The controller's applied correction is not the written one: ramping from there.
+    /// The controller applies another correction than the written one; the output ramps from the
+    /// applied one.
     READ_BACK = informs, "controller's correction changed";
     /// A correction is applied while disarmed.
     CORRECTION_LEFT = informs, "a correction is applied";

@@ -92,9 +92,9 @@ pub(crate) enum WriteRule {
 pub(crate) struct AxisWay {
     pub(crate) from: f64,
     pub(crate) to: f64,
-    /// Correction required at the end.
+    /// Correction required at the end of the motion, mm or deg.
     pub(crate) delta: f64,
-    /// Correction applied at the start.
+    /// Correction applied at the start of the motion, mm or deg.
     pub(crate) carried: f64,
     pub(crate) incremental: bool,
     pub(crate) manner: Manner,
@@ -677,9 +677,10 @@ impl Rewriter {
         numbers
     }
 
-    /// Creates the words that apply the correction at a position (given in machine and in program
-    /// coordinates), `rounded` or exact. `numbers` is called for each range of axes; it creates
-    /// their words and updates `carried`. Returns the required correction, in program coordinates.
+    /// Creates the words that apply the correction at a position, which is given in machine and in
+    /// program coordinates. The correction is `rounded` if given, else exact. `numbers` is called for
+    /// each range of axes, creates their words and updates `carried`. Returns the required
+    /// correction, in program coordinates.
     #[inline]
     pub(crate) fn words_at(
         &mut self,

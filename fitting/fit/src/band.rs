@@ -123,11 +123,11 @@ pub struct MeanScatter {
     /// Independent shifts of the means by the common part of each run, its offset or its line. The
     /// sum of their squares is the variance.
     pub of_runs: Vec<Vec<f64>>,
-    /// Degrees of freedom of these shifts.
+    /// Degrees of freedom of `of_runs`.
     pub run_freedom: f64,
     /// Samples of the shifts of the means by the scatter of the readings.
     pub samples: Vec<Vec<f64>>,
-    /// Degrees of freedom of this scatter.
+    /// Degrees of freedom of the scatter of the readings.
     pub freedom: f64,
 }
 

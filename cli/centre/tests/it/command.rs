@@ -185,7 +185,7 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
     wrong("check", "expected 600");
 }
 
-/// `rollout confirm` fails for a stopped or finished roll-out, which would not send the confirmed change.
+/// `rollout confirm` is rejected for a stopped or finished roll-out: no change would be sent.
 #[test]
 fn a_confirmation_without_effect_is_rejected() {
     let folder = tempfile::tempdir().unwrap();

@@ -73,7 +73,8 @@ fn whole_log(dir: &Path) -> String {
     log_files(dir).into_iter().map(read).collect()
 }
 
-/// No file can be created when the next one is due: as often as it is tried, no record is lost, and the log goes on once there is room.
+/// While the next file cannot be created, no record is lost, however often rotation is tried; the log continues once
+/// there is space.
 #[test]
 fn a_log_that_cannot_be_rotated_loses_nothing() {
     let dir = tempfile::tempdir().expect("writable");

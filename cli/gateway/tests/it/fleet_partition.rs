@@ -222,7 +222,7 @@ fn partition(lost: Lost) {
     no_step(&program.stop());
 }
 
-/// While it is cut off.
+/// Checks the behaviour of gateway and centre during the partition.
 fn alone(whole: &Whole, program: &Client) {
     wait(program, "the gateway notices", |state| {
         goes_on(state, -25.0);
@@ -250,7 +250,7 @@ fn alone(whole: &Whole, program: &Client) {
     assert_eq!(page["silent"], true, "{page}");
 }
 
-/// After it.
+/// Checks that everything sent during the partition arrives afterwards, once.
 fn comes_later(whole: &Whole, program: &Client, dir: &std::path::Path, cut: Duration) {
     whole.machine_is("its state is reported", "mill-1", |one| {
         one["enable"] == false && one["live"]["condition"]["state"] == "disarmed"

@@ -38,7 +38,7 @@ pub(crate) fn closed_address() -> String {
     format!("127.0.0.1:{}", free_port())
 }
 
-/// A standby path that has never answered, and one that holds a correction: the metrics of both.
+/// Metrics of a standby path that has never answered, and of one that holds a correction.
 #[test]
 fn the_metrics_show_what_is_not_known_of_a_standby_path() {
     let path = |number: u8, known: bool| {

@@ -50,8 +50,8 @@ fn killed_in_the_middle_and_started_again_there_is_no_step() {
     no_step(&rig);
 }
 
-/// The built-in simulation under a service manager, which hears that it is ready, that cycles go on, and that it stops. And it takes as
-/// many descriptors as it may have: the usual soft limit is 1024.
+/// The built-in simulation notifies its service manager that it is ready, that cycles continue, and that it stops. It
+/// raises the limit of file descriptors, whose usual soft value is 1024, as far as permitted.
 #[test]
 fn the_simulation_lives_and_the_service_manager_is_notified() {
     let dir = tempfile::tempdir().expect("writable");
@@ -170,8 +170,9 @@ fn stopping_leaves_a_found_correction_alone() {
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
 }
 
-/// A control whose answers take longer than a cycle: it corrects anyway, and reports missed cycles. A hangup reads the files again; what
-/// has to be confirmed waits for the hash, over HTTP as well. A first signal to end ramps out, a second one leaves at once.
+/// A control whose answers take longer than a cycle is corrected, and missed cycles are reported. SIGHUP reloads the
+/// files; what has to be confirmed waits for the hash, over HTTP too. The first termination signal ramps out; a second
+/// one ends the program at once.
 #[test]
 fn signals_reload_ramp_out_and_leave_at_once() {
     let dir = tempfile::tempdir().expect("writable");

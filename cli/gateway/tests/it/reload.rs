@@ -259,8 +259,8 @@ fn signs_of_another_machine_need_confirmation() {
     }
 }
 
-/// A controller that was corrected by thermal terms only gets all of them after a restart, and back: arming asks, with the size of the
-/// change.
+/// A restart changes a controller from thermal terms only to all terms, and back: arming asks for confirmation and
+/// states the size of the change.
 #[test]
 fn changed_terms_need_confirmation() {
     let dir = tempfile::tempdir().expect("writable");

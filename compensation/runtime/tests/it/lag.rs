@@ -123,7 +123,8 @@ impl Table {
         self.ways.plant().silent_since = Some(self.ways.clock.elapsed());
     }
 
-    /// Tool error at the actual table angle, without and with the applied correction, mm: right after a write, and right before the next.
+    /// Tool error at the actual table angle, mm: without and with the applied correction, first right after a write,
+    /// then right before the next one.
     fn off(&self) -> [[f64; 2]; 2] {
         let applied = self.ways.plant().applied;
         [Duration::ZERO, PERIOD].map(|later| {

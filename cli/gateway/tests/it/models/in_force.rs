@@ -126,8 +126,9 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert_eq!(nobody.status, 404, "{}", nobody.body);
 }
 
-/// Killed at any moment of an activation: after the restart it is one of the two models, whole; and the new one where the answer
-/// had come. And what an upload costs the program.
+/// If the gateway is killed at any moment of an activation, the old or the new model is active and complete after the
+/// restart; the new one, if the activation had been answered. An upload of the maximum size stays within 512 MiB of
+/// memory.
 #[test]
 fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     let dir = tempfile::tempdir().expect("writable");
