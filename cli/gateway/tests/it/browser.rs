@@ -50,7 +50,8 @@ fn run(script: &str, arguments: &[&str], screenshot: &str, then: impl FnOnce()) 
     assert!(output.status.success(), "{message}");
 }
 
-/// The built-in simulation, which takes no model; then the page while the program ends.
+/// Operates the built-in simulation, which accepts no model, and checks the page while the program
+/// ends.
 #[test]
 fn a_person_sees_and_operates_it() {
     let dir = tempfile::tempdir().expect("writable");

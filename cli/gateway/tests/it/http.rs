@@ -16,7 +16,7 @@ fn simulated() -> (tempfile::TempDir, Served) {
     (dir, gateway)
 }
 
-/// The program with its built-in simulation: its page, its state, its stream, and under a flood of requests.
+/// Checks page, state and event stream of the built-in simulation, also under a flood of requests.
 pub(crate) fn the_simulation_lives(program: &Program) {
     let state = program.wait_for("compensating");
     assert_eq!(state["simulated"], true);

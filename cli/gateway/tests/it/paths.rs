@@ -68,7 +68,7 @@ fn the_metrics_show_what_is_not_known_of_a_standby_path() {
     }
 }
 
-/// The control does not answer any more: what it applies is not known, and nothing says otherwise.
+/// When the control no longer answers, the applied correction is shown as unknown everywhere.
 #[test]
 fn an_unknown_correction_is_shown_as_unknown() {
     let dir = tempfile::tempdir().expect("writable");

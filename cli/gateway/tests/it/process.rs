@@ -25,8 +25,8 @@ use crate::{
     program::{PATIENCE, Program, change, path},
 };
 
-/// Killed at several moments of the ramp and of compensating, and started again: no output changes by more than the slew
-/// in a cycle and one step.
+/// If the gateway is killed at several moments of the ramp and of compensating, and started again, no output changes by
+/// more than the slew in a cycle and one step.
 #[test]
 fn killed_in_the_middle_and_started_again_there_is_no_step() {
     let dir = tempfile::tempdir().expect("writable");
@@ -150,8 +150,8 @@ fn two_gateways_on_one_controller() {
     first.wait_for("compensating");
 }
 
-/// A gateway that never corrected took out what it had found when it was merely ended, although that may be the correction
-/// of another gateway.
+/// A gateway that never corrected leaves a correction that it has found in place when it ends: it may be that of
+/// another gateway.
 #[test]
 fn stopping_leaves_a_found_correction_alone() {
     let (_dir, config, mut gateway) = manual::started("");

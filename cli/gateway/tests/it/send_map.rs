@@ -474,7 +474,7 @@ focas://127.0.0.1 | [sinumerik]\ntime_out_ms = 2000.0 | [pmc]\nmailbox = { pmc =
     }
 }
 
-/// A file that is refused before anything is opened.
+/// Checks that a configuration is rejected with `words` before any device is opened.
 fn refuses(file: &Path, words: &str) {
     let error = send_map::check(file).expect_err(words);
     assert_eq!(error.status(), 2, "{error}");

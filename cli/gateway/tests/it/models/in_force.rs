@@ -168,7 +168,8 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     no_upload_is_too_large(&program);
 }
 
-/// A broken machine file takes fifty times its size in memory: without the bound one upload ended the process that corrects.
+/// Parsing a broken machine file takes fifty times its size in memory: without the bound one upload could end the
+/// process that corrects.
 fn no_upload_is_too_large(program: &Program) {
     let most = 4 * 1024 * 1024;
     let query = "kind=machine&name=m.toml";
