@@ -184,7 +184,7 @@ pub struct Reply {
     /// 200: the request took effect; 409: it did not; 422: the configuration is invalid; 503: the control thread or the
     /// disk does not respond.
     pub status: u16,
-    /// The response document.
+    /// Body of the response.
     pub answer: Answer,
 }
 

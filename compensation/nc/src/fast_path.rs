@@ -490,7 +490,8 @@ impl Rewriter {
         Some(())
     }
 
-    /// Furthest position of each axis after a motion on which none reverses; `None` for the general path.
+    /// Furthest position of each axis after a motion on which no axis reverses. `None` if the motion must take the
+    /// general path.
     fn furthest_after(
         &mut self,
         code: Code,
