@@ -71,7 +71,7 @@ impl Turn {
     /// All turns, in the order in which answers are applied.
     pub const ALL: [Self; 3] = [Self::Error, Self::Unit, Self::Other];
 
-    /// Turn of the answer to this key.
+    /// The turn in which an answer to this key is applied.
     pub fn of(key: &str) -> Self {
         match key {
             "error" => Self::Error,

@@ -361,8 +361,8 @@ impl Whole {
         Ok(variances.map(half_width).collect())
     }
 
-    /// Mean square errors beyond the noise of the mean readings: of the shape at the targets, and
-    /// at left-out targets.
+    /// Mean square error of the curve that the noise of the mean readings does not explain: at the
+    /// targets of the fit, and at left-out targets.
     fn wrong(&self, noise: f64) -> [f64; 2] {
         let count = self.targets.len() as f64;
         let residuals = self.targets.iter().map(|t| t.mean - self.curve.value(t.x));

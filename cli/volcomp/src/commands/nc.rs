@@ -133,7 +133,7 @@ pub(crate) struct Nc {
 struct NcNote {
     /// Line of the first occurrence, from 1.
     line: usize,
-    /// Text of the note.
+    /// The note as one sentence, without its line number.
     text: String,
 }
 
