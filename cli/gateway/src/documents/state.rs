@@ -199,8 +199,8 @@ pub struct FleetState {
     /// Why the accepted manifest is not active yet, or which damage was found at start-up.
     /// Activation is retried.
     pub trouble: Option<String>,
-    /// Why the last manifest sent to this machine was rejected, which has no effect. Null if a
-    /// later one was accepted.
+    /// Why the last manifest sent to this machine was rejected. A rejected manifest changes
+    /// nothing. Null if a later one was accepted.
     #[serde(default)]
     pub refused: Option<String>,
     /// Why messages to the centre are queued; null while they are sent.
@@ -308,7 +308,7 @@ impl From<volcomp_guard::AxisProof> for ProvenName {
 /// One temperature as used by the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SensorState {
-    /// The name of the sensor.
+    /// Name of the sensor, as in the configuration.
     pub name: String,
     /// Temperature, °C; null if it is not used.
     pub degc: Option<f64>,

@@ -76,10 +76,10 @@ impl ControlArguments {
     }
 }
 
-/// The document of `volcomp export`.
+/// Result of `volcomp export`: the written tables, and what they lose against the model.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Export {
-    /// Name of the format.
+    /// Format of the tables, as in `--format`.
     format: &'static str,
     /// Paths of the written files.
     files: Vec<String>,
@@ -106,7 +106,7 @@ struct Made {
     input: AxisName,
     /// What the table corrects: an axis letter or the name of an error.
     output: String,
-    /// Number of positions.
+    /// Number of positions in the table.
     positions: usize,
     /// First position of the table, mm or deg.
     first: f64,

@@ -100,7 +100,7 @@ impl Answer {
         }
     }
 
-    /// An answer of many rows; `text` follows their table.
+    /// An answer with the rows of `listing` as a table, followed by `text`.
     pub(crate) fn listed(listing: Listing, text: String, notes: Vec<String>) -> Self {
         Self {
             listing: Some(listing),

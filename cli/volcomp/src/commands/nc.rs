@@ -101,7 +101,7 @@ enum Language {
     Heidenhain,
 }
 
-/// The document of `volcomp nc`.
+/// Result of `volcomp nc`: the written program, and what was changed in it.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Nc {
     /// Path of the written file.
@@ -110,7 +110,7 @@ pub(crate) struct Nc {
     dialect: &'static str,
     /// Number of lines read.
     lines: u64,
-    /// Number of motions.
+    /// Number of motions in the program.
     motions: u64,
     /// Number of changed lines.
     changed: u64,
@@ -137,7 +137,7 @@ struct NcNote {
     text: String,
 }
 
-/// The document of `volcomp nc --average`.
+/// Result of `volcomp nc --average`: the written program, and its work offsets.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct NcAverage {
     /// Path of the written file.

@@ -372,7 +372,7 @@ struct Prediction<'a> {
 /// One `[[thermal.expansion]]` of a machine file.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Expansion {
-    /// Name of the sensor.
+    /// Name of the sensor, from the head of its column.
     sensor: String,
     /// Coefficient of thermal expansion, µm/(m·K).
     um_per_m_k: f64,
@@ -401,7 +401,7 @@ struct LeftOut {
 /// One coefficient of the terms.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Number {
-    /// Name of the sensor.
+    /// Name of the sensor, from the head of its column.
     sensor: String,
     /// Time constant of the lag, s; missing for an expansion.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -417,7 +417,7 @@ struct Number {
 /// Range of the temperature of a sensor, and of its rate of change, in the test files.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Seen {
-    /// Name of the sensor.
+    /// Name of the sensor, from the head of its column.
     sensor: String,
     /// Lowest and highest temperature, °C.
     degc: [f64; 2],

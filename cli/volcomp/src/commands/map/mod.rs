@@ -66,7 +66,7 @@ pub(crate) struct MapArguments {
     uncertainty: UncertaintyArguments,
 }
 
-/// The document of `volcomp map`.
+/// Result of `volcomp map`: the volumetric error over the grid and over poses of all axes.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Map {
     /// Nodes along the axes of the grid, in the order X, Y, Z.
@@ -584,7 +584,7 @@ fn length([x, y, z, ..]: &[f64; 6]) -> f64 {
 /// Volumetric error over a fixed set of poses that covers the travels of all axes, rotary ones too.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct AllAxes {
-    /// Number of poses.
+    /// Number of poses evaluated.
     pub(crate) poses: usize,
     /// Root mean square length of the position error, µm.
     pub(crate) rms_um: f64,
