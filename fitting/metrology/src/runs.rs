@@ -191,7 +191,7 @@ pub(crate) fn alignment_notes(readings: &[Reading]) -> Vec<String> {
     notes
 }
 
-/// Scatter of readings.
+/// How far repeated readings of one target differ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunScatter {
     /// Standard deviation, µm or µrad.
