@@ -51,7 +51,7 @@ with sync_playwright() as playwright:
     assert row.locator("[data-key=state]").inner_text() == "never connected"
     assert row.locator("[data-key=residual]").inner_text() == "–"
     page.click("tr[data-machine=ghost] a")
-    page.wait_for_selector("#machine-now:has-text('Never heard')")
+    page.wait_for_selector("#machine-now:has-text('Never connected')")
     page.wait_for_selector("#machine-map canvas.map")
     origin = page.inner_text("#machine-map .origin")
     assert "Computed from the model that was sent" in origin and "has never connected" in origin, origin
