@@ -143,7 +143,8 @@ impl Structure {
         })
     }
 
-    /// The structure of type numbers.
+    /// The structure with the type numbers `translational` and `rotary`; `rotary_axes` are in chain
+    /// order.
     ///
     /// # Errors
     /// A number above 3, or rotary letters that do not fit the rotary type.

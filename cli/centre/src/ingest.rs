@@ -58,7 +58,8 @@ pub struct Reception {
     pub live: Option<Live>,
     pub instances: Instances,
     pub events: NewEvents,
-    /// When the last message arrived that was unreadable or too much to store, and why.
+    /// Arrival time of the last message that could not be read or exceeded the storage rate, and
+    /// the reason.
     pub unreadable: Option<(Instant, String)>,
     /// When the newest condition was created, by a monotonic clock; `None` if none was received since the program started. Other messages do not
     /// show the current state of the machine.

@@ -145,7 +145,8 @@ pub(crate) fn way_back(
     Ok(before(&versions, live, &broken_off).cloned())
 }
 
-/// Starts a roll-out of that model to the machine. It gets a version higher than all earlier ones, and is observed like any other.
+/// Starts a roll-out that returns the machine to its previous model. The model gets a version higher than all earlier
+/// ones, and the machine is observed as in any roll-out.
 ///
 /// # Errors
 /// There is no such model, or the machine has a pending target in an open roll-out.

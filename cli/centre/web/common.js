@@ -152,7 +152,7 @@ const ORIGINS = {
   active: "Computed from the active model of this machine, not measured.",
   silent: "Computed from the last known active model of this machine, not measured.",
   sent: "Computed from the model that was sent last, not measured. This machine has not reported it as active.",
-  never: "Computed from the model that was sent, not measured. This machine was never heard: it is unknown whether it has the model or corrects.",
+  never: "Computed from the model that was sent, not measured. This machine has never connected: it is unknown whether it has the model or corrects.",
 };
 
 /** The origin for a machine. */

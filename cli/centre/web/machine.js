@@ -237,7 +237,7 @@ function machinePage(page, name) {
 
 function showMachine(id, { machine, live, age_s: age, silent, versions, telemetry, alarms, records }) {
   const condition = live && !silent ? live.condition : null;
-  const state = condition ? condition.state : live ? "unknown" : "never heard";
+  const state = condition ? condition.state : live ? "unknown" : "never connected";
   const conditionAge = age === null || age === undefined ? "" : `, condition of ${lasting(age)} ago`;
   element("machine-head").replaceChildren(make("div", { class: "head" }, make("h1", { textContent: id }), badge(state), make("span", { class: "soft", textContent: `${machine.site}, ${machine.structure}${conditionAge}` }), machine.enable ? null : make("span", { class: "bad", textContent: "correction disabled" })));
   const corrections = condition ? [...Object.entries(condition.correction_um).map(([axis, um]) => [axis, `${signed(um, 1)} µm`]), ...Object.entries(condition.correction_urad || {}).map(([axis, urad]) => [axis, `${signed(urad, 1)} µrad`])] : [];
@@ -245,7 +245,7 @@ function showMachine(id, { machine, live, age_s: age, silent, versions, telemetr
   // A gateway knows the residual of its model; only a simulated machine can report its true error.
   const truth = !silent && report.simulated && Array.isArray(report.true_residual_um) ? Math.hypot(...report.true_residual_um) : null;
   if (!live) {
-    element("machine-now").replaceChildren(panel("Now", make("p", { class: "unknown", textContent: "Never heard: no message from its gateway yet, so the state of the machine is unknown. Its gateway needs the nkey file of this machine, the address of the server and the public key of the centre in its table [fleet]; the server needs a configuration that names the machine (nats-config)." })));
+    element("machine-now").replaceChildren(panel("Now", make("p", { class: "unknown", textContent: "Never connected: no message from its gateway yet, so the state of the machine is unknown. Its gateway needs the nkey file of this machine, the address of the server and the public key of the centre in its table [fleet]; the server needs a configuration that names the machine (nats-config)." })));
   } else element("machine-now").replaceChildren(panel("Now", facts([
     ["state", state],
     ["why", condition ? condition.reasons.join(", ") : live && live.condition ? `silent; last: ${live.condition.state}` : ""],
@@ -258,8 +258,8 @@ function showMachine(id, { machine, live, age_s: age, silent, versions, telemetr
     ["messages lost", live ? String(live.lost) : "unknown"],
   ])));
   const degc = condition ? Object.entries(condition.temperatures_degc) : [];
-  element("machine-degc").replaceChildren(panel("Temperatures", degc.length ? facts(degc.map(([name, value]) => [name, value === null ? make("span", { class: "bad", textContent: "broken" }) : `${fixed(value, 2)} °C`])) : make("p", { class: "soft", textContent: condition ? "no thermometer" : live ? "unknown" : "never heard" })));
-  showCycle(telemetry, live ? silent && "unknown" : "never heard");
+  element("machine-degc").replaceChildren(panel("Temperatures", degc.length ? facts(degc.map(([name, value]) => [name, value === null ? make("span", { class: "bad", textContent: "broken" }) : `${fixed(value, 2)} °C`])) : make("p", { class: "soft", textContent: condition ? "no thermometer" : live ? "unknown" : "never connected" })));
+  showCycle(telemetry, live ? silent && "unknown" : "never connected");
   element("machine-facts").replaceChildren(panel("Registered", facts([
     ["serial", machine.serial], ["control", machine.control], ["address", machine.address], ["axes", machine.axes.join(" ")],
     ["key", machine.nkey ? short(machine.nkey) + "…" : "none: it cannot reach the server"], ["first in roll-outs", machine.canary ? "yes" : "no"],

@@ -2,18 +2,18 @@
 // The overview: one row for each machine, updated and sorted.
 
 const SHOP_EVERY_MS = 2000;
-const WORST = ["faulted", "unknown", "never heard", "ramping-out", "holding", "arming", "disarmed", "compensating"];
+const WORST = ["faulted", "unknown", "never connected", "ramping-out", "holding", "arming", "disarmed", "compensating"];
 const shop = { rows: new Map(), sort: "state", down: false, filter: "", only: "", document: null };
 
 const badness = (row) => {
   const place = WORST.indexOf(row.state);
   return place < 0 ? 1 : place;
 };
-const isNeverHeard = (row) => row.state === "never heard";
-const known = (row, text) => (isNeverHeard(row) ? "–" : row.silent ? "unknown" : text);
+const isNeverConnected = (row) => row.state === "never connected";
+const known = (row, text) => (isNeverConnected(row) ? "–" : row.silent ? "unknown" : text);
 
 function versionOf(row) {
-  if (isNeverHeard(row)) return row.wanted === null ? "–" : `${row.wanted} sent`;
+  if (isNeverConnected(row)) return row.wanted === null ? "–" : `${row.wanted} sent`;
   if (row.silent) return row.wanted === null ? "unknown" : `unknown → ${row.wanted}`;
   if (row.version === row.wanted || row.wanted === null) return row.version ? String(row.version) : "none";
   return `${row.version || "none"} → ${row.wanted}`;
@@ -38,7 +38,7 @@ const COLUMNS = [
   ["site", "site", "tertiary", (row) => row.site, (row) => row.site],
   ["state", "state", "", (row) => row.state, badness],
   ["why", "why", "text tertiary", (row) => (row.silent && row.was ? `last: ${row.was}` : row.reasons.join(", ")), (row) => row.reasons.join()],
-  ["age", "age", "number", (row) => (row.age_s === null ? (isNeverHeard(row) ? "never" : "unknown") : lasting(row.age_s)), (row) => row.age_s ?? Infinity],
+  ["age", "age", "number", (row) => (row.age_s === null ? (isNeverConnected(row) ? "never" : "unknown") : lasting(row.age_s)), (row) => row.age_s ?? Infinity],
   ["version", "version", "number tertiary", versionOf, (row) => row.version ?? -1],
   ["correction", "correction, µm", "number secondary", (row) => known(row, fixed(row.correction_um, 1)), (row) => row.correction_um ?? -1],
   ["residual", "residual, µm", "number secondary", (row) => known(row, fixed(row.residual_um, 1)), (row) => row.residual_um ?? -1],

@@ -13,7 +13,7 @@ use volcomp_tables::{
     control::{FRAME_WORDS, Lookup, REPORT_WORDS, Settings, SettingsError},
 };
 
-/// First bytes of mailbox, report and the two buffers in data table D.
+/// Addresses in data table D of the mailbox, the report and the first of the two buffers, bytes.
 const MAILBOX: u16 = 0;
 const REPORT: u16 = 144;
 const BUFFERS: u16 = 200;

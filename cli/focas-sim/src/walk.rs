@@ -61,7 +61,7 @@ impl Walk {
         Arc::new(move |moved_for| outside(&axes, &walk.path.at(walk.leg().reached(moved_for))))
     }
 
-    /// Starts towards the end of this move, counted from 0; `moved_for` is the present motion time.
+    /// Starts the move `index`, counted from 0; `moved_for` is the present motion time.
     pub(crate) fn go_to(&self, index: usize, moved_for: Duration) {
         let mut leg = self.leg();
         let at = leg.reached(moved_for);

@@ -90,11 +90,11 @@ pub(crate) struct Judge {
     pub confirm_um: f64,
     /// Largest change of a rotary axis that needs no confirmation, µrad.
     pub confirm_urad: Option<f64>,
-    /// The hash that was confirmed.
+    /// Hash that the operator has confirmed for the new model; `None`: nothing was confirmed.
     pub confirmed: Option<String>,
     /// While armed: the model from which unconfirmed changes of a reload are measured, so that small ones cannot add up.
     pub confirmed_model: Option<Arc<Model>>,
-    /// What the sentences on differences call the model that is replaced.
+    /// Name of the replaced model in the texts of differences, such as "the active model".
     pub before: &'static str,
 }
 
@@ -288,7 +288,8 @@ mod tests {
         }
     }
 
-    /// Closed form: at the reference temperature another expansion changes nothing yet; 10 K beside it, 800 mm of X change by 8 µm.
+    /// Closed form: at the reference temperature a changed expansion coefficient has no effect yet; 10 K from it the
+    /// correction at 800 mm of X changes by 8 µm.
     #[test]
     fn another_expansion_is_a_question_at_the_reference_temperature() {
         let [old, new] = [11.5, 12.5].map(|k| {

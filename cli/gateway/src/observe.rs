@@ -20,7 +20,7 @@ use crate::{
 
 pub(crate) struct Facts<'a> {
     pub model: &'a Model,
-    /// The controllers in order.
+    /// The configured controllers, in order of preference.
     pub controllers: &'a [Description],
     /// Names of the temperatures.
     pub sensors: &'a [String],

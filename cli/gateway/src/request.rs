@@ -24,13 +24,14 @@ const MAX_QUEUED: usize = 64;
 /// The requested action.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Operation {
-    /// Start correcting; with the hash of a confirmed model.
+    /// Start correcting; `Some` holds the hash of the model that the operator confirmed.
     Arm(Option<String>),
     /// Ramp the correction to zero and stop correcting.
     Disarm,
     /// The cause of a fault has been fixed.
     Acknowledge,
-    /// Reload configuration and machine file; with the hash of a confirmed model.
+    /// Reload configuration and machine file; `Some` holds the hash of the model that the operator
+    /// confirmed.
     Reload(Option<String>),
     /// A decision of the fleet's centre.
     Centre(CentreOperation),
@@ -58,7 +59,7 @@ pub struct ModelActivation {
 /// A request of the centre of a fleet.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CentreOperation {
-    /// Correct with this machine file; with the hash of a model that was confirmed at the centre.
+    /// Correct with this machine file; `confirm` is the hash of a model confirmed at the centre.
     Take {
         /// Path of the machine file, verified against its checksum.
         machine: PathBuf,
@@ -183,7 +184,7 @@ pub struct Reply {
     /// 200: the request took effect; 409: it did not; 422: the configuration is invalid; 503: the control thread or the
     /// disk does not respond.
     pub status: u16,
-    /// The response document.
+    /// Body of the response.
     pub answer: Answer,
 }
 

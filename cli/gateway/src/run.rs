@@ -28,7 +28,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Time after which the service manager is notified that the process is ready, even if devices are still being opened.
 const READY_WITHIN: Duration = Duration::from_secs(10);
 /// Watchdog timeout if no service manager sets one.
-const NOBODY_WAITS: Duration = Duration::from_secs(4);
+const DEFAULT_WATCHDOG: Duration = Duration::from_secs(4);
 
 /// Runs the gateway of one machine until a signal stops it.
 ///
@@ -122,7 +122,7 @@ impl Process {
 }
 
 fn proven_within() -> Duration {
-    sd_notify::watchdog_enabled().unwrap_or(NOBODY_WAITS)
+    sd_notify::watchdog_enabled().unwrap_or(DEFAULT_WATCHDOG)
 }
 
 /// Stores the last notification to the service manager. Without a service manager, notifications

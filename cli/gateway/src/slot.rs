@@ -43,7 +43,7 @@ pub enum Phase {
 /// Public handles of a running machine.
 #[derive(Clone)]
 pub struct Live {
-    /// The published state.
+    /// Latest state of the machine, as served by dashboard and interfaces.
     pub published: Published,
     /// Listening address of the dashboard.
     pub address: SocketAddr,

@@ -43,7 +43,7 @@ pub enum Target {
         #[serde(default)]
         certificate: String,
     },
-    /// The centre of many machines.
+    /// The centre that manages many machines.
     Centre {
         /// Address of the centre's web interface.
         url: String,

@@ -49,7 +49,7 @@ pub(crate) struct CompensationArguments {
     /// Apply the correction of the machine file; implied by --truth and --resolution
     #[arg(long)]
     pub(crate) compensated: bool,
-    /// Machine file with the errors taken as real; without it a compensated result proves nothing about the machine
+    /// Machine file with the real errors; a compensated result proves nothing about the machine if this is not given
     #[arg(long, value_name = "MACHINE")]
     pub(crate) truth: Option<PathBuf>,
     /// Step of the control to which the correction is rounded: µm on linear, µrad on rotary axes

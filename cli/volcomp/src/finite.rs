@@ -11,7 +11,7 @@ pub(crate) fn first_not_finite(document: &impl Serialize) -> Option<String> {
     below(&Value::serialized(document).ok()?)
 }
 
-/// The failure of a result with such a number.
+/// The failure of a result that contains a number that is not finite, under this key.
 pub(crate) fn not_finite(key: &str) -> Failure {
     Failure::Input(format!(
         "the result `{key}` is not a finite number: check the numbers in the input files, which are too large or do not determine it"

@@ -244,7 +244,7 @@ impl SpindleArguments {
             }
             if temperatures.insert(name.to_owned(), degc).is_some() {
                 return Err(Failure::Input(format!(
-                    "--temperature: sensor `{name}` stands twice"
+                    "--temperature: sensor `{name}` appears twice"
                 )));
             }
         }
@@ -359,7 +359,7 @@ impl ApproachArguments {
             let index = machine.index_of(axis("--approach", name)?)?;
             if directions.iter().any(|&(other, _)| other == index) {
                 return Err(Failure::Input(format!(
-                    "--approach: axis {name} stands twice"
+                    "--approach: axis {name} appears twice"
                 )));
             }
             directions.push((index, direction));
@@ -390,7 +390,7 @@ pub(crate) fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
     for (letter, value) in assignments("--at", text, AXES, "X=100")? {
         let name = axis("--at", letter)?;
         if coordinates.iter().any(|&(other, _)| other == name) {
-            return Err(Failure::Input(format!("--at: axis {name} stands twice")));
+            return Err(Failure::Input(format!("--at: axis {name} appears twice")));
         }
         coordinates.push((
             name,
@@ -398,7 +398,7 @@ pub(crate) fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
         ));
     }
     if coordinates.is_empty() {
-        let message = "--at: found no axis, expected X=100 for each axis that does not stand at 0";
+        let message = "--at: found no axis, expected X=100 for each axis that is not at 0";
         return Err(Failure::Input(message.to_owned()));
     }
     Ok(coordinates)
@@ -614,7 +614,7 @@ fn coordinates(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Col
     for (place, &(name, column, text)) in found.iter().enumerate() {
         if let Some((_, _, first)) = found[..place].iter().find(|(axis, _, _)| *axis == name) {
             return Err(table.header_error(if *first == text {
-                format!("column `{text}` stands twice")
+                format!("column `{text}` appears twice")
             } else {
                 format!(
                     "found columns `{first}` and `{text}`, expected one with positions of {name}"

@@ -57,11 +57,13 @@ pub enum AnswerError {
 /// Order in which answers are applied: the keys of a measurement follow from its error, and then from its unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Turn {
-    /// The error of a measurement.
+    /// Answers that state the error of a measurement; applied first, because they determine its
+    /// other keys.
     Error,
-    /// The unit of the readings.
+    /// Answers that state the unit of the readings; applied second, because an angular unit adds
+    /// keys.
     Unit,
-    /// A key on which no other key depends.
+    /// All other answers; no key depends on them.
     Other,
 }
 
@@ -69,7 +71,7 @@ impl Turn {
     /// All turns, in the order in which answers are applied.
     pub const ALL: [Self; 3] = [Self::Error, Self::Unit, Self::Other];
 
-    /// Turn of the answer to this key.
+    /// The turn in which an answer to this key is applied.
     pub fn of(key: &str) -> Self {
         match key {
             "error" => Self::Error,

@@ -82,7 +82,7 @@ pub enum CalibrateError {
 }
 
 impl From<IdentifyError> for CalibrateError {
-    /// Errors in a file get the same variants from both readers.
+    /// Maps errors in a file to the variants that this crate's own reader uses.
     fn from(error: IdentifyError) -> Self {
         match error {
             IdentifyError::Read(error) => Self::Read(error),

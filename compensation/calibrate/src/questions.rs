@@ -50,7 +50,7 @@ pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
             "were the readings taken against the commanded pose (true) or against the axis itself (false)?"
         }
         ("reference_angle_urad", None) => {
-            "by how much is the angle between the plus directions of the two references, the sides of the square or the two beams, more than 90°, µrad? 0 for a perfect square, else what its certificate says; or state `value_urad`, the squareness itself, in its place."
+            "by how much is the angle between the plus directions of the two references, the sides of the square or the two beams, more than 90°, µrad? 0 for a perfect square, else the value in its certificate; or state `value_urad`, the squareness itself, in its place."
         }
         _ => "which value is it?",
     }
@@ -90,9 +90,9 @@ pub(crate) fn refuse_open(root: &Section<'_>) -> Result<(), InputError> {
 fn collect(section: &Section<'_>, open: &mut Vec<InputError>) {
     let is_open = |value: &Value<'_>| value.text().is_ok_and(|text| text == OPEN);
     let mut ask = |value: &Value<'_>, key: &str, inner: Option<&str>| {
-        let asked = question(key, inner);
+        let question = question(key, inner);
         open.push(value.error(format!(
-            "open question: {asked} State it in place of \"{OPEN}\""
+            "open question: {question} State it in place of \"{OPEN}\""
         )));
     };
     for (key, value) in section.values() {

@@ -92,7 +92,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         for found in decode_squareness(&section, &machine, reference_axes, folder, &mut diagonals)?
         {
             if squareness.iter().any(|other| other.error == found.error) {
-                return Err(item.error(format!("{} stands twice", found.error)).into());
+                return Err(item.error(format!("{} appears twice", found.error)).into());
             }
             squareness.push(found);
         }

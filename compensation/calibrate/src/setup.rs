@@ -175,7 +175,7 @@ pub(crate) fn decode_errors(
         let error = machine.decode_error(name)?;
         check(name, error)?;
         if errors.contains(&error) {
-            return Err(name.error(format!("{error} stands twice")));
+            return Err(name.error(format!("{error} appears twice")));
         }
         errors.push(error);
     }

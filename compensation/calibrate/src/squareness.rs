@@ -3,8 +3,8 @@
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
 
-/// Sets a squareness, which is the difference of the tilts of its two axes about the third. Reference axes have no
-/// tilt: of the pair, the primary one, else the secondary one.
+/// Sets a squareness as the tilt of one axis of its pair. The tilt of the other axis is zero: that of the primary
+/// reference axis if it is in the pair, else that of the secondary one.
 pub(crate) fn set_square(
     machine: &mut Machine,
     reference_axes: [AxisName; 2],
@@ -22,7 +22,8 @@ pub(crate) fn set_square(
     Ok(())
 }
 
-/// Tilt that states a squareness on a machine with these reference axes, and its sign there.
+/// The tilt by which a machine with these reference axes states a squareness, and its sign relative
+/// to the squareness.
 pub(crate) fn tilt_of(squareness: ErrorName, reference_axes: [AxisName; 2]) -> (ErrorName, f64) {
     if reference_of(reference_axes, squareness) == partner_of(squareness) {
         (squareness, 1.0)

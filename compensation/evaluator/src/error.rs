@@ -17,7 +17,8 @@ pub enum EvaluatorError {
     TooLarge {
         curve: String,
         tolerance_nm: f64,
-        /// A tolerance with which the machine fits, nm and nrad; `None` if there are too many breakpoints for any.
+        /// A tolerance, nm and nrad, with which all curves of the axis stay within 1 MiB; `None` if no
+        /// tolerance up to 10⁹ times the requested one suffices.
         fitting_nm: Option<f64>,
     },
     #[error(

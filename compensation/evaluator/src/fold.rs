@@ -19,7 +19,7 @@ pub(crate) struct Folded {
     /// Constant error between the workpiece and the first joint, if that joint has its errors on its far side.
     pub(crate) workpiece_end: ErrorMotion,
     pub(crate) constant: PerAxis<ErrorMotion>,
-    /// Slope added to the table of a linear axis: displacement per mm of its coordinate.
+    /// Slope added to the table of a linear axis: displacement, mm, per mm of its coordinate.
     pub(crate) slide: PerAxis<Vector3<f64>>,
 }
 

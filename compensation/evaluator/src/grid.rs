@@ -91,7 +91,8 @@ impl CompiledMachine {
     }
 }
 
-/// The row of the innermost axis, padded to whole blocks.
+/// Contributions of the innermost axis at all its nodes, and the nodes, mm, one per number; both
+/// padded with zeros to whole blocks.
 fn row(adds: &[Vec<[f64; NODE]>], grid: &[(usize, &Vec<f64>)]) -> (Vec<f64>, Vec<f64>) {
     let (Some(adds), Some((_, nodes))) = (adds.last(), grid.last()) else {
         return (Vec::new(), Vec::new());

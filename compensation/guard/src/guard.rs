@@ -424,8 +424,8 @@ impl Guard {
         }
     }
 
-    /// Updates the accepted corrections. One exceeds its limit only while the correction returns to it, after the limit was lowered or the operator
-    /// acknowledged the excess.
+    /// Updates the range of accepted corrections. It exceeds the limit of an axis only while the correction returns to
+    /// the limit, after the limit was lowered or the operator acknowledged the excess.
     fn allow(&mut self, inputs: &Inputs, before: State) {
         let Some(present) = self.largest_present() else {
             return;

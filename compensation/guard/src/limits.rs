@@ -52,7 +52,7 @@ pub const MOST_READ_BACK_CYCLES: usize = 32;
 /// Minimum number of cycles of a ramp: a shorter one would be a step.
 pub const FEWEST_RAMP_CYCLES: u32 = 20;
 
-/// A number within the limits.
+/// The kind of number that a [`LimitsError`] is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// Smallest step of an axis, mm or rad.

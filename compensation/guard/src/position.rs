@@ -39,11 +39,11 @@ struct AcceptedPosition {
 /// How the axis came to the last rejected position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Way {
-    /// It has moved there: out of its range.
+    /// The axis has moved there, and is outside its range.
     Moved,
-    /// It cannot have moved there, by one reading: perhaps only that one is wrong.
+    /// The axis cannot have moved there, according to a single reading, which may itself be wrong.
     Jumped,
-    /// Positions were read on the way from a jump: the axis is believed to be elsewhere.
+    /// Further readings follow from the jump by motion: the axis is believed to be elsewhere.
     Elsewhere,
 }
 
@@ -51,11 +51,11 @@ enum Way {
 struct RejectedPosition {
     /// Time of the first rejection.
     since: Duration,
-    /// Last position on the way, mm or rad.
+    /// Last of the rejected positions that follow from each other, mm or rad.
     position: f64,
     taken: Duration,
     way: Way,
-    /// The last reading, if the way does not lead to it: position, mm or rad, and time.
+    /// The last reading, if it cannot follow from `position`: position, mm or rad, and time.
     stray: Option<(f64, Duration)>,
 }
 
@@ -145,8 +145,8 @@ impl PositionCheck {
         });
     }
 
-    /// Whether the way of the rejected positions excludes a position that is within reach of the
-    /// accepted one: a jump that goes on, or an axis that cannot have come back yet.
+    /// Whether the rejected positions rule out a position that is within reach of
+    /// the accepted one: the jump continues, or the axis cannot have returned yet.
     fn refutes(&self, limits: &PositionLimits, position: f64, taken: Duration) -> bool {
         self.rejected.is_some_and(|before| {
             let leads = leads_to(limits, (before.position, before.taken), (position, taken));

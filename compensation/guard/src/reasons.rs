@@ -109,7 +109,8 @@ reasons! {
     POSITIONS_STALE = forbids, "positions stale";
     /// The applied correction has not been confirmed for too long.
     UNCONFIRMED = forbids, "applied correction not confirmed";
-    /// The controller's applied correction is not the written one: ramping from there.
+    /// The controller applies another correction than the written one; the output ramps from the
+    /// applied one.
     READ_BACK = informs, "controller's correction changed";
     /// A correction is applied while disarmed.
     CORRECTION_LEFT = informs, "a correction is applied";
@@ -139,7 +140,7 @@ reasons! {
     /// omitted.
     LINEAR_NEAR_SINGULAR = informs, "linear axes nearly in one direction";
     /// Positions are so old for the speed of the axes that the correction is reduced or suspended.
-    LET_GO = informs, "positions too old for the speed: a part of the correction let go";
+    REDUCED_BY_AGE = informs, "correction reduced: positions too old for the speed";
     /// It is not proven for every axis whether positions contain the correction.
     NOT_PROVEN = informs, "not proven what positions contain";
     /// A controller path other than the first is active.

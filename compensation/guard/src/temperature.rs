@@ -142,9 +142,11 @@ const STEP_K: f64 = 0.5 + 1e-9;
 /// Largest change of a temperature, K, while its sensor was silent beyond the maximum age for less
 /// than half an hour.
 const UNSEEN_MINUTES_K: f64 = 10.0;
-/// Largest such change per minute of a longer silence: 20 K in an hour.
+/// Largest change of a temperature per minute while its sensor was silent for longer: 20 K in an
+/// hour.
 const UNSEEN_K_PER_MIN: f64 = 20.0 / 60.0;
-/// Largest such change in any time, K: the overnight cooling of a machine.
+/// Largest change of a temperature during any silence of its sensor, K: the overnight cooling of a
+/// machine.
 const UNSEEN_NIGHT_K: f64 = 20.0;
 
 #[derive(Clone, Copy, Debug)]
@@ -342,9 +344,9 @@ struct BeforeJump {
     /// Index of the sensor.
     pub own: usize,
     pub degc: f64,
-    /// Time at which that temperature was measured.
+    /// Time at which the temperature was measured.
     pub taken: Duration,
-    /// The temperatures of all sensors at that time, °C; NaN for rejected ones.
+    /// Temperatures of all sensors at the time of the measurement, °C; NaN for rejected ones.
     pub neighbours: [f64; MAX_SENSORS],
 }
 

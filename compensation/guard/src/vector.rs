@@ -116,7 +116,8 @@ impl Vector {
         self.motion = Motion::Begins;
     }
 
-    /// Whether the ramp has yet to start: in the next cycle with `follow`, or once the present motion has come to rest.
+    /// Whether a requested ramp has not started yet. It starts in the next cycle with `follow`, after any present
+    /// motion has come to rest.
     pub fn is_to_begin(&self) -> bool {
         self.motion == Motion::Begins
     }

@@ -246,7 +246,7 @@ impl Products {
         own.order(first) + self.modes.order(second)
     }
 
-    /// Label of a product; it follows the name of the error in the name of the coefficient.
+    /// Label of a product in the name of its coefficient, after the name of the error.
     pub(crate) fn label(&self, own: &Modes, place: usize) -> String {
         let (first, second) = self.pairs[place];
         let of_second = self.modes.label(second);

@@ -57,7 +57,8 @@ pub struct Identification {
     /// Unknowns left at zero by convention: constants of curves and slopes of straightnesses that are equivalent to location
     /// errors, other constants or the set-up.
     pub redundant: Vec<String>,
-    /// Every combination without effect: names and weights, the unknown left at zero first.
+    /// Every combination of unknowns that does not affect the observations, as names and weights;
+    /// the unknown left at zero is first.
     #[cfg_attr(feature = "serde", serde(serialize_with = "as_maps"))]
     #[cfg_attr(
         feature = "schema",

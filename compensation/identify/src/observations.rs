@@ -254,7 +254,7 @@ impl Row {
 pub enum RowReading {
     /// Position of the target on the tool, mm in the frame of the tracker.
     Point {
-        /// Index of the frame.
+        /// Index of the frame of the tracker.
         frame: usize,
         /// Index of the point with the target's offset, mm in tool axes at machine zero; `None`: the target is the tip.
         target: Option<usize>,
@@ -270,7 +270,7 @@ pub enum RowReading {
     },
     /// Distance of the tip from a point.
     Distance {
-        /// Index of the point.
+        /// Index of the point from which the distance is measured.
         point: usize,
         /// Index of the dead length, which is added to the reading.
         dead: usize,

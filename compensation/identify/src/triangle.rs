@@ -92,7 +92,7 @@ mod tests {
         }
     }
 
-    /// Of nearly dependent columns the normal equations would lose all digits.
+    /// The normal equations of nearly dependent columns would lose all digits.
     #[test]
     fn the_triangle_is_that_of_householder_reflections() {
         for share in [1.0, 1e-4, 1e-8] {

@@ -57,7 +57,7 @@ pub struct Worst {
     pub value: f64,
     /// The pose, mm and deg.
     pub at: Vec<(AxisName, f64)>,
-    /// The name of the tool, as in its field.
+    /// Tool with which it occurs, [`ErrorField::tool`].
     pub tool: String,
 }
 

@@ -19,8 +19,8 @@ use crate::{
     modal::{Code, Modal},
     notes::Note,
     number::{Number, plain},
-    rewrite::{AppliedCorrection, Computed, MAX_LINE_BYTES, Rewriter},
-    straight::{AxisWay, OriginalWord},
+    rewrite::{AppliedCorrection, ComputedValues, MAX_LINE_BYTES, Rewriter},
+    straight::{AxisWay, OutputWord},
 };
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -336,7 +336,7 @@ impl Interpreter {
 impl Rewriter {
     fn allows_fast_path(&self) -> bool {
         self.applied_correction == AppliedCorrection::Current
-            && self.computed == Computed::Kept
+            && self.computed == ComputedValues::Kept
             && self.carried_at_initial.is_none()
             && !self.switches_radius
             && self.interpreter.allows_fast_path()
@@ -442,7 +442,7 @@ impl Rewriter {
                         incremental,
                         manner: Manner::Modal,
                         keeps: false,
-                        written: is_named.then(|| OriginalWord {
+                        written: is_named.then(|| OutputWord {
                             decimals: line.words[axis].decimals,
                             anew: false,
                         }),
@@ -490,7 +490,8 @@ impl Rewriter {
         Some(())
     }
 
-    /// Furthest position of each axis after a motion on which none reverses; `None` for the general path.
+    /// Furthest position of each axis after a motion on which no axis reverses. `None` if the motion must take the
+    /// general path.
     fn furthest_after(
         &mut self,
         code: Code,

@@ -377,7 +377,7 @@ impl Reader<'_, '_> {
         match found.filter(|_| names_axes) {
             Some(name) => Err(self.scanner.column().not_followed(
                 name,
-                "it acts at the end of its block: write it in a block of its own after the motion",
+                "it acts at the end of its block: write it in a separate block after the motion",
             )),
             None => Ok(()),
         }

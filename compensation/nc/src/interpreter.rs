@@ -30,7 +30,7 @@ pub(crate) struct Outcome {
     pub(crate) row: Vec<Move>,
     /// Indices of the axis words that define the current position (G92, G10 L20).
     pub(crate) presets: Option<Axes<Option<usize>>>,
-    /// The work offset that `presets` set (G10 L20), if not the active one: the words are in its coordinates.
+    /// The work offset in whose coordinates the words of `presets` are (G10 L20), if it is not the active one.
     pub(crate) preset_system: Option<usize>,
     pub(crate) ends: bool,
     pub(crate) calls: Option<Code>,

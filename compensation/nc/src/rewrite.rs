@@ -79,7 +79,7 @@ pub(crate) struct Rewriter {
     /// The output is in Cartesian mode (G15) where the program has polar coordinates (G16).
     pub(crate) polar_is_off: bool,
     pub(crate) comma: bool,
-    pub(crate) computed: Computed,
+    pub(crate) computed: ComputedValues,
     pub(crate) folders: Arc<[PathBuf]>,
     more: &'static [u8],
     pub(crate) counts: Counts,
@@ -168,15 +168,17 @@ pub(crate) enum AppliedCorrection {
 /// Maximum number of additional decimals of words that define the current position.
 const FINER: u8 = 3;
 
+/// Treatment of words whose values the program computes, in the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Computed {
+pub(crate) enum ComputedValues {
+    /// Expressions and variables stay as they are in the program.
     Kept,
     /// Values that depend on the return value of a subroutine are written as numbers, because its
     /// call is unrolled.
-    ReturnedWritten,
+    ReturnedAsNumbers,
     /// All values are written as numbers, because the lines that compute them are not executed in
     /// this order.
-    OriginalWord,
+    AllAsNumbers,
 }
 
 /// Rounding of the numbers of the parts of a line.
@@ -224,7 +226,7 @@ impl Rewriter {
             pole: None,
             polar_is_off: false,
             comma: false,
-            computed: Computed::Kept,
+            computed: ComputedValues::Kept,
             folders: setup.folders.as_slice().into(),
             more: b"\n",
             counts: Counts::default(),
@@ -259,8 +261,8 @@ impl Rewriter {
         let (begins, added) = (out.len(), self.counts.added);
         let ends = match read_block(dialect, &mut block, text, number, &self.interpreter) {
             Ok(reads) => {
-                let reads_correction =
-                    self.carries(&reads.axes) || self.computed != Computed::Kept && reads.returned;
+                let reads_correction = self.carries(&reads.axes)
+                    || self.computed != ComputedValues::Kept && reads.returned;
                 self.comma = block.comma.unwrap_or(self.comma);
                 let points = &mut self.interpreter.points;
                 points.last_in_increments = block.last_in_increments.or(points.last_in_increments);
@@ -342,7 +344,7 @@ impl Rewriter {
         }
         (self.extrusion, self.extruded) = (outcome.extrusion, 0.0);
         self.edits.clear();
-        if self.computed == Computed::OriginalWord || reads_correction {
+        if self.computed == ComputedValues::AllAsNumbers || reads_correction {
             self.write_values(line.block, reads_correction);
         }
         let length = out.len();
@@ -631,7 +633,7 @@ impl Rewriter {
                 .extend(number.map(|number| (place, number)));
         }
         let in_sub =
-            self.computed == Computed::OriginalWord && self.interpreter.parameters.in_sub();
+            self.computed == ComputedValues::AllAsNumbers && self.interpreter.parameters.in_sub();
         if !in_sub && !also_set {
             return;
         }

@@ -10,7 +10,7 @@ use crate::{
     flow::{Flow, Keyword, Listing, Loops, Next, Statement, o_line, program_line},
     line::{end_of_more, write_comment},
     parameters::{HAS_RETURNED, RETURNED, Value},
-    rewrite::{Computed, Rewriter},
+    rewrite::{ComputedValues, Rewriter},
 };
 
 const MAX_CALL_DEPTH: usize = 100;
@@ -46,7 +46,7 @@ pub(crate) fn run(
     let (after, ends) = Run::new(rewriter, lines, &flow, most).move_to(&mut recorded)?;
     if recorded.conflicts.contains(&true) {
         // An unrolled call returns no value to the control, so values that depend on it are written as numbers.
-        before.computed = Computed::ReturnedWritten;
+        before.computed = ComputedValues::ReturnedAsNumbers;
         recorded = Replacements::new(lines);
         Run::new(before.clone(), lines, &flow, most).move_to(&mut recorded)?;
     } else {
@@ -55,7 +55,7 @@ pub(crate) fn run(
     }
     // Last run: unroll the calls and loops that execute a line with a conflict.
     let mut unrolled = Run::new(before, lines, &flow, most);
-    unrolled.rewriter.computed = Computed::OriginalWord;
+    unrolled.rewriter.computed = ComputedValues::AllAsNumbers;
     unrolled.loops.some_are_written_out = true;
     let mut written = UnrollingWriter::new(&flow, &recorded, output);
     let (after, ends) = unrolled.move_to(&mut written)?;
@@ -343,7 +343,7 @@ impl<'r, 't> Run<'r, 't> {
             values.extend(read.map(|(value, _)| value));
         }
         let reads = expressions.reads.get();
-        if self.rewriter.computed != Computed::Kept && reads.returned {
+        if self.rewriter.computed != ComputedValues::Kept && reads.returned {
             return Err(NcError::not_compensated(
                 0,
                 "#<_value> is read here, but the call that returned it is corrected differently on each execution",

@@ -92,20 +92,21 @@ pub(crate) enum WriteRule {
 pub(crate) struct AxisWay {
     pub(crate) from: f64,
     pub(crate) to: f64,
-    /// Correction required at the end.
+    /// Correction required at the end of the motion, mm or deg.
     pub(crate) delta: f64,
-    /// Correction applied at the start.
+    /// Correction applied at the start of the motion, mm or deg.
     pub(crate) carried: f64,
     pub(crate) incremental: bool,
     pub(crate) manner: Manner,
     pub(crate) keeps: bool,
-    pub(crate) written: Option<OriginalWord>,
+    pub(crate) written: Option<OutputWord>,
     pub(crate) numerals: Numerals,
 }
 
+/// Requirements for the word of an axis in the output.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct OriginalWord {
-    /// Decimals of a plain number.
+pub(crate) struct OutputWord {
+    /// Decimals of the number in the program; 0 if the program has no word for the axis.
     pub(crate) decimals: u8,
     /// The word is written even if nothing changes, because the motion is split.
     pub(crate) anew: bool,
@@ -676,9 +677,10 @@ impl Rewriter {
         numbers
     }
 
-    /// Creates the words that apply the correction at a position (given in machine and in program
-    /// coordinates), `rounded` or exact. `numbers` is called for each range of axes; it creates
-    /// their words and updates `carried`. Returns the required correction, in program coordinates.
+    /// Creates the words that apply the correction at a position, which is given in machine and in
+    /// program coordinates. The correction is `rounded` if given, else exact. `numbers` is called for
+    /// each range of axes, creates their words and updates `carried`. Returns the required
+    /// correction, in program coordinates.
     #[inline]
     pub(crate) fn words_at(
         &mut self,
@@ -721,11 +723,11 @@ impl Rewriter {
             }
             let written = match word {
                 _ if writes == WriteRule::IfMoves => None,
-                Some(word) => Some(OriginalWord {
+                Some(word) => Some(OutputWord {
                     decimals: word.decimals.unwrap_or(0),
                     anew: writes != WriteRule::IfChanged,
                 }),
-                None => (writes == WriteRule::Always).then_some(OriginalWord {
+                None => (writes == WriteRule::Always).then_some(OutputWord {
                     decimals: 0,
                     anew: true,
                 }),

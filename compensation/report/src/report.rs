@@ -656,7 +656,7 @@ pub struct Left {
     pub rms_um: f64,
     /// Maximum, µm.
     pub max_um: f64,
-    /// Number of rows.
+    /// Number of rows with these residuals.
     pub rows: usize,
 }
 
@@ -665,14 +665,14 @@ pub struct Left {
 pub struct Weighted {
     /// Name of the unknown.
     pub name: String,
-    /// Weight in the combination.
+    /// Weight of the unknown in the combination.
     pub weight: f64,
 }
 
 /// One unknown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
-    /// Name of the unknown.
+    /// Name of the unknown, such as `ECZ legendre 1`.
     pub name: String,
     /// Value in `unit`.
     pub value: f64,

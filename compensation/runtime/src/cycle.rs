@@ -710,7 +710,7 @@ impl Cycle {
         let unproven = (0..path.count()).any(unproven);
         if !self.guard.state().is_armed() || place.oldest.is_none_or(lost) {
             // There is no correction to reduce.
-            notes = notes.without(Reasons::LET_GO);
+            notes = notes.without(Reasons::REDUCED_BY_AGE);
         }
         output.reasons |= notes | path.notes | Reasons::NOT_PROVEN.when(unproven);
         output

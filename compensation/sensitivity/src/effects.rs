@@ -28,7 +28,8 @@ pub struct Effect {
     pub orientation_rms_urad: f64,
     /// Largest rotation of the tool, µrad.
     pub orientation_max_urad: f64,
-    /// Share of the error in the mean square displacement if all errors are independent.
+    /// Fraction of the mean square displacement that this error causes if all errors are
+    /// independent.
     pub share: f64,
 }
 

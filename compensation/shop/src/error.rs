@@ -126,17 +126,17 @@ pub enum ObservationError {
     Count {
         /// Plural noun of the counted things: poses, marks or diagonals.
         what: &'static str,
-        /// Number of these things.
+        /// Number of poses, marks or diagonals that was found.
         found: usize,
-        /// Minimum number.
+        /// Minimum number of poses, marks or diagonals.
         least: usize,
-        /// Maximum number.
+        /// Maximum number of poses, marks or diagonals.
         most: usize,
     },
     /// The diagonal does not exist (only possible when built in code).
     #[error("found the diagonal {name:?}, expected one of PPP, NPP, PNP, PPN")]
     NoDiagonal {
-        /// The unknown name.
+        /// The rejected name.
         name: String,
     },
     /// A direction has zero length.
@@ -151,9 +151,9 @@ pub enum InstrumentError {
     /// Too few or too many targets.
     #[error("found {found} targets, expected 2 to {most}")]
     Targets {
-        /// Number of targets of the instrument.
+        /// Number of targets that the instrument would measure on a line.
         found: usize,
-        /// Maximum number of targets.
+        /// Maximum number of targets on a line.
         most: usize,
     },
     /// The number of runs is zero.

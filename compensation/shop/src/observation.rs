@@ -58,7 +58,7 @@ pub enum Setting {
     StepGauge(Bar),
     /// A ball bar whose balls are probed in order.
     BallRow {
-        /// The bar with the balls.
+        /// The bar; its marks are the balls.
         bar: Bar,
         /// The recorded quantity.
         reads: Reads,

@@ -77,7 +77,7 @@ pub(crate) fn read_plan(
     }
     if spheres > 1 && sphere.is_none() {
         return Err(table.header_error(format!(
-            "found no column `sphere`, expected one that says which of the {spheres} spheres each row is at: S1 to S{spheres}"
+            "found no column `sphere`, expected one with the sphere of each row: S1 to S{spheres}"
         )));
     }
     // The linear axes follow to a sphere if the plan commands none of them.
@@ -89,7 +89,7 @@ pub(crate) fn read_plan(
             || (follow && !name.is_rotary());
         if !is_said && let Err(message) = axis.check_coordinate(0.0) {
             return Err(table.header_error(format!(
-                "found no column of {name}, which then stands at 0: {message}"
+                "found no column of {name}, which is then at 0: {message}"
             )));
         }
     }

@@ -102,7 +102,7 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
         let error = truth.decode_error(&value)?;
         squareness_parts(error).map_err(|e| value.error(e.to_string()))?;
         if squareness.iter().any(|(other, _)| *other == error) {
-            return Err(value.error(format!("{error} stands twice")));
+            return Err(value.error(format!("{error} appears twice")));
         }
         let angle = section.get("reference_angle_urad");
         let angle = angle.map_or(Ok(0.0), |value| value.number())?;
@@ -146,7 +146,7 @@ fn decode_location(
             )));
         }
         if locations.iter().any(|other| other.error == error) {
-            return Err(section.error(format!("{error} stands in two [[location]] tables")));
+            return Err(section.error(format!("{error} appears in two [[location]] tables")));
         }
         let (own, other) = match error.component.kind() {
             AxisKind::Linear => ("noise_um", "noise_urad"),
@@ -225,7 +225,7 @@ fn decode_measurement(
     for value in &named {
         let error = decode_motion(value, truth)?;
         if errors.contains(&error) {
-            return Err(value.error(format!("{error} stands twice")));
+            return Err(value.error(format!("{error} appears twice")));
         }
         errors.push(error);
         let name = match section.get("file") {

@@ -281,7 +281,7 @@ fn diagonals(section: &Section<'_>, truth: &Machine) -> Result<Vec<String>, Inpu
     for item in value.items()? {
         let name = item.one_of(&BODY_DIAGONALS.map(|name| (name, name)))?;
         if names.iter().any(|other| other == name) {
-            return Err(item.error(format!("{name} stands twice")));
+            return Err(item.error(format!("{name} appears twice")));
         }
         names.push(name.to_owned());
     }
@@ -338,7 +338,7 @@ fn tools(section: &Section<'_>, truth: &Machine) -> Result<Vec<String>, InputErr
             )));
         }
         if tools.iter().any(|other| other == tool) {
-            return Err(item.error(format!("tool {tool} stands twice")));
+            return Err(item.error(format!("tool {tool} appears twice")));
         }
         tools.push(tool.to_owned());
     }

@@ -190,7 +190,7 @@ const SQUARENESSES: [(Component, AxisName); 3] = [
 ];
 
 impl Worn {
-    /// Adds to the mean of an error, and to its reversal value.
+    /// Adds `more(position)` to the mean of an error of the new machine, and `reversal` to its reversal value.
     fn add(
         &mut self,
         name: ErrorName,

@@ -211,7 +211,8 @@ impl MachineMap {
     }
 }
 
-/// Chain indices of the linear axes that move in a correction by linear axes.
+/// Chain indices of the linear axes that correct if rotary axes do not, in the order of the outputs
+/// of the map.
 fn correcting_axes(machine: &Machine) -> Vec<usize> {
     let names: Vec<AxisName> = match machine.correct() {
         Some(names) => names.to_vec(),

@@ -46,7 +46,7 @@ pub struct Message {
     pub(crate) checksum: Option<usize>,
 }
 
-/// All messages of a file.
+/// The messages of a DBC file.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SignalTable {

@@ -21,7 +21,7 @@ pub enum PositionCode {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PositionWord {
-    /// The number of lines of the word.
+    /// How many bits the word has, one per input or output line.
     pub bits: u32,
     /// The code of the bits.
     pub code: PositionCode,
@@ -48,7 +48,7 @@ pub enum CorrectionCode {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionWord {
-    /// The number of lines of the word.
+    /// How many bits the word has, one per input or output line.
     pub bits: u32,
     /// The code of the bits.
     pub code: CorrectionCode,
@@ -90,7 +90,7 @@ pub struct BeyondWord {
     pub travel: [Displacement; 2],
     /// The first and the last position in the range of the word.
     pub word: [Displacement; 2],
-    /// The number of lines of the word.
+    /// How many bits the word has, one per input or output line.
     pub bits: u32,
 }
 

@@ -15,9 +15,9 @@ use volcomp_port::Controller;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 const CYCLES: usize = 20_000;
-/// Cycles without `cargo bench`, where the bench is only started to see that it runs.
+/// Number of measured cycles in a run without `cargo bench`, which only shows that the bench works.
 const CYCLES_OF_A_TEST: usize = 200;
-/// Cycles before those that are measured.
+/// Number of cycles before the measured ones.
 const WARM_UP: usize = 1000;
 /// Bytes sent and received in the two exchanges of a cycle: positions, status, shifts, heartbeat, referenced; then shifts, heartbeat.
 const EXCHANGES: [(usize, usize); 2] = [(152, 370), (75, 44)];

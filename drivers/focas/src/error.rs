@@ -51,7 +51,7 @@ pub enum FocasError {
         if one.first == one.last { "lies within" } else { "overlap" }
     )]
     Overlap {
-        /// The other overlapping block.
+        /// The block named first in the message.
         one: Block,
         other: Block,
     },

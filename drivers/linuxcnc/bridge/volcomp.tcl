@@ -101,7 +101,7 @@ proc units {} {
     }
 }
 
-# A key that is written wrongly would leave its default in force.
+# A key that is written wrongly would leave its default active.
 proc known_keys {} {
     set known {MACHINE AXES READS PORT LISTEN STEP_NM STEP_UDEG LIMIT_UM LIMIT_MDEG RATE_UM_PER_S RATE_MDEG_PER_S HOLD_MS TIME_OUT_MS EPOCH_FILE KEY_FILE}
     foreach key [lsort [array names ::VOLCOMP]] {

@@ -27,7 +27,7 @@ pub enum DeviceError {
     Protocol(DeviceProblem),
 }
 
-/// The content of a [`DeviceError`].
+/// Which device failed, what was found, and what was expected; the same for every [`DeviceError`].
 #[derive(Clone, Debug)]
 pub struct DeviceProblem {
     /// The device as its URL or the configuration names it.

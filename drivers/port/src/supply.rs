@@ -24,7 +24,7 @@ pub struct Backoff {
 }
 
 impl Default for Backoff {
-    /// 100 ms to 10 s.
+    /// First delay 100 ms, maximum 10 s.
     fn default() -> Self {
         Self {
             first: Duration::from_millis(100),

@@ -30,7 +30,7 @@ impl Default for BandOptions {
     }
 }
 
-/// Resampled quantities of a band.
+/// What the band's width was estimated from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(
@@ -39,9 +39,9 @@ impl Default for BandOptions {
     serde(rename_all = "snake_case")
 )]
 pub enum BandSource {
-    /// Whole runs, if there are several; the scatter of their readings if some runs lack targets.
+    /// Differences between whole runs; if some runs lack targets, the scatter of their readings.
     Runs,
-    /// The residuals of a single run, which do not show differences between runs.
+    /// Residuals of the only run; differences between runs are not included.
     Residuals,
 }
 
@@ -123,11 +123,11 @@ pub struct MeanScatter {
     /// Independent shifts of the means by the common part of each run, its offset or its line. The
     /// sum of their squares is the variance.
     pub of_runs: Vec<Vec<f64>>,
-    /// Degrees of freedom of these shifts.
+    /// Degrees of freedom of `of_runs`.
     pub run_freedom: f64,
     /// Samples of the shifts of the means by the scatter of the readings.
     pub samples: Vec<Vec<f64>>,
-    /// Degrees of freedom of this scatter.
+    /// Degrees of freedom of the scatter of the readings.
     pub freedom: f64,
 }
 
@@ -361,8 +361,8 @@ impl Whole {
         Ok(variances.map(half_width).collect())
     }
 
-    /// Mean square errors beyond the noise of the mean readings: of the shape at the targets, and
-    /// at left-out targets.
+    /// Mean square error of the curve that the noise of the mean readings does not explain: at the
+    /// targets of the fit, and at left-out targets.
     fn wrong(&self, noise: f64) -> [f64; 2] {
         let count = self.targets.len() as f64;
         let residuals = self.targets.iter().map(|t| t.mean - self.curve.value(t.x));

@@ -39,7 +39,7 @@ pub(crate) struct Candidate {
     pub(crate) largest_residual: f64,
     /// Sum of squared residuals, each weighted by the number of readings.
     pub(crate) squares: f64,
-    /// Degrees of freedom of that sum.
+    /// Degrees of freedom of `squares`.
     pub(crate) freedom: f64,
     /// Diagonal of the hat matrix for the targets of the first set.
     pub(crate) leverages: Vec<f64>,

@@ -30,7 +30,7 @@ pub(crate) fn one_column<'t>(
         .filter_map(|(column, head)| Some((column, unit(head)?)));
     let first = named.next();
     if named.next().is_some() {
-        let message = format!("column `{name}` stands twice");
+        let message = format!("column `{name}` appears twice");
         return Err(table.header_error(message).into());
     }
     Ok(first)

@@ -4,11 +4,11 @@
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum FileFormat {
-    /// Renishaw `.rtl`.
+    /// Renishaw laser, linear optics (`.rtl`).
     RenishawLinear,
-    /// Renishaw `.rta`.
+    /// Renishaw laser, angular optics (`.rta`).
     RenishawAngular,
-    /// Renishaw `.rts`.
+    /// Renishaw laser, straightness optics (`.rts`).
     RenishawStraightness,
     /// Renishaw `.REN`: an export of compensation values.
     RenishawExport,

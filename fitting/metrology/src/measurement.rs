@@ -18,15 +18,16 @@ pub struct Reading {
     pub deviation: f64,
 }
 
-/// Header texts of a file about itself and the machine; `None` if missing or blank.
+/// Header of a measurement file: what it states about itself, the machine and the test. Texts that
+/// are missing or blank are omitted.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Metadata {
-    /// File type of the header (`rtl`, `rta`, `rts`).
+    /// File type stated in the header: `rtl`, `rta` or `rts`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub format: Option<String>,
-    /// Owner: the program that wrote the file.
+    /// Program that wrote the file (Renishaw: `Owner`).
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub owner: Option<String>,
     /// Version number of the program or of the format.
@@ -35,27 +36,27 @@ pub struct Metadata {
     /// Name of the measured machine.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub machine: Option<String>,
-    /// The serial number of the machine.
+    /// Serial number of the machine.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub serial: Option<String>,
-    /// The date of the test, as written.
+    /// Date of the test, as written in the file.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub date: Option<String>,
     /// The person who measured.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub by: Option<String>,
-    /// The axis that was measured.
+    /// Measured axis, as written in the file.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub axis: Option<String>,
     /// Location of the machine or of the measured line.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub location: Option<String>,
-    /// The title of the test.
+    /// Title of the test.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub title: Option<String>,
 }
 
-/// A quantity at the start and at the end of the test.
+/// One environmental quantity, at the start and at the end of the test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -64,7 +65,7 @@ pub struct StartEnd {
     pub start: f64,
     /// Value at the end of the test, in the unit of the file.
     pub end: f64,
-    /// Unit code of the file, if stated.
+    /// Code of the unit in the file, if stated.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub unit_code: Option<i64>,
 }

@@ -23,7 +23,7 @@ pub(crate) struct Alignment {
     /// Lines of the passes of each direction; `None` if the plain means are correct. If the means
     /// of one direction are not, the lines of both are stored for the scatter of the runs.
     pub(crate) lines: [Option<Vec<ReferenceLine>>; 2],
-    /// Weight of each run in the mean line, which the means keep. It is 0 for a run made in one
+    /// Weight of each run in the mean line that is left in the means. It is 0 for a run made in one
     /// direction, if any run was made in both.
     pub(crate) weights: [Vec<f64>; 2],
     /// Alignment that was removed: offsets if the slopes cannot be determined.
@@ -191,7 +191,7 @@ pub(crate) fn alignment_notes(readings: &[Reading]) -> Vec<String> {
     notes
 }
 
-/// Scatter of readings.
+/// How far repeated readings of one target differ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunScatter {
     /// Standard deviation, µm or µrad.

@@ -193,8 +193,8 @@ pub fn parse_tolerances(text: &str, known: &[&str]) -> Result<Vec<Tolerance>, Me
     parse_tolerances_of(text, named, &format!("one of {}", known.join(", ")))
 }
 
-/// Parses tolerances whose symbols are not a short list. `named` returns the spelling of a symbol, or `None` for an unknown one; `expected` describes
-/// the admissible symbols in messages.
+/// Parses tolerances like [`parse_tolerances`], for symbols that cannot be listed, such as `EXX.A`. `named` returns the
+/// spelling of a symbol, or `None` for an unknown one; `expected` describes the admissible symbols in messages.
 ///
 /// # Errors
 /// Same as [`parse_tolerances`].

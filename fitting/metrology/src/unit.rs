@@ -39,24 +39,16 @@ impl std::fmt::Display for DeviationUnit {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[expect(missing_docs, reason = "the names are the units")]
 pub enum ReadingUnit {
-    /// Millimetres.
     Mm,
-    /// Micrometres.
     Um,
-    /// Nanometres.
     Nm,
-    /// Inches.
     Inch,
-    /// Degrees.
     Deg,
-    /// Arc seconds.
     Arcsec,
-    /// Radians.
     Rad,
-    /// Milliradians.
     Mrad,
-    /// Microradians.
     Urad,
 }
 
@@ -138,10 +130,9 @@ impl std::fmt::Display for ReadingUnit {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[expect(missing_docs, reason = "the names are the units")]
 pub enum TargetUnit {
-    /// Millimetres.
     Mm,
-    /// Degrees.
     Deg,
 }
 

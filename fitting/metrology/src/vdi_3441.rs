@@ -82,7 +82,7 @@ const QUANTITIES: [Quantity; 6] = [
 ];
 
 impl Vdi3441 {
-    /// Symbols of the quantities, in their order.
+    /// Symbols of the six quantities, in the order of [`Self::quantities`].
     pub fn symbols() -> [&'static str; 6] {
         QUANTITIES.map(|(symbol, ..)| symbol)
     }

@@ -149,7 +149,7 @@ impl CsvTable {
             .filter(|(_, found)| found.eq_ignore_ascii_case(name));
         let first = named.next().map(|(column, _)| column);
         match named.next() {
-            Some(_) => Err(self.header_error(format!("column `{name}` stands twice"))),
+            Some(_) => Err(self.header_error(format!("column `{name}` appears twice"))),
             None => Ok(first),
         }
     }

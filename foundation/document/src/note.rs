@@ -16,7 +16,7 @@ pub enum Severity {
 /// A note on a result: location, statement and recommendation. Its [`Display`] is one sentence, and so is its JSON.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
-    /// How serious the note is.
+    /// Whether the result could mislead, or is valid with an assumption.
     pub severity: Severity,
     /// File, `file:line` or name concerned; empty if the whole result is concerned.
     pub place: String,

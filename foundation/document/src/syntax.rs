@@ -30,7 +30,7 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     if parser.starts_with("duplicate key") {
         let key = code.split('=').next().unwrap_or_default().trim();
         return format!(
-            "the key `{}` stands twice, expected each key once",
+            "the key `{}` appears twice, expected each key once",
             shown(key)
         );
     }

@@ -97,13 +97,11 @@ impl Document {
         decode: impl FnOnce(Section<'_>) -> Result<T, E>,
     ) -> Result<T, E> {
         if self.text.len() > MOST_BYTES {
-            let message =
-                "found a file of more than 4 MiB, expected a TOML file of 4 MiB at the most";
+            let message = "found a file of more than 4 MiB, expected a TOML file of 4 MiB at most";
             return Err(self.error(0..0, String::new(), message).into());
         }
         if key_count(&self.text) > MOST_KEYS {
-            let message =
-                format!("found more than {MOST_KEYS} keys, expected {MOST_KEYS} at the most");
+            let message = format!("found more than {MOST_KEYS} keys, expected {MOST_KEYS} at most");
             return Err(self.error(0..0, String::new(), message).into());
         }
         let root = DeTable::parse(&self.text).map_err(|e| {

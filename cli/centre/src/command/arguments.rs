@@ -144,34 +144,34 @@ pub(super) struct AddMachine {
     /// Serial number of the machine tool, as configured in its gateway
     #[arg(long)]
     pub(super) serial: String,
-    /// A machine file with its structure and axes
+    /// Machine file with the structure and the axes of the machine
     #[arg(long, value_name = "FILE", visible_alias = "from")]
     pub(super) like: PathBuf,
-    /// The public nkey of its gateway
+    /// Public nkey of the machine's gateway
     #[arg(long, conflicts_with = "new_nkey")]
     pub(super) nkey: Option<String>,
-    /// Generate an nkey for its gateway, and write the seed to this new file
+    /// Generate an nkey for the machine's gateway, and write its seed to this new file
     #[arg(long, value_name = "FILE")]
     pub(super) new_nkey: Option<PathBuf>,
-    /// It is a canary: one of the first machines of a roll-out
+    /// Make the machine a canary, which receives each roll-out before the others
     #[arg(long)]
     pub(super) canary: bool,
-    /// It may not be corrected yet
+    /// Forbid the correction of the machine until `machine enable`
     #[arg(long)]
     pub(super) disabled: bool,
     /// Days after a calibration until the next one is due
     #[arg(long, value_name = "DAYS")]
     pub(super) due_days: Option<u32>,
-    /// Seconds between two conditions [default: 1]
+    /// Interval of the gateway's condition messages, s [default: 1]
     #[arg(long, value_name = "S")]
     pub(super) condition_s: Option<u32>,
-    /// Seconds between two full telemetry messages [default: 10]
+    /// Interval of the gateway's complete telemetry messages, s [default: 10]
     #[arg(long, value_name = "S")]
     pub(super) telemetry_s: Option<u32>,
-    /// Network address of its control, for display
+    /// Network address of the control, for display
     #[arg(long)]
     pub(super) address: Option<String>,
-    /// Make of its control, for display
+    /// Make of the control, for display
     #[arg(long)]
     pub(super) control: Option<String>,
     /// Note, for display
@@ -191,41 +191,41 @@ pub(super) enum ModelCommand {
     },
     /// Print the record of a model
     Show {
-        /// Beginning of its checksum
+        /// Checksum of the model, or its beginning
         model: String,
     },
     /// Write the machine file of a model to a new file, exactly as signed
     Download {
-        /// Beginning of its checksum
+        /// Checksum of the model, or its beginning
         model: String,
-        /// The new file
+        /// Path of the new file
         #[arg(long, short, value_name = "FILE")]
         output: PathBuf,
     },
     /// Compare two models line by line
     Diff {
-        /// Beginning of the first checksum
+        /// Checksum of the first model, or its beginning
         one: String,
-        /// Beginning of the second checksum
+        /// Checksum of the second model, or its beginning
         other: String,
     },
     /// Roll the previously active model of a machine out to it again
     Back {
-        /// The name of the machine
+        /// Name of the machine
         machine: String,
     },
     /// Print how the errors of a machine have changed from model to model
     Drift {
-        /// The name of the machine
+        /// Name of the machine
         machine: String,
     },
 }
 
 #[derive(Args)]
 pub(super) struct AddModel {
-    /// A machine file
+    /// Machine file to add
     pub(super) file: PathBuf,
-    /// The day of the measurements, such as 2026-11-25
+    /// Day of the measurements, such as 2026-11-25
     #[arg(long, value_name = "DAY")]
     pub(super) measured: Option<String>,
 }
@@ -244,9 +244,9 @@ pub(super) enum RolloutCommand {
     },
     /// Keep the model of a stopped or aborted roll-out on a machine
     Keep {
-        /// The number of the roll-out
+        /// Number of the roll-out
         id: u64,
-        /// The name of the machine
+        /// Name of the machine
         machine: String,
     },
     #[command(flatten)]
@@ -257,48 +257,48 @@ pub(super) enum RolloutCommand {
 pub(super) enum RequestCommand {
     /// Pause a roll-out: nothing more is sent
     Pause {
-        /// Its number
+        /// Number of the roll-out
         id: u64,
     },
-    /// Resume a roll-out, in spite of the reason for its stop
+    /// Resume a roll-out, although the reason for its stop may persist
     Resume {
-        /// Its number
+        /// Number of the roll-out
         id: u64,
     },
-    /// Abort a roll-out; active versions remain
+    /// Abort a roll-out; machines keep the version that is active
     Stop {
-        /// Its number
+        /// Number of the roll-out
         id: u64,
     },
     /// Confirm a large change of the axis positions of a machine
     Confirm {
-        /// The number of the roll-out
+        /// Number of the roll-out
         id: u64,
-        /// The name of the machine
+        /// Name of the machine
         machine: String,
-        /// The hash as `rollout status` shows it
+        /// Hash of the change, as shown by `rollout status`
         hash: String,
     },
 }
 
 #[derive(Args)]
 pub(super) struct StartRollout {
-    /// Beginning of the checksum of the model
+    /// Checksum of the model, or its beginning
     #[arg(long)]
     pub(super) model: String,
-    /// A machine; may be given several times
+    /// Machine to which the model is sent; may be given several times
     #[arg(long, value_name = "NAME", required_unless_present = "all")]
     pub(super) machine: Vec<String>,
-    /// Every machine with the structure and the axes of the model
+    /// Send the model to every machine with its structure and axes
     #[arg(long, conflicts_with = "machine")]
     pub(super) all: bool,
     /// Send all machines the same model, although it was measured on one of them
     #[arg(long, requires = "all")]
     pub(super) same_model: bool,
-    /// Observation time of a machine before the next ones, s
+    /// Time for which a machine is observed before the next ones follow, s
     #[arg(long, value_name = "S")]
     pub(super) soak_s: Option<f64>,
-    /// Maximum number of machines after the canaries that may drop out
+    /// Maximum number of machines, canaries not counted, that may drop out before the roll-out stops
     #[arg(long, value_name = "N")]
     pub(super) tolerate: Option<u32>,
 }
@@ -314,7 +314,7 @@ pub(super) enum KeyCommand {
     List,
     /// Generate an nkey of a server user, write its seed to a new file, and print the public nkey
     Nkey {
-        /// The new file of the seed
+        /// Path of the new file for the seed
         file: PathBuf,
     },
 }
@@ -323,9 +323,9 @@ pub(super) enum KeyCommand {
 pub(super) enum UserCommand {
     /// Add a user; the password is prompted for, or read from standard input
     Add {
-        /// The name: lower-case letters, digits, dots, hyphens and underscores
+        /// Name of the user: lower-case letters, digits, dots, hyphens and underscores
         name: UserName,
-        /// viewer, engineer or admin
+        /// Role: viewer, engineer or admin
         #[arg(long)]
         role: Role,
     },
@@ -337,26 +337,26 @@ pub(super) enum UserCommand {
     },
     /// Set the password of a user, and log the user out everywhere
     Password {
-        /// The name
+        /// Name of the user
         name: UserName,
     },
     /// Change the role of a user, or whether the user may log in
     Change {
-        /// The name
+        /// Name of the user
         name: UserName,
-        /// viewer, engineer or admin
+        /// Role: viewer, engineer or admin
         #[arg(long)]
         role: Option<Role>,
-        /// The user may not log in any more
+        /// Forbid the user to log in
         #[arg(long, conflicts_with = "enable")]
         disable: bool,
-        /// The user may log in again
+        /// Permit the user to log in again
         #[arg(long)]
         enable: bool,
     },
     /// Remove a user
     Remove {
-        /// The name
+        /// Name of the user
         name: UserName,
     },
 }
@@ -366,10 +366,10 @@ pub(super) struct DiscoverArguments {
     /// Subnets or addresses, such as 192.0.2.0/24
     #[arg(required = true)]
     pub(super) subnets: Vec<Subnet>,
-    /// Search public ranges too: they belong to you
+    /// Search public address ranges too, which must belong to you
     #[arg(long)]
     pub(super) yes_these_are_mine: bool,
-    /// New connections a second over all addresses, 1 to 1000
+    /// Maximum rate of new connections over all addresses, per second, 1 to 1000
     #[arg(long, default_value_t = PER_SECOND, value_parser = rate)]
     pub(super) rate: f64,
     /// Try this port for FOCAS instead of 8193; may be given several times

@@ -80,7 +80,7 @@ pub(super) fn machines(shown: &[MachineView]) -> String {
         // The last report of a silent machine is not its current state.
         let is_old = (one.age_s).is_none_or(|age_s| one.machine.is_silent(age_s));
         let state = match condition {
-            None => "never heard".to_owned(),
+            None => "never connected".to_owned(),
             Some(condition) if is_old => format!("unknown, was {}", condition.state),
             Some(condition) => condition.state.clone(),
         };

@@ -59,7 +59,8 @@ pub struct Device {
     pub port: u16,
     /// The protocol that belongs to the port.
     pub kind: Kind,
-    /// True if the device answered in that protocol; otherwise another service listens on the port.
+    /// True if the port answered in the protocol of its kind of device; false if another service
+    /// listens there.
     pub answers: bool,
     /// Make and type as reported; empty if it does not report them.
     pub control: String,

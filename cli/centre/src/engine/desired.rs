@@ -40,7 +40,8 @@ pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
     result
 }
 
-/// Values, issued here or by another program, that have not been put under their key yet.
+/// Issued values that have not been put under their machine's key yet. Other programs, such as the
+/// command line, also issue values.
 fn due(engine: &Engine) -> Result<Vec<SignedValue>, Error> {
     let wanted = engine.store.desired_versions()?;
     let put = lock(&engine.put).clone();

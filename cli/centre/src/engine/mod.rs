@@ -40,7 +40,7 @@ pub struct Settings {
     pub stream_retention: StreamRetention,
     pub keep: Retention,
     pub key: Key,
-    /// Every key of this centre: values signed by any of them are its own.
+    /// All signing keys of this centre; a value signed by any of them counts as its own.
     pub own: Vec<Key>,
 }
 

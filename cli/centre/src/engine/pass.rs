@@ -17,7 +17,7 @@ use crate::{
     versions::active_version,
 };
 
-/// Interval at which minutes of the history are closed.
+/// Interval at which the one-minute means of the history are completed.
 const MINUTE: Duration = Duration::from_secs(60);
 /// Minimum time from the end of a minute until it is closed, s: most delayed messages have arrived by then.
 const CLOSED_AFTER_S: f64 = 30.0;

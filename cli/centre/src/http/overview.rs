@@ -35,7 +35,7 @@ struct Row<'a> {
     site: &'a str,
     structure: &'a str,
     control: &'a str,
-    /// State of the guard; `unknown` if the machine is silent, `never heard` if it has never sent a message.
+    /// State of the guard; `unknown` if the machine is silent, `never connected` if it has never sent a message.
     state: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
     was: Option<&'a str>,
@@ -111,7 +111,7 @@ impl Overview {
                 let state = match condition {
                     Some(condition) => condition.state.as_str(),
                     None if heard.is_some() => "unknown",
-                    None => "never heard",
+                    None => "never connected",
                 };
                 let alarms = alarms_by_machine.get(id).map_or(&[][..], Vec::as_slice);
                 let degc: Vec<Option<f64>> = condition

@@ -79,7 +79,8 @@ pub(super) async fn table(
     attachment(&name, "text/plain; charset=utf-8", file.text)
 }
 
-/// Exports the tables of a format: positions of the other axes, mm and deg, and the files.
+/// Exports the tables of a format. Returns the format, the positions at which the other axes are
+/// held (mm, deg), and the files.
 async fn made(
     page: &Arc<PageState>,
     checksum: String,

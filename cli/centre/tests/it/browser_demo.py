@@ -48,13 +48,13 @@ with sync_playwright() as playwright:
     page.click("#tabs a[href='#shop']")
     page.wait_for_selector("tr[data-machine=ghost] [data-key=version]:has-text('sent')")
     row = page.locator("tr[data-machine=ghost]")
-    assert row.locator("[data-key=state]").inner_text() == "never heard"
+    assert row.locator("[data-key=state]").inner_text() == "never connected"
     assert row.locator("[data-key=residual]").inner_text() == "–"
     page.click("tr[data-machine=ghost] a")
-    page.wait_for_selector("#machine-now:has-text('Never heard')")
+    page.wait_for_selector("#machine-now:has-text('Never connected')")
     page.wait_for_selector("#machine-map canvas.map")
     origin = page.inner_text("#machine-map .origin")
-    assert "Computed from the model that was sent" in origin and "never heard" in origin, origin
+    assert "Computed from the model that was sent" in origin and "has never connected" in origin, origin
     heads = page.locator("#machine-map h2").all_inner_texts()
     assert sum("computed" in head for head in heads) == 2, heads
     shot(page, folder, "demo-never")

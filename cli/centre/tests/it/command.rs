@@ -85,7 +85,7 @@ fn keys_machines_models_and_a_rollout_by_command() {
     wrong(&format!("machine add Mill {add}"), "lower-case");
     let listed = done("machine list");
     assert!(
-        listed.contains("mill-1") && listed.contains("never heard"),
+        listed.contains("mill-1") && listed.contains("never connected"),
         "{listed}"
     );
     let checked = done("check");
@@ -185,7 +185,7 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
     wrong("check", "expected 600");
 }
 
-/// `rollout confirm` fails for a stopped or finished roll-out, which would not send the confirmed change.
+/// `rollout confirm` is rejected for a stopped or finished roll-out: no change would be sent.
 #[test]
 fn a_confirmation_without_effect_is_rejected() {
     let folder = tempfile::tempdir().unwrap();

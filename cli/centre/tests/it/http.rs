@@ -425,7 +425,7 @@ fn a_registered_machine_is_shown_with_unknown_values() {
     assert_eq!(done.status, 200, "{}", done.body);
     let viewer = page.session(Role::Viewer);
     let row = page.overview(&viewer)["machines"][0].clone();
-    assert_eq!(row["state"], "never heard");
+    assert_eq!(row["state"], "never connected");
     assert_eq!(row["age_s"], serde_json::Value::Null);
     assert_eq!(row["residual_um"], serde_json::Value::Null);
     let deep = page.get("/api/machines/mill-1", &viewer).json();

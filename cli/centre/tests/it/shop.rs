@@ -182,7 +182,8 @@ impl Shop {
         (reported.clone(), tokio::spawn(gateway::run(plan, reported)))
     }
 
-    /// Waits until the machine's key has this version; 0 is an empty key.
+    /// Waits until the value under the machine's key in the NATS store has this version; 0: the key
+    /// is empty.
     pub(crate) async fn until_under_key(&self, place: usize, version: u64) {
         let hub = self.hub().await;
         let end = Instant::now() + LONG;

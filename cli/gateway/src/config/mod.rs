@@ -272,7 +272,7 @@ impl Config {
         }
     }
 
-    /// Cycle time.
+    /// Period of the control cycle (`cycle_ms`).
     pub fn cycle(&self) -> Duration {
         of_ms(self.cycle_ms)
     }

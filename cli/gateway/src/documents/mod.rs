@@ -68,7 +68,8 @@ pub struct Confirmation {
     pub confirm: Option<String>,
 }
 
-/// The answer to one request.
+/// Body of the response to a request that arms, disarms, acknowledges, reloads or changes the
+/// model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Answer {
@@ -115,7 +116,7 @@ pub struct Question {
 pub struct Settled {
     /// The state after the request.
     pub state: StateName,
-    /// Reasons for the state.
+    /// Reasons for the state, causes first.
     pub reasons: Vec<String>,
     /// Why the request did not take effect; only with status 409.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -14,7 +14,7 @@ pub enum ModelSource {
     File,
     /// A machine file uploaded by an engineer.
     Upload,
-    /// The centre of the fleet.
+    /// A machine file sent by the centre of the fleet.
     Centre,
 }
 
@@ -48,7 +48,7 @@ pub struct ModelEntry {
     pub file: String,
     /// Whether the model was activated, refused or must be confirmed.
     pub outcome: ModelOutcome,
-    /// Why the model was refused.
+    /// Why the model was refused; missing if it was not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
     /// Largest change of the correction of a linear axis in the work space against the previous

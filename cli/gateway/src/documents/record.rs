@@ -22,8 +22,9 @@ pub struct Record {
     pub monotonic_s: f64,
     /// Wall time, ISO 8601 in UTC.
     pub time: String,
-    /// The requester: the name of a token, `signal`, `auto_arm`, `centre` with the beginning of its key, `unknown` for a
-    /// manifest that no trusted key has signed, or `gateway` for events without a request.
+    /// The requester: the name of a token, `local user without a token` for a disarm on the gateway's own computer,
+    /// `signal`, `auto_arm`, `centre` with the beginning of its key, `unknown` for a manifest that no trusted key has
+    /// signed, or `gateway` for events without a request.
     pub who: String,
     /// Short description of the event.
     pub what: String,
@@ -179,7 +180,8 @@ impl LastOutput {
 /// State that survives a restart of the gateway: the text in the slots of the file `standing.slots` in the folder of the log.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Standing {
-    /// Token name of the operator who disarmed last; null after the next arming by an operator.
+    /// Name in the audit log of the operator who disarmed last, `unknown` if the file was
+    /// unreadable; null after the next arming by an operator.
     pub disarmed_by: Option<String>,
     /// The reasons of an unacknowledged fault; null without one.
     pub faulted: Option<Vec<String>>,

@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName;
 /// One value per axis, in the order X Y Z A B C U V W.
 pub type ByAxis = BTreeMap<AxisName, f64>;
 
-/// State of the guard.
+/// State of the correction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StateName {
@@ -69,7 +69,7 @@ impl From<volcomp_guard::State> for StateName {
     }
 }
 
-/// The state of the gateway at one cycle.
+/// State of the gateway after one control cycle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[expect(
     clippy::struct_excessive_bools,
@@ -126,8 +126,8 @@ pub struct Status {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub sent_urad: ByAxis,
-    /// Result of the last test shift for each corrected axis: whether the reported position
-    /// contains the correction.
+    /// Result of the last test shift for each corrected axis, which tests whether the reported
+    /// position contains the correction.
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, ProvenName>")]
     pub proven: BTreeMap<AxisName, ProvenName>,
@@ -160,10 +160,10 @@ pub struct Status {
     /// The true error of the simulated machine with the applied correction, µm; only in the simulation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub true_residual_um: Option<[f64; 3]>,
-    /// The temperatures in the order of the configuration.
+    /// Temperatures of the sensors, in the order of the configuration.
     pub temperatures: Vec<SensorState>,
-    /// Number of cycles since the start in which a rate or acceleration limit reduced the
-    /// correction.
+    /// Number of cycles since the start in which a rate or acceleration limit made the correction
+    /// lag behind the model.
     pub held_back: u64,
     /// Number of failed exchanges with controllers since the start.
     pub faults: u64,
@@ -181,11 +181,11 @@ pub struct Status {
 /// State of the connection to the centre of the fleet.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct FleetState {
-    /// Name of the site.
+    /// Name of the site to which the centre assigns the machine.
     pub site: String,
-    /// Name of the machine in the fleet.
+    /// Name of the machine at the centre.
     pub machine: String,
-    /// Whether the server is connected now.
+    /// Whether the gateway is connected to the NATS server.
     pub connected: bool,
     /// Version of the manifest whose machine file is active; 0: the configured machine file is
     /// active.
@@ -194,13 +194,13 @@ pub struct FleetState {
     pub accepted: u64,
     /// Whether the centre permits correction.
     pub enabled: bool,
-    /// Outcome of the highest manifest; null if not known yet.
+    /// Outcome of the accepted manifest with the highest version; null if not known yet.
     pub outcome: Option<String>,
-    /// Why the highest manifest is not active yet, or which damage was found at start-up.
+    /// Why the accepted manifest is not active yet, or which damage was found at start-up.
     /// Activation is retried.
     pub trouble: Option<String>,
-    /// Why the last value of the machine's key was rejected, without any effect; null if a later
-    /// value was accepted.
+    /// Why the last manifest sent to this machine was rejected. A rejected manifest changes
+    /// nothing. Null if a later one was accepted.
     #[serde(default)]
     pub refused: Option<String>,
     /// Why messages to the centre are queued; null while they are sent.
@@ -238,7 +238,7 @@ pub struct ControllerState {
 /// Condition of one of the configured controllers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PathState {
-    /// The URL of the device.
+    /// URL of the controller's device.
     pub device: String,
     /// Index among the configured controllers, from 0. Messages count from 1 (path 1).
     pub number: usize,
@@ -248,7 +248,7 @@ pub struct PathState {
     pub scheme: SchemeName,
     /// Time since the last response, ms; null: never.
     pub answered_ms: Option<f64>,
-    /// Age of its positions, ms; null: none received.
+    /// Age of the positions that it reported, ms; null: none received.
     pub positions_ms: Option<f64>,
     /// Time since the last confirmation of the applied correction, ms; null: never.
     pub confirmed_ms: Option<f64>,
@@ -308,17 +308,17 @@ impl From<volcomp_guard::AxisProof> for ProvenName {
 /// One temperature as used by the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SensorState {
-    /// The name of the sensor.
+    /// Name of the sensor, as in the configuration.
     pub name: String,
     /// Temperature, °C; null if it is not used.
     pub degc: Option<f64>,
     /// `good` or `uncertain` if the temperature is used, else `bad`.
     pub quality: String,
-    /// Why the temperature is not used.
+    /// Why the temperature is not used; null if it is used.
     pub reason: Option<String>,
 }
 
-/// Quantiles of the times of complete cycles and their parts, over the last several thousand
+/// Quantiles of the durations of complete cycles and of their parts, over the last several thousand
 /// cycles.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CycleTimes {
@@ -370,7 +370,7 @@ pub fn round(value: f64) -> f64 {
 /// axes at their current positions. Empty for a machine with fewer than two linear axes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ErrorMap {
-    /// The axis of the columns, followed by that of the rows.
+    /// The horizontal axis of the map, then the vertical axis.
     pub axes: Vec<MapAxis>,
     /// Length of the position error, µm. Rows run along the second axis, values in a row along the
     /// first, from the lower to the upper end of the travel.

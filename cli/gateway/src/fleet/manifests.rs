@@ -210,7 +210,7 @@ impl ManifestReceiver {
 
 pub(super) fn in_words(outcome: &Outcome) -> String {
     match outcome {
-        Outcome::Activated => "in force".to_owned(),
+        Outcome::Activated => "active".to_owned(),
         Outcome::NeedsConfirmation {
             hash,
             worst_um,

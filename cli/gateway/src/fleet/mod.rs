@@ -147,7 +147,7 @@ pub fn start(
         Arc::clone(&shared),
         link,
     );
-    let reporting = spawn("volcomp-told", reporter.run(acknowledged, stopped)).map_err(failed)?;
+    let reporting = spawn("volcomp-report", reporter.run(acknowledged, stopped)).map_err(failed)?;
     Ok(Some(Fleet {
         stop,
         threads: vec![receiving, reporting],

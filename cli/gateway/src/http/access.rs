@@ -63,7 +63,7 @@ impl AccessControl {
             if is_of_another_page(headers) {
                 return Err(Denied::AnotherPage);
             }
-            return Ok("somebody at this computer".to_owned());
+            return Ok("local user without a token".to_owned());
         }
         let holder = self.tokens.check(from, bearer(headers), Role::Operate)?;
         Ok(holder.name)

@@ -67,7 +67,7 @@ const AVAILABILITY: &str = "avail";
 pub struct Items {
     /// Data items that report a value.
     pub quantities: Vec<Quantity>,
-    /// Items with conditions: key and place.
+    /// Data items that report conditions: key, and the part of the gateway whose alarms they show.
     pub conditions: Vec<(String, Place)>,
 }
 

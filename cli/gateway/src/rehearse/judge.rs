@@ -55,7 +55,8 @@ fn is_bounded_by_limit(fault: &Fault, path: &PathPlan) -> bool {
     path.barrier.is_none() && (fault.is_unseen_without_barrier || is_unknown)
 }
 
-/// Whether the gateway can detect that the machine must not be moved. With a barrier the control itself holds the correction.
+/// Whether the correction can be held during this fault: by the barrier, or by the gateway if its device shows the
+/// condition that forbids motion.
 fn can_hold(fault: &Fault, path: &PathPlan) -> bool {
     let shown = path.description.shown;
     let is_shown = match fault.act {

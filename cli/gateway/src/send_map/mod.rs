@@ -18,9 +18,9 @@ pub use sending::{request_replacement, run};
 /// A checked map and its hash.
 #[derive(Clone, Debug)]
 pub struct Checked {
-    /// The configuration of the sender.
+    /// Settings of the sender: control, limits, and places in its memory.
     pub config: MapSender,
-    /// The map to be sent.
+    /// The map, within the limits of `config`.
     pub map: Map,
     /// Path of the sender's configuration file.
     pub path: PathBuf,

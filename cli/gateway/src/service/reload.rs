@@ -527,8 +527,8 @@ fn can_change(old: &Config, config: &Config) -> Result<(), GatewayError> {
 mod tests {
     use super::*;
 
-    /// A DBC file was changed while the gateway ran: the step of 1 µm became 0.1 µm for the limits, while the open controller
-    /// and the control kept the old one, and each correction was ten times too large.
+    /// A step changed in a DBC file needs a restart. The limits would use the new step, 0.1 µm instead of 1 µm, while
+    /// the open controller and the control keep the old one, so that each correction would be ten times too large.
     #[test]
     fn another_step_in_a_dbc_file_needs_a_restart() {
         let dir = tempfile::tempdir().expect("writable");

@@ -14,8 +14,8 @@ use crate::{
     documents::Standing,
 };
 
-/// Used if the file does not record who disarmed.
-const UNKNOWN_REQUESTER: &str = "somebody";
+/// Value of `disarmed_by` if the file is unreadable.
+const UNKNOWN_REQUESTER: &str = "unknown";
 
 /// Reads the state from before the start. If the file is unreadable, auto-arm stays off, as after a disarm by an
 /// operator.

@@ -73,7 +73,8 @@ fn whole_log(dir: &Path) -> String {
     log_files(dir).into_iter().map(read).collect()
 }
 
-/// No file can be created when the next one is due: as often as it is tried, no record is lost, and the log goes on once there is room.
+/// While the next file cannot be created, no record is lost, however often rotation is tried; the log continues once
+/// there is space.
 #[test]
 fn a_log_that_cannot_be_rotated_loses_nothing() {
     let dir = tempfile::tempdir().expect("writable");
@@ -114,7 +115,8 @@ fn a_log_that_cannot_be_rotated_loses_nothing() {
     assert!(after > before * 3 / 4, "{before} {after}");
 }
 
-/// The old files were renamed and the current one was not, or it was and the next one was not: the next rotation fills the gap.
+/// After a rotation that ended before the current file was renamed, or before the next one was created, the next
+/// rotation fills the gap.
 #[test]
 fn a_rotation_that_was_broken_off_is_completed() {
     for is_current_renamed in [false, true] {

@@ -16,7 +16,7 @@ use crate::{
     controlled::control,
     manual::{Served, served_configuration},
     models::{ENGINEER, engineers, examples, model},
-    paths::{nobody, two_ways},
+    paths::{closed_address, two_ways},
     program::{OPERATE, Program, change, path, token_file},
 };
 
@@ -50,7 +50,8 @@ fn run(script: &str, arguments: &[&str], screenshot: &str, then: impl FnOnce()) 
     assert!(output.status.success(), "{message}");
 }
 
-/// The built-in simulation, which takes no model; then the page while the program ends.
+/// Operates the built-in simulation, which accepts no model, and checks the page while the program
+/// ends.
 #[test]
 fn a_person_sees_and_operates_it() {
     let dir = tempfile::tempdir().expect("writable");
@@ -73,7 +74,7 @@ fn a_person_sees_and_operates_it() {
 fn a_person_sees_what_is_missing_and_what_is_not_known() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
-    let config = two_ways(dir.path(), &control, &nobody());
+    let config = two_ways(dir.path(), &control, &closed_address());
     change(&config, "token_file = \"tokens\"\n", "");
     let program = Program::start(dir.path(), &["--config", path(&config)]);
     let url = format!("http://{}/", program.address);

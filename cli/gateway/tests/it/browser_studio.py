@@ -2,7 +2,7 @@
 `browser_studio.py STUDIO GATEWAY TOKEN FOLDER SCREENSHOT`.
 
 The files of FOLDER are dropped on the page of the studio, its questions are answered, the measurements are fitted, the machine file is
-sent to the gateway, and put in force on the gateway's page.
+sent to the gateway, and activated on the gateway's page.
 """
 import pathlib
 import sys
@@ -181,7 +181,7 @@ with sync_playwright() as playwright:
     assert page.locator("#diagonals svg").count() == 4
     look(page, "gateway")
     assert token not in page.url and token not in page.content()
-    # A short touch does nothing, a second puts it in force, after a question where it moves far.
+    # A short touch does nothing, a second activates it, after a question where it moves far.
     before = page.inner_text("#in-force")
     hold(page, "#activate", 300)
     page.wait_for_timeout(700)

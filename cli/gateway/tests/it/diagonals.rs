@@ -58,7 +58,8 @@ fn diagonals() -> String {
     rows.join("\n")
 }
 
-/// The right model takes 90 % of each range away, and the tip is off by the rounding of the words.
+/// With the right model each range falls by 90 %, and the remaining tip error is the rounding of
+/// the words.
 #[test]
 fn ranges_fall_by_nine_tenths() {
     let dir = tempfile::tempdir().expect("writable");

@@ -85,10 +85,8 @@ fn no_step(control: &Simulator, of: &str) {
     assert!(steps.iter().all(|step| *step <= RATE), "{of}: {steps:?}");
 }
 
-/// Stopped for two seconds at any moment, also between reading and writing: the write that was decided before went out two seconds later,
-/// and the axis, which the control had taken to zero meanwhile, stepped back to its correction. And killed at any moment, and started again
-/// while the control still has the correction, ramps it out, or has let it go: the first write of the new one put the remembered correction
-/// on the axis at once, from 0 to 40 µm.
+/// No axis steps when the gateway is stopped for two seconds at any moment, also between reading and writing, or killed
+/// at any moment and started again. The control meanwhile still has the correction, ramps it out, or is at zero.
 #[test]
 fn stopped_or_killed_at_any_moment_no_axis_steps() {
     let dir = tempfile::tempdir().expect("writable");

@@ -287,7 +287,7 @@ pub(crate) fn compensating(config: &Path) -> Served {
     gateway
 }
 
-/// Waits until a state is as wanted, and fails with `what` otherwise.
+/// Waits until `done` holds for the state; panics with `what` on timeout.
 pub(crate) fn wait(gateway: &Client, what: &str, done: impl Fn(&Value) -> bool) -> Value {
     let state = gateway.wait(done);
     state.unwrap_or_else(|state| panic!("{what}: {state}\n{}", gateway.log()))
@@ -300,7 +300,7 @@ pub(crate) fn corrects_y(gateway: &Client, um: f64) {
     });
 }
 
-/// A machine goes on correcting Y by this, µm.
+/// Checks that the machine still corrects Y by `um`, µm.
 pub(crate) fn goes_on(state: &Value, um: f64) {
     let is_so = state["state"] == "compensating" && state["correction_um"]["Y"] == um;
     assert!(is_so, "{state}");

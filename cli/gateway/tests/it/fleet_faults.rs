@@ -135,8 +135,8 @@ fn with_control(centre: &Centre, dir: &Path, control: &Simulator) -> PathBuf {
 
 const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
 
-/// The wall clock jumps by ten years, back and on: it goes on correcting, and the same manifests are taken in the same way. The dates of
-/// the log jump, its order does not.
+/// If the wall clock jumps by ten years and back, the correction continues and the same manifests are accepted. The
+/// dates in the log jump, its order does not.
 #[test]
 fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
     if !Path::new(FAKETIME).exists() {

@@ -25,8 +25,8 @@ use crate::{
 const INSIDE: &str = "VOLCOMP_TEST_SITE";
 const SITE: &str = "10.77.0.2";
 const CENTRE: &str = "10.77.0.1";
-/// A MAC address without a card, so that frames to it are lost.
-const NOBODY: &str = "02:00:00:00:00:99";
+/// A MAC address of no interface, so that frames to it are lost.
+const ABSENT_MAC: &str = "02:00:00:00:00:99";
 /// Server settings: a gateway that is silent for three seconds is disconnected. The gateway drops a dead connection within 30 s.
 const SHORT: &str = "ping_interval: \"1s\"\nping_max: 2\nwrite_deadline: \"2s\"\n";
 
@@ -84,7 +84,7 @@ impl Network {
     }
 
     fn cut(&self, lost: Lost) {
-        let to = ["lladdr", NOBODY, "nud", "permanent"];
+        let to = ["lladdr", ABSENT_MAC, "nud", "permanent"];
         if lost != Lost::ToTheSite {
             ip(&[&["neigh", "replace", CENTRE, "dev", "site"], &to[..]].concat());
         }
@@ -222,7 +222,7 @@ fn partition(lost: Lost) {
     no_step(&program.stop());
 }
 
-/// While it is cut off.
+/// Checks the behaviour of gateway and centre during the partition.
 fn alone(whole: &Whole, program: &Client) {
     wait(program, "the gateway notices", |state| {
         goes_on(state, -25.0);
@@ -250,7 +250,7 @@ fn alone(whole: &Whole, program: &Client) {
     assert_eq!(page["silent"], true, "{page}");
 }
 
-/// After it.
+/// Checks that everything sent during the partition arrives afterwards, once.
 fn comes_later(whole: &Whole, program: &Client, dir: &std::path::Path, cut: Duration) {
     whole.machine_is("its state is reported", "mill-1", |one| {
         one["enable"] == false && one["live"]["condition"]["state"] == "disarmed"

@@ -13,8 +13,8 @@ use crate::{
     program::{Client, MACHINE},
 };
 
-/// A model end to end: from the command line of the centre to the axes, on a ramp; what moves the axes far is confirmed by a
-/// person; disabling and enabling; the page shows the reported state.
+/// A model is rolled out by the centre's command line and reaches the axes on a ramp. A large change waits for
+/// confirmation by the operator. The machine is disabled and enabled, and the page shows the reported state.
 #[test]
 fn a_model_goes_from_the_centre_to_the_axes() {
     let Some(whole) = Whole::start(&[("mill-1", "4711", MACHINE)]) else {

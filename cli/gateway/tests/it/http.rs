@@ -16,7 +16,7 @@ fn simulated() -> (tempfile::TempDir, Served) {
     (dir, gateway)
 }
 
-/// The program with its built-in simulation: its page, its state, its stream, and under a flood of requests.
+/// Checks page, state and event stream of the built-in simulation, also under a flood of requests.
 pub(crate) fn the_simulation_lives(program: &Program) {
     let state = program.wait_for("compensating");
     assert_eq!(state["simulated"], true);
@@ -196,7 +196,7 @@ fn at_its_own_computer_disarming_needs_no_token() {
         program.wait_for("disarmed");
         assert_eq!(disarm(&own, ""), 200);
         let log = std::fs::read_to_string(audit.join("audit.log")).expect("a log");
-        let record = "\"who\":\"somebody at this computer\",\"what\":\"disarm\"";
+        let record = "\"who\":\"local user without a token\",\"what\":\"disarm\"";
         assert!(log.contains(record), "{log}");
         // Without configured tokens no client may operate.
         for path in ["/api/arm", "/api/disarm", "/api/acknowledge", "/api/reload"] {

@@ -80,8 +80,8 @@ pub(crate) fn preloaded(dir: &Path) -> Option<PathBuf> {
     Some(library)
 }
 
-/// Before, a request for a model waited at the disk, and the model came into force whenever that answered again; the answer to a
-/// disarming and everything behind it waited for the disk; and so did the record of a stop.
+/// While the disk hangs, a request for a model times out and the model is not activated later; disarming and stopping
+/// act and are answered without waiting for the disk.
 #[test]
 fn on_a_hanging_disk_models_time_out_and_disarming_and_stopping_act() {
     let Some(mut rig) = Rig::start() else {

@@ -265,7 +265,7 @@ def answer(asked):
     elif do == "spawn":
         subprocess.Popen(asked["arguments"])
     else:
-        raise RuntimeError(f"nobody knows how to do {do}")
+        raise RuntimeError(f"unknown action {do}")
     return None
 
 

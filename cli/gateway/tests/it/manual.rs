@@ -84,7 +84,7 @@ pub(crate) fn says(state: &Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// No axis of a machine was moved by more than the slew in a cycle of 4 ms and one step, from its beginning.
+/// Checks that no axis has moved since the start by more than the slew in a cycle of 4 ms and one step.
 pub(crate) fn no_step(rig: &Rig) {
     let changes = rig.controls.axes.largest_change();
     let is_small = |mm: &f64| *mm <= 0.003 + 1e-9;
@@ -126,7 +126,7 @@ impl Gateway {
         rig
     }
 
-    /// Ends it as a power failure does, and starts it again on the same machine.
+    /// Kills the gateway as in a power failure, and starts another on the same machine.
     pub(crate) fn killed_and_started(self, config: &Path) -> Self {
         Self::again(self.killed(), config)
     }
@@ -366,7 +366,7 @@ impl Served {
         Self::of(Gateway::start(config))
     }
 
-    /// Starts it on a machine that it or another one has left.
+    /// Starts a gateway on a machine that another one has left.
     pub(crate) fn again(rig: Rig, config: &Path) -> Self {
         Self::of(Gateway::again(rig, config))
     }

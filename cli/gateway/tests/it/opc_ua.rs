@@ -156,7 +156,7 @@ fn a_client_reads_what_the_dashboard_shows() {
     client.end();
 }
 
-/// A control that does not answer: nothing is known of it, and nothing looks as if it were.
+/// While a control does not answer, its values are bad and empty.
 #[test]
 fn unknown_values_are_bad_and_empty() {
     let dir = tempfile::tempdir().expect("writable");
@@ -306,7 +306,7 @@ fn nested_values_do_not_end_the_gateway() {
     program.wait_for("compensating");
 }
 
-/// Whether the other side has not closed a connection on which it says nothing.
+/// Whether the peer still keeps open a connection on which it sends nothing.
 fn is_open(stream: &mut TcpStream) -> bool {
     stream.set_nonblocking(true).expect("a socket");
     let nothing_yet = |e: std::io::Error| e.kind() == std::io::ErrorKind::WouldBlock;

@@ -34,11 +34,11 @@ pub(crate) fn two_ways(dir: &Path, first: &Simulator, second: &str) -> PathBuf {
     config
 }
 
-pub(crate) fn nobody() -> String {
+pub(crate) fn closed_address() -> String {
     format!("127.0.0.1:{}", free_port())
 }
 
-/// A standby path that has never answered, and one that holds a correction: the metrics of both.
+/// Metrics of a standby path that has never answered, and of one that holds a correction.
 #[test]
 fn the_metrics_show_what_is_not_known_of_a_standby_path() {
     let path = |number: u8, known: bool| {
@@ -68,7 +68,7 @@ fn the_metrics_show_what_is_not_known_of_a_standby_path() {
     }
 }
 
-/// The control does not answer any more: what it applies is not known, and nothing says otherwise.
+/// When the control no longer answers, the applied correction is shown as unknown everywhere.
 #[test]
 fn an_unknown_correction_is_shown_as_unknown() {
     let dir = tempfile::tempdir().expect("writable");

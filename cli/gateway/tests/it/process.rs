@@ -25,8 +25,8 @@ use crate::{
     program::{PATIENCE, Program, change, path},
 };
 
-/// Killed at several moments of the ramp and of compensating, and started again: no output changes by more than the slew
-/// in a cycle and one step.
+/// If the gateway is killed at several moments of the ramp and of compensating, and started again, no output changes by
+/// more than the slew in a cycle and one step.
 #[test]
 fn killed_in_the_middle_and_started_again_there_is_no_step() {
     let dir = tempfile::tempdir().expect("writable");
@@ -50,8 +50,8 @@ fn killed_in_the_middle_and_started_again_there_is_no_step() {
     no_step(&rig);
 }
 
-/// The built-in simulation under a service manager, which hears that it is ready, that cycles go on, and that it stops. And it takes as
-/// many descriptors as it may have: the usual soft limit is 1024.
+/// The built-in simulation notifies its service manager that it is ready, that cycles continue, and that it stops. It
+/// raises the limit of file descriptors, whose usual soft value is 1024, as far as permitted.
 #[test]
 fn the_simulation_lives_and_the_service_manager_is_notified() {
     let dir = tempfile::tempdir().expect("writable");
@@ -150,8 +150,8 @@ fn two_gateways_on_one_controller() {
     first.wait_for("compensating");
 }
 
-/// A gateway that never corrected took out what it had found when it was merely ended, although that may be the correction
-/// of another gateway.
+/// A gateway that never corrected leaves a correction that it has found in place when it ends: it may be that of
+/// another gateway.
 #[test]
 fn stopping_leaves_a_found_correction_alone() {
     let (_dir, config, mut gateway) = manual::started("");
@@ -170,8 +170,9 @@ fn stopping_leaves_a_found_correction_alone() {
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
 }
 
-/// A control whose answers take longer than a cycle: it corrects anyway, and reports missed cycles. A hangup reads the files again; what
-/// has to be confirmed waits for the hash, over HTTP as well. A first signal to end ramps out, a second one leaves at once.
+/// A control whose answers take longer than a cycle is corrected, and missed cycles are reported. SIGHUP reloads the
+/// files; what has to be confirmed waits for the hash, over HTTP too. The first termination signal ramps out; a second
+/// one ends the program at once.
 #[test]
 fn signals_reload_ramp_out_and_leave_at_once() {
     let dir = tempfile::tempdir().expect("writable");

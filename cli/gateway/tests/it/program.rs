@@ -111,7 +111,8 @@ impl Program {
         Self { running, client }
     }
 
-    /// A simulated one with tokens, through another command.
+    /// Starts the built-in simulation with tokens through another command, such as a shell that
+    /// sets limits.
     pub(crate) fn simulated(command: Command, dir: &Path) -> Self {
         let (tokens, audit) = (token_file(dir), dir.join("audit"));
         let arguments = ["--simulate", "--token-file", path(&tokens), "--audit-dir"];

@@ -211,8 +211,8 @@ fn changed_times_and_thresholds_need_confirmation() {
     }
 }
 
-/// A file with another name, structure or travel may belong to another machine. A reload and the arming after a restart ask, however
-/// little it changes the correction.
+/// A file with another name, structure or travel may belong to another machine. A reload, and arming after a restart,
+/// ask for confirmation, however little the file changes the correction.
 #[test]
 fn signs_of_another_machine_need_confirmation() {
     for (from, to, sign) in [
@@ -259,8 +259,8 @@ fn signs_of_another_machine_need_confirmation() {
     }
 }
 
-/// A controller that was corrected by thermal terms only gets all of them after a restart, and back: arming asks, with the size of the
-/// change.
+/// A restart changes a controller from thermal terms only to all terms, and back: arming asks for confirmation and
+/// states the size of the change.
 #[test]
 fn changed_terms_need_confirmation() {
     let dir = tempfile::tempdir().expect("writable");

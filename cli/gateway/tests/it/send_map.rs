@@ -138,7 +138,8 @@ fn hash(file: &Path) -> String {
     hash.to_owned()
 }
 
-/// A control with a sender's files, the sender not started, on a disk that hangs while a file is there.
+/// A simulated control and the files of a sender, which is not started yet, on a disk that hangs while a certain file
+/// exists.
 struct Rig {
     dir: tempfile::TempDir,
     control: Control,
@@ -147,7 +148,7 @@ struct Rig {
     disk: Disk,
 }
 
-/// What lets a disk hang.
+/// A library that makes the disk hang while the file `hangs` exists.
 struct Disk {
     library: PathBuf,
     hangs: PathBuf,
@@ -187,7 +188,7 @@ impl Rig {
         })
     }
 
-    /// Starts a sender of the map with this number; the control reaches the correction.
+    /// Starts a sender of map `number`, and waits until the control applies its correction.
     fn sender(&mut self, number: u16) -> Sender {
         let sender = Sender::start(&self.file, self.dir.path(), number, &self.disk);
         self.control.reaches(40.0);
@@ -231,7 +232,7 @@ impl Sender {
         std::fs::read_to_string(&self.log).expect("a log")
     }
 
-    /// Waits until it does not take another map for this reason.
+    /// Waits until the sender rejects another map for the reason `why`.
     fn refuses(&self, why: &str) {
         until(why, PATIENCE, || {
             let log = self.log();
@@ -310,8 +311,8 @@ fn a_control_keeps_the_map_of_its_sender_until_its_end() {
     }
 }
 
-/// From the value of one map to that of another, at the rate of the control and never through zero; a map that cannot replace
-/// it changes nothing.
+/// When a map is replaced, the correction changes from the old value to the new one at the control's rate, never
+/// through zero. A map that cannot replace the active one changes nothing.
 fn another_map_takes_the_place_of_the_one_in_use(rig: &mut Rig, sender: &mut Sender) {
     // The same number again, other limits, and limits of the control that are narrower than those of the file.
     write_map(rig.dir.path(), 60.0, 7);
@@ -342,8 +343,7 @@ fn another_map_takes_the_place_of_the_one_in_use(rig: &mut Rig, sender: &mut Sen
     assert!(seen.is_sorted_by(|was, is| is <= was), "{seen:?}");
 }
 
-/// An earlier version took a confirmation that arrived during the refusal of another one for that one, which could not be
-/// removed, and then checked for no further confirmation.
+/// A confirmation that arrives while another one is being rejected is processed separately.
 fn a_confirmation_during_a_refusal_is_separate(rig: &mut Rig, sender: &mut Sender) {
     // A reader of this map waits until it is written.
     let pipe = rig.dir.path().join("pipe.map");
@@ -370,8 +370,8 @@ fn a_confirmation_during_a_refusal_is_separate(rig: &mut Rig, sender: &mut Sende
     rig.control.reaches(40.0);
 }
 
-/// An earlier version wrote the record of another map in the loop that keeps the first one valid: a hanging disk let it
-/// expire. Now the other map is given up after a timeout, and is not activated late.
+/// While the disk hangs, the record of another map does not block the frames that keep the first one valid. The other
+/// map is given up after a timeout, and is not activated later.
 fn a_disk_that_hangs_keeps_the_map_in_use(rig: &mut Rig, sender: &mut Sender) {
     rig.disk.hang();
     write_map(rig.dir.path(), 60.0, 10);
@@ -412,8 +412,8 @@ fn others_are_refused(rig: &mut Rig) {
     refused(&file, &["--confirm", &confirmed], 2, "expected");
 }
 
-/// The same into the PMC of a FANUC control, which `focas-sim` simulates: a program of another package, built before. It ends properly
-/// on a disk that hangs, too, and reports the missing records.
+/// The same with the PMC of a FANUC control, simulated by `focas-sim`, a program of another package that was built
+/// before. On a hanging disk the sender also ends properly, and reports the missing records.
 #[test]
 fn a_fanuc_control_looks_up_as_well() {
     let built = Path::new(env!("CARGO_BIN_EXE_volcomp-gateway")).with_file_name("focas-sim");
@@ -474,7 +474,7 @@ focas://127.0.0.1 | [sinumerik]\ntime_out_ms = 2000.0 | [pmc]\nmailbox = { pmc =
     }
 }
 
-/// A file that is refused before anything is opened.
+/// Checks that a configuration is rejected with `words` before any device is opened.
 fn refuses(file: &Path, words: &str) {
     let error = send_map::check(file).expect_err(words);
     assert_eq!(error.status(), 2, "{error}");

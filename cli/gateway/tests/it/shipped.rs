@@ -85,7 +85,8 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// The arguments after ` -- ` of the command in the comments that runs `program`.
+/// Arguments of the first command `cargo run --bin PROGRAM -- …` in the comments of a
+/// configuration.
 fn arguments<'a>(text: &'a str, program: &str) -> Vec<&'a str> {
     let begins = format!("#     cargo run --bin {program} -- ");
     let command = text.lines().find_map(|line| line.strip_prefix(&begins));

@@ -105,7 +105,7 @@ fn judge(setting: Setting, ask: &Operation, expected: u16) {
     }
 }
 
-/// The gateway stops in order, and leaves no correction if the control accepts writes.
+/// Checks that the gateway ends properly and leaves no correction, if the control accepts writes.
 fn ends(setting: Setting) {
     let dir = tempfile::tempdir().expect("writable");
     let rig = gateway(setting, dir.path()).stop();

@@ -51,7 +51,7 @@ pub(crate) struct AgeArguments {
     output: PathBuf,
 }
 
-/// The document of `volcomp age`.
+/// Result of `volcomp age`: the written machine file, and the errors changed by wear.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Age {
     /// Path of the written machine file.

@@ -25,9 +25,8 @@ pub(super) fn run(
     let file = OutputFile::open_beside(output, &[(machine_file, "the machine file")])?;
     let base = base_of(output);
     let named = |path: &Path| relative(path, &base);
-    let found = draft(folder, &machine, &named(machine_file), named).map_err(|error| {
-        Failure::in_file(folder, format_args!("cannot be looked through: {error}"))
-    })?;
+    let found = draft(folder, &machine, &named(machine_file), named)
+        .map_err(|error| Failure::in_file(folder, format_args!("cannot be searched: {error}")))?;
     if found.proposed.is_empty() {
         let reasons: Vec<String> = found.left_over.iter().map(ToString::to_string).collect();
         let reasons = match reasons[..] {
@@ -214,7 +213,7 @@ fn kinds_of_questions(draft: &Draft) -> String {
     if kinds.is_empty() {
         return String::new();
     }
-    let mut text = String::from("\nWhat is asked, and how often:\n");
+    let mut text = String::from("\nOpen questions, and how often:\n");
     for (key, question, count) in kinds {
         text += &folded(&format!("{key} ({count}): {question}"), " ");
     }

@@ -29,7 +29,7 @@ pub(crate) struct CompileArguments {
     tolerance_nm: f64,
 }
 
-/// The document of `volcomp compile`.
+/// Result of `volcomp compile`: the written file and the deviation of its curves.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Compile {
     /// Path of the written file.

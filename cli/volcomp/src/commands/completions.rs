@@ -17,12 +17,12 @@ pub(crate) struct CompletionsArguments {
     shell: Shell,
 }
 
-/// The document of `volcomp completions`.
+/// Result of `volcomp completions`: the script for a shell.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Completions {
     /// Shell for which the script is written.
     shell: String,
-    /// Completion script.
+    /// Text of the completion script, to be sourced by the shell.
     script: String,
 }
 

@@ -175,7 +175,7 @@ fn options(machine: &Machine, letters: &[String]) -> Result<CorrectionOptions, F
         let name = axis("--axes", letter.trim())?;
         if names.contains(&name) {
             return Err(Failure::Input(format!(
-                "--axes: axis {name} stands twice, expected axis letters, each once: X,Y,Z"
+                "--axes: axis {name} appears twice, expected axis letters, each once: X,Y,Z"
             )));
         }
         machine.index_of(name)?;

@@ -403,7 +403,7 @@ fn text(shop: &Shop, found: &Demo, kept: Option<&Path>) -> String {
          perfectly known curve: 100 trials. The best-fit line of each\n\
          straightness is taken out first.\n\n\
          Body diagonals (ISO 230-6) and squareness\n{}\n\
-         In the mean: positioning {:.0} %, straightness {:.0} %, diagonals {:.0} %;\n\
+         On average: positioning {:.0} %, straightness {:.0} %, diagonals {:.0} %;\n\
          the worst line {:.2} times its floor.\n\n\
          The irregular X curve: {:.1} µm peak to peak left by a polynomial of order 6,\n\
          {:.1} by moving least squares, {:.1} by the smoothing B-spline.\n\n{settings}{kept}",

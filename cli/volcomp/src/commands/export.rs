@@ -76,22 +76,22 @@ impl ControlArguments {
     }
 }
 
-/// The document of `volcomp export`.
+/// Result of `volcomp export`: the written tables, and what they lose against the model.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Export {
-    /// Name of the format.
+    /// Format of the tables, as in `--format`.
     format: &'static str,
     /// Paths of the written files.
     files: Vec<String>,
     /// Checksum of the machine file, as written in the tables.
     machine: String,
-    /// Positions of the axes over which a table does not vary, mm and deg.
+    /// Position of each axis that the tables hold constant, mm and deg.
     at: ByAxis,
     /// Meaning of the sign of the numbers in the files.
     sign: &'static str,
     /// Basis of the sign convention, and whether it is proven.
     trust: &'static str,
-    /// The written tables. The notes describe errors that the files cannot represent.
+    /// The written tables.
     tables: Vec<Made>,
     /// Errors that the files cannot represent, and settings required at the control.
     notes: Vec<String>,
@@ -99,24 +99,24 @@ pub(crate) struct Export {
     loss: Loss,
 }
 
-/// A written table.
+/// One compensation table, as written.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Made {
-    /// The axis whose position selects the value.
+    /// Axis along which the table runs.
     input: AxisName,
-    /// The axis letter or error name of the values.
+    /// What the table corrects: an axis letter or the name of an error.
     output: String,
-    /// Number of positions.
+    /// Number of positions in the table.
     positions: usize,
-    /// The first position, mm or deg.
+    /// First position of the table, mm or deg.
     first: f64,
-    /// The last position, mm or deg.
+    /// Last position of the table, mm or deg.
     last: f64,
-    /// Whether each direction of motion has separate values.
+    /// Whether the table has separate values for the two directions of motion.
     both_directions: bool,
-    /// Largest magnitude of a value.
+    /// Largest absolute value of the table, in `unit`.
     largest: f64,
-    /// The unit of the largest value: `um` or `urad`.
+    /// Unit of `largest`: `um` or `urad`.
     unit: &'static str,
 }
 
@@ -186,7 +186,7 @@ fn not_at(machine: &Machine, reference: &[(AxisName, f64)]) -> Option<String> {
     let (taken, middle) = (places(&taken), places(&middle));
     (machine.axes().len() > 1 && taken != middle).then(|| {
         format!(
-            "--at is not given: the axes that a table does not go over are taken to stand at {taken}, and the tables hold there; the middle of the travel is --at {middle}"
+            "--at is not given: the axes that a table does not go over are assumed to be at {taken}, and the tables hold there; the middle of the travel is --at {middle}"
         )
     })
 }

@@ -225,7 +225,7 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
             "order and support"
         };
         notes.push(format!(
-            "no {what} meets the residual asked for: the best is shown"
+            "no {what} meets the requested residual: the best is shown"
         ));
     }
     let between = Between::of(&fit, &x, &u, noise);

@@ -96,12 +96,12 @@ impl FormArguments {
     }
 }
 
-/// The document of `volcomp form`.
+/// Result of `volcomp form`: the fitted feature and its form deviation.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct EvaluatedForm {
     /// `circle`, `line`, `plane`, `cylinder` or `cone`.
     feature: String,
-    /// The number of points.
+    /// Number of evaluated points.
     points: usize,
     /// Position, mm: centre of a circle, apex of a cone, centroid of the points of a plane,
     /// midpoint of a line or of the axis of a cylinder.

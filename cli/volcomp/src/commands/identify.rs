@@ -95,7 +95,7 @@ fn next_text(next: &Next) -> String {
             100.0 / improvement
         ),
         None => format!(
-            "it tells of {}, which is not determined yet",
+            "it helps to determine {}, which is not determined yet",
             next.parameter
         ),
     };
@@ -129,7 +129,8 @@ pub(super) fn found_text(document: &Identification) -> String {
     let mut text = table_text(&found);
     if !given_zero.is_empty() {
         let names = given_zero.join(", ");
-        let told = format!("* holds if what cannot be told apart from it is zero: {names}");
+        let told =
+            format!("* holds if the unknowns that cannot be separated from it are zero: {names}");
         text.push('\n');
         text += &folded(&told, "");
     }

@@ -35,10 +35,10 @@ pub(crate) struct ImportArguments {
     control: ControlArguments,
 }
 
-/// The document of `volcomp import`.
+/// Result of `volcomp import`: the tables read, as curves of a machine file.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Import {
-    /// Name of the format.
+    /// Format of the tables, as in `--format`; detected from the files if not given.
     format: String,
     /// Paths of the read files.
     files: Vec<String>,

@@ -50,73 +50,73 @@ pub(crate) enum Contents {
 /// A dynamic capture: samples over time, without targets.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct CaptureSummary {
-    /// Anomalies to consider before the samples are used.
+    /// Anomalies of the file, to be checked before the samples are used.
     warnings: Vec<String>,
     /// Path as named in the call.
     file: String,
     /// Always `renishaw-capture`.
     kind: &'static str,
-    /// Texts of the header.
+    /// Header of the file: machine, date, operator and title, as far as stated.
     #[serde(flatten)]
     texts: Metadata,
-    /// Number of samples.
+    /// Number of samples in the file.
     samples: usize,
     /// Sample rate; null: not stated.
     sample_rate_hz: Option<f64>,
     /// Duration of the capture; null if the rate is not stated.
     duration_s: Option<f64>,
-    /// Smallest sample, in the unit of the capturing program.
+    /// Smallest sample, in the unit of the program that recorded it; null without samples.
     sample_min: Option<f64>,
-    /// Largest sample, in the unit of the capturing program.
+    /// Largest sample, in the unit of the program that recorded it; null without samples.
     sample_max: Option<f64>,
 }
 
-/// A log of channels.
+/// A log of the values of process variables over time.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct LogSummary {
-    /// Anomalies to consider before the log is used.
+    /// Anomalies of the file, to be checked before the log is used.
     warnings: Vec<String>,
     /// Path as named in the call.
     file: String,
     /// Always `camonitor-log`.
     kind: &'static str,
-    /// Date of the first line.
+    /// Date of the first line, as written.
     date: Option<String>,
     /// Duration of the log, s.
     duration_s: f64,
-    /// The channels of the log with their ranges.
+    /// Process variables in the log, with their ranges.
     channels: Vec<Channel>,
 }
 
-/// One channel of a log, with its range.
+/// One process variable of a log, with its range.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Channel {
     /// Name of the process variable.
     name: String,
-    /// Number of values.
+    /// Number of logged values.
     values: usize,
-    /// The smallest value.
+    /// Smallest logged value; null without numbers.
     min: Option<f64>,
-    /// The largest value.
+    /// Largest logged value; null without numbers.
     max: Option<f64>,
 }
 
 /// Header and summary of a file with readings at targets.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct MeasurementSummary {
-    /// Anomalies to consider before the readings are used.
+    /// Anomalies of the file, to be checked before the readings are used.
     warnings: Vec<String>,
     /// Path as named in the call.
     file: String,
     /// Format of the file; null: not recognised.
     kind: Option<FileFormat>,
-    /// The instrument or program that writes such files.
+    /// The instrument or program that writes this format; null: not known.
     instrument: Option<&'static str>,
     /// Measured quantity; null: not stated.
     quantity: Option<Quantity>,
-    /// Sign convention of the deviations.
+    /// Meaning of a positive deviation.
     sign: Option<&'static str>,
-    /// Texts of the header; texts that the file does not state are missing.
+    /// Header of the file: machine, date, operator and title, as far as stated.
     #[serde(flatten)]
     texts: Metadata,
     /// Unit of the deviations; null: not stated.
@@ -277,9 +277,8 @@ fn paths(named: &[PathBuf]) -> Result<Vec<(PathBuf, bool)>, Failure> {
             all.push((path.clone(), true));
             continue;
         }
-        let files = files_below(path, &[], usize::MAX).map_err(|error| {
-            Failure::in_file(path, format_args!("cannot be looked through: {error}"))
-        })?;
+        let files = files_below(path, &[], usize::MAX)
+            .map_err(|error| Failure::in_file(path, format_args!("cannot be searched: {error}")))?;
         if files.is_empty() {
             return Err(Failure::in_file(path, "found a folder without files"));
         }

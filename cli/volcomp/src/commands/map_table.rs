@@ -71,7 +71,7 @@ pub(crate) struct MapTableArguments {
     drift: f64,
 }
 
-/// The document of `volcomp map-table`.
+/// Result of `volcomp map-table`: the written map, its size and its errors.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct MapTable {
     /// Path of the written file.
@@ -104,8 +104,8 @@ pub(crate) struct MapTable {
     step_um: f64,
     /// Positions of the axes that are not in the grid, mm and deg.
     held: ByAxis,
-    /// Largest change of the correction if these axes are at other positions, µm; only with such
-    /// axes.
+    /// Largest change of the correction if the axes of `held` are at other positions, µm; missing
+    /// if `held` is empty.
     #[serde(skip_serializing_if = "Option::is_none")]
     elsewhere_um: Option<f64>,
     /// Largest gradient of a correction along an axis, µm/mm (µm/deg along a rotary axis).

@@ -100,7 +100,7 @@ impl Answer {
         }
     }
 
-    /// An answer of many rows; `text` follows their table.
+    /// An answer with the rows of `listing` as a table, followed by `text`.
     pub(crate) fn listed(listing: Listing, text: String, notes: Vec<String>) -> Self {
         Self {
             listing: Some(listing),
@@ -185,7 +185,7 @@ fn rotary_note(machine: &Machine) -> Option<String> {
     let names: Vec<String> = rotary.map(|axis| axis.name.to_string()).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "{} stand still here: their location errors move the workpiece as a rigid body and do not show; `volcomp map` gives the error over poses of all axes",
+            "{} do not move here: their location errors move the workpiece as a rigid body and do not show; `volcomp map` gives the error over poses of all axes",
             names.join(", ")
         )
     })

@@ -101,7 +101,7 @@ enum Language {
     Heidenhain,
 }
 
-/// The document of `volcomp nc`.
+/// Result of `volcomp nc`: the written program, and what was changed in it.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Nc {
     /// Path of the written file.
@@ -110,7 +110,7 @@ pub(crate) struct Nc {
     dialect: &'static str,
     /// Number of lines read.
     lines: u64,
-    /// Number of motions.
+    /// Number of motions in the program.
     motions: u64,
     /// Number of changed lines.
     changed: u64,
@@ -133,11 +133,11 @@ pub(crate) struct Nc {
 struct NcNote {
     /// Line of the first occurrence, from 1.
     line: usize,
-    /// Text of the note.
+    /// The note as one sentence, without its line number.
     text: String,
 }
 
-/// The document of `volcomp nc --average`.
+/// Result of `volcomp nc --average`: the written program, and its work offsets.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct NcAverage {
     /// Path of the written file.
@@ -499,7 +499,7 @@ fn averaged(
         let [at_x, at_y, at_z] = of.offset_mm;
         let _ = write!(
             text,
-            "{}, {} places: X {x:+.1} Y {y:+.1} Z {z:+.1} µm, now X {at_x} Y {at_y} Z {at_z} mm\n  correction before: at most {:.2} µm, RMS {:.2} µm; what is left beside the mean: at most {:.2} µm, RMS {:.2} µm\n",
+            "{}, {} places: X {x:+.1} Y {y:+.1} Z {z:+.1} µm, now X {at_x} Y {at_y} Z {at_z} mm\n  correction before: at most {:.2} µm, RMS {:.2} µm; residual after the mean: at most {:.2} µm, RMS {:.2} µm\n",
             of.system, of.places, of.before_um[0], of.before_um[1], of.left_um[0], of.left_um[1]
         );
     }
@@ -811,7 +811,7 @@ fn readings(path: &Path) -> Result<Vec<Reading>, Failure> {
                 return Err(Failure::in_file(
                     path,
                     format!(
-                        "the ball row {} has an unknown `origin` or `direction`, so that its readings do not say where the machine is; expected both as numbers",
+                        "the ball row {} has an unknown `origin` or `direction`, so that the position of the machine at its readings is unknown; expected both as numbers",
                         observation.file
                     ),
                 ));

@@ -180,7 +180,7 @@ fn shift_parameters(facts: &ControlFacts) -> String {
              its words (parameter 1280): from R{first} on\n"
         ),
         (_, _, why) => format!(
-            "external zero point shift (parameters 1203#0 and 1280): not told: {}\n",
+            "external zero point shift (parameters 1203#0 and 1280): not readable: {}\n",
             why.as_deref().unwrap_or("no reason given")
         ),
     }

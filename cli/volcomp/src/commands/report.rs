@@ -89,7 +89,7 @@ pub(crate) struct ReportArguments {
     seed: u64,
 }
 
-/// The document of `volcomp report`.
+/// Result of `volcomp report`: the written file and the verdict.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct WrittenReport {
     /// Path of the written HTML file.

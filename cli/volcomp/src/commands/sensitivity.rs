@@ -217,7 +217,7 @@ fn text(machine: &Machine, found: &Sensitivity, values: bool) -> String {
     let (rank, errors) = (found.rank, found.errors.len());
     text += &folded(
         &format!(
-            "Of these {} motions of {errors} errors, each taken as constant, position and orientation of the tool tell {rank} combinations apart.",
+            "Of these {} motions of {errors} errors, each taken as constant, position and orientation of the tool distinguish {rank} combinations.",
             found.motions.len()
         ),
         "",

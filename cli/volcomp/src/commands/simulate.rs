@@ -31,20 +31,22 @@ pub(crate) struct SimulateArguments {
     output: PathBuf,
 }
 
-/// The document of `volcomp simulate`.
+/// Result of `volcomp simulate`: the written files, and the commands that evaluate them.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Simulate {
-    /// Folder with the files.
+    /// Folder that the files were written to.
     folder: String,
     /// Names of the written files.
     files: Vec<String>,
-    /// Names of those that replaced an earlier file.
+    /// Names of the written files that replaced a file of an earlier run.
     replaced: Vec<String>,
-    /// Calibration file for the lines; null if only observations were simulated.
+    /// Path of the calibration file that lists the measurement lines; null if only observations
+    /// were simulated.
     calibration: Option<String>,
-    /// Observations file; null if none were simulated.
+    /// Path of the observations file; null if no observations were simulated.
     observations: Option<String>,
-    /// Commands that produce a machine file from the files, in order, for the current folder.
+    /// Commands that produce a machine file from the simulated files, in order, to be run in the
+    /// current folder.
     next: Vec<String>,
 }
 

@@ -40,11 +40,11 @@ pub(crate) struct StraightnessArguments {
     /// Line subtracted from the profile
     #[arg(long, default_value = "least-squares")]
     reference: Reference,
-    /// Evaluate tilts of a bridge with this distance of its feet, mm, moved in steps of its own length
+    /// Evaluate tilts of a bridge with this distance between its feet, mm, moved in steps of that distance
     #[arg(long, value_name = "MM")]
     bridge_mm: Option<f64>,
-    /// Straightness error, EYX: tilts have the right-hand sign of its angular error; without it a positive tilt is a
-    /// rising profile
+    /// Straightness error, EYX: tilts have the right-hand sign of its angular error [default: a positive tilt is a
+    /// rising profile]
     #[arg(long, requires = "bridge_mm")]
     error: Option<ErrorName>,
     /// Limits, µm: least-squares=5,end-points=6,minimum-zone=4

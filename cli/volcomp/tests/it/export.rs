@@ -275,7 +275,7 @@ fn a_table_that_does_harm_is_told() {
     contains(&said, "error by");
     contains(&said, "left with");
     let (told, _) = run(&[]);
-    contains(&told, "are taken to stand at X=0,Z=0");
+    contains(&told, "are assumed to be at X=0,Z=0");
     contains(&told, "--at X=200,Z=0");
     assert!(!told.contains("WARNING"), "{told}");
     // EXX is 5 µm everywhere, including the reference position.

@@ -279,7 +279,7 @@ fn wrong_files_and_calls_end_with_status_2() {
         root().join(SPINDLE).display().to_string(),
     ] {
         let twice = refused(&["fit-thermal", SPINDLE, &other]);
-        assert!(twice.contains("stands twice"), "{other}: {twice}");
+        assert!(twice.contains("appears twice"), "{other}: {twice}");
     }
     let folder = Folder::new();
     let file = |text: &str| {

@@ -390,7 +390,7 @@ fn the_mean_correction_is_in_the_work_offset() {
     assert!(output.status.success(), "{output:?}");
     let shown = String::from_utf8_lossy(&output.stdout);
     contains(&shown, "G54, ");
-    contains(&shown, "what is left beside the mean");
+    contains(&shown, "residual after the mean");
     let original = fs::read_to_string(root().join("examples/part.ngc")).expect("the example");
     let text = fs::read_to_string(&result).expect("the result");
     let (added, kept): (Vec<&str>, Vec<&str>) = text

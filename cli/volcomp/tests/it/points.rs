@@ -160,7 +160,8 @@ fn slips_of_the_hand_are_told_with_what_was_meant() {
     );
 }
 
-/// More rows than are computed at a time: numbered through, each as if it stood alone, with an error far down found before anything is printed.
+/// More rows than are computed at a time are numbered consecutively and evaluated independently; an error in a late row
+/// is found before anything is printed.
 #[test]
 fn any_number_of_rows_is_one_list() {
     let folder = Folder::new();

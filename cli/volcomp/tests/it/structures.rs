@@ -241,7 +241,7 @@ fn effects_of_the_values_of_the_machine_file() {
     let printed = one_line(&printed);
     contains(
         &printed,
-        "Of these 17 motions of 24 errors, each taken as constant, position and orientation of the tool tell 12 combinations apart. Against X and Y as reference axes EB0X EC0X EA0Y are zero by definition, which leaves 21 errors.",
+        "Of these 17 motions of 24 errors, each taken as constant, position and orientation of the tool distinguish 12 combinations. Against X and Y as reference axes EB0X EC0X EA0Y are zero by definition, which leaves 21 errors.",
     );
 }
 

@@ -10,7 +10,7 @@ const GANTRY: &str = "examples/gantry.toml";
 const WRONG_CALLS: &str = "
 error $m --at Q=1 => found axis `Q`
 error $m --at A=1 => has no axis A
-error $m --at X=1,X=2 => axis X stands twice
+error $m --at X=1,X=2 => axis X appears twice
 error $m --at X=nan => found `X=nan`, expected a finite number
 error $m --at X=inf => expected a finite number
 error $m --at X => found `X`, expected X=100
@@ -97,7 +97,7 @@ fn broken_files_are_named_with_their_line_unbroken() {
         ),
         ("points.csv", b"X,Y\n1\n", "points.csv"),
         ("points.csv", b"", "points.csv"),
-        ("points.csv", b"X,X\n1,2\n", "column `X` stands twice"),
+        ("points.csv", b"X,X\n1,2\n", "column `X` appears twice"),
         ("points.csv", b"X,A\n1,2\n", "has no axis A"),
     ] {
         let path = written(folder.path(), name, bytes);

@@ -19,7 +19,8 @@ fn truth(x: f64, sign: &str) -> f64 {
     0.02 * x + 3.0 * (x / 130.0).sin() + half
 }
 
-/// Targets every 50 mm in both directions. Run 2 is 40 µm higher and ends, with `last`, at that target (mm) of its forward part.
+/// A calibration file for runs over targets every 50 mm in both directions. Run 2 reads 40 µm more; if `last` is given,
+/// it ends at this target (mm) of its forward part.
 fn file(curve: &str, last: Option<f64>) -> CalibrationFile {
     let mut csv = String::from("target,run,direction,deviation_um\n");
     for (run, offset) in [(1, 0.0), (2, 40.0)] {
@@ -268,8 +269,8 @@ fn samples_of_incomplete_runs_hold_the_truth() {
     }
 }
 
-/// Half widths at the targets of both directions of runs in both directions, whose zeros scatter, without the backward readings of the last run at the
-/// last targets. `number`: the number of the run in the file.
+/// Half widths of the bands of both directions, at the targets, for runs whose zeros scatter. The last run lacks its
+/// last `lacking` backward readings. `number` gives the number of a run in the file.
 fn half_widths(runs: u32, number: impl Fn(u32, &str) -> u32, lacking: usize) -> Vec<Vec<f64>> {
     let zeros = [3.0, -4.0, 1.0, 6.0, -6.0];
     let mut csv = String::from("target,run,direction,deviation_um\n");
@@ -296,8 +297,9 @@ fn half_widths(runs: u32, number: impl Fn(u32, &str) -> u32, lacking: usize) -> 
     found.curves.iter().map(band).collect()
 }
 
-/// A backward reading that lacks says nothing about the zeros of the runs: the bands of both directions are as wide as without it, also where the
-/// directions of a run have separate numbers, so that the band of each comes from its own runs.
+/// A missing backward reading does not affect the zeros of the runs: the bands of both directions are as wide as with
+/// the reading. This also holds if the directions of a run have separate numbers, so that the band of each direction
+/// comes from its own runs.
 #[test]
 fn a_direction_that_lacks_a_target_leaves_the_zeros_of_the_runs_in_both_bands() {
     let both = |run: u32, _: &str| run;

@@ -48,7 +48,7 @@ holds_location = false | for errors of a rotary axis only
 [[measurement]]\nerror = "EXZ"\nfile = "a.csv" | has no axis Z
 [[measurement]]\nerror = "EC0Y"\nfile = "a.csv" | squareness has its own table
 [[measurement]]\nerror = "EXX"\nfile = "b.csv" | :7: measurement[1].file: 
-error = "EYX" | the key `error` stands twice
+error = "EYX" | the key `error` appears twice
 curve = { poly = {} }\n[[measurement]]\nerror = "EXX"\nfile = "a.csv"\ncurve = { bspline = {} } | another kind of curve for EXX than with
 "#,
     ) {
@@ -76,7 +76,7 @@ fn every_wrong_key_of_a_location_is_reported() {
 [[location]]\nerror = "EC0Y"\nvalue_um = 1.0 | location[0].value_um: EC0Y is in urad, expected the key with the ending _urad
 [[location]]\nerror = "EC0Y" | key `value_urad` is missing
 [[location]]\nerrors = ["EC0Y"]\nvalues_urad = [1.0, 2.0] | found 2 values, expected 1
-[[location]]\nerrors = ["EC0Y", "EC0Y"]\nvalues_urad = [1.0, 2.0] | location[0].errors[1]: EC0Y stands twice
+[[location]]\nerrors = ["EC0Y", "EC0Y"]\nvalues_urad = [1.0, 2.0] | location[0].errors[1]: EC0Y appears twice
 [[location]]\nerror = "EC0X"\nvalue_urad = 1.0 | location[0].error: EC0X is 0 by definition, because X is a reference axis: expected EC0Y
 [[location]]\nerror = "EXX"\nvalue_um = 1.0 | found EXX, expected a location error
 [[location]]\nerror = "EX0X"\nvalue_um = 1.0 | location[0].error: EX0X 

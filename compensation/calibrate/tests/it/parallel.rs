@@ -258,8 +258,8 @@ fn slopes_within_the_scatter_of_runs_do_not_contradict() {
     }
 }
 
-/// A tilt's noise times the difference of the levers is no contradiction: 2 µrad over 600 mm are 1.2 µm. A doubled tilt is one with any
-/// noise.
+/// A tilt's noise, times the difference of the levers of two lines, is not reported as a contradiction: 2 µrad over 600
+/// mm are 1.2 µm. A doubled tilt is reported, whatever the noise.
 #[test]
 fn a_noisy_tilt_is_no_contradiction_and_a_doubled_one_is() {
     let lab = lab();

@@ -163,7 +163,7 @@ impl ArrivalMonitor {
             .sent
             .is_none_or(|sent| now.saturating_sub(sent) > limits.longest_delay())
         {
-            // Nothing was sent for so long that missing corrections are no longer expected.
+            // Nothing was sent for longer than the longest delay, so missing corrections are no longer expected.
             (self.since, self.failing_since) = (None, None);
         }
     }

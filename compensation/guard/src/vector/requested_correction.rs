@@ -92,8 +92,9 @@ impl RequestedCorrection {
         finite(&self.position) && finite(&self.rotary) && self.follow.iter().all(finite)
     }
 
-    /// Goal of the rotary axes (rad), with `position` as the position share: the largest fraction of their shares with which every axis is within
-    /// its limit, rounded to whole steps around the goal `before`; zero if there is no such fraction.
+    /// Goal of the rotary axes, rad, in whole steps. It is the largest fraction of their shares with which every axis
+    /// stays within its limit while the linear axes also apply `position`; zero if no fraction does. Steps near the
+    /// previous goal `before` are preferred (hysteresis).
     pub(super) fn rotary_goal(
         &self,
         position: &PerChannel<f64>,
@@ -128,7 +129,7 @@ impl RequestedCorrection {
             .unwrap_or_default()
     }
 
-    /// The whole steps next to rotary shares (rad) with which every axis is within its reach, nearest to the shares.
+    /// The nearest whole steps to the rotary shares (rad) with which every axis stays within its reach.
     fn nearest_steps(
         &self,
         position: &PerChannel<f64>,
@@ -175,8 +176,9 @@ impl RequestedCorrection {
         largest_part(&all, &PerChannel::ZERO, reach).is_some()
     }
 
-    /// The largest fraction of a position share that keeps every linear axis within its reach with the rotary axes at `rotary`. If there is none,
-    /// the one between the values that each axis alone would allow, so that the output does not jump.
+    /// The largest fraction of a position share that keeps every linear axis within its reach with the rotary axes at
+    /// `rotary`. If no fraction does, one between the fractions that the axes would allow separately, so that the
+    /// output does not jump.
     pub(super) fn position_part(
         &self,
         position: &PerChannel<f64>,

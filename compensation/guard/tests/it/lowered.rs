@@ -85,7 +85,7 @@ fn a_lowered_rotary_limit_reduces_the_linear_shares_too() {
     assert!((vector.output()[0] - 0.025).abs() < 1e-5);
 }
 
-/// A line whose end is beyond a lowered limit is scaled by one factor, and so is the way there: the tip stays.
+/// A line whose end is beyond a lowered limit is scaled by one factor as a whole, so that the tool tip stays in place.
 #[test]
 fn a_line_that_ends_beyond_a_lowered_limit_is_scaled_as_a_whole() {
     let before = tilting(2000e-6);

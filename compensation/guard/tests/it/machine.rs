@@ -54,7 +54,7 @@ struct Way {
     read_back: ReadBack,
     online: bool,
     frozen_at: Option<Duration>,
-    /// Reported next, instead of the applied correction.
+    /// Values that the next reading reports instead of the applied correction.
     false_reading: Option<PerChannel<f64>>,
     /// Index of a word of the next report, and the bits to flip.
     flipped_word: Option<(usize, u16)>,

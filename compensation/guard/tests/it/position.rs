@@ -134,8 +134,9 @@ fn a_jump_is_never_accepted_after_a_while() {
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_310.0)), OK);
 }
 
-/// X goes from 300 to 0 mm and back at 20 m/min; meanwhile its position is 200 mm too high, as after a preset. The wrong position is never believed, not where
-/// it passes the last good one, nor after a silence or a single reading of nonsense there; the right one is when the error ends.
+/// X goes from 300 to 0 mm and back at 20 m/min; meanwhile its position is 200 mm too high, as after a preset. The
+/// wrong position is never believed, not even where it passes the last good one, after a silence, or after a single
+/// nonsensical reading. The right one is believed when the error ends.
 #[test]
 fn a_constant_error_is_not_believed_as_the_axis_moves() {
     let mut check = PositionCheck::default();

@@ -55,7 +55,7 @@ struct Rig {
     history: VecDeque<[f64; 2]>,
     place: f64,
     output: PerChannel<f64>,
-    /// How fast the clock of the device goes by which readings are dated.
+    /// Rate of the device's clock, by which readings are dated, as a multiple of the true rate.
     clock_rate: u32,
 }
 
@@ -172,8 +172,9 @@ fn each_axis_has_its_own_result() {
     assert_eq!(proven([stood_contains, stood]), [Contained, NotProven]);
 }
 
-/// The control's words have another unit: a position that follows in both directions by another factor is a contradiction, neither motion
-/// nor proof. A tenth of the shift is below one flickering count, so that position counts as not following.
+/// If the control's words have another unit, a position that follows in both directions by another factor is a
+/// contradiction: neither motion nor proof. A tenth of the shift is below one count of a flickering position, which
+/// counts as not following.
 #[test]
 fn a_position_that_follows_by_another_factor_is_a_contradiction() {
     for factor in [2.0, 10.0, 17.45, 0.5, 0.1, -1.0, -3.0] {

@@ -156,7 +156,7 @@ fn another_value_at_the_same_time_is_judged_anew() {
     }
 }
 
-/// The jump is reported beside whatever the sensor has later, until it is readmitted or acknowledged.
+/// A jump is reported together with any later fault of the sensor, until the sensor is readmitted or acknowledged.
 #[test]
 fn a_jump_is_reported_beside_every_later_flaw() {
     let mut machine = Machine::new(1, SensorLimits::default());

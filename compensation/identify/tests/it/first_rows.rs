@@ -160,8 +160,8 @@ fn coverage_on_a_diagonal_with_unknown_approach() {
     }
 }
 
-/// In one direction along a diagonal only the first target has another approach. That does not determine the reversal value, and the
-/// squareness is as accurate as without it.
+/// In one direction along a diagonal only the first target has another approach. The reversal value is not determined,
+/// and the squareness is as accurate as in a fit that does not include it.
 #[test]
 fn a_first_row_alone_determines_no_reversal_value() {
     let lab = Lab::new(AXES);

@@ -327,8 +327,8 @@ fn largest(machine: &Machine, names: &[&str]) -> f64 {
     volumetric(&fields).unwrap().max_mm
 }
 
-/// Heads that reach lower than the longest straight tool, but to other sides, do not stand for it: the tilt is about an axis that is nearly that of their
-/// tools.
+/// Heads that reach lower than the longest straight tool, but to other sides, do not replace it in the search: the
+/// largest tilt is about an axis nearly parallel to their tools.
 #[test]
 fn the_longest_straight_tool_counts_beside_angled_heads() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[tool]\ngauge = [0.0, 0.0, 0.0]\nlength = 81.0\n[tools.SHORT]\nlength = 81.0\n[tools.LONG]\nlength = 189.0\n[tools.SIDE]\nlength = 243.0\naxis = [0.0, -1.0, 0.0]\n[tools.HEAD]\nlength = 299.0\naxis = [0.0, 1.0, 1.0]\n[errors]\nEAZ = 4.0\nEBZ = 48.0\nECZ = 19.0\n";

@@ -98,7 +98,7 @@ impl Drives<'_> {
     }
 }
 
-/// Where the tool is at each mark `(N)` of a program: in a hole at its bottom.
+/// Position of the tool at each mark `(N)` of a program; in a hole, at its bottom.
 fn played(text: &str, world: &World) -> BTreeMap<usize, Xyz> {
     let mut drives = Drives {
         world,
@@ -166,7 +166,8 @@ fn played(text: &str, world: &World) -> BTreeMap<usize, Xyz> {
     marks
 }
 
-/// A program, and where it wants the tool at its marks, in machine coordinates. After motions that are copied there is no mark.
+/// A random program, and the intended tool position at each of its marks, in machine coordinates. Motions that are
+/// copied have no mark after them.
 fn program(draw: &mut ChaCha8Rng, world: &World) -> (String, BTreeMap<usize, Xyz>) {
     let mut lines = vec!["G21 G90 G17 G94 G54".to_owned()];
     let mut at = world.offset.map(|offset| -offset);

@@ -31,7 +31,7 @@ pub(super) fn curves(page: &mut Page, report: &Report) {
         page.paragraph("note", "Residual: mean reading minus curve. Leave-one-out: root mean square of what the curve misses of readings that were left out of its fit one at a time.");
     }
     if !sources.is_empty() {
-        page.paragraph("note", "The band holds the true curve with a probability of 95 % at each place by itself: the runs are drawn again as a whole (bootstrap), with Student's t for few of them, and what the curve misses of readings that are left out is added.");
+        page.paragraph("note", "The band holds the true curve with a probability of 95 % at each single place: the runs are drawn again as a whole (bootstrap), with Student's t for few of them, and what the curve misses of readings that are left out is added.");
     }
     if sources.contains(&BandSource::Residuals) {
         page.paragraph("note", "With one run its residuals are drawn again: what differs from run to run is not in the band.");

@@ -267,7 +267,7 @@ fn standing(page: &mut Page, volume: &Volume) {
         .collect();
     page.paragraph(
         "note",
-        &format!("In the pictures stand still: {}. The table and the verdict cover poses of all axes; the pictures show this one.", at.join(", ")),
+        &format!("Axes that do not move in the pictures: {}. The table and the verdict cover poses of all axes; the pictures show this one.", at.join(", ")),
     );
 }
 

@@ -738,5 +738,5 @@ fn axes_that_stand_still_are_named() {
         .collect();
     assert_eq!(standing, [("C", 90.0), ("B", 0.0)]);
     let page = volcomp_report::html(&report);
-    assert!(page.contains("In the pictures stand still: C 90.000°, B 0.000°."));
+    assert!(page.contains("Axes that do not move in the pictures: C 90.000°, B 0.000°."));
 }

@@ -124,7 +124,7 @@ impl Lag {
         Reduction {
             part,
             fast_ramp_out: self.goes_out,
-            notes: Reasons::LET_GO.when(is_reported),
+            notes: Reasons::REDUCED_BY_AGE.when(is_reported),
         }
     }
 }

@@ -123,7 +123,8 @@ impl Table {
         self.ways.plant().silent_since = Some(self.ways.clock.elapsed());
     }
 
-    /// Tool error at the actual table angle, without and with the applied correction, mm: right after a write, and right before the next.
+    /// Tool error at the actual table angle, mm: without and with the applied correction, first right after a write,
+    /// then right before the next one.
     fn off(&self) -> [[f64; 2]; 2] {
         let applied = self.ways.plant().applied;
         [Duration::ZERO, PERIOD].map(|later| {
@@ -193,7 +194,7 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
                 count += 1;
                 worst = worst.max(with - without);
             }
-            reported += usize::from(report.reasons.contains(Reasons::LET_GO));
+            reported += usize::from(report.reasons.contains(Reasons::REDUCED_BY_AGE));
         }
         let [without, with] = squares.map(|sum: f64| (sum / f64::from(count)).sqrt());
         let left = with / without;
@@ -251,7 +252,7 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
                         report.reasons
                     );
                 }
-                reported |= report.reasons.contains(Reasons::LET_GO);
+                reported |= report.reasons.contains(Reasons::REDUCED_BY_AGE);
             };
             for _ in 0..silent_ms / 4 {
                 look(&mut table, 0.0);
@@ -273,7 +274,7 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
 
 #[test]
 fn no_reduction_is_reported_without_a_correction() {
-    let is_told = |report: &Report| report.reasons.contains(Reasons::LET_GO);
+    let is_told = |report: &Report| report.reasons.contains(Reasons::REDUCED_BY_AGE);
     for disarms in [true, false] {
         let mut table = Table::armed(Duration::ZERO, Duration::from_millis(50));
         for _ in 0..400 {

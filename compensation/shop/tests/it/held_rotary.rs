@@ -17,8 +17,9 @@ const POINT_B: [f64; 3] = [50.0, 0.0, 200.0];
 const POINT_Z: [f64; 3] = [10.0, 20.0, 30.0];
 /// The measured point, mm in MCS with Z at 0 and the other axes held.
 const MEASURED: [f64; 3] = [400.0, 150.0, -120.0];
-/// EBZ at the end of the travel of 500 mm, µrad; it and EZZ, µm, are quadratic in the coordinate.
+/// EBZ at Z = 500, the end of its travel, µrad; EBZ is quadratic in the coordinate.
 const TILT_URAD: f64 = 80.0;
+/// EZZ at Z = 500, µm; quadratic in the coordinate.
 const LENGTH_UM: f64 = 25.0;
 
 fn product(a: &M, b: &M) -> M {

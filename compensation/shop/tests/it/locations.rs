@@ -123,7 +123,7 @@ errors = ["EX0C", "EA0C"]\n | give each kind its own table
 error = "EX0C"\nnoise_urad = 1.0\n | EX0C is in um, expected `noise_um`
 error = "EX0C"\nnoise_um = -1.0\n | noise_um
 error = "EX0A"\n | no axis A
-error = "EX0C"\n[[location]]\nerror = "EX0C"\n | EX0C stands in two [[location]] tables
+error = "EX0C"\n[[location]]\nerror = "EX0C"\n | EX0C appears in two [[location]] tables
 errors = []\n | expected at least one
 error = "EX0C"\nvalue_um = 3.0\n | unknown key
 "#,

@@ -163,7 +163,7 @@ fn a_measurement_names_each_error_once_and_at_least_one() {
             "[]",
             "shop.toml:2: measurement[0]: found no error in `errors`, expected at least one",
         ),
-        ("[\"EXX\", \"EYX\", \"EXX\"]", "EXX stands twice"),
+        ("[\"EXX\", \"EYX\", \"EXX\"]", "EXX appears twice"),
     ] {
         let text = format!("machine = \"truth.toml\"\n[[measurement]]\nerrors = {errors}\n");
         let error = shop(&text).expect_err(errors).to_string();

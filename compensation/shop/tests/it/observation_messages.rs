@@ -44,7 +44,7 @@ U:kind = "laser"\n | found "laser", expected
 U:kind = "points"\nradius_mm = 3\n | unknown key
 U:kind = "points"\nposes = 0\n | 1 to 100000
 U:kind = "points"\ntools = ["T9"]\n | found "T9", expected a tool of the machine file: T1
-U:kind = "points"\ntools = ["T1", "T1"]\n | tool T1 stands twice
+U:kind = "points"\ntools = ["T1", "T1"]\n | tool T1 appears twice
 U:kind = "points"\nat = { B = 3 }\n | has no axis B
 U:kind = "points"\nat = { X = 900 }\n | found 900 mm, expected a position within the travel of X, 0 to 500 mm
 U:kind = "points"\nnoise_um = -1\n | found -1, expected 0 or more
@@ -56,7 +56,7 @@ U:kind = "ball-row"\norigin = [0, 0, 0]\ndirection = [0, 0, 0]\ndistances = [0, 
 U:B:distances = [0]\n | found 1 distances, expected 2
 U:B:distances = [0, 100, 100]\n | found 100 mm after 100 mm, expected rising distances
 U:B:distances = [0, 600]\n | found no position within travel with the tool at [600.000, 0.000, 0.000] mm
-U:kind = "diagonals"\ndiagonals = ["PPP", "PPP"]\n | PPP stands twice
+U:kind = "diagonals"\ndiagonals = ["PPP", "PPP"]\n | PPP appears twice
 U:kind = "diagonals"\nat = { X = 3 }\n | X moves along the diagonals
 U:kind = "points"\nfile = "a/b"\n | expected a name without a folder
 U:kind = "points"\nfile = "observations"\n | the file observations is written already

@@ -1,6 +1,6 @@
 use core::{fmt, str::FromStr};
 
-/// A format of compensation tables.
+/// The control or software that reads the table, and in which of its formats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Format {

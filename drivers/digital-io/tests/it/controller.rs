@@ -206,8 +206,8 @@ fn an_unconfigured_axis_is_a_fault() {
     assert!(message.contains("no strobe line is named"), "{message}");
 }
 
-/// Steps of the wrong kind are rejected: a rotary axis with the published words, which are lengths. With angular steps the axis is
-/// described and corrected in rad.
+/// Steps of the wrong kind are rejected: the published words are lengths and do not fit a rotary axis. With angular
+/// steps the axis is described and corrected in rad.
 #[test]
 fn units_must_match_the_kind_of_the_axis() {
     let new = |axis: DigitalAxis| {

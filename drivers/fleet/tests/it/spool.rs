@@ -144,8 +144,8 @@ fn the_oldest_telemetry_is_dropped_and_no_audit_record() {
     assert_eq!(spool.dropped(), 5000 - left as u64, "every one is counted");
 }
 
-/// If the folder rejects files, as on a full disk, a bounded number of messages waits in memory; the trouble and the dropped messages are
-/// reported.
+/// If the folder rejects files, as on a full disk, a bounded number of messages waits in memory; the error and the
+/// dropped messages are reported.
 #[test]
 fn a_failing_disk_is_reported_and_sending_continues() {
     let folder = tempfile::tempdir().unwrap();

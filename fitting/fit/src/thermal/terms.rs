@@ -153,7 +153,7 @@ pub struct ThermalSize {
     pub numbers: usize,
     /// Root mean square of the errors of validation, µm or µrad.
     pub rms: f64,
-    /// Its standard error over the runs or stretches.
+    /// Standard error of `rms` over the runs or stretches.
     pub standard_error: f64,
 }
 

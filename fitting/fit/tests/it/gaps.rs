@@ -50,7 +50,8 @@ pub(crate) fn irregular(index: u64) -> (Vec<f64>, Vec<f64>) {
     (x, u)
 }
 
-/// Even targets without one to three neighbours, or each moved by up to 90 % of half its gap.
+/// Evenly spaced targets of which one to three neighbouring ones are missing, or which are moved by
+/// up to 90 % of half their distance.
 pub(crate) fn nearly_even(index: u64) -> (Vec<f64>, Vec<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(index);
     let mut x: Vec<f64> = (0..21).map(|k| RANGE * f64::from(k) / 20.0).collect();

@@ -55,7 +55,7 @@ pub enum FeatureKind {
     Circle,
     /// Straight line, in a plane or in space.
     Line,
-    /// Plane.
+    /// Plane through points of a surface.
     Plane,
     /// Circular cylinder.
     Cylinder,

@@ -26,7 +26,7 @@ fn at_once(text: &str) -> Result<Content, InputError> {
     Ok((table.separator(), table.has_decimal_comma(), names, rows))
 }
 
-/// The same read in batches of at most so many rows.
+/// Reads the same text in batches of at most `most` rows.
 fn in_batches(text: &str, most: usize) -> std::io::Result<Content> {
     let mut batches = CsvBatches::open("p.csv", std::io::Cursor::new(text))?;
     let head = batches.head();

@@ -1,4 +1,4 @@
 //! Tests of the crate's public face.
 
-mod asked;
+mod deadline;
 mod served;

@@ -17,8 +17,9 @@ travel = [-300.0, 10.0]
 EXX = { mean = { poly = [0.0] }, reversal = 3.0 }
 "#;
 
-/// Half of the reversal error, mm, and a lower threshold that identifies the side.
+/// Half of the reversal error, mm.
 const SIDE: f64 = 1.5e-3;
+/// Minimum offset, mm, that identifies a side.
 const NEARLY: f64 = 1.4e-3;
 
 /// Nominal positions of X at which the side changes, and the sides: 1 after motion to larger positions, -1 otherwise.

@@ -85,7 +85,8 @@ impl Beside {
         report
     }
 
-    /// Requests the bridge's full limit with the owner's number, as if this were the owner's next frame.
+    /// Sends a frame that requests the bridge's full limit, with the owner's number and a sequence `ahead` of the last
+    /// accepted one.
     fn send(&self, report: &Report, ahead: u16, key: &Key) {
         let up = report.tick % 1000 < 500;
         let frame = Frame {

@@ -26,7 +26,7 @@ const PORT: u16 = 47_001;
 /// Maximum offset change per cycle of the barrier and of LinuxCNC's planner, mm.
 const MOST: f64 = 0.005;
 
-/// Known errors, µm per mm: of X against the motion of the workpiece, of the others against that of the tool.
+/// A mill with known linear and quadratic errors. X carries the workpiece, Y and Z the tool.
 const MACHINE: &str = r#"
 name = "mill"
 structure = "w X' b Y Z t"

@@ -126,8 +126,9 @@ fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     assert_eq!(nobody.status, 404, "{}", nobody.body);
 }
 
-/// Killed at any moment of an activation: after the restart it is one of the two models, whole; and the new one where the answer
-/// had come. And what an upload costs the program.
+/// If the gateway is killed at any moment of an activation, the old or the new model is active and complete after the
+/// restart; the new one, if the activation had been answered. An upload of the maximum size stays within 512 MiB of
+/// memory.
 #[test]
 fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     let dir = tempfile::tempdir().expect("writable");
@@ -167,7 +168,8 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
     no_upload_is_too_large(&program);
 }
 
-/// A broken machine file takes fifty times its size in memory: without the bound one upload ended the process that corrects.
+/// Parsing a broken machine file takes fifty times its size in memory: without the bound one upload could end the
+/// process that corrects.
 fn no_upload_is_too_large(program: &Program) {
     let most = 4 * 1024 * 1024;
     let query = "kind=machine&name=m.toml";

@@ -85,7 +85,7 @@ fn is_still<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
     values.all(|value| Some(value) == first)
 }
 
-/// Minimum unpredicted fraction of a file's displacement for the file to be checked.
+/// A file is checked only if the prediction error exceeds this fraction of its displacement (RMS).
 const NOT_PREDICTED: f64 = 0.5;
 /// A file looks inverted if the opposite sign leaves no more than this fraction of the prediction
 /// error.

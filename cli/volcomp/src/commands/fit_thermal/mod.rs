@@ -76,7 +76,7 @@ fn refuse_twice(files: &[PathBuf]) -> Result<(), Failure> {
     });
     if let Some((_, file)) = twice {
         return Err(Failure::Input(format!(
-            "{} stands twice: expected each test once, since each is predicted from all others",
+            "{} appears twice: expected each test once, since each is predicted from all others",
             file.display()
         )));
     }
@@ -161,7 +161,7 @@ pub(crate) fn run(arguments: &FitThermalArguments) -> Result<Answer, Failure> {
         let spread = channel.judged.terms.constant_at(arguments.reference).1;
         if files.len() > 1 && moved.is_empty() && spread > 3.0 * channel.judged.few.rms {
             notes.push(format!(
-                "{}: the constants of the files differ by {spread:.1} {}: each test has a zero of its own, and the constant is their mean",
+                "{}: the constants of the files differ by {spread:.1} {}: each test has its own zero, and the constant is their mean",
                 channel.name,
                 channel.symbol()
             ));
@@ -264,7 +264,7 @@ fn channel(
         let still = checks::still_sensors(files);
         if still.len() == sensors.len() {
             let what = format_args!(
-                "{name}: no temperature changes ({}): expected one that does, since terms say what follows from a change",
+                "{name}: no temperature changes ({}): expected one that does, since a term relates an error to a change",
                 still.join(", ")
             );
             return Failure::in_file(&arguments.data[wrong], what);
@@ -372,7 +372,7 @@ struct Prediction<'a> {
 /// One `[[thermal.expansion]]` of a machine file.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Expansion {
-    /// Name of the sensor.
+    /// Name of the sensor, from the head of its column.
     sensor: String,
     /// Coefficient of thermal expansion, µm/(m·K).
     um_per_m_k: f64,
@@ -401,7 +401,7 @@ struct LeftOut {
 /// One coefficient of the terms.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Number {
-    /// Name of the sensor.
+    /// Name of the sensor, from the head of its column.
     sensor: String,
     /// Time constant of the lag, s; missing for an expansion.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -417,7 +417,7 @@ struct Number {
 /// Range of the temperature of a sensor, and of its rate of change, in the test files.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Seen {
-    /// Name of the sensor.
+    /// Name of the sensor, from the head of its column.
     sensor: String,
     /// Lowest and highest temperature, °C.
     degc: [f64; 2],

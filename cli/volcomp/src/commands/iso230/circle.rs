@@ -156,7 +156,7 @@ fn one(
     for sense in Sense::BOTH {
         if !trace.has(sense) {
             notes.push(format!(
-                "nothing was run {}: without it there is no G(b) and no D, and squareness holds servo mismatch",
+                "nothing was run {}: so there is no G(b) and no D, and squareness holds servo mismatch",
                 sense.key()
             ));
         }

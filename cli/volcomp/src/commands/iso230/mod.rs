@@ -166,7 +166,7 @@ pub(crate) struct UncertaintyOptions {
     /// Calibration uncertainty of the instrument (k = 2): part proportional to length, µm/m
     #[arg(long, value_name = "UM_PER_M")]
     device_um_per_m: Option<f64>,
-    /// Its constant part, µm
+    /// Calibration uncertainty of the instrument (k = 2): constant part, µm
     #[arg(long, value_name = "UM")]
     device_um: Option<f64>,
     /// Largest lateral deviation of the beam from the axis over its length, mm
@@ -178,7 +178,7 @@ pub(crate) struct UncertaintyOptions {
     /// Expansion coefficient of the machine, µm/(m·K) [default: from the file]
     #[arg(long, value_name = "UM_PER_M_K")]
     expansion: Option<f64>,
-    /// Range within which it is known, µm/(m·K)
+    /// Range within which the expansion coefficient is known, µm/(m·K)
     #[arg(long, value_name = "UM_PER_M_K")]
     expansion_range: Option<f64>,
     /// Machine temperature, °C [default: the material temperature in the file farthest from 20 °C]

@@ -67,7 +67,7 @@ pub(crate) struct MapArguments {
     uncertainty: UncertaintyArguments,
 }
 
-/// The document of `volcomp map`.
+/// Result of `volcomp map`: the volumetric error over the grid and over poses of all axes.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Map {
     /// Nodes along the axes of the grid, in the order X, Y, Z.
@@ -116,7 +116,7 @@ struct Uncertainty {
     trials: u64,
     /// Seed of the samples.
     seed: u64,
-    /// Length of the standard uncertainty of the position error, µm.
+    /// Largest standard uncertainty of the position error (length) over all nodes, µm.
     largest_um: f64,
     /// Node with the largest standard uncertainty, mm.
     at: ByAxis,
@@ -582,10 +582,10 @@ fn length([x, y, z, ..]: &[f64; 6]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
 
-/// The volumetric error over a fixed set of poses of all axes.
+/// Volumetric error over a fixed set of poses that covers the travels of all axes, rotary ones too.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct AllAxes {
-    /// Number of poses.
+    /// Number of poses evaluated.
     pub(crate) poses: usize,
     /// Root mean square length of the position error, µm.
     pub(crate) rms_um: f64,

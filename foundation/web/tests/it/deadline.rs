@@ -1,4 +1,4 @@
-//! Requests to a peer that does not end its answer.
+//! Deadline of requests whose response does not end.
 
 use std::{
     io::Write,
@@ -13,7 +13,7 @@ use volcomp_web::{
     tls,
 };
 
-/// A peer sends a byte every 20 ms without end, as an answer or as a record of TLS: the request ends at its deadline.
+/// The peer sends a byte every 20 ms without end, in an HTTP response or in a TLS record: the request fails at its deadline.
 #[test]
 fn a_dripping_peer_does_not_extend_the_deadline() {
     let dir = tempfile::tempdir().expect("writable");
@@ -25,7 +25,7 @@ fn a_dripping_peer_does_not_extend_the_deadline() {
         let listener = TcpListener::bind("127.0.0.1:0").expect("free");
         let address = listener.local_addr().expect("bound");
         thread::spawn(move || {
-            let (mut stream, _) = listener.accept().expect("asked");
+            let (mut stream, _) = listener.accept().expect("a connection");
             let _ = stream.write_all(begins);
             // Longer than the test may take, yet not for ever.
             for _ in 0..500 {
@@ -35,17 +35,17 @@ fn a_dripping_peer_does_not_extend_the_deadline() {
                 thread::sleep(Duration::from_millis(20));
             }
         });
-        let asked = Instant::now();
+        let start = Instant::now();
         let stream = Connection::open(&address, Duration::from_millis(300)).expect("served");
-        let ask = "GET / HTTP/1.1\r\nConnection: close\r\n\r\n";
+        let request = "GET / HTTP/1.1\r\nConnection: close\r\n\r\n";
         let answer = if begins[0] == b'H' {
-            client::exchange(stream, ask)
+            client::exchange(stream, request)
         } else {
             let name = ServerName::try_from("localhost").expect("a name");
             let stream = client::encrypted(stream, config.clone(), name).expect("a name");
-            client::exchange(stream, ask)
+            client::exchange(stream, request)
         };
         assert!(answer.is_err(), "{answer:?}");
-        assert!(asked.elapsed() < Duration::from_secs(5), "{answer:?}");
+        assert!(start.elapsed() < Duration::from_secs(5), "{answer:?}");
     }
 }
