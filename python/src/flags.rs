@@ -5,8 +5,7 @@ use pyo3::{prelude::*, types::PyDict};
 use volcomp_model::{
     Axis, Machine,
     curve::ErrorCurve,
-    kinematics::State,
-    vocabulary::{Displacement, ErrorName},
+    vocabulary::{ErrorName, PerAxis},
 };
 
 use crate::positions::{PIECE, Piece};
@@ -18,7 +17,6 @@ const AXES: usize = 54;
 pub(crate) struct Ranges<'a> {
     machine: &'a Machine,
     errors: Vec<(ErrorName, usize, &'a ErrorCurve)>,
-    has_modulo: bool,
 }
 
 impl<'a> Ranges<'a> {
@@ -30,32 +28,50 @@ impl<'a> Ranges<'a> {
             .map(|(name, curve)| (name, own(name), curve))
             .collect();
         errors.sort_unstable_by_key(|(name, ..)| name.to_string());
-        Self {
-            machine,
-            errors,
-            has_modulo: machine.axes().iter().any(|axis| axis.modulo.is_some()),
-        }
+        Self { machine, errors }
     }
 
     /// A bit for each error and axis outside its range, at every position; `None` if there is none at all.
     pub(crate) fn flags(&self, piece: &Piece) -> Option<Vec<u64>> {
-        // Ranges are boxes of coordinates: what holds both corners of the positions holds them all, unless coordinates are
-        // brought into the travel first.
-        if !self.has_modulo && piece.ends().iter().all(|end| self.at(end) == 0) {
+        // Ranges are boxes of coordinates: one that holds both corners of the positions holds them all.
+        if self
+            .corners(piece)
+            .iter()
+            .all(|corner| self.at(corner) == 0)
+        {
             return None;
         }
-        Some(piece.states().map(|state| self.at(&state)).collect())
+        let at = |state| self.at(&self.machine.curve_coordinates(&state));
+        Some(piece.states().map(at).collect())
     }
 
-    fn at(&self, state: &State) -> u64 {
-        let coordinates = self.machine.curve_coordinates(state);
+    /// The smallest and the largest coordinate of every axis. An axis with a modulo may be anywhere in its travel; where the travel is
+    /// shorter than the modulo, it may be outside, too: nothing holds its corners.
+    fn corners(&self, piece: &Piece) -> [PerAxis<f64>; 2] {
+        let mut corners = piece.ends().map(|end| self.machine.curve_coordinates(&end));
+        for (index, axis) in self.machine.axes().iter().enumerate() {
+            let [low, high] = axis.travel;
+            let ends = match axis.modulo {
+                None => continue,
+                Some(period) if high - low >= period => [low, high],
+                Some(_) => [f64::NAN; 2],
+            };
+            for (corner, end) in corners.iter_mut().zip(ends) {
+                corner[index] = end;
+            }
+        }
+        corners
+    }
+
+    /// `coordinates` are in mm and deg, within the travel of an axis with a modulo.
+    fn at(&self, coordinates: &PerAxis<f64>) -> u64 {
         let mut bits = 0;
         for (bit, (_, own, curve)) in self.errors.iter().enumerate() {
             bits |= u64::from(!curve.contains(*own, &coordinates[..])) << bit;
         }
-        for (bit, (axis, &q)) in self.machine.axes().iter().zip(&state.q).enumerate() {
-            let coordinate = Displacement::new(axis.name.kind(), q).mm_or_deg();
-            bits |= u64::from(!axis.may_stand_at(coordinate)) << (AXES + bit);
+        let axes = self.machine.axes().iter().zip(coordinates);
+        for (bit, (axis, coordinate)) in axes.enumerate() {
+            bits |= u64::from(!axis.may_stand_at(*coordinate)) << (AXES + bit);
         }
         bits
     }

@@ -153,7 +153,7 @@ impl Machine {
     ///
     /// positions, axes: see Machine. approach: dict axis -> "+" or "-", the direction of the last motion, for curves with reversal; without it the
     /// mean of both. temperatures_degc: dict sensor -> degC, steady. model: "exact" (rigid transforms), "htm" (small-angle matrices), "twist" (first
-    /// order) or "compiled" (first order, curves within 1 nm; a hundred times faster).
+    /// order) or "compiled" (first order, curves within 1 nm; 5 to 30 times faster).
     ///
     /// Returns a dict: position_um (n, 3) along X, Y, Z; rotation_urad (n, 3) about them; outside_range, dict error -> (n,) bool of curves evaluated
     /// outside their range; outside_travel, dict axis -> (n,) bool.

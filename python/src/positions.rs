@@ -1,6 +1,7 @@
 //! Positions of machine axes from Python: a dict axis → coordinates, or an array with the names of its columns.
 
 use std::{
+    iter::repeat_n,
     num::NonZero,
     panic::resume_unwind,
     sync::{Mutex, PoisonError},
@@ -240,18 +241,19 @@ impl Positions<'_> {
         };
         for (index, axis, column) in &self.columns {
             let is_valid = match column {
-                Column::Number(number) => piece.fill(*index, *axis, |_| *number),
+                Column::Number(number) => piece.fill(*index, *axis, repeat_n(*number, count)),
                 Column::Values(values) => {
                     let values = values.slice(s![start..start + count]);
-                    // An index into contiguous memory is cheaper than one into an array with strides.
+                    // Contiguous memory is read faster than an array with strides.
                     match values.as_slice() {
-                        Some(values) => piece.fill(*index, *axis, |place| values[place]),
-                        None => piece.fill(*index, *axis, |place| values[place]),
+                        Some(values) => piece.fill(*index, *axis, values.iter().copied()),
+                        None => piece.fill(*index, *axis, values.iter().copied()),
                     }
                 }
-                Column::Nodes { nodes, repeated } => piece.fill(*index, *axis, |place| {
-                    nodes[(start + place) / repeated % nodes.len()]
-                }),
+                Column::Nodes { nodes, repeated } => {
+                    let node = |place: usize| nodes[place / repeated % nodes.len()];
+                    piece.fill(*index, *axis, (start..start + count).map(node))
+                }
             };
             if !is_valid {
                 return Err(wrong(*axis, column, start));
@@ -263,14 +265,18 @@ impl Positions<'_> {
 
 impl Piece {
     /// Sets the coordinates of one axis, given in mm or deg; false if one of them is no number of a machine.
-    fn fill(&mut self, index: usize, axis: AxisName, at: impl Fn(usize) -> f64) -> bool {
+    fn fill(
+        &mut self,
+        index: usize,
+        axis: AxisName,
+        coordinates: impl Iterator<Item = f64>,
+    ) -> bool {
         let factor = match axis.kind() {
             AxisKind::Linear => 1.0,
             AxisKind::Rotary => 1_f64.to_radians(),
         };
         let (mut low, mut high, mut is_valid) = (f64::INFINITY, f64::NEG_INFINITY, true);
-        for (place, pose) in self.poses.chunks_exact_mut(self.stride).enumerate() {
-            let coordinate = at(place);
+        for (pose, coordinate) in self.poses.chunks_exact_mut(self.stride).zip(coordinates) {
             // False for NaN, too.
             is_valid &= coordinate.abs() <= MAX_COORDINATE;
             let value = coordinate * factor;

@@ -86,7 +86,7 @@ def test_errors_are_those_of_the_program(examples, volcomp_json, tmp_path, name,
         np.testing.assert_array_equal(found[key], [row[key] for row in rows])
     for key in ["outside_range", "outside_travel"]:
         for place, row in enumerate(rows):
-            assert [name for name, flags in found[key].items() if flags[place]] == row[key]
+            assert {name for name, flags in found[key].items() if flags[place]} == set(row[key])
     assert "EXX" in found["outside_range"] and found["outside_travel"]["X"].sum() == 5
 
 
@@ -95,6 +95,20 @@ def test_a_coordinate_beyond_a_turn_is_within_the_range_of_an_axis_with_modulo(e
     found = machine.error({"C": [-30.0, 330.0, 690.0, 5000.0]}, model="twist")
     np.testing.assert_allclose(found["position_um"][:3], found["position_um"][[0, 0, 0]], atol=1e-9)
     assert found["outside_range"] == {} and found["outside_travel"] == {}
+
+
+@pytest.mark.parametrize("travel", [(0.0, 360.0), (0.0, 270.0), (-180.0, 180.0)])
+def test_positions_outside_are_flagged_on_an_axis_with_modulo(machine_file, volcomp_json, tmp_path, travel):
+    axis = f"[axes.C]\ntravel = {list(travel)}\nmodulo = 360.0\npoint = [0.0, 0.0, 0.0]\n"
+    curve = "EZC = { table = [[0.0, 1.0], [90.0, 2.0], [180.0, 1.0]] }\n"
+    path = machine_file(curve, structure="w C' b X Y Z t", more=axis)
+    at = {"C": np.linspace(-400.0, 400.0, 161), "X": np.linspace(-10.0, 400.0, 161)}
+    rows = volcomp_json("error", "-m", path, "--points", write_points(tmp_path / "p.csv", at))["points"]
+    for part in [slice(None), slice(80, 100), slice(81, 82)]:
+        found = volcomp.Machine.load(path).error({axis: q[part] for axis, q in at.items()})
+        for key in ["outside_range", "outside_travel"]:
+            for place, row in enumerate(rows[part]):
+                assert {name for name, flags in found[key].items() if flags[place]} == set(row[key])
 
 
 @pytest.mark.parametrize("name", ["gantry", "five-axis", "table-tilting"])

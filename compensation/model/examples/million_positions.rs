@@ -16,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let path = std::env::args().nth(1);
     let path = path.unwrap_or_else(|| "examples/gantry.toml".to_owned());
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let machine = Machine::read(&folder.join(path))?;
+    let machine = Machine::read(folder.join(path))?;
     let compiled = machine.compile(Tolerance::default())?;
     let names: Vec<_> = machine.axes().iter().map(|axis| axis.name).collect();
     // Evenly distributed over the travels, without a pattern: multiples of irrational numbers, less the whole part.
