@@ -1,6 +1,7 @@
 """`calibrate`, `identify` and `compensate_nc`: what the program writes and prints, and files that must be refused."""
 
 import json
+import signal
 
 import numpy as np
 import pytest
@@ -100,3 +101,24 @@ def test_programs_that_cannot_be_compensated_are_refused(machine_file, tmp_path)
     assert beyond.value.line == 3
     with pytest.raises(TypeError):
         volcomp.compensate_nc(program, output, str(program))
+
+
+def test_a_signal_ends_the_compensation_of_a_long_program(machine_file, tmp_path):
+    machine = volcomp.Machine.load(machine_file("EXX = { poly = [0.0, 0.05] }"))
+    program, output = tmp_path / "a.ngc", tmp_path / "b.ngc"
+    program.write_text("G21 G90 G54\nG0 X0 Y0 Z0\nG1 F500 X1\n" + "X400.5\nX0.25\n" * 300_000)
+
+    class Stop(Exception):
+        pass
+
+    def stop(*_):
+        raise Stop
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, 0.05)
+    try:
+        with pytest.raises(Stop):
+            volcomp.compensate_nc(program, output, machine)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.ngc", "machine.toml"]
