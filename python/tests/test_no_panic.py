@@ -48,6 +48,8 @@ def calls(examples):
     ]
 
 
+# NumPy 1 warns of arrays that are taken for numbers.
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_no_argument_makes_a_panic(examples, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     raised = 0
