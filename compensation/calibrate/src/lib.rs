@@ -24,11 +24,14 @@ mod proposal;
 mod provenance;
 mod questions;
 mod read;
+mod readings_fit;
 mod repeated;
 mod setup;
 mod squareness;
 mod squares;
 mod stages;
+#[cfg(feature = "serde")]
+mod summary;
 mod tables;
 #[cfg(test)]
 mod testing;
@@ -53,9 +56,12 @@ pub use not_measured::{errors_without_value, not_observed, not_stated};
 pub use proposal::{Proposed, Question};
 pub use questions::OPEN;
 pub use read::{HOLDS_LOCATION, decode_holds_location};
+pub use readings_fit::{ReadingsFit, fit_readings, noise_of_mean};
 pub use repeated::mean_scatter;
 pub use setup::{Method, Setup, decode_motion};
 pub use squareness::is_square;
 pub use squares::squareness_lines_of_one_run;
+#[cfg(feature = "serde")]
+pub use summary::{CalibrationSummary, FittedRow, Residual, Stated};
 pub use tables::decode_location_errors;
 pub use varied::LineScatter;

@@ -1,14 +1,12 @@
-use std::{collections::BTreeMap, fmt::Write as _, path::PathBuf};
+use std::{fmt::Write as _, path::PathBuf};
 
 use schemars::JsonSchema;
 use serde::Serialize;
-use volcomp_calibrate::{
-    Calibration, CalibrationFile, FitQuality, FittedCurve, Identified, Quality, calibrate,
-};
+use volcomp_calibrate::{Calibration, CalibrationFile, CalibrationSummary, calibrate};
 use volcomp_document::quoted;
 use volcomp_identify::unit_symbol;
 use volcomp_model::{Provenance, is_date};
-use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
+use volcomp_vocabulary::Urad;
 
 use super::{
     Answer,
@@ -64,115 +62,8 @@ pub(crate) struct CalibrateArguments {
 pub(crate) struct Calibrate {
     /// Path of the written machine file.
     file: String,
-    /// Every fitted curve, angular errors first.
-    curves: Vec<FittedRow>,
-    /// Squareness errors by name, µrad.
-    squareness_urad: BTreeMap<String, f64>,
-    /// Location errors stated in the calibration file, by name; missing if it states none.
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    locations: BTreeMap<String, Stated>,
-    /// Parameters identified from observations of the whole machine; missing if the calibration
-    /// file has none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    identified: Option<Identified>,
-    /// Warnings: unmeasured errors, Abbe offsets that could not be removed, notes on the files.
-    warnings: Vec<String>,
-}
-
-/// A location error stated in the calibration file.
-#[derive(Debug, Serialize, JsonSchema)]
-struct Stated {
-    /// The value in `unit`.
-    value: f64,
-    /// `um` or `urad`.
-    unit: &'static str,
-    /// Standard uncertainty (k = 1) in the same unit.
-    uncertainty: f64,
-}
-
-/// A fitted error curve and its residuals, in `unit`.
-#[derive(Debug, Serialize, JsonSchema)]
-struct FittedRow {
-    /// Name of the error.
-    error: ErrorName,
-    /// `forward` or `backward`; null: one curve for both directions.
-    direction: Option<&'static str>,
-    /// Kind of curve, as in the machine file.
-    curve: &'static str,
-    /// Number of mean readings: targets times lines.
-    readings: usize,
-    /// Unit of the values below: `um` or `urad`.
-    unit: &'static str,
-    /// Readings minus curve.
-    residual: Residual,
-    /// Root mean square of the leave-one-out errors; null if a reading cannot be predicted from the
-    /// others.
-    leave_one_out: Option<f64>,
-    /// Largest difference forward − backward of the curves; null: one curve for both directions.
-    reversal: Option<f64>,
-}
-
-/// Range and size of the residuals, readings minus curve.
-#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
-struct Residual {
-    /// The smallest residual, with its sign.
-    min: f64,
-    /// The largest residual, with its sign.
-    max: f64,
-    /// Root mean square of the residuals.
-    rms: f64,
-}
-
-impl Calibrate {
-    /// `file` is the name of the written machine file.
-    fn new(file: String, calibration: &Calibration) -> Self {
-        let squareness = calibration.squareness.iter();
-        Self {
-            file,
-            curves: calibration.curves.iter().map(FittedRow::new).collect(),
-            squareness_urad: squareness
-                .map(|(error, Urad(value))| (error.to_string(), *value))
-                .collect(),
-            locations: (calibration.locations.iter())
-                .map(|location| {
-                    let stated = Stated {
-                        value: location.value,
-                        unit: location.error.component.unit(),
-                        uncertainty: location.uncertainty,
-                    };
-                    (location.error.to_string(), stated)
-                })
-                .collect(),
-            identified: calibration.identified.clone(),
-            warnings: calibration.warnings.clone(),
-        }
-    }
-}
-
-impl FittedRow {
-    fn new(curve: &FittedCurve) -> Self {
-        match curve.quality {
-            Quality::Length(quality) => Self::of(curve, &quality, |Um(um)| um),
-            Quality::Angle(quality) => Self::of(curve, &quality, |Urad(urad)| urad),
-        }
-    }
-
-    fn of<U: Copy>(curve: &FittedCurve, quality: &FitQuality<U>, number: fn(U) -> f64) -> Self {
-        Self {
-            error: curve.error,
-            direction: curve.direction.map(Direction::name),
-            curve: curve.kind,
-            readings: curve.readings,
-            unit: curve.error.component.unit(),
-            residual: Residual {
-                min: number(quality.residual_min),
-                max: number(quality.residual_max),
-                rms: number(quality.residual_rms),
-            },
-            leave_one_out: quality.leave_one_out.map(number),
-            reversal: quality.reversal.map(number),
-        }
-    }
+    #[serde(flatten)]
+    found: CalibrationSummary,
 }
 
 pub(crate) fn run(arguments: &CalibrateArguments) -> Result<Answer, Failure> {
@@ -205,7 +96,10 @@ pub(crate) fn run(arguments: &CalibrateArguments) -> Result<Answer, Failure> {
         set.map_err(|refusal| Failure::Input(format!("--date: {refusal}")))?;
     }
     output.write_whole(calibration.machine.to_toml())?;
-    let document = Calibrate::new(arguments.output.display().to_string(), &calibration);
+    let document = Calibrate {
+        file: arguments.output.display().to_string(),
+        found: CalibrationSummary::new(&calibration),
+    };
     Answer::new(&document, text(&document), calibration.warnings)
 }
 
@@ -226,7 +120,7 @@ fn text(document: &Calibrate) -> String {
         "LOO error",
         "",
     ]);
-    for curve in &document.curves {
+    for curve in &document.found.curves {
         fitted.add_row([
             curve.error.to_string(),
             curve.direction.unwrap_or("both").to_owned(),
@@ -240,17 +134,17 @@ fn text(document: &Calibrate) -> String {
         ]);
     }
     let mut text = table_text(&fitted);
-    if !document.squareness_urad.is_empty() {
+    if !document.found.squareness_urad.is_empty() {
         let mut squareness = table(&["squareness", "", ""]);
-        for (error, value) in &document.squareness_urad {
+        for (error, value) in &document.found.squareness_urad {
             squareness.add_row([error.clone(), fixed(*value, 2), Urad::SYMBOL.to_owned()]);
         }
         text.push('\n');
         text += &table_text(&squareness);
     }
-    if !document.locations.is_empty() {
+    if !document.found.locations.is_empty() {
         let mut stated = table(&["location error", "stated", "uncertainty", ""]);
-        for (error, location) in &document.locations {
+        for (error, location) in &document.found.locations {
             stated.add_row([
                 error.clone(),
                 fixed(location.value, 2),
@@ -261,7 +155,7 @@ fn text(document: &Calibrate) -> String {
         text.push('\n');
         text += &table_text(&stated);
     }
-    if let Some(identified) = &document.identified {
+    if let Some(identified) = &document.found.identified {
         text.push('\n');
         text += &found_text(&identified.found);
     }
@@ -269,13 +163,13 @@ fn text(document: &Calibrate) -> String {
         text,
         "\nwrote {}: {} fitted, {} squareness\n",
         document.file,
-        counted(document.curves.len(), "curve"),
-        document.squareness_urad.len()
+        counted(document.found.curves.len(), "curve"),
+        document.found.squareness_urad.len()
     );
     text += "\nResidual: mean reading minus curve. LOO error: root mean square of what the\n\
              curve misses of the readings of a target that were left out of its fit, one\n\
              target at a time.\n";
-    if document.identified.is_some() {
+    if document.found.identified.is_some() {
         text += EXPLAINED;
     }
     text

@@ -4,16 +4,15 @@ use clap::ValueEnum;
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
-use volcomp_calibrate::mean_scatter;
+use volcomp_calibrate::{fit_readings, noise_of_mean};
 use volcomp_curve::Curve;
 use volcomp_fit::{
-    BandOptions, BandSource, Between, Choice, Fit, FitError, FitOptions, MLS_ORDERS, MlsTrial,
-    Noise, band, band_of_means, band_places, choose, fit_bspline, fit_chebyshev, fit_cubic_table,
-    fit_mls, fit_mls_auto, fit_polynomial, scan_mls,
+    BandSource, Between, Choice, Fit, FitError, MLS_ORDERS, MlsTrial, fit_bspline, fit_chebyshev,
+    fit_cubic_table, fit_mls, fit_mls_auto, fit_polynomial, scan_mls,
 };
-use volcomp_metrology::{DeviationUnit, Measurement, RunAlignment, axis_kind, read_file};
+use volcomp_metrology::{DeviationUnit, Measurement, axis_kind, read_file};
 use volcomp_model::write_curve;
-use volcomp_vocabulary::{AxisKind, Direction};
+use volcomp_vocabulary::AxisKind;
 
 use super::{Answer, fixed, table, table_text};
 use crate::{
@@ -163,6 +162,17 @@ struct HalfWidth {
     at: f64,
     /// Half width, in `unit` of the document.
     half_width: f64,
+}
+
+impl Band {
+    fn new(band: volcomp_fit::Band) -> Self {
+        Self {
+            from: band.source,
+            half_widths: (band.at.into_iter().zip(band.half_width))
+                .map(|(at, half_width)| HalfWidth { at, half_width })
+                .collect(),
+        }
+    }
 }
 
 impl FitArguments {
@@ -350,8 +360,9 @@ fn fit(
     let (order, shape) = (arguments.order.unwrap_or(4), arguments.shape());
     let fit = match arguments.method {
         Method::Auto => {
-            let (fit, chosen) = auto(measurement, x, u, arguments.residual)?;
-            return Ok((fit, Some(chosen)));
+            let found = fit_readings(measurement, arguments.residual)?;
+            let chosen = (found.choice, found.band.map(Band::new));
+            return Ok((found.fit, Some(chosen)));
         }
         Method::Poly => fit_polynomial(x, u, order, domain),
         Method::Chebyshev => fit_chebyshev(x, u, order, domain),
@@ -426,111 +437,6 @@ fn text(fit: &Fit, at: &[f64], unit: DeviationUnit) -> String {
         text += &table_text(&table);
     }
     text
-}
-
-type Run = (Vec<f64>, Vec<f64>);
-
-/// Chooses a curve from all runs, by the same rule as `calibrate`; fits the means `u` at the targets `x`.
-fn auto(
-    measurement: &Measurement,
-    x: &[f64],
-    u: &[f64],
-    required: Option<f64>,
-) -> Result<(Fit, Chosen), FitError> {
-    let incomplete = measurement.incomplete_runs();
-    let mut runs = match incomplete {
-        Some(_) => Vec::new(),
-        None => whole_runs(measurement),
-    };
-    if runs.is_empty() {
-        runs.push((x.to_vec(), u.to_vec()));
-    }
-    let options = FitOptions {
-        required_residual: required,
-        period: period(measurement),
-        noise: incomplete.as_ref().and(noise_of_mean(measurement)),
-    };
-    let all = |of: fn(&Run) -> &Vec<f64>| -> Vec<f64> {
-        runs.iter()
-            .flat_map(|run| of(run).iter().copied())
-            .collect()
-    };
-    let (all_x, all_u) = (all(|run| &run.0), all(|run| &run.1));
-    let choice = choose(&[(&all_x, &all_u)], &options)?;
-    let mut fit = choice.method.fit(x, u)?;
-    fit.meets_required = required.map(|residual| fit.max_abs() <= residual);
-    let runs: Vec<(&[f64], &[f64])> = runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
-    // No band if the method cannot be fitted to some of the runs.
-    let places = band_places(x);
-    let options = BandOptions::default();
-    let scatter = incomplete.and_then(|of| mean_scatter(&of, None, &options));
-    let found = match scatter {
-        Some(scatter) => band_of_means(choice.method, [x, u], &scatter, &places),
-        None => band(choice.method, &runs, &places, &options),
-    };
-    let found = found.ok();
-    let found = found.filter(|band| band.half_width.iter().all(|half| half.is_finite()));
-    let band = found.map(|band| Band {
-        from: band.source,
-        half_widths: (band.at.into_iter().zip(band.half_width))
-            .map(|(at, half_width)| HalfWidth { at, half_width })
-            .collect(),
-    });
-    Ok((fit, (choice, band)))
-}
-
-/// The period of the targets, deg, for a rotary axis measured over a full turn. `calibrate` uses
-/// the travel of the axis instead, which a file of readings does not state.
-fn period(measurement: &Measurement) -> Option<f64> {
-    if axis_kind(measurement) != Some(AxisKind::Rotary) {
-        return None;
-    }
-    let targets = measurement.targets();
-    let range = targets.last()? - targets.first()?;
-    // The gap from the last target to the first of the next turn must equal the other gaps.
-    let gap = range / targets.len().checked_sub(1).filter(|gaps| *gaps > 0)? as f64;
-    (range + gap >= FULL_TURN_DEG * (1.0 - 1e-9)).then_some(FULL_TURN_DEG)
-}
-
-const FULL_TURN_DEG: f64 = 360.0;
-
-/// Averages the directions of each run at every target measured in all directions, because differences between directions are not scatter.
-fn whole_runs(measurement: &Measurement) -> Vec<Run> {
-    let ways = Direction::BOTH
-        .into_iter()
-        .filter(|way| measurement.has(*way))
-        .count();
-    let mut readings: Vec<_> = measurement.readings.iter().collect();
-    readings.sort_by(|a, b| (a.run.cmp(&b.run)).then(a.target.total_cmp(&b.target)));
-    let by_run = readings.chunk_by(|a, b| a.run == b.run);
-    let run = |readings: &[&volcomp_metrology::Reading]| -> Run {
-        let at_target = readings.chunk_by(|a, b| a.target == b.target);
-        let mean = |at: &[&volcomp_metrology::Reading]| {
-            let mut directions: Vec<_> = at.iter().map(|reading| reading.direction).collect();
-            directions.sort_unstable_by_key(|direction| *direction as usize);
-            directions.dedup();
-            let target = at.first()?.target;
-            let sum: f64 = at.iter().map(|reading| reading.deviation).sum();
-            (directions.len() == ways).then(|| (target, sum / at.len() as f64))
-        };
-        at_target.filter_map(mean).unzip()
-    };
-    by_run
-        .map(run)
-        .filter(|(targets, _)| !targets.is_empty())
-        .collect()
-}
-
-/// Scatter of the mean reading of a target, over its directions, about the curve.
-fn noise_of_mean(measurement: &Measurement) -> Option<Noise> {
-    let scatter = measurement.scatter_of_mean(RunAlignment::Line)?;
-    let ways = Direction::BOTH
-        .into_iter()
-        .filter(|way| measurement.has(*way));
-    Some(Noise {
-        deviation: scatter.deviation / (ways.count() as f64).sqrt(),
-        freedom: scatter.freedom,
-    })
 }
 
 fn choice_text(choice: &Choice, band: Option<&Band>, unit: DeviationUnit) -> String {

@@ -1,0 +1,119 @@
+//! Positions at which curves are evaluated outside their range, or axes are outside their travel.
+
+use numpy::IntoPyArray;
+use pyo3::{prelude::*, types::PyDict};
+use volcomp_model::{
+    Axis, Machine,
+    curve::ErrorCurve,
+    vocabulary::{ErrorName, PerAxis},
+};
+
+use crate::positions::{PIECE, Piece};
+
+/// The first bit of an axis; those below are of the errors: six of nine axes at most.
+const AXES: usize = 54;
+
+/// The ranges of a machine.
+pub(crate) struct Ranges<'a> {
+    machine: &'a Machine,
+    errors: Vec<(ErrorName, usize, &'a ErrorCurve)>,
+}
+
+impl<'a> Ranges<'a> {
+    pub(crate) fn new(machine: &'a Machine) -> Self {
+        let structure = machine.chain().structure();
+        let own = |name: ErrorName| structure.index_of(name.axis).unwrap_or(0);
+        let errors = machine.errors();
+        let mut errors: Vec<_> = errors
+            .map(|(name, curve)| (name, own(name), curve))
+            .collect();
+        errors.sort_unstable_by_key(|(name, ..)| name.to_string());
+        Self { machine, errors }
+    }
+
+    /// A bit for each error and axis outside its range, at every position; `None` if there is none at all.
+    pub(crate) fn flags(&self, piece: &Piece) -> Option<Vec<u64>> {
+        // Ranges are boxes of coordinates: one that holds both corners of the positions holds them all.
+        if self
+            .corners(piece)
+            .iter()
+            .all(|corner| self.at(corner) == 0)
+        {
+            return None;
+        }
+        let at = |state| self.at(&self.machine.curve_coordinates(&state));
+        Some(piece.states().map(at).collect())
+    }
+
+    /// The smallest and the largest coordinate of every axis. An axis with a modulo may be anywhere in its travel; where the travel is
+    /// shorter than the modulo, it may be outside, too: nothing holds its corners.
+    fn corners(&self, piece: &Piece) -> [PerAxis<f64>; 2] {
+        let mut corners = piece.ends().map(|end| self.machine.curve_coordinates(&end));
+        for (index, axis) in self.machine.axes().iter().enumerate() {
+            let [low, high] = axis.travel;
+            let ends = match axis.modulo {
+                None => continue,
+                Some(period) if high - low >= period => [low, high],
+                Some(_) => [f64::NAN; 2],
+            };
+            for (corner, end) in corners.iter_mut().zip(ends) {
+                corner[index] = end;
+            }
+        }
+        corners
+    }
+
+    /// `coordinates` are in mm and deg, within the travel of an axis with a modulo.
+    fn at(&self, coordinates: &PerAxis<f64>) -> u64 {
+        let mut bits = 0;
+        for (bit, (_, own, curve)) in self.errors.iter().enumerate() {
+            bits |= u64::from(!curve.contains(*own, &coordinates[..])) << bit;
+        }
+        let axes = self.machine.axes().iter().zip(coordinates);
+        for (bit, (axis, coordinate)) in axes.enumerate() {
+            bits |= u64::from(!axis.may_stand_at(*coordinate)) << (AXES + bit);
+        }
+        bits
+    }
+
+    /// Adds `outside_range` and `outside_travel`: the names concerned, each with a truth value for every position.
+    pub(crate) fn add_to(
+        &self,
+        result: &Bound<'_, PyDict>,
+        count: usize,
+        flags: &[Option<Vec<u64>>],
+    ) -> PyResult<()> {
+        let any = flags
+            .iter()
+            .flatten()
+            .flatten()
+            .fold(0, |all, bits| all | bits);
+        let column = |bit: usize| -> Vec<bool> {
+            let mut column = vec![false; count];
+            for (places, flags) in column.chunks_mut(PIECE).zip(flags) {
+                for (place, bits) in places.iter_mut().zip(flags.iter().flatten()) {
+                    *place = bits >> bit & 1 == 1;
+                }
+            }
+            column
+        };
+        let errors = self.errors.iter().map(|(name, ..)| name.to_string());
+        let axes = self.machine.axes().iter();
+        let axes = axes.map(|axis: &Axis| axis.name.to_string());
+        let errors: Vec<_> = errors.enumerate().collect();
+        let axes: Vec<_> = axes
+            .enumerate()
+            .map(|(bit, name)| (AXES + bit, name))
+            .collect();
+        for (key, names) in [("outside_range", errors), ("outside_travel", axes)] {
+            let found = PyDict::new(result.py());
+            for (bit, name) in names {
+                if any >> bit & 1 == 1 {
+                    found.set_item(name, column(bit).into_pyarray(result.py()))?;
+                }
+            }
+            result.set_item(key, found)?;
+        }
+        Ok(())
+    }
+}
