@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use volcomp_kinematics::{Form, State as Pose, volumetric_error};
 use volcomp_model::{
     DIAGONAL_TARGETS, ErrorField, Machine, ModelError, Temperatures, diagonal_targets, diagonals,
+    volumetric,
 };
 use volcomp_vocabulary::AxisName;
 
@@ -52,7 +53,8 @@ impl Report {
                 errors,
             })
             .collect();
-        self.volume = volume([machine; 2], &[], (State::Found, &fields), None)?;
+        let found = volumetric(&fields)?;
+        self.volume = volume([machine; 2], &[], (State::Found, &fields, found), None)?;
         Ok(self.leave_out_temperatures(machine.thermal().reference_degc, [machine]))
     }
 
